@@ -1,9 +1,9 @@
-"""The comparison scene by `photon_beams` beside Blender's Cycles with its denoiser: seconds at equal error.
+"""The comparison scene by `photon_beams` and by Blender's Cycles with its denoiser: seconds at equal error.
 
-Cycles comes as the module `bpy`, which brings libraries of its own: it runs in a process of its own, by the Python of
-another virtual environment, and nothing else needs it. Errors are medians over lit pixels, of those spread over the
-picture whose true radiance is known: single scattering by the deterministic integral of `tests.comparison`, all
-scattering by many beams along the pixels' rays.
+Cycles comes as the module `bpy`, which brings its own libraries: it runs in a separate process, with the Python of
+another virtual environment, and nothing else needs it. The reference is known at pixels that are spread over the
+picture, and errors are medians over the lit ones. For single scattering the reference is the deterministic integral of
+`tests.comparison`, for all scattering the radiance of many beams along the pixels' rays.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ mi = mitsuba()
 
 BPY, HOME = "bpy==5.0.1", Path("out") / "bpy"
 WORKER = Path(__file__).with_name("cycles_worker.py")
-#: Of a kind of scattering: our longest path in edges, and Cycles' bounces in the fog.
+#: For each kind of scattering: the edges of our longest path, and Cycles' bounces in the medium.
 DEPTHS = {"single": (2, 0), "all": (-1, 1024)}
-#: Passes, and light paths a pass, from the cheapest on.
+#: Passes, and light paths per pass, from the cheapest up.
 LADDER = (*((1, 1 << k) for k in range(10, 15)), *((1 << k, 1 << 14) for k in range(1, 5)))
-#: What renders ours: `mi.render`, the same with `denoise`, and a `Shot` whose light has the hole as its portal.
+#: What renders our pictures: `mi.render`, the same with `denoise`, and a `Shot` whose light has the hole as its portal.
 DOORS = (_, DENOISED, PORTAL) = ("mi.render", "denoised", "portal")
-ROUNDS = 3  # of which medians are told, after one that compiles kernels
+ROUNDS = 3  # medians are over these, after one round that compiles kernels
 GOAL, AIM = 20, 50  # times as fast as Cycles
-PROBES = 6000  # pixels with a reference, about
+PROBES = 6000  # pixels with a reference, approximately
 REFERENCE = Settings(passes=32, beams=1 << 16, method="beams", gather_error=0.0)
-CHECKED, CHECK_PASSES = (64, 36), 64  # size, and passes of 64 samples, of `volpath` for its mean
+CHECKED, CHECK_PASSES = (64, 36), 64  # size and passes, of 64 samples each, for the mean of `volpath`
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Seconds of a picture, how many processors it got, its median error, its mean in units of the reference's."""
+    """Seconds of a picture, the mean number of processors, the median error, and the mean over the reference's."""
 
     name: str
     seconds: float
@@ -87,7 +87,7 @@ class Reference:
         self.radiance = found.reshape(origin.shape[:2])
 
     def compared(self, picture: Any) -> tuple[float, float]:
-        """Return the median relative error over lit pixels of a picture, (H, W), and its mean, the true one 1."""
+        """Return the median relative error over lit pixels of a picture, (H, W), and its mean over the reference's."""
         kept = lit(self.radiance)
         found, true = picture[self._pixels][kept], self.radiance[kept]
         return float(np.median(np.abs(found / true - 1))), float(found.mean() / true.mean())
@@ -95,14 +95,14 @@ class Reference:
 
 def _along(rays: tuple[Any, Any], seed: int) -> Any:
     """Return the radiance along rays, (N,), by many beams."""
-    passes = REFERENCE.passes  # each looks along every ray
+    passes = REFERENCE.passes  # each pass evaluates every ray
     given = (mi.Point3f(*np.float32(each.repeat(passes, axis=0).T)) for each in rays)
     found = radiance(comparison(), mi.Ray3f(*given), mi.Bool(True), Settings.of(REFERENCE, {"seed": seed}), set())
     return (found.beams + found.surface).numpy().mean(axis=0).reshape(-1, passes).mean(axis=1)
 
 
 def job(bounces: int) -> dict[str, Any]:
-    """Return what `cycles_worker` builds: the comparison scene in plain numbers, with the fog in the first mesh.
+    """Return the job of `cycles_worker`: the comparison scene in plain numbers, with the medium in the first mesh.
 
     The light's power is its flux in watts, π · radiance · area, which is what Blender calls an area light's power.
     """
@@ -127,17 +127,17 @@ def job(bounces: int) -> dict[str, Any]:
 def cycles(
     python: Path, job: dict[str, Any], samples: Sequence[int], size: Sequence[int], limit: float
 ) -> Iterator[tuple[int, Any, float, float]]:
-    """Yield Cycles' pictures: their samples, pixels (H, W, 3), seconds, and the processors that each got.
+    """Yield Cycles' pictures: the samples, the pixels (H, W, 3), the seconds and the mean number of processors.
 
-    After a picture that took more than `limit` seconds none is rendered, and none that takes more than three times as
-    long is waited for.
+    A picture that takes more than `limit` seconds is the last one. The process is stopped after a minute and three
+    times `limit` for each picture.
     """
     with tempfile.TemporaryDirectory() as folder:
         given, files = Path(folder) / "job.json", [f"{folder}/{each}.exr" for each in samples]
         given.write_text(
             json.dumps({**job, "size": list(size), "samples": list(samples), "files": files, "limit": limit})
         )
-        # Isolated (-I): this folder has a module that is called as Blender's add-on, cycles.
+        # Isolated (-I): a module in this folder has the name of Blender's add-on, cycles.
         command = [python, "-I", WORKER, given]
         with (Path(folder) / "log").open("w+") as log:
             child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
@@ -150,7 +150,7 @@ def cycles(
                         picture = np.array(mi.Bitmap(f"{folder}/{spent['samples']}.exr"))[..., :3]
                         yield spent["samples"], picture, spent["seconds"], spent["processor"] / spent["seconds"]
                 child.wait()
-            finally:  # also where the caller has seen enough: what goes on would slow what is measured next
+            finally:  # also when the caller stops early: the process would slow down the next measurement
                 stopped.cancel()
                 child.kill()
                 child.wait()
@@ -161,7 +161,7 @@ def cycles(
 def ours(
     door: str, kind: str, size: Sequence[int], passes: int, paths: int, method: str
 ) -> Iterator[tuple[Any, float, float]]:
-    """Yield pictures, (H, W), their seconds and processors. Nothing is kept between them, so that pilots count."""
+    """Yield pictures, (H, W), their seconds and processors. Nothing is kept between them, so pilots count."""
     scene, depth = comparison(*size), DEPTHS[kind][0]
     given = {"type": "photon_beams", "max_depth": depth, "paths": paths, "method": method, "denoise": door == DENOISED}
     whole = {"width": size[0], "height": size[1], "passes": passes, "beams": paths, "max_depth": depth}
@@ -178,14 +178,14 @@ def ours(
 
 
 def _theirs(given: argparse.Namespace, kind: str, reference: Reference) -> Iterator[Measured]:
-    """Yield what Cycles measures."""
+    """Yield the measurements of Cycles."""
     pictures = cycles(given.python, job(DEPTHS[kind][1]), given.samples, given.res, given.limit)
     for samples, picture, seconds, processors in pictures:
         yield Measured(f"Cycles, {samples} samples", seconds, processors, *reference.compared(picture.mean(axis=2)))
 
 
 def _ladder(given: argparse.Namespace, door: str, kind: str, reference: Reference, target: float) -> Iterator[Measured]:
-    """Yield what ours measures with more and more paths, until the error is the target's or time is up."""
+    """Yield our measurements with more and more paths, until the error is at most `target` or time is up."""
     begin = perf_counter()
     for passes, paths in LADDER:
         pictures = ours(door, kind, given.res, passes, paths, given.method)
@@ -196,7 +196,7 @@ def _ladder(given: argparse.Namespace, door: str, kind: str, reference: Referenc
 
 
 def report(console: Console, options: Sequence[str] = ()) -> None:
-    """Print Cycles' seconds and errors, and how many times as fast ours has errors as low."""
+    """Print Cycles' seconds and errors, and how many times as fast we reach errors as low."""
     given = _options(options)
     for kind in given.scattering:
 
@@ -214,7 +214,7 @@ def report(console: Console, options: Sequence[str] = ()) -> None:
 
 
 def _table(title: str, caption: str, theirs: list[Measured], found: list[list[Measured]]) -> Table:
-    """Return the table: Cycles' pictures, and under each the fastest of ours, of each door, whose error is as low."""
+    """Return the table: Cycles' pictures, and under each, for each door, our fastest picture with an error as low."""
     table = Table(title=f"Cycles with its denoiser: {title}", caption=caption)
     for name in (*COLUMNS, "ratio", "goal"):
         table.add_column(name, justify="right" if name != "picture" else "left", no_wrap=True)
@@ -229,7 +229,7 @@ def _table(title: str, caption: str, theirs: list[Measured], found: list[list[Me
 
 
 def _check(kind: str) -> str:
-    """Return a sentence on the means of a small picture by `volpath` and by ours."""
+    """Return a sentence with the means of a small picture by `volpath` and by `photon_beams`."""
     scene, depth = comparison(*CHECKED), DEPTHS[kind][0]
     parameters = {"type": "photon_beams", "max_depth": depth, "paths": REFERENCE.beams, "method": "beams"}
     own = np.mean(mi.render(scene, integrator=mi.load_dict(parameters), spp=4))

@@ -1,11 +1,11 @@
-"""A Mitsuba scene in plain numbers, as `cycles_worker` builds it in Blender.
+"""Translate a Mitsuba scene into plain numbers, from which `cycles_worker` builds it in Blender.
 
-What Cycles can do just as well is translated: meshes, spheres, cylinders, rectangles and disks; diffuse surfaces, ideal
-glass, boundaries of media; homogeneous media; area lights and a constant background; a perspective camera. All else is
-refused with a sentence, since a picture of something else would be no comparison.
+Only what Cycles can render as well is translated: meshes, spheres, cylinders, rectangles and disks; diffuse surfaces,
+ideal glass and boundaries of media; homogeneous media; area lights and a constant background; a perspective camera.
+Anything else is an error, since a picture of another scene would be no comparison.
 
-In Cycles a medium is what the normals of one mesh turn away from, and media overlap. So each medium gets a mesh of its
-own: all shapes that bound it, moved out of it by a hair, without a surface.
+In Cycles a medium fills the space that the normals of one mesh point away from, and media overlap. So each medium gets
+a mesh of its own without a surface: all shapes that bound it, moved out of it by a small distance.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _ROUND = 192, 96  # facets around a sphere and from pole to pole
 
 
 class UntranslatedError(ValueError):
-    """What Cycles would render differently."""
+    """The scene has something that Cycles would render differently."""
 
 
 def cycles_job(scene: Any) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def _parameters(thing: Any) -> dict[str, Any]:
 
 
 def _color(parameters: dict[str, Any], name: str) -> list[float]:
-    """Return a colour of a plug-in; one with a texture or of another kind is refused."""
+    """Return a colour of a plug-in, which must have no texture."""
     value = parameters.get(f"{name}.value", parameters.get(f"{name}.value.value"))
     if value is None:
         raise UntranslatedError(f"{name} has a texture")
@@ -147,7 +147,7 @@ def _joined(parts: list[tuple[Any, Any]]) -> dict[str, Any]:
     return {"points": np.concatenate(points).tolist(), "faces": np.concatenate(faces).tolist()}
 
 
-# -- what is on them and in them ---------------------------------------------------------------------------------------
+# -- surfaces, media, lights and the camera ----------------------------------------------------------------------------
 
 
 def _surface(shape: Any) -> dict[str, Any] | None:
@@ -202,7 +202,7 @@ def _background(scene: Any) -> list[float]:
 
 
 def _camera(scene: Any) -> dict[str, Any]:
-    """Return where the camera is, as Blender has it: it looks along −z."""
+    """Return the camera's matrix and field of view as Blender has them: it looks along −z."""
     sensor = scene.sensors()[0]
     if _kind(sensor) != "PerspectiveCamera":
         raise UntranslatedError(f"a camera of {_kind(sensor)}")

@@ -1,9 +1,9 @@
-"""Render pictures by Blender's Cycles: `python cycles_worker.py JOB.json`, by the Python that has `bpy`.
+"""Render pictures with Blender's Cycles: `python cycles_worker.py JOB.json`, with a Python that has `bpy`.
 
-The job is what `cycles_scene.cycles_job` returns, or of the same form, with `size`, `bounces`, `samples` and `files`: a
-picture for each number of samples, written as EXR, until one has taken more than `limit` seconds. For each, a line of
-the output is a JSON object with the seconds of the render and the seconds of processor time. Nothing of photonbeams is
-needed.
+The job has the form that `cycles_scene.cycles_job` returns, plus `size`, `bounces`, `samples`, `files` and `limit`. One
+picture is rendered for each number of samples and written as EXR, until a picture takes more than `limit` seconds. For
+each picture a line of the output is a JSON object with its seconds, its seconds of processor time and its samples.
+Nothing of photonbeams is needed.
 """
 
 import json
@@ -17,7 +17,7 @@ from mathutils import Matrix, Vector
 
 
 def material(name: str) -> Any:
-    """Return a material without nodes but its output."""
+    """Return a material with no node but its output."""
     made = bpy.data.materials.new(name)
     made.node_tree.nodes.clear()
     made.node_tree.nodes.new("ShaderNodeOutputMaterial")
@@ -56,7 +56,7 @@ def surface(name: str, given: dict[str, Any]) -> Any:
 
 
 def fog(name: str, given: dict[str, Any]) -> Any:
-    """Return a homogeneous medium behind a surface that is not there."""
+    """Return the material of a homogeneous medium, with a transparent surface."""
     made = material(name)
     nodes = made.node_tree.nodes
     volume = nodes.new("ShaderNodeVolumeCoefficients")
@@ -66,7 +66,7 @@ def fog(name: str, given: dict[str, Any]) -> Any:
     volume.inputs["Anisotropy"].default_value = given["anisotropy"]
     connect(made, volume, "Volume")
     connect(made, nodes.new("ShaderNodeBsdfTransparent"), "Surface")
-    made.cycles.volume_sampling = "EQUIANGULAR"  # has the least error: the default a quarter more
+    made.cycles.volume_sampling = "EQUIANGULAR"  # has the least error: the default's is a quarter larger
     return made
 
 

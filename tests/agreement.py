@@ -1,4 +1,4 @@
-"""Whether sets of pictures, each made with several seeds, have the same mean: a Z-test of blocks of pixels."""
+"""A Z-test of whether two sets of pictures, each rendered with several seeds, have the same mean in each block."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Means(NamedTuple):
-    """Means over seeds and their standard errors: of blocks of pixels (blocks, 3), and of the whole picture (3,)."""
+    """Means over seeds with their standard errors, of blocks of pixels (blocks, 3) and of the whole picture (3,)."""
 
     blocks: np.ndarray
     block_errors: np.ndarray
@@ -17,10 +17,10 @@ class Means(NamedTuple):
 
 
 def means(pictures: np.ndarray, size: int = 4) -> Means:
-    """Return the means of square blocks of pixels of pictures (seeds, H, W, 3), and of all pixels.
+    """Return the means over square blocks of pixels, and over all pixels, of pictures (seeds, H, W, 3).
 
-    The variance of a block's mean is that of its seeds; few seeds tell it badly, so it is no less than what the median
-    of all blocks with light has of its mean.
+    The variance of a block's mean comes from the seeds. Few seeds estimate it badly, so the variance relative to the
+    squared mean is at least its median over all blocks with light.
     """
     seeds, height, width, channels = pictures.shape
     cut = pictures[:, : height // size * size, : width // size * size].astype(np.float64)
@@ -35,9 +35,9 @@ def means(pictures: np.ndarray, size: int = 4) -> Means:
 
 
 def deviations(ours: Means, theirs: Means, bias: float = 0.0) -> np.ndarray:
-    """Return by how many standard errors the means of blocks differ, beyond a bias.
+    """Return by how many standard errors the means of blocks differ beyond a bias.
 
-    `bias` is a part of each block's mean, or of the mean of all where that is more.
+    `bias` is a fraction of each block's mean, or of the whole picture's mean where that is larger.
     """
     scale = np.maximum(theirs.blocks, theirs.whole)
     off = np.maximum(np.abs(ours.blocks - theirs.blocks) - bias * scale, 0)
@@ -48,6 +48,6 @@ def deviations(ours: Means, theirs: Means, bias: float = 0.0) -> np.ndarray:
 def ratio(ours: Means, theirs: Means) -> tuple[float, float]:
     """Return the ratio of the means over all pixels and channels, and its standard error."""
     value = float(ours.whole.mean() / theirs.whole.mean())
-    # Channels share their noise: their relative errors are not independent, and the largest is that of all.
+    # The channels share their noise, so their errors are not independent: the largest relative error counts for all.
     own, other = (float((each.whole_error / np.maximum(each.whole, 1e-30)).max()) for each in (ours, theirs))
     return value, value * float(np.hypot(own, other))

@@ -1,7 +1,7 @@
-"""The comparison scene: a small light behind a hole in a box of fog, and its single scattering by plain integration.
+"""The comparison scene: a small light behind a hole in a foggy box, and its single scattering by numerical integration.
 
-Other renderers were measured on the same scene (see benchmarks/); the integral here is deterministic and float64: the
-midpoint rule over the camera ray and over the light, with visibility through the hole exact and sharp.
+Other renderers were measured on the same scene (see benchmarks/). The integral here is deterministic, in float64: the
+midpoint rule over the camera ray and over the light, with exact, sharp visibility through the hole.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ def camera_rays(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return origins and unit directions (height · width, 3) through the pixels, top row first.
 
-    `turn` is the angle in degrees by which the camera is turned to its left, from looking along −z; `places` are where
-    in the pixels rays go through, (2,) or (height, width, 2).
+    `turn` is the angle in degrees by which the camera turns to its left from −z. `places` are the positions in the
+    pixels through which the rays pass, (2,) or (height, width, 2).
     """
     across, down = np.moveaxis(np.broadcast_to(np.asarray(places, dtype=np.float64), (height, width, 2)), -1, 0)
     x = (np.arange(width) + across) / width * 2 - 1
@@ -90,7 +90,7 @@ def camera_rays(
 
 
 def wall_distance(origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Return where rays from inside the box, beyond the occluder's plane, meet the first wall or the occluder."""
+    """Return the distance at which rays from inside the box, beyond the occluder, first meet a wall or the occluder."""
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(direction > 0, (BOX[1] - origin) / direction, (BOX[0] - origin) / direction).min(axis=1)
         plane = (HOLE_X - origin[:, 0]) / direction[:, 0]
@@ -100,7 +100,7 @@ def wall_distance(origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 def fluence(points: np.ndarray, light_points: int = 24) -> np.ndarray:
-    """Return the fluence that arrives unscattered at points: ∫ L cos θ V exp(−σt d) / d² dA, midpoint rule."""
+    """Return the fluence that arrives unscattered at points: ∫ L cos θ V exp(−σt d) / d² dA, by the midpoint rule."""
     offsets = (np.arange(light_points) + 0.5) / light_points * 0.1 - 0.05
     total = np.zeros(len(points))
     for y in 1.5 + offsets:
@@ -108,7 +108,7 @@ def fluence(points: np.ndarray, light_points: int = 24) -> np.ndarray:
             x = points[:, 0] - LIGHT_X
             squared = x**2 + (points[:, 1] - y) ** 2 + (points[:, 2] - z) ** 2
             distance = np.sqrt(squared)
-            part = (HOLE_X - LIGHT_X) / np.maximum(x, 1e-12)  # of the way to the point, at the occluder
+            part = (HOLE_X - LIGHT_X) / np.maximum(x, 1e-12)  # fraction of the way at which the occluder stands
             hole_y, hole_z = y + part * (points[:, 1] - y), z + part * (points[:, 2] - z)
             open_ = (part >= 1) | ((np.abs(hole_y - 1.5) < 0.15) & (np.abs(hole_z) < 0.1))
             value = RADIANCE * x / distance**3 * np.exp(-(SCATTERING + ABSORPTION) * distance)
@@ -130,7 +130,7 @@ def single_scattering(
 
 
 def scattered_along(origin: np.ndarray, direction: np.ndarray, steps: int = 192, light_points: int = 24) -> np.ndarray:
-    """Return the single scattering of the fog along rays: ∫ σs / 4π · fluence · exp(−σt t) dt, midpoint rule."""
+    """Return the single scattering of the fog along rays: ∫ σs / 4π · fluence · exp(−σt t) dt, by the midpoint rule."""
     far = wall_distance(origin, direction)
     total = np.zeros(len(origin))
     for step in range(steps):
@@ -142,5 +142,5 @@ def scattered_along(origin: np.ndarray, direction: np.ndarray, steps: int = 192,
 
 
 def lit(reference: np.ndarray) -> np.ndarray:
-    """Return the mask of the pixels that comparisons are made over."""
+    """Return the mask of the pixels that are compared."""
     return (reference > 0.02) & (reference < 3)

@@ -1,4 +1,4 @@
-"""What every test needs: Dr.Jit started on the CPU, hypothesis without deadlines, and stages of a few lines of USD."""
+"""What every test needs: Dr.Jit on the CPU, hypothesis without deadlines, and fixtures for short USD stages."""
 
 import os
 import signal
@@ -16,29 +16,29 @@ settings.load_profile("photonbeams")
 # References are stored for the CPU; PHOTONBEAMS_DEVICE=cuda runs the same tests on a GPU.
 os.environ.setdefault("PHOTONBEAMS_DEVICE", "cpu")
 
-# Some tests send these signals, which a parent that runs this in the background may have told its children to ignore.
+# Some tests send these signals. They may be ignored where a shell started the tests in the background.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
-# Before any test imports Dr.Jit, for this names the libLLVM that it loads.
+# Before any test imports Dr.Jit: this import chooses the libLLVM that Dr.Jit loads.
 import photonbeams  # noqa: E402, F401
 
-if "PYTEST_XDIST_WORKER" in os.environ:  # or each process would start as many threads as there are processors
+if "PYTEST_XDIST_WORKER" in os.environ:  # or each process would start a thread for each processor
     from photonbeams.runtime import device
 
-    # One alone does not do: with no other, Mitsuba's own OpenEXR reader, which tests call, waits for ever.
+    # At least two: with a single thread, Mitsuba's own OpenEXR reader, which tests call, waits forever.
     device.set_threads(max(2, device.processors() // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])))
 
 
 @pytest.fixture
 def rng():
-    """Return NumPy's generator from a fixed seed."""
+    """Return a NumPy random generator with a fixed seed."""
     return np.random.default_rng(7)
 
 
 @pytest.fixture
 def set_threads():
-    """Let a test set the number of threads, which is as before when it ends."""
+    """Yield a function that sets the number of threads, which is restored after the test."""
     import drjit as dr
 
     from photonbeams.runtime import device
@@ -54,16 +54,16 @@ Opener = Callable[..., object]
 
 @pytest.fixture
 def usd(tmp_path: Path) -> Opener:
-    """Write and open a stage: its prims, and its metadata."""
+    """Return a function that writes and opens a stage with these prims and metadata."""
 
     from photonbeams.usd.stage import open_stage
 
     def opened(text: str, metadata: str = "") -> object:
-        # OpenUSD keeps the layers that are in use: every stage of a test has a file of its own.
+        # OpenUSD caches the layers that are in use, so each stage of a test has a file of its own.
         folder = tmp_path / str(len(list(tmp_path.iterdir())))
         folder.mkdir()
         path = folder / "stage.usda"
-        body = text.replace(" }", "\n}")  # USD ends a statement at the line's end alone
+        body = text.replace(" }", "\n}")  # a statement in USD ends at the end of a line
         path.write_text(f"#usda 1.0\n(\n{metadata}\n)\n{body}\n")
         return open_stage(path)
 
@@ -72,7 +72,7 @@ def usd(tmp_path: Path) -> Opener:
 
 @pytest.fixture
 def scene(usd: Opener) -> Callable[..., object]:
-    """Write, open and read a stage: what cannot be read is an error, as by --strict, and other warnings are given."""
+    """Return a function that writes and reads a stage: unreadable parts are errors, as with --strict."""
 
     from photonbeams.usd.stage import default_time, read_scene
     from photonbeams.usd.warnings import Warnings
@@ -92,7 +92,7 @@ def scene(usd: Opener) -> Callable[..., object]:
 
 @pytest.fixture
 def image(tmp_path: Path) -> Callable[..., Path]:
-    """Write an image of linear or encoded numbers as they are, and return its path."""
+    """Return a function that writes an image without converting its values, and returns its path."""
 
     import OpenImageIO
 

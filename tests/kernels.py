@@ -1,10 +1,10 @@
-"""Which kernels a call compiles: those of a second frame should be those of the first."""
+"""The kernels that a call compiles; a second frame should reuse those of the first."""
 
 import drjit as dr
 
 
 def compiled(function, *arguments):
-    """Return the kernels that a call compiles, or reads from the disk; assert that it launches any."""
+    """Return the kernels that a call compiles or loads from the disk cache; assert that it launches at least one."""
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
         function(*arguments)

@@ -26,7 +26,7 @@ def slope(counts, errors):
 def test_gauss_is_exact_to_degree_2n_minus_1(n):
     for degree in range(2 * n):
         exact = (1 - (-1) ** (degree + 1)) / (degree + 1)
-        # n terms of at most 1, each rounded once or twice; the nodes are good to a few units in the last place.
+        # n terms of at most 1, each rounded once or twice; the nodes are accurate to a few units in the last place.
         assert gauss_legendre(n).integrate(lambda x, k=degree: x**k, -1.0, 1.0) == pytest.approx(exact, abs=1e-14 * n)
 
 
@@ -50,7 +50,7 @@ def test_riemann_converges_with_order_2():
 def test_gauss_converges_geometrically_on_an_analytic_function():
     exact = np.arctan(1) * 2
     errors = [abs(gauss_legendre(n).integrate(lambda x: 1 / (1 + x * x), -1.0, 1.0) - exact) for n in range(2, 12)]
-    # Poles at ±i: each point more divides the error by (1 + √2)², the size of the ellipse through the poles.
+    # Poles at ±i: each further point divides the error by ρ², ρ = 1 + √2 of the Bernstein ellipse through the poles.
     rate = np.exp(-np.polyfit(range(2, 12), np.log(errors), 1)[0])
     assert rate == pytest.approx((1 + np.sqrt(2)) ** 2, rel=0.1)
 
@@ -96,7 +96,7 @@ def test_points_and_sum_are_scaled_as_in_equation_2():
 def test_integration_is_linear(rule, a, b, p, q):
     both = rule.integrate(lambda x: p * np.cos(x) + q * x, a, b)
     apart = p * rule.integrate(np.cos, a, b) + q * rule.integrate(lambda x: x, a, b)
-    # Terms are at most 5 · (1 + 10) on an interval of at most 20, each rounded a few times.
+    # Terms are at most 5 · (1 + 10), over an interval of at most 20, and each is rounded a few times.
     assert both == pytest.approx(apart, abs=1e-12)
 
 
@@ -140,7 +140,7 @@ def test_a_kink_spoils_convergence_and_a_break_restores_it(make):
     with_break = [abs(make(n).integrate(kinked, -1.0, 1.0, [0.3]) - exact) for n in counts]
     assert slope(counts, without) < 3
     if make is gauss_legendre:
-        # Two entire functions: eight points reach double precision, as they do for the exponential alone.
+        # The break leaves two entire functions: eight points reach double precision, as for the exponential alone.
         assert with_break[1] < 1e-13 < 1e-4 < without[1]
     else:
         assert slope(counts, with_break) == pytest.approx(2, abs=0.02)
@@ -159,7 +159,7 @@ def test_numbers_arrays_and_whole_numbers_mix():
 
 
 def test_a_vector_valued_function_is_integrated_by_component():
-    b = np.array([[1.0], [2.0]])  # (N, 1), so that f's (N, 3) can be scaled
+    b = np.array([[1.0], [2.0]])  # (N, 1), to scale the function's values (N, 3)
     values = gauss_legendre(3).integrate(lambda x: x ** np.arange(3), 0.0, b)
     np.testing.assert_allclose(values, [[1, 1 / 2, 1 / 3], [2, 2, 8 / 3]], rtol=1e-14)
 
@@ -182,7 +182,7 @@ def test_drjit_equals_numpy_to_float32_rounding(make, broken, rng):
     found = rule.integrate(
         lambda x: dr.exp(-x) * dr.abs(x - device_kink), Float(a), Float(b), [device_kink, 0.5] if broken else ()
     )
-    # At most e² · 5 over a length of 4; 18 terms and an exponential of 2 ulp make about ten roundings each.
+    # The sum is at most e² · 5 over a length of 4; 18 terms and an exponential of 2 ulp are about ten roundings.
     np.testing.assert_allclose(found.numpy(), exact, rtol=0, atol=np.e**2 * 5 * 4 * 10 * EPSILON32)
 
 

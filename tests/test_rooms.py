@@ -1,4 +1,4 @@
-"""Which package of the program ("room") imports which, read from its modules."""
+"""The imports between the packages ("rooms") of the program, read from its modules."""
 
 import ast
 from functools import cache
@@ -16,11 +16,11 @@ ROOMS = (
     "render", "images", "usd", "shot", "integrator", "farm", "studio", "cli",
 )  # fmt: skip
 
-#: Who may import a library, or ask `runtime` for Mitsuba.
+#: The packages that may import a library, or ask `runtime` for Mitsuba.
 KNOWERS = {
     "dask": {"farm"},
     "distributed": {"farm"},
-    "pxr": {"usd", "cli"},  # `info` and `doctor` look at stages and at versions themselves
+    "pxr": {"usd", "cli"},  # `info` reads stages itself, and `doctor` versions
     "OpenEXR": {"images", "cli"},
     "OpenImageIO": {"images", "cli"},
     "anywidget": {"studio"},
@@ -39,7 +39,7 @@ def room_of(path: Path) -> str:
 
 @cache
 def imports(path: Path) -> list[str]:
-    """Return all that a module imports while it runs, by dotted names: what is imported for types alone is left out."""
+    """Return the dotted names of all that a module imports at run time, without imports for type checkers only."""
     found: list[str] = []
     package = path.relative_to(SOURCE).parent.parts
 

@@ -1,8 +1,8 @@
-"""Prims as text, for stages of tests."""
+"""Prims as text, for the stages of tests."""
 
 
 def prim(kind: str, name: str, at: object, *lines: str, turned: object = (0, 0, 0), api: str = "") -> str:
-    """Return a prim at a place, with further lines and an applied schema."""
+    """Return a prim at a position, with further lines and, if given, an applied schema."""
     body = "\n".join(f"    {each}" for each in lines)
     applied = f'(prepend apiSchemas = ["{api}"])' if api else ""
     return f"""

@@ -1,4 +1,4 @@
-"""The primitive: what it takes, keeps, saves and refuses."""
+"""Beams: the arrays that they accept and refuse, what they keep, and how they are saved."""
 
 import drjit as dr
 import numpy as np

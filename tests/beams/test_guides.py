@@ -1,4 +1,4 @@
-"""Beams along guide curves: a space bent along them, which a straight guide leaves as it is."""
+"""Beams along guide curves: a guide bends the space around it, and a straight guide changes nothing."""
 
 from dataclasses import replace
 
@@ -17,12 +17,12 @@ from photonbeams.world.stage_world import StageWorld
 from transport.stages import trace
 
 QUARTER = np.linspace(0, np.pi / 2, 200)
-#: From the origin along +x, then turning toward +y on a circle of radius 2 about (0, 2, 0).
+#: A quarter of a circle of radius 2 about (0, 2, 0): from the origin along +x to (2, 2, 0) along +y.
 BOW = 2 * np.stack([np.sin(QUARTER), 1 - np.cos(QUARTER), 0 * QUARTER], axis=1)
 
 
 def bundle(rng, count=200, length=5.0):
-    """Return parallel beams along +x, that begin one unit before the guide."""
+    """Return parallel beams along +x that begin one unit before the guide."""
     beside = rng.uniform(-0.3, 0.3, (count, 2))
     start = np.column_stack([np.full(count, -1.0), beside])
     return pb.Beams(start, start + np.array([length, 0, 0]), 0.02, 0.04, [[1, 0.5, 0.25]])
@@ -36,24 +36,24 @@ def test_a_parallel_bundle_becomes_a_bent_tube(rng):
     side, up = beams.arrays()["start"].T[1:]
     nodes = found["end"].reshape(200, steps, 3)
     bent = nodes[:, 1:-1]  # at the ends of the pieces beside the guide
-    # Beside the guide's circle by as much as beside the line before.
+    # Each path is as far from the guide's circle as the straight path was from the x axis.
     assert np.allclose(np.hypot(bent[..., 0], bent[..., 1] - 2), (2 - side)[:, None], atol=1e-3)
     assert np.allclose(bent[..., 2], up[:, None], atol=1e-5)
-    assert np.allclose(nodes[:, 0, 0], 0, atol=1e-5)  # straight up to the guide's beginning
-    # Beyond its end along +y, as far as there is beam left: 5 − 1 − π.
+    assert np.allclose(nodes[:, 0, 0], 0, atol=1e-5)  # straight until the guide begins
+    # Beyond the guide's end each path runs along +y for the length that is left: 5 − 1 − π.
     assert np.allclose(nodes[:, -1] - nodes[:, -2], [0, 4 - np.pi, 0], atol=1e-3)
     assert np.allclose(nodes[:, -1, 0], 2 - side, atol=1e-3)
 
 
 def test_a_guide_turns_a_bundle_about_itself_no_more_than_it_must(rng):
-    """Parallel transport: along a space curve, side by side stays side by side, at the same distance."""
+    """Along a space curve the guide's frame is parallel-transported: it does not rotate about the tangent."""
     turn = np.linspace(0, 3, 400)
     helix = np.stack([np.cos(turn), np.sin(turn), 0.5 * turn], axis=1)
     guide = Guide.through(helix)
     rate = np.diff(guide.sides, axis=0) / (guide.length / 511)
     beside = np.cross(guide.tangents, guide.sides)[:-1]
-    # The frame does not turn about the curve: the side's change has no part along the other side, where the Frenet
-    # frame's has the torsion, 0.4. What is left is of the order of a row's length, 1/150.
+    # The derivative of one side has no component along the other side; in the Frenet frame that component is the
+    # torsion, 0.4. What is left is of the order of a row's length, 1/150.
     assert np.abs(np.sum(rate * beside, axis=1)).max() < 1 / 150
     assert np.allclose(np.sum(guide.sides * guide.tangents, axis=1), 0, atol=1e-12)
     assert np.allclose(guide.turn, np.degrees(3 / np.hypot(1, 0.5)), rtol=0.01)
@@ -80,7 +80,7 @@ def test_falloffs_run_along_the_bent_path(rng):
     offset, total = (found[name].reshape(shape) for name in ("offset", "total"))
     length = np.linalg.norm(found["end"] - found["start"], axis=1).reshape(shape)
     assert np.allclose(offset[:, 0], 0) and np.allclose(offset[:, 1:], (offset + length)[:, :-1], atol=1e-5)
-    # Inside of the bend the way is shorter: by the turn times the place beside the guide.
+    # On the inside of the bend the path is shorter, by the turning angle times the distance from the guide.
     side = beams.arrays()["start"][:, 1]
     assert np.allclose(total[:, 0], 5 - side * np.pi / 2, atol=5e-3)
     assert np.allclose(total, (offset + length)[:, -1:], atol=1e-5)
@@ -98,7 +98,7 @@ def test_both_parts_of_a_path_that_was_cut_are_led_as_one(rng):
     steps = len(one["start"]) // 20
     last = {name: one[name].reshape(20, steps, -1)[:, -1] for name in one}
     begin = {name: other[name].reshape(20, steps, -1)[:, 0] for name in other}
-    # The beam is cut beyond the guide's end at 3.14 and before: the first node of the second is where the first ends.
+    # The cut at x = 2.5 lies before the guide's end at x = π: the second part begins where the first part ends.
     assert np.allclose(last["end"], begin["start"], atol=1e-5)
     assert np.allclose(last["end_tangent"], begin["start_tangent"], atol=1e-5)
     length = np.linalg.norm(last["end"] - last["start"], axis=1, keepdims=True)
@@ -143,7 +143,7 @@ def test_light_tracing_follows_a_lights_guides_and_moves_with_them():
     (found,) = trace(world_of(led_light), beams_per_light=64)
     steps = pieces_along([Guide.through(BOW)]) + 2
     assert len(found.beams) == steps * len(plain) and found.close is None
-    # Other guides have as many pieces at shutter close, though they turn less.
+    # The guides at shutter close turn less, but they have as many pieces.
     later = replace(LAMP, guides=(BOW * [1, 0.5, 1],))
     (moving,) = trace(world_of(led_light), beams_per_light=64, close=world_of(later))
     assert len(moving.close) == len(moving.beams) == steps * len(plain)

@@ -1,4 +1,4 @@
-"""Functions that change beams or make them: the ready-made ones, what they are told, and what they may not return."""
+"""Functions that change or make beams: the built-in ones, what a function is given, and what it must not return."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ CONTEXT = PassContext("/light")
 
 @pytest.fixture(scope="module")
 def traced():
-    """Beams through a portal: two a path."""
+    """Return beams through a portal, two for each path."""
     return trace(StageWorld.build(comparison_scene(), viewpoints=[EYE]), beams_per_light=256)[0].beams
 
 
@@ -42,7 +42,7 @@ def lengths(numbers):
     return np.linalg.norm(numbers["end"] - numbers["start"], axis=1)
 
 
-# -- The ready-made ----------------------------------------------------------------------------------------------------
+# -- Built-in functions ------------------------------------------------------------------------------------------------
 
 
 def test_aimed_fully_all_paths_pass_the_target_and_keep_length_and_light(traced):
@@ -51,7 +51,7 @@ def test_aimed_fully_all_paths_pass_the_target_and_keep_length_and_light(traced)
     direction = (after["end"] - after["start"]) / lengths(after)[:, None]
     apart = target - after["start"]
     away = np.linalg.norm(apart - np.sum(apart * direction, axis=1)[:, None] * direction, axis=1)
-    assert away.max() < 1e-4  # float32's places, of a path some units long whose first part is a thousandth of it
+    assert away.max() < 1e-4  # float32 positions, of paths some units long whose first parts are a thousandth of that
     assert np.allclose(lengths(after), lengths(before), atol=1e-5)
     for name in ("power", "radius_start", "radius_end", "offset", "total"):
         assert np.array_equal(after[name], before[name])
@@ -70,7 +70,7 @@ def test_both_parts_of_a_path_through_a_portal_are_aimed_alike(traced):
 
 
 def toward_axis(p):
-    """Return the field of circles about the z axis: everywhere toward the axis, of curvature 1 / distance."""
+    """Return the field that bends beams into circles about the z axis: toward it, with the curvature 1 / distance."""
     inv = dr.rcp(dr.maximum(p.x * p.x + p.y * p.y, 1e-12))
     return Array3f(-p.x * inv, -p.y * inv, 0)
 
@@ -132,7 +132,7 @@ def test_thinned_beams_are_the_same_ones_each_time_and_keep_their_light():
     beams = pb.Beams(np.zeros((count, 3)), np.ones((count, 3)), 0.1, 0.1, [[1, 2, 3]], offset=np.arange(count))
     found = [thin(0.25)(beams, CONTEXT).arrays() for _ in range(2)]
     assert np.array_equal(found[0]["offset"], found[1]["offset"])
-    # Binomial: a deviation of four times sqrt(0.25 · 0.75 / 20000).
+    # The count is binomial: four standard deviations of the fraction are 4 · sqrt(0.25 · 0.75 / 20000).
     assert len(found[0]["offset"]) / count == pytest.approx(0.25, abs=0.0123)
     assert np.allclose(found[0]["power"], [4, 8, 12])
     assert np.allclose(thin(0.25, keep_light=False)(beams, CONTEXT).arrays()["power"], [1, 2, 3])
@@ -223,7 +223,7 @@ def test_what_the_modifiers_cannot_do_is_told_in_a_sentence(message, make):
         make()
 
 
-# -- What a function is told, and what it returns ----------------------------------------------------------------------
+# -- What a function is given, and what it returns ---------------------------------------------------------------------
 
 
 def sets_of(beams, close=None):
@@ -336,7 +336,7 @@ def test_half_the_power_is_half_the_picture():
 
 
 def test_what_moves_is_changed_at_both_ends_of_the_shutter():
-    """A bent beam blurs between its bent places; one that is bent at one end alone would smear over the picture."""
+    """A program changes the beams at shutter open and at shutter close: a bent beam moves between two bent states."""
     states = [room(), room(0.2)]
     shutter = Shutter(lambda at: Moment(room(0.2 * at) if at not in (0, 1) else states[int(at)], (camera(),)), True)
     program = Program(bend(lambda p: Array3f(0, 0.2, 0) + 0 * p, 6))

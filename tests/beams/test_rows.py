@@ -1,4 +1,4 @@
-"""Beams as rows: indexed, sliced, joined, shown."""
+"""Beams as rows: how they are indexed, sliced, joined and shown."""
 
 import drjit as dr
 import numpy as np
@@ -17,7 +17,7 @@ PLAIN = {
 }  # fmt: skip
 ORIGIN = np.array([1.5, 0.5, -5.0]) + 0.3 * RNG.normal(size=(200, 3))
 DIRECTION = RNG.normal(size=(200, 3)) * [1.5, 0.8, 0.8] + [1.5, 0, 0] - ORIGIN
-#: A look that asks for all that a beam knows.
+#: A look that uses every quantity of a beam.
 LOOK = pb.Look(along="(0.5 + random) * (1 + s) * exp(-0.2 * distance) * (1 + generation)", eye=1.0, angle=1.0)
 
 
@@ -26,7 +26,7 @@ def seen(beams):
 
 
 def rich():
-    """Return beams that have all that beams can have."""
+    """Return beams with all optional arrays."""
     axis = PLAIN["end"] - PLAIN["start"]
     unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
     numbers = np.arange(COUNT) + 10.0
@@ -56,7 +56,7 @@ def test_beams_one_by_one_are_seen_as_all_of_them():
     beams = pb.Beams(**PLAIN)
     one_by_one = [seen(each) for each in beams]
     assert len(one_by_one) == COUNT
-    # Sums of six numbers in another order.
+    # The six numbers are summed in another order.
     np.testing.assert_allclose(np.sum(one_by_one, axis=0), seen(beams), rtol=1e-5, atol=1e-6)
 
 
@@ -68,7 +68,7 @@ def test_joined_beams_are_seen_as_both_whatever_they_have():
         named = pb.Beams(**{**first.arrays(), "id": whole.arrays()["id"][:COUNT]})
         other = pb.Beams(**{**second.arrays(), "id": whole.arrays()["id"][COUNT:]})
         expected = seen(named) + seen(other)
-        # Planes across a straight beam cut it where its ends do, to the rounding of a position.
+        # Among joined beams, straight ones have planes at their ends, which cut them there up to rounding.
         np.testing.assert_allclose(seen(whole), expected, rtol=1e-3, atol=1e-4 * expected.max())
 
 
@@ -76,7 +76,7 @@ def test_beams_that_are_taken_apart_and_joined_are_the_same():
     beams = rich()
     again = pb.Beams.join([beams[:2], beams[2:3], beams[3:]])
     assert all(np.array_equal(value, again.arrays()[name]) for name, value in beams.arrays().items())
-    assert pb.Beams.join([pb.Beams(**PLAIN)] * 2).id is None  # named by their places, as ever
+    assert pb.Beams.join([pb.Beams(**PLAIN)] * 2).id is None  # each id is the row's number
 
 
 def test_gradients_pass_an_index_and_a_join():

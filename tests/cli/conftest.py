@@ -1,4 +1,4 @@
-"""The command, called in the process of the tests, and a folder for what it writes."""
+"""Fixtures that call the command in the process of the tests, and a folder for its output."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from photonbeams import cli
 
 @pytest.fixture
 def call(capfd):
-    """Call the command in this process: its exit code, and what it printed to standard output and error."""
+    """Return a function that calls the command and returns its exit code, its standard output and its error output."""
 
     def called(command, *arguments):
         with pytest.raises(SystemExit) as stop:
@@ -19,13 +19,13 @@ def call(capfd):
 
 @pytest.fixture
 def render(call):
-    """Call `photonbeams render`."""
+    """Return a function that calls `photonbeams render`."""
     return lambda *arguments: call("render", *arguments)
 
 
 @pytest.fixture
 def out(tmp_path):
-    """Return the folder of outputs, in which a file of yesterday lies."""
+    """Return the output folder, which already holds an old file."""
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / "old.exr").write_bytes(b"yesterday")

@@ -1,8 +1,8 @@
-"""What tests of the command ask of its results."""
+"""Checks of the command's results."""
 
 
 def fails(result, code, *parts, warnings=0):
-    """Check for one sentence after so many warnings, and return it."""
+    """Assert that a call fails with a one-line error message after so many warnings, and return the message."""
     found, stdout, stderr = result
     lines = stderr.splitlines()
     assert (found, stdout, len(lines)) == (code, "", warnings + 1), stderr
@@ -14,5 +14,5 @@ def fails(result, code, *parts, warnings=0):
 
 
 def untouched(out):
-    """Return whether the folder of outputs holds what it held before, and nothing else."""
+    """Return whether the output folder holds only its old file, unchanged."""
     return [path.name for path in out.iterdir()] == ["old.exr"] and (out / "old.exr").read_bytes() == b"yesterday"

@@ -1,4 +1,4 @@
-"""`photonbeams render` of several frames, and of what a stage's render settings say."""
+"""`photonbeams render` of several frames, and with a stage's render settings."""
 
 import os
 import re
@@ -56,7 +56,7 @@ def stage(tmp_path):
 
 @pytest.fixture
 def out(tmp_path, monkeypatch):
-    """Return an empty folder, in which the command runs."""
+    """Return an empty folder in which the command runs."""
     folder = tmp_path / "out"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -65,7 +65,7 @@ def out(tmp_path, monkeypatch):
 
 @pytest.fixture
 def render(render):
-    """Call the command for small pictures: its exit code, and the lines that it printed to standard error."""
+    """Return a function that renders small pictures and returns the exit code and the lines of standard error."""
 
     def called(*arguments, size=SIZE):
         code, stdout, stderr = render(*arguments, *SMALL, *size)
@@ -89,7 +89,7 @@ def names(folder):
 
 
 def interrupting(monkeypatch, frame, error=None):
-    """Let rendering a frame end by Ctrl-C, or by an error."""
+    """Make the rendering of a frame end with Ctrl-C, or with an error."""
     whole = Shot.render
 
     def until(shot, number, *args, **more):
@@ -214,7 +214,7 @@ def test_a_frame_without_any_light_has_black_beams_and_does_not_end_the_film(ren
     assert list(first) == list(second)
     assert first["beams_key"].any()
     assert not second["beams"].any() and not second["beams_key"].any() and not second["surface"].any()
-    # Without beams a pass costs little, and looks at surfaces once: pixels at edges differ.
+    # Without beams, a pass samples surfaces only once, so pixels at edges differ.
     assert np.mean(first["transmittance"] == second["transmittance"]) > 0.5
     film = ("--stereo", "--set", "/Camera.fStop=2", "--set", "/Camera.focusDistance=5")
     assert render(path, "-f", "2", "-o", "b.exr", "--over", "a.1.png", "--holdout", "a.1.exr", "-q")[0] == 0
@@ -313,7 +313,7 @@ def test_what_cannot_be_done_is_refused_before_the_first_frame(render, stage, ou
 
 
 def test_an_error_names_its_frame_and_leaves_those_before(render, stage, out):
-    # A hole that closes for a moment.
+    # A portal that has no area at frame 3.
     portal = 'def Mesh "Portal" {\n    int[] faceVertexCounts = [3]\n    int[] faceVertexIndices = [0, 1, 2]\n'
     portal += "    point3f[] points = [(-1, -1, 1), (1, -1, 1), (0, 1, 1)]\n    float3 xformOp:scale.timeSamples = {\n"
     portal += "        2.9: (1, 1, 1), 3: (0, 0, 0), 3.1: (1, 1, 1)\n    }\n"

@@ -90,7 +90,7 @@ def test_exported_beams_look_as_the_beams_of_the_stage(folder):
     expected = picture()
     found = picture("out.usdc", overrides=["/Lamp.photonbeams:enabled=0", "/Drawn.visibility=invisible"])
     for name in ("beams", "beams_warm", "beams_default"):
-        # Points, radii and power come back as they were, directions to the rounding of single precision.
+        # Points, radii and power are read back unchanged, directions up to the rounding of single precision.
         assert np.linalg.norm(found[name] - expected[name]) <= 2e-5 * np.linalg.norm(expected[name])
         assert expected[name].any()
 
@@ -115,7 +115,7 @@ def test_the_file_is_what_other_programs_show(folder, capsys):
     lamp, drawn = (UsdGeom.BasisCurves.Get(stage, f"/Beams/{name}") for name in ("Lamp", "Drawn"))
     counts = np.array(lamp.GetCurveVertexCountsAttr().Get())
     assert len(lamp.GetPointsAttr().Get()) == counts.sum() == len(lamp.GetWidthsAttr().Get())
-    assert counts.min() == 2 and counts.max() > 20  # what is led along the guide stays one curve
+    assert counts.min() == 2 and counts.max() > 20  # a beam that follows the guide stays one curve
     assert lamp.GetDisplayColorPrimvar().GetInterpolation() == "uniform"
     assert drawn.GetDisplayColorPrimvar().GetInterpolation() == "vertex"
     assert list(drawn.GetCurveVertexCountsAttr().Get()) == [len(drawn.GetPointsAttr().Get())]

@@ -1,4 +1,4 @@
-"""Checkpoints, pixel filters and bounces of stages, by `photonbeams render`."""
+"""`photonbeams render` of stages with checkpoints, pixel filters and bounces."""
 
 import os
 import signal
@@ -28,7 +28,7 @@ def stage(tmp_path):
 
 
 def interrupted(monkeypatch, after, sent=signal.SIGINT):
-    """Press Ctrl-C, or send another signal, when so many passes are done in all."""
+    """Send the signal of Ctrl-C, or another one, when so many passes of all frames are done."""
     add_pass, done = frame.StageRenderer.add_pass, []
 
     def pressed(self, number):

@@ -1,4 +1,4 @@
-"""`--denoise`, `--error` and the layer `albedo`, by `photonbeams render`."""
+"""The flags `--denoise` and `--error` and the layer `albedo` of `photonbeams render`."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_a_denoised_file_has_the_layers_of_others_and_the_noisy_ones_if_they_are
     assert render(stage, "-o", out / "both.exr", *SMALL, "--denoise", "--keep-noisy")[0] == 0
     plain, clean, both = (read_layers(out / f"{name}.exr") for name in ("plain", "clean", "both"))
     assert set(plain) == set(clean) == LAYERS and set(both) == LAYERS | NOISY
-    assert not np.array_equal(clean["beams_key"], plain["beams_key"])  # the floor has hardly any noise
+    assert not np.array_equal(clean["beams_key"], plain["beams_key"])  # the surface has hardly any noise
     for name in NOISY:
         assert np.array_equal(both[name], plain[name.removeprefix("noisy_")])
     for name in LAYERS:
@@ -32,13 +32,13 @@ def test_a_denoised_file_has_the_layers_of_others_and_the_noisy_ones_if_they_are
 
 
 def test_beams_over_a_plate_are_denoised_without_guides(render, stage, out):
-    """Behind a holdout no surface is seen, so nothing has an albedo or a normal."""
+    """Beams over a holdout are denoised, although no surface is visible that has an albedo or a normal."""
     assert render(stage, "-o", out / "z.exr", *SMALL, "--layers", "rgba,depth")[0] == 0
     assert render(stage, "-o", out / "clean.exr", *SMALL, "--denoise", "--holdout", out / "z.exr")[0] == 0
     assert render(stage, "-o", out / "noisy.exr", *SMALL, "--holdout", out / "z.exr")[0] == 0
     clean, noisy = (read_layers(out / f"{name}.exr")["beams"] for name in ("clean", "noisy"))
     assert noisy.any() and not np.array_equal(clean, noisy)
-    assert clean.mean() == pytest.approx(noisy.mean(), rel=0.05)  # the network keeps the light
+    assert clean.mean() == pytest.approx(noisy.mean(), rel=0.05)  # denoising keeps the mean
 
 
 def test_albedos_are_asked_for_by_their_name(render, stage, out):

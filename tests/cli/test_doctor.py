@@ -1,4 +1,4 @@
-"""The command line's frame, and `photonbeams doctor`."""
+"""What all commands share (help, exit codes, error messages), and `photonbeams doctor`."""
 
 import errno
 import subprocess
@@ -12,7 +12,7 @@ from photonbeams.scene import SceneError
 
 
 def run(*arguments, **environment):
-    """Return the finished process of a command line."""
+    """Run a command line and return its finished process."""
     import os
 
     command = [sys.executable, "-m", "photonbeams", *arguments]
@@ -21,7 +21,7 @@ def run(*arguments, **environment):
 
 @pytest.fixture
 def failing(monkeypatch):
-    """Return a function that makes a command raise an error, and runs it."""
+    """Return a function that runs a command which raises a given error, and returns its exit code."""
 
     def run_failing(error):
         def doctor():

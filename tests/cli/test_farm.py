@@ -1,4 +1,4 @@
-"""Farms of real workers: the same pixels as a serial render, whoever is killed, stopped or interrupted."""
+"""Farms of real workers render the pixels of one process, even if they are killed, stopped or interrupted."""
 
 import contextlib
 import os
@@ -65,7 +65,7 @@ def test_frames_of_workers_are_those_of_one_process(render, stage, out):
 
 def test_twenty_frames_a_worker_leave_nothing_and_need_no_more_memory(stage, out, tmp_path):
     begun, found, memory = time.time(), {}, []
-    temporary = tmp_path / "temporary"  # its own: other farms of this machine have files in the usual one
+    temporary = tmp_path / "temporary"  # not the usual one, in which other farms have files
     temporary.mkdir()
     flags = ("--res", 8, 0, "--passes", 1, "--beams", 16, "--workers", 2, "-q")
     own_folder = {**os.environ, "TMPDIR": str(temporary)}
@@ -84,7 +84,7 @@ def test_twenty_frames_a_worker_leave_nothing_and_need_no_more_memory(stage, out
     early, late = np.mean(memory[:quarter]), np.mean(memory[-quarter:])
     assert late < 1.1 * early, memory
     assert len(found) >= 2
-    psutil.wait_procs(found.values(), timeout=10)  # Python's resource tracker ends after the command, when it sees that
+    psutil.wait_procs(found.values(), timeout=10)  # Python's resource tracker ends after the command
     assert not [each for each in found.values() if each.is_running() and each.status() != psutil.STATUS_ZOMBIE]
     folders = (temporary, Path.cwd(), out)
     left = [
@@ -115,7 +115,7 @@ def test_killed_and_stopped_workers_cost_no_frame(render, stage, out):
 
 
 def until(ready, seconds=240):
-    """Wait for something to happen."""
+    """Wait until `ready()` is true; fail after so many seconds."""
     end = time.monotonic() + seconds
     while not ready():
         assert time.monotonic() < end, "nothing happened"
@@ -128,7 +128,7 @@ def test_an_interrupted_farm_goes_on_with_another_number_of_workers(render, stag
     process = start("render", stage, "-o", out / "farm.#.exr", *flags, "--workers", 2, "--checkpoint", 0.001)
     until(lambda: list(out.glob("farm.*.checkpoint")) or process.poll() is not None)
     process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=120)  # closes its pipes, too
+    _, stderr = process.communicate(timeout=120)  # this also closes its pipes
     assert process.returncode == 130, stderr
     assert "Interrupted; " in stderr.splitlines()[-1]
     assert list(out.glob("farm.*.checkpoint"))
@@ -153,7 +153,7 @@ def test_what_a_worker_cannot_open_is_told_in_a_sentence(render, stage, out, mon
 
 @pytest.fixture
 def scheduler(tmp_path):
-    """Start a scheduler and two workers as on two hosts: in folders of their own."""
+    """Yield an address, and functions that start a scheduler and workers, in separate folders as on separate hosts."""
     started = []
     port = 18786
 

@@ -1,4 +1,4 @@
-"""What a night on a farm brings: kills, full disks, folders that go, two runs at once. Nothing is lost."""
+"""Faults that a farm must survive without loss: kills, full disks, deleted folders, two runs at once."""
 
 import os
 import random
@@ -20,8 +20,8 @@ from photonbeams.render import stage_frame as frame
 
 KILLS = 3
 
-# A process that has imported what does not start Dr.Jit, and forks a render for each line that it reads: it is killed,
-# and another one begins, a second later instead of five.
+# This process imports the modules that do not start Dr.Jit, and forks a render for each line that it reads: after a
+# kill, the next render starts within one second instead of five.
 FORKS = """
 import os, sys
 import numpy, pxr.Usd, pxr.UsdGeom, pxr.UsdLux, typer, rich.progress
@@ -68,7 +68,7 @@ def test_kills_at_random_moments_lose_one_interval_at_most(render, stage, out):
             if code == 0:
                 break
             assert code == -signal.SIGKILL, log.read_text()
-            with np.load(out / "a.checkpoint") as archive:  # whole, whenever it ended
+            with np.load(out / "a.checkpoint") as archive:  # complete, whenever the kill came
                 passes = sum(int(name.split("/")[1].partition("+")[2]) for name in archive.files if "alpha" in name)
             assert passes > reached
             reached = passes
@@ -78,7 +78,7 @@ def test_kills_at_random_moments_lose_one_interval_at_most(render, stage, out):
 
 
 def test_a_full_disk_ends_no_render_before_its_end(stage, out):
-    """Checkpoints do not fit, and pictures do: the first is told, the second written."""
+    """If the disk has room for pictures but not for checkpoints, the command warns and writes the pictures."""
 
     def limited():
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -29,7 +29,7 @@ def test_an_exr_shows_its_layers_ranges_and_headers(tmp_path, capsys):
     metadata = {"framesPerSecond": Fraction(24), "seed": 7, "worldToCamera": np.eye(4)}
     write_frame(tmp_path / "a.exr", {"depth": depth, "rgba": rgba}, metadata)
     found = lines(capsys, tmp_path / "a.exr")
-    mean = (0.5 * (6 * 8 * 4 - 3) + 3.0) / (6 * 8 * 4 - 1)  # but for the NaN, and the 2 and the 1
+    mean = (0.5 * (6 * 8 * 4 - 3) + 3.0) / (6 * 8 * 4 - 1)  # all are 0.5, except for a NaN, a 2 and a 1
     assert f"rgba RGBA half 8 x 6 0.5 {mean:.5g} 2 1 0" in found
     assert "depth Z float 8 x 6 3 3 3 0 8" in found
     assert "seed 7" in found
@@ -84,7 +84,7 @@ def test_the_keyhole_stage_shows_all_that_a_render_needs(capsys):
         r"^/World/Looks/Keyhole physical x ramp of \d epanechnikov physical physical$",
     ):
         assert re.search(pattern, found, re.MULTILINE), pattern
-    assert not re.search(r"^/World/Portal", found, re.MULTILINE)  # a portal is no mesh
+    assert not re.search(r"^/World/Portal", found, re.MULTILINE)  # a portal is not listed as a mesh
 
 
 def test_a_stage_from_blender_says_what_it_lacks(capsys):

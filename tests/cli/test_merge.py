@@ -1,4 +1,4 @@
-"""Parts of a frame, by passes or by tiles, join to the bits of one render; snapshots show what there is."""
+"""Parts of a frame, by passes or by tiles, merge to the bits of one render; snapshots show the passes so far."""
 
 import os
 import signal
@@ -19,7 +19,7 @@ SMALL = ("--res", 40, 48, "--passes", 6, "--beams", 64, "-q")
 
 @pytest.fixture
 def stage(tmp_path):
-    """Return a stage with two light groups, one of which moves while the shutter is open, and a lens."""
+    """Return a stage with a lens and two light groups, one of which moves while the shutter is open."""
     camera = CAMERA.replace(
         "float focal",
         "double shutter:close = 0.5\n    float fStop = 2\n    float focusDistance = 5\n    float focal",
@@ -105,7 +105,7 @@ def test_tiles_join_without_a_seam(call, render, stage, out, pixel_filter):
 
 
 def test_a_crop_is_that_part_of_the_whole_picture_to_the_bit(stage):
-    """Its corner is on no tile's, the stage has a lens and things that move, and the picture an odd size."""
+    """A crop equals its part of the whole picture, also within tiles, at odd sizes, with a lens and with motion."""
     shot, given = Shot.open(stage), {"passes": 2, "beams": 64, "width": 53, "height": 47}
     whole, part = (shot.render(1, crop=crop, **given).layers for crop in (None, (0.31, 0.23, 0.83, 0.92)))
     assert part["rgba"].shape[:2] == (33, 28) and part["beams_fill"].any()
@@ -161,7 +161,7 @@ def test_more_passes_than_first_asked_go_on_with_what_is_there(call, render, sta
     assert (code, stderr) == (0, "")
     longer = {name: each.astype(np.float64) for name, each in read_layers(out / "a.exr").items()}
     assert int(OpenEXR.File(str(out / "a.exr")).header()["passes"]) == 10
-    # Twice the same slices of the shutter, by other samples: the mean is that of a longer render but for its noise.
+    # Later passes repeat the slices of the shutter with other samples: up to noise, the mean is that of ten passes.
     assert render(stage, "-o", out / "ten.exr", *SMALL, "--passes", 10)[0] == 0
     expected = read_layers(out / "ten.exr")
     assert longer["beams"].mean() == pytest.approx(expected["beams"].mean(), rel=0.05)

@@ -15,7 +15,7 @@ ATTIC, PLATE = EXAMPLES / "attic.usda", EXAMPLES / "plate.exr"
 FOG = ("--scattering", 0.05)
 SMALL = ("--passes", 1, "--beams", 64, "--progress", "none")
 
-# A stage of plain USD, and what a session lays over it.
+# A stage of plain USD, and layers over it for a session.
 BARE = """#usda 1.0
 (
     startTimeCode = 1
@@ -69,7 +69,7 @@ def test_beams_go_over_a_plate_of_cycles_in_exr_and_png(call, tmp_path):
     code, _, stderr = call("render", ATTIC, "-o", tmp_path / "a.exr", "-o", tmp_path / "a.png", *flags)
     assert (code, "Warning" in stderr) == (0, False), stderr
     layers, plate = read_layers(tmp_path / "a.exr"), read_layers(PLATE)["ViewLayer.Combined"]
-    assert layers["rgba"].shape == (180, 320, 4)  # without --res the plate's
+    assert layers["rgba"].shape == (180, 320, 4)  # without --res, the size of the plate
     half = 2**-10 * np.maximum(layers["rgba"][..., :3], 1e-3)  # each of the two is rounded to half precision
     assert np.all(np.abs(layers["rgba"][..., :3] - plate[..., :3] - layers["beams"]) <= half)
     assert np.array_equal(layers["rgba"][..., 3], plate[..., 3])

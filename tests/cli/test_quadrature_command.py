@@ -1,4 +1,4 @@
-"""`photonbeams quadrature` shows the Talk's claim, and the study behind it integrates what the renderer does."""
+"""`photonbeams quadrature` confirms the Talk's claim; its study integrates the same function as the renderer."""
 
 import re
 
@@ -34,7 +34,7 @@ def test_the_studied_integral_is_that_of_the_frustum(across, along):
     look = pb.Look(along=along, across=across, angle=1.0)
     theirs = pb.estimate(beams, chords.origin, chords.direction, look=look, medium=MEDIUM, estimator="frustum",
                          rule=pb.gauss_legendre(12)).numpy().T  # fmt: skip
-    # float32 chords, and profiles that the kernel reads from a table of 1,024 entries over the square of ρ
+    # The chords are float32, and the kernel reads profiles from a table of 1,024 entries over the square of ρ.
     np.testing.assert_allclose(theirs, ours, rtol=2e-3)
     assert np.median(np.abs(theirs / ours - 1)) < 2e-5
 

@@ -84,7 +84,7 @@ def write_stage(path, *prims, metadata="startTimeCode = 7\n    endTimeCode = 9")
 
 @pytest.fixture
 def stage(tmp_path):
-    """Write a stage, the good one unless its prims are given."""
+    """Return a function that writes a stage, with valid prims unless others are given."""
 
     def written(*prims, **more):
         return write_stage(tmp_path / "stage.usda", *(prims or (FOG, CAMERA, LAMP, FLOOR)), **more)
@@ -94,7 +94,7 @@ def stage(tmp_path):
 
 @pytest.fixture
 def render(render):
-    """Call the command, for a picture that is small unless the flags say otherwise."""
+    """Return a function that calls the command, for a small picture unless `small` is false."""
     return lambda *arguments, small=True: render(*arguments, *(SMALL if small else ()))
 
 
@@ -331,7 +331,7 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
 def test_a_wrong_flag_is_refused_before_rendering(render, stage, tmp_path, monkeypatch, flags, parts):
     path = stage()
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(frame, "StageRenderer", None)  # that anything is rendered
+    monkeypatch.setattr(frame, "StageRenderer", None)  # an error if anything is rendered
     fails(render(path, "-o", "a.exr", *SMALL, *flags, small=False), 2, *parts)
     assert [each.name for each in tmp_path.iterdir()] == ["stage.usda"]
 
@@ -553,7 +553,7 @@ def test_odd_names_and_values_render(render, stage, out, tmp_path):
 
 
 def test_an_output_that_cannot_be_written_is_named_before_rendering(render, stage, out, monkeypatch):
-    monkeypatch.setattr(frame, "StageRenderer", None)  # that anything is rendered
+    monkeypatch.setattr(frame, "StageRenderer", None)  # an error if anything is rendered
     (out / "folder.exr").mkdir()
     fails(render(stage(), "-o", out / "folder.exr"), 1, str(out / "folder.exr"), "Is a directory")
     (out / "folder.exr").rmdir()
@@ -573,7 +573,7 @@ def command(*arguments):
 
 
 def test_a_full_disk_leaves_the_old_files_and_no_others(stage, out):
-    # A limit on the size of files stands for it: here the picture still fits, the layers do not.
+    # A limit on the size of files stands for the full disk: the picture fits, the layers do not.
     def limited():
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))

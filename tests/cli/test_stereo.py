@@ -40,7 +40,7 @@ def run(*arguments):
 
 
 def parts(path):
-    """Return view and name of each part, and its pixels."""
+    """Return the pixels of each part, by its view and its name."""
     file = OpenImageIO.ImageInput.open(str(path))
     found, index = {}, 0
     while file.seek_subimage(index, 0):

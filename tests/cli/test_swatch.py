@@ -44,7 +44,7 @@ def test_each_look_is_drawn_in_a_row_of_its_own(capsys, stage, tmp_path):
     assert run(capsys, stage, "-o", both) == (0, f"Wrote {both}", "")
     assert run(capsys, stage, "--look", "One", "-o", one) == (0, f"Wrote {one}", "")
     assert pixels(both).shape[0] == pytest.approx(2 * pixels(one).shape[0], abs=1)
-    # /One comes first, and nothing in its row depends on what comes below.
+    # /One comes first, and its row does not depend on the rows below.
     rows = pixels(one).shape[0] // 2
     assert np.abs(pixels(both)[:rows] - pixels(one)[:rows]).max() < 0.02
 
@@ -120,7 +120,7 @@ def test_pictures_and_curves_show_the_look():
     side = from_the_side(look, specimen, 120, 40)
     left, right = side[15:25, 15], side[15:25, -15]
     assert np.all(left[:, 0] > 2 * left[:, 2]) and np.all(right[:, 2] > 2 * right[:, 0])
-    assert not side[:, 0].any()  # before the light
+    assert not side[:, 0].any()  # left of the light
     section = cross_section(look, specimen, 60)
     assert not section[28:32, 28:32].any() and section[28:32, 5:14].max() > 0.1
     along, across, eye, angle = (values for _, _, values, _ in curves(specimen.bind(look), specimen))

@@ -47,7 +47,7 @@ LAYERS = ["rgba", "surface", "beams", "transmittance", "depth"]
 
 @pytest.fixture
 def scene(tmp_path):
-    """Write the scene, with one text in the place of another."""
+    """Return a function that writes the scene, with one text replaced by another."""
 
     def written(old="", new="", name="scene.xml"):
         assert old in SCENE
@@ -77,7 +77,7 @@ def test_all_outputs_are_written_and_summed_up(render, scene, out):
     assert layers["beams"].max() > 0 and layers["surface"].max() > 0
     assert not np.array_equal(read_image(out / "new" / "b.png"), read_image(out / "c.png"))
     lines = stderr.splitlines()
-    assert lines[:2] == ["pass 0 of 3", "pass 1 of 3"]  # there is no error to tell before there are two
+    assert lines[:2] == ["pass 0 of 3", "pass 1 of 3"]  # an error needs two passes
     assert all(re.fullmatch(rf"pass {number} of 3, error [\d.]+ %", lines[number]) for number in (2, 3))
     assert re.fullmatch(r"3 passes, [\d,]+ beams, \d+ million ray-beam tests", lines[4])
     assert re.fullmatch(r"error [\d.]+ %", lines[6])
@@ -121,10 +121,10 @@ def test_cameras_are_listed_and_chosen(render, scene, out):
 
 
 def scattered_once(density, count=1 << 16):
-    """Return what the fog of the scene shows the front camera, times a constant: the mean over its film.
+    """Return the mean over the front camera's film of the fog's single scattering, times a constant.
 
-    ∫ σ exp(−σ (d + s)) / (d² t² cos³ θ) dV of what the film sees, d from the lamp, t to the eye, s of that in the fog;
-    the points are even in direction and distance from the lamp, which takes d² out.
+    It is ∫ σ exp(−σ (d + s)) / (d² t² cos³ θ) dV over the fog that the film sees: d is the distance to the lamp, t that
+    to the eye, and s the part of t in the fog. Points are uniform in direction and distance from the lamp: d² cancels.
     """
     u = np.random.default_rng(0).random((count, 3))
     z, turn = 2 * u[:, 0] - 1, 2 * np.pi * u[:, 1]
@@ -134,7 +134,7 @@ def scattered_once(density, count=1 << 16):
     d = u[:, 2] * longest
     point = lamp + d[:, None] * way
     t = np.linalg.norm(point - eye, axis=1)
-    s = t * (1 - point[:, 2]) / (4 - point[:, 2])  # the eye sees into the cube by its front, z = 1
+    s = t * (1 - point[:, 2]) / (4 - point[:, 2])  # the eye looks into the cube through its front, z = 1
     depth = (point - eye) @ ahead
     right, up = point[:, 0] / depth, (point - eye) @ np.cross([1, 0, 0], ahead) / depth
     seen = (np.abs(right) < np.tan(np.radians(20))) & (np.abs(up) < 12 / 16 * np.tan(np.radians(20)))
@@ -142,13 +142,13 @@ def scattered_once(density, count=1 << 16):
 
 
 def test_parameters_of_the_file_are_set(render, scene, out):
-    # Guiding would send other light paths through either fog.
+    # Guiding would send different light paths through the two fogs.
     more = '<integer name="max_depth" value="2"/><boolean name="guiding" value="false"/><integer'
     once = scene(INTEGRATOR, INTEGRATOR.replace("<integer", more))
     for name, density in (("a", 0.5), ("b", 0.25)):
         assert render(once, "-o", out / f"{name}.exr", "--set", f"density={density}")[0] == 0
     a, b = (read_layers(out / f"{name}.exr")["beams"].mean() for name in "ab")
-    # Both have the same light paths: the ratio of four seeds spread by 0.3 %.
+    # Both fogs have the same light paths: over four seeds, the ratio had a spread of 0.3 %.
     assert b / a == pytest.approx(scattered_once(0.25) / scattered_once(0.5), rel=0.015)
     fails(render(scene(), "-o", out / "c.exr", "--set", "densitz=1"), 1, "densitz")
     fails(render(scene(), "-o", out / "c.exr", "--set", "density=thick"), 1, "thick")
@@ -171,7 +171,7 @@ def test_flags_are_over_the_integrator_and_the_rest_is_its_own(render, scene, ou
     assert asked.estimator == "billboard"
     assert (own.max_depth, own.time_limit, own.pixel_filter) == (5, None, None)
     assert (asked.max_depth, asked.time_limit, asked.pixel_filter) == (3, 60, "mitchell")
-    assert repr(summed.rule) == "riemann(3)"  # as many points as the file's
+    assert repr(summed.rule) == "riemann(3)"  # the file's number of points
 
 
 def test_a_scene_for_another_integrator_has_our_defaults(render, scene, out):
@@ -205,7 +205,7 @@ def test_layers_are_chosen_and_files_that_are_there_skipped(render, scene, out):
 
 
 def interrupted(monkeypatch, after):
-    """Press Ctrl-C when so many passes are done."""
+    """Send the signal of Ctrl-C when so many passes are done."""
     add_pass = frame.SceneRenderer.add_pass
 
     def pressed(self, number):
@@ -257,7 +257,7 @@ def test_checkpoints_are_written_on_the_way(render, scene, out, monkeypatch):
     monkeypatch.setattr(Checkpoint, "save", lambda self, _: self.due and saved.append(self.path.name))
     assert render(scene(), "-o", out / "a.exr", "--checkpoint", 1e-9)[0] == 0
     assert saved == ["a.checkpoint"] * 2  # not after the last pass
-    assert render(scene(), "-o", out / "a.exr", "--resume")[0] == 0  # without one, from the beginning
+    assert render(scene(), "-o", out / "a.exr", "--resume")[0] == 0  # without a checkpoint, it starts anew
 
 
 def test_a_file_that_is_no_checkpoint_is_named(render, scene, out):
@@ -332,7 +332,7 @@ def test_a_folder_that_cannot_be_written_is_named(render, scene, out):
 def test_the_command_ends_as_a_process_too(scene, out):
     arguments = [sys.executable, "-m", "photonbeams", "render", scene(), "-o", out / "a.exr", "--passes", "39",
                  "--checkpoint", "1000"]  # fmt: skip
-    # Of 39 passes at most, each is told.
+    # With at most 39 passes, each pass prints a line.
     with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
         try:
             for line in process.stderr:

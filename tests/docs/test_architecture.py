@@ -1,4 +1,4 @@
-"""The page for people who change the code names what there is."""
+"""docs/architecture.md names packages, modules and classes that exist."""
 
 import re
 from functools import reduce

@@ -1,9 +1,8 @@
-"""What README.md and docs/ tell a reader to type works: commands, Python, files to save, messages, links.
+"""All that README.md and docs/ tell a reader to type works: commands, Python, files to save, messages, links.
 
-Every `sh` block is run, page by page, in a folder that has the examples, as a reader of the clone has them. Renders are
-made small by flags at the end, where the last one wins, and those that only say again what an earlier command has shown
-end before their first pass: --dry-run still reads and checks the scene and every flag. That each example renders is
-tested in tests/examples.
+Every `sh` block is run, page by page, in a folder with the examples, as in a reader's clone. Flags at the end make
+renders small, since the last one wins. Renders that only repeat what an earlier command has shown end before their
+first pass: --dry-run still reads and checks the scene and every flag. tests/examples checks that each example renders.
 """
 
 import re
@@ -29,7 +28,7 @@ PAGES = {
     "docs/architecture.md": 0, "docs/farm.md": 6, "docs/scale.md": 0, "docs/studio.md": 0, "docs/install.md": 1,
     "docs/performance.md": 0, "docs/glossary.md": 0,
 }  # fmt: skip
-#: Pages of the site alone, which Sphinx checks: tests/docs/test_site.py.
+#: Pages that only the site has, and Sphinx checks: tests/docs/test_site.py.
 SITE = {"docs/index.md", "docs/gallery.md", "docs/changelog.md", "docs/contributing.md"}
 #: First words of commands that set up a machine or need another program.
 SKIPPED = ("make", "apt", "apt-get", "pip", "blender", "git", "dask", "pipx", "uvx")
@@ -46,7 +45,7 @@ def page(name):
 
 @pytest.fixture
 def clone(tmp_path, monkeypatch):
-    """Return a folder with the examples, and `shot.usda`, a stage that pages name without saying which it is."""
+    """Return a folder with the examples, and with `shot.usda`, which pages name as any stage of the reader."""
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     for path in (ROOT / "examples" / "keyhole").glob("*.png"):
         shutil.copy(path, tmp_path)
@@ -56,19 +55,19 @@ def clone(tmp_path, monkeypatch):
 
 
 def call(arguments):
-    """Return the exit code of the command, run in this process: starting one for each takes most of the time."""
+    """Return the exit code of the command, run in this process, because starting a new one takes most of the time."""
     with pytest.raises(SystemExit) as ending:
         main(arguments)
     return ending.value.code or 0
 
 
 def is_skipped(words):
-    """Return whether a command is not run: no command of ours, of a farm (tests/cli), or a server (tests/studio)."""
+    """Return whether a command is not run here: another program, a farm (tests/cli) or a server (tests/studio)."""
     return words[0] in SKIPPED or words[1:2] == ["studio"] or bool({"--workers", "--scheduler"} & set(words))
 
 
 def traits(words):
-    """Return what a render shows: its flags, the kinds of files that it writes, and what it reads, if no example."""
+    """Return what a render demonstrates: its flags, the kinds of its files, and its inputs except for examples."""
     files = {f"{flag} {Path(value).suffix}" for flag, value in pairwise(words) if flag in ("-o", "--picture")}
     read = {word.partition(":")[0] for word in words[2:]} - set(outputs(words))
     own = {file for file in read if not file.startswith("examples/") and Path(file).suffix in (".usda", ".usdc", ".py")}
@@ -77,7 +76,7 @@ def traits(words):
 
 @cache
 def shown_before():
-    """Return the numbers, by page, of the renders whose traits those before them have, and whose files nobody reads."""
+    """Return the numbers, by page, of renders with no new traits, and with no files that a later command reads."""
     known, found = set(), {}
     for name in PAGES:
         words = [each for each in commands(page(name)) if not is_skipped(each)]
@@ -97,7 +96,7 @@ def run(words, dry=False):
     if is_skipped(words):
         return []
     assert words[0] == "photonbeams", f"{words[0]} is neither run nor among those that are skipped: {' '.join(words)}"
-    plain = "".join(word for word in words if " " not in word)  # what has one was quoted: no matter of the shell
+    plain = "".join(word for word in words if " " not in word)  # words with spaces were quoted, safe from the shell
     assert not set("|<>;&$*") & set(plain), f"only plain commands are run here: {' '.join(words)}"
     cheap = [] if "--list-cameras" in words else CHEAP.get(words[1], [])
     if "--pass-range" in words:
@@ -123,12 +122,12 @@ def outputs(words):
 
 
 def written(words):
-    """Return the names of the files that a command's flags name, # as digits."""
+    """Return the names of the files that a command's flags name, as patterns with digits for #."""
     return [re.sub("#+", lambda run: "[0-9]" * len(run[0]), name) for name in outputs(words)]
 
 
 def save_files(name, folder):
-    """Write the files that a page has its reader save; beams.md and stages.md go on from the guide."""
+    """Write the files that a page tells its reader to save; beams.md and stages.md continue from the guide."""
     before = saved_files(page("docs/guide.md")) if name in ("docs/beams.md", "docs/stages.md") else {}
     for file, source in {**before, **saved_files(page(name))}.items():
         (folder / file).write_text(source)
@@ -140,7 +139,7 @@ def test_every_command_runs_and_writes_what_it_names(name, clone):
     asked = [words for words in commands(page(name)) if not is_skipped(words)]
     for number, words in enumerate(asked):
         for path in (path for pattern in written(words) for path in clone.glob(pattern)):
-            path.unlink()  # what an earlier command wrote is no proof
+            path.unlink()  # an earlier command may have written it
         for pattern in run(words, dry=number in shown_before().get(name, ())):
             assert list(clone.glob(pattern)), f"{' '.join(words)} did not write {pattern}"
     assert len(asked) >= PAGES[name]
@@ -178,12 +177,12 @@ def test_every_python_block_runs(name, clone, monkeypatch):
     render = Shot.render
     small = {"passes": 1, "width": 64, "beams": 64}
     monkeypatch.setattr(Shot, "render", lambda shot, *args, **settings: render(shot, *args, **{**settings, **small}))
-    # Mitsuba's own `render` takes the paths of the scene's file; the pilot of methods compiles as much as all the rest.
+    # Mitsuba's own `render` uses the number of paths in the scene's file; the pilot compiles as much as all the rest.
     given = integrator._settings
     monkeypatch.setattr(integrator, "_settings", lambda each: replace(given(each), beams=256, method="beams"))
     names = {}
     for index, source in enumerate(blocks(page(name), "python")):
-        # A page's blocks go on from one another, as they do for its reader.
+        # Each block of a page continues from those before it, as for its reader.
         script = clone / f"block{index}.py"
         script.write_text(source)
         names = runpy.run_path(str(script), init_globals={k: v for k, v in names.items() if not k.startswith("__")})
@@ -195,7 +194,7 @@ def test_every_python_block_runs(name, clone, monkeypatch):
 
 GOOD = ["render", "dusty.usda", "-o", "a.png", "--dry-run"]
 STRICT = [*GOOD, "--strict"]
-#: What provokes each message of the guide: a change of its layer, and a command.
+#: A change of the guide's layer and a command that provoke each of its messages.
 PROVOKED = {
     "there is no fog": ((), ["render", "examples/blender/attic.usda", *STRICT[2:]]),
     "nothing makes beams": ((), [*STRICT, "--set", "/Attic/Spot/Spot.photonbeams:enabled=0"]),

@@ -1,4 +1,4 @@
-"""docs/looks.md says what the schema says, and what it shows works."""
+"""docs/looks.md agrees with the schema, and its examples work."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Every public name says in its docstring what it is, what it takes, and how it is used; its examples run."""
+"""The docstring of every public name describes its parameters and has examples, which run."""
 
 import doctest
 import inspect
@@ -37,9 +37,9 @@ def public(name):
 
 
 def documented(subject):
-    """Return the names that a docstring describes, "s" and "t" of "s, t", without the stars of "**more".
+    """Return the names that a docstring describes: "s" and "t" for "s, t", and "more" for "**more".
 
-    A class may leave attributes to a public base class, if it names that in `backquotes`.
+    A class may leave the description of attributes to a public base class that it names in `backquotes`.
     """
     text = inspect.getdoc(subject) or ""
     sections = NumpyDocString(text)
@@ -50,7 +50,7 @@ def documented(subject):
 
 
 def parameters(subject):
-    """Return the names of what a caller passes."""
+    """Return the names of the parameters that a caller passes."""
     if is_dataclass(subject):
         return {each.name for each in fields(subject) if each.init and not each.name.startswith("_")}
     made = subject.__init__ if inspect.isclass(subject) else subject
@@ -61,7 +61,7 @@ def parameters(subject):
 
 
 def methods(subject):
-    """Return the public methods that a class itself defines, and of those that it overrides the first definition."""
+    """Return the names of the public methods that a class itself defines."""
     if not inspect.isclass(subject):
         return []
     names = [name for name in vars(subject) if not name.startswith("_")]
@@ -78,7 +78,7 @@ def test_a_public_name_describes_what_it_takes(name):
         if first is subject:
             taken = parameters(getattr(subject, method))
             text = inspect.getdoc(getattr(subject, method)) or ""
-            # What one line says whole needs no table: it names its parameters in `backquotes`.
+            # A docstring of one line needs no table: it names the parameters in `backquotes`.
             named = documented(getattr(subject, method)) | set(re.findall(r"`(\w+)`", text))
             assert text, f"{name}.{method}"
             assert taken - named == set(), f"{name}.{method}"

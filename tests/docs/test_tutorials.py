@@ -1,4 +1,4 @@
-"""The tutorials run from their first cell to their last, and what is stored of them is fit to be looked at."""
+"""The tutorials run from their first cell to their last, and their stored outputs are complete and small."""
 
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ from nbclient import NotebookClient
 import photonbeams as pb
 
 FOLDER = Path(__file__).parents[2] / "docs" / "tutorials"
-# What is put behind the first cell, and how many pictures there are.
+# The line that is added to the first cell, and the number of pictures.
 TINY = {
     "talk": ("WIDTH, HEIGHT = 32, 18", 10),
     "caustic": ("WIDTH, PASSES, SAMPLES = 32, 1, 2", 1),
@@ -35,7 +35,7 @@ def test_each_tutorial_is_tried():
 @pytest.mark.parametrize("name", TINY)
 def test_every_cell_runs(name, monkeypatch, tmp_path):
     for variable in ("IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR"):
-        monkeypatch.setenv(variable, str(tmp_path))  # nothing of the user's own is used, or written
+        monkeypatch.setenv(variable, str(tmp_path))  # the user's own files are neither used nor written
     own, more = str(Path(pb.__file__).parents[1]), os.getenv("PYTHONPATH")
     monkeypatch.setenv("PYTHONPATH", f"{own}{os.pathsep}{more}" if more else own)
     sizes, pictures = TINY[name]

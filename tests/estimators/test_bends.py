@@ -1,4 +1,4 @@
-"""Curving beams: pieces between two planes against float64 twins, and chains of them against the curve itself."""
+"""Curved beams: single pieces between two planes against float64 twins, and polylines against the curve itself."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ EXTINCTION = np.array(MEDIUM.extinction)
 
 
 def bent_beam(rng, **given):
-    """Return a piece of a curve whose planes slant by up to 45 degrees, either way."""
+    """Return a piece of a curve whose planes slant by up to 45 degrees in any direction."""
     beam = random_beam(rng, offset=0.5, total=4.0, entry=0.75, **given)
     beam.radius_start, beam.radius_end = as_float32(rng.uniform(0.1, 0.3, 2)).tolist()
     ends = np.cross(beam.axis, rng.normal(size=(2, 3)))
@@ -47,8 +47,8 @@ def test_a_piece_of_a_curve_equals_its_twin(estimator, name, walled, rng):
             wall = -beam.axis + 0.4 * rng.normal(size=3)
             beam.end_normal = as_float32(wall / np.linalg.norm(wall))
         found, expected, places = beside_the_twin(beam, name, estimator, rng)
-        # As without planes. What the chord through a wall that is no cone errs by, after three refinements, shows on a
-        # hard rim alone, and most where a ray grazes it: it weighs next to nothing where the profile ends at zero.
+        # As without planes. The wall is not a cone, and the chord through it is found by three refinements: the error
+        # shows only at a hard rim, mostly where a ray grazes it, and is negligible where the profile falls to zero.
         hard = name == "uniform" and estimator == "frustum"
         allowed = places + (40 * EPSILON32 * 4 / 0.02 + 1e-4 * hard) * expected.max() + 1e-12
         assert np.mean(np.any(np.abs(found - expected) > allowed, axis=1)) <= 0.003 * hard
@@ -70,11 +70,11 @@ def test_a_straight_beam_in_eight_pieces_equals_the_whole_one(estimator, end, rn
     for look, _ in LOOKS.values():
         expected = radiance(whole, origin, direction, look, estimator)
         found = radiance(chain, origin, direction, look, estimator)
-        # Of the billboard's factors none knows of ends. The frustum's chords end at the planes, and `auto` hands over
-        # to it beside them: what the two estimates differ by, 0.5 % (issue 2), is in the difference.
+        # None of the billboard's factors depends on the ends. The frustum's chords end at the planes, and near them
+        # `auto` switches to the frustum: the two estimates may differ there by 0.5 % (issue 2).
         tolerance = 5e-3 if estimator == "auto" else 40 * EPSILON32 * 4 / 0.1
         error = np.abs(found - expected).max(axis=1)
-        # A ray may pass a plane within a rounding error, where the two pieces' answers may both be "not mine".
+        # Where a ray passes a plane within a rounding error, it may miss both of the pieces.
         assert np.quantile(error, 0.995) <= tolerance * expected.max()
 
 
@@ -84,7 +84,7 @@ RADIUS, BOW, TURN = 0.1, 1.0, 0.75 * np.pi
 
 
 def arc(count, taper=0.0, colours=(1.0, 1.0, 1.0)):
-    """Return an arc of a circle about the z axis in so many pieces, cut across the circle at its two ends."""
+    """Return an arc of a circle about the z axis in `count` pieces, with ends perpendicular to the circle."""
     turn = np.linspace(0, TURN, count + 1)
     points = BOW * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
     numbers = curved(points, RADIUS * (1 + taper * turn / TURN), colours).arrays()
@@ -94,7 +94,7 @@ def arc(count, taper=0.0, colours=(1.0, 1.0, 1.0)):
 
 
 def along_the_arc(origin, direction, taper=0.0, far=6.0, count=4000):
-    """Return the radiance of a bent tube, by points on the rays: the nearest point of the circle is known."""
+    """Return the radiance of a bent tube by a sum over points on the rays; the nearest point of the circle is known."""
     t = (np.arange(count) + 0.5) / count * far
     result = []
     for o, d in zip(np.broadcast_to(origin, direction.shape), direction, strict=True):
@@ -113,7 +113,7 @@ def on_arc(turn, out=1.0, up=0.0):
     return np.array([out * BOW * np.cos(turn), out * BOW * np.sin(turn), up])
 
 
-#: Camera and what it looks at; the arc begins at (1, 0, 0) and goes toward +y.
+#: Camera position and target; the arc begins at (1, 0, 0) and runs toward +y.
 CURVE_VIEWS = {
     "from above": ((0.3, 0.4, 3.0), (0.3, 0.4, 0)),
     "from its edge": ((3.0, 0.3, 0.02), (0, 0.3, 0)),
@@ -128,7 +128,7 @@ CURVE_VIEWS = {
 @pytest.mark.parametrize("taper", [0.0, 0.8])
 @pytest.mark.parametrize("view", CURVE_VIEWS)
 def test_a_curve_in_pieces_converges_with_the_square_of_their_number(view, taper):
-    """8, 64 and 512 pieces converge to one picture, the camera inside included (issue 4)."""
+    """The error falls with the square of the number of pieces, also for a camera inside the beam (issue 4)."""
     origin, target = CURVE_VIEWS[view]
     direction = pixel_directions(np.subtract(target, origin) + 1e-3, 28, 16, 1.0)
     expected = along_the_arc(np.asarray(origin, dtype=float), direction, taper)
@@ -136,16 +136,16 @@ def test_a_curve_in_pieces_converges_with_the_square_of_their_number(view, taper
     for count in (8, 16, 32, 64, 512):
         found = radiance(arc(count, taper), origin, direction, pb.Look(), "auto", rule=pb.gauss_legendre(6))
         errors.append(np.linalg.norm(found - expected) / np.linalg.norm(expected))
-    # The chord's distance from the arc, its length and its direction all err by the square of a piece's length.
+    # The chord's distance from the arc, its length and its direction have errors of second order in a piece's length.
     assert np.polyfit(np.log([8, 16, 32, 64]), np.log(errors[:4]), 1)[0] == pytest.approx(-2, abs=0.3)
-    # Below lie the sum over the ray's points, 1/400 of the tube's width apart, and the blend's 0.5 % (issue 2).
+    # What remains is the error of the sum over the ray's points, 0.0015 apart, and the blend's 0.5 % (issue 2).
     assert errors[3] < 5e-3 and errors[4] < 1.5e-3
 
 
 @pytest.mark.parametrize("estimator", ["frustum", "auto"])
 @pytest.mark.parametrize("view", ["from above", "at a slant", "inside, across"])
 def test_along_a_curve_no_joint_shows(estimator, view):
-    """Brightness along the curve has no steps at its joints, and no more of a ripple than its facets have."""
+    """Radiance along the curve has no steps at the joints, and no more ripple than the facets cause."""
     turn = np.linspace(0.35, 1.05, 1401)
     places = np.stack([on_arc(each, 1.04, 0.03) for each in turn])
     eyes = {
@@ -158,8 +158,8 @@ def test_along_a_curve_no_joint_shows(estimator, view):
     pieces = 48  # of 2.8 degrees
     found = radiance(arc(pieces, 0.5, (1, 1, 1)), eyes, direction, LOOKS["physical"][0], estimator, rule=CONVERGED)
     steps = np.abs(np.diff(found, axis=0)).max(axis=1) / found.max()
-    # What is smooth changes by its slope times a step of 1/2000 rad: the facets' ripple, an eighth of the square of
-    # their angle against the radius, comes and goes once a piece.
+    # A smooth function changes by its slope times the step of 1/2000 rad. The facets add a ripple with one period per
+    # piece; its height is the sagitta of a piece relative to the beam's radius.
     ripple = (TURN / pieces) ** 2 / 8 * BOW / RADIUS
     smooth = np.abs(np.diff(along_the_arc(eyes[::50], direction[::50], 0.5), axis=0)).max() / 50 / found.max()
     assert steps.max() <= 2 * smooth + 6 * ripple / (TURN / pieces) * (turn[1] - turn[0]) + 20 * EPSILON32 * 100
@@ -167,7 +167,7 @@ def test_along_a_curve_no_joint_shows(estimator, view):
 
 
 def test_without_planes_the_joints_of_the_same_curve_do_show():
-    """The comparison that the test above would not pass: pieces cut straight across."""
+    """Pieces that are cut perpendicular to their axes show steps at the joints, so the test above would fail."""
     turn = np.linspace(0.35, 1.05, 1401)
     places, eyes = np.stack([on_arc(each, 1.04, 0.03) for each in turn]), np.array([0.3, 0.4, 3.0])
     direction = (places - eyes) / np.linalg.norm(places - eyes, axis=1, keepdims=True)
@@ -188,11 +188,11 @@ def test_a_curve_that_moves_is_at_each_time_the_curve_there(rng):
         between = {name: (1 - time) * open_.arrays()[name] + time * moved.arrays()[name] for name in open_.arrays()}
         expected = radiance(pb.Beams(**between), origin, direction, pb.Look(), "auto")
         found = radiance(open_, origin, direction, pb.Look(), "auto", close=moved, time=np.full(len(direction), time))
-        # Planes are normalised once more, and their places rounded again.
+        # Interpolated planes are normalised again, and their positions are rounded again.
         assert np.linalg.norm(found - expected) <= 1e-4 * np.linalg.norm(expected)
 
 
-# -- Chains ------------------------------------------------------------------------------------------------------------
+# -- Polylines ---------------------------------------------------------------------------------------------------------
 
 
 def test_pieces_share_the_plane_that_halves_the_bend():

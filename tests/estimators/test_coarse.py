@@ -1,4 +1,4 @@
-"""Fewer rays than pixels, against all pixels' own rays."""
+"""Pictures from fewer rays than pixels, against pictures from a ray for every pixel."""
 
 import drjit as dr
 import numpy as np
@@ -27,7 +27,7 @@ PLACE = (0.3, 0.6)
 
 
 def fan(rng, count, radius=0.3):
-    """Return beams across the picture, that begin and end beside it."""
+    """Return beams that cross the picture and begin and end outside it."""
     y = rng.uniform(-1.5, 1.5, (count, 2))
     z = rng.uniform(-7, -4, (count, 2))
     start, end = (np.stack([np.full(count, x), y[:, i], z[:, i]], axis=1) for i, x in enumerate((-9.0, 9.0)))
@@ -99,13 +99,13 @@ def test_a_step_of_a_ramp_is_found(rng):
 
 
 def test_no_light_crosses_an_edge_of_depth(rng):
-    # Things before the fan, behind it, and amid it, with edges anywhere.
+    # Surfaces in front of the fan, behind it and within it, with edges at arbitrary pixels.
     depth = rng.choice([2.0, 5.5, 12.0], (8, 13)).repeat(30, 0).repeat(32, 1)[:HEIGHT, :WIDTH]
     beams = fan(rng, 64)
     exact, fast = (seen(beams, each, t_max=depth)[0] for each in (0.0, TOLERANCE))
     assert not exact[depth < 3].any()
     np.testing.assert_array_equal(fast[depth < 3], 0)
-    # An end 32 pixels away says nothing of what lies behind: pixels beside an edge are as right as all others.
+    # Rays across an edge cannot predict what lies behind it: pixels beside an edge are as accurate as all others.
     edge = np.abs(np.diff(depth, axis=1, prepend=depth[:, :1])) > 0
     bright = edge & (exact.mean(axis=2) > 0.05 * exact.mean())
     assert bright.any()
@@ -113,7 +113,7 @@ def test_no_light_crosses_an_edge_of_depth(rng):
 
 
 def test_a_plane_that_cuts_the_beams_is_no_edge(rng):
-    # A slanted wall amid the fan: inverse depths are linear on the screen.
+    # A slanted wall within the fan: its inverse depth is linear on the screen.
     depth = 1 / np.linspace(1 / 4.5, 1 / 7, WIDTH)[None, :].repeat(HEIGHT, 0)
     beams = fan(rng, 512, radius=0.5)
     (exact, all_tests), (fast, tests) = (seen(beams, each, t_max=depth) for each in (0.0, TOLERANCE))
@@ -124,7 +124,7 @@ def test_a_plane_that_cuts_the_beams_is_no_edge(rng):
 def test_rims_of_a_beam_are_as_they_are():
     beams = pb.Beams([[-0.8, 0.0, -5.0]], [[0.9, 0.3, -5.0]], 0.5, 0.5, [[1, 1, 1]])
     exact, fast = (seen(beams, each)[0] for each in (0.0, TOLERANCE))
-    # A rim is an edge: what is allowed of it is a part of what lies beside.
+    # A rim is an edge: the tolerance there is relative to the brightest radiance.
     assert np.abs(fast - exact).max() < 8 * TOLERANCE * exact.max()
 
 
@@ -132,7 +132,7 @@ def test_a_crop_window_has_the_same_rays_in_step(rng):
     crop = (37, 21, 253, 149)
     beams = fan(rng, 512, radius=0.5)
     whole, part = seen(beams)[0][crop[1] : crop[3], crop[0] : crop[2]], seen(beams, crop=crop)[0]
-    # At its own border, where the whole picture interpolates, it is exact.
+    # At its border, where the whole picture interpolates, the crop is exact.
     assert np.median(errors(part, whole)) < 0.1 * TOLERANCE
     assert errors(part, whole).max() < 8 * TOLERANCE
 

@@ -1,4 +1,4 @@
-"""Fewer rays behind mirrors: what they say of the others, against looking along all."""
+"""Fewer rays behind mirrors: radiance interpolated from some rays, against radiance evaluated along all of them."""
 
 import drjit as dr
 import numpy as np
@@ -15,11 +15,11 @@ from photonbeams.runtime.device import Array2f, Array3f, Float, UInt32
 
 WIDTH, HEIGHT, TOLERANCE = 400, 220, 0.002
 PLACE = (0.3, 0.6)
-MIRROR = np.array([0.6, 0.0, 0.8])  # its normal; it stands 3 in front of the camera
+MIRROR = np.array([0.6, 0.0, 0.8])  # its normal; the mirror is 3 units in front of the camera
 
 
 def pixels(rng, corner=(0, 0)):
-    """Return pixels' columns and rows, and where their rays pass the film: every second one at the same place."""
+    """Return columns, rows and film positions of pixels; the place in a pixel is PLACE if column and row are even."""
     y, x = (each.ravel() for each in np.mgrid[:HEIGHT, :WIDTH])
     even = ((x + corner[0]) % 2 == 0) & ((y + corner[1]) % 2 == 0)
     place = np.where(even[:, None], PLACE, rng.random((len(x), 2)))
@@ -27,7 +27,7 @@ def pixels(rng, corner=(0, 0)):
 
 
 def reflected(film, far=8.0):
-    """Return the rays that a plane mirror sends on, as long as `far` says."""
+    """Return the rays that a plane mirror reflects, of the length `far`."""
     ndc = (film - [WIDTH / 2, HEIGHT / 2]) / WIDTH
     ahead = np.concatenate([ndc, np.ones((len(ndc), 1))], axis=1)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
@@ -41,7 +41,7 @@ def reflected(film, far=8.0):
 
 
 def images(film, number=0, corner=(0, 0), least=0.0):
-    """Return the rays of all pixels as parts of the pictures `number`."""
+    """Return the `RayImages` of all pixels' rays; `number` is the picture that each ray belongs to."""
     count = len(film)
     return RayImages(
         Lattice.of(WIDTH, HEIGHT, corner, Array2f(*PLACE)), (WIDTH, HEIGHT),
@@ -51,7 +51,7 @@ def images(film, number=0, corner=(0, 0), least=0.0):
 
 
 class Field:
-    """Radiance by ray, and which rays were looked along."""
+    """The radiance of each ray, and a record of the rays that were evaluated."""
 
     def __init__(self, radiance):
         self.radiance, self.looked = radiance, []
@@ -61,7 +61,7 @@ class Field:
         return Array3f(dr.gather(Float, to_float(self.radiance), index))
 
     def seen(self, images, rays):
-        """Return the radiance of all rays, having checked that none was looked along twice."""
+        """Return the radiance of all rays, and check that none is evaluated twice."""
         result = images.radiance(rays, self).numpy()[0]
         looked = np.concatenate(self.looked)
         assert len(np.unique(looked)) == len(looked)
@@ -70,7 +70,7 @@ class Field:
 
     @property
     def part(self):
-        """The part of rays that were looked along."""
+        """The fraction of rays that were evaluated."""
         return sum(map(len, self.looked)) / len(self.radiance)
 
 
@@ -103,7 +103,7 @@ def test_what_is_grainy_but_faint_in_its_pixel_is_not(rng):
 
 
 def test_pictures_do_not_mix(rng):
-    """The left half is one branch, the right half another and a hundred times as bright."""
+    """Radiance is not interpolated between branches: the right half is another one, a hundred times as bright."""
     x, _, film = pixels(rng)
     right = x >= 201
     field = Field(waves(film) * np.where(right, 100, 1))
@@ -115,7 +115,7 @@ def test_pictures_do_not_mix(rng):
 def test_rays_that_end_elsewhere_than_their_neighbours_are_looked_along(rng):
     x, y, film = pixels(rng)
     board = (np.abs(x - 150) < 30) & (np.abs(y - 100) < 40)
-    field = Field(waves(film) * np.where(board, 0.999, 1))  # what is seen tells nothing of the edge
+    field = Field(waves(film) * np.where(board, 0.999, 1))  # the radiance does not show the edge
     field.seen(images(film), reflected(film, far=np.where(board, 4.0, 8.0)))
     looked = np.zeros(len(film), dtype=bool)
     looked[np.concatenate(field.looked)] = True
@@ -126,7 +126,7 @@ def test_rays_that_end_elsewhere_than_their_neighbours_are_looked_along(rng):
         grid[np.where(amid, cell[:, 1] + j, 0), np.where(amid, cell[:, 0] + i, 0)] for i in (0, 2) for j in (0, 2)
     ]
     (u, v), (a, b, c, d) = ((film - PLACE - cell) / 2).T, corners
-    told = (1 - u) * ((1 - v) * a + v * b) + u * ((1 - v) * c + v * d)  # what part of the board they foretell
+    told = (1 - u) * ((1 - v) * a + v * b) + u * ((1 - v) * c + v * d)  # the fraction of the board, by its corners
     assert looked[amid & (np.abs(told - board) > 0.01)].all()
     assert field.part < 0.4
 

@@ -1,4 +1,4 @@
-"""The estimators toward any rays, against float64 twins, closed forms, and each other."""
+"""The estimators for arbitrary rays, against float64 twins, closed forms, and each other."""
 
 import inspect
 
@@ -64,7 +64,7 @@ LOOKS = {
 
 
 def artful(s, distance, r, t, P, cosine):
-    """Return the last of these looks' factors, (…, 3)."""
+    """Return the product of the factors of the last of these looks, (…, 3)."""
     along = 0.6 + 0.4 * s * np.sin(2 * P[..., 0] - P[..., 1])
     eye = np.exp(-0.3 * t) * (1.5 + np.cos(P[..., 2]))
     angle = 1 + 0.5 * cosine * s
@@ -87,12 +87,12 @@ def radiance(beams, origin, direction, look, estimator, **given):
 
 
 def as_float32(values):
-    """Return numbers that float32 holds, so that a twin sees what the kernel sees."""
+    """Return numbers rounded to float32, so that a twin and the kernel have the same input."""
     return np.asarray(values, dtype=np.float32).astype(np.float64)
 
 
 def random_beam(rng, **given):
-    """Return a cone of any taper, every sixth of them pointed."""
+    """Return a cone with a random taper; about one in six is pointed."""
     start, end = as_float32(rng.uniform(-1, 1, (2, 3)))
     radii = as_float32(rng.uniform(0.02, 0.3, 2) * (rng.uniform(size=2) > 1 / 12))
     if not radii.any():
@@ -113,10 +113,10 @@ def random_rays(rng, beam, count=400):
 
 
 def smooth_part(beam, look, origin, direction, t_min, t_max, reference, distance):
-    """Return how much the twin changes where the ray is moved by `distance`: what rounding may cost.
+    """Return how much the twin changes when the ray is moved by `distance`: the error that rounding may cause.
 
-    The estimates have steps (an end, a surface) and endless slopes (the rim of a profile). There float32 may answer
-    what the twin answers a rounding error farther on.
+    The estimates have steps (an end, a surface) and infinite slopes (the rim of a profile). There the result in float32
+    may be that of the twin for a ray that is a rounding error away.
     """
     change = np.zeros_like(reference)
     for shift in distance * np.concatenate([np.eye(3), -np.eye(3)]):
@@ -127,10 +127,10 @@ def smooth_part(beam, look, origin, direction, t_min, t_max, reference, distance
 
 
 def beside_the_twin(beam, name, estimator, rng):
-    """Return what random rays see of a beam, the twin's answer, and what rounding may cost a billboard."""
+    """Return the radiance of a beam along random rays, that of the twin, and the rounding error of a billboard."""
     look, double = LOOKS[name]
     origin, direction = random_rays(rng, beam)
-    # Nearer to the axis the billboard is singular, and `auto` does not use it.
+    # For rays closer to the axis' direction the billboard is singular, and `auto` does not use it.
     keep = (np.linalg.norm(np.cross(direction, beam.axis), axis=1) > 0.1) | (estimator == "frustum")
     origin, direction = origin[keep], direction[keep]
     expected = getattr(twin, estimator)(beam, double, origin, direction)
@@ -147,16 +147,16 @@ def test_billboard_equals_its_twin_on_random_beams_and_rays(name, rng):
     for _ in range(12):
         beam = random_beam(rng)
         origin, direction = random_rays(rng, beam)
-        # Nearer to the axis the billboard is singular, and `auto` does not use it.
+        # For rays closer to the axis' direction the billboard is singular, and `auto` does not use it.
         keep = np.linalg.norm(np.cross(direction, beam.axis), axis=1) > 0.1
         origin, direction = origin[keep], direction[keep]
         t_min = as_float32(rng.uniform(0.01, 0.3, len(origin)))
         t_max = as_float32(t_min + rng.uniform(0.5, 4, len(origin)))
         expected = twin.billboard(beam, double, origin, direction, t_min, t_max)
         found = radiance(beam, origin, direction, look, "billboard", t_min=t_min, t_max=t_max)
-        # Positions are rounded to EPSILON32 of up to 4 units, and closest approach divides that by sin² ≥ 0.01.
+        # Positions of up to 4 units are rounded to EPSILON32, and the closest approach divides that by sin² ≥ 0.01.
         places = smooth_part(beam, double, origin, direction, t_min, t_max, expected, 4 * EPSILON32 / 0.01)
-        # Some 30 roundings, and a profile from a table of 1024 entries, whose error is 1024⁻² of its curvature.
+        # Some 30 roundings, and a profile in a table of 1024 entries, whose error is 1024⁻² of its curvature.
         assert np.all(np.abs(found - expected) <= 2 * places + (30 * EPSILON32 + 2e-5) * expected.max() + 1e-12)
         assert np.count_nonzero(expected[:, 0]) > 20
 
@@ -171,8 +171,8 @@ def test_frustum_equals_its_twin_on_random_beams_and_rays(name, rng):
         t_max = as_float32(t_min + rng.uniform(0.5, 4, len(origin)))
         expected = twin.frustum(beam, double, origin, direction, t_min, t_max)
         found = radiance(beam, origin, direction, look, "frustum", t_min=t_min, t_max=t_max)
-        # A chord's ends are known to a few EPSILON32 of 4 units, against chords and radii of 0.02 and more; at a
-        # pointed end the kernel goes on as 1/R², so relative to the largest value.
+        # A chord's ends are accurate to a few EPSILON32 of 4 units; chords and radii are 0.02 and more. At a pointed
+        # end the kernel grows as 1/R², so the tolerance is relative to the largest value.
         assert np.abs(found - expected).max() <= 40 * EPSILON32 * 4 / 0.02 * expected.max()
         assert np.count_nonzero(expected[:, 0]) > 100
 
@@ -181,7 +181,7 @@ def test_frustum_equals_its_twin_on_random_beams_and_rays(name, rng):
 
 
 def cylinder_integral(origin, direction, radius, length, extinction):
-    """Return ∫ exp(−σt (t + s(t))) dt over the ray's part in a cylinder along z, as theory.md's oracle 1 has it."""
+    """Return ∫ exp(−σt (t + s(t))) dt over the ray's part in a cylinder along z, in closed form."""
     c = direction[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         a = np.sum(direction[:, :2] ** 2, axis=1)
@@ -196,7 +196,7 @@ def cylinder_integral(origin, direction, radius, length, extinction):
 
 
 def test_frustum_equals_the_closed_form_in_a_cylinder_of_constant_profile():
-    # From inside, along the axis, against it, and everything between; c = −1 is the formula's limit.
+    # Rays from inside, at all angles from along the axis to against it; at c = −1 the formula is a limit.
     angles = np.concatenate([np.linspace(0, np.pi, 181), [np.pi - 1e-3, np.pi - 1e-5]])
     direction = np.stack([np.sin(angles), np.zeros_like(angles), np.cos(angles)], axis=1)
     direction[angles == np.pi] = (0, 0, -1)
@@ -209,7 +209,7 @@ def test_frustum_equals_the_closed_form_in_a_cylinder_of_constant_profile():
         parts = [cylinder_integral(origin, direction, radius, length, e) for e in medium.extinction]
         expected = np.stack(parts, axis=1) / (np.pi * radius**2)
         found = radiance(beam, at, direction, look, "frustum", medium=medium)
-        # The chord's end at the wall loses 1/sin θ of the direction's rounding, against a length of 2.
+        # At the wall the chord's end errs by the direction's rounding over sin θ, against a length of 2.
         np.testing.assert_allclose(found, expected, rtol=3e-5)
 
 
@@ -234,14 +234,14 @@ def test_six_points_are_enough_in_that_cylinder():
 
 # -- Where the camera is ----------------------------------------------------------------------------------------------
 
-#: Around the cone from (−1, 0.25, 0.5), along (2, 1, −0.5), with radii 0.1 and 0.3.
+#: A cone from (−1, 0.25, 0.5), along (2, 1, −0.5), with radii 0.1 and 0.3.
 CONE = Beam(np.array([-1.0, 0.25, 0.5]), np.array([1.0, 1.25, 0.0]), 0.1, 0.3, power=(1.0, 0.5, 2.0))
 SIDE = np.cross(CONE.axis, (0.0, 1.0, 0.0))
 SIDE /= np.linalg.norm(SIDE)
 
 
 def at(along, across):
-    """Return a point at a fraction of CONE's length and a distance from its axis, in radii there."""
+    """Return a point at a fraction of CONE's length; its distance from the axis is in units of the radius there."""
     s = along * CONE.length
     return as_float32(CONE.start + s * CONE.axis + across * CONE.radius(s) * SIDE)
 
@@ -262,7 +262,7 @@ CAMERAS = {
 
 
 def directions_all_around(count=3000):
-    """Return directions spread over the sphere, and CONE's axis both ways with its near surroundings."""
+    """Return directions spread over the sphere, and directions along CONE's axis and near it, both ways."""
     z = 1 - 2 * (np.arange(count) + 0.5) / count
     turn = np.pi * (1 + 5**0.5) * np.arange(count)
     sphere = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=1)
@@ -278,9 +278,9 @@ def test_the_camera_may_be_anywhere(camera):
     directions = directions_all_around()
     expected = twin.frustum(CONE, double, CAMERAS[camera], directions)
     converged = radiance(CONE, CAMERAS[camera], directions, look, "frustum")
-    # As for random rays; a tangent's chord begins with an endless slope, but the profile is zero there.
+    # As for random rays. The chord's length has an infinite slope at a tangent, but the profile is zero there.
     assert np.abs(converged - expected).max() <= 40 * EPSILON32 * 4 / 0.1 * expected.max()
-    # The blend may err by 0.5 % of the picture (issue 2), and by ten times that nowhere in it.
+    # The blend may err by 0.5 % over the picture (issue 2), and by at most ten times that in any direction.
     blend = radiance(CONE, CAMERAS[camera], directions, look, "auto", rule=pb.gauss_legendre(6))
     assert np.linalg.norm(blend - expected) <= 0.005 * np.linalg.norm(expected)
     assert np.abs(blend - expected).max() <= 0.05 * expected.max()
@@ -290,7 +290,7 @@ def test_the_camera_may_be_anywhere(camera):
 @pytest.mark.parametrize("estimator", ["billboard", "frustum", "auto"])
 @pytest.mark.parametrize("taper", [0.0, 0.1])
 def test_looking_along_the_axis_is_finite(estimator, taper, rng):
-    # Rounded cosines pass 1 here; without any factor that changes nothing else hands the ray to the frustum.
+    # Rounded cosines exceed 1 here; with constant factors, nothing but the angle hands the ray to the frustum.
     axes = rng.normal(size=(50, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     look = pb.Look(along=1.0, eye=1.0, angle=1.0)
@@ -333,7 +333,7 @@ BLENDED = {
 }
 
 
-# -- One family -------------------------------------------------------------------------------------------------------
+# -- The thin limit ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["physical", "uniform", "place, radius and view"])
@@ -358,7 +358,7 @@ def test_billboard_equals_frustum_in_the_thin_limit(name, rng):
 
 @pytest.mark.parametrize("name", BLENDED)
 def test_every_looks_billboard_nears_the_frustum_as_beams_become_thin(name, rng):
-    """Of first order at least: a look with a corner has it where the beam does not, and noise is rough."""
+    """The difference falls at least with first order: corners of looks and noise may prevent second order."""
     medium, errors = pb.Medium((2.0, 1.0, 0.5), 0.0, 0.3), []
     place, turn, aside = rng.uniform(0.3, 0.7, 800), rng.uniform(0.6, 2.5, 800), rng.uniform(-0.9, 0.9, 800)
     direction = np.stack([np.sin(turn), np.zeros(800), np.cos(turn)], axis=1)
@@ -368,7 +368,7 @@ def test_every_looks_billboard_nears_the_frustum_as_beams_become_thin(name, rng)
         given = {"medium": medium, "look": BLENDED[name]}
         thin, thick = (radiance(beam, origin, direction, estimator=each, **given) for each in ("billboard", "frustum"))
         errors.append(np.linalg.norm(thin - thick) / np.linalg.norm(thick))
-    # A tabulated profile with corners and its tabulated projection differ by half a thousandth, however thin.
+    # A tabulated profile with corners and its tabulated projection differ by half a thousandth for any radius.
     assert errors[1] < max(0.5 * errors[0], 5e-4) and errors[2] < max(0.5 * errors[1], 5e-4)
     assert errors[2] < 0.01
 
@@ -383,7 +383,7 @@ def test_a_beam_that_ends_on_a_slanted_surface_is_cut_by_its_plane(estimator, rn
         slant = -beam.axis + 0.6 * rng.normal(size=3)
         beam.end_normal = as_float32(slant / np.linalg.norm(slant) * np.sign(-slant @ beam.axis))
         found, expected, places = beside_the_twin(beam, "physical", estimator, rng)
-        # As without a cap, above.
+        # The tolerance is that of beams without a cap, above.
         assert np.all(np.abs(found - expected) <= places + 40 * EPSILON32 * 4 / 0.02 * expected.max() + 1e-12)
 
 
@@ -418,7 +418,7 @@ def test_a_beam_cut_in_two_equals_the_whole_one(name, rng):
     )
     origin, direction = random_rays(rng, whole, 2000)
     expected = radiance(whole, origin, direction, look, "frustum")
-    # Each half has its own chord: rounding, as against the twin.
+    # Each half has its own chord: the rounding is as against the twin.
     found = radiance(parts, origin, direction, look, "frustum")
     assert np.abs(found - expected).max() <= 40 * EPSILON32 * 4 / 0.02 * expected.max()
     blend = radiance(parts, origin, direction, look, "auto", rule=pb.gauss_legendre(6))
@@ -427,7 +427,7 @@ def test_a_beam_cut_in_two_equals_the_whole_one(name, rng):
 
 # -- The blend against the converged frustum --------------------------------------------------------------------------
 
-#: Camera and what it looks at, about beams from the origin's surroundings along +x, 3 long.
+#: Camera position and target; the beams begin near the origin and run along +x for 3 units.
 VIEWS = {
     "beside": ((1.5, 0.1, 3.0), (1.5, 0, 0)),
     "close": ((1.5, 0.1, 0.8), (2.5, 0, 0)),
@@ -461,7 +461,7 @@ def shaft(rng, count=60):
 
 @pytest.mark.parametrize("name", BLENDED)
 def test_auto_equals_the_converged_frustum_to_half_a_percent(name, rng):
-    """Relative RMSE of the picture at most 0.5 % (issue 2)."""
+    """The relative RMSE of the picture is at most 0.5 % (issue 2)."""
     look = BLENDED[name]
     for beams in (shaft(rng), pb.Beams([[0, 0, 0]], [[3, 0, 0]], 0.1, 0.3, [[1.0, 0.8, 0.5]])):
         for view, (origin, target) in VIEWS.items():
@@ -474,13 +474,13 @@ def test_auto_equals_the_converged_frustum_to_half_a_percent(name, rng):
 @pytest.mark.parametrize("name", BLENDED)
 @pytest.mark.parametrize("forward", [(0.3, -0.1, -1.0), (1.0, 0.05, -0.1), (-1.0, 0.05, -0.1)])
 def test_auto_does_not_pop_on_a_path_through_a_wall_and_out_of_the_end(name, forward):
-    """No step of the picture exceeds the converged one's own by more than 1 % (issue 2)."""
+    """From frame to frame the picture changes by at most 1 % more than the converged picture (issue 2)."""
     beams = pb.Beams(
         [[0, 0, 0], [0, 0.3, 0.1], [-0.5, -0.4, 0.6]], [[2, 0, 0], [2, 0.5, 0.2], [1.5, 0.6, -0.5]],
         [0.2, 0.1, 0.05], [0.3, 0.1, 0.15], [[1.0, 0.8, 0.5]],
     )  # fmt: skip
     time = np.linspace(0, 1, 101)
-    # Through the wall of the first beam until half of the time, then on inside and out of its end.
+    # The path crosses the wall of the first beam in the first half of the time, then runs inside and out of its end.
     path = np.stack([-0.5 + 2.4 * time + 1.2 * time**2, 0.05 * np.sin(6 * time), 0.9 * (1 - time) ** 2 - 0.02], axis=1)
     direction = pixel_directions(forward, 32, 18)
     origin = np.repeat(path, len(direction), axis=0)
@@ -494,7 +494,7 @@ def test_auto_does_not_pop_on_a_path_through_a_wall_and_out_of_the_end(name, for
     assert np.count_nonzero(converged) > 50
 
 
-# -- The door ---------------------------------------------------------------------------------------------------------
+# -- Input of `estimate` ----------------------------------------------------------------------------------------------
 
 ONE = Beam((0, 0, 0), (1, 0, 0), 0.1, 0.1)
 

@@ -34,7 +34,7 @@ def array(value):
 
 
 def loss(beams, rays, weights, **given):
-    """Return a sum of radiances that does not treat rays and channels alike."""
+    """Return a sum of radiances with a different weight for each ray and channel."""
     given.setdefault("medium", FOG)
     found = pb.estimate(beams, *rays, 9.0, **given)
     return dr.sum(found.array * dr.ravel(weights))
@@ -66,8 +66,8 @@ def test_of_beams(scene, name):
     found = np.array(dr.grad(getattr(beams, name))).T
     scale = float(np.abs(found).max())
     for place in [(0,), (3,)] if found.ndim == 1 else [(0, 0), (2, 1), (5, 2)]:
-        # A rule that has converged: what `auto` errs by would be divided by the step. Differences err by its square,
-        # and by the rounding of a sum, 1e-6, over it.
+        # The rule has converged, because an error of `auto` would be divided by the step. Differences err by the step's
+        # square, and by the rounding of a sum, 1e-6, divided by the step.
         expected = difference(
             given[name], place, 5e-3,
             lambda moved: loss(pb.Beams(**{**given, name: moved}), rays, weights, estimator="frustum", rule=CONVERGED),
@@ -122,7 +122,7 @@ def test_of_a_texture_along_the_beam(scene):
     dr.backward(loss(beams, rays, weights, look=textured(texture)))
     found = np.array(dr.grad(texture)).T
     for place in ((0, 0), (2, 1), (4, 2)):
-        # Linear in the texture: a step may be large. Twelve points over a chord that holds corners err by some 1e-3.
+        # The radiance is linear in the texture: a step may be large. On a chord with corners twelve points err by 1e-3.
         expected = difference(
             pixels, place, 0.1,
             lambda moved: loss(beams, rays, weights, look=textured(moved)),

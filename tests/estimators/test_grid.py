@@ -1,4 +1,4 @@
-"""Rays through the grid against all pairs tried: no beam is missed, none counts twice, wherever rays begin and end."""
+"""Rays through the grid against all pairs: no beam is missed or counted twice, wherever rays begin and end."""
 
 import drjit as dr
 import numpy as np
@@ -36,7 +36,7 @@ def rays_of(origin, direction, t_min=0.0, t_max=ENDLESS, time=None):
 
 
 def both(beams, rays, estimator, look=None, close=None):
-    """Return the radiance by the grid and by trying all, (N, 3)."""
+    """Return the radiance by the grid and by trying all pairs, each (N, 3)."""
     look = bind(look or pb.Look(), beams, close, MEDIUM)
     packed = pack(beams, Array3f(0), shared=False, close=close, identity=look.of_beams)
     by_grid = sum_over_grid(beams, close, packed, rays, look, estimator, POINTS)
@@ -45,11 +45,11 @@ def both(beams, rays, estimator, look=None, close=None):
 
 
 def agree(found, expected, count):
-    """Assert that sums of the same positive numbers in another order, of which `count` may be in it, are the same.
+    """Assert that sums of up to `count` positive numbers, the same ones in another order, agree.
 
-    Both kernels compute a beam's light by the same formulas, but may contract them to fused operations otherwise: of a
-    ray that grazes a beam, or passes an end, what the two see may then differ by more than rounding. A beam that was
-    missed or counted twice would show in far more rays than those few.
+    Both kernels compute a beam's light by the same formulas, but the compiler may fuse operations differently. For a
+    ray that grazes a beam or passes an end, the results may then differ by more than rounding. A beam that is missed or
+    counted twice would show in far more rays than those few.
     """
     error = np.abs(found - expected)
     allowed = count * EPSILON32 * expected + 8 * EPSILON32 * np.quantile(expected, 0.9)
@@ -66,7 +66,7 @@ def random_ends(rng, count, parallel=True):
     straight = rng.random(count) < 0.2 * parallel
     way[straight] *= np.eye(3)[rng.integers(0, 3, np.count_nonzero(straight))]
     radius = rng.choice([0.004, 0.05, 0.5], (count, 1)) * rng.uniform(0.1, 1, (count, 2))
-    radius[::7, 0] = 0  # points
+    radius[::7, 0] = 0  # pointed
     return start, start + way, radius
 
 
@@ -76,7 +76,7 @@ def random_beams(rng, count, parallel=True):
 
 
 def random_rays(rng, count, time=False, targets=None):
-    """Return rays from far outside, from outside and from inside, endless and ending anywhere, some along axes."""
+    """Return rays from far away, from outside and from inside, infinite and finite, some parallel to axes."""
     origin = rng.normal(size=(count, 3)) * rng.choice([0.3, 3, 30], (count, 1))
     target = rng.normal(size=(count, 3))
     if targets is not None:
@@ -99,10 +99,10 @@ def test_the_grid_gives_what_trying_all_gives(estimator, kind, rng):
         beams, targets = coils(rng)
         count = len(beams)
     else:
-        # The billboard alone is meaningless where a ray is parallel to an axis: it sees beams that are elsewhere.
+        # The billboard alone is meaningless for a ray parallel to a beam: it counts beams that the ray does not meet.
         beams = random_beams(rng, count, parallel=estimator != "billboard")
     if "capped" in kind:
-        walls = unit(rng.normal(size=(count, 3)))  # that face the light
+        walls = unit(rng.normal(size=(count, 3)))  # turned to face the light below
         numbers = beams.arrays()
         walls *= -np.sign(np.sum(walls * (numbers["end"] - numbers["start"]), axis=1, keepdims=True))
         beams = pb.Beams(**numbers, end_normal=walls)
@@ -116,7 +116,7 @@ def test_the_grid_gives_what_trying_all_gives(estimator, kind, rng):
 
 
 def coils(rng):
-    """Return beams along coils, of pieces longer than they are wide, and points on them."""
+    """Return beams along coils, in pieces that are longer than wide, and points on the coils."""
     points = []
     for _ in range(6):
         turn = np.linspace(0, 2, 41) * rng.uniform(1, 6)
@@ -146,10 +146,10 @@ def test_the_look_is_asked_where_the_light_is(rng):
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from([1e-3, 1.0, 1e3]), away=st.sampled_from([0.0, 3.0, 100.0]))
 def test_every_beam_counts_once(estimator, seed, size, away):
-    """Copies of one beam, of the power 1 each: what a ray sees is a whole multiple of what it sees of one.
+    """Copies of one beam, each with the power 1, have a whole multiple of the radiance of one.
 
-    So in every scale and however far from the world's origin, and whatever the cells' size: other beams about, which
-    have no power, change that.
+    This holds at every scale, at every distance from the world's origin and for every size of the cells, which other
+    beams without power change.
     """
     rng = np.random.default_rng(seed)
     start, end, radius = random_ends(rng, 40)
@@ -167,7 +167,7 @@ def test_every_beam_counts_once(estimator, seed, size, away):
     found, _ = both(beams, rays, estimator, flat)
     once = pb.Beams(*(each[:1] for each in (start, end, radius[:, 0], radius[:, 1], power)))
     _, expected = both(once, rays, estimator, flat)
-    # At a hard rim a ray may or may not see it, by rounding of places; elsewhere equal numbers are summed.
+    # At a hard rim the rounding of positions decides whether a ray sees the beam; elsewhere equal numbers are summed.
     seen = (found[:, 0] > 0) & (expected[:, 0] > 0)
     assert np.mean((found[:, 0] > 0) != (expected[:, 0] > 0)) <= 0.01
     ratio = found[seen, 0] / expected[seen, 0] / copies
@@ -176,7 +176,7 @@ def test_every_beam_counts_once(estimator, seed, size, away):
 
 
 def boxed(rng, rays, count=200):
-    """Return how often each ray meets each of some beams in the grid's lists, and the grid's numbers of cells."""
+    """Return the grid of some beams, its lists of beams by cell, and the spans of the rays in it."""
     beams = random_beams(rng, count)
     grid, marks, span = build(beams, None, rays)
     lists = cells.Sorting(grid.cells, marks.visit, 0, count).lists()
@@ -184,17 +184,17 @@ def boxed(rng, rays, count=200):
 
 
 def test_rays_walk_every_cell_on_their_way_once(rng):
-    """The cells, by the sum of their spans of t: a ray's whole way, and never a step back."""
+    """The spans of t in the cells that a ray visits add up to its whole length in the grid."""
     rays = random_rays(rng, 2000)
     grid, _, span = boxed(rng, rays)
     number = dr.arange(UInt32, grid.cells + 1)
-    full = cells.CellLists(dr.minimum(number, grid.cells - 1), number, grid.cells)  # one item a cell, of its number
+    full = cells.CellLists(dr.minimum(number, grid.cells - 1), number, grid.cells)  # one item per cell: its number
 
     def visit(total, ray, cell, interval):
         enter, leave = dr.maximum(interval[0], span[0]), dr.minimum(interval[1], span[1])
         middle = grid.local(ray.point(0.5 * (enter + leave)))
         x, y, z = (grid.index(middle[axis], axis) for axis in range(3))
-        # The middle of a span that rounding does not hide lies in the cell.
+        # The middle of a span lies in the cell, unless the span is so short that rounding decides.
         sure = (leave - enter) > 1e-3 * grid.size
         wrong = sure & (grid.number(x, y, z) != cell)
         return total + Array3f(dr.maximum(leave - enter, 0), Float(wrong), 1)
@@ -203,7 +203,7 @@ def test_rays_walk_every_cell_on_their_way_once(rng):
     length = np.maximum(np.asarray(span[1]) - np.asarray(span[0]), 0)
     assert grid.cells > 500 and turns.max() > 20 and np.count_nonzero(length) > 500
     assert not wrong.any()
-    # Every step rounds t, up to the largest, and the sum.
+    # Every step rounds t, which is at most `largest`, and the sum.
     largest = np.where(length > 0, np.asarray(span[1]), 0)
     assert np.all(np.abs(way - length) <= 2 * EPSILON32 * (turns + 1) * (largest + length))
 
@@ -219,7 +219,7 @@ def test_the_lists_hold_the_beams_in_order_and_each_once_a_cell(rng):
 
 @pytest.mark.parametrize("cells_along", [1, 3, 16, 128])
 def test_sorting_is_stable_and_complete(cells_along, rng):
-    """Items with one cell each, known: the lists are NumPy's sort of them, lane by lane."""
+    """For items with one known cell each, the lists equal NumPy's sort and are the same every time."""
     count, total = 5000, cells_along**3
     where = rng.integers(0, total, count).astype(np.uint32)
     of_item = UInt32(where)
@@ -255,9 +255,9 @@ def test_the_same_beams_give_the_same_bits(rng):
 def test_rays_that_meet_no_beams_see_nothing(rng):
     beams = pb.Beams([[0, 0, 0]], [[1, 0, 0]], 0.1, 0.1, [[1, 1, 1]])
     for rays in (
-        rays_of((0, 5, 0), rng.normal(size=(50, 3)) + np.array([0, 5, 0])),  # away from it
-        rays_of((0, 5, 0), [[0, -1, 0]] * 50, t_max=2.0),  # not as far
-        rays_of((0.5, 0, 0), [[0, -1, 0]] * 50, t_min=2.0, t_max=1.0),  # no ray at all
+        rays_of((0, 5, 0), rng.normal(size=(50, 3)) + np.array([0, 5, 0])),  # away from the beam
+        rays_of((0, 5, 0), [[0, -1, 0]] * 50, t_max=2.0),  # ending before the beam
+        rays_of((0.5, 0, 0), [[0, -1, 0]] * 50, t_min=2.0, t_max=1.0),  # empty: t_min is beyond t_max
     ):
         found, expected = both(beams, rays, "auto")
         assert not found.any() and not expected.any()
@@ -280,7 +280,7 @@ def test_beams_without_a_length_are_left_out(given, rng):
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_one_ray_and_one_beam(estimator):
-    """Boxes that are thin, or a line, or a point, and rays along their faces."""
+    """The grid equals trying all where its box is thin, a line or a point, and for rays along its faces."""
     beams = pb.Beams([[0, 0, 0]], [[1, 0, 0]], 0.25, 0.25, [[1, 1, 1]])
     for origin, direction in (
         ((0.5, 0, -1), (0, 0, 1)),

@@ -1,4 +1,4 @@
-"""Pictures by tiles against the same rays one by one: no beam is missed where it is seen, whatever the camera."""
+"""Tiled pictures against the same rays one by one: with every camera, no tile misses a beam that it shows."""
 
 import dataclasses
 
@@ -23,7 +23,7 @@ from photonbeams.world.cameras import View, Window
 EPSILON32 = float(np.finfo(np.float32).eps)
 MEDIUM = pb.Medium((0.3, 0.2, 0.1), (0.05, 0.1, 0.2), 0.4)
 POINTS = Points(pb.gauss_legendre(6))
-WIDTH, HEIGHT = 83, 50  # no multiple of a tile
+WIDTH, HEIGHT = 83, 50  # not multiples of a tile
 
 
 def looking(eye, forward, roll=0.3):
@@ -70,7 +70,7 @@ FILM = {
 
 
 def by_group(numbers):
-    """Return a place in the unit square, for the lens, and a time, for groups of pixels."""
+    """Return a lens sample in the unit square and a time sample for each group of pixels."""
     u, v, time = (unit_float(hash32(numbers, UInt32(dimension))) for dimension in range(3))
     return Array2f(u, v), time
 
@@ -131,9 +131,9 @@ def test_tiled_equals_untiled(view, estimator, rng):
     for look in (pb.Look(), pb.Look(across=pb.looks.Gaussian(), along=pb.looks.Exponential(2), eye=1.0, angle=1.0)):
         found = pixels(picture.tiled(beams, look, estimator, close).radiance)
         expected = picture.one_by_one(beams, look, estimator, close)
-        # One packs the beams about the camera, the other about the world's origin: places up to 20 units away round
-        # to 20 ε, against radii of which some are 0.0004. A ray at such a beam's rim may see it or not, and what it
-        # sees is uncertain by a share of the whole picture's brightest; all others agree to rounding.
+        # One packs the beams relative to the camera, the other relative to the world's origin: positions up to 20 units
+        # away are rounded to 20 ε, and some radii are 0.0004. A ray at the rim of such a beam may see it or not, so its
+        # error is relative to the brightest pixels of the picture; all other rays agree up to rounding.
         error = np.abs(found - expected).max(axis=1)
         scale = np.maximum(expected.max(axis=1), np.quantile(expected, 0.99))
         assert np.quantile(error / scale, 0.98) <= 1000 * EPSILON32
@@ -141,7 +141,7 @@ def test_tiled_equals_untiled(view, estimator, rng):
 
 
 def inside_points(rng, start, end, radius, normal, count):
-    """Return (N, count, 3) points inside of beams, half of them on the wall; NaN what a slanted end cuts off."""
+    """Return points inside beams, (N, count, 3), half of them on the wall; NaN where a slanted end cuts them off."""
     axis = end - start
     length = np.linalg.norm(axis, axis=1, keepdims=True)
     axis /= length
@@ -170,7 +170,7 @@ def slanted_ends(rng, start, end):
 
 
 def inside_bends(rng, start, end, radius, tangents, count):
-    """Return (N, count, 3) points inside of pieces of curves, NaN what the planes at their ends cut off."""
+    """Return points inside pieces of curves, (N, count, 3); NaN where the planes at the ends cut them off."""
     axis = end - start
     length = np.linalg.norm(axis, axis=1)[:, None]
     axis = axis / length
@@ -240,7 +240,7 @@ def test_no_tile_misses_a_beam(view, slanted, rng):
         points = inside_points(rng, start, end, radius, normal, 400)
     with np.errstate(all="ignore"):
         x, y, depth = on_screen(points, np.zeros(points.shape[:2]), rng, camera, None, projection)
-        # Rounding moves a place on the screen by this many pixels, which may be across the border of a tile.
+        # Rounding moves a position on the screen by this many pixels, possibly into the next tile.
         slack = 40 * EPSILON32 * float(projection.scale[0][0]) / depth
         x, y = (np.where(np.abs(axis / TILE - np.round(axis / TILE)) * TILE > slack, axis, np.nan) for axis in (x, y))
         seen = (depth > 1e-4) & (x >= 0) & (x < WIDTH) & (y >= 0) & (y < HEIGHT)

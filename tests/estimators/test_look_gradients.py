@@ -1,4 +1,4 @@
-"""Derivatives of estimates by every number of a look, against finite differences of the estimates themselves."""
+"""Derivatives of estimates by every parameter of a look, against finite differences of the estimates themselves."""
 
 import drjit as dr
 import numpy as np
@@ -20,7 +20,7 @@ def ramp(kind):
     return lambda k, r, g, b: looks.ColorRamp([0.1, k, 0.9], [COLOURS[0], [r, g, b], COLOURS[2]], kind)
 
 
-#: What a slot of a look is made of, and the numbers that it is made with. A step is a part of each of them.
+#: A function that makes a factor, and its arguments. The step of a difference is a fraction of the argument.
 FACTORS = {
     "exponential": (looks.Exponential, [1.7]),
     "exponential by channel": (lambda r, g, b: looks.Exponential([r, g, b]), [1.7, 2.5, 0.9]),
@@ -78,7 +78,7 @@ def loss(scene, look, medium=FOG, **given):
 
 
 def differences(values, function):
-    """Return central differences of a function of numbers by each of them, over a hundredth of it."""
+    """Return central differences of a function by each of its arguments, with steps of a hundredth of the argument."""
     found = []
     for place, value in enumerate(values):
         ends = []
@@ -103,16 +103,19 @@ def test_of_every_number(scene, name):
         return loss(scene, pb.Look(**plain | {slot: make(*moved)}), estimator="frustum", rule=CONVERGED)
 
     expected = differences(values, value)
-    # Differences err by the step's square, 1e-4, and by the rounding of a sum, 1e-6, over it; twelve points over a
-    # chord that holds corners by some 1e-3 of the largest derivative. By a clamp's limit the integrand is a step, by
-    # which twelve points err by half a point's weight, a tenth, on a chord, and by its 4th part over some 20 of them.
+    # Differences err by the step's square, 1e-4, and by the rounding of a sum, 1e-6, divided by the step. On a chord
+    # with corners twelve points err by some 1e-3 of the largest derivative. The derivative of a clamp by its limit is a
+    # step: on it twelve points err by half a point's weight, a tenth, and over some 20 chords by a quarter of that.
     tolerance = 0.025 if "clamp" in name else 0.01
     assert found == pytest.approx(expected, rel=tolerance, abs=tolerance * max(map(abs, expected)))
     assert all(expected)
 
 
 def test_of_noise_at_a_place(rng):
-    """Through an estimate its kernel takes minutes to compile: it holds the noise at twelve points of a chord."""
+    """The derivatives of noise equal its finite differences.
+
+    The noise is evaluated directly: the kernel of an estimate has it at twelve points and takes minutes to compile.
+    """
     where = array(rng.uniform(-2, 2, (100, 3)))
     weights = Float(rng.uniform(-1, 1, 100))
 
@@ -164,7 +167,7 @@ def test_of_the_rays(scene, name):
             moved = rays[name].copy()
             moved[place] += sign * step
             ends.append(float(value({**rays, name: moved})[0]))
-        # The rounding of the sum, 1e-6 of some tens, over the step.
+        # The sum's rounding, 1e-6 of some tens, is divided by the step.
         assert found[place] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=0.02, abs=0.02)
 
 
@@ -194,7 +197,7 @@ def test_values_do_not_depend_on_whether_a_look_is_attached(scene):
             pb.estimate(scene[0], *scene[1], look=pb.Look(**{slot: make(*each)}), medium=FOG, context=CONTEXT)
             for each in ([float(value[0]) for value in dr.detach(attached)], attached)
         )
-        # The same formula from the same float32; a function of one's own computes with another constant.
+        # The same formula with the same float32 numbers; only a user's function computes with another constant.
         np.testing.assert_allclose(dr.detach(second).numpy(), first.numpy(), rtol=1e-5, err_msg=name)
         assert dr.grad_enabled(second) and not dr.grad_enabled(first), name
 
@@ -214,7 +217,7 @@ def test_a_step_of_an_optimiser_compiles_no_kernel(scene, name):
 
 
 def test_a_profile_keeps_its_light_while_its_numbers_change():
-    """The integral of the density over the cross-section stays 1, so that its derivative is 0."""
+    """The integral of the density over the cross-section stays 1, so its derivative is 0."""
     rho = (np.arange(4096) + 0.5) / 4096
     for _, make, values in (SLOTS[name] for name in ("across: Gaussian", "across: hollow", "across: tabulated")):
         attached = [Float(value) for value in values]

@@ -1,4 +1,4 @@
-"""Photons on surfaces against all of them tried in float64, and the power that they carry."""
+"""The photon map against a float64 sum over all photons, and the power that photons carry."""
 
 import drjit as dr
 import numpy as np
@@ -38,7 +38,7 @@ def asked(numbers, position, normal, reflect=lambda direction: Array3f(1), activ
 
 
 def all_tried(numbers, position, normal, reflect=None):
-    """Return the sums in float64, and for each point whether it is at a rim where rounding decides."""
+    """Return the sums over all photons in float64, and for each point whether it is at a rim where rounding decides."""
     places, radius, up, direction, power = (each.astype(np.float64) for each in numbers)
     offset = position[:, None].astype(np.float64) - places
     rho2 = np.sum(offset**2, axis=2) / radius**2
@@ -47,7 +47,7 @@ def all_tried(numbers, position, normal, reflect=None):
     covered = (rho2 < 1) & (height < THICKNESS) & (facing > FACING)
     kernel = 2 / np.pi * (1 - rho2) / radius**2 * covered
     light = power if reflect is None else power * reflect(-direction)
-    # Differences of numbers up to 2 round to ε; in radii, that over the radius.
+    # Differences of numbers up to 2 are rounded to ε, which is ε / R in units of the radius.
     close = 8 * EPSILON32 / radius
     doubtful = np.abs(rho2 - 1) < 4 * close
     doubtful |= (np.abs(height - THICKNESS) < close) & (rho2 < 2)
@@ -68,7 +68,7 @@ def test_points_find_the_photons_whose_discs_they_lie_in(count, sizes, rng):
     expected, doubtful = all_tried(numbers, position, normal)
     found = asked(numbers, position, normal)
     assert np.mean(doubtful) < 0.1 and np.count_nonzero(expected[:, 0]) >= 250
-    # 1 − ρ² is right to a few ε of 1 and a difference's rounding, ε / R: of the kernel at the centre, 2 / (π R²).
+    # 1 − ρ² is accurate to a few ε and a difference's rounding, ε / R; the kernel at the centre is 2 / (π R²).
     peak = 2 / np.pi / numbers[1].astype(np.float64) ** 2
     covers = np.sum((position[:, None].astype(float) - numbers[0]) ** 2, axis=2) < 1.01 * numbers[1].astype(float) ** 2
     allowed = (covers * (peak * 8 * (2 / numbers[1] + 8))).sum(axis=1) * EPSILON32
@@ -82,31 +82,31 @@ def test_what_reflects_is_asked_for_the_direction_the_light_comes_from(rng):
     position[:, 2] = 0.2
     normal = np.tile(np.array([0, 0, 1], dtype=np.float32), (2000, 1))
     shade = rng.uniform(0.5, 1, 2000).astype(np.float32)
-    colour = to_float(shade)  # what belongs to a point is there for all its photons
+    colour = to_float(shade)  # one value for each point, used for all its photons
     found = asked(numbers, position, normal, lambda w: Array3f(w.x * w.x, dr.maximum(w.z, 0), 1 + w.y) * colour)
     expected, doubtful = all_tried(
         numbers, position, normal, lambda w: np.stack([w[:, 0] ** 2, np.maximum(w[:, 2], 0), 1 + w[:, 1]], axis=1)
     )
     expected *= shade[:, None]
     error = np.abs(found - expected).max(axis=1)[~doubtful]
-    # Sums of up to a hundred, each right to 8 (2 / R + 8) ε of its peak (see above), with R of 0.2 at least.
+    # Sums of up to a hundred terms, each accurate to 8 (2 / R + 8) ε of its peak (see above), with R at least 0.2.
     assert error.max() <= 200 * EPSILON32 * expected.max() and np.median(expected) > 0
 
 
 def test_the_light_on_a_plane_is_the_photons_power(rng):
-    """Energy: the integral of the estimate over a plane, whatever the radii, is the sum of the powers."""
+    """The integral of the estimate over a plane is the sum of the photons' powers, whatever their radii."""
     count, side = 200, 1000
     place = rng.uniform(-1, 1, (count, 3)) * (1, 1, 0)
     radius = rng.uniform(0.05, 0.4, count)
     power = rng.uniform(0.1, 1, (count, 3))
     up = np.tile([0.0, 0.0, 1.0], (count, 1))
-    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]  # the plane lies anyhow
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]  # the plane has a random orientation
     numbers = [np.asarray(each, dtype=np.float32) for each in (place @ turn, radius, up @ turn, -up @ turn, power)]
     steps = (np.arange(side) + 0.5) / side * 3 - 1.5
     grid = np.stack([*np.meshgrid(steps, steps), np.zeros((side, side))], axis=-1).reshape(-1, 3)
     found = asked(numbers, grid @ turn, np.broadcast_to(up[0] @ turn, grid.shape))
-    # A sum over squares of width w errs, in each disc with a corner at its rim, by less than (w / R)² = 0.4 %, and by
-    # chance either way.
+    # The kernel has a corner at the rim of its disc: a sum over squares of width w errs there by less than
+    # (w / R)² = 0.4 %, in either direction.
     assert np.allclose(found.sum(axis=0) * (3 / side) ** 2, power.sum(axis=0), rtol=(0.003 / 0.05) ** 2)
 
 

@@ -1,7 +1,7 @@
-"""Float64 twins of the estimators: one beam, many rays, written from the definitions and sharing no formula with them.
+"""Float64 twins of the estimators, for one beam and many rays: they are written from the definitions alone.
 
-A truncated cone is convex, so a ray's chord is found by searching: down a convex function to its lowest point, then
-from there to both sides for its zeros. The integral is a dense quadrature, and k1 the line integral of k2.
+A truncated cone is convex, so a ray's chord is found by search: first for the minimum of a convex function, then for
+its zeros on both sides. The integral is a dense quadrature, and k1 is the line integral of k2.
 """
 
 from collections.abc import Callable
@@ -40,7 +40,7 @@ class Beam:
         return self.radius_start + (self.radius_end - self.radius_start) * s / self.length
 
     def planes(self):
-        """Return (point, normal) of the planes that cut the beam, the beam on the side that normals point to."""
+        """Return (point, normal) of the planes that cut the beam; the normals point to the beam's side."""
         if self.tangents is None:
             first, last = (self.start, self.axis), (self.end, -self.axis)
         else:
@@ -48,7 +48,7 @@ class Beam:
         return [first, last if self.end_normal is None else (self.end, self.end_normal)]
 
     def reach(self):
-        """Return the distances along the axis beyond which there is nothing, whatever the planes."""
+        """Return the distances along the axis between which the beam lies, whatever its planes are."""
         low = 0.0 if self.tangents is None else -self.radius_start
         cut = self.end_normal is not None or self.tangents is not None
         return low, self.length + (self.radius_end if cut else 0.0)
@@ -56,7 +56,7 @@ class Beam:
     def along(self, point):
         """Return the distance from the start, on which falloff, radius and direction depend, at points (…, 3).
 
-        Between the planes at the ends it grows linearly on every line along the axis.
+        Between the planes at the ends it grows linearly on every line parallel to the axis.
         """
         if self.tangents is None:
             return (point - self.start) @ self.axis
@@ -85,7 +85,7 @@ class Beam:
         return np.maximum(np.asarray(self.power) + (s / self.length)[..., None] * np.subtract(last, self.power), 0)
 
     def fields(self):
-        """Return what `Beams` takes."""
+        """Return the arguments of `Beams`."""
         given = {name: getattr(self, name) for name in ("start", "end", "power")}
         given |= {name: getattr(self, name) for name in ("radius_start", "radius_end")}
         given |= {"offset": self.offset, "entry": self.entry}
@@ -134,7 +134,7 @@ def places(beam, origin, direction, t):
 
 
 def outside(beam, origin, direction, t, t_min, t_max):
-    """Return a function of t, convex but for a curve's taper, negative within the beam and on the visible ray."""
+    """Return a function of t that is negative on the visible ray in the beam; it is convex but for a curve's taper."""
     point, r = places(beam, origin, direction, t)
     s = (point - beam.start) @ beam.axis
     low, high = beam.reach()
@@ -176,7 +176,7 @@ def frustum(beam, look, origin, direction, t_min=0.0, t_max=ENDLESS, pieces=64):
     origin, direction, t_min, t_max = rays(origin, direction, t_min, t_max)
     a, b = chords(beam, origin, direction, t_min, t_max)
     edges = a[:, None] + (b - a)[:, None] * np.linspace(0, 1, pieces + 1)
-    # Where the colour along the beam jumps, and at the closest approach, a piece begins.
+    # A piece begins where the colour along the beam jumps, and at the closest approach.
     c = direction @ beam.axis
     s0 = (origin - beam.start) @ beam.axis
     total = beam.offset + beam.length if beam.total is None else beam.total
@@ -208,7 +208,7 @@ def billboard(beam, look, origin, direction, t_min=0.0, t_max=ENDLESS):
     low, high = beam.reach()
     hit = (straight > low) & (straight < high) & (t > t_min) & (t < t_max) & (u < radius)
     for place, normal in beam.planes():
-        # A plane straight across is one of `reach`.
+        # `reach` has the planes that are perpendicular to the axis.
         if beam.tangents is not None or beam.end_normal is normal:
             hit &= (point - place) @ np.asarray(normal, dtype=float) > 0
     value = np.zeros((len(s), 3))
@@ -226,12 +226,12 @@ def billboard(beam, look, origin, direction, t_min=0.0, t_max=ENDLESS):
 
 
 def closest(beam, origin, direction):
-    """Return s and t of the closest points of two lines: the least squares of start + s w − o − t d."""
+    """Return s and t of the closest points of two lines, by least squares of start + s w − o − t d."""
     c = direction @ beam.axis
     normal = np.stack([np.stack([np.ones_like(c), -c], axis=-1), np.stack([-c, np.ones_like(c)], axis=-1)], axis=1)
     e = origin - beam.start
     right = np.stack([e @ beam.axis, -np.sum(e * direction, axis=1)], axis=-1)
-    normal += np.eye(2) * (np.abs(c)[:, None, None] == 1)  # parallel: any answer
+    normal += np.eye(2) * (np.abs(c)[:, None, None] == 1)  # parallel: any result will do
     s, t = np.linalg.solve(normal, right[..., None])[..., 0].T
     return s, t
 
@@ -239,7 +239,7 @@ def closest(beam, origin, direction):
 def k1(kernel, x, pieces=64):
     """Return the line integral (N, 3) of a kernel of ρ, (N, K, 3), at the distances x (N,) from the axis, in radii.
 
-    The line's half length times sin φ is the place on it, so that the integrand has no singular slope at its ends.
+    The position on the line is its half length times sin φ, so that the integrand has no singular slope at the ends.
     """
     x = np.asarray(x, dtype=float)
     edges = np.linspace(0, np.pi / 2, pieces + 1)

@@ -1,4 +1,4 @@
-"""The example that fits a look to a painting: it finds a look that is known, and its layer renders."""
+"""The example that fits a look to a painting finds a known look, and writes a layer that renders."""
 
 import importlib.util
 import sys
@@ -30,7 +30,7 @@ def test_it_finds_colours_that_are_known(fit):
     found = scene.picture(scene.colors(target, steps=60))
     lit = target > 0.2 * target.max()
     before = np.median(np.abs(scene.picture(None) / np.maximum(target, 1e-9) - 1)[lit])
-    # Where no pixel asks for them, colours along the beams may be anything: pictures are compared, not colours.
+    # Pixels do not determine all colours along the beams, so pictures are compared instead of colours.
     assert np.median(np.abs(found[lit] / target[lit] - 1)) < 0.05 < before
 
 

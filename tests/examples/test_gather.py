@@ -1,4 +1,4 @@
-"""Every example, seen along fewer rays than pixels, against all pixels' own rays."""
+"""Every example, gathered along fewer rays than pixels, against a render with a ray for each pixel."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import pytest
 import photonbeams as pb
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-# Stages, but for layers over others, and Mitsuba scenes; and the flight: nearing the shaft, within it and along it.
+# Stages, except for layers over others, and Mitsuba scenes; and the flight toward, inside and along the shaft.
 STAGES = [path for path in EXAMPLES.glob("*/*.usda") if "def Camera" in path.read_text()]
 SCENES = [(path, None, None) for path in sorted([*STAGES, *EXAMPLES.glob("mitsuba/*.xml")])]
 FLIGHT = [(EXAMPLES / "keyhole" / "keyhole.usda", "Flight", frame) for frame in (20, 45, 60)]

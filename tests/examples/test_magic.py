@@ -1,4 +1,4 @@
-"""The strands of light: the stage is what its script writes, no joint shows, pulses travel, strands grow."""
+"""The strands of light: the stage is what its script writes, joints are invisible, pulses travel, strands grow."""
 
 import runpy
 from pathlib import Path
@@ -29,7 +29,7 @@ def test_it_renders_by_its_own_settings_to_beams_of_two_groups(shot):
     layers = shot.render(**TINY).layers
     assert all(np.isfinite(layers[name]).all() for name in ("rgba", "beams", "surface"))
     assert layers["beams_strands"].any() and layers["beams_glow"].any() and layers["surface"].any()
-    # A fog that beams alone feel.
+    # The fog affects only beams.
     assert np.all(layers["transmittance"] == 1)
 
 
@@ -41,12 +41,12 @@ def test_the_light_of_a_strand_goes_on_over_its_joints(shot):
     beams = pb.Beams(**{name: value[mine] for name, value in strands.arrays().items()})
     joints = np.flatnonzero(mine)[40:-120:5]
     assert len(joints) > 50
-    # Rays through the axis, a thousandth of a radius before and behind each joint, along the curve's normal there.
+    # Rays cross the axis along a normal of the curve, a thousandth of a radius before and behind each joint.
     axis = strands.end_tangent[joints]
     across = np.cross(axis, (0.3, 0.5, 0.8))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     step = 1e-3 * strands.radius_end[joints, None] * axis
-    # From beside the strand: the same curve passes elsewhere.
+    # Rays begin close to the strand, because the same curve also passes elsewhere.
     origin = strands.end[joints] - 3 * strands.radius_end[joints, None] * across
     look = pb.Look(along=pb.looks.Expression("0.4 + random + s"), angle=pb.looks.Isotropic(), eye=1.0)
     fog = pb.Medium((0.05, 0.05, 0.05))
@@ -55,8 +55,8 @@ def test_the_light_of_a_strand_goes_on_over_its_joints(shot):
         for sign in (-1, 1)
     )
     assert before.min() > 0
-    # The light itself changes over so short a way by the order of the step. Pieces that were cut straight across would
-    # leave a gap or overlap there, and numbers of their own would change `random`: both by tenths.
+    # Over so short a distance, the light itself changes by the order of the step. Segments with perpendicular ends
+    # would leave a gap or an overlap, and segments with their own ids would change `random`: both by tenths.
     assert np.abs(behind / before - 1).max() < 0.02
 
 
@@ -64,7 +64,7 @@ def test_pulses_travel_along_the_strands(shot):
     first, again, later = (shot.render(frame, **TINY).layers["beams_strands"].sum(axis=-1) for frame in (1, 25, 7))
     lit = first > 0.1 * first.max()
     assert lit.sum() > 50
-    # The same a second on, which is once around; a quarter of it on, the pulses are elsewhere.
+    # After a second, a full period, the pulses are where they were; after a quarter of it they are elsewhere.
     assert np.abs(again - first)[lit].max() < 1e-3 * first.max()
     assert np.median(np.abs(later - first)[lit] / first[lit]) > 0.1
 

@@ -1,4 +1,4 @@
-"""The example notebook runs from its first cell to its last, and what is stored of it is fit to be looked at."""
+"""The example notebook runs from its first cell to its last, and its stored outputs are complete and small."""
 
 import os
 from base64 import b64decode
@@ -12,7 +12,7 @@ import photonbeams as pb
 
 PATH = Path(__file__).parents[2] / "examples" / "notebook" / "first_light.ipynb"
 WIDGET = "application/vnd.jupyter.widget-view+json"
-# In place of the notebook's own; the last two are for the pictures that a shot and the widget show by themselves.
+# These replace the notebook's own sizes; the last two are for pictures that a shot and the widget show themselves.
 TINY = """
 WIDTH, PASSES = 32, 1
 import photonbeams.shot.notebook; photonbeams.shot.notebook.LONGEST = 32
@@ -44,7 +44,7 @@ def kinds_of(notebook):
 
 def test_every_cell_runs_and_shows_what_it_is_to_show(stored, monkeypatch, tmp_path):
     for name in ("IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR"):
-        monkeypatch.setenv(name, str(tmp_path))  # nothing of the user's own is used, or written
+        monkeypatch.setenv(name, str(tmp_path))  # the user's own files are neither used nor written
     own, more = str(Path(pb.__file__).parents[1]), os.getenv("PYTHONPATH")
     monkeypatch.setenv("PYTHONPATH", f"{own}{os.pathsep}{more}" if more else own)
     notebook = nbformat.from_dict(stored)
@@ -56,12 +56,12 @@ def test_every_cell_runs_and_shows_what_it_is_to_show(stored, monkeypatch, tmp_p
     kinds = kinds_of(notebook)
     assert kinds.count("image/png") == 5 and kinds.count(WIDGET) == 1
     assert ("text/plain", "True") in data_of(notebook)  # another look leaves the surfaces as they are
-    (sent,) = pictures_of(notebook)  # by the session's thread
-    assert sent in (b"\xff\xd8", b"\x89P")  # JPEG, or with all passes PNG
+    (sent,) = pictures_of(notebook)  # sent by the session's thread
+    assert sent in (b"\xff\xd8", b"\x89P")  # a JPEG, or a PNG after all passes
 
 
 def pictures_of(notebook):
-    """Return the first two bytes of each picture that widgets show in the end."""
+    """Return the first two bytes of each picture in the final state of the widgets."""
     models = notebook.metadata.widgets["application/vnd.jupyter.widget-state+json"].state.values()
     buffers = [each for model in models for each in model.get("buffers", [])]
     return [b64decode(each["data"])[:2] for each in buffers if each["path"] == ["picture", "data"]]

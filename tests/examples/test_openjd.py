@@ -1,4 +1,4 @@
-"""The Open Job Description: valid, and its frame is that of one render."""
+"""The Open Job Description is valid, and its job renders the same frame as a single command."""
 
 import os
 import shutil
@@ -16,7 +16,7 @@ TEMPLATE = Path(__file__).parents[2] / "examples" / "farm" / "photonbeams.openjd
 
 @pytest.fixture
 def openjd(tmp_path):
-    """Run `openjd`, to which the command `photonbeams` is that of these sources."""
+    """Return a function that runs `openjd` with the command `photonbeams` of these sources."""
     program = shutil.which("openjd", path=str(Path(sys.executable).parent)) or "openjd"
     folder = tmp_path / "bin"
     folder.mkdir()

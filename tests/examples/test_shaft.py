@@ -1,4 +1,4 @@
-"""The shaft of sunlight: the stage is what its script writes, and what directs it changes beams alone."""
+"""The shaft of sunlight: the stage is what its script writes, and the layer that directs it changes only beams."""
 
 import runpy
 from pathlib import Path
@@ -39,7 +39,7 @@ def test_the_directed_picture_differs_in_its_beams_alone(pictures):
 
 
 def test_the_directed_shaft_turns_from_gold_to_violet(pictures):
-    # Of the nearest shaft's red, how much green there is: beside the window, and where it comes to the floor.
+    # The ratio of green to red in the nearest shaft, beside the window and where it reaches the floor.
     window, floor = (slice(9, 12), slice(52, 57)), (slice(28, 31), slice(40, 46))
     greens = [[np.divide(*layers["beams"][part].sum(axis=(0, 1))[[1, 0]]) for part in (window, floor)]
               for layers in pictures]  # fmt: skip

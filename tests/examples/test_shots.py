@@ -1,4 +1,4 @@
-"""The shots of forest, concert and smoke in examples/: they are what their scripts write, and show their idea."""
+"""The shots forest, concert and smoke in examples/ are what their scripts write, and show what they demonstrate."""
 
 import io
 import os
@@ -49,7 +49,7 @@ def test_the_committed_stage_is_what_its_script_writes(name, tmp_path):
     subprocess.run([sys.executable, folder / "model.py"], check=True, env=where, stdout=subprocess.DEVNULL)
     texts = [path.read_text() for path in (folder / f"{name}.usda", stage_of(name))]
     assert NUMBER.sub("#", texts[0]) == NUMBER.sub("#", texts[1])
-    # Numbers are rounded to a thousandth; another processor's sine may tip one of them over.
+    # Numbers are rounded to a thousandth; another processor's sine may round some differently.
     written, committed = (np.array(NUMBER.findall(text), dtype=float) for text in texts)
     assert np.abs(written - committed).max() < 0.0021
     for path in (EXAMPLES / name).glob("*.png"):
@@ -57,7 +57,7 @@ def test_the_committed_stage_is_what_its_script_writes(name, tmp_path):
         assert np.mean(levels[0] != levels[1]) < 1e-3
     for path in (EXAMPLES / name).glob("*.vdb"):
         (written,), (committed,) = (read_grids(io.BytesIO(each.read_bytes())) for each in (folder / path.name, path))
-        # The density is in steps; another processor's sine may tip one of them over.
+        # The density is quantized; another processor's sine may round some values differently.
         assert np.mean(voxels_of(written).values != voxels_of(committed).values) < 1e-3
 
 
@@ -91,11 +91,11 @@ def test_leaves_hold_back_most_of_the_sun_and_make_shafts():
         for seed, more in ((0, []), (0, [f"{SUN}.photonbeams:gobo="]), (1, [f"{SUN}.photonbeams:gobo="]))
     )
     leaves = OpenImageIO.ImageBuf(str(EXAMPLES / "forest" / "leaves.png")).get_pixels(OpenImageIO.FLOAT)
-    # Both suns stand behind the same trunks, so what is left is the share of the gaps, but that the picture sees some
-    # gaps more than others: a factor of two each way.
+    # The same trunks are in front of both suns, so the fraction of light that is left is that of the gaps between
+    # leaves. The picture sees some gaps more than others: a factor of two either way.
     assert leaves.mean() / 2 < shaded.sum() / bare.sum() < 2 * leaves.mean() < 1
 
-    # The shafts: leaves that held back the same part everywhere would leave no more than the noise of two seeds.
+    # Leaves that held back the same fraction everywhere would make no shafts: only the noise between two seeds.
     rows, columns = (each // 4 for each in bare.shape)
     shaded, bare, other = (
         each[: 4 * rows, : 4 * columns].reshape(rows, 4, columns, 4).mean(axis=(1, 3)) for each in (shaded, bare, other)
@@ -106,7 +106,7 @@ def test_leaves_hold_back_most_of_the_sun_and_make_shafts():
 
 
 def test_mist_drifts():
-    """Beams and camera stand still, so that all that differs between two frames is the noise."""
+    """The mist drifts: beams and camera stand still, so only the noise of the look differs between two frames."""
     drifting = [rendered(opened("forest", *STILL), frame)["beams"] for frame in (1, 48)]
     calm = [
         rendered(opened("forest", *STILL, "/World/Looks/Shafts.photonbeams:noise:drift=(0,0,0)"), frame)["beams"]
@@ -132,7 +132,7 @@ def test_heads_and_lights_move_as_one_while_the_floor_stays():
             continue
         can = before.name.replace("/Lamp", "/Can")
         for light, places in ((before, meshes), (after, moved)):
-            # The lens is on the axis of the can, which is round: 22 cm before the pivot, its middle 1 cm behind it.
+            # The lens is on the axis of the round can, 22 cm before the pivot; the can's middle is 1 cm behind it.
             toward = light.center - 0.5 * (places[can].min(axis=0) + places[can].max(axis=0))
             assert toward @ light.axis > 0.98 * np.linalg.norm(toward), before.name
         turns[before.name.split("/")[3]] = np.degrees(np.arccos(min(1.0, float(before.axis @ after.axis))))
@@ -143,7 +143,7 @@ def test_heads_and_lights_move_as_one_while_the_floor_stays():
 def test_beams_move_and_change_colour_while_the_set_stays():
     still = "/World/Camera.xformOp:transform=((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,2.5,9,1))"
     first, later = (rendered(opened("concert", still), frame) for frame in (1, 25))
-    floor = first["depth"].shape[0] * 7 // 8  # its rows in front
+    floor = first["depth"].shape[0] * 7 // 8  # the rows of the floor in front
     assert np.array_equal(first["depth"][floor:], later["depth"][floor:])
     assert np.abs(first["beams"] - later["beams"]).sum() > 0.3 * first["beams"].sum()
     share = [each["beams_floor"].sum(axis=(0, 1)) / each["beams_floor"].sum() for each in (first, later)]
@@ -163,14 +163,14 @@ def test_gobos_hold_back_light():
     dim, bright = (rendered(opened("concert", *more, beams=512))["beams_back"].sum() for more in ([], heads))
     images = (EXAMPLES / "concert" / f"{name}.png" for name in ("star", "bars", "breakup"))
     lit = [OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT).mean() for path in images]
-    # Of a square around the cone a circle is lit, so that of its light the share is 4/π of the image's mean; the edges
-    # of the cone and what is near the camera count differently, by less than a quarter.
+    # The cone lights a circle of the square image, so the fraction of its light that passes is 4/π of the image's mean.
+    # The edges of the cone and beams near the camera have other weights, which change it by less than a quarter.
     share = np.mean([lit[1], lit[2], lit[0], lit[2], lit[1]]) * 4 / np.pi
     assert 0.75 * share < dim / bright < min(1, 1.25 * share)
 
 
 def test_hollow_looks_know_their_cone():
-    """The expression's 0.0875 is the tangent of the cone's angle: the wall is at the edge of what the light shines."""
+    """The expression's 0.0875 is the tangent of the cone's angle, so the hollow wall is at the edge of the cone."""
     stage = pb.Shot.open(stage_of("concert")).stage
     expression = stage.GetPrimAtPath("/World/Looks/Hollow").GetAttribute("photonbeams:across:expression").Get()
     tangent = float(re.search(r"([\d.]+) \* -Pl\.z", expression)[1])
@@ -189,6 +189,6 @@ def test_smoke_has_a_grid_for_each_half_of_the_shutter_and_files_are_small():
     shot = pb.Shot.open(stage_of("smoke"))
     first, held, later = (shot.read(time)[0].media[0].grid.values for time in (0.75, 0.99, 1.2))
     assert held is first
-    # It drifts by less than a cell, and is neither another smoke nor the same.
+    # The smoke drifts by less than a cell: the grids are similar, but not the same.
     assert 0.9 < np.corrcoef(first.ravel(), later.ravel())[0, 1] < 0.9999
     assert sum(path.stat().st_size for path in (EXAMPLES / "smoke").iterdir() if path.is_file()) < 500_000

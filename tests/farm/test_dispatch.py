@@ -1,4 +1,4 @@
-"""The policy of a farm, with workers that are simulated: nothing is lost, nobody waits, stragglers do not hold up."""
+"""The scheduling of a farm, with simulated workers: no pass is lost, no worker waits, and none holds up the others."""
 
 import heapq
 import random
@@ -11,9 +11,9 @@ from photonbeams.farm.dispatch import MOST_LOST, Dispatcher, FramePart, LostErro
 
 
 def simulate(frames, workers, seconds, deaths=(), hung=(), queued=2):
-    """Return when all is done, the order in which parts finished, and how many passes were rendered in all.
+    """Return the time when all is done, the parts in the order in which they finish, and the number of rendered passes.
 
-    `seconds(worker, part)` is how long a part takes, `deaths` are (time, worker), and `hung` never finish anything.
+    `seconds(worker, part)` is how long a part takes, `deaths` are pairs (time, worker), `hung` workers never finish.
     """
     dispatcher, now, rendered, finished = Dispatcher(frames, queued), 0.0, 0, []
     free_at = dict.fromkeys(workers, 0.0)
@@ -58,7 +58,7 @@ def test_every_pass_is_finished_once_whoever_dies(frames, passes, workers, seed,
         (frame, each.start) for frame, own in enumerate(parts) for each in own
     )
     assert sum(len(part.numbers) for part in finished) == frames * passes
-    # A death costs what its worker had in hand, at most: the part that it rendered. Slow parts are rendered twice.
+    # A death costs at most the part that the worker was rendering. Slow parts are rendered twice.
     assert rendered <= frames * passes + 2 * 8 * (workers + deaths)
 
 
@@ -67,7 +67,7 @@ def test_workers_stay_with_their_frame_and_nobody_waits():
     parts = [parts_of([range(16)], 4, 4, 8)] * 4
     end, _, rendered = simulate(parts, names, lambda name, part: float(len(part.numbers)))
     assert end == 16 and rendered == 64
-    # One frame for four workers is shared among them.
+    # Four workers share a single frame.
     end, _, _ = simulate([parts_of([range(64)], 1, 4, 8)], names, lambda name, part: float(len(part.numbers)))
     assert end == 16
 
@@ -82,7 +82,7 @@ def test_a_hung_worker_holds_up_nothing():
     usual, _, _ = simulate(parts, names, seconds)
     late, finished, _ = simulate(parts, names, seconds, hung={"b"})
     assert len(finished) == sum(map(len, parts))
-    # Three do the work of four, and wait at last until the hung one's two parts are overdue.
+    # Three workers do the work of four, and finally wait until the two parts of the hung worker are overdue.
     assert late <= usual * 4 / 3 + 2 * 4 * 4 + 2 * 4
 
 

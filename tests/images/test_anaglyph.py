@@ -1,4 +1,4 @@
-"""Anaglyphs: each eye sees its own picture through its filter, and what both see alike keeps its grey."""
+"""Anaglyphs: each eye sees its own picture through its filter, and what both eyes see alike keeps its grey."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from photonbeams.scene import SceneError
 
 
 def test_what_both_eyes_see_alike_keeps_its_grey():
-    """The rows of both matrices add up to 1, but for their three digits; half a step of 4095 is little beside that."""
+    """Grey stays grey: the rows of both matrices add up to 1 to three digits, and half a step of 4095 is less."""
     grey = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
     shown = anaglyph(grey, grey)
     assert shown.dtype == np.uint8 and shown.shape == grey.shape

@@ -1,4 +1,4 @@
-"""The view that pictures are made with: its shoulder, its hue, its 8 bits."""
+"""The view transform of pictures: its shoulder, its hue and its 8 bits."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_an_exposure_puts_nearly_all_light_below_the_shoulder():
     pixels[:2, :, 3] = 1
     pixels[0, 0], pixels[1, 0, 0] = np.inf, 1e6  # lamps do not count, nor do black pixels
     stops = display.exposure_of(pixels)
-    assert 0.02 * 2**stops == pytest.approx(display.SHOULDER, rel=0.08)  # a tenth of a stop, and the 95th of 100
+    assert 0.02 * 2**stops == pytest.approx(display.SHOULDER, rel=0.08)  # a tenth of a stop, and the 95 % quantile
     assert display.exposure_of(np.zeros((2, 2, 4))) == 0
 
 
@@ -46,7 +46,7 @@ def test_the_view_keeps_hue_while_bright_colours_whiten():
 def test_dither_keeps_the_mean_of_a_gradient_and_both_ends_exact():
     for level in (0.1, 0.37, 0.5, 0.9):
         flat = np.full((64, 64, 3), (20 + level) / 255)
-        # 4096 evenly spread thresholds count a share to 1/64 at worst.
+        # 4096 evenly spread thresholds give a fraction to within 1/64.
         np.testing.assert_allclose(display.dithered(flat).mean(axis=(0, 1)), 20 + level, atol=1 / 64)
     ends = display.dithered(np.stack([np.zeros((8, 8)), np.ones((8, 8)), np.ones((8, 8))], axis=2))
     assert np.unique(ends[..., 0]).tolist() == [0]

@@ -1,4 +1,4 @@
-"""Picture files: what is written is what is read, and nothing is half written."""
+"""Picture files: they read back as they were written, and no file is half written."""
 
 import errno
 import os
@@ -177,7 +177,7 @@ def test_a_layer_that_is_not_there_is_named(tmp_path, layers):
 
 @pytest.fixture
 def views(layers):
-    """Two eyes, the right one's pixels unlike the left one's, and its matrices too."""
+    """Return two eyes with different pixels and different matrices."""
     right = {name: pixels[:, ::-1] for name, pixels in layers.items()}
     return {
         "left": (layers, {**METADATA, "camera": "/Rig/Left"}),
@@ -352,7 +352,7 @@ def test_a_file_in_the_folders_place_is_an_error(tmp_path, layers):
     assert names_in(tmp_path) == ["out"]
 
 
-# A child process, because the limit on the size of its files, which stands for a full disk, cannot be taken back.
+# A limit on the size of files stands for a full disk. It cannot be lifted again, so it is set in a child process.
 FULL_DISK = """
 import resource, signal, sys
 import numpy as np

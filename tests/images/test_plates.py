@@ -1,7 +1,7 @@
-"""Depth and plates of other renderers: found by their names, in the right place, and beams over them.
+"""Depths and plates of other renderers: they are found by name and put in the right place, with beams over them.
 
-`examples/blender/plate.exr` is Cycles' picture and depth of the attic (examples/blender/plate.py). Mitsuba's depth was
-rendered to see that it is a distance, in a channel that ends in .T, and 0 where there is nothing.
+`examples/blender/plate.exr` is Cycles' picture and depth of the attic (examples/blender/plate.py). A render by Mitsuba
+showed that its depth is a distance, in a channel whose name ends in .T, and 0 where there is no surface.
 """
 
 from pathlib import Path
@@ -83,7 +83,7 @@ def over(attic):
 
 
 def smooth(depth):
-    """Return where 1/Z, which is linear on planes, bends by no more than 0.3 % of itself: away from edges."""
+    """Return where the second difference of 1/Z, which is linear on planes, is at most 0.3 % of it: away from edges."""
     inverse = 1 / depth.astype(np.float64)
     bent = np.zeros(depth.shape, bool)
     for axis in (0, 1):
@@ -100,9 +100,9 @@ def test_cycles_depth_of_the_exported_camera_is_ours_at_every_pixel(own):
     theirs, ours = found.values.astype(np.float64), own["depth"][..., 0].astype(np.float64)
     assert np.array_equal(np.isinf(theirs), np.isinf(ours))  # the sky is seen through the same pixels
     there = np.isfinite(ours)
-    # Coordinates of some units go through single precision several times.
+    # Coordinates of some units are rounded to single precision several times.
     assert np.median(np.abs(theirs[there] / ours[there] - 1)) < 2e-6
-    # 1/Z is linear on planes: how far theirs is from ours, in pixels, is what a shift of the picture would do.
+    # 1/Z is linear on planes: the difference of the two over the slope is a shift of the picture, in pixels.
     inverse = 1 / ours
     slopes = [np.gradient(inverse, axis=axis)[smooth(ours) & there] for axis in (1, 0)]
     shift, *_ = np.linalg.lstsq(np.stack(slopes, axis=1), (1 / theirs - inverse)[smooth(ours) & there], rcond=None)
@@ -113,10 +113,10 @@ def test_beams_end_at_cycles_depth_as_they_do_at_our_own_surfaces(attic, own, ov
     away = smooth(own["depth"][..., 0])
     assert away.mean() > 0.6
     difference, peak = np.abs(own["beams"] - over["beams"]).max(axis=2), own["beams"].max()
-    # Where 1/Z bends by 0.3 %, the depth of a ray in the pixel is known to that part; the rest is rounding.
+    # Where 1/Z bends by 0.3 %, the depth of a ray in the pixel is known to that accuracy; the rest is rounding.
     assert difference[away].max() < 1e-3 * peak
     assert np.quantile(difference[away], 0.99) < 1e-5 * peak
-    # The test would see a plate that is flipped, or none.
+    # The test would notice a flipped holdout or a missing one.
     depth = over["depth"][..., 0]
     for wrong in (depth[:, ::-1], depth[::-1], np.full_like(depth, np.inf)):
         beams = attic.render(passes=1, holdout=wrong, beams=1024).layers["beams"]
@@ -133,13 +133,13 @@ def test_beams_are_added_to_the_plate_whose_alpha_stays(over):
 def test_fog_dims_the_plate_where_it_is_asked_to(attic, over):
     frames = []
     plate = pb.Plate(PLATE, fog=True)
-    # What the fixtures rendered is a first frame.
+    # The fixtures rendered the first frame, which compiles the kernels.
     assert not compiled(lambda: frames.append(attic.render(passes=1, holdout=PLATE, over=plate, beams=1024)))
     (dimmed,) = frames
     picture = read_layers(PLATE)["ViewLayer.Combined"][..., :3]
     layers = dimmed.layers
     assert np.allclose(layers["rgba"][..., :3], picture * layers["transmittance"] + layers["beams"], rtol=1e-6)
-    depth = layers["depth"][90, 160, 0]  # beside the camera's axis by half a pixel
+    depth = layers["depth"][90, 160, 0]  # half a pixel from the camera's axis
     assert np.allclose(layers["transmittance"][90, 160], np.exp(-0.05 * depth), rtol=1e-3)
 
 
@@ -148,7 +148,7 @@ def test_a_crop_has_its_part_of_holdout_and_plate(attic):
     part = attic.render(passes=1, holdout=PLATE, over=PLATE, beams=256, crop=(0.25, 0.5, 0.75, 1)).layers
     assert np.array_equal(part["depth"], whole["depth"][90:, 80:240])
     assert np.array_equal(part["rgba"][..., 3], whole["rgba"][90:, 80:240, 3])
-    # As any crop: directions come from other pixel centres, in float32.
+    # As with any crop, directions are computed from other pixel centres, in float32.
     assert np.allclose(part["rgba"], whole["rgba"][90:, 80:240], rtol=2e-3, atol=1e-4 * whole["rgba"].max())
 
 
@@ -172,7 +172,7 @@ def test_a_distance_is_the_planar_depth_over_the_cosine():
         passes=1, width=32, height=18, beams=256, holdout=Holdout(distance / 100, kind="distance", scale=100.0)
     ).layers
     assert np.allclose(along["depth"], away["depth"], rtol=1e-6)
-    # Rounding of depths, over what a beam is long.
+    # The rounding of depths, relative to a beam's length.
     assert np.allclose(along["beams"], away["beams"], rtol=1e-4, atol=1e-5 * along["beams"].max())
 
 
@@ -298,7 +298,7 @@ def test_views_are_parts_or_the_older_form_of_names(tmp_path):
         found, warnings = read(Holdout(path), views=("left", "right"))
         assert [each.values[0, 0] for each in found] == [1, 2]
         assert read(Holdout(path), views=("right",))[0][0].values[0, 0] == 2
-        assert read(Holdout(path))[0][0].values[0, 0] == 1  # a camera that is none of two sees the default view
+        assert read(Holdout(path))[0][0].values[0, 0] == 1  # a single camera sees the default view
         assert not warnings
 
 

@@ -1,4 +1,4 @@
-"""Pictures for notebooks: small frames as their file has them, large ones smaller."""
+"""Pictures for notebooks: small frames are shown as their file has them, large ones are made smaller."""
 
 from io import BytesIO
 
@@ -47,13 +47,13 @@ def test_large_pictures_are_made_smaller_and_keep_their_aspect_and_their_light(n
     small = pixels_of(found)
     assert (len(found) if name == "MOST_BYTES" else small.shape[0] * small.shape[1]) <= 1.02 * limit
     assert small.shape[0] < 90 and small.shape[1] / small.shape[0] == pytest.approx(160 / 90, rel=0.02)
-    # Nothing is above the shoulder; the mean of 43,200 even numbers 0.3 apart errs by 0.0004.
+    # Nothing is above the shoulder; the mean of 43,200 uniform numbers over a range of 0.3 errs by 0.0004.
     halves = [srgb_decoded(each / 255).mean() for each in np.array_split(small, 2, axis=1)]
     np.testing.assert_allclose(halves, [0.2, 0.3], atol=0.003)
 
 
 def test_a_limit_that_nothing_meets_is_met_by_all_that_is_usual(rng):
-    """Noise is the worst there is: 800 x 480 pixels of it are more than a megabyte."""
+    """Even noise meets the limit, although no picture is harder to compress: 800 x 480 pixels exceed a megabyte."""
     found = previews.preview(rng.uniform(0, 1, (480, 800, 3)).astype(np.float32))
     assert 300_000 < len(found) <= previews.MOST_BYTES
 

@@ -1,4 +1,4 @@
-"""Textures: their size is bounded, and what is read of a large one."""
+"""Textures: their size is limited, and a large one is read at a lower resolution."""
 
 import os
 
@@ -26,7 +26,7 @@ def test_an_image_within_the_limit_is_read_as_it_is(image):
 @pytest.mark.parametrize("strip", [1, 2**20])
 @pytest.mark.parametrize("tiled", [False, True])
 def test_a_large_image_is_read_in_strips_of_means(tmp_path, monkeypatch, strip, tiled):
-    """A whole factor is a mean over squares, exact to the rounding of float32."""
+    """Reduction by a whole factor is a mean over squares, exact to the rounding of float32."""
     monkeypatch.setattr(textures, "_STRIP", strip)
     pixels = np.random.default_rng(3).random((48, 64, 3)).astype(np.float32)
     path = str(tmp_path / "a.exr")

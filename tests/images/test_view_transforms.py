@@ -1,4 +1,4 @@
-"""View transforms: ours, OpenColorIO's own, and those of a user's configuration, which may have none of its names."""
+"""View transforms: our own, those built into OpenColorIO, and those of a user's configuration with other names."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from photonbeams.images.display import srgb_encoded, tone_mapped
 from photonbeams.images.view_transforms import view_transforms, viewed
 from photonbeams.scene import SceneError
 
-#: A configuration as of 2011, with linear colours, a gamma of 2.2, and colours as they are.
+#: A configuration in the format of 2011, with linear colours, a gamma of 2.2, and raw colours.
 OLD = """ocio_profile_version: 1
 roles: {default: raw, scene_linear: linear}
 displays:
@@ -29,7 +29,7 @@ GREY = np.full((8, 8, 4), 0.18, dtype=np.float32)
 
 @pytest.fixture
 def configuration(monkeypatch, tmp_path):
-    """Return what makes OpenColorIO's configuration one of these texts, None: a file that is not there."""
+    """Return a function that makes a text OpenColorIO's configuration; with None its file is missing."""
 
     def use(text):
         path = tmp_path / "config.ocio"

@@ -1,6 +1,6 @@
 """Float64 twin of the noise, written from its definition: a sum over the corners of a cell, in NumPy.
 
-Points are arrays (n, N): a row for each coordinate, time the last.
+Points are arrays (n, N): a row for each coordinate, the last one for time.
 """
 
 from functools import cache
@@ -13,7 +13,7 @@ SHIFTS = np.array([[0.37], [0.61], [0.17], [0.83]])
 
 
 def mixed(state):
-    """MurmurHash3's finaliser of 32 bits, which are kept in 64."""
+    """Return MurmurHash3's 32-bit finaliser of a state; the numbers are stored in 64 bits."""
     state = state & MASK
     state ^= state >> 16
     state = (state * 0x85EBCA6B) & MASK
@@ -39,9 +39,10 @@ def fade(x):
 
 @cache
 def deviation(n):
-    """The deviation of the noise before it is scaled: the mean over a cell of the sum of its corners' variances.
+    """Return the standard deviation of the noise before it is scaled.
 
-    Eight Gauss points an axis integrate polynomials of degree 15 exactly, and these have 12.
+    The variance is the mean over a cell of the sum of its corners' variances. Eight Gauss points per axis integrate
+    polynomials of degree 15 exactly, and these have degree 12.
     """
     x, w = np.polynomial.legendre.leggauss(8)
     inside = np.stack(np.meshgrid(*[(x + 1) / 2] * n)).reshape(n, -1)
@@ -101,6 +102,6 @@ def cellnoise(points):
 
 
 def random(*numbers):
-    # Adding 0 makes 0 of −0.
+    # Adding 0 turns −0 into 0.
     words = [(np.asarray(x, dtype=np.float32) + np.float32(0)).view(np.uint32).astype(np.uint64) for x in numbers]
     return (hashed(words, 100) >> 8) / 2**24

@@ -1,4 +1,4 @@
-"""Profiles across the beam: normalised, and projected onto the line as the billboard needs them."""
+"""Profiles across the beam: they are normalised, and their line integrals are those that the billboard needs."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from photonbeams.looks.across import AcrossFunction, across
 from photonbeams.runtime.device import Float
 
 EPSILON32 = float(np.finfo(np.float32).eps)
-# A linear table of 1024 entries errs by 1/8 of the second derivative over 1023²: profiles below have up to some 50
-# over the unit interval, where they are smooth.
+# A linear table of 1024 entries errs by 1/8 of the second derivative over 1023²; where the profiles below are smooth,
+# this derivative is at most some 50.
 TABLE = 50 / 8 / 1023**2
 
 
@@ -19,7 +19,7 @@ def smoothstep(t):
     return 1 - t * t * (3 - 2 * t)
 
 
-#: Profile, the same in NumPy before it is normalised, and what its table leaves of a corner of this slope in ρ².
+#: Profile, its shape in NumPy before normalisation, and the slope in ρ² of its corner, which the table cuts off.
 PROFILES = {
     "uniform": (pb.looks.Uniform(), np.ones_like, 0),
     "epanechnikov": (pb.looks.Epanechnikov(), lambda r: 1 - r * r, 0),
@@ -54,7 +54,7 @@ def normalised(shape):
 
 
 def tolerance(profile, corner):
-    """Return what table and float32 may cost: a corner between two entries is cut by 1/4 of its step in slope."""
+    """Return the error of table and float32: a corner between two entries is cut by 1/4 of its step in slope."""
     return (TABLE + corner / 4 / 1023 + 8 * EPSILON32) * profile(np.linspace(0, 1, 101)).max()
 
 
@@ -64,10 +64,10 @@ def test_a_profile_is_its_shape_with_the_sum_one(name):
     exact = normalised(shape)
     rho = np.linspace(0, 1, 3001)
     found = np.asarray(Float(0) + profile.density(Float(rho**2)), dtype=float)
-    # Near the axis a profile that has a slope in ρ there has an endless one in ρ², by which it is tabulated.
+    # A profile with a slope in ρ at the axis has an infinite slope there in ρ², in which it is tabulated.
     kept = rho > (0.1 if name in ("smoothstep", "tabulated", "hollow") else 0)
     assert np.abs(found - exact(rho))[kept].max() <= tolerance(exact, corner)
-    middle = (np.arange(200_000) + 0.5) / 200_000  # in ρ², of which π d(ρ²) is the area
+    middle = (np.arange(200_000) + 0.5) / 200_000  # in ρ²; the area element is π d(ρ²)
     density = np.asarray(Float(0) + profile.density(Float(middle)), dtype=float)
     assert np.pi * density.mean() == pytest.approx(1, abs=max(1e-4, tolerance(exact, corner)))
 
@@ -78,7 +78,7 @@ def test_the_billboards_kernel_is_the_line_integral_of_the_disc_kernel(name):
     exact = normalised(shape)
     u = np.linspace(0, 0.999, 500)
     line = np.asarray(Float(0) + profile.line(Float(u * u)), dtype=float)
-    # A corner's projection is smoother than the corner: its table is off by no more than the profile's is.
+    # A corner's projection is smoother than the corner: its table errs by no more than the profile's table.
     found = np.sqrt(1 - u * u) * line
     allowed = 2 * tolerance(exact, corner) + (2e-3 * exact(np.zeros(1)) if name in ("tabulated", "hollow") else 0)
     assert np.all(np.abs(found - k1(lambda rho: exact(rho)[..., None], u, pieces=600)[:, 0]) <= allowed)
@@ -87,7 +87,7 @@ def test_the_billboards_kernel_is_the_line_integral_of_the_disc_kernel(name):
 @pytest.mark.parametrize("name", PROFILES)
 def test_a_line_integral_over_all_lines_is_one(name):
     profile = PROFILES[name][0]
-    # u = sin φ takes the square root out of it.
+    # The substitution u = sin φ removes the square root.
     phi = (np.arange(20_000) + 0.5) / 20_000 * np.pi / 2
     line = np.asarray(Float(0) + profile.line(Float(np.sin(phi) ** 2)), dtype=float)
     assert 2 * np.mean(line * np.cos(phi) ** 2) * np.pi / 2 == pytest.approx(1, abs=1e-3)
@@ -118,7 +118,7 @@ def test_values_and_functions_become_profiles():
     assert across(profile) is profile
     assert isinstance(across([1, 0]), pb.looks.Tabulated) and isinstance(across(lambda r: 1 - r), AcrossFunction)
     assert isinstance(pb.Look().across, pb.looks.Epanechnikov)
-    # A function may answer a number.
+    # A function may return a number.
     assert float(across(lambda _: 3.0).density(Float(0.3))[0]) == pytest.approx(1 / np.pi, rel=1e-5)
 
 

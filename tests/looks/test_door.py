@@ -1,4 +1,4 @@
-"""What users see of looks in Python: how they are shown, and what they say of wrong arguments."""
+"""Looks in Python: how they are shown, and what their messages say about wrong arguments."""
 
 import inspect
 import types
@@ -12,7 +12,7 @@ from photonbeams import looks
 from photonbeams.runtime.device import Float
 from photonbeams.scene import SceneError
 
-#: Nothing that a factor could be made of.
+#: Values that most arguments of a factor cannot be.
 WRONG = {
     "none": None, "text": "x", "object": object(), "class": dict, "NaN": float("nan"), "endless": float("inf"),
     "empty": [], "ragged": [[1, 2], [3]], "holed": [1, None], "complex": 1j, "matrix": np.ones((2, 2)),
@@ -30,7 +30,7 @@ CLASSES = [
 
 
 def attempt(make):
-    """Return the sentence that a call ends with, or None where it does not fail."""
+    """Return the message of the error that a call raises, or None if it raises none."""
     try:
         make()
     except SceneError as error:

@@ -1,4 +1,4 @@
-"""Expressions: every function and operator against NumPy, and a sentence for every text that is none."""
+"""Expressions: every function and operator against NumPy, and an error message for every invalid text."""
 
 import pickle
 import re
@@ -34,12 +34,12 @@ def device_value(value, wide=True):
 
 
 def evaluated(text, inputs, wide=True):
-    """Return an expression of NumPy inputs as NumPy, (N,) or (N, 3)."""
+    """Return the value of an expression for NumPy inputs, as NumPy, (N,) or (N, 3)."""
     return all_evaluated([text], inputs, wide)[text]
 
 
 def all_evaluated(texts, inputs, wide=True):
-    """Return expressions as `evaluated` does, by their texts: at once, for every kernel takes its time to compile."""
+    """Return the values of expressions by their texts, by a single kernel, since each takes time to compile."""
     given_values = {name: device_value(value, wide) for name, value in inputs.items()}
     values = {text: parse(text).evaluate(given_values.__getitem__) for text in texts}
     dr.eval(values)
@@ -50,7 +50,7 @@ def all_evaluated(texts, inputs, wide=True):
 
 N = 400
 _rng = np.random.default_rng(3)
-#: Numbers of both signs about zero and far from it, whole ones among them.
+#: Numbers of both signs, near zero and far from it, some of them whole.
 X = np.concatenate([_rng.normal(0, 2, N // 2), _rng.integers(-5, 6, N // 4), _rng.normal(0, 300, N // 4)])
 Y = np.concatenate([_rng.normal(0, 2, N // 2), _rng.integers(-3, 4, N // 2)])
 UNIT = np.linspace(0, 1, N)
@@ -107,7 +107,7 @@ def s_curve(x, c):
 
 
 def hsv(h, s, v):
-    """The colour wheel by its six corners."""
+    """Return colours (N, 3), by the six corners of the colour wheel."""
     corners = np.array([[1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1], [1, 0, 1], [1, 0, 0]])
     pure = np.stack([np.interp(6 * np.mod(h, 1), np.arange(7), corner) for corner in corners.T], axis=1)
     return v[:, None] * (1 - s[:, None] * (1 - pure))
@@ -246,8 +246,8 @@ def test_an_expression_is_its_formula(text):
     found, expected = some_cases(list(CASES).index(text) // 12)[text], np.asarray(CASES[text], dtype=float)
     assert parse(text).kind == ("vector" if expected.ndim == 2 else "scalar")
     expected = np.broadcast_to(expected, np.broadcast_shapes(found.shape, expected.shape))
-    # x ** y takes the rounding of y log2 x, up to some 60, into the exponent; the fraction of a number of 1000, and the
-    # last octave of a noise, have that many ulps of error; Dr.Jit's tangent has fewer digits near its poles.
+    # x ** y has the rounding of y log2 x, up to some 60, in its exponent. The fraction of a number near 1000, and the
+    # last octave of a noise, have that many ulps of error. Dr.Jit's tangent has fewer digits near its poles.
     tolerance = 1e-9 if "tan(" in text else 4000 * EPSILON
     np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
 
@@ -279,11 +279,11 @@ RULES = [
 
 @pytest.mark.parametrize("wide", [True, False])
 def test_what_mathematics_does_not_answer_has_its_rule(wide):
-    # An input of no effect decides the precision.
+    # The input `s`, which has no effect, decides the precision.
     texts = [f"select(s, s, {text})" for text, _ in RULES]
     found = all_evaluated(texts, {"s": np.zeros(1)}, wide)
     for text, (_, expected) in zip(texts, RULES, strict=True):
-        # The unit vector of saturated components is one of equal ones.
+        # Components that saturate are equal, and so are those of their unit vector.
         assert found[text][0] == pytest.approx(expected, rel=1e-6, abs=1e-12), text
 
 
@@ -326,7 +326,7 @@ def test_values_have_the_types_that_looks_expect():
     wide = dr.float64_array_t(Float)
     assert type(parse("s * 0.1").evaluate(lambda _: wide(1))) is wide
     assert parse("s * 0.1").evaluate(lambda _: wide(1))[0] == 0.1
-    # Integers count, and do not divide as such; Python's numbers are taken too.
+    # Integers are accepted and divide as real numbers do; Python's numbers are accepted, too.
     assert float(parse("id / 2").evaluate(lambda _: UInt32(3))[0]) == 1.5
     assert float(parse("frame / 2").evaluate(lambda _: 3)[0]) == 1.5
 
@@ -358,11 +358,11 @@ def test_the_tables_tell_all_that_there_is():
         assert function.name == name and function.signature in text and function.doc in text
     assert FUNCTIONS["fbm"].signature == "fbm(p, octaves=6, lacunarity=2, gain=0.5, [time])"
     assert FUNCTIONS["fbm"].arity == (1, 5) and FUNCTIONS["clamp"].arity == (3, 3)
-    # Every function has another name than every input: one word means one thing.
+    # No function has the name of an input or a constant: one word has one meaning.
     assert not set(FUNCTIONS) & (set(NAMES) | set(expression.CONSTANTS))
 
 
-# -- What is no expression ---------------------------------------------------------------------------------------------
+# -- Invalid expressions -----------------------------------------------------------------------------------------------
 
 NESTED = "(" * 1000 + "s" + ")" * 1000
 ERRORS = {
@@ -481,7 +481,7 @@ def test_a_text_that_is_no_expression_is_told_in_a_sentence(text):
     began = time.monotonic()
     with pytest.raises(ExpressionError, match=reason) as caught:
         parse(text)
-    assert time.monotonic() - began < 5  # a hang is minutes
+    assert time.monotonic() - began < 5  # a hang would take minutes
     error = caught.value
     assert column in (None, error.column)
     sentence = str(error)
@@ -529,13 +529,13 @@ CONDITIONS = ["<", "<=", ">", ">=", "==", "!=", "and", "or"]
 
 @st.composite
 def expressions(draw, kind, depth):
-    """Return the text of an expression of a kind that is valid by construction."""
+    """Return the text of an expression of the given kind; it is valid by construction."""
 
     def part(wanted):
         return draw(expressions(wanted, depth - 1))
 
     def parts(count):
-        """Return parts of which at least one is of the kind, and the others fit."""
+        """Return parts: at least one of the kind, the others of that kind or scalars."""
         kinds = [draw(st.sampled_from(["scalar", kind])) for _ in range(count)]
         kinds[draw(st.integers(0, count - 1))] = kind
         return [part(each) for each in kinds]
@@ -568,7 +568,7 @@ def expressions(draw, kind, depth):
         for each in taken
     ]  # fmt: skip
     if function.name in ("linearstep", "smoothstep", "gaussstep"):
-        arguments[2] = f"({arguments[2]} + s)"  # or the order of SeExpr would be suspected
+        arguments[2] = f"({arguments[2]} + s)"  # otherwise SeExpr's order would be suspected
     return f"{function.name}({', '.join(arguments)})"
 
 
@@ -580,7 +580,7 @@ WILD = [0.0, -0.0, 1.0, -1.0, 0.5, 2.0, 1e-45, 1e-20, -1e-20, 3.4e38, -3.4e38, 1
        st.integers(0, 2**32 - 1))  # fmt: skip
 @settings(max_examples=30)
 def test_any_expression_of_any_inputs_is_finite(texts, seed):
-    """Eight expressions at once, for every kernel takes its time to compile."""
+    """Any expression is finite for any inputs; eight share a kernel, which takes time to compile."""
     rng = np.random.default_rng(seed)
 
     def lookup(name):

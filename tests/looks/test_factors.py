@@ -71,7 +71,7 @@ FACTORS = {
 @pytest.mark.parametrize("name", FACTORS)
 def test_a_factor_is_its_formula(name):
     factor, expected = FACTORS[name]
-    # Exponents reach 10, whose rounding exp() multiplies; the device's exp and log are good to some 1e-6 themselves.
+    # Exponents reach 10, and exp() multiplies their rounding; the device's exp and log are accurate to some 1e-6.
     np.testing.assert_allclose(values(factor), expected, rtol=10 * EPSILON32 + 3e-6, atol=1e-6)
 
 
@@ -115,8 +115,8 @@ def test_a_ramp_interpolates_its_knots(interpolation, space):
     expected, found = by_hand(interpolation, place), values(ramp)
     step = (KNOTS[-1] - KNOTS[0]) / (RESOLUTION - 1)
     smooth = np.abs(place[:, None] - KNOTS).min(axis=1) > step
-    # Between table entries: a smooth piece errs by its second derivative (at most 60) over eight; a corner of slope
-    # up to 10 is cut by a quarter of that a step; a jump is a line one step long.
+    # Between table entries a smooth piece errs by an eighth of its second derivative (at most 60) times step²; a corner
+    # of slope up to 10 is cut by a quarter of the slope times the step; a jump becomes a line one step long.
     corner = np.inf if interpolation == "none" else 10 * step / 4
     assert np.abs(found - expected)[smooth].max() <= 60 * step**2 / 8 + 1e-5
     assert np.abs(found - expected).max() <= corner + 1e-5
@@ -143,7 +143,7 @@ def test_corners_of_ramps_and_polynomials_are_told_to_the_quadrature():
     assert list(pb.looks.ColorRamp(KNOTS, COLOURS).corners) == named("fraction", KNOTS)
     assert pb.looks.ColorRamp(KNOTS, COLOURS, "smooth").corners == ()
     steps = [place for _, place in pb.looks.ColorRamp(KNOTS, COLOURS, "none").corners]
-    # On both sides of each step, an entry of the table apart.
+    # There is a corner on both sides of each step, one table entry apart.
     assert [a < k <= b for k, a, b in zip(KNOTS[1:], steps[::2], steps[1::2], strict=True)] == [True] * 3
     assert np.diff(steps)[::2] == pytest.approx((KNOTS[-1] - KNOTS[0]) / (RESOLUTION - 1))
     ramp = pb.looks.ColorRamp(KNOTS, COLOURS, "linear", 1, 3, "distance")
@@ -198,7 +198,7 @@ def test_view_angle_factors_are_their_formulas():
         pb.Look(angle=0.5).angle: colour(np.full_like(COSINE, 0.5)),
     }
     for factor, expected in cases.items():
-        # 1 + g² − 2 g cos loses a factor of 40 at g = 0.8 by cancellation, before the power of 1.5.
+        # At g = 0.8 cancellation in 1 + g² − 2 g cos multiplies the rounding by 40, before the power of 1.5.
         np.testing.assert_allclose(values(factor, cosine=COSINE), expected, rtol=100 * EPSILON32)
 
 
@@ -208,7 +208,7 @@ def test_the_phase_function_is_normalised(g):
     from photonbeams.looks.angle import henyey_greenstein as phase
 
     total = 2 * np.pi * np.sum(w * np.asarray(phase(Float(x), Float(g)), dtype=float))
-    assert total == pytest.approx(1, abs=1e-4)  # (1 − |g|)² = 0.0025 is left of numbers near 2 that float32 rounds
+    assert total == pytest.approx(1, abs=1e-4)  # float32 rounds numbers near 2, whose difference is (1 − |g|)² = 0.0025
 
 
 # -- Looks ------------------------------------------------------------------------------------------------------------
@@ -242,7 +242,7 @@ def test_the_path_is_along_times_eye():
 
 def test_rates_tell_how_fast_the_factors_change():
     look = pb.Look(along=pb.looks.Exponential(0.5), eye=pb.looks.Power(2, 0.25), angle=1.0).bind(None, 4.0)
-    # Differences over 1/511 of the reach see the slope at its begin within the same share of the length.
+    # Differences over 1/511 of the reach err, at the steep beginning, by that step over the falloff's length.
     assert look.rate_along[0] == pytest.approx(2, rel=0.02)
     assert look.rate_fraction[0] == 0
     assert look.rate_eye[0] == pytest.approx(8, rel=0.1)

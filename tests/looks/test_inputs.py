@@ -1,4 +1,4 @@
-"""What factors may ask for: places, times, beams; and functions and expressions that are wrong."""
+"""The inputs of factors: positions, times and beams; and functions and expressions that are wrong."""
 
 import sys
 
@@ -19,13 +19,13 @@ BEAMS = {
     "start": [[-1, 0, 0], [0, 0, 0], [1, 0, 0]], "end": [[-1, 0, 2], [0, 0, 2], [1, 0, 2]],
     "radius_start": 1e-3, "radius_end": 1e-3, "power": [[1, 1, 1]],
 }  # fmt: skip
-#: A ray through the middle of each, across it, from y = −4; at a quarter of the first, half of the second, …
+#: A ray across each beam, from y = −4: at a quarter of the first beam, at half of the second, …
 ORIGIN = np.array([[-1, -4, 0.5], [0, -4, 1.0], [1, -4, 1.5]])
 DIRECTION = (0, 1, 0)
 
 
 def seen(look, context=None, estimator="auto", **fields):
-    """Return what the rays see, in units of what they see of a plain look, (3 rays, 3 colours)."""
+    """Return the radiance along the rays relative to that of a plain look, (3 rays, 3 channels)."""
     beams = pb.Beams(**{**BEAMS, **fields})
     values = [
         np.asarray(
@@ -64,7 +64,7 @@ def test_an_input_is_what_its_name_says(name, estimator):
     context = pb.looks.LightContext(frame=60, time=2.5, light=3, to_world=TO_WORLD)
     expected = np.asarray(VALUES[name], dtype=float)
     expected = np.repeat(expected[:, None], 3, axis=1) if expected.ndim == 1 else expected
-    # In each place, shifted so that no value is negative; across and angle are asked for it, too.
+    # Every slot of the look uses the input, with an offset so that no value is negative.
     offset = 200.0 if name == "angle" else 10.0
     functions = {
         "by name": pb.Look(**{**PLAIN, "along": pb.looks.Function(_named(name, offset))}),
@@ -74,12 +74,12 @@ def test_an_input_is_what_its_name_says(name, estimator):
     }
     for what, look in functions.items():
         found = seen(look, context, estimator, **FIELDS) - offset
-        # Beams are a thousandth wide, over which inputs change by a thousandth; float32 holds 210 to 2e-5.
+        # Beams are a thousandth wide, so inputs change by a thousandth across them; float32 rounds 210 to 2e-5.
         np.testing.assert_allclose(found, expected, atol=2e-3, err_msg=f"{what}, {name}")
 
 
 def _named(name, offset):
-    """Return a function of two parameters, one of them of this name."""
+    """Return a function of two parameters, one of which has this name."""
     namespace = {}
     exec(f"def look({name}, {'s' if name != 's' else 't'}): return {name} + {offset}", namespace)
     return namespace["look"]
@@ -126,7 +126,7 @@ def test_noise_is_one_in_the_mean_and_goes_with_the_light():
         return np.asarray(noise.evaluate(at), dtype=float)
 
     found = values(pb.looks.Noise(1, scale=2, contrast=1))
-    # 20,000 points in 50³ wisps' worth of space are nearly independent; contrast 1 is clipped nowhere.
+    # 20,000 points in a space of 50³ noise cells are nearly independent; contrast 1 clips nothing.
     assert found.mean() == pytest.approx(1, abs=5 * found.std() / np.sqrt(len(found)))
     assert found.std() > 0.15 and found.min() >= 0
     np.testing.assert_allclose(values(pb.looks.Noise(0.0)), 1)
@@ -201,7 +201,7 @@ def test_other_numbers_in_a_look_compile_nothing():
 
 
 def test_light_is_neither_negative_nor_endless():
-    def spiked(distance, s):  # where no check looks
+    def spiked(distance, s):  # which the check does not sample
         return dr.select(dr.abs(distance - 1.0) < 1e-3, Float(dr.inf), 0.5)
 
     for factor, expected in (
@@ -232,7 +232,7 @@ def test_an_exit_in_a_function_is_told_in_a_sentence():
 
 @pytest.mark.parametrize("text", ["r > 0.95", "pulse(10 * r, 0.2)", "exp(-((r - 0.9) / 0.01) ** 2)"])
 def test_steps_by_radius_are_projected_as_they_are_integrated(text):
-    """In pieces of a 64th of the radius, by six points each: a step is off by a 400th of it."""
+    """A step by radius is accurate to 1/400 of the radius, with six points on each of 64 pieces."""
     look = pb.Look(**PLAIN, across=pb.looks.Uniform() * pb.looks.Expression(text))
     beams = pb.Beams([[0, 0, 0]], [[0, 0, 2]], 0.1, 0.1, [[1, 1, 1]])
     x = np.linspace(-0.095, 0.095, 200)

@@ -1,4 +1,4 @@
-"""Procedural noise: against its NumPy twin, and by the properties that artists see."""
+"""Procedural noise: its values against a NumPy twin, and the properties that artists see."""
 
 import drjit as dr
 import numpy as np
@@ -12,7 +12,7 @@ from photonbeams.runtime.device import Array2f, Array3f, Float
 EPSILON32 = float(np.finfo(np.float32).eps)
 DIMENSIONS = [1, 2, 3, 4]
 COUNT = 100_000
-#: Means of this many independent numbers lie within five deviations, or the seed would be one in a million.
+#: A mean of independent numbers lies within five standard deviations, except for one seed in a million.
 SIGMAS = 5
 
 
@@ -21,7 +21,7 @@ def double():
 
 
 def arguments(points, kind=None):
-    """Return (n, N) points as what the functions take: a float, a float and time, a vector, a vector and time."""
+    """Return points (n, N) as the functions' arguments: a float, a float and time, a vector, or a vector and time."""
     scalar = kind or double()
     axes = [scalar(np.array(axis, dtype=np.float32 if scalar is Float else np.float64)) for axis in points]
     if len(axes) < 3:
@@ -31,20 +31,20 @@ def arguments(points, kind=None):
 
 
 def values(function, points, *more, **keywords):
-    """Return a noise of (n, N) points in float64."""
+    """Return a noise at points (n, N) in float64."""
     *p, time = (*arguments(points), None) if len(points) in (1, 3) else arguments(points)
     return np.asarray(function(*p, *more, time=time, **keywords), dtype=float)
 
 
 def spread(rng, n, count=COUNT, reach=1e6):
-    """Return points of cells so far apart that their noises are independent."""
+    """Return points in cells so far apart that the noise at them is independent."""
     return rng.uniform(-reach, reach, (n, count))
 
 
 @pytest.mark.parametrize("n", DIMENSIONS)
 def test_noise_is_its_definition(rng, n):
     points = np.hstack([spread(rng, n, 500, 3), spread(rng, n, 500, 1e5)])
-    # Coordinates of 1e5 have ulps of 1.5e-11 before their whole part goes, exactly: what is left is rounding near 1.
+    # Coordinates of 1e5 have ulps of 1.5e-11, but their whole part is removed exactly: only rounding near 1 is left.
     np.testing.assert_allclose(values(noise.snoise, points), twin.snoise(points), atol=1e-13)
     np.testing.assert_allclose(values(noise.noise, points), twin.noise(points), atol=1e-13)
     np.testing.assert_allclose(values(noise.vnoise, points), twin.vnoise(points), atol=1e-13)
@@ -65,7 +65,7 @@ def test_noise_of_float32_is_that_of_float64(rng, n):
     points = spread(rng, n, 1000, 50).astype(np.float32)
     found = noise.snoise(*arguments(points, Float))
     assert type(found) is Float
-    # The whole part goes exactly; the fade, of coefficients up to 15, and n products round some ten times each.
+    # The whole part is removed exactly; the fade, with coefficients up to 15, and n products have ten roundings each.
     np.testing.assert_allclose(np.asarray(found), twin.snoise(points), atol=40 * EPSILON32)
 
 
@@ -74,7 +74,7 @@ def test_octaves_are_summed_as_defined(rng, n):
     points = spread(rng, n, 500, 10)
     lacunarity, gain = double()(2.3), double()(0.6)
     for function, expected in ((noise.fbm, twin.fbm), (noise.turbulence, twin.turbulence)):
-        # The last of six octaves lies at 640 ulps, and has slopes of some 3 · 2.3^5 · 0.6^5.
+        # The last of six octaves has coordinates of some 640, with their ulps, and slopes of some 3 · 2.3^5 · 0.6^5.
         np.testing.assert_allclose(values(function, points), expected(points), atol=1e-11)
         found = values(function, points, octaves=4, lacunarity=lacunarity, gain=gain)
         np.testing.assert_allclose(found, expected(points, 4, 2.3, 0.6), atol=1e-11)
@@ -86,11 +86,11 @@ def test_noise_has_its_range_its_mean_and_the_same_deviation_in_all_dimensions(r
     points = spread(rng, n)
     signed, unsigned = values(noise.snoise, points), values(noise.noise, points)
     assert np.abs(signed).max() <= 1 and unsigned.min() >= 0 and unsigned.max() <= 1
-    # It is not all in the middle either: three deviations are met.
+    # The values are not all near the middle: some are beyond three standard deviations.
     assert signed.max() > 0.75 and signed.min() < -0.75
     error = SIGMAS / np.sqrt(COUNT)
     assert abs(signed.mean()) < error * 0.25 and abs(unsigned.mean() - 0.5) < error * 0.125
-    # The deviation's own error is half of its square's; an 8-bit gradient adds 0.4 %, the bend near ±1 takes less.
+    # A deviation's relative error is half the variance's; 8-bit gradients add 0.4 %, the bend near ±1 takes off less.
     assert signed.std() == pytest.approx(0.25, rel=error + 0.01)
 
 
@@ -102,20 +102,21 @@ def test_signed_noise_is_zero_at_whole_coordinates(rng, n):
 
 @pytest.mark.parametrize("n", DIMENSIONS)
 def test_noise_and_its_slope_are_continuous(rng, n):
-    """A step of the slope would make a second difference of h, a step of the value one of 1; what is smooth has h²."""
+    """Second differences are of order h²; a jump of the slope would give order h, a jump of the value order 1."""
     h = 1e-4
-    # Half of the points lie on the border of a cell; the others meet the bend at ¾ among them.
+    # Half of the points lie on the boundary of a cell; at some of the others the noise is at the bend, ¾.
     points = spread(rng, n, 20_000, 1000)
     points[0, ::2] = np.round(points[0, ::2])
     steps = np.zeros((n, 1))
     steps[0] = h
     before, here, after = (values(noise.snoise, points + k * steps) for k in (-1, 0, 1))
     steepest = np.abs(after - before).max() / (2 * h)
-    # Between planes a and b, scaled by at most 1.8: fade'' (b − a) + 2 fade' (b' − a'), where |a|, |b| ≤ n and
-    # |a'|, |b'| ≤ 1; the bend near ±1 adds twice the slope's square. Twice all this for slopes between the points.
+    # The second derivative between planes a and b is at most 1.8 times fade'' (b − a) + 2 fade' (b' − a'), where
+    # |a|, |b| ≤ n and |a'|, |b'| ≤ 1. The bend near ±1 adds twice the slope's square. The factor of 2 below is for
+    # steeper slopes between the points.
     curvature = 1.8 * (5.8 * 2 * n + 2 * 1.9 * 2) + 2 * steepest**2
     assert np.abs(before - 2 * here + after).max() <= 2 * curvature * h**2
-    assert np.abs(after - before).max() > h  # it does change
+    assert np.abs(after - before).max() > h  # the noise is not constant
 
 
 @pytest.mark.parametrize("n", DIMENSIONS)
@@ -139,7 +140,7 @@ def test_noise_varies_alike_along_all_axes_and_across_diagonals(rng, n):
         step[axis] = h
         slope = (values(noise.snoise, points + step) - values(noise.snoise, points - step)) / (2 * h)
         variances.append(slope.var())
-    # A slope's fourth moment is below six squared variances, so a variance of N errs by √(5 / N).
+    # A slope's fourth moment is below six squared variances, so a variance of N slopes errs by √(5 / N).
     error = SIGMAS * np.sqrt(5 / COUNT)
     np.testing.assert_allclose(variances, np.mean(variances), rtol=error)
     step = np.full((n, 1), h / np.sqrt(n))
@@ -150,7 +151,7 @@ def test_noise_varies_alike_along_all_axes_and_across_diagonals(rng, n):
 
 @pytest.mark.parametrize("direction", [(1, 0, 0), (0.6, 0, 0.8), (0.48, 0.6, 0.64)])
 def test_noise_has_one_size_in_all_directions(rng, direction):
-    """A bump about a lattice point is two cells wide, whichever way a line meets it: half a cycle a cell."""
+    """Along every line noise has half a cycle per cell, because the bump about a lattice point is two cells wide."""
     steps, cells = 16, 64
     line = np.arange(steps * cells) / steps
     points = spread(rng, 3, 200)[:, :, None] + np.array(direction)[:, None, None] * line
@@ -158,14 +159,14 @@ def test_noise_has_one_size_in_all_directions(rng, direction):
     power = (np.abs(np.fft.rfft(lines, axis=1)) ** 2).mean(axis=0)
     frequency = np.fft.rfftfreq(len(line), 1 / steps)
     assert power[frequency < 1].sum() > 0.98 * power.sum()
-    # Slices of noise hold what is large in space, too: the middle of their power lies below the bumps' frequency.
+    # Lines through noise also have large structures: the median of their power lies below the bumps' frequency.
     middle = np.interp(0.5, np.cumsum(power) / power.sum(), frequency)
     assert 0.2 < middle < 0.5
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_noise_along_a_line_of_the_lattice_does_not_die(axis):
-    """Perlin's gradients toward the edges of a cube leave stretches of nothing along an axis, as of a beam."""
+    """Noise does not vanish along a lattice line, as it would with Perlin's gradients toward the edges of a cube."""
     points = np.zeros((3, 64 * 16))
     points[axis] = np.arange(64 * 16) / 16
     cells = values(noise.snoise, points).reshape(64, 16)
@@ -186,7 +187,7 @@ def test_time_animates_without_jumps(rng, n):
     soon[-1] += 1e-3
     late[-1] += 2
     here = values(noise.snoise, points)
-    # Slopes have the deviation 0.75 or so, and no more than ten times that.
+    # Slopes have a standard deviation of about 0.75, and none exceeds ten times that.
     assert 0 < np.abs(values(noise.snoise, soon) - here).max() < 1e-2
     assert abs(np.corrcoef(here, values(noise.snoise, late))[0, 1]) < SIGMAS / np.sqrt(10_000)
 
@@ -200,7 +201,7 @@ def test_fbm_rarely_leaves_its_range_and_turbulence_has_creases(rng):
     points = spread(rng, 3)
     brownian, creased = values(noise.fbm, points), values(noise.turbulence, points)
     assert brownian.mean() == pytest.approx(0.5, abs=SIGMAS * 0.15 / np.sqrt(COUNT))
-    # Independent octaves of deviation 2^−k / 8 sum to one of 0.144, so 0 and 1 lie beyond three deviations: 0.3 %.
+    # Independent octaves of deviation 2^−k / 8 sum to one of 0.144: 0 and 1 lie beyond three deviations, so 0.3 %.
     assert np.mean((brownian < 0) | (brownian > 1)) < 3e-3
     assert creased.min() >= 0.5 and creased.mean() > 0.6
 
@@ -213,7 +214,7 @@ def test_cells_are_constant_and_evenly_spread(rng):
     counts = np.histogram(found, 20, (0, 1))[0]
     # Chi squared of 19 degrees of freedom: 19 ± √38.
     assert np.sum((counts - COUNT / 20) ** 2) / (COUNT / 20) < 19 + SIGMAS * np.sqrt(38)
-    # Neighbours know nothing of each other.
+    # Neighbouring cells are uncorrelated.
     for axis in range(3):
         step = np.zeros((3, 1))
         step[axis] = 1

@@ -1,7 +1,7 @@
-"""What `volpath` makes of each row: means of blocks with their standard errors, in references.json beside this file.
+"""Reference pictures of `volpath`: means of blocks and their standard errors, in references.json beside this file.
 
-`PYTHONPATH=tests python -m tests.matrix.references [WORD ...]` renders those of the rows whose names have one of the
-words, or all, in some minutes.
+`PYTHONPATH=tests python -m tests.matrix.references [WORD ...]` renders those of the rows whose names contain one of the
+words, or of all rows, in a few minutes.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def twin(row: Row, folder: Path) -> Any:
 
 
 def reference(row: Row) -> Means:
-    """Return the stored reference of a row; raises KeyError where it is of another scene."""
+    """Return the stored reference of a row; raise KeyError if it is of another scene."""
     found = json.loads(FILE.read_text())[row.name]
     if found["scene"] != row.fingerprint:
         raise KeyError(f"references.json has another scene for '{row.name}': run this module")

@@ -1,6 +1,6 @@
-"""The matrix of features: each row a stage, and the same scene as Mitsuba has it.
+"""The matrix of features: each row is a stage, and the same scene for Mitsuba.
 
-All rows look at a box of fog, [-1, 1]³, in the dark, from outside; a lamp above it is not in the picture.
+All rows show a box of fog, [-1, 1]³, in the dark, from outside; the lamp above it is not in the picture.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ mi = mitsuba()
 T = mi.ScalarTransform4f
 
 WIDTH, HEIGHT = 32, 20
-MANY = 8  # bounces: what comes after them is less than the noise in fogs as thin as these
+MANY = 8  # bounces: in fogs as thin as these, the light of later bounces is less than the noise
 
-#: By how much of the mean, and of a block of pixels, pictures may differ beside their noise.
+#: The fractions by which means, and means of blocks of pixels, may differ in addition to their noise.
 BIAS, BLOCK_BIAS = 0.005, 0.015
 
 #: Colour of the lamp, and of the walls of the room.
@@ -39,23 +39,23 @@ class Row:
     Attributes
     ----------
     name, stage
-        What it is, and the text of its stage.
+        The name of the feature, and the text of its stage.
     twin
-        The same by hand, as `mi.load_dict` takes it; None: what `photonbeams export` makes of the stage.
+        The same scene by hand, for `mi.load_dict`; None: the scene that `photonbeams export` makes of the stage.
     bounces
         How often light is scattered before it is scattered toward the camera.
     beams, plugin
-        Beams a pass of the stage, and what `photon_beams` is asked for.
+        Number of beams in each pass of the stage, and the parameters of `photon_beams`.
     files
-        What writes files that the stage names, by their names.
+        Functions that write the files of the stage, by the names of the files.
     samples
-        Of `volpath`, a pixel and seed.
+        Number of samples of `volpath` for each pixel and seed.
     settings
-        Of the stage's radii: light that sticks out of the fog is lost, and wide beams lose more.
+        Settings of the stage's radii: the light of beams that lies outside of the fog is lost, more of wide beams.
     passes
-        Of the stage and of the Mitsuba scene. Of an odd number the middle of all places that they look through in a
-        pixel is the pixel's. Few of many beams take less time than many of few; the edges of a shaft take more than
-        three places.
+        Number of passes, of the stage and of the Mitsuba scene. With an odd number, the mean of the places that are
+        sampled in a pixel is its centre. A few passes with many beams take less time than many passes with few beams;
+        the edges of a shaft need more than three places.
     """
 
     name: str
@@ -71,12 +71,12 @@ class Row:
 
     @property
     def max_depth(self) -> int:
-        """The longest path in edges, as Mitsuba counts."""
+        """The most edges of a path, as Mitsuba counts them."""
         return self.bounces + 2
 
     @property
     def fingerprint(self) -> str:
-        """What names the scene that a reference is of."""
+        """A hash that identifies the scene of a reference."""
         return sha256(f"{self.stage}{self.bounces}{WIDTH}x{HEIGHT}".encode()).hexdigest()[:12]
 
 
@@ -169,7 +169,7 @@ def nested() -> Parts:
 
 
 def density() -> np.ndarray:
-    """Return noise on 8³ points that vanishes at the border, by z, y and x."""
+    """Return noise on 8³ points that vanishes at the boundary, by z, y and x."""
     axes = np.linspace(-1, 1, 8)
     place = np.stack(np.meshgrid(axes, axes, axes, indexing="ij"))
     noise: np.ndarray = 0.5 + np.random.default_rng(3).random((8, 8, 8))
@@ -250,10 +250,10 @@ BALL = GLASS + prim(
 CLEAR = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
 SHAPE = {"type": "sphere", "center": [-0.2, 1.7, 0.1], "radius": 0.38, "bsdf": CLEAR}
 
-FEW = 24576  # beams a pass where each makes others
-# Radii from photon differentials, narrow beside the hole.
+FEW = 24576  # beams in each pass, if each of them makes others
+# Radii from photon differentials, narrow compared to the hole.
 FINE = {"paths": 65536, "overlap": 0.2}
-# For light that is scattered often, on its way from many places: fewer and wider beams have less noise.
+# For light that is scattered often and comes from many places: fewer and wider beams have less noise.
 WIDE = {"paths": FEW, "overlap": 1.0}
 EVEN = {"radius": 0.04, "alpha": 1.0}
 
@@ -273,7 +273,7 @@ SMOKE = prim(
 }
 """  # fmt: skip
 
-#: What stages and Mitsuba scenes render: each row is compared to `volpath`, and the two with each other.
+#: The stage and the Mitsuba scene of each row are compared to `volpath`, and to each other.
 MATRIX = (
     Row("single scattering, isotropic", stage(lamp(), box(0.4, 0.1))),
     Row("single scattering, Henyey-Greenstein 0.8", stage(lamp(), box(0.4, 0.1, 0.8))),
@@ -291,7 +291,7 @@ MATRIX = (
         lambda: with_box(0.4, 0.1, mirror=silver(FLOOR)), MANY, FEW, samples=8192),
     Row("a grid", stage(lamp(), SMOKE), smoke, MANY, FEW, WIDE, {"smoke.vol": write_density},
         settings={"overlap": 1.0}),
-    # Of beams that fly at the camera few are bright: more of them help as long as they do not get narrower.
+    # Few of the beams toward the camera are bright: more beams help, as long as they do not get narrower.
     Row("multiple scattering, Henyey-Greenstein 0.8", stage(lamp(), box(0.6, 0.05, 0.8)),
         partial(with_box, 0.6, 0.05, 0.8), MANY, 65536, {"paths": 131072, **EVEN}, samples=4096, settings=EVEN),
     Row("a glass ball with its caustic", stage(lamp(**FAR), BALL, box(0.4, 0.1)),

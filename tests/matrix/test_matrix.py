@@ -15,7 +15,7 @@ ROWS = {row.name: row for row in MATRIX}
 
 @pytest.fixture(scope="module")
 def stages(tmp_path_factory):
-    """Return the means of a row's stage."""
+    """Return a function that gives the means of a row's stage."""
     known = {}
 
     def found(name):
@@ -47,7 +47,7 @@ def rendered(row, folder):
 
 @pytest.fixture(scope="module")
 def twins(tmp_path_factory):
-    """Return the means of a row's Mitsuba scene."""
+    """Return a function that gives the means of a row's Mitsuba scene."""
     known = {}
 
     def found(name):
@@ -59,15 +59,15 @@ def twins(tmp_path_factory):
 
 
 def agree(ours, theirs):
-    """Assert that two pictures are the same.
+    """Assert that two pictures agree.
 
-    Their means may differ by the bias that beams of some width have at the fog's border, beside four standard errors;
-    blocks by three times as much. Of 120 numbers with a variance from three seeds none should be six standard errors
-    off.
+    In addition to four standard errors, their means may differ by the bias of wide beams at the boundary of the fog;
+    blocks may differ by three times as much. None of 120 numbers, with variances from three seeds, should be six
+    standard errors off.
     """
     value, error = ratio(ours, theirs)
     assert abs(value - 1) < BIAS + 4 * error, (value, error)
-    assert error < 3 * BIAS, "too noisy to tell"  # two pictures of three passes each
+    assert error < 3 * BIAS, "too noisy to tell"  # of two pictures with few seeds
     assert deviations(ours, theirs, BLOCK_BIAS).max() < 6
 
 

@@ -10,7 +10,7 @@ from photonbeams.runtime import device
 
 @pytest.mark.parametrize("count", [1, 3, 17, 1000])
 def test_numbers_are_kept_and_their_memory_is_aligned(count):
-    numbers = np.arange(2 * count)[::2]  # strided: no memory to share
+    numbers = np.arange(2 * count)[::2]  # strided, so memory cannot be shared
     for array in (to_float(numbers), to_uint(numbers), to_float(numbers.reshape(-1, 1))):
         assert np.array_equal(array.numpy(), numbers)
         assert device.backend() != "llvm" or array.numpy().ctypes.data % 64 == 0  # a view, on the CPU

@@ -1,4 +1,4 @@
-"""The maps from the unit square, and the samples in it."""
+"""Samples in the unit square, and the maps from it."""
 
 import drjit as dr
 import numpy as np
@@ -39,14 +39,14 @@ def test_sobol_points_before_scrambling_are_those_of_scipy(block):
     sequence = qmc.Sobol(4, scramble=False)
     wanted = (sequence.fast_forward(block * count) if block else sequence).random(count)
     index = block * count + np.arange(count)
-    index ^= index >> 1  # SciPy goes in the order of Gray's code
+    index ^= index >> 1  # SciPy orders points by Gray code
     digits = sampling.sobol_digits(int(index.min()), count)[:, index - index.min()]
     found = sum(((digits >> bit) & 1) * 2.0 ** -(bit + 1) for bit in range(32))
     assert np.array_equal(found.T, wanted)
 
 
 def test_sobol_points_of_powers_of_two_have_scipys_direction_numbers():
-    """All others are their exclusive sums; SciPy would take ten seconds to get to the last of them."""
+    """Points 2^k are SciPy's direction numbers; others are XORs of these, the last of which take SciPy ten seconds."""
     numbers = qmc.Sobol(4, scramble=False, bits=32)._sv
     for bit in range(32):
         reversed_digits = [int(f"{int(number):032b}"[::-1], 2) for number in numbers[:, bit]]
@@ -64,7 +64,7 @@ def test_scrambled_sobol_points_are_stratified_in_each_dimension_and_in_all(key)
     assert points.min() >= 0
     assert points.max() < 1
     assert all(len(np.unique(np.floor(column * 4096))) == 4096 for column in points.T)
-    # Four dimensions are integrated far better than by random points: whose standard error is 4096^-1/2 · 0.139.
+    # The integral over four dimensions errs far less than with random points, whose standard error is 0.139 / 64.
     assert abs(np.prod(np.sin(np.pi * points), axis=1).mean() - (2 / np.pi) ** 4) < 0.1 * 0.139 / 64
 
 
@@ -88,7 +88,7 @@ def test_two_uses_of_a_pixel_do_not_march_in_step():
 
 def test_sphere_map_preserves_area(square):
     directions = warp.sphere(square).numpy()
-    # Moments of the uniform sphere: 0, 1/3, 1/15 (x²y²); stratified, so far within the error of random points.
+    # Moments of the uniform sphere: 0, 1/3, 1/15 (x²y²). Stratified samples err far less than random points.
     assert np.allclose(directions.mean(axis=1), 0, atol=1 / np.sqrt(POINTS))
     assert np.allclose((directions**2).mean(axis=1), 1 / 3, atol=1 / np.sqrt(POINTS))
     assert np.isclose((directions[0] ** 2 * directions[1] ** 2).mean(), 1 / 15, atol=1 / np.sqrt(POINTS))
@@ -107,7 +107,7 @@ def test_power_cone_has_the_density_it_says(square, power, angle):
     axis = Array3f(0.36, -0.48, 0.8)
     q = -np.expm1((power + 1) * np.log(np.cos(angle)))
     directions, density = warp.power_cone(square, axis, Float(power), Float(q))
-    chord = np.linalg.norm((directions - axis).numpy().astype(np.float64), axis=0)  # 2 sin(θ/2): small angles survive
+    chord = np.linalg.norm((directions - axis).numpy().astype(np.float64), axis=0)  # 2 sin(θ/2): keeps small angles
     theta = 2 * np.arcsin(chord / 2)
     assert theta.max() < angle * (1 + 1e-3) + 1e-7
     # Uniform in 1 - cos^(k+1), as the density's integral says; float32 rounds the axis and the directions to 1e-7.

@@ -1,4 +1,4 @@
-"""What rays see of a stage's surfaces, without a picture."""
+"""The radiance of a stage's surfaces along given rays, without a picture."""
 
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ class Shaded(NamedTuple):
 
 
 def shade(world, origin, direction, index, seed=1, active=None):
-    """Return what rays see; `index` are the places of their samples."""
+    """Return what rays see; `index` are their positions in the sequence of samples."""
     count = dr.width(direction)
     ones = dr.ones(Array3f, count)
     primary = PrimaryRays(origin, direction, dr.zeros(Float, count), dr.full(Float, dr.largest(Float), count), ones)

@@ -1,4 +1,4 @@
-"""Checkpoints: interrupted and resumed equals uninterrupted, and what is not the same is refused."""
+"""Checkpoints: a resumed render equals an uninterrupted one; a checkpoint of another render is refused."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -28,7 +28,7 @@ WINDOW = Window.full(24, 16)
 
 
 def shutter(moving, *cameras):
-    """Return two groups of drawn beams, one of which may move, before a wall, seen by cameras."""
+    """Return the shutter of a shot: a wall and two groups of drawn beams, one of which moves if `moving` is true."""
     wall = scene.Mesh("/wall", np.array([[-9.0, -9, -9], [9, -9, -9], [0, 9, -9]]), np.array([[0, 1, 2]]))
     still = drawn("/a", "key", 0.0)
 
@@ -46,7 +46,7 @@ def drawn(name, group, shift):
 
 
 class Stop(KeyboardInterrupt):
-    """Ctrl-C, once so many passes are done."""
+    """Stands for Ctrl-C after some passes."""
 
 
 def stopping(after):

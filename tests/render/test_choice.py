@@ -1,4 +1,4 @@
-"""Which emitters' light walks meet: those whose noise is less for what it costs, where nothing is missed."""
+"""Walks meet the light of emitters for which they have less noise at equal cost than beams, and miss no light."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ LAMP = {"type": "point", "position": [0, 3, 0], "intensity": rgb(5.0)}
 
 
 def passes(count, mean, spread, seed=0):
-    """Return the radiance of rays in passes, (P, H, W), of a mean, and a standard deviation in units of it."""
+    """Return the radiance of rays in passes, (P, H, W), with a mean and a standard deviation relative to it."""
     return mean * (1 + spread * np.random.default_rng(seed).standard_normal((count, *RAYS)))
 
 
@@ -26,13 +26,13 @@ def test_what_has_less_noise_at_equal_cost_is_preferred(spread, cost, walks):
 
 
 def test_walks_that_miss_light_are_not_preferred():
-    # The standard error of both means is below 0.4 %: a tenth less is light that walks do not find.
+    # The standard error of both means is below 0.4 %: if a tenth is lacking, walks miss light.
     assert not prefers_walks(passes(4, 1.0, 0.2), passes(8, 0.9, 0.01, 1), 1.0)
 
 
 def test_noise_is_the_variance_in_units_of_the_mean_and_dark_parts_count_little():
     mean = np.ones(RAYS)
-    # 7,680 samples of a normal distribution tell their variance to 1.6 %.
+    # 7,680 samples of a normal distribution give its variance to 1.6 %.
     assert noise(passes(8, 1.0, 0.3), mean) == pytest.approx(0.09, rel=0.07)
     dark = np.where(np.arange(40) < 8, 0.01, 1.0) * np.ones(RAYS)  # the blocks at the left
     found = passes(8, 1.0, 0.3)
@@ -45,7 +45,7 @@ def test_nothing_is_noise_where_nothing_shines():
 
 
 def walked(scene, **settings):
-    """Return the emitters that walks meet, and those that send light paths."""
+    """Return the number of emitters that walks meet, and the names of those that emit light paths."""
     light = SceneRenderer(scene, scene.sensors()[0], Settings(beams=1024, **settings)).light
     known = [each.name for each in (stratum.emitter for stratum in light.simulation.emission.strata)]
     return sum(len(each.emitters) for each in light.walks.values()), known

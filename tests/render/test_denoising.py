@@ -1,4 +1,4 @@
-"""Denoised layers: noise goes, what the passes agree on stays, layers add up, and passes are as they were."""
+"""Denoising removes noise and keeps what the passes agree on; layers still add up, and passes do not change."""
 
 import sys
 from dataclasses import replace
@@ -26,7 +26,7 @@ SMALL = {"width": 48, "height": 27, "beams": 64}
 
 
 def summed(passes):
-    """Return the sums of passes, each the light of the surface and of two groups, (H, W) of grey."""
+    """Return the sums of passes, each of which has the grey light of the surface and of two groups, (H, W)."""
     sums = PassSums()
     for number, (surface, key, fill) in enumerate(passes):
         layers = {"surface": surface, "beams_key": key, "beams_fill": fill}
@@ -59,21 +59,21 @@ def test_noise_of_single_pixels_goes(rng):
     truth = np.add.outer(np.linspace(0.2, 1, 64), np.linspace(0, 1, 64))
     noisy, result = layers_of(noisy_passes(rng, truth))
     for name in ("surface", *GROUPS.values()):
-        # A mean over 5 × 5 pixels would leave a fifth of it.
+        # A mean over 5 × 5 pixels would leave a fifth of the noise.
         assert error(result[name], truth) < error(noisy[name], truth) / 4
 
 
 def test_what_the_passes_agree_on_stays(rng):
     texture = rng.random((3, *SHAPE))
     noisy, result = layers_of([tuple(texture)] * 4)
-    # The variance of equal passes is what rounding makes of it: 1e-7 of 1, and of what the network takes away.
+    # The variance of equal passes is rounding alone, about 1e-7, so hardly any of the network's change is applied.
     assert all(np.allclose(result[name], noisy[name], atol=1e-5) for name in noisy)
 
 
 def test_a_pattern_that_looks_like_noise_is_kept_where_it_is_larger_than_the_passes_error(rng):
     texture = rng.uniform(0.2, 1, SHAPE)
     noisy, result = layers_of(noisy_passes(rng, texture, 16, 0.1))
-    # w = σ² / (σ² + b²) lowers the error; σ² is known by its mean over 225 pixels and 15 passes, to some percent.
+    # The weight σ² / (σ² + b²) lowers the error; a mean over 225 pixels and 15 passes gives σ² to a few percent.
     for name in ("surface", *GROUPS.values()):
         assert error(result[name], texture) < 1.02 * error(noisy[name], texture)
     # The network by itself would take the texture for noise.
@@ -104,7 +104,7 @@ def test_black_stays_black(rng):
 
 @pytest.fixture
 def broken(monkeypatch):
-    """Let the library be missing."""
+    """Make the denoising library unavailable."""
     denoising._device.cache_clear()
     monkeypatch.setitem(sys.modules, "mitsuba_oidn", None)
     yield
@@ -148,7 +148,7 @@ def test_denoising_changes_no_pass_and_keeps_their_mean(shot):
     own, more = plain.views[0].state(), kept.views[0].state()
     assert own.keys() < more.keys() and all(np.array_equal(own[name], more[name]) for name in own)
     names = {name.rpartition("/")[2] for name in own}
-    assert not names & {"albedo", "mean normal"}  # which nobody has asked for
+    assert not names & {"albedo", "mean normal"}  # they were not requested
     frame = shot.render(passes=3, denoise=True, keep_noisy=True, **SMALL)
     noisy = shot.render(passes=3, **SMALL)
     for name in ("surface", "beams", *GROUPS.values()):

@@ -1,4 +1,4 @@
-"""An error as the goal of passes: asked for now and then, the same for all who render the frame, and not exceeded."""
+"""Passes end at the first check at which the error meets the goal, also when resumed, and the true error meets it."""
 
 from itertools import pairwise
 
@@ -14,7 +14,7 @@ SMALL = {"width": 48, "height": 32, "beams": 256}
 
 
 class Falling:
-    """A frame whose error is that of `first` pass by the root of their number."""
+    """A frame whose error is `first` after one pass, and falls with the square root of the number of passes."""
 
     about = ""
 
@@ -50,9 +50,9 @@ def test_checks_are_at_powers_of_two_and_half_way_between():
 
 @pytest.mark.parametrize(("error", "passes"), [(0.5, 8), (0.3, 12), (0.25, 16), (0.2, 32), (0.1, 128)])
 def test_passes_end_at_the_first_check_whose_error_is_small_enough(error, passes):
-    # 1 / √passes is at most the error; by rounding, 1/√16 is not above 0.25.
+    # 1 / √passes is at most the goal; rounding does not put 1 / √16 above 0.25.
     assert passes_for(error) == passes
-    assert passes_for(error, together=64) == passes  # wide ones, too
+    assert passes_for(error, together=64) == passes  # also if 64 passes are rendered at once
 
 
 def test_there_are_no_more_passes_than_the_user_gives():
@@ -81,20 +81,20 @@ def light(frame):
 
 
 def test_the_true_error_is_no_more_than_the_goal(shot):
-    # As many light paths as of 1,024 small passes, of which each takes as long as it takes to start its kernels.
+    # These are as many light paths as in 1,024 small passes, whose time would go into starting kernels.
     many = {**SMALL, "passes": 32, "beams": 16 * SMALL["beams"]}
     reference = np.mean([light(shot.render(seed=seed, **many)) for seed in (100, 101)], axis=0)
     goal = 0.05
     for seed in range(3):
         frame = shot.render(error=goal, seed=seed, **SMALL)
         done = frame.statistics.passes
-        # One check before, the passes were a third fewer at most, and their error larger than the goal.
+        # At the check before, there were at most a third fewer passes, and their error was larger than the goal.
         assert 8 < done < 64 and 0.7 * goal < frame.statistics.error <= goal
         relative = np.abs(light(frame) - reference) / reference
         order = np.argsort(relative, axis=None)
         half = np.searchsorted(np.cumsum(reference.ravel()[order]), 0.5 * reference.sum())
-        # As the estimate has it: half of the light is in pixels that have less. Half of normal errors are below 0.6745
-        # of their standard deviation. Samples that are more even than independent ones have less.
+        # As in the estimate, half of the light is in pixels with a smaller error than this. Half of normal errors are
+        # below 0.6745 standard deviations. Samples that are more even than independent ones have a smaller error.
         assert 0.05 * goal < relative.ravel()[order][half] / 0.6745 < goal
 
 

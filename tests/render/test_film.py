@@ -1,4 +1,4 @@
-"""The film camera: motion blur, depth of field and stereo of frames, against pinhole pictures of single instants."""
+"""Motion blur, depth of field and stereo of frames, against pinhole pictures of single instants."""
 
 import dataclasses
 
@@ -25,7 +25,7 @@ SEEDS = 32
 
 
 def drawn(shift=(0.0, 0.0, 0.0), power=1.0):
-    """Return two beams across the view, four units away and eight, moved."""
+    """Return two beams across the view, one four units away and one six to eight, moved by `shift`."""
     start = np.array([[-1.0, -0.6, -4.0], [-0.5, 2.0, -8.0]]) + shift
     end = np.array([[1.2, 0.7, -4.0], [0.4, -2.0, -6.0]]) + shift
     return scene.DrawnBeams("/beams", start, end, np.full(2, 0.1), np.full(2, 0.15), np.full((2, 3), power))
@@ -41,7 +41,7 @@ def beams_layer(shutter, view=0, **settings):
 
 
 def through_pixels(lens=(0.0, 0.0), place=(0.5, 0.5)):
-    """Return origin and directions of rays from a point of the lens to where a place in each pixel is in focus."""
+    """Return the origin and directions of rays from a point on the lens to points in focus at a place in each pixel."""
     x, y = np.meshgrid((np.arange(WIDTH) + place[0]) / WIDTH - 0.5, 0.5 - (np.arange(HEIGHT) + place[1]) / HEIGHT)
     focus = CAMERA.focus_distance
     target = np.stack([1.2 * x * focus, 0.8 * y * focus, np.full_like(x, -focus)], axis=-1).reshape(-1, 3)
@@ -56,28 +56,28 @@ def instant(beams, lens=(0.0, 0.0), place=(0.5, 0.5)):
 
 
 def mean_of(instants):
-    """Return the mean of instants, 256 of them in all: each is of other beams, or from elsewhere on the lens.
+    """Return the mean of 256 instants, each with its own beams or its own point on the lens.
 
-    They are looked at through places all over the pixels (the R2 sequence, Roberts 2018).
+    The instants are seen through different places in the pixels (the R2 sequence, Roberts 2018).
     """
     places = (np.arange(256)[:, None] / [1.32471795724474602596, 1.32471795724474602596**2]) % 1.0
     return np.mean([instant(*each, place=place) for each, place in zip(instants, places, strict=True)], axis=0)
 
 
 def blocks(picture):
-    """Return means over 4 × 4 pixels, each of which has its own time and place on the lens."""
+    """Return means over blocks of 4 × 4 pixels, each pixel of which has its own time and place on the lens."""
     return picture.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3))
 
 
 def assert_same_mean(frames, reference):
-    """Assert that frames of independent seeds have the reference as their mean, by Student's test of each block."""
+    """Assert that the mean of frames of independent seeds is the reference, by Student's t-test of each block."""
     frames, reference = np.array([blocks(frame) for frame in frames]), blocks(reference)
     error = frames.std(axis=0, ddof=1) / np.sqrt(len(frames))
-    # Below this, what differs is rounding and the reference's own 256 samples.
+    # Differences below this are rounding and the error of the reference's own 256 samples.
     floor = 2e-3 * reference.max()
     score = np.abs(frames.mean(axis=0) - reference) / np.hypot(error, floor)
     assert score.max() < student.ppf(1 - 1e-4 / (2 * reference.size), len(frames) - 1)
-    # The test has the power to see an exposure that is wrong by some percent.
+    # The test has the power to detect an exposure that is wrong by a few percent.
     totals = frames.mean(axis=(1, 2))
     assert totals.std(ddof=1) / np.sqrt(len(frames)) < 0.02 * reference.mean()
 
@@ -104,7 +104,7 @@ def test_a_lens_is_the_mean_of_pinholes_all_over_it(rng):
     places = np.stack([ring * np.cos(turn), ring * np.sin(turn)], axis=-1).reshape(-1, 2)
     sharp, reference = instant(drawn()), mean_of([(drawn(), place) for place in rng.permutation(places)])
     assert_same_mean(frames, reference)
-    # The far beam is blurred: two of its diameters wide.
+    # The far beam is blurred over two of its diameters.
     assert np.abs(reference - sharp).max() > 0.2 * sharp.max()
 
 
@@ -135,11 +135,11 @@ def test_a_camera_that_moves_with_the_beams_sees_them_sharp():
         return Moment(shot(drawn(fraction * shift)), (moved(CAMERA, matrix),))
 
     found, expected = beams_layer(Shutter(at, moving=True)), beams_layer(Shutter.still(shot(), CAMERA))
-    assert np.abs(found - expected).max() < 1e-3 * expected.max()  # float32, at two units of the world's origin
+    assert np.abs(found - expected).max() < 1e-3 * expected.max()  # float32, two units from the world's origin
 
 
 def test_a_turning_camera_sees_beams_and_surfaces_at_the_same_place():
-    """A beam that runs along a glowing rod stays on it, however the camera turns."""
+    """A beam that runs along a glowing rod stays on it while the camera turns."""
     glow = scene.Material(diffuse=scene.BLACK, emissive=(1.0, 1.0, 1.0))
     rod = quad("/rod", [[-0.05, -1, -4.2], [0.05, -1, -4.2], [0.05, 1, -4.2], [-0.05, 1, -4.2]], glow)
     start, end = np.array([[0.0, -1, -4.1]]), np.array([[0.0, 1, -4.1]])
@@ -183,7 +183,7 @@ def test_a_moving_surface_covers_a_pixel_for_its_share_of_the_time():
         return Moment(shot(drawn((0, 0, -9)), [quad("/wall", corners, glow)]), (CAMERA,))
 
     alpha = render(Shutter(at, moving=True), WINDOW, Settings(passes=16)).layers()["rgba"][..., 3]
-    # The edge passes x = −1 … 1 at distance 4: what it has passed was covered since.
+    # The edge moves from x = −1 to x = 1 at distance 4; a point is covered once the edge has passed it.
     edge = ((np.arange(WIDTH) + 0.5) / WIDTH - 0.5) * 1.2 * 4
     expected = np.clip((1 - edge) / 2, 0, 1)
     assert np.abs(alpha.mean(axis=0) - expected).max() <= 1 / 16 + 1 / WIDTH
@@ -200,7 +200,7 @@ def test_without_motion_lens_or_eye_distance_nothing_changes():
 
 
 def test_another_lens_crop_or_aspect_compiles_nothing():
-    """What is the same size in pixels has the same kernels, however wide the view: a zoom has another in each frame."""
+    """Pictures of the same size in pixels share kernels for any field of view, which a zoom changes in each frame."""
     crop = Window(3 * WIDTH, 4 * HEIGHT, (48, 45, 48 + WIDTH, 45 + HEIGHT))
     for first in (CAMERA, dataclasses.replace(CAMERA, lens_radius=0.05)):
         render(Shutter.still(shot(), first), WINDOW, Settings(passes=1))
@@ -217,7 +217,7 @@ def test_depth_is_that_of_a_pinhole_as_the_shutter_opens():
 
 
 def test_depth_and_surfaces_are_those_of_their_own_times():
-    """A wall that goes away: the depth is that at shutter open, however many passes there are."""
+    """The depth of a wall that moves away is that at shutter open, for any number of passes."""
 
     def at(fraction):
         z = -4 - 10 * fraction
@@ -229,15 +229,15 @@ def test_depth_and_surfaces_are_those_of_their_own_times():
 
 
 def test_a_time_limit_shows_the_whole_shutter():
-    """One pass that a time limit leaves of many has the beams of the whole shutter, not of a thousandth of it."""
+    """If a time limit ends a render after one of many passes, that pass shows the whole shutter interval."""
 
     def at(fraction):
         return Moment(shot(drawn(power=1 + 9 * fraction)), (CAMERA,))
 
     shutter = Shutter(at, moving=True)
     limited = beams_layer(shutter, passes=1000, time_limit=1e-9)
-    # A thin beam is seen by some 40 of 192 groups of pixels, whose powers are 1 to 10: the mean errs by a twelfth. The
-    # first thousandth of the shutter would have 1 instead of 5.5.
+    # Some 40 of 192 groups of pixels see the thin beam, each with a power from 1 to 10: the mean errs by a twelfth. The
+    # first thousandth of the shutter interval would have a power of 1 instead of 5.5.
     assert limited.mean() == pytest.approx(instant(drawn(power=5.5)).mean(), rel=0.25)
 
 
@@ -246,7 +246,7 @@ def test_slices_cover_the_shutter_in_an_order_that_may_be_cut_short():
         slices = [slice_of(number, passes) for number in range(passes)]
         assert np.allclose(sorted(slices), [(k / passes, (k + 1) / passes) for k in range(passes)])
     assert sorted(slice_of(number, 16)[0] for number in range(4)) == [0, 0.25, 0.5, 0.75]
-    # Where nobody knows how many there will be: the whole, halves, quarters.
+    # If the number of passes is unknown, the slices are the whole interval, then halves, then quarters.
     assert [slice_of(number, None) for number in range(5)] == [(0, 1), (0, 0.5), (0.5, 1), (0, 0.25), (0.5, 0.75)]
-    # So many are as if nobody knew how many: pass 2³⁰ is the second of those that have 2⁻³⁰ of the shutter.
+    # So many passes are treated as an unknown number: pass 2³⁰ is the second that covers 2⁻³⁰ of the interval.
     assert slice_of(2**30, 2**31 - 1) == (0.5, 0.5 + 2**-30)

@@ -1,4 +1,4 @@
-"""The example's flight through its beams: the blend of estimators moves no more than the converged frustum does."""
+"""On the example's flight through its beams, the blend of estimators changes no faster than the converged frustum."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ FRAMES = range(1, 102)
 
 
 def test_no_frame_of_the_flight_pops():
-    """No frame's difference to its neighbour exceeds the converged one's by more than 1 % (issue 3)."""
+    """The change from each frame to the next exceeds that of the converged estimator by at most 1 % (issue 3)."""
     shot = pb.Shot.open(STAGE, camera="Flight", overrides=["/World/Light/Key.photonbeams:count=96"])
     content, _ = shot.read(1)
     world = StageWorld.build(content, [(0, 1.5, 2)])
@@ -44,6 +44,6 @@ def test_no_frame_of_the_flight_pops():
     steps, own = (np.linalg.norm(np.diff(each, axis=0), axis=(1, 2)) for each in (blend, converged))
     assert np.all(steps <= 1.01 * own)
     assert np.linalg.norm(blend - converged) <= 0.005 * np.linalg.norm(converged)
-    # The camera does fly through the beams: what it sees changes by more than half on the way.
+    # The camera does fly through the beams: the light that it sees changes by more than a factor of two.
     total = converged.sum(axis=(1, 2))
     assert total.max() > 2 * total.min() and np.all(own > 0)

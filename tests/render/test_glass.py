@@ -1,4 +1,4 @@
-"""Glass in pictures: reflection and refraction are both followed where a camera path meets it first."""
+"""Glass in pictures: where a camera path first meets glass, both reflection and refraction are followed."""
 
 from functools import partial
 
@@ -31,14 +31,14 @@ def reflectance(cosine):
 
 
 def test_a_pane_has_its_reflectance_in_each_pixel_of_a_single_pass():
-    """The sky in a pane before a black wall: R' = 2R / (1 + R) for all reflections between its two sides."""
+    """A pane before a black wall reflects R' = 2R / (1 + R) of the sky, by all reflections between its two sides."""
     size, fov = 16, 20.0
-    angle = np.radians(72.0)  # there, no lobe is so faint that roulette ends it
+    angle = np.radians(72.0)  # at this angle, no lobe is so faint that roulette ends it
     pane = {"type": "rectangle", "to_world": T().scale(20), "bsdf": {"type": "thindielectric", "int_ior": IOR}}
     wall = {"type": "rectangle", "to_world": T().translate([0, 0, -1]).scale(40), "bsdf": BLACK}
     eye = (0, -4 * np.sin(angle), 4 * np.cos(angle))
     found = picture(load(sky=SKY, pane=pane, wall=wall, sensor=camera(eye, (0, 0, 0), size=size, fov=fov)))
-    # Rows of the picture are places on the pane; samples lie anywhere in a pixel.
+    # Each row of the picture sees the pane at its own angle; samples lie anywhere in a pixel.
     offset = np.radians(fov) / size
     near, far = (reflectance(np.cos(angle + each)) for each in (-0.5 * np.radians(fov), 0.5 * np.radians(fov)))
     expected = [2 * each / (1 + each) for each in (near, far)]
@@ -46,7 +46,7 @@ def test_a_pane_has_its_reflectance_in_each_pixel_of_a_single_pass():
     assert found[..., 0].min() > 0.9 * expected[0] and found[..., 0].max() < 1.1 * expected[1]
     middle = [2 * each / (1 + each) for each in (reflectance(np.cos(angle + k * offset)) for k in (-1, 1))]
     assert middle[0] < rows[size // 2 - 1 : size // 2 + 1].mean() < middle[1]
-    # Of two outcomes, 0 and 1, chance would leave a deviation of √(R' (1 − R')), 0.4.
+    # A random choice between 0 and 1 would have a standard deviation of √(R' (1 − R')), 0.4.
     assert (found[..., 0].std(axis=1) < 0.05).all()
     assert np.allclose(found[..., 3], 1)
 
@@ -55,7 +55,7 @@ def test_a_ball_of_glass_in_an_even_sky_cannot_be_seen():
     found = picture(load(sky=SKY, ball=BALL, sensor=camera()), passes=4)[..., 0]
     error = found.std() / np.sqrt(found.size)
     assert abs(found.mean() - 1) < 4 * error + 1e-5
-    assert error > 0 and found.std() < 0.3  # what roulette leaves at faint lobes
+    assert error > 0 and found.std() < 0.3  # the noise of roulette at faint lobes
 
 
 def scene_in_fog(shift=0.0):

@@ -1,4 +1,4 @@
-"""Another picture's depth: beams end there as they do at surfaces, within a pixel as well, and edges have no halo."""
+"""Beams end at another picture's depth as they do at surfaces, also within a pixel, and edges have no halo."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ WINDOW = Window.full(WIDTH, HEIGHT)
 FOG = scene.Medium(scattering=(0.2, 0.2, 0.2))
 CAMERA = scene.Camera("/camera", to_world=np.eye(4), focal_length=1.0, horizontal_aperture=1.0, vertical_aperture=0.6)
 LENS = dataclasses.replace(CAMERA, lens_radius=0.1, focus_distance=4.0)
-# A floor that is seen at 9 degrees and less, and beams close under it at all distances.
+# A floor that is seen at grazing angles, and beams close under it at many distances.
 FLOOR = quad("/floor", [[-40, -0.5, 0], [40, -0.5, 0], [40, -0.5, -40], [-40, -0.5, -40]])
 AWAY = -np.linspace(2.5, 8.0, 40)
 UNDER = scene.DrawnBeams(
@@ -40,7 +40,7 @@ def beams_layer(camera=CAMERA, meshes=(), beams=UNDER, depth=None, passes=4, win
 
 
 def floor_depth(place=(0.5, 0.5)):
-    """Return the floor's planar depth; it is beyond the picture's upper half."""
+    """Return the floor's planar depth; it is infinite where no floor is seen."""
     down = (np.arange(HEIGHT) + place[1]) / HEIGHT * 0.6 - 0.3
     depth = np.where(down > 0, 0.5 / np.maximum(down, 1e-9), np.inf)
     return np.repeat(np.where(depth < 40, depth, np.inf)[:, None], WIDTH, axis=1)
@@ -53,15 +53,15 @@ def test_nothing_of_a_beam_behind_a_slanted_plane_is_seen_at_any_place_of_a_pixe
     own = beams_layer(camera, [FLOOR])["beams"]
     assert open_air.max() > 0.02
     assert own.max() == 0
-    # Five units away the floor runs over more than one within a pixel. With the depth of its centre for all of it, a
-    # tenth of the light is seen.
+    # Five units away, the floor's depth changes by more than one unit within a pixel. If the depth of its centre held
+    # for the whole pixel, a tenth of the light would be seen.
     assert held.max() < 1e-6 * open_air.max()
 
 
 def test_through_a_lens_beams_end_at_a_holdout_as_they_do_at_surfaces():
     own = beams_layer(LENS, [FLOOR], THROUGH)["beams"]
     held = beams_layer(LENS, beams=THROUGH, depth=floor_depth())["beams"]
-    # Pixels of the horizon, where the floor ends, see it from a part of the lens alone.
+    # At the horizon, where the floor ends, pixels see the floor from only a part of the lens.
     below = slice(HEIGHT // 2 + 3, None)
     assert not np.allclose(own[below], beams_layer(beams=THROUGH)["beams"][below], atol=0.1 * own.max())
     assert np.allclose(held[below], own[below], atol=1e-3 * own.max())
@@ -72,7 +72,7 @@ def test_beams_end_at_a_holdout_as_they_do_at_surfaces():
     held = beams_layer(beams=THROUGH, depth=floor_depth())["beams"]
     assert own.max() > 0.01
     assert not np.allclose(own, beams_layer(beams=THROUGH)["beams"], atol=0.1 * own.max())
-    # float32 of 1/Z, over the least angle between beam and floor.
+    # The float32 rounding of 1/Z, divided by the smallest angle between beam and floor.
     assert np.allclose(held, own, atol=1e-4 * own.max())
 
 
@@ -84,7 +84,7 @@ def test_depths_may_be_those_of_any_place_in_the_pixel():
 
 
 def test_an_edge_is_between_two_pixels_and_makes_no_third_depth():
-    """A near card before a far wall: one beam between them is seen beside the card alone, and nowhere halved."""
+    """A beam between a near card and a far wall is seen in full beside the card, and not at all behind it."""
     depth = np.full((HEIGHT, WIDTH), 8.0)
     depth[:, : WIDTH // 2] = 2.0
     between = dataclasses.replace(BEAM, start=np.array([[-3.0, 0.0, -5.0]]), end=np.array([[3.0, 0.0, -5.0]]))
@@ -110,7 +110,7 @@ def test_surfaces_are_not_seen_under_a_holdout_and_fog_is_that_before_it():
     assert np.all(layers["depth"] == np.float32(3.0))
     x, y = (np.arange(WIDTH) + 0.5) / WIDTH - 0.5, (np.arange(HEIGHT) + 0.5) / HEIGHT * 0.6 - 0.3
     length = 3.0 * np.sqrt(1 + x**2 + y[:, None] ** 2)
-    # Means over places in the pixel, whose lengths differ by half a pixel's slope, 1/80.
+    # The layer is a mean over places in the pixel, whose distances differ by half a pixel's slope, 1/80.
     assert np.allclose(layers["transmittance"][..., 0], np.exp(-0.2 * length), rtol=0.2 * 3.0 / 80)
     far = beams_layer(depth=np.full((HEIGHT, WIDTH), np.inf))
     assert np.all(far["transmittance"] == 1)
@@ -127,7 +127,7 @@ def test_a_holdout_stands_still_before_a_moving_camera():
     state = scene.Scene((), (), (BEAM,), (FOG,))
     held = [HoldoutDepth(np.full((HEIGHT, WIDTH), 3.9), WINDOW)]
     layers = render(Shutter(at, moving=True), WINDOW, Settings(passes=4), holdouts=held).layers()
-    # The camera draws back from the beam, which is behind the holdout all the time.
+    # The camera moves away from the beam, which stays behind the holdout.
     assert layers["beams"].max() == 0
     assert np.all(layers["depth"] == np.float32(3.9))
 

@@ -1,4 +1,4 @@
-"""Photons that were scattered at random reach their neighbours."""
+"""Photons that were scattered at random have a radius that reaches their neighbours."""
 
 import drjit as dr
 import numpy as np
@@ -38,12 +38,12 @@ def test_photons_of_coherent_paths_neither_reach_nor_are_reached():
 
 
 def test_the_disc_of_a_photon_holds_as_many_as_are_asked_for():
-    """On a plane of n photons a unit area, π r² n is the number of neighbours: in the mean, within 3 / √(kN)."""
+    """On a plane with n photons per unit area, the mean of π r² n is the number of neighbours."""
     places = np.random.default_rng(3).random((20000, 3)).astype(np.float32)
     places[:, 2] = 0
     middle = np.all(np.abs(places[:, :2] - 0.5) < 0.4, axis=1)
     count = np.pi * reached(places, np.zeros(20000, bool))[middle].astype(np.float64) ** 2 * 20000
-    # The squared distance to the k-th neighbour has the mean of k, and neighbours share theirs: k / N are independent.
+    # π r² n has the mean k and the variance k, and neighbours share their discs: N / k of N values are independent.
     assert abs(count.mean() / _NEIGHBOURS - 1) < 3 / np.sqrt(middle.sum())
 
 

@@ -1,4 +1,4 @@
-"""The sums over the passes of a view: pixel filters against NumPy's and Mitsuba's, light groups, errors, state."""
+"""The film of a view: pixel filters against NumPy and Mitsuba's filters, light groups, errors, saved state."""
 
 import drjit as dr
 import numpy as np
@@ -19,7 +19,7 @@ GROUPS = {"": "beams_default", "key": "beams_key", "off": "beams_off"}
 
 
 def pixels(rng, passes, shape=(HEIGHT, WIDTH)):
-    """Return for each pass surface, two groups of beams, alpha, transmittance and depth, as NumPy has them."""
+    """Return the surface, two groups of beams, alpha, transmittance and depth of each pass, as NumPy arrays."""
     return [
         {name: rng.random((*shape, channels), dtype=np.float32)
          for name, channels in (("surface", 3), ("", 3), ("key", 3), ("alpha", 1), ("transmittance", 3), ("depth", 1))}
@@ -38,7 +38,7 @@ def picture(one, crop=None):
 
 
 def sums_of(film, parts, exposure=1.0):
-    """Return the sums of pictures with the places of their samples."""
+    """Return the sums of pictures, which are given with the places of their samples."""
     pixels = film.shape[0] * film.shape[1]
     result = SeenSums(film, sum(dr.width(places) for _, places in parts) // pixels, exposure)
     for each in parts:
@@ -47,7 +47,7 @@ def sums_of(film, parts, exposure=1.0):
 
 
 def add(result, number, whole, places, exposure=1.0):
-    """Add a pass that has one sample of everything."""
+    """Add a pass with one sample in each pixel."""
     seen, beams, first = whole
     seen = sums_of(result, [(seen, places)], exposure)
     result.add(number, seen, BeamSamples(beams, places), exposure, first if number == 0 else None)
@@ -62,14 +62,14 @@ def film(passes, name=None, crop=None, exposure=1.0, groups=GROUPS):
 
 
 def by_passes(values, name):
-    """Return the mean of light of beams: of each pass by itself, unless weights have both signs."""
+    """Return the filtered light of beams: each pass is filtered by itself, unless the filter has negative lobes."""
     if name in ("mitchell", "catmullrom", "lanczos"):
         return of_mitsuba(values, name)
     return np.mean([of_mitsuba([value], name, first=number) for number, value in enumerate(values)], axis=0)
 
 
 def of_mitsuba(values, name, shares=None, first=0):
-    """Return the mean of samples around each pixel by Mitsuba's own filter, in float64, sample by sample.
+    """Return the mean of the samples around each pixel, weighted one by one by Mitsuba's own filter, in float64.
 
     `first` is the number of the first pass.
     """
@@ -94,9 +94,9 @@ def test_a_pixel_is_the_weighted_mean_of_the_samples_around_it(rng, name):
     layers = film(passes, name).layers()
     for layer, own in (("surface", "surface"), ("transmittance", "transmittance")):
         expected = of_mitsuba([each[own] for each in passes], name)
-        # float32, of sums of some dozens of numbers below 1; corners of filters with negative lobes divide by 1/3.
+        # float32 sums of some dozens of numbers below 1; with negative lobes, corners divide by weights of 1/3.
         np.testing.assert_allclose(layers[layer], expected, atol=1e-5)
-    lights = [each["key"] for each in passes]  # one half of it by beams, the other one otherwise
+    lights = [each["key"] for each in passes]  # half of it by beams, half by camera paths
     expected = 0.5 * (by_passes(lights, name) + of_mitsuba(lights, name))
     np.testing.assert_allclose(layers["beams_key"], expected, atol=1e-5)
     np.testing.assert_allclose(layers["rgba"][..., 3:], of_mitsuba([each["alpha"] for each in passes], name), atol=1e-5)
@@ -121,7 +121,7 @@ def test_the_box_is_the_plain_mean_and_layers_add_up(rng, name):
 
 @pytest.mark.parametrize("name", ["box", "mitchell"])
 def test_samples_of_surfaces_and_of_edges_count_as_their_shares_say(rng, name):
-    """Four samples of surfaces in two pieces, and five of the beams of some pixels, are means over their places."""
+    """Pixels are means of four samples of surfaces, added in parts, and at edges of five samples of beams."""
     passes, count = pixels(rng, 5), HEIGHT * WIDTH
     whole = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name))
     seen, beams = zip(*(picture(each)[:2] for each in passes), strict=True)
@@ -156,11 +156,11 @@ def places(seed, passes, crop=(0, 0, 32, 32)):
 
 def test_samples_fill_each_pixel_over_the_passes_and_over_the_seeds():
     found = places(3, 16)
-    for across, down in ((4, 4), (16, 1), (1, 16)):  # sixteen passes are a net: one in each cell of every division
+    for across, down in ((4, 4), (16, 1), (1, 16)):  # sixteen passes have one sample in each cell of every grid
         cell = np.floor(found * [across, down]) @ [1, across]
         assert (np.sort(cell, axis=0) == np.arange(16)[:, None, None]).all()
     other = places(4, 16)
-    # Of a pass no two pixels and no two seeds share a place; uniform ones lie 0.289 about the middle, each way.
+    # Within a pass, places differ between pixels, and so do their shifts between seeds; both are uniform: σ = 0.289.
     for values in (found[0].reshape(-1, 2), (found[0] - other[0]).reshape(-1, 2) % 1.0):
         assert len(np.unique(values, axis=0)) > 1000
         assert values.std(axis=0) == pytest.approx([12**-0.5] * 2, rel=5 / np.sqrt(1024))
@@ -234,7 +234,7 @@ def test_all_passes_have_the_kernels_of_the_first(rng, name):
 
 @pytest.mark.parametrize(
     ("name", "expected"),
-    # ∫f² of a tent is 2/3; of a Gaussian of σ = 0.5, (∫f)² / ∫f² is 2 σ √π, less what its cut at 4 σ takes off.
+    # For a tent, ∫f² is 2/3; for a Gaussian of σ = 0.5, (∫f)² / ∫f² is 2 σ √π, less a little for its cut at 4 σ.
     [("box", 1.0), ("tent", 1.5**2), ("gaussian", np.pi)],
 )
 def test_a_filter_averages_as_many_pixels_as_it_lowers_independent_noise(name, expected):

@@ -30,12 +30,12 @@ def blocks(picture):
 
 
 def agree(ours, reference, bias):
-    """Return whether two sets of pictures have the same mean, and the same means of blocks.
+    """Assert that two sets of pictures have the same mean and the same means of blocks; return True.
 
-    A Z-test of each against the spread between the pictures of both sets, beside a bias: beams that are `radius` wide
-    blur what has an edge. It is `bias` of the mean, and of a block at an edge three times as much of the brightest. Of
-    the 48 numbers the largest may lie 4.5 off by chance, with
-    a spread that is known from few pictures; that of blocks is at least the median of all.
+    Each mean has a Z-test against the spread between the pictures of both sets, beyond a bias: beams of the settings'
+    `radius` blur edges. The bias is `bias` times the mean, and for blocks three times that fraction of the brightest
+    block. The largest of the 48 deviations may be 4.5 by chance, as few pictures give the spread. The relative spread
+    of a block is at least the median of all blocks.
     """
     means = [each.mean(axis=(1, 2)) for each in (ours, reference)]
     own = [blocks(each) for each in (ours, reference)]
@@ -84,7 +84,7 @@ def test_pictures_are_those_of_volpath(name):
     scene = load(**parts, sensor=camera(size=32))
     ours = pictures(scene, max_depth=None if depth < 0 else depth, hide_emitters=True, **SMALL)
     reference = [volpath(scene, 128, seed, max_depth=depth, hide_emitters=True) for seed in range(SEEDS)]
-    # Beams of radius r lose what of them sticks out of the fog: by theory about r / 2 of a side of 2 at each border.
+    # Beams of radius r lose the part that lies outside the fog: in theory about r / 2 at each boundary, of a side of 2.
     assert agree(ours, np.array(reference), bias=0.006)
 
 
@@ -113,7 +113,7 @@ def test_fog_without_a_border_fills_the_space():
 
 
 def test_white_fog_in_a_white_sky_is_not_seen():
-    """Energy is conserved: fog that absorbs nothing, lit evenly from all around, has the sky's radiance everywhere."""
+    """Energy is conserved: fog that absorbs nothing has the radiance of the uniform sky around it everywhere."""
     fill = {"type": "sphere", "bsdf": {"type": "null"}, "interior": fog([0.5, 1.0, 0.8], 1.0)}
     scene = load(fog=fill, light={"type": "constant", "radiance": 1.0}, sensor=camera(fov=30, size=32))
     found = pictures(scene, **SMALL)
@@ -141,18 +141,18 @@ def test_a_sensor_inside_of_fog_need_not_say_so(sensor):
 
 
 def test_a_mirror_shows_what_stands_before_it():
-    """A picture by way of a mirror is the picture of the camera's own mirror image, times the mirror's reflectance."""
+    """A picture in a mirror is the picture of the mirrored camera, times the mirror's reflectance."""
     mirror = {"type": "rectangle", "to_world": T().translate([0, 0, 3]).rotate([1, 0, 0], 180).scale(9),
               "bsdf": {"type": "conductor", "material": "none"}}  # fmt: skip
     parts = {"fog": cube_of(fog(0.4, 0.9)), "light": {**LAMP, "center": [-2.0, 0.5, 0.0]}}
-    # The mirror's plane is z = 3: a camera at z = 2 that looks along +z is as one at z = 4 that looks along −z.
+    # The mirror's plane is z = 3: the image of a camera at z = 2 that looks along +z is at z = 4 and looks along −z.
     seen = load(**parts, mirror=mirror, sensor=camera((0, 0, 2), (0, 0, 3)))
     image = load(**parts, sensor=camera((0, 0, 4), (0, 0, 0)))
     settings = {"passes": 1, "beams": 4096, "hide_emitters": True, "radius": 0.05, "guiding": False}
-    # One edge more by way of the mirror, which leaves none for light that the mirror itself throws into the fog.
+    # The mirror adds one segment to paths; none is left for light that the mirror reflects into the fog.
     by_mirror = pictures(seen, max_depth=3, **settings)[:, :, ::-1]
     direct = pictures(image, max_depth=2, **settings)
-    # Rays leave the mirror and the border of the fog with an offset of 1e-4, of fog of the order of one.
+    # Rays leave the mirror and the fog's boundary with an offset of 1e-4, where the fog's size is of the order of one.
     assert agree(by_mirror, direct, bias=5e-3)
 
 
@@ -175,23 +175,23 @@ def test_a_checkpoint_of_another_picture_is_refused():
 
 
 def test_the_error_is_told_by_the_passes():
-    """The error of the mean that passes tell, against that which pictures of other seeds have."""
+    """The error that the passes report agrees with the spread between pictures of different seeds."""
     scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
     found = frames(scene, by_beams(passes=4, beams=512, alpha=1.0, max_depth=2), 8)
     values = np.array([each.layers()["beams"].mean(axis=2).ravel() for each in found])
     mean = values.mean(axis=0)
     order = np.argsort(values.std(axis=0, ddof=1) / np.maximum(mean, 1e-12))
-    # As the error has it: half of the light is in pixels that have less.
+    # As in the reported error, half of the light is in pixels with a smaller spread.
     middle = order[np.searchsorted(np.cumsum(mean[order]), 0.5 * mean.sum())]
     spread = values.std(axis=0, ddof=1)[middle] / mean[middle]
     told = np.median([each.error() for each in found])
-    # Passes continue one sequence, so that their mean is better than they tell, but not by orders.
+    # Passes continue one sequence, so their mean is better than they report, but not by orders of magnitude.
     assert 0.2 * told < spread < 1.5 * told
 
 
 def test_a_second_picture_compiles_nothing():
-    # From another place, with other samples. Mitsuba itself puts numbers of its plug-ins into kernels (a sphere's
-    # centre, a medium's scale); with these at rest there is nothing new, once rare things have happened.
+    # Only the camera and the samples change: Mitsuba itself compiles numbers of its plug-ins into kernels (a sphere's
+    # centre, a medium's scale). The first pictures also compile the kernels of rare events.
     def picture(number):
         scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera((0, 0.1 * number, 4)))
         render(scene, scene.sensors()[0], by_beams(passes=3, beams=16384 + number, seed=number))
@@ -202,7 +202,7 @@ def test_a_second_picture_compiles_nothing():
 
 
 def test_light_that_is_scattered_by_nothing_is_a_plain_picture():
-    """A scene without media is surfaces alone."""
+    """A scene without media shows surfaces, and has no beams."""
     scene = load(light=LAMP, floor={"type": "rectangle", "to_world": T().scale(2)}, sensor=camera())
     frame = render(scene, scene.sensors()[0], by_beams(passes=2, max_depth=2))
     assert frame.statistics.beams == 0
@@ -217,7 +217,7 @@ def test_kernels_do_not_leave_derivatives_on():
 
 
 def test_a_point_light_in_fog_is_its_closed_form():
-    """∫ σs / 4π · I exp(−σt (t + d)) / d² dt along each ray, by the midpoint rule in the ray's angle to the light."""
+    """Rays have the radiance ∫ σs / 4π · I exp(−σt (t + d)) / d² dt, here by the midpoint rule in the angle φ."""
     strength, albedo, intensity = 0.3, 0.8, 2.0
     medium = mi.load_dict(fog(strength, albedo))
     light = {"type": "point", "position": [0, 0, 0], "intensity": rgb(intensity)}
@@ -239,8 +239,8 @@ def test_a_point_light_in_fog_is_its_closed_form():
         exact += np.exp(-strength * (t + d)) / height * (np.pi / 2 - first) / steps
     exact *= strength * albedo * intensity / (4 * np.pi)
     expected = exact.reshape(8, 8, 8, 8).mean(axis=(1, 3))
-    # Pixels spread by 3.4 % with one seed, 1.7 % with four, and hang together by four or so; the largest of 64 lies
-    # within 4.5 times that, and the mean within 2.5 times a quarter of it.
+    # Pixels have a spread of 3.4 % with one seed and 1.7 % with four, and about four of them are correlated. The
+    # largest of 64 deviations is within 4.5 times that, and that of the mean within 2.5 times a quarter of it.
     np.testing.assert_allclose(found, expected, rtol=0.08)
     assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
 
@@ -257,5 +257,5 @@ def test_radii_are_of_the_medium_whatever_lies_around_it(extinction):
     near, far = radii(2.0), radii(10_000.0)
     widest = min(CEILING * np.sqrt(3), FREE_PATHS / extinction)
     assert near.max() <= widest * (1 + 1e-6) and far.max() <= widest * (1 + 1e-6)
-    # Those that come straight from the light are the same ones.
+    # The beams that come straight from the light are the same.
     assert np.median(far) == pytest.approx(np.median(near), rel=0.2)

@@ -1,4 +1,4 @@
-"""Settings: what they take, and the sentence for what they do not."""
+"""Settings: the values that they accept, and the error messages for others."""
 
 from dataclasses import fields
 

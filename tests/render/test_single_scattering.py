@@ -12,12 +12,12 @@ from photonbeams import Look, Shot, scene
 SKY = (1.0, 2.0, 0.5)
 SCATTERING, ABSORPTION = np.array([0.9, 0.3, 0.05]), np.array([0.1, 0.3, 0.05])
 LAYERS = np.array([0.2, 3.0, 0.5, 0.0, 1.3], np.float32)  # densities of a slab's cells, from the bottom up
-WIDE = 500.0  # of the slab: free paths enough that its sides are black
+WIDE = 500.0  # half the slab's side: so many free paths that its sides are black
 CAMERA = scene.Camera.look_at((0, 3, 0), (0, 0, 0), up=(0, 0, 1), fov=1, aspect=1)
 
 
 def slab(varying, **given):
-    """Return a slab of height 1, of one density or of layers, that domes light."""
+    """Return a slab of height 1, homogeneous or in layers, that is lit by dome lights."""
     numbers = {"scattering": tuple(SCATTERING), "absorption": tuple(ABSORPTION), "name": "/smoke", **given}
     if not varying:
         return scene.Medium(mesh=box("/smoke", (-WIDE, 0, -WIDE), (WIDE, 1, WIDE)), lit_by_domes=True, **numbers)
@@ -27,9 +27,9 @@ def slab(varying, **given):
 
 
 def scattered_once(varying):
-    """Return what a camera above the slab sees: dL = T σs S(y) dy, S the mean of the sky that reaches y.
+    """Return the radiance above the slab, ∫ T σs S(y) dy, where S is the mean radiance of the sky that reaches y.
 
-    Of rays in all directions through the optical depth τ, the mean transmittance of a half space is E2(τ).
+    The mean transmittance through an optical depth τ, over the directions of a hemisphere, is E2(τ).
     """
     y = (np.arange(20000) + 0.5) / 20000
     density = np.interp(y, (np.arange(5) + 0.5) / 5, LAYERS) if varying else np.ones_like(y)
@@ -55,9 +55,9 @@ def test_a_slab_under_an_even_sky_is_lit_as_exponential_integrals_say(varying):
 
 
 def test_the_light_that_domes_scatter_in_smoke_is_in_the_beams_of_their_group():
-    # A cube of albedo 1 in a furnace is as bright as the sky. Scattered beams are a tenth of its light (9 % are missing
-    # without them); they are a twentieth of the cube's radius wide at most, and blurred out of it by no more on
-    # either side: a tenth of a tenth. Light beyond ten bounces is below 0.1 %.
+    # A cube of albedo 1 in a furnace is as bright as the sky. Scattered beams carry a tenth of its light (9 % are
+    # missing without them). They are at most a twentieth of the cube's radius wide and reach out of it by no more on
+    # either side, so at most a tenth of that tenth is lost. Light beyond ten bounces is below 0.1 %.
     cube = scene.Medium(
         (0.5, 0.5, 0.5), mesh=box("/m", (-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)), name="/m", lit_by_domes=True
     )

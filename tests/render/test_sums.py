@@ -1,4 +1,4 @@
-"""Sums over passes: the same bits in whatever ranges and order, and what is not one picture is refused."""
+"""Sums over passes have the same bits for any ranges and order; sums of different pictures are refused."""
 
 from itertools import pairwise
 
@@ -13,7 +13,7 @@ from photonbeams.scene import SceneError
 
 
 def picture(number, count=5):
-    """Return a pass; a light group is lit in every third one, and the first has a depth."""
+    """Return a pass; every third pass has light of a group, and the first has a depth."""
     rng = np.random.default_rng(number)
     result = {"surface": rng.exponential(size=(3, count)), "alpha": rng.random(count)}
     if number % 3 == 0:
@@ -59,7 +59,7 @@ def test_memory_does_not_grow_with_the_passes():
     for number in range(40 * BLOCK):
         sums.add(number, picture(number))
         most = max(most, len({name.partition("/")[0] for name in sums.state()}))
-    assert most <= 1 + np.log2(BLOCK)  # the blocks so far, and a part of each power of two
+    assert most <= 1 + np.log2(BLOCK)  # whole blocks, and one part for each power of two
 
 
 def test_a_pass_that_is_there_is_refused_and_gaps_are_known():

@@ -1,4 +1,4 @@
-"""How many samples surfaces have in a pass, and pixels at edges of beams; what integrators keep between renders."""
+"""Numbers of samples of surfaces and of pixels at edges of beams; what integrators keep between renders."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_a_number_of_samples_is_a_power_of_two(value):
 
 
 def test_more_samples_at_edges_leave_the_mean_and_take_the_noise_of_edges_away():
-    """Fog behind the hole is forty times as bright as before the wall: one sample of a pixel shows either."""
+    """More samples remove the noise of edges, where fog behind the hole is forty times as bright as before the wall."""
     scene = comparison(48, 27)
     found = {}
     for each in (1, 8):
@@ -43,18 +43,18 @@ def test_more_samples_at_edges_leave_the_mean_and_take_the_noise_of_edges_away()
     assert abs(totals[1].mean() - totals[8].mean()) < 4 * error
     variance = {each: own.var(axis=0, ddof=1) for each, own in found.items()}
     edge = variance[1] > np.quantile(variance[1], 0.99)
-    # Five samples instead of one; beams themselves have noise, too.
+    # Edges have five samples instead of one; beams themselves have noise, too.
     assert variance[8][edge].mean() < variance[1][edge].mean() / 3
 
 
 def test_samples_of_surfaces_are_means_over_the_pixel():
-    """A lamp's picture against black, by four passes of one sample and by one pass of four."""
+    """Four passes of one sample and one pass of four give the same picture of a lamp before black."""
     scene = load(lamp=LAMP, sensor=camera(target=(0, 2, 0), size=12), dust=cube_of(fog(0.01)))
     one, four = (
         render(scene, scene.sensors()[0], by_beams(passes=passes, beams=64, max_depth=2, surface_samples=each)).layers()
         for passes, each in ((4, 1), (1, 4))
     )
-    # The same places in one sequence of samples, so the same picture.
+    # Both use the same points of one sequence of samples.
     np.testing.assert_array_equal(one["rgba"][..., 3], four["rgba"][..., 3])
     np.testing.assert_allclose(one["surface"], four["surface"], rtol=1e-6)
     assert len(np.unique(four["rgba"][..., 3])) > 2
@@ -74,12 +74,12 @@ def test_parameters_are_equal_until_one_is_set():
 def test_an_integrator_asks_its_pilot_once_while_nothing_changes(monkeypatch):
     asked, preferred = [], scene_light.preferred
     monkeypatch.setattr(scene_light, "preferred", lambda *given: asked.append(1) or preferred(*given))
-    forward = {"type": "hg", "g": 0.5}  # a number that a render makes a variable
+    forward = {"type": "hg", "g": 0.5}  # rendering makes this number a variable
     scene = load(lamp=LAMP, fog=cube_of(fog(0.5, phase=forward)), sensor=camera(size=4))
     integrator = mi.load_dict({"type": "photon_beams", "paths": 256, "max_depth": 3})
     pictures = [np.array(mi.render(scene, integrator=integrator, spp=1, seed=seed)) for seed in (0, 1, 0)]
     assert len(asked) == 1
-    # What is kept changes no picture.
+    # What the integrator keeps does not change its pictures.
     np.testing.assert_array_equal(pictures[0], pictures[2])
     fresh = mi.load_dict({"type": "photon_beams", "paths": 256, "max_depth": 3})
     np.testing.assert_array_equal(np.array(mi.render(scene, integrator=fresh, spp=1, seed=1)), pictures[1])

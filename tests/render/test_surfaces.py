@@ -1,4 +1,4 @@
-"""Surfaces through fog: against closed forms, and against Mitsuba's own direct light of an equivalent scene."""
+"""Surfaces seen through fog, against closed forms and against Mitsuba's own direct light in an equivalent scene."""
 
 import dataclasses
 
@@ -31,14 +31,14 @@ LAMP_ABOVE = scene.FlatLight(
 
 
 def rays(origin, target):
-    """Return rays, (N, 3) each or one for all, from origins to targets."""
+    """Return rays from origins to targets; either is (N, 3), or one point for all rays."""
     origin, target = np.broadcast_arrays(np.atleast_2d(origin).astype(float), np.atleast_2d(target).astype(float))
     direction = (target - origin) / np.linalg.norm(target - origin, axis=1, keepdims=True)
     return [to_vectors(part) for part in (origin, direction)]
 
 
 def render(world, origin, direction, passes=64):
-    """Return mean and variance over passes of the radiance, (3, N), and the last pass: all of them at once."""
+    """Render all passes at once; return the radiance's mean and variance over them, (3, N), and the last pass."""
     count = dr.width(direction)
     index = dr.arange(UInt32, count * passes)
     ray = index // dr.opaque(UInt32, passes)
@@ -55,38 +55,38 @@ def built(meshes, *lights, medium=None):
 
 
 def lambert(light, medium=None, at=(0, 0, 0)):
-    """Return the radiance of a floor seen from (0, 3, 4) under a light, averaged over the samples of many pixels."""
+    """Return the radiance of a lit floor, seen from (0, 3, 4), as a mean over many samples, and the last pass."""
     world = built([FLOOR], light, medium=medium)
     origin, direction = rays(np.broadcast_to([0.0, 3, 4], (512, 3)), at)
     mean, _, last = render(world, origin, direction, passes=32)
     return mean.mean(axis=1), last
 
 
-# Mitsuba's principled BSDF is Lambert and a retro-reflection; its value is read off a distant light.
+# Mitsuba's principled BSDF adds retro-reflection to Lambert's law; its value is measured with a distant light.
 @pytest.fixture(scope="module")
 def reflectance():
-    """Return radiance per irradiance of the floor, seen from (0, 3, 4), lit from above."""
+    """Return the floor's radiance per irradiance, seen from (0, 3, 4) and lit from above."""
     return lambert(scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0))[0]
 
 
 def test_a_diffuse_floor_reflects_as_disneys_diffuse_bsdf(reflectance):
     """Burley 2015: (1 − Fv / 2) (1 − Fl / 2) + Rr (Fl + Fv + Fl Fv (Rr − 1)), Rr = 2 roughness cos² θd."""
-    # Light from straight above has Fl = 0; the view is 0.6 steep, and θd half of the angle between the two.
+    # Light from straight above has Fl = 0; the view's cosine is 0.6, and θd is half of the angle between the two.
     fresnel, retro = (1 - 0.6) ** 5, 2 * (1 + 0.6) / 2
     factor = 1 - fresnel / 2 + retro * fresnel
-    # float32; the specular lobe is ((ior − 1) / (ior + 1))² = 2.5e-7 of light.
+    # float32; the specular lobe reflects ((ior − 1) / (ior + 1))² = 2.5e-7 of the light.
     assert np.allclose(reflectance, factor * np.array([0.6, 0.5, 0.4]) / np.pi, rtol=1e-5)
 
 
 def test_a_matte_floor_is_lamberts_in_the_colours_of_its_vertices_and_by_its_normals():
-    """Albedo / π of the irradiance, linear between vertices; a normal map of one normal tilts the floor."""
+    """The floor reflects albedo / π of the irradiance, linear between vertices; a constant normal map tilts it."""
     sun = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)
     colors = np.array([[0, 0, 0.5], [0, 1, 0.5], [1, 1, 0.5], [1, 0, 0.5]])
     matte = scene.Material(diffuse=scene.VertexValues(colors), ior=1.0)
     at = np.array([[x, 0, z] for x in (-2.0, -1.0, 0.5) for z in (-1.0, 1.5)])
     origin, direction = rays([0.0, 3, 4], at)
     mean, _, _ = render(built([dataclasses.replace(FLOOR, material=matte)], sun), origin, direction, passes=1)
-    # Corners in order: x and z are −3 to 3 where red and green are 0 to 1.
+    # As x goes from −3 to 3, red goes from 0 to 1, and so does green with z.
     expected = np.stack([(at[:, 0] + 3) / 6, (at[:, 2] + 3) / 6, np.full(len(at), 0.5)]) / np.pi
     assert np.allclose(mean, expected, atol=1e-6)
     tilted = np.array([0.6, 0.0, 0.8]) / 2 + 0.5
@@ -107,7 +107,7 @@ def test_a_matte_floor_is_lamberts_in_the_colours_of_its_vertices_and_by_its_nor
     ids=["point", "sphere", "distant"],
 )
 def test_lights_from_above_reflect_by_their_irradiance(reflectance, light, irradiance):
-    # The lamps subtend less than 3 degrees, over which the reflectance is even to 1e-3.
+    # The lamps subtend less than 3 degrees, over which the reflectance is constant to 1e-3.
     assert np.allclose(lambert(light)[0], reflectance * irradiance, rtol=2e-3)
 
 
@@ -119,7 +119,7 @@ def test_fog_dims_light_on_both_legs(reflectance):
     assert np.allclose(value, reflectance / 4 * np.exp(-extinction * (2 + 5)), rtol=1e-4)
     assert np.allclose(last.transmittance.numpy()[:, 0], np.exp(-extinction * 5), rtol=1e-5)
     assert np.allclose(last.depth.numpy(), 5, rtol=1e-5)
-    # An unbounded fog leaves the light of a distant light as it is, or there would be none.
+    # Unbounded fog does not dim a distant light on its way to surfaces, or none of it would arrive.
     sun = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)
     assert np.allclose(lambert(sun, medium)[0], reflectance * np.exp(-extinction * 5), rtol=1e-4)
 
@@ -139,8 +139,8 @@ def test_bounded_fog_dims_only_where_it_is(reflectance):
     medium = scene.Medium((0.5,) * 3, mesh=box("/fog", [-9, 1, -9], [9, 2, 9]))
     sun = scene.DistantLight("/sun", (1.0,) * 3, axis=DOWN, angle=0.0)
     value, last = lambert(sun, medium)
-    slant = 5 / 3  # of the way from (0, 3, 4), per unit of height
-    # Mitsuba's rays begin 1500 roundings of 1 + |x| behind an interface, here up to 6 of them, both ways.
+    slant = 5 / 3  # length of the ray from (0, 3, 4) per unit of height
+    # Mitsuba's rays begin 1500 roundings of 1 + |x|, here at most 6, behind an interface; this counts for both legs.
     tolerance = 2 * 0.5 * slant * 1500 * 6 * 2.0**-24
     assert np.allclose(value, reflectance * np.exp(-0.5 * (1 + slant)), rtol=tolerance)
     assert np.allclose(last.transmittance.numpy(), np.exp(-0.5 * slant), rtol=tolerance)
@@ -168,7 +168,7 @@ def test_a_light_shines_on_what_it_is_linked_to():
         mean = render(built([FLOOR, stage], light), origin, direction, passes=1)[0]
         expected = whole if kept is None else whole * np.eye(2)[kept]
         assert np.allclose(mean, expected, rtol=1e-6)
-        # A light without links beside it is as it was.
+        # A light without links is not affected by the other light's links.
         both = render(built([FLOOR, stage], SUN, dataclasses.replace(light, name="/b")), origin, direction, passes=1)[0]
         assert np.allclose(both, whole + expected, rtol=1e-6)
 
@@ -258,7 +258,7 @@ def test_lamps_are_seen_directly_and_hide_what_is_behind():
     radiance = result.radiance.numpy()
     assert np.allclose(radiance[:, 0], np.array([1, 2, 3]) * np.exp(-0.35), rtol=1e-5)
     assert np.allclose(radiance[:, 1], np.array([5, 4, 3]) * np.exp(-0.4), rtol=1e-5)
-    assert np.all(radiance[:, 2] < 0.2)  # a flat light is not there from behind: the wall, by its gloss
+    assert np.all(radiance[:, 2] < 0.2)  # a flat light cannot be seen from behind: the wall's gloss
 
 
 def test_lights_that_light_no_surfaces_are_neither_seen_nor_felt():
@@ -314,7 +314,7 @@ def test_opacity_lets_its_part_of_light_and_sight_through(reflectance):
     veil = quad("/veil", [[-2, 1, -2], [2, 1, -2], [2, 1, 1], [-2, 1, 1]], sheer)
     origin, direction = rays(np.broadcast_to([0.0, 3, 4], (4096, 3)), [0, 0, 0])
     mean, variance, _ = render(built([FLOOR, veil], sun), origin, direction, passes=8)
-    error = np.sqrt(variance.mean(axis=1) / mean.shape[1] / 8)  # light passes the veil once, sight passes beside it
+    error = np.sqrt(variance.mean(axis=1) / mean.shape[1] / 8)  # light passes the veil once, the view passes beside it
     assert np.all(np.abs(mean.mean(axis=1) - 0.75 * reflectance) < 4 * error + 1e-3 * reflectance)
 
 
@@ -323,7 +323,7 @@ SKY = scene.DomeLight("/light", (1.0, 2.0, 3.0), image=np.random.default_rng(2).
 
 
 def emitter_of(light):
-    """Return a light as Mitsuba itself has it."""
+    """Return a light as a plug-in of Mitsuba."""
     mi = mitsuba()
     if isinstance(light, scene.DomeLight):
         pixels = np.float32(light.image * light.radiance)
@@ -363,7 +363,7 @@ def test_direct_light_equals_mitsubas_own_integrator(material, light):
     z = (mean - theirs.mean(axis=2)) / (error + 1e-5)
     lit = theirs.mean(axis=2)[0] > 1e-4
     assert lit.mean() > 0.5
-    # 432 values: a normal variate exceeds 4.5 of its deviations in 0.3 % of such sets; float32 needs a little room.
+    # In 0.3 % of sets of 432 normal variates, one exceeds 4.5 standard deviations; float32 needs a little room.
     assert np.abs(z).max() < 4.5
     assert abs(z[:, lit].mean()) < 4 / np.sqrt(lit.sum())  # the three channels share their samples
 
@@ -371,7 +371,7 @@ def test_direct_light_equals_mitsubas_own_integrator(material, light):
 def test_samples_of_a_pixel_converge_faster_than_random_ones():
     origin, direction = rays(np.broadcast_to([0.0, 2, 4], (256, 3)), [0.5, 0, 0])
     mean, variance, _ = render(built([FLOOR], LIGHT), origin, direction, passes=64)
-    # The spread of the means of pixels that see the same point, against that of 64 independent samples.
+    # This compares the means of pixels that see the same point with means of 64 independent samples.
     assert mean[0].std() < 0.5 * np.sqrt(variance[0].mean() / 64)
 
 
@@ -389,7 +389,7 @@ def test_passes_and_lights_values_compile_nothing():
 
 
 def leaded(seed, size=(6, 8)):
-    """Return a light behind an image and one through a window with an image, as beams and surfaces have them."""
+    """Return two lights behind images, and one that shines through a window with an image."""
     rng = np.random.default_rng(seed)
     images = [rng.random((*size, 3)).astype(np.float32) for _ in range(3)]
     slide = scene.SphereLight(
@@ -411,7 +411,7 @@ def test_lights_behind_images_add_up_on_surfaces():
     expected = sum(part[0] for part in parts)
     error = np.sqrt((variance + sum(part[1] for part in parts)) / 128)
     assert all(part[0].mean() > 0.05 * expected.mean() for part in parts)
-    # 192 values, and slides that leave no noise but float32's.
+    # There are 192 values; lights behind slides have no noise except for float32 rounding.
     assert np.all(np.abs(mean - expected) < 4.5 * error + 1e-5 * expected)
 
 

@@ -1,4 +1,4 @@
-"""Progress bars appear on terminals alone, and say how far a render is."""
+"""Progress bars appear only on terminals, and show how far a render is."""
 
 import io
 

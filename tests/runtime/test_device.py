@@ -14,7 +14,7 @@ needs_llvm = pytest.mark.skipif(libllvm.newest() is None, reason="no libLLVM tha
 
 
 def run(code, **environment):
-    """Return what `code` prints in a fresh process without a device chosen, or its last line of error."""
+    """Return what `code` prints in a new process in which no device is chosen, or the last line of its error output."""
     inherited = {k: v for k, v in os.environ.items() if k not in ("DRJIT_LIBLLVM_PATH", "PHOTONBEAMS_DEVICE")}
     child = subprocess.run([sys.executable, "-c", code], env=inherited | environment, capture_output=True, text=True)
     return child.stdout.strip() if child.returncode == 0 else child.stderr.strip().splitlines()[-1]
@@ -22,7 +22,7 @@ def run(code, **environment):
 
 @pytest.fixture
 def machine(tmp_path, monkeypatch):
-    """Return a folder that holds all libraries of the machine."""
+    """Return an empty folder, in which the libraries of the machine are looked for."""
     monkeypatch.setattr(libllvm, "_library_paths", lambda: iter(sorted(map(str, tmp_path.iterdir()))))
     libllvm.candidates.cache_clear()
     yield tmp_path
@@ -127,7 +127,7 @@ def test_dr_jit_that_was_started_with_an_old_llvm_is_refused():
 
 
 def test_dr_jit_that_does_not_load_is_one_sentence(tmp_path):
-    # As it fails where libatomic is missing.
+    # This is how the import fails if libatomic is missing.
     (tmp_path / "drjit.py").write_text("try:\n    raise ImportError('libatomic.so.1: gone')\nexcept ImportError: ext\n")
     sentence = run("from photonbeams.runtime.device import Float", PYTHONPATH=str(tmp_path), PHOTONBEAMS_DEVICE="cpu")
     assert "Dr.Jit does not load (libatomic.so.1: gone)" in sentence
@@ -217,7 +217,7 @@ def test_a_negative_number_of_threads_is_refused():
 
 
 def test_files_are_read_and_written_with_one_thread(tmp_path):
-    """Mitsuba's OpenEXR files: in a process of its own, for what goes wrong there waits for ever."""
+    """Mitsuba's OpenEXR files work with one thread. This runs in its own process, since a fault would wait forever."""
     script = (
         "import numpy as np; from photonbeams.runtime import device; mi = device.mitsuba(); device.set_threads(1)\n"
         "with device.helping_thread():\n"

@@ -1,4 +1,4 @@
-"""Hashes of values: the same for what is the same, another for anything else."""
+"""Equal values have the same hash, and different values have different hashes."""
 
 import os
 import subprocess
@@ -78,7 +78,7 @@ def test_what_is_the_same_has_the_same_hash():
     assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1})
     assert digest(scaled(2.0)) == digest(scaled(2.0)) and digest(Modifier(2)) == digest(Modifier(2))
     before = digest(PART)
-    assert PART.mean == 1 and digest(PART) == before  # what is computed on the way is no part of it
+    assert PART.mean == 1 and digest(PART) == before  # cached properties are not hashed
     itself = []
     itself.append(itself)
     assert digest(itself) == digest(itself)

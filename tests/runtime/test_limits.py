@@ -1,4 +1,4 @@
-"""Limits of the system: told before libraries crash at them."""
+"""Limits of the system are reported before libraries crash at them."""
 
 import resource
 

@@ -1,4 +1,4 @@
-"""The vocabulary: what a mesh knows of its own shape."""
+"""The scene description: planes and areas of meshes."""
 
 import numpy as np
 import pytest

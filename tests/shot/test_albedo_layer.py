@@ -1,4 +1,4 @@
-"""The layer `albedo`: of a material by its colour, in mirrors and through boundaries of media, antialiased."""
+"""The layer `albedo` shows the colour of materials, also in mirrors and through boundaries of media, antialiased."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ COLOR = (0.2, 0.5, 0.7)
 
 
 def card(x, y, bsdf, half=0.5):
-    """Return a square card four units in front of the camera, toward it."""
+    """Return a square card that faces the camera from four units away."""
     return {"type": "rectangle", "to_world": T().translate([x, y, -4]).scale(half), "bsdf": bsdf}
 
 
@@ -28,7 +28,7 @@ def frame():
     fog = {"type": "homogeneous", "sigma_t": 0.1, "albedo": 0.5}
     scene = mi.load_dict({
         "type": "scene",
-        # Four units at the distance of the cards are 32 pixels.
+        # At the distance of the cards, four units are 32 pixels.
         "sensor": {
             "type": "perspective", "fov": float(np.degrees(2 * np.arctan(0.5 * 4 / 4))),
             "to_world": T().look_at([0, 0, 0], [0, 0, -1], [0, 1, 0]),
@@ -66,8 +66,8 @@ def test_albedos_are_those_of_the_first_surface_that_is_no_mirror(frame):
 
 def test_albedos_are_antialiased(frame):
     albedo = frame.layers["albedo"][..., 1] / COLOR[1]
-    # Edges of the first card are in the middle of pixels. Of 64 stratified samples, a straight edge leaves no more than
-    # one of eight rows in doubt.
+    # Edges of the first card are in the middle of pixels. A straight edge misplaces at most one of the eight rows of 64
+    # stratified samples.
     column = albedo[6:10, 4]
     assert np.allclose(column, 0.5, atol=1 / 8)
 
@@ -75,4 +75,4 @@ def test_albedos_are_antialiased(frame):
 def test_a_layer_of_albedos_is_there_if_it_is_asked_for(frame, tmp_path):
     frame.write(tmp_path / "frame.exr")
     found = read_layers(tmp_path / "frame.exr")["albedo"]
-    assert np.allclose(found, frame.layers["albedo"], rtol=1e-3)  # halves
+    assert np.allclose(found, frame.layers["albedo"], rtol=1e-3)  # half precision

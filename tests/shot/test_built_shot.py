@@ -1,4 +1,4 @@
-"""Scenes that were built in Python as shots: the pictures of stages that say the same."""
+"""Shots of scenes that are built in Python have the pictures of stages with the same content."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ FLOOR = scene.Mesh(
 )
 LAMP = scene.SphereLight("/Lamp", (3, 2, 1), center=np.array([0.5, 1, 0]), radius=0.25, group="key")
 FOG = pb.Medium((0.1, 0.1, 0.125), name="/Fog")
-#: 40 wide at a focal length of 50, in tenths of a unit: 2 atan 0.4 degrees.
+#: An aperture of 40 at a focal length of 50 has a field of view of 2 atan 0.4.
 CAMERA = scene.Camera.look_at([0.2, 0.5, 5], [0.2, 0.5, 0], fov=float(np.degrees(2 * np.arctan(0.4))), aspect=2)
 SMALL = {"width": 32, "passes": 1, "beams": 300}
 
@@ -55,7 +55,7 @@ def test_it_is_the_picture_of_the_stage_that_says_the_same(tmp_path):
     assert found["rgba"].shape == (16, 32, 4) and found.keys() == expected.keys()
     assert found["beams_key"].any() and found["surface"].any()
     for name, values in expected.items():
-        # The stage's numbers are of single precision: the scene's sphere is as large but for rounding.
+        # The stage's numbers have single precision, so the sizes of the two scenes differ by rounding.
         np.testing.assert_allclose(found[name], values, rtol=2e-4, atol=1e-5, err_msg=name)
 
 

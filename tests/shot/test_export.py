@@ -1,4 +1,4 @@
-"""Stages as Mitsuba scenes: what is written, what is warned of, and that the pictures are the same."""
+"""Stages exported as Mitsuba scenes: the files, the warnings, and the same pictures."""
 
 import logging
 
@@ -62,7 +62,7 @@ def camera(*inputs, size=1):
 
 
 def fog(at=(0, 0, -9), *inputs, size=0.1):
-    """Return a fog that is out of the picture, unless asked for elsewhere: no stage is rendered without one."""
+    """Return a fog, by default outside the picture: a stage cannot be rendered without one."""
     values = inputs or ("color3f photonbeams:scattering = (0.001, 0.001, 0.001)",)
     return placed(
         "Cube", "Fog", at, f"double size = {size}", *values, api='(prepend apiSchemas = ["PhotonBeamsMediumAPI"])'
@@ -78,7 +78,7 @@ GLOSS = material(
     "float inputs:metallic = 0.5", "float inputs:clearcoat = 0.5", "float inputs:clearcoatRoughness = 0.3",
     "float inputs:opacity = 0.6",
 )  # fmt: skip
-# A floor, a painted wall behind, and before that a glossy board with bent normals that lets some light through.
+# A floor, a painted wall behind, and in front of it a glossy, partly transparent board with bent normals.
 ROOM = (
     GREY + PAINT + GLOSS
     + quad("Floor", "[(-2, -1, 1), (2, -1, 1), (2, -1, -2), (-2, -1, -2)]", "Grey")
@@ -158,9 +158,9 @@ def twins(path, samples=64):
 
 
 def agree(ours, theirs):
-    """Assert that two sets of pictures are the same.
+    """Assert that two sets of pictures have the same mean.
 
-    Of some hundred numbers, with a variance from few seeds, none should be six standard errors off.
+    None of about a hundred means of blocks should be six standard errors off, with variances from few seeds.
     """
     found, expected = means(ours, 8), means(theirs, 8)
     value, error = ratio(found, expected)

@@ -1,4 +1,4 @@
-"""Mitsuba scenes that are wrong in one place at random: they are built, or one sentence says why they are not."""
+"""Mitsuba scenes with an error in one random place are built, or refused with a sentence that says why."""
 
 import logging
 import random
@@ -59,7 +59,7 @@ SCENE = """<scene version="3.0.0">
     <emitter type="constant"><rgb name="radiance" value="0.1"/></emitter>
 </scene>"""
 SEEDS = 100
-RENDERED = 2  # of them, the first
+RENDERED = 2  # the first of them
 VALUES = [
     "nan", "inf", "-1", "0", "1e38", "1e-38", "-1, 0, 1", "text", "", "true", "1000000000", "0, 0, 0", "0.1 0.2",
     "#ff00ff", "2", "-30", "361", "$gone",
@@ -73,7 +73,7 @@ TYPES = [
 def mutate(root: ElementTree.Element, chance: random.Random) -> str:
     """Change a scene in one place, and return what was changed."""
     parents = {child: parent for parent in root.iter() for child in parent}
-    # A scene without its film is of 768 x 576 pixels, which are slow.
+    # A scene without its film has 768 x 576 pixels, which are slow.
     found = [each for each in parents if each.tag not in ("film", "sampler") and parents[each].tag != "film"]
     element = chance.choice(found)
     what = f"{element.tag} {element.attrib}"
@@ -109,4 +109,4 @@ def test_a_scene_that_is_wrong_in_one_place_is_built_or_refused(tmp_path, caplog
         except Exception as error:
             raise AssertionError((seed, what)) from error
     assert all(len(record.getMessage()) <= LONGEST for record in caplog.records)
-    assert built > SEEDS // 3  # or it would not say much
+    assert built > SEEDS // 3  # otherwise the test checks little

@@ -1,4 +1,4 @@
-"""The layer `normal`: of a sphere by its formula, of a normal-mapped card by the map."""
+"""The layer `normal`: a sphere has the normals of its formula, and a normal-mapped card those of its map."""
 
 import numpy as np
 import OpenEXR
@@ -65,12 +65,12 @@ def layers(tmp_path_factory):
 
 def test_normals_are_in_world_space_toward_the_camera_as_maps_tilt_them(layers):
     normal, depth = layers[0]["normal"], layers[0]["depth"][..., 0]
-    # Square pixels: 24 / 50 across 31 of them.
+    # Pixels are square; 31 of them span 24 / 50 at unit distance.
     x, y = np.meshgrid((np.arange(31) - 15) / 31 * 0.48, (15 - np.arange(31)) / 31 * 0.48)
     points = np.stack([x, y, -np.ones_like(x)], axis=-1) * depth[..., None] + [0.013, 0.007, 6]
     ball = np.linalg.norm(points, axis=-1) < 1.5
     assert ball.sum() > 50
-    # The ball is a mesh: half an edge is the angle a whose cosine is the least radius, and normals are linear over it.
+    # The ball is a mesh with linear normals; half an edge spans the angle whose cosine is the smallest radius.
     radius = np.linalg.norm(points[ball], axis=-1)
     assert np.abs(normal[ball] - points[ball] / radius[:, None]).max() < np.arccos(radius.min()) ** 3
     # The card's faces wind around −z, away from the camera: the tangent frame is (x, y mirrored by its handedness, −z).

@@ -1,4 +1,4 @@
-"""Shots in notebooks: a picture, or a sentence; IPython never sees an error."""
+"""In notebooks, shots show a picture or an error message; IPython never sees an exception."""
 
 from base64 import b64decode
 from io import BytesIO
@@ -49,7 +49,7 @@ def stage(tmp_path):
 
 
 def shown(shot):
-    """Return what IPython shows of a shot, by MIME types; it prints the traceback of an error that it catches."""
+    """Return what IPython shows of a shot, by MIME type; IPython prints a traceback if it catches an exception."""
     return DisplayFormatter().format(shot)[0]
 
 

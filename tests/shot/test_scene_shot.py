@@ -1,4 +1,4 @@
-"""Mitsuba scenes as shots: what two eyes, holdouts and plates are in a part of the picture."""
+"""Mitsuba scenes as shots: crops with two eyes, holdouts and plates; session layers; other integrators."""
 
 import struct
 
@@ -25,7 +25,7 @@ def shot():
 
 
 def pictures(shot, **given):
-    """Return the layers of both eyes; guiding would look at what is in the picture."""
+    """Return the layers of both eyes, without guiding, which would depend on the crop."""
     frame = shot.render(passes=1, beams=500, max_depth=2, guiding=False, **given)
     return [frame.views[eye][0] for eye in ("left", "right")]
 
@@ -39,14 +39,14 @@ def test_a_crop_shows_its_part_of_the_whole_to_both_eyes(shot, more):
     whole, part = pictures(shot, **given), pictures(shot, crop=CROP, **given)
     for layers, own in zip(whole, part, strict=True):
         for name in ("rgba", "beams", "surface"):
-            # The same light and the same samples of it, up to how float32 rounds places in pixels.
+            # The light and its samples are the same, up to the float32 rounding of places in pixels.
             np.testing.assert_allclose(own[name], layers[name][4:12, 12:24], rtol=1e-3, atol=1e-5, err_msg=name)
     assert not np.allclose(whole[0]["beams"], whole[1]["beams"], rtol=1e-2)
     assert part[0]["beams"].any()
 
 
 def test_a_holdout_far_away_hides_no_beam(shot):
-    """Beams end at the scene's own wall, too: light does not get behind it."""
+    """A holdout behind the scene's own wall changes no beam, since light does not get behind that wall."""
     far = np.full((2, SIZE["height"], SIZE["width"]), 50.0, np.float32)
     own, held = pictures(shot), pictures(shot, holdout=far)
     for layers, other in zip(own, held, strict=True):

@@ -1,4 +1,4 @@
-"""A stage rendered by Shot: the comparison scene against plain integration, layers, determinism, kernels."""
+"""A stage rendered by Shot: the comparison scene against numerical integration, layers, determinism, kernels."""
 
 import shutil
 import weakref
@@ -33,7 +33,7 @@ def test_a_frame_that_the_stage_does_not_have_is_refused(usd):
 def test_looks_that_differ_in_one_of_a_thousand_numbers_are_two(usd):
     shot, row = pb.Shot(usd('def Camera "C" {\n}\n')), np.ones((2000, 3))
     changed = row.copy()
-    changed[1000] = 0.5  # which NumPy does not print
+    changed[1000] = 0.5  # NumPy leaves this one out when it prints
 
     def look(texture):
         return shot._look("/Lamp", LookSpec("/Look", AlongSpec(curve=CurveSpec(texture=texture))))
@@ -66,10 +66,10 @@ def test_a_pass_of_4096_beams_is_the_single_scattering_of_the_comparison_scene(p
     pictures = [shot.render(passes=1, beams=4096, seed=seed, **size).layers["beams"][..., 0] for seed in range(4)]
     mask = lit(reference)
     assert mask.sum() > 100
-    # theory.md, section 7, has 0.7 % in the median for 4,096 beams from beside.
+    # theory.md, section 7, reports a median of 0.7 % for 4,096 beams seen from the side.
     assert np.median(np.abs(pictures[0] - reference)[mask] / reference[mask]) < 1.5e-2
-    # Four places a pixel make its mean, within 0.2 % of the integral (`test_plain_integration_has_converged`). The bias
-    # is bound by 0.5 %; from inside, the mean of one pass spreads by 0.6 %.
+    # The mean of four points in a pixel is within 0.2 % of the integral (`test_plain_integration_has_converged`). The
+    # bias is at most 0.5 %; seen from inside, the mean of one pass has a spread of 0.6 %.
     whole = single_scattering(128, 72, position, steps=96, light_points=6, turn=turn)
     reference = whole.reshape(36, 2, 64, 2).mean(axis=(1, 3))
     mask = lit(reference)
@@ -99,7 +99,7 @@ def test_rgba_is_surface_plus_beams_and_beams_are_the_sum_of_their_groups(frame)
 def test_depth_is_planar_and_transmittance_is_that_of_the_fog_up_to_it(frame):
     depth, through = frame.layers["depth"][20, 35, 0], frame.layers["transmittance"][20, 35]
     assert np.isclose(depth, 3.95, rtol=1e-4)
-    # The mean over the pixel's passes, whose paths to the wall differ by up to a pixel's slope of 1/35.
+    # The layer is a mean over passes, whose distances to the wall differ by up to a pixel's slope, 1/35.
     assert np.allclose(through, np.exp(-0.11 * 3.95), rtol=0.11 * 3.95 * 1e-3)
 
 
@@ -112,7 +112,7 @@ def test_one_thread_and_two_make_the_same_frame(shot, frame, set_threads):
 def test_passes_are_independent_of_how_many_there_are(shot, frame):
     longer = shot.render(passes=4, width=70, height=40, beams=512).layers["beams"]
     assert not np.array_equal(longer, frame.layers["beams"])
-    # Two passes of four are half of the sum: what the others add lies within the spread of single passes.
+    # Two of the four passes are the same; the others change the mean by no more than the spread of single passes.
     assert np.isclose(longer.mean(), frame.layers["beams"].mean(), rtol=0.05)
 
 
@@ -122,7 +122,7 @@ def test_a_second_frame_compiles_nothing(shot, frame):
 
 @pytest.fixture
 def own(tmp_path):
-    """Return a shot of a stage that may be changed."""
+    """Return a function that opens a stage which the test may change."""
     shutil.copy(STAGE, tmp_path / "own.usda")
     return lambda: pb.Shot.open(tmp_path / "own.usda")
 
@@ -130,7 +130,7 @@ def own(tmp_path):
 def test_a_change_of_the_stage_is_rendered(own):
     shot = own()
     (still, _), (same, _) = shot.exposure()(0.0), shot.exposure()(0.0)
-    assert same.bounds is still.bounds and same.groups is still.groups  # reading is no change
+    assert same.bounds is still.bounds and same.groups is still.groups  # reading does not count as a change
     light = shot.stage.GetPrimAtPath("/World/Light")
     light.CreateAttribute("photonbeams:lightGroup", Sdf.ValueTypeNames.Token).Set("key")
     UsdGeom.Sphere.Define(shot.stage, "/World/Ball").AddTranslateOp().Set((0, 90, 0))
@@ -154,7 +154,7 @@ def test_a_crop_is_a_part_of_the_whole_picture(shot, frame):
     part = shot.render(passes=2, width=70, height=40, beams=512, crop=(0.3, 0.25, 0.8, 0.75)).layers["beams"]
     whole = frame.layers["beams"][10:30, 21:56]
     assert part.shape == whole.shape
-    # Directions are computed from other pixel centres: float32 rounding of the geometry.
+    # Directions are computed from other pixel centres, so the geometry differs by float32 rounding.
     assert np.allclose(part, whole, rtol=2e-3, atol=1e-4 * whole.max())
 
 
@@ -248,7 +248,7 @@ def test_worldtondc_projects_a_point_to_its_pixel(shot):
     frame = shot.render(passes=1, width=64, height=36, beams=16)
     point = np.array([0.4, 1.9, -0.3, 1.0]) @ frame.metadata["worldToNDC"]
     x, y = point[:2] / point[3]
-    # 90 degrees wide: x/z = 0.4 / 2.25, of a half width of 1; y of a half height of 9/16.
+    # The view is 90 degrees wide: x/z = y/z = 0.4 / 2.25, for a half width of 1 and a half height of 9/16.
     assert np.allclose([x, y], [0.5 + 0.5 * 0.4 / 2.25, 0.5 + 0.5 * (0.4 / 2.25) / (9 / 16)])
 
 
@@ -342,9 +342,9 @@ def test_another_look_in_a_running_session_compiles_at_most_once(tmp_path):
     shot = pb.Shot.open(tmp_path / "a.usda")
     look = shot.stage.GetPrimAtPath("/World/Look")
     changes = {
-        "along:length": 2.0,  # of what is not used
+        "along:length": 2.0,  # a number that is not used
         "along:tint": (0.5, 1, 0.25),  # a number
-        "across:profile": "gaussian",  # another formula
+        "across:profile": "gaussian",  # a different formula
         "along:expression": "0.5 + s * noise(2 * P)",
         "noise:amount": 0.5,
     }

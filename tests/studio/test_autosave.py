@@ -1,4 +1,4 @@
-"""Autosave: edits outlive a studio that ends before they are saved, and the saved file is never touched by it."""
+"""Autosave: unsaved edits survive when the studio ends, and the saved file never changes by it."""
 
 import logging
 import os
@@ -22,7 +22,7 @@ INTENSITY = "/Lamp.inputs:intensity"
 
 @pytest.fixture
 def begin(tmp_path, monkeypatch):
-    """Return a function that begins edits of a stage, as a studio does when it starts; nothing is kept by itself."""
+    """Return a function that begins edits of a stage as a studio does when it starts; the autosave's timer is off."""
     monkeypatch.setattr(autosave, "SOON", 1000.0)
     path = tmp_path / "shot.usda"
     path.write_text(STAGE)
@@ -61,7 +61,7 @@ def test_edits_are_kept_soon_and_restored_and_the_file_is_as_it_was(begin, kept,
     wait_for(kept.exists)
     assert "intensity = 3" in kept.read_text() and (tmp_path / "look.usda").read_bytes() == saved
     edits.set({INTENSITY: 4.0})
-    wait_for(lambda: "intensity = 4" in kept.read_text())  # and now it is killed
+    wait_for(lambda: "intensity = 4" in kept.read_text())  # the studio is killed here
 
     again = begin()
     assert again.value() == 4.0 and again.restored and not again.is_saved and again.can_undo
@@ -95,7 +95,7 @@ def test_edits_that_are_restored_can_be_given_up(begin, kept):
     again.set({INTENSITY: 5.0})
     again.discard()
     assert again.value() == 2.0 and again.is_saved and not again.restored and not kept.exists()
-    assert again.undo() and again.value() == 5.0  # it was a step like any other
+    assert again.undo() and again.value() == 5.0  # to discard is a step like any other
     again.discard()
     again.close()
     assert not kept.exists() and not begin().restored
@@ -158,7 +158,7 @@ def test_an_autosave_that_cannot_be_read_is_left_out(begin, kept, content):
 
 
 def test_a_folder_that_cannot_be_written_is_told_once_and_edits_go_on(begin, kept, caplog):
-    kept.mkdir()  # which no file can replace
+    kept.mkdir()  # a file cannot replace a folder that is not empty
     (kept / "in it").write_text("")
     edits = begin()
     with caplog.at_level(logging.WARNING, logger="photonbeams"):
@@ -170,7 +170,7 @@ def test_a_folder_that_cannot_be_written_is_told_once_and_edits_go_on(begin, kep
 
 
 def test_a_save_is_never_followed_by_an_autosave_of_older_edits(begin, kept, monkeypatch):
-    """While the autosave writes, the edits are saved: both in the order in which they hold the files."""
+    """A save that begins while the autosave writes waits for it, and removes what the autosave wrote."""
     edits = begin()
     edits.set({INTENSITY: 2.0})
     inside, go_on = threading.Event(), threading.Event()
@@ -185,7 +185,7 @@ def test_a_save_is_never_followed_by_an_autosave_of_older_edits(begin, kept, mon
     writer = threading.Thread(target=edits._autosave._now)
     writer.start()
     assert inside.wait(20)
-    edits.set({INTENSITY: 3.0})  # which does not wait for the disk
+    edits.set({INTENSITY: 3.0})  # an edit does not wait for the disk
     saver = threading.Thread(target=edits.save)
     saver.start()
     go_on.set()

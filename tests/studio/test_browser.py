@@ -1,6 +1,6 @@
-"""The studio in a browser: what a user does on its page does what it should, against the real server.
+"""The studio in a browser: every user action on its page has its effect, with the real server.
 
-Chromium shows the page in a sixth of its size, so pictures are small, and everything else is as large as ever.
+Chromium draws the page with a sixth of the usual pixels, so pictures are small; the layout keeps its size.
 """
 
 import base64
@@ -32,8 +32,8 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=f"none of {', '.join(NA
 
 ROOT = Path(__file__).resolve().parents[2]
 PASSES = 2  # of finished pictures
-SCALE = 0.16  # pixels of a picture for each of the page
-LIMIT = 120.0  # seconds, of each thing that is waited for: machines are busy, and kernels may have to be compiled
+SCALE = 0.16  # pixels of a picture per pixel of the page
+LIMIT = 120.0  # seconds for each wait: the machine may be busy, and kernels may have to be compiled
 
 STAGE = """#usda 1.0
 (
@@ -77,7 +77,7 @@ def Xform "World"
 INTENSITY = "/World/Lamp.inputs:intensity"
 RAMP, EXPRESSION = "/World/Look.photonbeams:along:ramp", "/World/Look.photonbeams:along:expression"
 
-#: What the tab key is to reach, each with its number as a mark, and the names of all.
+#: Marks everything that the tab key must reach with its number, and returns the names.
 TABBABLE = """() => [...document.querySelectorAll('a[href], button, input, select, textarea, [tabindex]')]
   .filter((each) => !each.disabled && each.tabIndex >= 0 && each.checkVisibility({ visibilityProperty: true })
     && !(each.type === 'radio' && !each.checked))
@@ -85,7 +85,7 @@ TABBABLE = """() => [...document.querySelectorAll('a[href], button, input, selec
     each.dataset.tab = number;
     return (each.getAttribute('aria-label') ?? each.textContent).trim();
   })"""
-#: The number of what has the focus, its name, and whether it, or what is drawn in its place, has an outline.
+#: Returns the focused element's number and name, and whether it or what is drawn in its place has an outline.
 FOCUSED = """() => {
   const focused = document.activeElement;
   const drawn = [focused, focused.nextElementSibling, focused.parentElement, focused.parentElement?.parentElement];
@@ -99,7 +99,7 @@ FOCUSED = """() => {
 
 
 class Window:
-    """A page of the studio in the browser: what it shows, what it receives, and what it complains of."""
+    """A page of the studio in the browser: what it shows, what it receives, and its errors and warnings."""
 
     def __init__(self, context, address, session=None):
         self.page, self._session = context.new_page(), session
@@ -125,7 +125,7 @@ class Window:
         end = time.monotonic() + LIMIT
         while not wanted():
             assert time.monotonic() < end, f"the page shows {self.page.locator('body').inner_text()[:500]}"
-            self.page.wait_for_timeout(20)  # events are taken meanwhile
+            self.page.wait_for_timeout(20)  # events are handled meanwhile
 
     def canvas(self):
         data = self.page.evaluate("document.querySelector('canvas').toDataURL().split(',')[1]")
@@ -135,18 +135,18 @@ class Window:
         return pixels_of(self._payload)
 
     def picture(self):
-        """Return the finished picture of what the session has now, once the canvas shows it."""
+        """Return the finished picture of the session's current version, once the canvas shows it."""
         self.wait(lambda: self._is_whole() and self.is_newest())
         self.wait(lambda: are_alike(self.canvas(), self.received()))
         return self.received()
 
     def is_newest(self):
-        """Return whether the last picture is the finished one of what the session has now."""
+        """Return whether the last picture is the finished one of the session's current version."""
         version = self.header.get("version") if self._session is None else self._session.version
         return self.header.get("mime") == "image/png" and self.header["version"] == version
 
     def _is_whole(self):
-        """Return whether the last picture is as large as the page wants it by now."""
+        """Return whether the last picture is as large as the page wants it now."""
         size = self.page.evaluate("document.querySelector('[role=application]').clientWidth * devicePixelRatio")
         return abs(self.header.get("width", 0) - size) < 1
 
@@ -154,7 +154,7 @@ class Window:
         self.page.get_by_role("radio", name=tool).locator("..").click()
 
     def place(self, x, y):
-        """Return where a place of the picture, in fractions, is on the page."""
+        """Return the position on the page of a point of the picture, given in fractions."""
         box = self.page.locator("canvas").bounding_box()
         return box["x"] + x * box["width"], box["y"] + y * box["height"]
 
@@ -175,14 +175,14 @@ class Window:
             self.page.keyboard.press(key)
 
     def control(self, role, words, **given):
-        """Return a control of the panel, found by words that its name or path has."""
+        """Return a control of the panel, found by words in its name or path."""
         self.page.get_by_role("searchbox").fill(words)
         found = self.page.locator("aside").get_by_role(role, **given)
         self.wait(lambda: found.count() == 1)
         return found
 
     def tab_to(self, name):
-        """Press the tab key until what has this name, or begins with it, has the focus."""
+        """Press the tab key until the focus is on an element whose name begins with `name`."""
         for _ in range(300):
             self.press("Tab")
             if self.page.evaluate(FOCUSED)[1].startswith(name):
@@ -191,7 +191,7 @@ class Window:
 
     def assert_accessible(self):
         """Assert that axe-core finds nothing serious in what the page shows."""
-        # What is still fading in has no contrast yet.
+        # Elements that are still fading in do not have their contrast yet.
         self.page.wait_for_timeout(50)
         self.wait(
             lambda: not self.page.evaluate("document.getAnimations().some((each) => each instanceof CSSTransition)")
@@ -211,7 +211,7 @@ def difference(some, others):
 
 
 def are_alike(shown, received, columns=slice(None)):
-    """Return whether a picture is shown as it was received; where there is less room for it, nearly so."""
+    """Return whether a picture is shown as it was received; if it is scaled to less room, nearly so."""
     if shown.shape == received.shape:
         return np.array_equal(shown[:, columns], received[:, columns])
     scaled = np.asarray(Image.fromarray(received).resize(shown.shape[1::-1], Image.Resampling.BILINEAR))
@@ -239,7 +239,7 @@ def everybodys(tmp_path_factory):
 
 @pytest.fixture
 def served(everybodys):
-    """Return the server, with no edits, and none on disk."""
+    """Return the server, without edits in the session or on disk."""
     session = everybodys.session
     session.revert()
     session.edits.save().unlink()
@@ -248,7 +248,7 @@ def served(everybodys):
 
 @pytest.fixture
 def visit(browser):
-    """Let a test open pages side by side; none may complain in the console, of the page's policy for instance."""
+    """Let a test open pages side by side; none may log an error or a warning, about the page's policy for instance."""
     context = browser.new_context(viewport={"width": 1366, "height": 768}, device_scale_factor=SCALE)
     windows = []
 
@@ -271,12 +271,12 @@ def address_of(served):
 
 
 def value(session, path):
-    """Return what a control has by now."""
+    """Return the current value of a control."""
     return next(each.value for group in session.controls() for each in group.controls if each.path == path)
 
 
 def rendered(path, picture, passes=PASSES, **given):
-    """Return the layers of a render that is as large as a picture."""
+    """Return the layers of a render of the size of a picture."""
     height, width = picture.shape[:2]
     return pb.Shot.open(path, **given).render(passes=passes, width=width, height=height).layers
 
@@ -427,7 +427,7 @@ def test_side_by_side_both_eyes_are_shown_and_no_pixel_is_inspected(window, serv
     assert tools["Inspect"].is_disabled() and tools["Area"].is_disabled()
     window.page.get_by_title("Where the two eyes are").click()
     between = window.page.get_by_role("spinbutton", name="Distance between the eyes")
-    between.fill("0.2")  # of the usual 6.5 cm the stage is a tenth
+    between.fill("0.2")  # the default, 6.5 cm, is too large for the stage
     between.press("Enter")
     height = window.canvas().shape[0]
 
@@ -515,7 +515,7 @@ def test_the_tab_key_reaches_everything_in_order_and_its_place_is_seen(window):
     window.page.get_by_role("button", name="Solo Lamp").click()
     window.page.get_by_role("button", name="Solo: 1 light").wait_for()
     names, reached, blind = window.page.evaluate(TABBABLE), [], []
-    for _ in range(len(names) + 1):  # once round, past the whole page, which has no number
+    for _ in range(len(names) + 1):  # once around, including the body, which has no number
         window.press("Tab")
         number, name, outlined = window.page.evaluate(FOCUSED)
         if number is not None:

@@ -1,4 +1,4 @@
-"""Five thousand messages of all sorts: each is done, refused or ends its connection, and the studio lives."""
+"""Five thousand messages of all sorts: each is executed, refused or ends its connection, and the studio goes on."""
 
 import json
 
@@ -25,7 +25,7 @@ VALUES = (0, 1, -1, 2.5, 1e300, -0.0, True, False, None, "", "x", "1 + (", "invi
 
 
 def message(rng):
-    """Return a message: most are nearly right."""
+    """Return a random message; most are nearly valid."""
     if rng.random() < 0.03:
         return bytes(rng.integers(0, 256, 20).tolist()) if rng.random() < 0.5 else "x" * int(rng.integers(1, 200))
     found = {"type": KINDS[rng.integers(len(KINDS))] if rng.random() < 0.7 else "set"}
@@ -54,7 +54,7 @@ def test_the_studio_outlives_five_thousand_messages(tmp_path, monkeypatch):
                     while sent < MESSAGES:
                         page.send_raw(message(rng))
                         sent += 1
-                        if sent % 50 == 0:  # or what it is told would fill its buffers
+                        if sent % 50 == 0:  # unread answers would fill its buffers
                             page.send("inspect", at=[0.5, 0.5])
                             page.told("pixel")
                 except ConnectionClosed:

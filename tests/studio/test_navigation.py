@@ -1,4 +1,4 @@
-"""Moving a free camera: it turns about a point before it, and stays upright."""
+"""Moving a free camera: it turns about a point in front of it and stays upright."""
 
 import numpy as np
 import pytest

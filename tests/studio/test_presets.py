@@ -1,4 +1,4 @@
-"""Presets in the studio: one click, one step, and the picture and the page show it."""
+"""Presets in the studio: applying one is a single undo step, and the picture and the page show it."""
 
 from dataclasses import replace
 
@@ -50,7 +50,7 @@ def test_lengths_of_presets_go_with_the_size_of_the_scene(stage):
         look = session.apply("look-dust", LAMP)
         radius = session.shot.exposure(None, blur=False)(0.0)[0].bounds[1]
         controls = {each.path: each.value for group in session.controls() for each in group.controls}
-        assert controls[f"{look}.photonbeams:along:outer"] == pytest.approx(radius, rel=0.05)  # two digits
+        assert controls[f"{look}.photonbeams:along:outer"] == pytest.approx(radius, rel=0.05)  # rounded to two digits
         for preset, path, message in (("look-gone", LAMP, "no preset"), ("look-dust", "/World", "no light or look")):
             text = session.edits.text()
             with pytest.raises(pb.SceneError, match=message):

@@ -1,4 +1,4 @@
-"""The studio's server: who gets in, what pages are told and shown, and what becomes of bad messages."""
+"""The studio's server: who has access, what pages receive, and what happens after bad messages."""
 
 import json
 import threading
@@ -47,7 +47,7 @@ class Served:
 
 
 class Page:
-    """What a page does: it reads until there is what it waits for."""
+    """A page's side of the connection: it reads messages until the wanted one arrives."""
 
     def __init__(self, port, token=TOKEN, **headers):
         address = f"ws://127.0.0.1:{port}/session?token={token}"
@@ -67,7 +67,7 @@ class Page:
         self._socket.send(data)
 
     def wait(self, wanted, limit=60):
-        """Return the first message that is wanted: a dict, or a picture's header and its pixels."""
+        """Return the first message that `wanted` accepts: a dict, or a picture's header and its pixels."""
         end = time.monotonic() + limit
         while True:
             message = self._socket.recv(timeout=max(end - time.monotonic(), 0.01))
@@ -126,7 +126,7 @@ def test_edits_of_one_page_are_seen_by_all_and_are_saved(served, stage, tmp_path
         other.send("set", values={INTENSITY: 50.0})
         other.send("set", values={INTENSITY: None})
         found = page.wait(lambda found: found.get("values", {}).get(INTENSITY) == 20.0)
-        assert found["authored"][INTENSITY] is True  # by the stage
+        assert found["authored"][INTENSITY] is True  # the stage has it
 
 
 def test_a_page_chooses_layer_exposure_and_view_transform_for_itself(served, stage):

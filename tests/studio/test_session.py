@@ -1,4 +1,4 @@
-"""Sessions: what an edit changes is in the next picture, and the finished one is that of `Shot.render`, to the bit."""
+"""Sessions: the next picture shows an edit, and the finished picture equals that of `Shot.render`, bit for bit."""
 
 import subprocess
 import sys
@@ -25,7 +25,7 @@ PLACE = "/World/Ball.xformOp:translate"
 
 
 class Watched:
-    """A session, and what it tells."""
+    """A session, and a record of what it reports to a listener."""
 
     def __init__(self, *given, **named):
         self.session, self.told = Session(*given, **{"view": VIEW, **named}), []
@@ -45,7 +45,7 @@ class Watched:
             self._came.notify_all()
 
     def wait(self, version, wanted):
-        """Return the first of what is told of a version that is wanted."""
+        """Return the first report on a version that `wanted` accepts."""
         with self._came:
 
             def found():
@@ -73,7 +73,7 @@ def are_equal(some, others):
 
 
 def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tmp_path):
-    """After edits of all kinds, one upon another: what is taken over from earlier frames must be what is made anew."""
+    """After each of several edits, the picture that reuses parts of earlier frames equals a new render."""
     edits = {
         "look": {TINT: [0.2, 0.5, 1.0]}, "light": {INTENSITY: 35.0},
         "group": {"/World/Lamp.photonbeams:lightGroup": "a"},
@@ -93,7 +93,7 @@ def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tm
 
 
 def test_the_finished_picture_does_not_depend_on_the_sizes_before_it():
-    """Light is sent toward what is seen, and at another size of the picture another part of the room is."""
+    """A picture after a change of size is that of a render, although light is sent toward what each size shows."""
     keyhole = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
     with Watched(keyhole, view=SessionView(width=96, height=27, passes=2, denoise=False)) as shown:
         shown.finished()
@@ -199,7 +199,7 @@ def test_what_cannot_be_rendered_is_told_in_a_sentence_and_the_session_lives(sta
         shown.session.undo()
         assert are_equal(shown.finished(), plain)
         text = shown.problem(shown.session.edit({expression: "s * (1 +"}))
-        assert "column" in text and "physical look" not in text  # it is the last one that is still seen
+        assert "column" in text and "physical look" not in text  # the last picture stays
         shown.session.edit({expression: ""})
         shown.finished()
 
@@ -225,12 +225,12 @@ def test_a_pixel_tells_of_the_beams_in_it_and_how_the_brightest_is_integrated(st
         nothing = shown.session.inspect((2.0, 0.0))
     (light,) = found["beams"]
     assert light["light"] == "/World/Lamp" and light["share"] == 1
-    # The picture's ray goes through another place in the pixel, of a beam a few pixels wide.
+    # The picture's ray passes through another place in the pixel, and the beam is only a few pixels wide.
     np.testing.assert_allclose(light["radiance"], layers["beams"][row, column], rtol=0.5)
     ray = found["ray"]
     assert ray["interval"][0] < ray["interval"][1] and len(ray["s"]) == len(ray["integrand"])
     gauss, riemann = (np.abs(ray[name]["error"]) for name in ("gauss", "riemann"))
-    # Along a chord the kernel is a polynomial of degree two, and all else is smooth: six points leave rounding.
+    # Along a chord the kernel is a polynomial of degree two, and all else is smooth: six points leave only rounding.
     assert gauss[5] < 1e-4 < riemann[5]
     assert [len(each) for each in ray["gauss"]["points"]] == [1, 2, 3, 4, 5, 6]
     assert nothing == {"beams": [], "ray": None}
@@ -255,7 +255,7 @@ def test_overrides_of_the_command_line_are_weaker_than_edits(stage):
 
 
 def test_pictures_of_few_passes_are_denoised_and_the_finished_one_is_that_of_a_render(stage, monkeypatch):
-    """After an edit of a look the surfaces are as they were, and are not denoised again."""
+    """After an edit of a look the surfaces are unchanged and are not denoised again."""
     calls, filtered = [], denoising._filtered
     monkeypatch.setattr(denoising, "_filtered", lambda *given: calls.append(1) or filtered(*given))
 
@@ -316,7 +316,7 @@ def test_a_listener_that_fails_ends_neither_the_session_nor_other_listeners(stag
 
 
 def test_a_small_picture_of_few_light_paths_is_not_the_finished_one(stage):
-    """A view with one pass, which is not larger than first pictures are."""
+    """A view with one pass, no larger than first pictures are, has a first picture and then a finished one."""
     with Watched(stage, view=SessionView(width=48, height=27, passes=1, denoise=False)) as shown:
         version = shown.session.version
         first = shown.wait(version, lambda each: True)
@@ -325,7 +325,7 @@ def test_a_small_picture_of_few_light_paths_is_not_the_finished_one(stage):
 
 
 def test_a_program_that_ends_with_an_open_session_ends_well(stage):
-    """It ends while a picture is rendered, which would abort the interpreter."""
+    """A program that ends while a picture is rendered does not abort the interpreter."""
     program = (
         "import sys, threading; from photonbeams.studio.session import Session, SessionView\n"
         "view = SessionView(width=48, height=27, passes=5000, denoise=False)\n"
@@ -339,7 +339,7 @@ def test_a_program_that_ends_with_an_open_session_ends_well(stage):
 
 @pytest.mark.parametrize(("most", "count"), [(9, 2), (1, 1)])
 def test_a_frame_that_is_unwanted_ends_between_two_sets_of_beams(tmp_path, monkeypatch, most, count):
-    """Within a phase: once the first set has been gathered the second one is not."""
+    """An unwanted frame ends within a phase: after the first set is gathered, the second one is not."""
     path, gathered, estimate = tmp_path / "two.usda", [], gathering.estimate_image
     lamp = STAGE[STAGE.index("    def SphereLight") : STAGE.index("    def PhotonBeamsLook")]
     path.write_text(STAGE.replace(lamp, lamp + lamp.replace('"Lamp"', '"Other"')))

@@ -1,4 +1,4 @@
-"""Two eyes in the studio: the pictures of `render --stereo`, to the bit, and an anaglyph on the page."""
+"""Two eyes in the studio: pictures equal those of `render --stereo`, bit for bit, and the page shows an anaglyph."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from studio.stages import STAGE
 from studio.test_server import Served
 from studio.test_session import VIEW, Watched, are_equal
 
-#: The camera, and an eye of a pair beside it.
+#: The stage with a pair of cameras beside its own.
 PAIR = STAGE.replace(
     '    def SphereLight "Lamp"',
     """    def Camera "Right"
@@ -64,14 +64,14 @@ def test_both_eyes_are_those_of_a_render_and_one_eye_is_as_before(stage):
         split = finished(shown, session.show(stereo=EYES))
         assert are_pairs_equal(split, both_eyes(stage, EYES))
         assert not np.array_equal(split["left"]["rgba"], split["right"]["rgba"])
-        # The pair of prims, as another camera: the sphere around all that there is, is another one, too.
+        # The pair of prims is another camera, so the sphere around the whole scene is another one, too.
         pair = finished(shown, session.show(camera="/World/Left", stereo=Stereo()))
         assert session.has_pair() and are_pairs_equal(pair, both_eyes(stage, Stereo(), "/World/Left"))
         assert are_equal(shown.finished(session.show(camera=None, stereo=None)), plain)
 
 
 def test_a_free_pair_stands_where_its_middle_is_put(stage):
-    """To the rounding of the poses' product: the depths of two renders of one place."""
+    """Two renders from one place have equal depths, up to the rounding of the poses' product."""
     pose = np.eye(4)
     pose[:3, 3] = 0.3, 0.1, 3.0
     with Watched(stage, view=replace(ONE, stereo=EYES)) as shown:
@@ -157,7 +157,7 @@ def test_a_page_is_shown_both_eyes_or_one_of_them(stage):
             shown = {"anaglyph": anaglyph(left, right), "side-by-side": beside(left, right)}
             for eye, wanted in (*shown.items(), ("right", right), ("left", left)):
                 page.send("show", eye=eye)
-                while True:  # pictures may still come of the eye before
+                while True:  # pictures of the previous eye may still arrive
                     _, pixels = page.finished(served.session.version)
                     if np.array_equal(pixels, wanted):
                         break

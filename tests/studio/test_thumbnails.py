@@ -1,4 +1,4 @@
-"""Thumbnails: the renderer's own pictures of presets, each of another look."""
+"""Thumbnails: the renderer makes the pictures of presets, and every preset looks different."""
 
 from io import BytesIO
 
@@ -17,7 +17,7 @@ def test_presets_are_rendered_without_a_warning_and_look_different(caplog):
         pixels = np.asarray(Image.open(BytesIO(thumbnail_of(each.name)))).astype(float)
         assert pixels.shape == (60, 144, 3) and pixels.max() > 120 and pixels[0].max() == 0, each.name
         for other, before in shown.setdefault(each.factor, []):
-            # A step of 8 bits in each pixel, on the average, is what the eye sees at a glance.
+            # A mean difference of one 8-bit step per pixel is visible at a glance.
             assert np.abs(pixels - before).mean() > 1, f"{each.name} looks as {other}"
         shown[each.factor].append((each.name, pixels))
     assert not caplog.records

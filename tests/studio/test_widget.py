@@ -1,4 +1,4 @@
-"""The widget, by the protocol of Jupyter's widgets: what a browser sends it, and the pictures that it is sent."""
+"""The widget, by the protocol of Jupyter's widgets: what a browser sends, and the pictures that it receives."""
 
 import gc
 import importlib
@@ -25,20 +25,20 @@ from studio.stages import STAGE
 from studio.test_session import INTENSITY
 
 VIEW = SessionView(width=32, height=18, passes=2, denoise=False)
-PAUSED = SessionView(width=32, height=18, passes=2, paused=True, denoise=False)  # tests tell what the session would
+PAUSED = SessionView(width=32, height=18, passes=2, paused=True, denoise=False)  # tests report in its place
 EXPRESSION = "/World/Look.photonbeams:along:expression"
 STILL = [0.0] * 6
 
 
 class Wire(BaseComm):
-    """The line between a widget and its browser, which keeps what the browser is told."""
+    """The connection between a widget and its browser, which records what the browser receives."""
 
     def __init__(self, *given, **named):
         self.told, self.state, self._came = [], {}, threading.Condition()
         super().__init__(*given, **named)
 
     def publish_msg(self, msg_type, data=None, metadata=None, buffers=None, **keys):
-        """Take a message as the browser does: `state` is what its model has."""
+        """Take a message as the browser does: `state` is the state of its model."""
         with self._came:
             if msg_type == "comm_close":
                 self.state = None
@@ -54,17 +54,17 @@ class Wire(BaseComm):
             self._came.notify_all()
 
     def send_back(self, **state):
-        """Send what a browser does when somebody changes something in it."""
+        """Send what a browser sends when a user changes something in it."""
         self.handle_msg({"content": {"data": {"method": "update", "state": state, "buffer_paths": []}}, "buffers": []})
 
     def wait(self, wanted):
-        """Wait until the browser's state is one that is wanted, and return it."""
+        """Wait until `wanted` accepts the browser's state, and return the state."""
         with self._came:
             assert self._came.wait_for(lambda: wanted(self.state), timeout=120), {**self.state, "_esm": "", "_css": ""}
             return dict(self.state)
 
     def finished(self, wanted=lambda picture: True):
-        """Return the pixels of the next finished picture that is wanted."""
+        """Return the pixels of the next finished picture that `wanted` accepts."""
         found = self.wait(lambda state: state["picture"].get("mime") == "image/png" and wanted(state["picture"]))
         return pixels_of(found["picture"])
 
@@ -76,7 +76,7 @@ def pixels_of(picture):
 
 @pytest.fixture
 def shown(monkeypatch):
-    """Return a function that makes a widget, and the line to its browser."""
+    """Return a function that makes a widget and the connection to its browser."""
     made = []
 
     def make(*given, **named):
@@ -90,7 +90,7 @@ def shown(monkeypatch):
 
 
 def picture(passes=2, scale=1.0, brightness=0.5, **layers):
-    """Return what a session tells, of two passes: gradients."""
+    """Return a picture as a session reports it, of two planned passes; its layers are gradients."""
     shape = round(18 * scale), round(32 * scale)
     ramp = np.linspace(0, brightness, shape[1], dtype=np.float32) * np.ones((*shape[:1], 1), np.float32)
     rgb = ramp[..., None] * np.array([1, 0.5, 0.2], np.float32)
@@ -99,7 +99,7 @@ def picture(passes=2, scale=1.0, brightness=0.5, **layers):
 
 
 def test_the_widget_follows_its_session(stage, shown):
-    """What is shown in the end is what `Shot.render` renders, also after an edit and after what cannot be rendered."""
+    """The widget shows the picture of `Shot.render`, then the problem of an edit, and then the picture of the next."""
     widget, browser = shown(stage, view=VIEW)
     layers = pb.Shot.open(stage).render(passes=2, width=32, height=18).layers
     first = browser.finished()
@@ -142,7 +142,7 @@ def test_the_browser_chooses_layer_and_exposure_and_nothing_is_rendered_for_it(s
     np.testing.assert_array_equal(browser.finished(), viewed(picture(brightness=0.1).layers["beams"], exposure=1.5))
     widget.layer, widget.exposure = "depth", 0.0
     np.testing.assert_array_equal(browser.finished(), viewed(np.repeat(picture(brightness=0.1).layers["depth"], 3, 2)))
-    widget.layer = "beams_gone"  # of a light group that an edit took away
+    widget.layer = "beams_gone"  # of a light group that an edit removed
     np.testing.assert_array_equal(browser.finished(), viewed(picture(brightness=0.1).layers["rgba"]))
     assert widget.session.version == version and browser.state["layers"] == ["rgba", "beams", "depth"]
 
@@ -162,12 +162,12 @@ def test_a_drag_orbits_about_the_stages_up_axis_and_goes_on_from_there(stage, sh
     pose, up = np.eye(4), {"Y": np.array([0.0, 1, 0]), "Z": np.array([0.0, 0, 1])}[axis]
     pose[:3, 3] = 0, 0, 4
     browser.send_back(gesture=[0, 0.3, 0, 0, 0, 0])
-    browser.send_back(gesture=[0, 0.3, 0.2, 0, 0, 0])  # sums: what is more than before is a movement
+    browser.send_back(gesture=[0, 0.3, 0.2, 0, 0, 0])  # gestures are sums: their increase is a movement
     expected = orbited(orbited(pose, up, 4, 0.3, 0), up, 4, 0, 0.2)
     np.testing.assert_allclose(widget.session.view.pose, expected, atol=1e-12)
     browser.send_back(gesture=[1, 0, 0, 0, 0, 0])
     assert widget.session.view.pose is None
-    # Home and on, in one message: the movement is one from there.
+    # One message resets the camera and moves it: the movement starts from the stage's camera.
     browser.send_back(gesture=[2, 0.1, 0, 0, 0, 0])
     np.testing.assert_allclose(widget.session.view.pose, orbited(pose, up, 4, 0.1, 0), atol=1e-12)
 
@@ -179,7 +179,7 @@ def test_the_wheel_dollies_toward_the_point_and_a_pan_moves_it_with_the_mouse(st
     browser.send_back(gesture=[0, 0, 0, 0, 0, np.log(2)])
     np.testing.assert_allclose(widget.session.view.pose, moved(pose, 0, 0, 2), atol=1e-12)
     browser.send_back(gesture=[0, 0, 0, 1, -0.5, np.log(2)])
-    # At the point, 2 before the camera, the picture is aperture / focal length = 20.955 / 50 as wide.
+    # At the point, 2 in front of the camera, the picture is 2 · aperture / focal length = 2 · 20.955 / 50 wide.
     width = 2 * 20.955 / 50
     np.testing.assert_allclose(widget.session.view.pose, moved(pose, width, -width / 2, 2), rtol=1e-6)
     browser.send_back(gesture=[0, 0, 0, 1, -0.5, 1e9])  # as near as cameras get
@@ -191,7 +191,7 @@ def test_what_is_no_state_is_not_taken(stage, shown, state, caplog, capsys):
     widget, browser = shown(stage, view=PAUSED)
     browser.send_back(**state)
     assert widget.gesture == STILL and widget.exposure == 0 and widget.session.view.pose is None
-    assert "TraitError" in "".join(capsys.readouterr()) + caplog.text  # ipywidgets tells it
+    assert "TraitError" in "".join(capsys.readouterr()) + caplog.text  # ipywidgets reports it
 
 
 def test_a_widget_closes_the_session_that_it_opened(stage, shown):
@@ -220,7 +220,7 @@ def test_what_is_no_stage_is_an_error_and_leaves_nothing_behind(stage, shown):
         shown(stage.with_name("gone.usda"))
     with pytest.raises(SceneError, match="camera: expected only with the path"), Session(stage, view=PAUSED) as session:
         shown(session, camera="/World/Camera")
-    gc.collect()  # a half-made widget is closed then, which must not fail
+    gc.collect()  # this closes a half-made widget, which must not fail
     assert threading.active_count() == before
 
 

@@ -1,4 +1,4 @@
-"""Random Mitsuba scenes as no artist would build them: for what may never happen whatever a scene is."""
+"""Random Mitsuba scenes that no artist would build, to test what must hold for every scene."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ FORMATS = ("luminance", "luminance_alpha", "rgb", "rgba", "xyz", "xyza")
 
 
 class Maker:
-    """Makes parts of scenes by chance; `size` is the scale of all of them."""
+    """Makes random parts of scenes; `size` is the scale of all of them."""
 
     def __init__(self, seed):
         self.rng = np.random.default_rng(seed)
@@ -154,7 +154,7 @@ class Maker:
         return {**self.shape(), "bsdf": self.bsdf()}
 
     def foggy(self):
-        """Return shapes with a medium inside: without a surface, of glass, or nested."""
+        """Return shapes with a medium inside, which may have any BSDF and be nested, and the medium."""
         medium = mi.load_dict(self.medium())
         outer = {**cube_of(medium, self.size * self.one(0.8, 3.0))}
         if self.chance(0.3):
@@ -169,7 +169,7 @@ class Maker:
         return parts, medium
 
     def _overlapping(self, medium):
-        """Return a shape of another medium, or of the same, that may stand anywhere."""
+        """Return a shape that contains the same medium or another one, and may stand anywhere."""
         own = self.one(medium, mi.load_dict(self.medium()))
         bsdf = self.one({"type": "null"}, {"type": "dielectric"})
         return {"other": {**self.shape(), "bsdf": bsdf, "interior": own}}
@@ -181,13 +181,13 @@ class Maker:
         return {"sheet": {"type": "rectangle", "to_world": self.place(), "bsdf": bsdf, **named}}
 
     def _wall(self, medium):
-        """Return a wall that lies on the border of the fog, or beside it by a hair."""
+        """Return a wall that lies on the boundary of the fog, very close to it, or elsewhere."""
         turn = T().translate([0, -self.size * self.one(0.8, 0.8 + 1e-6, 3.0), 0]).rotate([1, 0, 0], -90)
         wall = {"type": "rectangle", "to_world": turn.scale(self.size * 3), "bsdf": self.bsdf()}
         return {"wall": {**wall, **({"exterior": medium} if self.chance(0.4) else {})}}
 
     def _copies(self, medium):
-        """Return shapes of a medium within a group, or merged."""
+        """Return shapes with a medium inside, in a shape group or merged."""
         part = {"type": "cube", "to_world": self.place(), "bsdf": {"type": "null"}, "interior": medium}
         if self.chance(0.3):
             return {"merged": {"type": "merge", "one": part, "two": {**part, "to_world": self.place()}}}
@@ -277,7 +277,7 @@ class Maker:
         for index in range(self.rng.integers(1, 3) if self.chance(0.9) else 0):
             parts[f"light{index}"] = self.light(medium)
         skies = [name for name, part in parts.items() if part["type"] in ("constant", "envmap", "sunsky")]
-        for name in skies[1:]:  # Mitsuba takes one
+        for name in skies[1:]:  # Mitsuba accepts only one
             del parts[name]
         return {"type": "scene", **parts, "sensor": self.sensor(medium)}
 

@@ -15,12 +15,12 @@ T = mi.ScalarTransform4f
 
 
 def by_beams(**given):
-    """Return settings by which all light is that of beams and photons."""
+    """Return settings with which beams and photons carry all light."""
     return Settings(method="beams", **given)
 
 
 def frames(scene, settings, seeds, extras=None):
-    """Return a scene rendered by seeds; what pilots find is the same for each, and found once."""
+    """Return a scene rendered with several seeds, which share the findings of one pilot."""
     extras = replace(extras or Extras(), findings=Findings())
     return [render(scene, scene.sensors()[0], replace(settings, seed=seed), extras=extras) for seed in range(seeds)]
 
@@ -31,13 +31,13 @@ def rgb(value):
 
 def fog(extinction=0.5, albedo=0.9, **more):
     """Return a homogeneous medium."""
-    peak = float(np.max(extinction))  # colours of media are reflectances to Mitsuba, 1 at most
+    peak = float(np.max(extinction))  # Mitsuba treats colours of media as reflectances, at most 1
     share = (np.asarray(extinction) / peak).tolist()
     return {"type": "homogeneous", "sigma_t": rgb(share), "scale": peak, "albedo": rgb(albedo), **more}
 
 
 def cloud(color=(1.0,), resolution=8, seed=0, **more):
-    """Return a medium on a grid over [−1, 1]³, whose density is noise that vanishes at the border."""
+    """Return a medium on a grid over [−1, 1]³, whose density is noise that vanishes at the boundary."""
     axes = np.linspace(-1, 1, resolution)
     place = np.stack(np.meshgrid(axes, axes, axes, indexing="ij"))
     noise = 0.5 + np.random.default_rng(seed).random((resolution,) * 3)
@@ -57,7 +57,7 @@ def camera(origin=(0, 0.5, 4), target=(0, 0, 0), size=16, fov=40, medium=None, *
 
 
 def cube_of(medium, size=1.0):
-    """Return a cube without a surface of its own, filled with a medium."""
+    """Return a cube with a null BSDF, filled with a medium."""
     return {"type": "cube", "to_world": T().scale(size), "bsdf": {"type": "null"}, "interior": medium}
 
 

@@ -1,4 +1,4 @@
-"""The beams of stages, without a picture."""
+"""Trace the beams of stages without rendering a picture."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from photonbeams.world.stage_world import StageWorld
 
 
 def in_a_medium(world):
-    """Return the world with a medium that leaves light as it is, if it has none: beams are in media alone."""
+    """Return the world, filled with a vacuum medium if it has no media, because beams exist only in media."""
     if world.description.media:
         return world
     bounds = np.array([float(each[0]) for each in world.bounds.center]), world.radius
@@ -22,7 +22,7 @@ VACUUM = scene.Medium(scene.BLACK)
 
 def trace(world, *, beams_per_light=scene.DEFAULT_BEAMS, pass_index=0, seed=0, light_side=(), overlap=1.0, close=None,
           looks=None, max_bounces=0):  # fmt: skip
-    """Return the sets of beams of a pass whose radii are those of the first."""
+    """Return the sets of beams of a pass, with the radii of the first pass."""
     tuning = Tuning(seed, max_bounces, overlap=overlap, alpha=1.0)
     worlds = [in_a_medium(each) for each in ([world] if close is None else [world, close])]
     if close is not None and close.surfaces is world.surfaces:

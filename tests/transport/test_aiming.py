@@ -1,4 +1,4 @@
-"""Scattered light that is sent through portals, and what hits the edges of holes."""
+"""Scattered light that is aimed at portals, and light that hits the edges of holes."""
 
 import drjit as dr
 import numpy as np
@@ -53,7 +53,7 @@ def test_aimed_directions_are_even_over_the_sphere_with_their_ratio(x):
     inside = ((1 - x) / d[0] > 0) & (abs(place[1]) < 0.2) & (place[2] > -0.1) & (place[2] < 0.2)
     found, error = mean(weight * np.stack([np.ones(COUNT), inside, d[1], d[2], d[0] ** 2]))
     assert np.all(abs(found - [1, part, 0, 0, 1 / 3]) < 4.5 * error + 1e-6)
-    if x < 1:  # half of the directions are for what a part of them finds otherwise
+    if x < 1:  # half of the directions meet the opening, of even ones a fraction `part`
         assert error[1] ** 2 * COUNT < 2 * part * part
         assert np.all(weight <= 2 + 1e-5)
     else:
@@ -120,7 +120,7 @@ def test_the_surround_of_a_portal_and_the_rest_are_the_light_beside_it():
         middle = points.T - 0.5 * (low + high)
         return np.all(abs(middle) < (0.5 + wider) * size, axis=1)
 
-    # All that is near is in the rectangle that is wider by 0.3 on each side, and not in the hole; all that is far, not.
+    # Near light passes the rectangle that is wider by 0.3 on each side, but not the hole; far light passes neither.
     assert within(place[1][:, flux[1] > 0], 0.3 + 1e-4).all()
     assert not within(place[1][:, flux[1] > 0], -1e-4).any()
     assert not within(place[2][:, flux[2] > 0], 0.3 - 1e-4).any()
@@ -136,7 +136,7 @@ def test_as_much_scattered_light_gets_into_the_room_and_more_evenly(monkeypatch)
     passes = 48
 
     def light():
-        """Return the light of scattered beams on the camera's side of the wall, by passes."""
+        """Return the mean light of scattered beams on the camera's side of the wall, over passes, and its error."""
         result = []
         for number in range(passes):
             sets, _ = StageSimulation(tuning, 512, {"/light"}).simulated([world], number)

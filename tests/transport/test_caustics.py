@@ -1,4 +1,4 @@
-"""Light through glass into fog, against a reference that Mitsuba's path tracer can make: with a lamp that is large."""
+"""Light through glass into fog, against Mitsuba's path tracer, with a lamp that is large enough for it to find."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ SEEDS = 4
 
 
 def lens(radius=0.8, sphere=1.4, rings=48, sides=96):
-    """Return a biconvex lens around the z axis as a mesh with smooth sides: its rim's radius and its spheres'."""
+    """Return a biconvex lens around the z axis, a mesh with smooth sides; the radii are of its rim and its spheres."""
     depth = np.sqrt(sphere**2 - radius**2)
     r = radius * np.linspace(0, 1, rings + 1)[1:, None]
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)[None]
@@ -66,30 +66,30 @@ def test_light_through_glass_is_where_it_should_be(name):
     ours = np.array([each.layers()["rgba"][..., 0] for each in frames(scene, settings, SEEDS)])
     reference = np.array([volpath(scene, 4096, seed, max_depth=8)[..., 0] for seed in range(SEEDS)])
     assert abs(ours.mean() / reference.mean() - 1) < 0.02 + 4 * _error(ours) + 4 * _error(reference)
-    # By blocks of 4 x 4 pixels: the focus behind the glass is brighter than the fog around it, and as bright as there.
+    # In blocks of 4 x 4 pixels, the focus behind the glass and the fog around it are as bright as in the reference.
     blocks = [each.reshape(SEEDS, 4, 4, 4, 4).mean(axis=(2, 4)) for each in (ours, reference)]
     center = [each.mean(axis=0) for each in blocks]
     error = np.sqrt(sum(each.std(axis=0, ddof=1) ** 2 / SEEDS for each in blocks))
     typical = np.maximum(error, np.median(error / center[1]) * center[1])
-    # Beside noise, beams of a radius of at most 0.05 blur pixels of 0.2.
+    # In addition to noise, beams with radii of at most 0.05 blur pixels of 0.2.
     assert (np.abs(center[0] - center[1]) < 4.5 * typical + 0.03 * center[1].max()).all()
 
 
 def _error(pictures):
-    """Return the relative standard error of the mean of all pictures' means."""
+    """Return the relative standard error of the mean over all pictures."""
     means = pictures.mean(axis=(1, 2))
     return means.std(ddof=1) / means.mean() / np.sqrt(len(means))
 
 
 def test_a_small_lamp_makes_a_bright_focus():
-    """What the path tracer cannot do: a point of light; the focus lies behind the ball, on the axis, and shines."""
+    """A lamp without size, which a path tracer cannot find, makes a bright focus behind the ball, on the axis."""
     medium = mi.load_dict(fog(0.05, 0.9))
     ball = {"type": "sphere", "radius": 0.8, "bsdf": {"type": "dielectric", "int_ior": 1.5}, "exterior": medium}
     spot = {"type": "spot", "to_world": T().look_at([0, 0, -6], [0, 0, 0], [0, 1, 0]), "intensity": rgb(20.0),
             "cutoff_angle": 7.0, "beam_width": 7.0}  # fmt: skip
     scene = load(ball=ball, spot=spot, sensor=camera((6, 0, 1.2), (0, 0, 1.2), size=48, fov=20, medium=medium))
     picture = render(scene, scene.sensors()[0], by_beams(passes=4, max_depth=6)).layers()["beams"][..., 0]
-    # The camera looks along −x with +y up: z runs to the left or the right, the axis through the middle rows.
+    # The camera looks along −x with +y up: z is horizontal in the picture, and the axis is in the middle rows.
     rows = picture.max(axis=1)
     assert abs(int(rows.argmax()) - 23.5) < 2
     assert picture.max() > 10 * np.median(picture[picture > 0])

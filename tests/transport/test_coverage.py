@@ -1,4 +1,4 @@
-"""Kernels of photons and beams keep their light: what is beside a surface or outside of a medium goes to the rest."""
+"""Kernels of photons and beams keep their light: light beside a surface or outside of a medium goes to the rest."""
 
 import drjit as dr
 import numpy as np
@@ -15,11 +15,11 @@ from transport.scenes import T, by_beams, camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
 
-COUNT = 2000  # kernels, each turned by an angle of its own: the mean of their coverage is known to 0.002
+COUNT = 2000  # kernels, each turned by a different angle: their mean coverage is known to 0.002
 
 
 def below(x):
-    """Return what part of Epanechnikov's kernel lies on one side of a line, x radii beyond the centre."""
+    """Return the fraction of Epanechnikov's kernel that lies before a line, x radii beyond the centre."""
     t = np.linspace(-1, x, 4001)
     return np.trapezoid(8 / (3 * np.pi) * (1 - t * t) ** 1.5, t)
 
@@ -30,18 +30,21 @@ def world(**parts):
 
 @pytest.mark.parametrize("edge", [2.0, 0.8, 0.3])
 def test_the_part_of_a_disc_on_a_square_is_known(edge):
-    """A photon's disc of radius 0.2, at `edge` radii from the square's edge; points stand for parts of a twelfth."""
+    """The fraction of a photon's disc on a square is known to half of a twelfth, the area of one of its points.
+
+    The disc has the radius 0.2, and is `edge` radii from the square's edge.
+    """
     place = to_vectors(np.tile([1 - 0.2 * edge, 0.1, 0], (COUNT, 1)))
     square = world(square={"type": "rectangle"})
     up = to_vectors(np.tile([0.0, 0, 1], (COUNT, 1)))
     radius, covered = surface_coverage(square, place, up, dr.full(Float, 0.2, COUNT))
     kept = radius.numpy() == np.float32(0.2)
-    assert kept.mean() > 0.9  # too little is left of few
+    assert kept.mean() > 0.9  # few discs have too little coverage
     assert covered.numpy()[kept].mean() == pytest.approx(below(min(edge, 1)), abs=1 / 24)
 
 
 def test_discs_are_narrowed_to_small_surfaces():
-    """A disc ten times as wide as its square would leave a few points there: it becomes about as wide as the square."""
+    """A disc ten times as wide as its square, which has few of its points, becomes about as wide as the square."""
     small = world(square={"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(0.02)})
     up = to_vectors(np.tile([0.0, 0, 1], (COUNT, 1)))
     radius, covered = surface_coverage(small, 0 * up, up, dr.full(Float, 0.2, COUNT))
@@ -50,7 +53,7 @@ def test_discs_are_narrowed_to_small_surfaces():
 
 
 def test_a_wall_ends_a_disc():
-    """Beyond a wall that stands on the floor the floor goes on, but not for the photon: half of its disc is left."""
+    """A wall that stands on the floor ends a photon's disc, although the floor goes on behind the wall."""
     wall = mi.ScalarTransform4f().rotate([0, 1, 0], 90)
     room = world(floor={"type": "rectangle"}, wall={"type": "rectangle", "to_world": wall})
     place, up = (to_vectors(np.tile(each, (COUNT, 1))) for each in ([0.06, 0.0, 0], [0.0, 0, 1]))
@@ -60,12 +63,12 @@ def test_a_wall_ends_a_disc():
 
 
 @pytest.mark.parametrize("direction, height, expected", [
-    ((1, 0, 0), 0.5, 1),  # radii to the boundary: along it
+    ((1, 0, 0), 0.5, 1),  # along the boundary, 2.5 radii from it
     ((1, 0, 0), 0.94, below(0.3)),
-    ((0.6, 0, 0.8), 0.0, 1),  # across it, at a slant of 37 degrees: both sides make up for each other
+    ((0.6, 0, 0.8), 0.0, 1),  # across it, at a slant of 37 degrees: its two sides compensate each other
 ])  # fmt: skip
 def test_the_part_of_a_beam_in_a_cube_is_known(direction, height, expected):
-    """Beams of radius 0.2 that begin inside of a cube: near the face z = 1, or toward it."""
+    """The covered fraction is known for beams of radius 0.2 that begin in a cube, along its face z = 1 or toward it."""
     box = world(fog=cube_of(fog(0.5)), light={"type": "point", "position": [0, 0, 5]})
     segments = Segments()
     segments.origin, segments.direction = (
@@ -83,14 +86,15 @@ def test_the_part_of_a_beam_in_a_cube_is_known(direction, height, expected):
     factor, covered = medium_coverage(box, segments, shape, dr.opaque(Float, 0.5), Bool(True))
     kept = factor.numpy() == 1
     assert kept.mean() > 0.8
-    # Lines stand for eighths; beams that fade lack more before their end than they have behind it, by σ times 0.15.
+    # A line stands for an eighth. Beams that fade lack more light before their end than is behind it, by σ times 0.15.
     assert covered.numpy()[kept].mean() == pytest.approx(expected, abs=1 / 16)
 
 
 def test_wide_beams_lose_no_light_at_the_boundary_of_a_ball():
-    """All light that a ball scatters once, of beams a fifth as wide as the ball, against the integral over its chords.
+    """The light that a ball scatters once from beams a fifth as wide as the ball is the integral over its chords.
 
-    Of chords 2c, c distributed as 2c dc, light of 4π² in all is scattered: 1 − 2 (1 − (1 + a) exp(−a)) / a², a = 2 σt.
+    The chords are 2c long, and c has the density 2c. The ball scatters the fraction 1 − 2 (1 − (1 + a) exp(−a)) / a² of
+    a flux of 4π², where a = 2 σt.
     """
     ball = {"type": "sphere", "bsdf": {"type": "null"}, "interior": fog(1.0, 1.0)}
     scene = load(ball=ball, sky={"type": "constant", "radiance": rgb(1.0)}, sensor=camera())
@@ -98,15 +102,16 @@ def test_wide_beams_lose_no_light_at_the_boundary_of_a_ball():
     sets, _ = SceneRenderer(scene, scene.sensors()[0], settings).light.simulation.simulated(0)
     found = sum(scattered(each.beams, 1.0, np.random.default_rng(0)) for each in sets)
     a = 2.0
-    # 5,500 of 16,384 paths meet the ball, in strata, which tells the sum to 0.1 %. Eight lines tell the part of a beam
-    # at the boundary to some 0.06, and the mean of its inverse is high by the square of that: 0.3 %.
+    # 5,500 of 16,384 stratified paths meet the ball, which gives the sum to 0.1 %. Eight lines give the fraction of a
+    # beam at the boundary to about 0.06, and the mean of its inverse is too high by the square of that: 0.3 %.
     assert found == pytest.approx(4 * np.pi**2 * (1 - 2 * (1 - (1 + a) * np.exp(-a)) / a**2), rel=0.005)
 
 
 def test_beams_in_a_grid_keep_their_light_and_are_as_fine_as_the_grid_is_dense():
-    """A ball of an even grid, as above, of σt = 2: its beams end where light is scattered, and do not fade.
+    """In a uniform grid of σt = 2, beams scatter the light of the integral, and have radii of at most FREE_PATHS / σt.
 
-    The light of a path that ends so has a deviation of its mean: 44,000 paths tell the sum to 0.5 %.
+    Beams in a grid end where light is scattered, and do not fade. The standard deviation of the light of such a path is
+    its mean, so 44,000 paths give the sum to 0.5 %.
     """
     even = mi.VolumeGrid(np.ones((2, 2, 2, 1), dtype=np.float32))
     smoke = {"type": "heterogeneous", "albedo": 1.0, "scale": 2.0, "sigma_t": {
@@ -126,7 +131,7 @@ def test_beams_in_a_grid_keep_their_light_and_are_as_fine_as_the_grid_is_dense()
 
 
 def scattered(beams, extinction, rng, points=64, fades=1):
-    """Return the light that beams scatter inside of the unit ball, from random points in each."""
+    """Return the light that beams scatter inside of the unit ball, estimated at random points in each beam."""
     start, end, power = (np.array(each, dtype=np.float64).T for each in (beams.start, beams.end, beams.power))
     radii = np.array(beams.radius_start), np.array(beams.radius_end)
     length = np.linalg.norm(end - start, axis=1)

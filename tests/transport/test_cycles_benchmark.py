@@ -1,4 +1,4 @@
-"""The benchmarks beside Cycles, as far as they go without Cycles: both renderers get the same scene."""
+"""The benchmarks against Cycles, as far as they run without Cycles: both renderers get the same scene."""
 
 from functools import partial
 
@@ -19,7 +19,7 @@ def told():
 @pytest.fixture(scope="module")
 def scene():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scenes, "load", partial(scenes.load, optimize=False))  # or the walls would be one
+        patch.setattr(scenes, "load", partial(scenes.load, optimize=False))  # or Mitsuba would merge the walls
         return scenes.comparison()
 
 
@@ -31,7 +31,7 @@ def test_the_walls_have_the_same_bounds(told, scene):
     points = [np.array(each["points"]) for each in told["surfaces"]]
     bounds = [np.concatenate([each.min(axis=0), each.max(axis=0)]) for each in points]
     assert in_order(bounds) == pytest.approx(in_order(own), abs=1e-5)
-    assert np.ptp(points[0], axis=0) == pytest.approx([4, 3, 4])  # the first is the box, which has the fog
+    assert np.ptp(points[0], axis=0) == pytest.approx([4, 3, 4])  # the first is the box, which contains the fog
 
 
 def test_the_light_has_the_same_place_axis_and_flux(told, scene):
@@ -76,13 +76,13 @@ def test_without_bpy_a_sentence_says_what_is_expected(capsys, tmp_path):
     assert "is missing: expected --install, or a Python that has bpy" in capsys.readouterr().err
 
 
-# -- scenes of others ------------------------------------------------------------------------------------------------
+# -- other scenes ----------------------------------------------------------------------------------------------------
 
 FOG = {"type": "homogeneous", "sigma_t": 0.5, "albedo": 0.8, "phase": {"type": "hg", "g": 0.3}}
 
 
 def small_scene(**shapes):
-    """Return a room of fog, unit cubes and their like in it, and a camera at (0, 0, 4)."""
+    """Return a room full of fog, with the given shapes in it, and a camera at (0, 0, 4)."""
     camera = {
         "type": "perspective",
         "fov": 50,
@@ -93,7 +93,7 @@ def small_scene(**shapes):
 
 
 def volume(mesh):
-    """Return what a closed mesh encloses, negative where its normals point inward."""
+    """Return the volume of a closed mesh, negative if its normals point inward."""
     corners = np.array(mesh["points"])[np.array(mesh["faces"])]
     return np.linalg.det(corners).sum() / 6
 
@@ -108,7 +108,7 @@ def test_a_ball_of_glass_leaves_a_hole_in_the_fog():
     job = cycles_job(small_scene(ball=ball))
     (glass,) = [each for each in job["surfaces"] if each["kind"] == "glass"]
     sphere = 4 / 3 * np.pi * 1.5**3
-    # Facets of two degrees lose a thousandth; hairs of 1e-4 on a surface of 250 square units less.
+    # Facets of two degrees lose a thousandth of the volume; gaps of 1e-4 over 250 square units of surface lose less.
     assert volume(glass) == pytest.approx(sphere, rel=2e-3)
     (fog,) = job["fogs"]
     assert volume(fog) == pytest.approx(6**3 - sphere, rel=2e-3)
@@ -126,7 +126,7 @@ def test_a_lamp_shines_from_its_front_and_bounds_no_fog():
     (shining,) = [each for each in job["surfaces"] if "emission" in each]
     assert shining["emission"] == pytest.approx([3, 2, 1])
     a, b, c = np.array(shining["points"])[shining["faces"][0]]
-    assert np.cross(b - a, c - a)[1] < 0  # down, as it was turned
+    assert np.cross(b - a, c - a)[1] < 0  # down, as the disk is turned
     assert volume(job["fogs"][0]) == pytest.approx(6**3, rel=1e-3)
 
 

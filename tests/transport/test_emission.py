@@ -45,7 +45,7 @@ def test_paths_carry_the_power_of_their_emitter(name):
 
 @pytest.mark.parametrize("name", ["constant", "directional"])
 def test_light_from_infinity_falls_on_meshes_that_mitsuba_merged(name):
-    """Mitsuba forgets the box of what it merges, as with these two floors."""
+    """Light from infinity falls on merged floors as on separate ones, although Mitsuba forgets their box."""
     wall = {"type": "diffuse"}
     floors = {
         f"floor{x}": {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([x, 0, 5]), "bsdf": wall}
@@ -79,8 +79,8 @@ def test_tangents_are_the_derivatives_of_rays(name):
         for tangent, high, low in zip(differentials, rays(base + shift), rays(base - shift), strict=True):
             expected = (high - low) / (2 * step)
             found = np.broadcast_to(np.array(tangent), (3, count))
-            # The median: samples near a fold of a map, or the border of a pixel or a triangle, have differences of
-            # their own. Of the others, differences err by step² of the third derivative, and by rounding over the step.
+            # The median, because differences are wrong near a fold of a map or the edge of a pixel or a triangle.
+            # Elsewhere their error is the third derivative times step², plus rounding divided by the step.
             error = np.abs(found - expected).max(axis=0)
             assert np.median(error) < 1e-3 * max(1, np.abs(expected).max())
 

@@ -1,4 +1,4 @@
-"""Fitted portals: holes that visible light comes through are found, in both doors; nothing else is taken for one."""
+"""Fitted portals: holes that visible light passes, and only those, are found in stages and in Mitsuba scenes."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ WINDOW = np.array([[-2, 1.2, -0.8], [-2, 2.0, -0.3]])
 
 
 def room(*lamps, size=(32, 18)):
-    """Return a closed room of grey walls with fog in it, which the walls do not name, and a window at x = −2."""
+    """Return a closed room of grey walls, with a window at x = −2, full of fog that the walls do not name."""
     grey = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": rgb(0.5)}}
 
     def across(axis, center, width, height):
@@ -49,20 +49,20 @@ def room(*lamps, size=(32, 18)):
 
 
 def portals(scene):
-    """Return the portals that the emitters of a scene are given, by the names of these."""
+    """Return the portals that the emitters of a scene get, by the names of the emitters."""
     strata = SceneRenderer(scene, scene.sensors()[0], by_beams(beams=4096)).light.simulation.emission.strata
     return {each.emitter.name: each.emitter.portal for each in strata if isinstance(each.emitter, PortalEmitter)}
 
 
 def check_around(portal, hole):
-    """Check that a portal lies in the wall, and has all of a hole in it and little else."""
+    """Check that a portal lies in the wall of a hole, and contains all of the hole and little else."""
     corner, *edges = portal.sides
     corners = corner + np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) @ np.array(edges)
     low, high = corners.min(axis=0), corners.max(axis=0)
     size = np.ptp(hole, axis=0)
     assert np.abs(corners[:, 0] - hole[0, 0]).max() < 0.01
     assert (low < hole[0] + 0.02 * size + 0.01).all() and (high > hole[1] - 0.02 * size - 0.01).all()
-    assert (high - low < 1.3 * size + 0.01).all()  # a margin on either side, and a strip in which little passes
+    assert (high - low < 1.3 * size + 0.01).all()  # a margin on each side, and a strip that little light passes
 
 
 @pytest.mark.parametrize("lamp", LAMPS)
@@ -93,7 +93,7 @@ def test_a_lamp_of_which_little_is_seen_takes_the_window_that_another_lamp_has()
 
 
 def test_light_that_nothing_stops_has_no_portal():
-    """A camera that sees a hundredth of a lamp's fog: most light is beside the picture, and there is no hole."""
+    """A lamp in the open has no portal, although the camera sees only a hundredth of the fog that it lights."""
     lamp = {"type": "point", "position": [0, 0, 3], "intensity": rgb(1.0)}
     scene = load(fog=cube_of(fog(0.2), 4), lamp=lamp, sensor=camera([3.5, 0, 0], [0, 0, 0], fov=6))
     assert portals(scene) == {}
@@ -105,7 +105,7 @@ def test_a_lamp_within_the_picture_has_no_portal():
 
 
 def test_a_fitted_portal_keeps_the_mean_and_has_less_noise(monkeypatch):
-    """Sunlight in a room, any number of bounces: by the guide alone it has four times the variance."""
+    """Sunlight in a room keeps its mean, with any number of bounces; guiding alone has four times the variance."""
     means, variances, scene = [], [], room("sun")
     for portal in (True, False):
         if not portal:
@@ -115,12 +115,12 @@ def test_a_fitted_portal_keeps_the_mean_and_has_less_noise(monkeypatch):
         variances.append(np.mean(found.var(axis=0, ddof=1) / found.mean(axis=0) ** 2))
     (own, own_error), (other, other_error) = means
     assert abs(own - other) < 4 * np.hypot(own_error, other_error)
-    # Over 8 × 576 values that are smooth over some ten pixels each, a variance is known to some ten per cent.
+    # 8 × 576 values that are smooth over about ten pixels give a variance to about ten per cent.
     assert variances[0] < 0.5 * variances[1]
 
 
 def test_the_rectangle_of_a_bundle_is_that_which_its_visible_light_passes():
-    """Rays from a disc through a slanted rectangle, among others: found without any scene, to the paths' distance."""
+    """The slanted rectangle that all visible rays pass is found without a scene, to the distance between rays."""
     rng = np.random.default_rng(1)
     x, y = np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0])
     count = 1 << 14
@@ -132,5 +132,5 @@ def test_the_rectangle_of_a_bundle_is_that_which_its_visible_light_passes():
     seen = (np.abs(place) < 0.5).all(axis=1).astype(float)
     found = fitted(Bundle(origin, direction, np.full(count, 1 / count), seen / seen.sum()), 5.0)
     assert found is not None and found.seen > 0.98
-    # 450 rays in a thirty-sixth of the area; margins of 2 % on each side, and planes to a 64th of the scene's size.
+    # 450 rays pass a thirty-sixth of the area; margins are 2 % per side, and planes fit to a 64th of the scene's size.
     assert found.light == pytest.approx(1 / 36, rel=0.35)

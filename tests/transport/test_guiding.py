@@ -1,4 +1,4 @@
-"""Guided emission: the map keeps measures, and pictures keep their mean."""
+"""Guided emission: the map preserves integrals, and pictures keep their mean."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from transport.scenes import by_beams, camera, comparison, cube_of, fog, frames,
 
 
 def clustered(seed, count=1 << 12):
-    """Samples around a few places of the cube, the more the narrower."""
+    """Return samples in a few clusters of different widths in the cube."""
     rng = np.random.default_rng(seed)
     centers, widths = rng.random((5, 4)), 0.3 ** rng.integers(3, 5, (5, 1))
     which = rng.integers(0, 5, count)
@@ -35,9 +35,9 @@ def test_a_guide_is_a_map_of_the_cube_onto_itself(seed):
     place, stretch = guide(points)
     assert (place >= 0).all() and (place < 1).all()
     same = np.isclose(guide.density(place), 1 / stretch.prod(axis=1), rtol=1e-6)
-    assert same.mean() > 0.99  # float32 rounds a few over a box's border
-    # ∫ f = mean of f · stretch, whose weights are 10 at most, a tenth of the samples being uniform: of 4,096 samples
-    # that are stratified the mean errs by less than the 5 % = 3 · √(10 / 4096) / 3 of random ones.
+    assert same.mean() > 0.99  # float32 rounds a few across the boundary of a box
+    # ∫ f is the mean of f · stretch. The stretch is at most 10, because a tenth of the samples is uniform. The error of
+    # 4,096 random samples would be 5 % = 3 · √(10 / 4096) / 3; that of stratified samples is smaller.
     values = {1.0: np.ones(4096), 0.5: place[:, 0], 0.25: place[:, 1] * place[:, 3], 1 / 3: place[:, 2] ** 2}
     for exact, value in values.items():
         assert (value * stretch.prod(axis=1)).mean() == pytest.approx(exact, abs=0.05)
@@ -52,7 +52,7 @@ def test_stretches_are_the_derivatives_of_the_map():
         moved[:, axis] += step
         change = (guide(moved)[0].astype(np.float64) - place)[:, axis] / step
         inside = moved[:, axis] < 1
-        # But for the few that step over a box's border; float32 has 6e-8 of 1e-4.
+        # The median ignores the few that step across the boundary of a box; float32 rounds by 6e-8, the step is 1e-4.
         assert np.median(np.abs(change - stretch[:, axis])[inside]) < 1e-3
 
 
@@ -73,7 +73,7 @@ def test_emission_that_is_seen_everywhere_stays_even():
 
 
 def test_guiding_keeps_the_mean_and_makes_it_better():
-    """The comparison scene: with guiding and without, the mean is that of the integral; pictures are closer with it."""
+    """The mean of the comparison scene is the integral, with and without guiding; guided pictures are closer to it."""
     scene = comparison(48, 27)
     shared = {"passes": 1, "beams": 2048, "max_depth": 2, "surfaces": False}
     reference = render(
@@ -105,7 +105,7 @@ def test_lights_that_are_not_seen_get_fewer_paths():
 
 @pytest.mark.parametrize("eye", [EYE, (-0.4, 1.5, 0.02)], ids=["from beside", "from inside"])
 def test_a_stage_without_a_portal_is_guided_to_the_same_mean_with_less_noise(eye):
-    """From inside the shaft, little of its light is in the picture: what is behind the camera must not shine in."""
+    """Guiding keeps the mean and has less noise, also from inside the shaft, where most light is behind the camera."""
     description = comparison_scene(portal=False)
     world = StageWorld.build(description, viewpoints=[eye])
     wanted, (origin, direction) = single_scattering(32, 18, eye, light_points=12), camera_rays(32, 18, eye)
@@ -120,7 +120,7 @@ def test_a_stage_without_a_portal_is_guided_to_the_same_mean_with_less_noise(eye
             value = estimate(beams, origin, direction, wall_distance(origin, direction), medium=description.medium)
             found.append(value.numpy()[:, 0].reshape(18, 32))
         means = np.array([each.mean() for each in found]) / wanted.mean()
-        # Beams blur the shaft's edge, and pixels' centres miss it: 1 %, as in the tests of single beams.
+        # Beams blur the shaft's edge, and pixel centres miss it: 1 %, as in the tests of single beams.
         assert abs(means.mean() - 1) < 4 * means.std(ddof=1) / np.sqrt(6) + 0.01
         errors.append(np.median(np.abs(np.array(found)[:, mask] / wanted[mask] - 1)))
     assert errors[0] < 0.7 * errors[1]
@@ -155,13 +155,13 @@ SPOT = """def SphereLight "Spot" (prepend apiSchemas = ["ShapingAPI"]) { float i
 
 @pytest.mark.parametrize("lamp", [SUN, SPOT], ids=["sun", "spot"])
 def test_light_through_a_gap_is_found_and_keeps_its_power(usd, lamp):
-    """Fog behind a wall with a gap 0.04 wide: its light is what the lamp shines on the gap, and many paths get in."""
+    """Fog behind a gap 0.04 wide gets the power that the lamp shines through it, and guiding sends many paths there."""
     shot = pb.Shot(usd(BARN.format(lamp=lamp)))
     guided, even = ([shot.drawn_beams(beams=4096, seed=seed, guiding=each) for seed in range(3)]
                     for each in (True, False))  # fmt: skip
     power = np.array([sum(each.power[:, 0].sum() for each in sets) for sets in guided])
-    # Of the sun E · width · height. Of a point I · the solid angle of the part of the gap whose light meets the fog,
-    # which is 2 high and begins 10.1 from it: its slopes are ±1 / 10.1.
+    # For the sun, this is E · width · height. For a point, it is I times the solid angle of the part of the gap whose
+    # light meets the fog. The fog is 2 high and begins 10.1 from the lamp, so slopes are within ±1 / 10.1.
     strength = shot.read()[0].lights[0].radiance[0]
     wanted = strength * (0.04 * 2 if lamp is SUN else 0.04 / 10 * solid_slope(1 / 10.1))
     assert power.mean() == pytest.approx(wanted, abs=5 * power.std(ddof=1) / np.sqrt(3) + 0.02 * wanted)
@@ -175,7 +175,7 @@ def solid_slope(slope):
 
 
 def test_samples_are_found_of_rays(usd):
-    """Emission samples of rays through points make the same rays."""
+    """The emission samples that are found for rays through points make the same rays."""
     for lamp in (SUN.replace("angle = 0", "angle = 0.5"), SPOT.replace("radius = 0", "radius = 0.1")):
         shot = pb.Shot(usd(BARN.format(lamp=lamp.replace("bool treatAsPoint = 1", ""))))
         description, view = shot.read()
@@ -205,10 +205,10 @@ def Cube "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
 
 
 def test_guiding_is_learned_for_all_frames_of_a_shot(usd):
-    """With everything at rest but the camera, which flies, each frame has the same beams."""
+    """If only the camera moves, each frame has the same beams."""
     shot = pb.Shot(usd(FLIGHT))
     first, last = (shot.drawn_beams(frame, max_depth=3, beams=512)[0] for frame in (1, 9))
     assert np.array_equal(first.start, last.start) and np.array_equal(first.power, last.power)
     even = shot.drawn_beams(1, max_depth=3, beams=512, guiding=False)[0]
-    # The fog is all that is seen, a hundredth of what the lamp shines at: guided paths are in it four times as often.
+    # Only the fog is visible, and gets a hundredth of the lamp's light: guided paths reach it four times as often.
     assert len(first.start) > 2 * len(even.start)

@@ -1,4 +1,4 @@
-"""Scenes that nobody would build, and some that everybody does: rendered right, or refused; never NaN in a picture."""
+"""Scenes that nobody would build, and some that everybody builds, are rendered correctly or refused, without NaNs."""
 
 import os
 
@@ -16,12 +16,12 @@ mi = mitsuba()
 FLOOR = {"type": "rectangle", "to_world": T().translate([0, -1.2, 0]).rotate([1, 0, 0], -90).scale(4)}
 
 
-# -- by chance -------------------------------------------------------------------------------------------------------
+# -- random ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(int(os.environ.get("PHOTONBEAMS_RANDOM_SCENES", "6"))))
 def test_no_picture_has_numbers_that_are_none(seed, caplog):
-    """Six of them by default; the variable PHOTONBEAMS_RANDOM_SCENES says how many: 500 take half an hour."""
+    """Pictures of random scenes are finite: PHOTONBEAMS_RANDOM_SCENES sets their number; 500 take half an hour."""
     maker = Maker(seed)
     scene = maker.scene()
     film = scene["sensor"].get("sensor", scene["sensor"])["film"]
@@ -48,7 +48,7 @@ def refused(match, **parts):
     with pytest.raises(SceneError, match=match) as caught:
         render(scene, scene.sensors()[0], by_beams(passes=1, beams=64))
     assert "\n" not in str(caught.value)
-    with pytest.raises(SceneError) as first:  # not the cause of an error of Dr.Jit's
+    with pytest.raises(SceneError) as first:  # not as the cause of an error of Dr.Jit
         mi.render(scene, integrator=mi.load_dict({"type": "photon_beams", "paths": 64, "method": "beams"}), spp=1)
     assert str(first.value) == str(caught.value)
 
@@ -60,7 +60,7 @@ def image(value):
 
 
 def mesh(x):
-    """Return two triangles, a corner of which is at `x`."""
+    """Return two triangles, one corner of which is at `x`."""
     result = mi.Mesh("sheet", 4, 2)
     parameters = mi.traverse(result)
     parameters["vertex_positions"] = np.ravel([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [x, 1, 0]]).astype(np.float32)
@@ -119,7 +119,7 @@ def test_an_empty_scene_is_black():
     for parts in ({}, {"fog": cube_of(fog(0.5))},
                   {"fog": cube_of(fog(0.5)), "light": {**INSIDE, "intensity": rgb(0.0)}}):  # fmt: skip
         layers = finite(**parts)[1]
-        assert not layers["rgba"].any()  # nor is there alpha: borders of media are nothing to see
+        assert not layers["rgba"].any()  # nor is there alpha: boundaries of media are invisible
         assert np.isinf(layers["depth"]).all()
 
 
@@ -148,8 +148,8 @@ def test_a_scene_is_as_bright_in_any_unit():
         parts = {"fog": cube_of(fog(0.5 / unit), unit), "light": lamp, "sensor": seen}
         return finite(guiding=False, **parts)[1]["beams"].mean()
 
-    # Without a pilot, whose paths decide where others go, the samples are the same; but rays leave surfaces with an
-    # offset that has a length.
+    # Without a pilot, whose paths decide where others go, the samples are the same. But rays leave surfaces with an
+    # offset, which has a length.
     assert [scaled(size) for size in (1e-2, 1e4, 1e6)] == pytest.approx([scaled(1.0)] * 3, rel=0.05)
 
 
@@ -204,12 +204,12 @@ def test_a_sensor_in_nested_media_need_not_say_so():
     declared = load(**parts, sensor=camera((0, 0, 0.3), (-0.5, 0.2, -1), fov=70, medium=inner))
     ours = pictures(scene, 4, max_depth=3, hide_emitters=True, **{**SMALL, "passes": 3, "beams": 65536})
     theirs = [volpath(declared, 1024, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
-    # Beams near the eye are bright and few, which the spread of a few pictures does not tell.
+    # Beams near the camera are bright and few, so the spread of a few pictures underestimates the error.
     np.testing.assert_allclose(ours.mean(axis=(0, 1, 2)), np.mean(theirs, axis=(0, 1, 2)), rtol=0.03)
 
 
 def test_a_medium_of_the_sensor_ends_at_its_border():
-    """The light outside is not in the fog that the sensor says it is in."""
+    """The fog that the sensor names does not reach beyond its boundary, to the lamp outside."""
     medium = mi.load_dict(fog(2.0, 0.8))
     scene = load(fog=cube_of(medium), light=LAMP, floor=FLOOR,
                  sensor=camera((0, 0.5, 0.5), (-0.1, -1.5, -0.3), medium=medium, fov=90))  # fmt: skip
@@ -223,7 +223,7 @@ def test_a_cornell_box_without_fog_is_that_of_path():
     plain = mi.cornell_box()
     plain["sensor"]["film"].update(width=32, height=32, rfilter={"type": "box"})
     scene = mi.load_dict(plain)
-    # Less the lamp itself, which so few pixels show by the places that they look at.
+    # Subtract the lamp itself, whose brightness in so few pixels depends on the places that are sampled.
     ours = [render(scene, scene.sensors()[0], by_beams(passes=3, beams=65536, max_depth=depth)).layers()["surface"]
             for depth in (None, 1)]  # fmt: skip
     theirs = [volpath(scene, 128, 0, "path", max_depth=depth) for depth in (-1, 1)]
@@ -239,7 +239,7 @@ def test_caustics_on_surfaces_are_those_of_path():
     settings = by_beams(passes=6, beams=8192, hide_emitters=True, max_depth=6)
     each = [found.layers()["surface"].mean() for found in frames(scene, settings, 6)]
     theirs = volpath(scene, 4096, 0, "path", hide_emitters=True, max_depth=6).mean()
-    # The lamp in the ball is smaller than a pixel, so that few camera rays see it: errors are those of the seeds.
+    # Seen in the ball, the lamp is smaller than a pixel, so few camera rays meet it: the seeds give the error.
     assert abs(np.mean(each) - theirs) < 4 * np.std(each, ddof=1) / np.sqrt(len(each))
 
 
@@ -255,18 +255,18 @@ def test_rough_glass_is_lit_by_photons():
     scene = load(ball=ball, light=lamp, sensor=camera(size=32))
     ours = pictures(scene, passes=3, beams=65536, max_depth=3, hide_emitters=True, radius=0.02)
     theirs = [volpath(scene, 128, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
-    # The mean of 24 seeds, which spread by 1.8 % each, was that of `volpath` to 0.4 %, its own error.
+    # The mean of 24 seeds, which spread by 1.8 % each, agreed with `volpath` to 0.4 %, its standard error.
     assert agree(ours, np.array(theirs), bias=0.005)
 
 
 def test_a_border_that_lies_on_another_surface_is_not_missed_by_single_rays():
-    """The end of a plank lies on the wall of the fog: rays through the plank see one of the two, and no border then."""
+    """A plank ends on the wall around the fog; rays that meet only one of the two still meet the fog's boundary."""
     medium = mi.load_dict(fog(0.5))
     plank = {"type": "cube", "to_world": T().translate([-0.5, 0, -1.5]).scale([0.02, 1.5, 0.5])}
     room = {**cube_of(medium, 2.0), "bsdf": {"type": "twosided", "side": {"type": "diffuse"}}}
     sensor = camera((0.6, 0, 1.5), (-0.6, 0, -2), fov=60, size=64, medium=medium)
     scene = load(room=room, plank=plank, light={**INSIDE, "position": [1.2, 1.0, 0.5]}, sensor=sensor)
     beams = render(scene, scene.sensors()[0], by_beams(passes=2, beams=4096, surfaces=False)).layers()["beams"][..., 0]
-    # Smooth light: no pixel is much darker than both of its neighbours.
+    # The light is smooth: no pixel is much darker than both of its neighbours.
     around = np.minimum(beams[:, :-2], beams[:, 2:])
     assert (beams[:, 1:-1] > 0.5 * around).all()

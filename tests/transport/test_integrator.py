@@ -35,7 +35,7 @@ def scene(**film):
 
 
 def grey(pixel_format):
-    """Return a scene without colours, in any variant."""
+    """Return a scene without colours, which loads in any variant."""
     parts = {"fog": cube_of(fog(0.5)), "light": {**LIGHT, "intensity": rgb(2.0)}, "wall": {"type": "rectangle"}}
     return load(**parts, sensor=camera(size=8, pixel_format=pixel_format), integrator=PLUGIN)
 
@@ -129,7 +129,7 @@ def test_within_aov_it_chooses_its_method():
 
 
 def test_moment_around_it_has_the_mean_of_the_picture():
-    """Rays of their own, to which each call of `sample` traces light anew."""
+    """The moment integrator has the mean of the picture, but other rays: each call of `sample` traces light anew."""
     around = mi.load_dict({"type": "moment", "image": plugin()})
     own = np.array([picture(scene(), seed) for seed in range(4)])
     found = np.array([mi.render(scene(), integrator=around, spp=2, seed=seed) for seed in range(4)])
@@ -141,7 +141,7 @@ def test_moment_around_it_has_the_mean_of_the_picture():
 
 
 def test_derivatives_are_refused_by_the_sentence_itself():
-    """Of `dr.backward`, whether or not the parameters were named, and not by the cause of another error."""
+    """`dr.backward` raises the error itself, not as the cause of another error, whether or not parameters are named."""
     given = scene()
     parameters = mi.traverse(given)
     dr.enable_grad(parameters["fog.interior_medium.albedo.value.value"])
@@ -152,7 +152,7 @@ def test_derivatives_are_refused_by_the_sentence_itself():
 
 
 def test_parameters_without_a_value_have_no_gradients():
-    """Hair lists some, and Mitsuba cannot return them."""
+    """Parameters that Mitsuba lists but cannot return, such as some of hair, have no gradients."""
     parameters = mi.traverse(mi.load_dict({"type": "scene", "ball": {"type": "sphere", "bsdf": {"type": "hair"}}}))
     assert not dict(integrator._with_gradients(parameters))
 
@@ -188,7 +188,7 @@ def test_hidden_emitters_are_not_seen():
 
 def test_alpha_is_that_of_surfaces_and_windows_are_parts():
     whole = picture(scene(pixel_format="rgba"))
-    # Two passes of up to sixteen samples.
+    # Two passes of up to sixteen samples each make alpha a multiple of 1/32.
     assert not np.any(32 * whole[..., 3] % 1) and 0 < whole[..., 3].mean() < 1
     window = {"crop_offset_x": 2, "crop_offset_y": 3, "crop_width": 4, "crop_height": 5}
     part = picture(scene(pixel_format="rgba", **window), guiding=False)
@@ -211,7 +211,7 @@ def test_bundled_scenes_render_with_fog_added():
 
 
 def test_mitsuba_renders_the_picture_that_the_command_does():
-    # Mitsuba suspends derivatives, and ours of light paths, which give beams their radii, must not be of them.
+    # Mitsuba suspends derivatives, but must not suspend those of light paths, which give beams their radii.
     glass = {"type": "sphere", "radius": 0.4, "bsdf": {"type": "dielectric", "int_ior": 1.5}}
     both = load(fog=cube_of(fog(0.5)), light=LIGHT, wall={"type": "rectangle"}, glass=glass, sensor=camera(size=8))
     ours = plugin()
@@ -235,7 +235,7 @@ def test_a_denoised_picture_is_the_sum_of_its_layers_with_less_noise():
 
 def test_passes_end_where_the_error_is_small_enough():
     found = [picture(scene(), spp=spp, error=0.9) for spp in (8, 12)]
-    assert np.array_equal(*found)  # there are 8, of which the error is first asked for
+    assert np.array_equal(*found)  # the error is first checked after 8 passes
     assert not np.array_equal(found[0], picture(scene(), spp=12))
 
 

@@ -1,4 +1,4 @@
-"""Light paths at the light: their power, and that strata add up, against float64 integrals and `illuminate`."""
+"""Light paths at their lights: their power, and the sums of strata, against float64 integrals and `illuminate`."""
 
 import dataclasses
 
@@ -82,7 +82,7 @@ def through(light, count=COUNT):
 
 
 def flux(paths, where=None):
-    """Return the total flux of paths, (3,), and its standard error were they independent."""
+    """Return the total flux of paths, (3,), and its standard error if they were independent."""
     value = paths.flux.numpy().astype(np.float64) * paths.valid.numpy()
     if where is not None:
         value = value * where
@@ -91,7 +91,7 @@ def flux(paths, where=None):
 
 
 SHAPED = scene.Shaping(cone_angle=35.0)
-#: A profile that is brighter to one side: cd at 0, 30 and 60 degrees down, at four directions around.
+#: A profile that is brighter on one side: intensities at 0, 30 and 60 degrees from its axis, in four directions around.
 LOPSIDED = scene.Shaping(
     180.0,
     profile=scene.Profile([0, 30, 60], [0, 90, 180, 270, 360], [[2, 5, 1], [2, 3, 0], [2, 1, 0], [2, 3, 0], [2, 5, 1]]),
@@ -132,7 +132,7 @@ def test_soft_cone_carries_the_integral_of_its_falloff():
 
 
 def mean_of_profile(profile, flat=False, count=720):
-    """Return ∫ profile dω, of a flat light times the cosine: midpoint rule, float64."""
+    """Return ∫ profile dω, times the cosine for a flat light, by the midpoint rule in float64."""
     theta = np.pi * (np.arange(count) + 0.5) / count
     phi = 360 * (np.arange(count) + 0.5) / count
     value = profile.at(np.degrees(theta)[:, None], phi) * np.sin(theta)[:, None]
@@ -150,7 +150,7 @@ def test_paths_follow_a_profile_and_carry_its_integral(scale):
         expected = mean_of_profile(profile, flat_light) * (0.08 if flat_light else 1)
         total, error = value.sum(axis=1), np.sqrt(COUNT) * value.std(axis=1)
         assert np.all(np.abs(total - np.multiply(expected, RADIANCE)) < error + 2e-3 * total)
-        # Paths are where the light is: their power hardly differs.
+        # Paths are distributed as the light is, so their power hardly differs.
         assert value[0].std() < 0.3 * value[0].mean()
 
 
@@ -171,7 +171,7 @@ def grid(low, high, count):
 
 
 def rectangle_to_quad(mesh, count=40):
-    """Return ∫∫ L cos cos / d² over the flat light and the portal's parallelogram: midpoint rule, float64."""
+    """Return ∫∫ cos cos / d² over the flat light and the portal's parallelogram, by the midpoint rule in float64."""
     corner, x, y = mesh.points[0], mesh.points[1] - mesh.points[0], mesh.points[3] - mesh.points[0]
     s, t = (axis.ravel() for axis in np.meshgrid(grid(0, 1, count), grid(0, 1, count)))
     points = corner + s[:, None] * x + t[:, None] * y
@@ -223,7 +223,7 @@ def test_paths_through_a_portal_and_the_others_make_the_light_without_one(light)
     whole, _ = emission(light(), block=2)
 
     def landing(paths):
-        """Return which paths cross a square behind the portal, partly in its light."""
+        """Return which paths cross a square behind the portal, which light through the portal partly covers."""
         o, d = paths.origin.numpy(), paths.direction.numpy()
         t = (-2.5 - o[2]) / np.where(d[2] < 0, d[2], -1e-9)
         x, y = o[0] + t * d[0], o[1] + t * d[1]

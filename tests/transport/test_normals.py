@@ -1,4 +1,4 @@
-"""Light off surfaces whose BSDF turns the normal: what `path` sees of it from the other end."""
+"""Light off surfaces whose BSDF perturbs the normal, against `path`, which traces it from the camera."""
 
 import numpy as np
 import pytest
@@ -20,14 +20,14 @@ def tilted(nested):
 
 
 def bumpy(nested):
-    """Return a BSDF with a slope that rises toward the wall, and falls where the image begins anew."""
+    """Return a BSDF with a slope that rises toward the wall, and drops where the image repeats."""
     height = np.tile(np.linspace(0, 1, 64, dtype=np.float32)[None, :, None], (4, 1, 1))
     image = {"type": "bitmap", "data": mi.TensorXf(height), "raw": True}
     return {"type": "bumpmap", "height": image, "scale": 2 * TILT, "nested": nested}
 
 
 def floor_and_wall(bsdf, side):
-    """Return a lamp that sees a floor, and a wall above it, or below, that sees the floor alone."""
+    """Return a scene in which a lamp lights a floor, and only light from the floor reaches a wall above or below it."""
     lamp = {
         "type": "rectangle", "to_world": T().translate([-1, 0.45, 0]).rotate([1, 0, 0], 90).scale(0.3),
         "bsdf": {"type": "diffuse", "reflectance": 0.0}, "emitter": {"type": "area", "radiance": rgb(10.0)},
@@ -56,7 +56,7 @@ def test_light_off_turned_normals_is_that_of_path(name):
     expected = volpath(scene, 1 << 13, plugin="path", max_depth=3).mean()
     settings = by_beams(passes=3, beams=1 << 18, radius=0.06, alpha=1.0, max_depth=3)
     found = render(scene, scene.sensors()[0], settings).layers()["rgba"][..., :3].mean()
-    # Four seeds spread by 0.3 % here and 1 % there, and discs blur by 1 %; the flat floor's cosines are 20 to 70 % off.
+    # Four seeds spread by 0.3 to 1 %, and discs blur by 1 %; with the cosines of a flat floor, light is 20 to 70 % off.
     assert found == pytest.approx(expected, rel=0.04)
 
 

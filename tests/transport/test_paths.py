@@ -1,4 +1,4 @@
-"""Light paths: photon differentials against finite differences of whole paths, light against what is conserved."""
+"""Light paths: photon differentials against finite differences of whole paths, and conservation of energy."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def ball_in_fog(light=SPOT, **ball):
 
 
 def tracing(scene, medium, **given):
-    """Return how light paths are traced where a medium fills the space."""
+    """Return the tracing of light paths in a scene whose space a medium fills."""
     world = SceneWorld(scene, None)
     world.media = Media([medium])
     plain = {"max_bounces": None, "rr_depth": 5, "overlap": OVERLAP, "region": 1.0, "paths": COUNT, "power": 1.0}
@@ -44,7 +44,7 @@ def emitted(scene, medium, count):
 
 
 def steps(tracing, begun, limit=12):
-    """Return what the steps of light paths leave, as lists of (segments, photons on surfaces)."""
+    """Return the results of the steps of light paths, a list of (segments, photons on surfaces)."""
     found = []
     for each in paths.trace(tracing, paths.begin(tracing, begun)):
         found.append(each)
@@ -54,7 +54,7 @@ def steps(tracing, begun, limit=12):
 
 
 def shifted(scene, medium, k, step):
-    """Return the light paths whose number k is larger by `step`."""
+    """Return the light paths with number `k` of their emission samples increased by `step`."""
     (own,) = emitted(scene, medium, COUNT)
     numbers = np.concatenate([np.array(each) for each in sobol_block(COUNT, 0, (0, 0))])
     numbers[k] += step
@@ -71,7 +71,7 @@ SPHERE_LIGHT = {"type": "sphere", "center": [-2.5, 1.5, 0.3], "radius": 0.3,
 @pytest.mark.parametrize("light", [SPOT, SPHERE_LIGHT], ids=["spot", "sphere"])
 @pytest.mark.parametrize("seen_in", [0, 2], ids=["straight", "through glass"])
 def test_widths_follow_neighbours(light, seen_in):
-    """The squared width is (overlap / 2)² times the mean squared distances to neighbours, one cell away each way."""
+    """The squared width is (overlap / 2)² times the mean squared distance to neighbours, one cell away on each side."""
     scene, medium = ball_in_fog(light)
     trace, step = tracing(scene, medium), 2e-4
     base = steps(trace, emitted(scene, medium, COUNT))[seen_in][0]
@@ -90,18 +90,18 @@ def test_widths_follow_neighbours(light, seen_in):
         known &= np.isfinite(change).all(axis=0) & (np.abs(change).max(axis=0) < 100)  # not over an edge
         spreads[k] = (change**2).sum(axis=0) - (change * direction).sum(axis=0) ** 2
     place, aim = spreads[:2].sum(axis=0) / 2, spreads[2:].sum(axis=0) / 2
-    # The two pairs of numbers share the cells by what they make of the segment's ends: any split lies between these.
+    # Each pair of numbers gets cells according to how far it moves the segment's ends; `cells` has all possible splits.
     found = np.square(base.width(at).numpy()) / np.square(OVERLAP / 2)
     cells = np.logspace(0, np.log10(COUNT), 400)[:, None]
     best = np.abs(np.log((place / cells + aim * cells / COUNT) / found)).min(axis=0)
     assert known.sum() > 30
-    # Differences of 2 · 2e-4 err by rounding of 1e-6 / 4e-4, and by curvature; the grid of splits by 1.4 %.
+    # Errors of differences over 2 · 2e-4 are rounding, 1e-6 / 4e-4, and curvature; that of the grid of splits is 1.4 %.
     assert np.median(best[known]) < 0.01
     assert np.quantile(best[known], 0.9) < 0.1
 
 
 def test_a_lens_has_its_focus_where_rays_meet():
-    """Rays along the axis of a ball of glass meet at n R / (2 (n − 1)) from its centre: 1.5 radii of glass."""
+    """Rays along the axis of a glass ball meet at n R / (2 (n − 1)) from its centre, which is 1.5 radii for n = 1.5."""
     light = {"type": "directionalarea", "radiance": rgb(1.0)}
     lamp = {"type": "disk", "to_world": T().translate([0, 0, -3]).scale(0.04), "emitter": light}
     scene, medium = ball_in_fog(lamp)
@@ -109,12 +109,12 @@ def test_a_lens_has_its_focus_where_rays_meet():
     behind = segments.direction.numpy()[2] > 0.9
     focus = (segments.origin + segments.width.focus() * segments.direction).numpy()[2][behind]
     assert behind.sum() > 500
-    # Rays at a height of 5 % of the radius: third-order aberration is of the order of its square.
+    # Rays are up to 5 % of the radius from the axis: third-order aberration is of the order of the square of that.
     np.testing.assert_allclose(focus, 1.5 * 0.8, rtol=0.01)
 
 
 def test_white_fog_neither_makes_nor_loses_light():
-    """In fog that absorbs nothing, what is emitted is what leaves: segments that meet no surface, and no medium."""
+    """All emitted light leaves a fog that absorbs nothing."""
     medium = mi.load_dict(fog([0.5, 1.0, 2.0], 1.0))
     scene = load(cube=cube_of(medium), light={"type": "point", "intensity": rgb([1.0, 2.0, 3.0])})
     trace = tracing(scene, medium, rr_depth=3)
@@ -125,13 +125,13 @@ def test_white_fog_neither_makes_nor_loses_light():
             flux, length = segments.flux.numpy(), segments.length.numpy()
             left += (flux * np.exp(-np.array([[0.5], [1.0], [2.0]]) * length)).sum(axis=1)
             entered = np.maximum(entered, flux.sum(axis=1))
-    # What leaves is estimated by the long beams of all orders; its spread from 16,384 paths is below 2 % a channel.
+    # Long beams of all orders estimate the light that leaves; with 16,384 paths, channels spread by less than 2 %.
     np.testing.assert_allclose(left, 4 * np.pi * np.array([1.0, 2.0, 3.0]), rtol=0.04)
     np.testing.assert_allclose(entered, 4 * np.pi * np.array([1.0, 2.0, 3.0]), rtol=1e-4)
 
 
 def test_no_path_through_thick_white_fog_outshines_the_others():
-    """Fog of ten free paths to its border, a hundred collisions: each path carries what it was emitted with."""
+    """In white fog ten free paths deep, each path keeps its emitted flux over about a hundred collisions."""
     medium = mi.load_dict(fog(10.0, 1.0))
     scene = load(cube=cube_of(medium), light={"type": "point"})
     found = steps(tracing(scene, medium), emitted(scene, medium, 512), 200)
@@ -140,12 +140,12 @@ def test_no_path_through_thick_white_fog_outshines_the_others():
         for kind in zip(*((left.depth, left.flux.x) for left, _ in found if left is not None), strict=True)
     )
     assert depths.max() > 40
-    # After 256 events paths end by chance, and the others carry their light.
+    # After 256 bounces, paths end at random, and the survivors carry the flux of the others.
     assert fluxes[depths < 256].max() == pytest.approx(4 * np.pi / 512, rel=1e-4)
 
 
 def test_the_last_paths_leave_the_same_light_in_one_kernel_as_step_by_step(monkeypatch):
-    """Absorbing and white balls in thick fog: fluxes, places and depths of beams and photons, in the same order."""
+    """Beams and photons around a ball in thick fog have the same fluxes, positions and depths, in the same order."""
     medium = mi.load_dict(fog(3.0, 0.99))
     ball = {
         "type": "sphere",
@@ -163,7 +163,7 @@ def test_the_last_paths_leave_the_same_light_in_one_kernel_as_step_by_step(monke
                 if each is not None:
                     place = each.origin if hasattr(each, "origin") else each.position
                     rows = np.concatenate([each.flux.numpy(), place.numpy(), each.depth.numpy()[None]])
-                    kind.append(rows[:, rows[0] > 0])  # of one entry alone there is a second one without flux
+                    kind.append(rows[:, rows[0] > 0])  # a single entry has a second one without flux
         return [np.concatenate(kind, axis=1) for kind in result]
 
     together = lit()
@@ -171,7 +171,7 @@ def test_the_last_paths_leave_the_same_light_in_one_kernel_as_step_by_step(monke
     monkeypatch.setattr(paths, "_LAST", 0)
     for a, b in zip(together, lit(), strict=True):
         assert a.shape == b.shape
-        # Another kernel rounds otherwise, and each scattering multiplies what a direction is off: a few paths drift.
+        # Another kernel rounds differently, and each bounce amplifies the error of a direction, so a few paths drift.
         same = np.isclose(a, b, rtol=1e-3, atol=1e-4).all(axis=0)
         assert same.mean() > 0.99
 
@@ -181,7 +181,7 @@ def test_short_beams_end_where_light_is_scattered():
     scene = load(light={"type": "point"}, far={"type": "sphere", "radius": 100})
     trace = tracing(scene, medium, short=True)
     segments = steps(trace, emitted(scene, medium, 1 << 13), 1)[0][0]
-    # Lengths are exponential: mean and spread 1/2.
+    # Lengths are exponentially distributed: their mean and standard deviation are 1/2.
     lengths = segments.length.numpy()
     assert lengths.mean() == pytest.approx(0.5, abs=4 * 0.5 / 2**6.5)
     assert lengths.std() == pytest.approx(0.5, rel=0.1)
@@ -210,7 +210,7 @@ def test_photons_on_surfaces_have_been_somewhere_else_first():
 
 
 def test_light_that_glass_reflects_by_chance_is_as_wide_as_it_is_rare():
-    """Of N paths from a point F · N are reflected: the squared width is 1 / F times that off a mirror, F by Fresnel."""
+    """Glass reflects a Fresnel fraction F of the paths, so their squared width is 1 / F times that off a mirror."""
     widths = []
     for bsdf in ({"type": "dielectric", "int_ior": 1.5}, {"type": "conductor", "material": "none"}):
         scene, medium = ball_in_fog(bsdf=bsdf)

@@ -1,4 +1,4 @@
-"""Gobos before emitters of Mitsuba scenes, and portals in their way: what light they leave."""
+"""Gobos and portals in front of the emitters of Mitsuba scenes: the light that passes them."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from transport.scenes import T, by_beams, camera, cube_of, fog, load, rgb
 
 COUNT = 1 << 14
 LIGHT = [3.0, 2.0, 1.0]
-#: Looks along −X, with +Y up: +Z is to the left of who looks along it, and to the right of who faces it.
+#: Looks along −X, with +Y up: +Z is on the left of a viewer who looks along it, on the right of one who faces it.
 AIMED = T().look_at([2, 0.3, 0], [0, 0.3, 0], [0, 1, 0])
 AREA = {"emitter": {"type": "area", "radiance": rgb(LIGHT)}}
 EMITTERS = {
@@ -25,7 +25,7 @@ EMITTERS = {
     "projector": {"type": "projector", "to_world": AIMED, "irradiance": rgb(1.0)},
     "constant": {"type": "constant", "radiance": rgb(LIGHT)},
 }
-#: An image is upright as it is thrown, and that on a lamp's face for who looks at it.
+#: A projected image is upright as seen from the lamp, an image on a lamp's face as seen by a viewer.
 THROWN, FACES = ("spot", "directional"), ("rectangle", "disk")
 WINDOW = {"type": "rectangle", "to_world": T().look_at([1, 0.3, 0.1], [2, 0.4, 0.2], [0, 1, 0]).scale([0.4, 0.3, 1]),
           "bsdf": {"type": "null"}}  # fmt: skip
@@ -48,7 +48,7 @@ def test_a_white_gobo_leaves_all_light_and_one_that_is_half_black_the_left_half(
     ((bare,), _) = emitted(name)
     ((white,), _) = emitted(name, gobo=Gobo(np.ones((2, 2, 3)), repeat=True))
     np.testing.assert_array_equal(white.flux.numpy(), bare.flux.numpy())
-    # Between the middles of its two pixels the image fades, which leaves one half for it is symmetric.
+    # The image fades between the centres of its two pixels; it is symmetric, so half of the light remains.
     ((half,), _) = emitted(name, gobo=Gobo(HALF, width=12.0))
     np.testing.assert_allclose(flux(half), flux(bare) / 2, rtol=0.01)
     lit = half.flux.numpy()[0] > 0.99 * bare.flux.numpy()[0]
@@ -64,7 +64,7 @@ def test_a_portal_parts_the_light_and_loses_none(name):
     crossing = portal.crosses(whole.origin, whole.direction).numpy()
     value = whole.flux.numpy().astype(np.float64)
     part = (value * crossing).sum(axis=1)
-    # As of independent samples, which strata are better than.
+    # The error of independent samples; that of stratified ones is smaller.
     error = np.sqrt(len(crossing)) * (value * crossing).std(axis=1)
     assert (np.abs(flux(through) - part) < 4.5 * error).all()
     assert (np.abs(flux(beside) - (flux(whole) - part)) < 4.5 * 2 * error).all()
@@ -129,7 +129,7 @@ def test_a_portal_leaves_the_mean_as_it_is():
 
 @pytest.mark.parametrize("where", ["gobo", "portal_gobo"])
 def test_surfaces_and_beams_see_the_same_image(where):
-    """What all light passes, and is of one colour, colours all light."""
+    """An image of one colour that all light passes colours beams and surfaces alike."""
     scene = room(LAMP)
     color = np.array([0.2, 0.5, 1.0])
     image = Gobo(np.ones((1, 1, 3)) * color, repeat=True)
@@ -142,7 +142,7 @@ def test_surfaces_and_beams_see_the_same_image(where):
 
 
 def test_the_sky_behind_a_portal_has_the_colours_of_its_image():
-    """Also where a boundary of media stands between the image and the sky, and between it and the camera."""
+    """The image colours the sky, also if there are boundaries of media on either side of the image."""
     null = {"type": "null"}
     pane = {"type": "rectangle", "to_world": T().scale(4), "bsdf": null}
     planes = [{"type": "rectangle", "to_world": T().translate([0, 0, z]).scale(5), "bsdf": null} for z in (-1, 1)]

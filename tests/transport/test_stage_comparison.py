@@ -1,4 +1,4 @@
-"""Single scattering of the comparison scene by beams, against plain integration."""
+"""Single scattering of the comparison scene: beams against plain integration."""
 
 import numpy as np
 import pytest
@@ -17,8 +17,8 @@ def reference():
 def test_plain_integration_has_converged(reference):
     coarse = single_scattering(64, 36, steps=96, light_points=6)
     mask = lit(reference)
-    # The midpoint rule is first order over the shadow's edge: twice the steps halve the error. The reference's is 2e-3
-    # in the median and 1e-4 in the mean, measured once against 800 steps and 576 light points.
+    # The midpoint rule is first-order across the shadow's edge: twice the steps halve the error. The reference's error
+    # is 2e-3 in the median and 1e-4 in the mean, measured once against 800 steps and 576 light points.
     assert np.isclose(coarse[mask].mean(), reference[mask].mean(), rtol=2e-3)
     assert np.median(np.abs(coarse - reference)[mask] / reference[mask]) < 7e-3
 

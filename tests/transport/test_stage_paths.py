@@ -56,7 +56,7 @@ def test_beams_pass_what_their_light_is_not_stopped_by():
     for lamp, reach in ((LAMP, 1), (through, 3), (dataclasses.replace(LAMP, unlit=frozenset({"/inner"})), 1)):
         beams = only(trace(world_of(lamp, meshes=(inner, outer)), beams_per_light=256))
         assert np.allclose(np.abs(beams["end"]).max(axis=1), reach, rtol=1e-5)
-    # As if it were not there: the radii, too, which surfaces in a beam's way make narrower.
+    # Beams end as if the inner box were not there.
     passing = only(trace(world_of(through, meshes=(inner, outer)), beams_per_light=256))
     alone = only(trace(world_of(LAMP, meshes=(outer,)), beams_per_light=256))
     assert np.allclose(passing["end"], alone["end"], rtol=1e-4)
@@ -104,7 +104,7 @@ def test_seeds_passes_and_lights_have_different_beams(room):
 def test_a_path_through_a_portal_is_two_beams_that_fit(room):
     beams = only(trace(room, beams_per_light=1024))
     first, second = (beams["offset"] == 0), (beams["offset"] > 0)
-    assert first.sum() == second.sum() == 1024  # the hole is open, and the portal's rectangle is the portal
+    assert first.sum() == second.sum() == 1024  # the hole is open, and the portal fills its rectangle
     assert np.allclose(beams["end"][first][:, 0], HOLE_X, atol=1e-4)
     assert np.array_equal(beams["end"][first], beams["start"][second])
     assert np.array_equal(beams["radius_end"][first], beams["radius_start"][second])
@@ -131,12 +131,12 @@ def test_what_blocks_the_way_to_a_portal_stops_its_beams(room):
 
 def test_the_light_side_is_a_quarter_of_the_beams_and_misses_the_portal(room):
     beams = only(trace(room, beams_per_light=4096, light_side={"/light"}))
-    aside = beams["power"][:, 0] > 0.5  # 1000 / 1024 each; those through the portal carry far less
+    aside = beams["power"][:, 0] > 0.5  # each carries 1000 / 1024; those through the portal carry far less
     assert 0.9 * 1024 < aside.sum() < 1024
     through = (~aside) & (beams["offset"] == 0)
     assert through.sum() == 3072
     total = beams["power"][aside].sum(axis=0) + beams["power"][through].sum(axis=0)
-    assert np.allclose(total, 1000, rtol=0.2 / 32)  # binomial: the light side's share has an error of 0.2 / sqrt(1024)
+    assert np.allclose(total, 1000, rtol=0.2 / 32)  # binomial: the light side's fraction errs by 0.2 / sqrt(1024)
     assert np.all(beams["end"][aside][:, 0] < HOLE_X + 1e-4)
 
 
@@ -146,7 +146,7 @@ def test_fog_in_a_mesh_clips_beams_to_its_first_interval():
     wall = across_x("/wall", 5.0, (-9, 9), (-9, 9))
     beams = only(trace(world_of(light, meshes=(wall,), media=(fog,)), beams_per_light=128))
     first, last = (np.linalg.norm(beams[end], axis=1) for end in ("start", "end"))
-    # Beams reach beyond the box as far as their rim is in it: by the tangent of their slant times their radius.
+    # Beams reach beyond the box until their rim has left it: by the tangent of their slant times their radius.
     cosine = beams["end"][:, 0] / last
     beyond = np.sqrt(1 - cosine**2) / cosine
     # Mitsuba's rays begin 1500 roundings of 1 + |x| behind an interface.
@@ -216,7 +216,7 @@ def test_radii_balance_the_light_and_the_portal(room):
     beams = only(trace(room, beams_per_light=1024))
     second = beams["offset"] > 0
     light, hole = beams["radius_start"][~second], beams["radius_start"][second]
-    # N cells over light area × portal area, whichever way they are balanced; cosines are near 1 on this way.
+    # The product is light area × portal area over N cells, however the two are balanced; cosines are near 1 here.
     area = 0.1**2 * 0.2 * 0.3 / 1024
     assert np.allclose((2 * light) ** 2 * (2 * hole) ** 2, area, rtol=0.3)
     far = np.argmax(beams["total"][second])
@@ -255,7 +255,7 @@ def test_the_camera_sees_the_light_side_through_the_hole_and_not_from_behind_a_w
 
 
 def test_transparent_to_portals_and_fog_meshes():
-    """Neither portals nor the fog's boundary stop rays."""
+    """Neither a portal nor the boundary of fog stops rays."""
     sheet = across_x("/portal", 1.0, (-1, 1), (-1, 1))
     fog = box("/fog", [-3, -3, -3], [3, 3, 3])
     light = dataclasses.replace(LAMP, portal=sheet)
@@ -297,7 +297,7 @@ def test_a_single_beam_is_a_beam(room):
 
 
 def test_beams_keep_their_width_over_any_number_of_null_collisions():
-    # Thin smoke in a grid that is thick in one corner: of a coloured medium each null collision ends a step.
+    # Smoke in a grid that is thin except in one corner: in a coloured medium, each null collision ends a step.
     density = np.full((4, 4, 4), 0.01, np.float32)
     density[0, 0, 0] = 1
     place = np.diag([8.0, 8, 8, 1])
@@ -308,7 +308,7 @@ def test_beams_keep_their_width_over_any_number_of_null_collisions():
     (found,) = trace(world, beams_per_light=256)
     beams = found.beams
     assert len(beams) > 8 * 256
-    # Without surfaces all beams of a point are cones of one angle.
+    # Without surfaces, all beams of a point are cones of the same angle.
     distance = dr.norm(beams.end).numpy()
     ratio = (beams.radius_end.numpy() / distance)[distance > 0.5]
     np.testing.assert_allclose(ratio, np.median(ratio), rtol=0.05)

@@ -1,4 +1,4 @@
-"""Emitters whose light is met by paths from the camera: the same light as by beams and photons, each path once."""
+"""Walks from the camera find the same light as beams and photons, and each path counts once."""
 
 from copy import copy
 
@@ -39,7 +39,7 @@ def mean_and_error(values):
 
 
 def test_a_furnace_of_white_fog_cannot_be_seen():
-    # Fog that absorbs nothing under a constant sky has the sky's radiance everywhere, however often light is scattered.
+    # Under a constant sky, fog that absorbs nothing has the sky's radiance everywhere, however often it scatters light.
     scene = load(fog=cube_of(fog(3.0, 1.0)), sky=SKY, sensor=camera(size=8))
     mean, error = mean_and_error(pictures(scene, 8, passes=8, rr_depth=1000))
     assert np.all(np.abs(mean - [1.0, 0.5, 0.25]) < 4 * error + 1e-4)
@@ -48,7 +48,7 @@ def test_a_furnace_of_white_fog_cannot_be_seen():
 
 @pytest.mark.parametrize("method", ["beams", "paths"])
 def test_a_white_surface_with_holes_under_a_sky_cannot_be_seen(method):
-    # What passes it and what it reflects are the sky's radiance, whatever part of it is cut out.
+    # Transmitted and reflected light both have the sky's radiance, whatever fraction of the surface is cut out.
     mask = {"type": "mask", "opacity": 0.5, "nested": {"type": "diffuse", "reflectance": rgb(1.0)}}
     scene = load(sheet={"type": "rectangle", "bsdf": mask}, sky=SKY, sensor=camera((0, 0, 3), size=4, fov=20))
     mean, error = mean_and_error(pictures(scene, 4, method, passes=8, beams=64, guiding=False, max_depth=2))
@@ -60,7 +60,7 @@ def test_walks_have_the_mean_of_beams_and_emitters_add_up():
     parts = {"fog": cube_of(fog([1.0, 0.5, 0.25], 0.9)), "floor": FLOOR, "lamp": LAMP, "sky": SKY}
     scene = load(sensor=camera(size=8, target=(0, -0.3, 0)), **parts)
     walks, beams = (pictures(scene, 6, method, passes=4, beams=2048, guiding=False) for method in ("paths", "beams"))
-    # The lamp keeps its beams where something is said of them, if only their number.
+    # A lamp that has beam settings keeps its beams, even if only their number is set.
     both = pictures(scene, 6, extras=Extras(beams={"lamp": BeamSettings(beam_count=1024)}), passes=2)
     expected, error = mean_and_error(walks)
     for other in (beams, both):
@@ -87,12 +87,12 @@ GLASS = {"type": "sphere", "center": [0, -0.4, 0], "radius": 0.6, "bsdf": {"type
 
 
 def parts_of(scene, passes, **settings):
-    """Return pictures with the light that walks meet, with caustics, with both and with neither, of four seeds.
+    """Return pictures of four seeds: with the light that walks find, with caustics, with both and with neither.
 
-    What the camera sees of emitters, and their direct light, is in all of them.
+    All of them show the emitters that the camera sees, and direct light.
     """
     found = {"walks": [], "caustics": [], "both": [], "neither": []}
-    known = Extras(findings=Findings())  # by the pilot of the first seed
+    known = Extras(findings=Findings())  # found by the pilot of the first seed
     for seed in range(4):
         own = Settings(method="paths", seed=seed, passes=passes, **settings)
         frame = SceneRenderer(scene, scene.sensors()[0], own, extras=known)
@@ -115,10 +115,10 @@ def test_caustics_of_lamps_come_from_the_lamp_and_all_other_light_from_walks():
     sum_of_parts = walks[0] + caustics[0] - neither[0]
     assert np.all(caustics[0] > 1.05 * neither[0])
     assert np.all(np.abs(both[0] - sum_of_parts) < 4 * (both[1] + walks[1] + caustics[1] + neither[1]))
-    # Paths from the camera find the same light, if all of them count.
+    # A path tracer finds the same light.
     reference = np.array([volpath(scene, 1024, seed, "path", max_depth=6) for seed in range(4)])
     expected, error = mean_and_error(reference)
-    # Discs of photons blur, and what of them lies beside the floor is counted on it: half a per cent.
+    # Photon discs blur, and the parts of them beside the floor count as on the floor: half a per cent.
     assert np.all(np.abs(both[0] - expected) < 4 * np.hypot(both[1], error) + 0.005 * expected)
 
 

@@ -1,4 +1,4 @@
-"""Ramps, colour corrections and bumps: nodes of networks that become textures."""
+"""Ramps, colour corrections and bumps: shading nodes that are baked into textures."""
 
 import colorsys
 
@@ -17,7 +17,7 @@ X = np.linspace(0, 1, 97)[:, None]
 
 
 def colored(*nodes):
-    """Return a stage with a diffuse colour by the first of these nodes."""
+    """Return a stage whose diffuse colour is the output of the node N, which is one of these nodes."""
     return material("UsdPreviewSurface", "color3f inputs:diffuseColor.connect = </Mat/N.outputs:out>", nodes=nodes)
 
 
@@ -32,7 +32,7 @@ def test_ramps_are_those_of_numpy_and_scipy():
     slopes[1:-1] = (values[2:] - values[:-2]) / (np.array(AT)[2:] - np.array(AT)[:-2])
     inside = np.clip(x, AT[0], AT[-1])
     assert np.allclose(found(CATMULL_ROM), CubicHermiteSpline(AT, values, slopes)(inside))
-    # SciPy has other slopes at the ends.
+    # SciPy uses other slopes at the ends.
     middle = (x >= AT[1]) & (x <= AT[3])
     assert np.allclose(found(MONOTONE)[middle], PchipInterpolator(AT, values)(x)[middle])
 
@@ -82,7 +82,8 @@ def test_hues_are_those_of_colorsys():
 @pytest.mark.parametrize(
     ("kind", "inputs", "expected"),
     [
-        # Red turned by a third is green; a gamma of 2 takes the root; contrast 2 about 0.18, or 0.5; two stops up.
+        # A hue shift of a third turns red to green. A gamma of 2 takes the square root. A contrast of 2 doubles the
+        # difference from 0.18 (Arnold) or 0.5 (MaterialX). An exposure of -1 halves the colour.
         ("arnold:color_correct", ("color3f inputs:input = (0.5, 0, 0)", "float inputs:hue_shift = 0.3333333"),
          (0, 0.5, 0)),
         ("arnold:color_correct", ("color3f inputs:input = (0.25, 0.25, 0.25)", "float inputs:gamma = 2",

@@ -1,4 +1,4 @@
-"""A stage as Blender 5.0.1 exports it (data/blender/export.py): every light has the power and the place it has there.
+"""A stage that Blender 5.0.1 exported (data/blender/export.py): every light keeps its power and its place.
 
 The powers were confirmed by rendering the same lights over a grey plane with Cycles.
 """
@@ -40,7 +40,7 @@ def test_a_spot_of_w_watts_has_the_radiant_intensity_w_over_4_pi(lights):
     assert spot.radius == 0
     assert spot.radiance == pytest.approx((100 / (4 * np.pi),) * 3, rel=1e-6)
     assert np.allclose(spot.center, [1, 2, 3])
-    # Rotated by 0.5 about X, it shines along −Z turned toward +Y.
+    # The rotation by 0.5 about X turns its axis from −Z toward +Y.
     assert np.allclose(spot.axis, [0, np.sin(0.5), -np.cos(0.5)], atol=1e-6)
     assert (spot.shaping.cone_angle, spot.shaping.cone_softness) == pytest.approx((20, 0.3))
 

@@ -110,7 +110,7 @@ def test_a_view_is_the_same_as_usds_own_frustum(usd):
     stage = usd(camera(body))
     ours = read_camera(stage)
     frustum = UsdGeom.Camera(stage.GetPrimAtPath("/C")).GetCamera(0).frustum
-    # The corner of the window at distance 1, upper right.
+    # The upper right corner of the window at distance 1.
     x = (ours.horizontal_aperture / 2 + ours.horizontal_offset) / ours.focal_length
     y = (ours.vertical_aperture / 2 + ours.vertical_offset) / ours.focal_length
     ray = ours.to_world[:3, :3] @ np.array([x, y, -1.0])

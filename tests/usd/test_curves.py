@@ -1,4 +1,4 @@
-"""Drawn beams, read and written."""
+"""Reading and writing of drawn beams."""
 
 import re
 from dataclasses import replace
@@ -105,7 +105,7 @@ def test_transforms_reach_points_and_widths(scene):
 
 
 def de_casteljau(points, t):
-    """Return the points at t of the Bézier curve of four control points."""
+    """Return the points at parameters t of the Bézier curve with four control points."""
     for _ in range(3):
         points = (
             points[:-1] + t[:, None, None] * (points[1:] - points[:-1])
@@ -123,7 +123,7 @@ def test_spans_are_the_curves_that_others_compute(basis, wrap, knots):
     spans = Spans.of(counts, np.array([True]), basis, wrap)
     t = np.linspace(0, 1, 5)
     whole = {"nonperiodic": points, "periodic": np.concatenate([points, points[:3]])}.get(wrap)
-    if wrap == "pinned":  # phantom points that a line through the end and its neighbour would go on to
+    if wrap == "pinned":  # phantom points continue the line through each end and its neighbour
         whole = np.concatenate([[2 * points[0] - points[1]], points, [2 * points[-1] - points[-2]]])
     if basis == "bezier":
         whole = np.concatenate([points, points[:1]]) if wrap == "periodic" else points
@@ -141,7 +141,7 @@ def test_spans_are_the_curves_that_others_compute(basis, wrap, knots):
     )
 
 
-CIRCLE = 0.5522847498  # of a quarter of a circle as a Bézier curve, within 3e-4
+CIRCLE = 0.5522847498  # handle length of a quarter circle as a Bézier curve, which is exact to 3e-4
 
 
 def quarter(width=0.2, more=""):
@@ -159,7 +159,8 @@ def quarter(width=0.2, more=""):
 def test_a_cubic_curve_has_as_many_pieces_as_it_bends(scene, width):
     result = only(scene(quarter(width)))
     middle = 0.5 * (result.start + result.end)
-    # On the whole circle's arc, whose Bézier curve is 3e-4 off; the estimate takes the greatest curvature of all.
+    # The sag is measured from the circle, from which the Bézier curve is up to 3e-4 off. The number of pieces follows
+    # from the greatest curvature of the curve.
     sag = 1 - np.linalg.norm(middle, axis=1)
     assert sag.max() <= CHORD_ERROR * width / 2 + 3e-4
     turn = np.degrees(np.arccos(np.sum(result.start_tangent * result.end_tangent, axis=1)))
@@ -364,7 +365,7 @@ def test_contradictions_are_errors_that_name_prim_and_attribute(scene, text, mes
         scene(text)
 
 
-# -- Numbers -----------------------------------------------------------------------------------------------------------
+# -- Curve numbers -----------------------------------------------------------------------------------------------------
 
 
 def two_bends(look=""):
@@ -390,7 +391,7 @@ def test_all_pieces_of_a_curve_have_the_curves_number(scene):
 
 def test_a_look_that_asks_for_random_numbers_shows_no_joints(scene):
     beams = pb.Beams(**only(scene(two_bends())).arrays())
-    turn = np.linspace(0.2, 1.3, 200)  # along the first curve, by far more rays than pieces
+    turn = np.linspace(0.2, 1.3, 200)  # along the first curve, with far more rays than pieces
     origin = np.stack([np.cos(turn), np.sin(turn), np.full(200, 2.0)], axis=1)
     fog = pb.Medium((0.1, 0.1, 0.1))
     plain, random = (
@@ -398,12 +399,13 @@ def test_a_look_that_asks_for_random_numbers_shows_no_joints(scene):
         for along in (pb.looks.Constant(1), pb.looks.Expression("random"))
     )
     assert plain.min() > 0
-    # One number over the whole curve, to the rounding of single precision; it would be another one at each joint.
+    # The random number is the same over the whole curve, to the rounding of single precision: it does not change at
+    # joints.
     assert np.ptp(random / plain) < 1e-5
     assert 0 < (random / plain)[0] < 1
 
 
-# -- Written -----------------------------------------------------------------------------------------------------------
+# -- Writing -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -413,7 +415,7 @@ def beams(rng):
 
 
 def assert_same(result, beams):
-    """Compare beams whose numbers were stored in single precision."""
+    """Assert that beams are the same, to the rounding of single precision."""
     assert result.arrays().keys() == beams.arrays().keys()
     for name, value in beams.arrays().items():
         assert np.allclose(getattr(result, name), value, atol=1e-6), name
@@ -453,11 +455,11 @@ def test_joined_beams_stay_one_curve(scene, tmp_path, colour, wrap):
     stage = open_stage(tmp_path / "beams.usda")
     assert list(stage.GetPrimAtPath("/Beams/B").GetAttribute("curveVertexCounts").Get()) == [len(drawn.start) + 1]
     result = only(read_scene(stage))
-    if wrap == "periodic":  # the file's curve is open: it ends where it begins, cut straight across
+    if wrap == "periodic":  # the curve in the file is open: its ends meet, each perpendicular to its piece
         ends = {"start_tangent": drawn.start_tangent.copy(), "end_tangent": drawn.end_tangent.copy()}
         ends["start_tangent"][0], ends["end_tangent"][-1] = result.start_tangent[0], result.end_tangent[-1]
         drawn = replace(drawn, **ends)
-    # Directions of pieces some hundredths long, between points of single precision.
+    # Directions come from points in single precision, on pieces that are a few hundredths long.
     for name, value in drawn.arrays().items():
         assert np.allclose(getattr(result, name), value, atol=2e-5), name
 

@@ -1,4 +1,4 @@
-"""The hash of a stage: of what is composed, and of the files that it names."""
+"""The digest of a stage: a hash of the composed stage and of the files that it names."""
 
 import shutil
 

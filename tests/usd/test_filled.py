@@ -1,4 +1,4 @@
-"""Meshes whose material is a volume alone: boxes of fog, no surfaces."""
+"""Meshes whose material has only a volume shader: they are boxes of fog, not surfaces."""
 
 import numpy as np
 import pytest

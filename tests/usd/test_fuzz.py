@@ -1,4 +1,4 @@
-"""Stages that are wrong in one place at random: they are read without it, or one sentence says why they are not."""
+"""Stages with one random error: the rest is read, or one sentence says why it cannot be read."""
 
 from __future__ import annotations
 
@@ -265,7 +265,7 @@ def mutate(layer: Sdf.Layer, chance: random.Random) -> str:
 
 
 def arrays(value: object) -> Iterator[np.ndarray]:
-    """Return all numbers of a scene."""
+    """Yield all numbers of a scene as arrays."""
     if is_dataclass(value):
         yield from (array for each in fields(value) for array in arrays(getattr(value, each.name)))
     elif isinstance(value, (tuple, list)):
@@ -286,7 +286,7 @@ def test_a_stage_that_is_wrong_in_one_place_is_read_without_it(caplog, capfd):
         try:
             scene = read_scene(stage, default_time(stage))
             numbers = [each for each in arrays(scene) if each.dtype.kind == "f"]
-            # What a scene says of distances may be infinite, as those of shadows are.
+            # A single number may be infinite, as the distance of a shadow is.
             assert all(np.isfinite(each).all() if each.ndim else not np.isnan(each) for each in numbers), (seed, what)
             assert scene.meshes and scene.lights, (seed, what)
         except Exception as error:

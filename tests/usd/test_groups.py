@@ -1,4 +1,4 @@
-"""Which light groups make beams at any time, from what hides lights and switches them off."""
+"""Which light groups make beams at any time: visibility, purpose and `photonbeams:enabled` decide."""
 
 import pytest
 
@@ -28,7 +28,7 @@ def samples(kind, name, first, later):
         (samples("token", "visibility", '"invisible"', '"inherited"'), True),
         (samples("token", "visibility", '"inherited"', '"invisible"'), True),
         (samples("bool", "photonbeams:enabled", 0, 1), True),
-        ("float inputs:intensity = 0", True),  # black, and may be so by hand
+        ("float inputs:intensity = 0", True),  # a light that is only dimmed to black keeps its group
     ],
 )
 def test_a_group_counts_if_its_light_is_ever_on(usd, body, found):

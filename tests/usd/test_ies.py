@@ -1,14 +1,14 @@
-"""IES profiles of lights: the text of LM-63 files, their angles as UsdLux and hdEmbree have them, and their mean."""
+"""IES profiles of lights: parsing of LM-63 files, angles as in UsdLux and hdEmbree, and the mean of a profile."""
 
 import numpy as np
 import pytest
 
 from photonbeams.usd.ies import parse
 
-#: Photometric type, horizontal angles, and rows of candela at 0, 45 and 90 degrees (−90, 0 and 90 of types A and B).
 HEAD = "IESNA:LM-63-2002\n[TEST] none\nTILT=NONE\n"
 
 
+# `rows` holds candela: a row for each horizontal angle, a column for each vertical one. `kind` is the photometric type.
 def file(horizontal, rows, kind=1, vertical=(0, 45, 90), factor=1.0, head=HEAD):
     numbers = [1, -1, factor, len(vertical), len(horizontal), kind, 2, 0, 0, 0, 1, 1, 50, *vertical, *horizontal]
     return head + "\n".join(str(each) for each in [*numbers, *np.ravel(rows)])
@@ -53,7 +53,7 @@ def test_types_a_and_b_have_their_polar_axis_along_the_light():
 def test_the_mean_is_that_of_the_hemisphere_or_the_sphere():
     for vertical in (np.arange(0, 91, 2.0), np.arange(0, 181, 2.0)):
         profile = parse(file([0], np.full((1, len(vertical)), 7.0), vertical=vertical)).normalized()
-        assert at(profile, 30, 0) == pytest.approx(1, rel=1e-4)  # the midpoint rule of patches two degrees high
+        assert at(profile, 30, 0) == pytest.approx(1, rel=1e-4)  # the midpoint rule errs on patches two degrees high
     lobe = parse(file([0], np.cos(np.radians(np.arange(91.0)))[None], vertical=np.arange(91.0))).normalized()
     assert at(lobe, 0, 0) == pytest.approx(2, rel=1e-3)  # the mean of cos θ over a hemisphere is one half
 

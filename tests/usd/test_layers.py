@@ -1,4 +1,4 @@
-"""What a stage is made of: layers that are files, and MaterialX documents."""
+"""The layers of a stage: files, MaterialX documents, and the texture limit."""
 
 import os
 
@@ -58,7 +58,7 @@ def test_a_materialx_document_is_read(tmp_path, image, caplog):
     assert np.allclose(found.diffuse.pixels, 0.5 * np.array(pixels))
     assert found.roughness == 0.25
     assert found.emissive == pytest.approx((((0.5 + 0.055) / 1.055) ** 2.4,) * 3, abs=1e-6)
-    # A second stage sees what the file has then, and OpenUSD's own layer is not what was changed for the first.
+    # A second stage reads the document again, although OpenUSD caches the layer that was changed for the first stage.
     written(tmp_path / "m.mtlx", DOCUMENT % 0.125)
     assert read_scene(open_stage(stage)).meshes[0].material.roughness == 0.125
     assert (tmp_path / "stage.usda").read_text() == STAGE % "m.mtlx"
@@ -115,6 +115,6 @@ def Material "M" {{
     stage = open_stage(written(tmp_path / "stage.usda", text), texture_limit=4)
     assert texture_limit(stage) == 4
     read_scene(stage)
-    (record,) = caplog.records  # images of lights have twice the limit
+    (record,) = caplog.records  # the limit is twice as high for images of lights
     expected = "/M/T.inputs:file names a.png of 8 x 2 pixels: it is scaled down to 4 x 1, as the texture limit is 4"
     assert expected in record.getMessage()

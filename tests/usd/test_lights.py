@@ -1,4 +1,4 @@
-"""UsdLux lights: what they emit, and where they stand."""
+"""UsdLux lights: what they emit, and where they are."""
 
 import numpy as np
 import pytest
@@ -239,7 +239,7 @@ def test_a_cylinder_lies_along_x_and_is_normalized_by_its_mantle(scene):
 def test_a_line_has_the_intensity_of_the_normalized_cylinder(scene):
     body = "bool treatAsLine = 1\nfloat inputs:radius = 0\nfloat inputs:length = 2\nfloat inputs:intensity = 7"
     line = only(scene(light("CylinderLight", body)))
-    # Square to it, of any cylinder of the area A = 2πrl: radiance · 2rl = 7 / π.
+    # Perpendicular to its axis, a normalized cylinder of area A = 2πrl has the intensity 7 / A · 2rl = 7 / π.
     assert line.radiance[0] * 2 * line.radius * 2 == pytest.approx(7 / np.pi)
     assert line.radius < 0.001
 
@@ -457,7 +457,8 @@ TURNED = """
 @pytest.mark.parametrize("kind", ["SphereLight", "DiskLight", "RectLight", "DistantLight", "DomeLight"])
 def test_a_lights_frame_holds_its_axes_and_place_but_not_its_size(scene, kind):
     frame = only(scene(light(kind, TURNED))).frame
-    # Turned by 90 degrees about X, local Y is the world's Z; the negative scale turns local Z round to the world's +Y.
+    # The rotation by 90 degrees about X turns local Y to the world's +Z and local Z to −Y, which the negative scale
+    # flips to +Y.
     assert np.allclose(frame, [[1, 0, 0, 1], [0, 0, 1, 2], [0, 1, 0, 3], [0, 0, 0, 1]], atol=1e-6)
 
 
@@ -469,7 +470,7 @@ def test_a_sheared_lights_frame_looks_where_the_light_shines(scene, kind):
     found = only(scene(light(kind, sheared)))
     assert np.allclose(found.frame[:3, :3].T @ found.frame[:3, :3], np.eye(3), atol=1e-12)
     assert np.allclose(-found.frame[:3, 2], found.axis)
-    assert found.frame[1, 1] > 0.8  # as upright as the light
+    assert found.frame[1, 1] > 0.8  # the frame stays about as upright as the light
 
 
 GREY = [[[0.25], [0.5]], [[0.75], [1.0]]]

@@ -41,7 +41,7 @@ ALL = {"/A/One", "/A/Two", "/B/Three/Half", "/Many[0]", "/Many[1]"}
 
 @pytest.fixture
 def light(scene):
-    """Read the stage with a light of these collections."""
+    """Return a function that reads the stage with a light whose collections are given."""
 
     def read(body=""):
         found: Scene = scene(f'{STAGE}def SphereLight "L" {{\n{body}\n}}')

@@ -33,7 +33,7 @@ def flat(value, name=""):
 
 
 def test_a_look_without_attributes_is_physical(read):
-    """The fallbacks are written twice, in schema.usda and in the dataclasses: they agree."""
+    """The fallbacks in schema.usda are the defaults of the dataclasses, and are physical."""
     expected = LookSpec(
         "/Look",
         across=AcrossSpec(curve=CurveSpec(span=Span("radius"))),
@@ -162,7 +162,7 @@ def test_a_texture_along_the_beam_is_decoded_and_its_rows_averaged(read, image):
 
 
 def test_the_ends_of_a_range_are_in_it(read):
-    """USD's floats are of single precision: what is written as 0.99 is a little less or more."""
+    """The ends of a range are accepted, although USD's single precision stores 0.99 as a little less or more."""
     found = read("""
         float photonbeams:across:width = 0.02
         float photonbeams:across:inner = 0.99
@@ -282,7 +282,7 @@ def test_every_attribute_of_the_schemas_is_documented():
 
 
 def test_the_generated_schema_is_the_schema():
-    """There is no usdGenSchema in the pip build of OpenUSD, so the two files are kept alike by hand."""
+    """The two files agree: they are kept so by hand, because the pip build of OpenUSD has no usdGenSchema."""
     source, generated = (Sdf.Layer.FindOrOpen(str(FOLDER / name)) for name in ("schema.usda", "generatedSchema.usda"))
     names = {spec.name for spec in source.rootPrims} - {"GLOBAL"}
     assert names == {spec.name for spec in generated.rootPrims}

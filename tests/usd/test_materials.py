@@ -9,7 +9,7 @@ import pytest
 from photonbeams.scene import Material, SceneError, UVTexture
 from photonbeams.usd.stage import open_stage, read_scene
 
-# Two rows: the upper red and half transparent, the lower a grey of which sRGB's 0.5 is 0.214.
+# Two rows: the upper is red and half transparent, the lower is a grey, 0.5 in sRGB and 0.214 in linear light.
 ROWS = [[[1, 0, 0, 0.5]], [[0.5, 0.5, 0.5, 1]]]
 SRGB_HALF = ((128 / 255 + 0.055) / 1.055) ** 2.4
 
@@ -53,7 +53,7 @@ DIFFUSE = "color3f inputs:diffuseColor.connect = </Mat/T.outputs:rgb>"
 
 @pytest.fixture
 def read(usd, image):
-    """Write a texture, open a stage that names it, and return its only mesh."""
+    """Return a function that writes a texture, reads a stage that names it, and returns its only mesh."""
 
     def result(text, pixels=ROWS, kind="uint8", name="rows.png"):
         path = image(name, pixels, kind)
@@ -149,7 +149,7 @@ def test_wrap_modes(read, caplog, wrap):
     assert not caplog.text
 
 
-PLACES = {  # the texel that a coordinate sees of an image of N, None beyond a black edge
+PLACES = {  # the texel at coordinate u in an image of n texels; None where a black border begins
     "repeat": lambda u, n: int(np.floor((u % 1) * n)),
     "clamp": lambda u, n: int(np.clip(np.floor(u * n), 0, n - 1)),
     "mirror": lambda u, n: int(np.floor((1 - abs((u % 2) - 1)) * n)),
@@ -207,7 +207,7 @@ def test_a_2d_transform_scales_then_rotates_then_translates(read):
     }"""
     )
     found = read(material(DIFFUSE, texture("float2 inputs:st.connect = </Mat/X.outputs:result>", more=transform)))
-    # (1, 1) scaled is (2, 3), rotated by 90° counter-clockwise (−3, 2), translated (−2.5, 2).
+    # (1, 1) is scaled to (2, 3), rotated by 90° counter-clockwise to (−3, 2), and translated to (−2.5, 2).
     assert np.allclose(found.material.diffuse.uv_transform @ [1, 1, 1], [-2.5, 2, 1])
     assert np.allclose(found.uvs, 0.5)
 

@@ -1,4 +1,4 @@
-"""Fog."""
+"""Media that are read from a stage."""
 
 import numpy as np
 import pytest
@@ -155,11 +155,13 @@ def test_a_drawn_beam_of_the_medium_of_colors_is_rendered_in_those_colors(usd):
             uniform token[] xformOpOrder = ["xformOp:translate"]
         }}""")
     beams = Shot(stage).render(passes=64, width=40, height=2).layers["beams"]
-    # Pixels of 0.05 units show the mean from x = -0.5 on: 0.025 and 1.025 units along the beam. With two rows the axis
-    # passes between them, u = 0 to 0.05 off it, where the profile is (1 - u²/R²)^1.5 of its middle. Places in pixels
-    # are stratified: the mean of 64 is exact to less than a hundredth.
+    # A pixel is 0.05 units wide and shows its mean. The beam and the picture begin at x = -0.5, so columns 0 and 20 are
+    # 0.025 and 1.025 units along the beam. The axis passes between the two rows: a row covers u = 0 to 0.05 off the
+    # axis, where the profile is (1 - u²/R²)^1.5 times that of the middle. Sample positions in pixels are stratified:
+    # the mean of 64 is exact to less than a hundredth.
     profile = np.mean((1 - (np.linspace(0, 0.05, 101) / radius) ** 2) ** 1.5)
     along = 0.025
     expected = np.array([near, far]) * np.power(np.divide(far, near), along) * profile
-    # The fog within the beam is not seen from its middle alone: cosh(σt R) - 1 < 0.06 at the rim, a tenth in the mean.
+    # Light from the front and the back of the beam passes through less and more fog than light from its axis. This
+    # adds cosh(σt R) - 1 < 0.06 at the rim, and a fifth of that in the mean.
     assert np.allclose(beams[0, [0, 20]], expected, rtol=0.02)

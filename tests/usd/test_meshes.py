@@ -192,7 +192,7 @@ def test_points_deform_with_time(usd):
     )
     stage = usd(mesh(body))
     assert np.allclose(only(read_scene(stage, 2)).points[:, 2], 1)
-    # At the default time there is no value: the first sample is meant.
+    # At the default time there is no value: the first sample is used.
     assert np.allclose(only(read_scene(stage)).points[:, 2], 0)
 
 
@@ -217,7 +217,7 @@ def test_velocities_carry_points_as_usd_has_it(usd):
     for time, base in ((1, 1), (2, 2), (2.5, 1.5), (0.5, 1), (-3, -3), (4, 4)):
         found = only(read_scene(stage, time, base=base)).points
         assert np.allclose(found, np.array(points.ComputePointsAtTime(time, base)), atol=1e-6)
-    # At the default time the first sample is meant, as it is.
+    # At the default time the first sample is used, unchanged.
     assert np.allclose(only(read_scene(stage)).points[:, 2], 0)
 
 
@@ -347,13 +347,14 @@ GPRIMS = {
 
 @pytest.mark.parametrize("text", GPRIMS)
 def test_gprims_have_the_volume_and_the_bounds_of_the_shape(usd, text):
-    # Facets lie inside: 64 around lose sin(2π/64)/(2π/64), 0.16 % of a cross-section's area.
+    # The facets lie inside the shape: with 64 of them around, a cross-section loses 1 − sin(2π/64) / (2π/64), or
+    # 0.16 %, of its area.
     stage = usd(f"def {text}")
     result = only(read_scene(stage))
     expected, loss = GPRIMS[text]
     assert expected * (1 - loss) <= volume(result) <= expected * (1 + 1e-9)
     bounds = UsdGeom.Gprim(stage.GetPrimAtPath("/G")).ComputeWorldBound(0, "default").ComputeAlignedRange()
-    # USD bounds a Cylinder_1 without looking at which radius is where.
+    # USD's bounds of a Cylinder_1 do not depend on which of its radii is at which end.
     assert np.allclose(result.points.max(axis=0), bounds.GetMax(), atol=0.01)
     assert np.allclose(result.points.min(axis=0), bounds.GetMin(), atol=0.01)
     if result.normals is not None:
@@ -387,7 +388,7 @@ def test_faces_have_colours_and_opacities_of_their_own(scene):
         color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0)] (interpolation = "uniform")
         float[] primvars:displayOpacity = [1, 0.5] (interpolation = "uniform")"""
     result = only(scene(mesh(body)))
-    assert len(result.points) == 6  # each face has its own
+    assert len(result.points) == 6  # each face has its own points
     found = result.material.diffuse.values[result.faces], result.material.opacity.values[result.faces]
     assert found[0].tolist() == [[[1, 0, 0]] * 3, [[0, 1, 0]] * 3]
     assert found[1].tolist() == [[[1]] * 3, [[0.5]] * 3]
@@ -479,7 +480,7 @@ def test_velocities_carry_the_instances_of_the_frame(usd):
     (ball,) = read_scene(stage, 1.75, base=2).meshes
     assert ball.points.mean(axis=0) == pytest.approx([7, -0.25, 0])
     assert [each.points.mean(axis=0)[2] for each in read_scene(stage, 1.75).meshes] == pytest.approx([0.75, 0.75])
-    # At the default time the first sample is meant, as it is.
+    # At the default time the first sample is used, unchanged.
     assert [each.points.mean(axis=0)[2] for each in read_scene(stage).meshes] == pytest.approx([0, 0])
 
 
@@ -501,7 +502,7 @@ def test_point_instances_that_are_complete_are_where_they_are_without_the_others
     meshes = scene((INSTANCER % "").replace("(15, 0, 0)]", positions)).meshes
     assert f"values: expected 4, as many as protoIndices; {count} are rendered" in caplog.text
     assert [each.name for each in meshes] == [each.name for each in whole[:count]]
-    # The same matrices by another way: to the rounding of USD's half and single precision.
+    # The matrices are computed in another way, so points agree to the rounding of USD's half and single precision.
     assert all(np.allclose(a.points, b.points, atol=1e-5) for a, b in zip(meshes, whole, strict=False))
 
 

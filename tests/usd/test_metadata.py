@@ -1,4 +1,4 @@
-"""Rates, range, units and up axis of stages whose root layer leaves them to an export below it."""
+"""Frame rates, time range, units and up axis of a stage whose root layer leaves them to a sublayer."""
 
 import logging
 

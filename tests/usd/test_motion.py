@@ -1,4 +1,4 @@
-"""Animated stages: what moves while the shutter is open, what stays the same from frame to frame, and two eyes."""
+"""Animated stages: motion while the shutter is open, what stays the same from frame to frame, and stereo."""
 
 import re
 from pathlib import Path
@@ -89,7 +89,7 @@ def test_what_is_at_rest_is_the_same_object_all_the_time(shot):
     (first, eyes), (later, same_eyes) = exposure(0.0), exposure(0.25)
     assert eyes[0] is same_eyes[0] and first.meshes is later.meshes and first.medium is later.medium
     assert first.lights[0] is later.lights[0] and first.lights[1] is not later.lights[1]
-    # Frame 2 and an eighth of a frame: 1.125 of 8 frames from 1.5 to 2.5.
+    # At frame 2.125, the light is 1.125 of 8 frames on its way from 1.5 to 2.5.
     assert later.lights[1].center[0] == pytest.approx(1.5 + 1.125 / 8)
     assert exposure(0.25)[0] is later
 
@@ -145,7 +145,7 @@ JUMPING = STAGE.replace(
 
 
 def test_what_jumps_as_the_shutter_closes_is_not_in_the_beams(shot):
-    """Beams go from one end of a slice to the other: its close is looked at just before what jumps there."""
+    """A value that jumps when the shutter closes has no effect, because the close is read just before the jump."""
     plain, jumping = (
         shot("/Camera.shutter:close=1", text=text).render(2, **SMALL).layers["beams_still"] for text in (STAGE, JUMPING)
     )
@@ -171,7 +171,7 @@ def test_a_closed_shutter_and_a_still_stage_do_not_move(shot):
 
 
 def test_without_blur_all_is_as_at_the_frames_own_time(shot):
-    """UsdRenderSettings: disableMotionBlur is a shutter interval of [0, 0]."""
+    """Without blur, the shutter interval is [0, 0], as UsdRenderSettings defines disableMotionBlur."""
     open_early = shot("/Camera.shutter:open=-0.5", "/Camera.shutter:close=0.5")
     exposure = open_early.exposure(3, blur=False)
     assert exposure.duration == 0 and exposure.code(0) == 3
@@ -213,7 +213,7 @@ def test_a_moving_light_blurs_and_the_exr_says_how_long_the_shutter_was_open(sho
 
 
 def test_what_a_moving_light_does_not_reach_does_not_flicker(shot):
-    """The temporal variance of pixels that the move does not touch is zero (issue 3)."""
+    """Pixels that the moving light does not reach have no temporal variance (issue 3)."""
     stage = shot("/Camera.shutter:close=0.5")
     frames = [stage.render(frame, **SMALL).layers for frame in (2, 4, 6)]
     for other in frames[1:]:
@@ -270,7 +270,7 @@ def test_a_pass_has_the_exposure_of_the_middle_of_its_slice(shot):
     assert np.allclose(found["beams"], 3 * first["beams"], rtol=1e-5) and first["beams"].any()
 
 
-# -- What a hostile user found ----------------------------------------------------------------------------------------
+# -- Hard cases -------------------------------------------------------------------------------------------------------
 
 
 def moving(prim, name, samples):
@@ -284,13 +284,13 @@ def moving(prim, name, samples):
 
 @pytest.mark.parametrize("back", ["(1.5, 0, -2)", "(1.5, 0.001, -2)"])
 def test_what_comes_back_to_where_it_was_has_moved(shot, back):
-    """Bounds hold what is far away in the middle of a loop, and between evenly spaced times."""
+    """The bounds include a light that is far away only in the middle of a loop, between evenly spaced times."""
     stage = shot(text=STAGE.replace("9: (2.5, 0.5, 2)", f"4.1: (1.5, 0, -2), 4.2: (90, 0, -2), 4.3: {back}, 9: {back}"))
     assert stage.exposure(1)(0.0)[0].bounds[1] > 40
 
 
 def test_what_moves_by_a_spline_has_the_same_bounds_in_each_frame(shot):
-    """Machines that share a film's frames make the same beams."""
+    """The bounds do not depend on the frame, so machines that share the frames of a film make the same beams."""
     samples = "timeSamples = { 1: (1.5, 0, -2), 9: (2.5, 0.5, 2) }"
     spline = STAGE.replace(
         f"double3 xformOp:translate.{samples}",
@@ -326,7 +326,7 @@ def test_a_flash_between_shutter_open_and_close_is_seen(shot):
 
 
 def test_fog_looks_and_lens_are_those_of_a_slices_middle(shot):
-    """One pass over a shutter in which the fog gets thicker linearly shows its mean, the fog of the middle."""
+    """One pass over a shutter interval in which the fog thickens linearly shows the fog of its middle."""
     text = moving("Fog", "photonbeams:scattering", "{ 1: (0.001, 0.001, 0.001), 9: (0.081, 0.081, 0.081) }")
     text = text.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)")
     blurred = shot("/Camera.shutter:close=8", text=text).render(1, **SMALL | {"passes": 1}).layers["beams_still"]
@@ -364,7 +364,7 @@ def test_images_are_decoded_once_for_all_times(tmp_path, shot, monkeypatch):
     assert followed(first, later).meshes is first.meshes
 
 
-# -- Two eyes ---------------------------------------------------------------------------------------------------------
+# -- Stereo -----------------------------------------------------------------------------------------------------------
 
 
 def test_eyes_at_one_place_see_the_same(shot):
@@ -427,7 +427,7 @@ def Camera "Camera"
 
 @pytest.mark.parametrize("depth", [3.0, 5.0, 9.0])
 def test_a_beams_disparity_is_that_of_geometry_at_its_place(usd, depth):
-    behind = depth + 0.11  # the rod, behind the beam
+    behind = depth + 0.11  # of the rod, which is behind the beam
     stage = usd(ROD.replace("DEPTH", f"{-depth}", 2).replace("DEPTH", f"{-behind}"))
     interaxial, convergence, width = 0.4, 5.0, 240
     shot = pb.Shot(stage, stereo=Stereo(interaxial, convergence))
@@ -439,7 +439,7 @@ def test_a_beams_disparity_is_that_of_geometry_at_its_place(usd, depth):
         return (picture * column).sum() / picture.sum()
 
     for layer, place in (("surface", behind), ("beams", depth)):
-        # Parallel eyes with shifted apertures: b f (1 / z − 1 / convergence), here in pixels.
+        # The disparity of parallel eyes with shifted apertures is b f (1 / z − 1 / convergence), here in pixels.
         expected = interaxial * (1 / place - 1 / convergence) / 1.2 * width
         found = middle("left", layer) - middle("right", layer)
         assert found == pytest.approx(expected, abs=0.15)
@@ -526,7 +526,7 @@ def test_eyes_that_differ_are_told_in_the_files_own_numbers(shot, camera, overri
 
 
 def test_eyes_that_converge_too_near_to_see_the_same_are_refused(shot):
-    # Focal length 1, aperture 1.2, half of the eyes' distance 3: 3 · 1 / 1.2.
+    # The focal length is 1, the aperture 1.2 and half of the interaxial distance 3: the limit is 3 · 1 / 1.2.
     assert shot(stereo=Stereo(6, 2.51)).cameras(1)
     expected = r"/Camera has eyes 6 apart that converge at {}: expected a convergence of at least 2\.5 scene units"
     for near in (2.49, 1e-30):

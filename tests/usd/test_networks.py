@@ -1,4 +1,4 @@
-"""Materials of other renderers, and nodes that compute, as the nearest UsdPreviewSurface."""
+"""Materials of other renderers, and nodes that compute values, are read as the nearest UsdPreviewSurface."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_a_standard_surface_is_read_input_by_input(scene, caplog, kind):
         "float inputs:emission = 2", "color3f inputs:emission_color = (1, 2, 3)",
     )  # fmt: skip
     found = scene(material(kind, *inputs)).meshes[0].material
-    # A coat of weight 0.5 tints what is below by a mean of white and its colour.
+    # A coat of weight 0.5 tints what is below it by the mean of white and the coat's colour.
     assert found.diffuse == pytest.approx((0.2, 0.3 * 0.75, 0.4))
     assert (found.metallic, found.roughness, found.ior) == (0.25, 0.375, 1.25)
     assert (found.clearcoat, found.clearcoat_roughness, found.opacity) == (0.5, 0.125, 1)
@@ -208,7 +208,7 @@ def test_images_of_other_networks(usd, image, kind, file, more):
 
 
 def test_a_place2d_moves_its_image_and_not_the_uvs(usd, image):
-    """MaterialX: an image that is scaled by 2 is twice as large, and one that is moved by 0.25 lies further right."""
+    """As in MaterialX, an image that is scaled by 2 is twice as large, and an offset of 0.25 moves it to the right."""
     inputs = "float2 inputs:scale = (2, 2)", "float2 inputs:offset = (0.25, 0)", "float inputs:rotate = 90"
     nodes = [
         shader("T", "ND_image_color3", f"asset inputs:file = @{image('a.exr', PIXELS, 'float')}@",
@@ -217,7 +217,7 @@ def test_a_place2d_moves_its_image_and_not_the_uvs(usd, image):
     ]  # fmt: skip
     text = material(STANDARD[1], "color3f inputs:base_color.connect = </Mat/T.outputs:out>", nodes=nodes)
     found = read_scene(usd(text)).meshes[0].material.diffuse
-    # (1, 0.5) is divided to (0.5, 0.25), turned clockwise to (0.25, −0.5), and moved to (0, −0.5).
+    # (1, 0.5) is divided by 2 to (0.5, 0.25), rotated clockwise to (0.25, −0.5), and moved to (0, −0.5).
     assert np.allclose(found.uv_transform @ [1, 0.5, 1], [0, -0.5, 1])
 
 
@@ -234,7 +234,7 @@ def test_primvars_vary_over_the_surface(scene):
 
 
 def test_colours_are_converted_from_the_space_that_they_name(scene):
-    """White stays white; AP1's red in Rec.709 is as OpenColorIO's ACES configuration has it."""
+    """White stays white, and AP1's red has the Rec.709 values of OpenColorIO's ACES configuration."""
     for space, value, expected in (
         ("lin_ap1", "(1, 1, 1)", (1, 1, 1)),
         ("acescg", "(0.5, 0.25, 0.25)", np.clip(0.25 + 0.25 * np.array([1.70505, -0.13026, -0.02400]), 0, None)),

@@ -1,4 +1,4 @@
-"""What is read of other times than the rendered one: how far a stage reaches, and what is the same at all times."""
+"""What is read at times other than the rendered one: how far a stage extends, and what is the same at all times."""
 
 import numpy as np
 
@@ -29,7 +29,7 @@ def test_outlines_reach_as_far_as_the_surfaces_without_a_warning(usd, caplog):
     stage, lasting = usd(STAGE), {}
     for time in (1, 2):
         outline = bounding_sphere([read_extent(stage, time, lasting)], [])
-        assert not caplog.records  # of an instance that is not there at time 2
+        assert not caplog.records  # not even about the instance that has no prototype at time 2
         center, radius = bounding_sphere([read_scene(stage, time)], [])
         assert np.allclose(outline[0], center)
         assert np.isclose(outline[1], radius)

@@ -1,4 +1,4 @@
-"""Presets: each is a look, whatever the look was before, and lights get new looks by them."""
+"""Presets: each replaces a look or one of its factors, whatever it was before, or gives a light a new look."""
 
 import logging
 from pathlib import Path
@@ -17,7 +17,7 @@ from photonbeams.usd.warnings import Warnings
 LIBRARY = Path(__file__).resolve().parents[2] / "examples" / "looks" / "looks.usda"
 FACTORS = ("along", "across", "eye", "angle", "noise", "variation")
 
-#: A look that says something of every factor, which presets are to replace.
+#: A stage with a look that sets every factor, so that presets have something to replace.
 STAGE = """
 def Xform "World" {
     def SphereLight "Lamp" {

@@ -1,4 +1,4 @@
-"""Primvars: flattened, cut, or left out with one warning."""
+"""Primvars are flattened, cut to the expected number, or left out with one warning."""
 
 import numpy as np
 import pytest

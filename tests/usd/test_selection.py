@@ -90,7 +90,7 @@ def file(tmp_path):
 def test_what_is_selected_is_read(file, given, names):
     stage = open_stage(file, selection=Selection.of(**given))
     assert {each.name for each in read_scene(stage).meshes} == names
-    # What a prim refers to is there, wherever it is.
+    # A mask includes what its prims refer to, wherever that is.
     assert bool(stage.GetPrimAtPath("/Looks/Red")) == ("/World/Plain" in names)
 
 

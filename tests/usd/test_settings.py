@@ -89,9 +89,9 @@ def test_the_data_window_is_from_the_lower_left_and_of_pixel_centres():
     assert pixels((0, 0, 1, 1), 32, 18) == (0, 0, 32, 18)
     assert pixels((0, 0, 0.5, 0.25), 8, 8) == (0, 6, 4, 8)
     assert pixels((0.5, 0.75, 1, 1), 8, 8) == (4, 0, 8, 2)
-    assert pixels((0.06, 0, 0.14, 1), 10, 1) == (1, 0, 2, 1)  # no centre within: one pixel all the same
+    assert pixels((0.06, 0, 0.14, 1), 10, 1) == (1, 0, 2, 1)  # no pixel centre is within, but one pixel remains
     assert pixels((0.04, 0, 0.16, 1), 10, 1) == (0, 0, 2, 1)
-    # Thirds and tenths in single precision, and tiles that share no pixel.
+    # Thirds and tenths in single precision give whole pixels, and adjacent tiles share no pixel.
     third, tenth = 0.3333333432674408, 0.699999988079071
     assert pixels((third, 0, tenth, 1), 1920, 1) == (640, 0, 1344, 1)
     assert pixels((tenth, 0, 1, 1), 1920, 1) == (1344, 0, 1920, 1)

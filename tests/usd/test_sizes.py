@@ -1,4 +1,4 @@
-"""Stages that no memory holds: they are thinned out, or refused, before anything is made of them."""
+"""Stages that do not fit into memory are thinned out, or refused, before they are expanded."""
 
 import pytest
 
@@ -26,7 +26,7 @@ def test_one_of_so_many_parts_is_kept_that_the_rest_fits():
 
 
 def test_the_level_of_subdivision_is_what_fits():
-    # n corners become n quads, then 4 n and 16 n, of two triangles each.
+    # n corners become n quads at level 1, 4 n at level 2 and 16 n at level 3, of two triangles each.
     assert [lowered(3, 10, left) for left in (19, 20, 80, 319, 320, 10**9)] == [0, 1, 2, 2, 3, 3]
 
 
@@ -44,7 +44,7 @@ def test_instancers_are_thinned_out_to_what_memory_holds(usd, monkeypatch, caplo
 
 
 def test_instancers_of_instancers_are_counted_before_they_are_expanded(usd, caplog):
-    """Ten of ten of … nine times are 10^9 instances."""
+    """Nine nested instancers of ten copies each count as 10^9 instances."""
     tens = f"int[] protoIndices = {[0] * 10}\npoint3f[] positions = [{', '.join(['(0, 0, 0)'] * 10)}]"
     text = 'def Cube "Leaf" {}\n'
     for level in range(1, 10):
@@ -57,7 +57,7 @@ def test_instancers_of_instancers_are_counted_before_they_are_expanded(usd, capl
 
 
 def test_endless_instances_of_a_stage_are_refused(usd):
-    """Ten references in each of eight assets, one within the other, are 10^8 prims."""
+    """Eight nested assets with ten references each are 10^8 prims, which are refused."""
     text = 'class "A0" { def Cube "Leaf" {} }\n'
     for level in range(1, 9):
         parts = "\n".join(

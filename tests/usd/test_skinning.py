@@ -73,9 +73,9 @@ def test_points_and_normals_are_those_that_usd_skel_bakes(usd, method):
         (found,) = read_scene(stage, time).meshes
         matrix = np.array(UsdGeom.XformCache(time).GetLocalToWorldTransform(prim))
         expected = np.array(prim.GetAttribute("points").Get(time)) @ matrix[:3, :3] + matrix[3, :3]
-        # Points and normals are of float32 in USD.
+        # USD stores points and normals as float32.
         assert np.allclose(found.points, expected, atol=1e-5)
-        if method == CLASSIC:  # of the other, UsdSkel turns normals by other matrices than the points
+        if method == CLASSIC:  # with dual quaternions, UsdSkel rotates normals by other matrices than points
             normals = np.array(prim.GetAttribute("normals").Get(time)) @ np.linalg.inv(matrix[:3, :3]).T
             assert np.allclose(found.normals, unit(normals), atol=1e-5)
 

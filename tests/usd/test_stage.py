@@ -1,4 +1,4 @@
-"""Opening stages, and what is said of those that cannot be opened."""
+"""Opening of stages, and the messages about those that cannot be opened."""
 
 import os
 import re

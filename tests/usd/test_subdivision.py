@@ -36,13 +36,13 @@ def refined(mesh, points, levels):
 @pytest.mark.parametrize("crease", [None, 1.0, 2.0, SHARP])
 def test_the_limit_of_a_cube_is_the_same_from_every_level(crease):
     mesh = topology(4, CUBE, 8, dict.fromkeys(TOP, crease) if crease else None)
-    least = 1 if crease in (None, SHARP) else int(crease)  # the limit knows no sharpness that ends
+    least = 1 if crease in (None, SHARP) else int(crease)  # the limit is exact once a finite sharpness has decayed to 0
     limits = []
     for level in range(least, least + 3):
         finer, points = refined(mesh, CUBE_POINTS, level)
         limits.append((finer.limit() @ points)[:8])
     assert np.allclose(limits[0], limits[1]) and np.allclose(limits[0], limits[2])
-    # Halstead, Kass and DeRose 1993: (n² v + 4 Σe + Σf) / n (n + 5), of level 1 with v = -5/9, e = -3/4, 0, 0 …
+    # Halstead, Kass and DeRose 1993: (n² v + 4 Σe + Σf) / n (n + 5), with v = -5/9, e = -3/4, 0, 0 … at level 1
     if crease is None:
         assert np.allclose(limits[0], CUBE_POINTS / 2)
     # A crease is a cubic B-spline: (a + 4 v + b) / 6.
@@ -63,7 +63,8 @@ def test_loop_keeps_its_limit():
         (lambda finer, points: finer.limit() @ points)(*refined(mesh, OCTAHEDRON_POINTS, n))[:6] for n in range(3)
     ]
     assert np.allclose(limits[0], limits[1]) and np.allclose(limits[0], limits[2])
-    # Loop 1987, valence 4: β = (5/8 − (3/8)²) / 4 and the neighbours cancel but for v: 1 − 4 / (4 + 3 / 8β).
+    # Loop 1987: at valence 4, β = (5/8 − (3/8)²) / 4. The neighbours of v add to 0, so the limit is v times
+    # 1 − 4 / (4 + 3 / 8β).
     beta = (5 / 8 - (3 / 8) ** 2) / 4
     assert np.allclose(limits[0], OCTAHEDRON_POINTS * (1 - 4 / (4 + 3 / (8 * beta))))
 
@@ -113,7 +114,7 @@ def test_what_says_that_it_is_a_subdivision_surface_is_refined(tmp_path, scheme,
     (found,) = read_scene(open_stage(path, selection=Selection(complexity=complexity))).meshes
     assert len(found.faces) == faces
     if faces > 12:
-        # A surface around the origin, nearer than the cube's corners; its normals are those of the surface.
+        # The surface lies within distance 1 of the origin, and its normals point outward.
         assert np.linalg.norm(found.points, axis=1).max() < 1
         outward = np.einsum("ij,ij->i", found.normals, found.points / np.linalg.norm(found.points, axis=1)[:, None])
         assert outward.min() > 0.9
@@ -142,7 +143,8 @@ def test_texture_coordinates_are_smoothed_as_the_mesh_says(scene, channels, corn
     more = f"""texCoord2f[] primvars:st = [{st}] (interpolation = "faceVarying")
         uniform token faceVaryingLinearInterpolation = "{channels}" """
     (found,) = scene(body("catmullClark", more)).meshes
-    # A chart of one quad: its corners stay, or its rim is a closed B-spline, with (a + 23 b + 23 c + d) / 48 midway.
+    # Each quad is a chart of its own. Its corners stay, or its boundary is a closed B-spline, which is
+    # (a + 23 b + 23 c + d) / 48 midway between b and c.
     assert found.uvs.min() == pytest.approx(corner)
     assert found.uvs.max() == pytest.approx(11 - corner)
 

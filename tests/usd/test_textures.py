@@ -1,4 +1,4 @@
-"""Image files that are wrong somewhere at random: they are read, or one sentence says why they are not."""
+"""Image files with random errors: they are read, or one sentence says why they cannot be read."""
 
 import struct
 import zlib
@@ -12,11 +12,11 @@ from photonbeams.usd.lights import read_light
 from photonbeams.usd.reading import Reading
 from photonbeams.usd.warnings import Warnings
 
-SEED, CHANGES = 11, 25  # mutated files of each kind; some make the decoder quote what is no text
+SEED, CHANGES = 11, 25  # changed files of each kind; for some, the decoder's message quotes bytes that are no text
 
 
 def changed(data, kind, random):
-    """Return a file that is cut, overwritten in some places, or lies about its size."""
+    """Return a file that is truncated, is overwritten in some places, or declares a wrong size."""
     way = random.integers(3)
     if way == 0:
         return data[: random.integers(len(data))]
@@ -26,7 +26,7 @@ def changed(data, kind, random):
             result[place] = random.integers(256)
         return bytes(result)
     width, height = (int(each) for each in random.choice([0, 1, 7, 2**16, 2**31 - 1, 2**32 - 1], 2))
-    if kind == "png":  # with a checksum that is right
+    if kind == "png":  # with a correct checksum
         header = b"IHDR" + struct.pack(">II", width, height) + data[24:29]
         return data[:12] + header + struct.pack(">I", zlib.crc32(header)) + data[33:]
     if kind == "exr":

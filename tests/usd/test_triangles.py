@@ -1,4 +1,4 @@
-"""Polygons to triangles."""
+"""Triangulation of polygons."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def flat(polygon):
 ARROW = [(0, 0), (2, 0), (2, 2), (1, 0.5), (0, 2)]
 U = [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
 DART = [(1, 0.5), (0, 2), (0, 0), (2, 0)]
-# A square with a square hole, joined by a bridge that is walked both ways.
+# A square with a square hole. The outline joins the two by a bridge, which it follows in both directions.
 FRAME = [(0, 0), (4, 0), (4, 4), (0, 4), (0, 0), (1, 1), (1, 3), (3, 3), (3, 1), (1, 1)]
 
 
@@ -33,7 +33,7 @@ def test_a_concave_polygon_keeps_its_area_and_its_side(polygon, expected, tilt):
     points = flat(np.array(polygon, float)) @ rotation.T
     corners, _, dropped = triangulate(np.array([len(polygon)]), np.arange(len(polygon)), points)
     areas = area(points, corners, np.arange(len(polygon)))
-    # Triangles that lay outside would add area, as all areas are counted on the polygon's own side.
+    # Triangles outside of the polygon would increase this sum, because it is of absolute areas.
     assert np.linalg.norm(areas, axis=1).sum() == pytest.approx(expected)
     assert np.all(areas @ rotation[:, 2] >= -1e-12)
     assert len(corners) == len(polygon) - 2

@@ -1,4 +1,4 @@
-"""Curves, points, patches and tetrahedra as surfaces, against their areas and radii in closed form."""
+"""Curves, points, patches and tetrahedra as surfaces, compared with areas and radii in closed form."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_a_straight_curve_is_a_tube_of_its_width(scene, widths):
 
 
 def test_a_tapered_cubic_curve_keeps_to_its_spline(scene):
-    # Bézier of collinear, evenly spaced points: linear in t, and so is the width.
+    # A Bézier curve of collinear, evenly spaced points is linear in t, and so is its width.
     more = 'uniform token type = "cubic"\nfloat[] widths = [0, 0.6] (interpolation = "varying")'
     found = only(scene, curves("(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)", 4, more))
     assert np.allclose(np.linalg.norm(found.points[:, 1:], axis=1), 0.1 * found.points[:, 0])
@@ -65,7 +65,7 @@ def test_normals_along_their_curve_do_not_turn_it_into_a_ribbon_of_no_width(scen
     tube = only(scene, curves("(0, 0, 0), (0, 0, 2)", 2, shape.format("(0, 0, 1), (0, 0, 3)")))
     assert np.allclose(np.linalg.norm(tube.points[:, :2], axis=1), 0.25)
     points, normals = "(0, 0, 0), (1, 0, 0), (2, 0, 0)", "(1, 0, 0), (0, 0, 1), (0, 0, 1)"
-    assert only(scene, curves(points, 3, shape.format(normals))).area == pytest.approx(1)  # a whole ribbon
+    assert only(scene, curves(points, 3, shape.format(normals))).area == pytest.approx(1)  # a ribbon of full width
 
 
 def test_a_rational_curve_is_a_circle_and_a_tube_around_it_a_torus(scene):
@@ -75,7 +75,7 @@ def test_a_rational_curve_is_a_circle_and_a_tube_around_it_a_torus(scene):
         float[] widths = [0.2] (interpolation = "constant")"""
     found = only(scene, curves(CIRCLE, 9, more, "NurbsCurves"))
     radius = np.linalg.norm(found.points[:, :2], axis=1)
-    # 33 points on the circle, whose tangents are means of two chords; normals of the tube are exact.
+    # The tube has 33 points on the circle. Its tangents are means of two chords; its normals are exact.
     assert np.allclose(np.hypot(radius - 1, found.points[:, 2]), 0.1, atol=1e-3)
     assert outward(found)
 
@@ -95,7 +95,7 @@ def test_points_are_spheres_of_their_widths(scene):
     assert np.allclose(np.linalg.norm(found.points[near], axis=1), 0.5)
     assert np.allclose(np.linalg.norm(found.points[~near] - [5, 0, 0], axis=1), 1)
     assert outward(found)
-    # Facets with edges of up to 2^½ π / 32 lose at most a quarter of the square of that.
+    # Facets with edges of up to √2 π / 32 radii lose at most a quarter of the square of that, 0.5 %, of the area.
     assert found.area == pytest.approx(np.pi * (1 + 4), rel=0.005)
 
 

@@ -1,4 +1,4 @@
-"""What is said to photonbeams and nothing reads is warned of, with what was probably meant."""
+"""A warning names attributes and `over` prims that nothing reads, and suggests what was probably meant."""
 
 import logging
 
@@ -11,7 +11,7 @@ from usda import prim
 
 @pytest.fixture
 def told(usd, caplog):
-    """Return what is said of a stage, without the file's name."""
+    """Return a function that returns the warnings about a stage, without the file's name."""
     caplog.set_level(logging.WARNING, "photonbeams")
 
     def told(*prims):

@@ -102,7 +102,7 @@ VALUES[1:3, 1:4, 1:5] = np.arange(1, 25, dtype=np.float32).reshape(2, 3, 4) / 8
 
 @pytest.fixture
 def smoke(tmp_path):
-    """Write smoke with a colour, a temperature and two densities of one name; return the body of a volume of it."""
+    """Write a .vdb file with a density, a temperature and a colour; return the text of a volume of these fields."""
     colors = np.stack([VALUES / 4, VALUES / 8, (VALUES > 0) * 1.0], axis=-1)
     write_vdb(tmp_path / "smoke.vdb", {"density": VALUES, "temperature": VALUES / 3, "Cd": colors}, half=False)
     return volume_of(tmp_path / "smoke.vdb")
@@ -143,7 +143,7 @@ def shader(kind, *inputs, context=""):
     [
         ("", True),
         ("bool photonbeams:enabled = 0", False),
-        ("bool photonbeams:enabled = 1", False),  # it makes beams then
+        ("bool photonbeams:enabled = 1", False),  # the dome then makes beams instead
         ("rel collection:lightLink:excludes = </V>", False),
     ],
 )
@@ -156,7 +156,7 @@ def test_domes_light_volumes_unless_they_say_what_they_do(scene, smoke, dome, li
 def test_a_volume_is_a_medium_as_other_renderers_show_it(scene, smoke, caplog):
     (medium,) = scene(smoke).media
     assert np.array_equal(medium.grid.values[1:-1, 1:-1, 1:-1], VALUES[1:3, 1:4, 1:5])
-    assert np.allclose(medium.grid.to_world @ [0, 0, 0, 1], [0, 0, 0, 1])  # a voxel of 0 around it
+    assert np.allclose(medium.grid.to_world @ [0, 0, 0, 1], [0, 0, 0, 1])  # the values have a margin of one voxel of 0
     assert np.allclose(medium.grid.to_world @ [1, 1, 1, 1], [6, 5, 4, 1])
     assert medium.scattering == medium.absorption == (0.5, 0.5, 0.5)
     assert medium.emission is None and medium.scattering_color is None
@@ -177,7 +177,7 @@ def test_arnolds_standard_volume(scene, tmp_path, smoke):
     assert medium.scattering == pytest.approx(tuple(extinction * [0.5, 0.25, 0]))
     assert medium.anisotropy == pytest.approx(0.3)
     assert np.allclose(medium.scattering_color.values[1:-1, 1:-1, 1:-1, 0], np.minimum(VALUES[1:3, 1:4, 1:5] / 4, 1))
-    # 5.670374e-14 T⁴ / π at 2000 K, half of it, with a luminance of 1.
+    # The luminance is half of 5.670374e-14 T⁴ / π at T = 2000 K.
     hot = medium.emission.values[1:-1, 1:-1, 1:-1][VALUES[1:3, 1:4, 1:5] == 3][0]
     assert hot @ [0.2126, 0.7152, 0.0722] == pytest.approx(0.5 * 5.670374e-14 * 2000**4 / np.pi, rel=1e-3)
     assert hot[0] > hot[1] > hot[2]
@@ -286,7 +286,10 @@ def test_values_below_zero_count_as_zero_with_a_warning(scene, tmp_path, caplog)
 
 
 def test_a_sequence_that_is_blurred_is_the_mean_of_its_instants(usd, tmp_path):
-    """Four grids within the shutter, each even, so that rays are tracked without noise: the transmittance is known."""
+    """The transmittance of a blurred sequence is the mean over the times of the shutter interval.
+
+    Each of the four grids is homogeneous, so rays are tracked without noise and the transmittance is known.
+    """
     densities = (0.2, 1.0, 0.5, 3.0)
     for index, density in enumerate(densities):
         data = np.full((2, 2, 2), density, "<f4").tobytes()
@@ -312,7 +315,7 @@ def test_a_sequence_that_is_blurred_is_the_mean_of_its_instants(usd, tmp_path):
     found = Shot(stage).render(1, passes=4, width=2, height=2).layers["transmittance"]
     times = (np.arange(64) + 0.5) / 128
     instants = [np.exp(-2 * densities[int(8 * time)] * np.array([0.5, 1, 2])) for time in times]
-    # Rays that pass a boundary go on a little behind it: 5e-5 of a unit here.
+    # A ray that passes a boundary continues a little behind it, here by 5e-5 units.
     assert np.allclose(found, np.mean(instants, axis=0), rtol=3e-4)
 
 

@@ -1,4 +1,4 @@
-"""Warnings about stages: once, together, short; and what is left out with them."""
+"""Warnings about stages: they are given once, grouped and short, and what they name is left out."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Write kinds.vdb.gz and kinds.npz by OpenVDB's own Python module: the voxels that `test_vdb` expects.
+"""Write kinds.vdb.gz and kinds.npz with OpenVDB's own Python module: the voxels that `test_vdb` expects.
 
 Run by hand, with a Python that has the module (`apt-get install python3-openvdb`). Versions 10.0.1 (Debian) and 12.0.0
 (in `pip install bpy`) of the library read the same voxels from the file.
@@ -23,7 +23,7 @@ def grid(kind, background, name, array, first=(0, 0, 0), half=False):
 
 
 def noise(shape, density):
-    """Return numbers of which a fraction is 0."""
+    """Return random numbers, all 0 except for the fraction `density`."""
     return (random.random(shape) * (random.random(shape) < density)).astype(np.float32)
 
 

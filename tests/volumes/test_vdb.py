@@ -81,7 +81,7 @@ def test_cells_of_a_coarse_box_have_the_mean_of_their_voxels(grids, expected, na
     means = whole.reshape(cells[0], step, cells[1], step, cells[2], step, -1).mean(axis=(1, 3, 5))
     found = coarse.values[1:-1, 1:-1, 1:-1].swapaxes(0, 2)
     assert np.allclose(found.reshape(*cells, -1), means, atol=1e-6)
-    # And the box is at the same place, larger by the cells that are not full.
+    # The box is at the same place, larger by the parts of cells that have no voxels.
     fine = voxels_of(grid).to_file
     edges = coarse.to_file[:3, :3] / (np.array(cells) + 2)
     assert np.allclose(edges, step * fine[:3, :3] / (np.array(array.shape[:3]) + 2))

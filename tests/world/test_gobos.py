@@ -1,4 +1,4 @@
-"""Images before lights and on portals: where they go, what power they leave, and that surfaces and beams agree."""
+"""Images in front of lights and on portals: their places, their power, and the agreement of surfaces and beams."""
 
 import dataclasses
 
@@ -22,7 +22,7 @@ NOISE = np.random.default_rng(4).random((5, 7, 3)).astype(np.float32)
 #: Red top left, green top right, blue bottom left, white bottom right, in blocks that are flat in their middle.
 CORNERS = np.kron(np.array([[[1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 1, 1]]]), np.ones((16, 24, 1))).astype(np.float32)
 RED, GREEN, BLUE, WHITE = np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], np.ones(3)
-#: A frame with the light along −Z and +Y up, moved, and the same turned about X: it looks along −Y, its up is −Z.
+#: A frame with the light along −Z and +Y up, and the same frame turned about X: the light is along −Y, and −Z is up.
 FRAME = np.eye(4)
 TURNED = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
@@ -68,13 +68,13 @@ def paths_of(light, count=COUNT):
 
 
 def flux(paths):
-    """Return the total flux of paths, (3,), and its standard error were they independent."""
+    """Return the total flux of paths, (3,), and its standard error if they were independent."""
     value = paths.flux.numpy().astype(np.float64) * paths.valid.numpy()
     return value.sum(axis=1), np.sqrt(value.shape[1]) * value.std(axis=1)
 
 
 def interpolated(image, u, v):
-    """Return an image at coordinates from its lower left corner, linear between pixel centres: float64."""
+    """Return an image at coordinates from its lower left corner, linear between pixel centres, in float64."""
     rows, columns = image.shape[:2]
     x, y = np.clip(u * columns - 0.5, 0, columns - 1), np.clip((1 - v) * rows - 0.5, 0, rows - 1)
     left, top = np.minimum(x.astype(int), columns - 2), np.minimum(y.astype(int), rows - 2)
@@ -85,7 +85,7 @@ def interpolated(image, u, v):
 
 
 def over_solid_angle(image, width, distance):
-    """Return ∫ image dω of a rectangle of this width, square to the axis at this distance: midpoint rule."""
+    """Return ∫ image dω over a rectangle of this width, perpendicular to the axis at this distance: midpoint rule."""
     grid = (np.arange(400) + 0.5) / 400
     u, v = np.meshgrid(grid, grid)
     height = width * image.shape[0] / image.shape[1]
@@ -94,7 +94,7 @@ def over_solid_angle(image, width, distance):
     return np.einsum("ijk,ij->k", interpolated(image, u, v), weight)
 
 
-MEAN = NOISE.astype(np.float64).mean(axis=(0, 1))  # linear between centres, constant beyond: the mean of the pixels
+MEAN = NOISE.astype(np.float64).mean(axis=(0, 1))  # linear between pixel centres, constant beyond them
 
 
 @pytest.mark.parametrize(
@@ -110,11 +110,11 @@ MEAN = NOISE.astype(np.float64).mean(axis=(0, 1))  # linear between centres, con
     ids=["spot", "sphere", "rect", "distant", "sun", "portal"],
 )
 def test_the_power_of_all_beams_is_the_integral_of_the_image(light, power):
-    if power is None:  # the window is 1 x 0.6, and the image lies over all of it
+    if power is None:  # the window is 1 x 0.6, and the image covers it
         grid_u, grid_v = (np.arange(500) + 0.5) / 500, (np.arange(300) + 0.5) / 300
         u, v = np.meshgrid(grid_u, grid_v)
         x, y = u - 0.5, 0.6 * (v - 0.5)
-        seen = interpolated(light.portal_gobo.image, 1 - u, v)  # by one who faces the light
+        seen = interpolated(light.portal_gobo.image, 1 - u, v)  # by a viewer who faces the light
         power = np.einsum("ijk,ij->k", seen, 0.6 / u.size / (x * x + y * y + 1) ** 1.5)
     total, error = flux(paths_of(light))
     # Samples of a Sobol sequence do far better than as many independent ones; 1e-3 for the kinks between pixels.
@@ -131,13 +131,13 @@ def test_a_half_black_image_darkens_half_of_the_light(light):
     assert lit.sum() == pytest.approx(0.5 * bright.sum(), rel=rough)
     assert (lit > 0).sum() == pytest.approx(0.5 * (bright > 0).sum(), rel=0.03)  # half a pixel of 64 is grey
     dark = paths.direction.numpy()[0] < -0.02 if light is spot else paths.origin.numpy()[0] < -0.03
-    if light is flat:  # as one sees it who faces the light: its left is at +X
+    if light is flat:  # for a viewer who faces the light, the left is at +X
         dark = paths.origin.numpy()[0] > 0.03
     assert np.all(lit[dark] == 0)
 
 
 def seen_from(source, places, u=(0.5, 0.5)):
-    """Return the light's weight at places, over its radiance, (N, 3)."""
+    """Return the light's weight at places, divided by its radiance, (N, 3), and the light sample."""
     at = to_vectors(np.asarray(places, dtype=np.float64))
     sample = source.illuminate(at, Array2f(*u) + dr.zeros(Float, len(places)))
     return sample.weight.numpy().T / RADIANCE, sample
@@ -150,7 +150,7 @@ def seen_from(source, places, u=(0.5, 0.5)):
 )
 def test_a_slide_is_upright_on_the_wall_as_seen_from_the_light(frame, local):
     light = spot(CORNERS, 90.0, frame=frame, axis=-frame[:3, 2])
-    # On a wall two units ahead the image is four units wide, and by its shape 8/3 high; local X is to the right.
+    # On a wall two units ahead, the image is four units wide and, by its aspect, 8/3 high; local X is to the right.
     places = np.array([local(p) for p in [(-1.0, 0.7, -2), (1, 0.7, -2), (-1, -0.7, -2), (1, -0.7, -2)]])
     weight, sample = seen_from(world(light).lights[0], places)
     squared = np.sum(places**2, axis=1)[:, None]
@@ -162,7 +162,7 @@ def test_a_slide_is_upright_on_the_wall_as_seen_from_the_light(frame, local):
 
 @pytest.mark.parametrize("portal", [False, True], ids=["rect", "portal"])
 def test_an_image_on_a_pane_is_upright_for_one_who_faces_the_light(portal):
-    # Who stands at z = -4 and looks along +Z has -X to the right.
+    # For a viewer at z = -4 who looks along +Z, -X is on the right.
     places = [[0.3, 0.2, -4], [-0.3, 0.2, -4], [0.3, -0.2, -4], [-0.3, -0.2, -4]]
     if portal:
         places = [[4 * x, 4 * y, z] for x, y, z in places]  # seen from the light through the window
@@ -173,7 +173,7 @@ def test_an_image_on_a_pane_is_upright_for_one_who_faces_the_light(portal):
         weight, sample = seen_from(world(point(CORNERS)).lights[0], beside)
         assert np.allclose(weight * sample.distance.numpy()[:, None] ** 2, 1, rtol=1e-5)
     else:
-        # By UsdLuxRectLight's documentation the first pixel is at (+X, +Y).
+        # According to UsdLuxRectLight's documentation, the first pixel is at (+X, +Y).
         source = world(flat(CORNERS)).lights[0]
         for (u, v), color in {(0.8, 0.8): RED, (0.2, 0.8): GREEN, (0.8, 0.2): BLUE, (0.2, 0.2): WHITE}.items():
             weight, _ = seen_from(source, [[0, 0, -4]], (u, v))
@@ -185,7 +185,7 @@ def test_an_image_on_a_skylight_has_its_top_where_up_is_said_to_be():
     light = point(CORNERS, portal=skylight, up=np.array([0.0, 0, -1]))
     places = [[-1.2, -4, -0.8], [1.2, -4, -0.8], [-1.2, -4, 0.8], [1.2, -4, 0.8]]
     weight, _ = seen_from(world(light).lights[0], places)
-    # Who looks up from below with the top at -Z has -X to the right.
+    # For a viewer who looks up from below with the top at -Z, -X is on the right.
     assert np.array_equal(np.argsort(weight.max(axis=1) > 0), [0, 1, 2, 3])
     assert np.allclose(weight / weight.max(axis=1)[:, None], [GREEN, RED, WHITE, BLUE], atol=1e-5)
 
@@ -215,7 +215,7 @@ def test_surface_light_under_a_checkerboard_is_its_projection():
     square = board[np.clip((8 * (1 - v)).astype(int), 0, 7), np.clip((8 * u).astype(int), 0, 7)] * inside
     irradiance = weight[:, 0] * sample.direction.numpy()[2]
     expected = square * 3 / np.linalg.norm(places - [0, 0, 3], axis=1) ** 3  # I cos θ / d²
-    edges = [np.abs(8 * w - np.round(8 * w)) < 1 / 32 for w in (u, v)]  # half a pixel to each side is between the two
+    edges = [np.abs(8 * w - np.round(8 * w)) < 1 / 32 for w in (u, v)]  # the image fades over half a pixel on each side
     clear = ~(edges[0] | edges[1])
     assert clear.mean() > 0.8
     assert np.allclose(irradiance[clear], expected[clear], rtol=1e-4, atol=1e-7)
@@ -287,7 +287,7 @@ def test_a_mostly_black_image_still_gets_its_beams():
     counts = [len(each[0].beams) for each in sets]
     assert counts[0] == 1024
     assert 0.7 * 1024 < counts[1] < 1.6 * 1024  # the cone around the slide, and half a pixel around the window
-    # As many beams in a 64th of the cone are an eighth as wide.
+    # The same number of beams in a 64th of the cone are an eighth as wide.
     widths = [np.median(each[0].beams.arrays()["radius_end"]) for each in sets]
     assert 0.08 < widths[1] / widths[0] < 0.2
 

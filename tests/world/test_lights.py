@@ -1,4 +1,4 @@
-"""What reaches a point from a light, against the closed forms of radiometry."""
+"""The light that reaches a point from a lamp, against the closed forms of radiometry."""
 
 import drjit as dr
 import numpy as np
@@ -26,7 +26,7 @@ def vector(values):
 
 
 def irradiance(source, point, normal, square):
-    """Return the mean of weight · cos θ over samples, and its standard error were they random, (3,) each."""
+    """Return the mean of weight · cos θ over samples, and its standard error if they were random, (3,) each."""
     light = source.illuminate(vector(point) + dr.zeros(Float, POINTS), square)
     cosine = dr.maximum(dr.dot(light.direction, vector(normal)), 0)
     value = (light.weight * cosine).numpy().astype(np.float64)
@@ -86,7 +86,7 @@ def test_irradiance_of_a_sphere_is_that_of_its_disc(square):
 
 
 def corner_factor(x, y):
-    """Return the form factor of a rectangle from a point under its corner, sides in units of the distance."""
+    """Return the form factor of a rectangle from a point under its corner, with sides in units of the distance."""
     a, b = np.hypot(1, x), np.hypot(1, y)
     return (x / a * np.arctan(y / a) + y / b * np.arctan(x / b)) / (2 * np.pi)
 
@@ -169,7 +169,7 @@ def test_rays_past_a_light_see_nothing(square):
 
 
 def irradiance_of_tube(point, normal, radius, half, count=1000):
-    """Return ∫ max(cos, 0) max(cos at the tube, 0) / d² over the mantle around +Y: midpoint rule, float64."""
+    """Return ∫ max(cos, 0) max(cos at the tube, 0) / d² over the side of a tube along Y: midpoint rule, float64."""
     phi = 2 * np.pi * (np.arange(count) + 0.5) / count
     y = half * (2 * (np.arange(count) + 0.5) / count - 1)[:, None]
     out = np.stack([np.cos(phi), 0 * phi, np.sin(phi)], axis=-1)
@@ -223,7 +223,7 @@ def test_spot_cone_falls_from_its_soft_start_to_its_edge():
 
 def test_focus_is_a_power_of_the_cosine_and_its_tint_what_remains():
     focused = scene.Shaping(cone_angle=180.0, focus=3.0)
-    # UsdLuxShapingAPI takes the absolute cosine: without a cone, light goes out behind a sphere as well.
+    # UsdLuxShapingAPI takes the absolute cosine: without a cone, light leaves the back of a sphere as well.
     assert np.allclose(factor(focused, [0, 60, 120])[0], [1, 0.125, 0.125], atol=1e-6)
     tinted = scene.Shaping(cone_angle=180.0, focus=3.0, focus_tint=(0.2, 0.4, 1.0))
     assert np.allclose(factor(tinted, 60)[:, 0], [0.2 * 0.875 + 0.125, 0.4 * 0.875 + 0.125, 1], atol=1e-6)

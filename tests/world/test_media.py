@@ -1,4 +1,4 @@
-"""Media of Mitsuba scenes: which is where, and which are refused."""
+"""Media of Mitsuba scenes: where they are, and which are refused."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ mi = mitsuba()
 
 
 def nested():
-    """Return two cubes, one in the other, a wall in the outer one, and a ball of glass without a medium inside."""
+    """Return a scene and its media: nested cubes, a wall in the outer one, and a glass ball without a medium inside."""
     outer, inner = mi.load_dict(fog(0.1)), mi.load_dict(fog(2.0))
     scene = load(
         outer=cube_of(outer, 4),
@@ -72,7 +72,7 @@ def test_a_grid_with_numbers_that_are_none_is_refused():
 
 @pytest.mark.parametrize("channels", [1, 3, 6])
 def test_flakes_are_refused(channels):
-    """Whatever Mitsuba then says of their volume: it evaluates none that has not six channels."""
+    """Flakes are refused whatever their volume is, although Mitsuba evaluates only volumes with six channels."""
     grid = mi.VolumeGrid(np.ones((2, 2, 2, channels), dtype=np.float32))
     volume = {"type": "gridvolume", "grid": grid, "raw": True}
     if channels == 3:
@@ -86,12 +86,12 @@ def test_a_grid_that_is_smaller_than_its_shape_ends_at_its_own_border():
     ones = {"type": "gridvolume", "grid": mi.VolumeGrid(np.ones((4, 4, 4, 1), np.float32)), "raw": True,
             "to_world": T().translate(-0.6).scale(1.2)}  # fmt: skip
     smoke = {"type": "heterogeneous", "sigma_t": ones, "albedo": 1.0, "scale": 3.0}
-    # Without absorption, in even light of radiance 1, everything looks like radiance 1.
+    # Without absorption, under uniform light of radiance 1, everything has the radiance 1.
     furnace = load(smoke=cube_of(smoke), light={"type": "constant", "radiance": 1.0}, sensor=camera(size=16))
     settings = by_beams(passes=2, beams=8192, max_radius=0.02, guiding=False)
     pictures = [render(furnace, furnace.sensors()[0], replace(settings, seed=seed)).layers()["rgba"] for seed in (1, 2)]
     means = np.array([picture[..., :3].mean() for picture in pictures])
-    assert means == pytest.approx(1, abs=0.02)  # glows outside of the grid made it 1.9
+    assert means == pytest.approx(1, abs=0.02)  # with light from outside of the grid it was 1.9
 
 
 def test_media_that_touch_are_as_bright_as_with_a_gap():
@@ -104,9 +104,9 @@ def test_media_that_touch_are_as_bright_as_with_a_gap():
             floor={"type": "rectangle", "to_world": T().translate([0, -0.72, 0]).rotate([1, 0, 0], -90).scale(4)},
             light={"type": "point", "position": [-3, 2, 1], "intensity": 15.0}, sensor=camera((0, 1, 5), size=16),
         )  # fmt: skip
-        # Without a pilot, whose paths decide where others go, both pictures are of the same paths.
+        # Without a pilot, whose paths decide where others go, both pictures have the same paths.
         settings = by_beams(passes=8, beams=65536, max_depth=4, guiding=False)
         return render(both, both.sensors()[0], settings).layers()["rgba"][..., :3].mean(axis=(0, 1))
 
-    # Where borders lie on each other, rays met but one of them: 3 % less. Between seeds the ratio spreads by 0.07 %.
+    # Where rays meet only one of two coincident boundaries, 3 % is lost. Between seeds the ratio spreads by 0.07 %.
     np.testing.assert_allclose(mean(0.0), mean(2e-3), rtol=5e-3)

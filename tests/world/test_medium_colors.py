@@ -1,4 +1,4 @@
-"""Colour before physics: two colours make a fog and a power, and the picture shows those colours."""
+"""Media from colours: two colours give a fog and a power, and the picture shows those colours."""
 
 import numpy as np
 import pytest
@@ -46,12 +46,12 @@ def test_a_beam_seen_from_the_side_shows_the_colors_in_the_picture(profile, anis
         NEAR, FAR, albedo=0.7, distance=distance, radius=radius, anisotropy=anisotropy, across=profile
     )
     beams = pb.Beams([[0, 0, 0]], [[3, 0, 0]], radius, radius, [power])
-    begin = 2 * radius  # within the beam, where nothing of it is cut off
+    begin = 2 * radius  # far enough from the beam's start that nothing is cut off
     origin = [[begin, 0, distance], [1.0, 0, distance]]
     options = {"look": pb.Look(across=profile), "medium": medium, "estimator": "frustum", "rule": pb.gauss_legendre(16)}
     seen = pb.estimate(beams, origin, [[0, 0, -1], [0, 0, -1]], **options).numpy()
     near = NEAR * np.exp(-np.asarray(medium.extinction) * begin)
-    # The fog within the beam is thin: (σt R)² / 6 < 1e-4; the tabulated profiles add their interpolation.
+    # The fog within the beam is thin: (σt R)² / 6 < 1e-4. Tabulated profiles add the error of their interpolation.
     assert np.allclose(seen[0], near, rtol=5e-4)
     assert np.allclose(seen[1], FAR, rtol=5e-4)
 

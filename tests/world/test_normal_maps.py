@@ -1,4 +1,4 @@
-"""Normal and bump maps: no black rims, the energy of the BSDF inside, and NumPy's normals."""
+"""Normal and bump maps: no black rims, the energy of the nested BSDF, and the normals that NumPy computes."""
 
 import dataclasses
 
@@ -30,7 +30,7 @@ def hits(u, v, wi=None, dp_du=(1.0, 0, 0), dp_dv=(0, 1.0, 0), n=(0, 0, 1.0)):
 
 
 def numbers(seed):
-    """Return numbers of [0, 1)^5 for many samples, stratified in the first."""
+    """Return random numbers of [0, 1)^5 for many samples, stratified in the first dimension."""
     random = np.random.default_rng(seed)
     first = (np.arange(COUNT) + random.random(COUNT)) / COUNT
     return [Float(first), *(Float(random.random(COUNT)) for _ in range(4))]
@@ -53,7 +53,7 @@ def sampled(material, cosine):
     [
         (dataclasses.replace(METAL, roughness=0.0), 1.0),
         (METAL, 1.0),
-        # Of a lobe around a direction above the horizon at least half is above, of a diffuse one (1 + N·n) / 2.
+        # At least half of a lobe around a direction above the horizon is above it; of a diffuse one, (1 + N·n) / 2 is.
         (dataclasses.replace(METAL, metallic=0.0), 0.5),
         (dataclasses.replace(METAL, metallic=0.0, ior=1.0), 0.8),
     ],
@@ -77,7 +77,7 @@ def test_values_and_densities_are_those_of_the_samples(metallic):
     sample, weight = bsdf.sample(mi.BSDFContext(), seen, lobe, mi.Point2f(x, y))
     direction = mi.warp.square_to_uniform_hemisphere(mi.Point2f(x, y))
     value, density = bsdf.eval_pdf(mi.BSDFContext(), seen, direction)
-    # The samples that were kept, and their energy, by both; six standard deviations of two means.
+    # The fraction of samples that are kept, and their energy, from samples and from values: to six standard errors.
     for by_samples, by_values in ((Float(sample.pdf > 0), density), (weight.x, value.x)):
         one, other = by_samples.numpy(), 2 * np.pi * by_values.numpy()
         error = np.hypot(one.std(), other.std()) / np.sqrt(COUNT)

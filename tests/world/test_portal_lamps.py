@@ -1,4 +1,4 @@
-"""The sky through a window: samples have the density that is said; a formula and a path tracer agree."""
+"""The sky through a window: samples have the stated density, and the light agrees with a formula and a path tracer."""
 
 import drjit as dr
 import numpy as np
@@ -19,7 +19,7 @@ from transport.test_fitted_portals import room
 mi = mitsuba()
 
 COUNT = 1 << 16
-#: A window over the floor y = 0, in a wall at x = −2.
+#: A window above the floor y = 0, in a wall at x = −2.
 WINDOW = scene.Mesh(
     "/window", np.array([[-2.0, 1, -0.5], [-2, 1, 0.5], [-2, 2, 0.5], [-2, 2, -0.5]]), np.array([[0, 1, 2], [0, 2, 3]])
 )
@@ -30,7 +30,7 @@ DOWN = np.array([0.0, -1.0, 0.0])
 
 
 def irradiance(point, corners):
-    """Return the irradiance of the floor at a point by radiance 1 in a polygon above it: Lambert's formula."""
+    """Return the irradiance at a point of the floor from a polygon of radiance 1 above it, by Lambert's formula."""
     sides = np.asarray(corners) - point
     sides = sides / np.linalg.norm(sides, axis=1, keepdims=True)
     result = 0.0
@@ -66,7 +66,7 @@ def test_samples_have_the_density_that_rays_see(image):
     seen = lamp.see(place, sample.direction)
     assert np.allclose(sample.pdf.numpy(), seen.pdf.numpy(), rtol=1e-5)
     assert np.allclose(sample.weight.numpy() * sample.pdf.numpy(), seen.radiance.numpy(), rtol=1e-4, atol=1e-6)
-    # Bins of height: samples as often as the density says, by light with weights that are known.
+    # Bins of height have as many samples as the density says, according to weighted samples of the bare lamp.
     height = sample.direction.y.numpy()
     found, _ = np.histogram(height, 16, (-1, 1))
     uniform = Array2f(*np.random.default_rng(5).random((2, COUNT)).astype(np.float32))
@@ -99,7 +99,7 @@ def test_only_an_environment_with_a_flat_portal_is_sampled_through_it():
 
 
 def room_of_quads(black, grey):
-    """Return a closed room over [−2, 4] × [0, 5] × [−4, 4], black but for the floor, with the window in one wall."""
+    """Return a closed room over [−2, 4] × [0, 5] × [−4, 4], black except for the floor, with the window in one wall."""
     x, y, z = (-2.0, 4.0), (0.0, 5.0), (-4.0, 4.0)
     (_, low, left), (_, high, right) = WINDOW.points.min(axis=0), WINDOW.points.max(axis=0)
     wall = [((y[0], low), z), ((high, y[1]), z), ((low, high), (z[0], left)), ((low, high), (right, z[1]))]
@@ -132,12 +132,12 @@ def test_surfaces_of_a_stage_are_lit_through_a_portal():
     errors = [each.std() / count**0.5 for each in found]
     assert abs(found[0].mean() - found[1].mean()) < 4 * np.hypot(*errors)
     assert errors[0] < errors[1] / 3  # half of the samples meet a window that is a hundredth of the sky
-    # Reflection is not quite Lambert's: it is stronger toward the light, by less than a tenth.
+    # The reflection is not quite Lambertian: it is stronger toward the light, by less than a tenth.
     assert 1 < found[0].mean() / (HALF_GREY / np.pi * irradiance(place, WINDOW.points)) < 1.1
 
 
 def integrated(plugin, spp, seeds, **integrator):
-    """Return pictures of the room but for the window itself, (S, H, W), by the plug-in's door."""
+    """Return pictures of the room without the window itself, (S, H, W), rendered by a plug-in of Mitsuba."""
     method = mi.load_dict({"max_depth": 3, **integrator})
     pictures = [np.array(mi.render(plugin, integrator=method, spp=spp, seed=seed)) for seed in range(seeds)]
     result = np.array(pictures)[..., 1].astype(np.float64)
@@ -146,7 +146,10 @@ def integrated(plugin, spp, seeds, **integrator):
 
 @pytest.mark.parametrize("method", ["beams", "auto"])
 def test_a_room_under_the_sky_is_as_a_path_tracer_has_it_with_less_noise(monkeypatch, method):
-    """Of so few pixels, walks meet the sky by default: they and direct light find it through the window."""
+    """The mean is that of `volpath`, and beams have less noise than without the portal.
+
+    For so few pixels, `auto` chooses walks: they and direct light find the sky through the window.
+    """
     plugin, photon_beams = room("sky"), {"type": "photon_beams", "method": method, "paths": 2048}
     own = integrated(plugin, 2, 6, **photon_beams)
     reference = integrated(plugin, 512, 4, type="volpath")

@@ -14,14 +14,14 @@ from photonbeams.world.profiles import ProfileTable
 
 AROUND = [0, 90, 180, 270, 360]
 VALUES = np.array([[2, 5, 1, 0.5], [2, 3, 0, 0.2], [2, 1, 0, 0.1], [2, 4, 0, 0.6], [2, 5, 1, 0.5]])
-#: A light that looks along +X, its up along +Z.
+#: A light that looks along +X, with +Z up.
 FRAME = np.eye(4)
 FRAME[:3, :3] = [[0, 0, -1], [-1, 0, 0], [0, 1, 0]]
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.5, -0.5])
 def test_the_angles_are_those_of_the_direction_to_the_light_in_its_own_space(rng, scale):
-    """HdEmbree: θ = acos(w_z), φ = atan2(w_y, w_x), w from what is lit to the light: the opposite of its direction."""
+    """As in hdEmbree, θ = acos(w_z) and φ = atan2(w_y, w_x), where w points from the lit point to the light."""
     profile = scene.Profile([0, 30, 60, 180], AROUND, VALUES, scale)
     directions = rng.normal(size=(500, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -29,7 +29,7 @@ def test_the_angles_are_those_of_the_direction_to_the_light_in_its_own_space(rng
     theta, phi = np.degrees(np.arccos(w[:, 2])), np.degrees(np.arctan2(w[:, 1], w[:, 0]))
     table = ProfileTable.of(profile, FRAME)
     found = table.factor(to_vectors(directions), to_vectors(profile.colors.reshape(-1, 3))).numpy()
-    # The edge of a scaled profile is as sharp as single precision.
+    # A scaled profile has a sharp edge: rounding puts a few directions on its other side.
     assert np.mean(np.abs(found[0] - profile.at(theta, phi)) < 1e-3) > 0.99
 
 
@@ -40,7 +40,7 @@ def test_directions_are_sampled_with_the_density_that_they_are_told_to_have():
     )
     sampler = projected(source(light), light, None, {}).sampler
     direction, density = sampler.sample(sobol_block(1 << 14, 0, (3,))[0])
-    # ∫ dω over the sphere and ∫ of a direction's components squared: 4π and a third of that each.
+    # ∫ dω over the sphere is 4π, and ∫ of the square of each component of the direction is a third of that.
     weight = 1 / density.numpy().astype(np.float64)
     assert np.mean(weight) == pytest.approx(4 * np.pi, rel=1e-4)
     assert np.allclose(np.mean(weight * direction.numpy() ** 2, axis=1), 4 * np.pi / 3, rtol=1e-3)

@@ -15,7 +15,7 @@ OFFSET = (0.3, 0.6)
 
 
 def rays(given):
-    """Return a sensor, and the origins and directions of our rays, (H, W, 3)."""
+    """Return a sensor, the origins and directions of our rays, (H, W, 3), and the rays themselves."""
     sensor = load(sensor=given).sensors()[0]
     own = Sensor(sensor)
     height, width = own.window.shape
@@ -59,7 +59,7 @@ def test_rays_are_mitsubas(name, kind):
     if kind == "orthographic":
         del given["fov"]
     sensor, origin, direction, found = rays(given)
-    assert found.facing is not None  # a camera of ours, for whose rays tiles list beams
+    assert found.facing is not None  # one of our own cameras, for whose rays tiles list beams
     their_origin, their_direction = mitsubas(sensor)
     np.testing.assert_allclose(direction, their_direction, atol=2e-6)
     # Mitsuba's rays begin at the near plane.
@@ -78,7 +78,7 @@ def test_rays_of_a_lens_meet_in_its_focal_plane():
     center, forward = np.array([1, 2, 4]), np.array([-1, -1.5, -4]) / np.linalg.norm([1, 1.5, 4])
     assert 0.05 < np.linalg.norm(origin - center, axis=-1).max() < 0.201
     np.testing.assert_allclose((origin - center) @ forward, 0, atol=1e-5)
-    # Through the middle of the lens, as far as the focal plane.
+    # Mitsuba's rays through the middle of the lens, up to the focal plane.
     _, their_direction = mitsubas(sensor)
     there = center + their_direction * (3.0 / (their_direction @ forward))[..., None]
     ours = origin + direction * ((3.0 - (origin - center) @ forward) / (direction @ forward))[..., None]

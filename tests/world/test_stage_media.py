@@ -1,4 +1,4 @@
-"""Media of a scene as Mitsuba's."""
+"""The media of a scene as media of Mitsuba."""
 
 import drjit as dr
 import numpy as np
@@ -85,7 +85,7 @@ def test_coefficients_are_those_of_the_scene_however_large():
 
 @pytest.mark.parametrize("channels", [1, 3])
 def test_a_density_lies_as_the_grid_has_it(channels):
-    """Between centres of cells it is linear, by (Z, Y, X), and its coefficients are those of density 1."""
+    """A density is linear between cell centres, has the axes (Z, Y, X), and multiplies the medium's coefficients."""
     values = np.random.default_rng(0).random((2, 3, 4, channels)).astype(np.float32)
     to_world = np.array([[0, -2, 0, 1], [3, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]], dtype=float)
     grid = scene.DensityGrid(values if channels == 3 else values[..., 0], to_world)
@@ -107,7 +107,7 @@ def test_a_medium_of_a_scene_looks_as_mitsubas_own():
     (built,) = media_of([solid("/Fog", [-1] * 3, [1] * 3, 0.5)])
     scenes = (load(fog=each, light=LIGHT, sensor=camera(size=8)) for each in (built.shape, cube_of(fog(0.5, 1.0))))
     ours, theirs = (render(each, each.sensors()[0], by_beams(passes=2, beams=1024, guiding=False)) for each in scenes)
-    # The same samples through the same box: rays leave a mesh and a cube by the same offsets.
+    # Samples and boxes are the same, and rays leave a mesh and a cube by the same offsets.
     np.testing.assert_allclose(ours.layers()["beams"], theirs.layers()["beams"], rtol=0.01, atol=1e-4)
 
 
@@ -140,7 +140,7 @@ def test_a_frame_knows_how_large_media_of_a_scene_are():
 
 
 def test_emission_of_a_grid_is_the_integral_along_camera_rays():
-    """Against 20,000 points of the same linear interpolation in float64, within five standard errors."""
+    """Emission agrees with 20,000 points of the same linear interpolation in float64, to five standard errors."""
     random = np.random.default_rng(2)
     density, glow = random.random((4, 5, 6)), random.random((4, 5, 6, 3))
     grids = [scene.DensityGrid(each, np.diag([2.0, 2.0, 2.0, 1.0])) for each in (density, glow)]
@@ -168,7 +168,7 @@ def test_emission_of_a_grid_is_the_integral_along_camera_rays():
 
 
 def interpolated(values, unit):
-    """Return values (Z, Y, X, C), at the centres of cells, at points of the unit cube, clamped at its sides."""
+    """Interpolate values at cell centres, (Z, Y, X, C), at points of the unit cube, clamped at its sides."""
     shape = np.array(values.shape[2::-1])
     place = np.clip(unit * shape - 0.5, 0, shape - 1)
     first = np.minimum(place.astype(int), shape - 2)
@@ -180,7 +180,7 @@ def interpolated(values, unit):
 
 
 def test_looks_of_stages_have_the_grids_own_physical_factors():
-    """They are products; the density is in the factors of scattering and of transmittance."""
+    """Looks are products, with the density in the factors of scattering and of transmittance."""
     (found,) = Media([media_of([smoke(np.random.default_rng(0).random((2, 2, 2)))])[0].plugin]).all
     look = build_look(LookSpec("look", along=AlongSpec(tint=(1.0, 0.5, 0.25))))
     shaded = found.shaded(look)

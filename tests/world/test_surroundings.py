@@ -1,4 +1,4 @@
-"""Which medium surrounds what, however a scene names it."""
+"""The media around emitters and sensors, however a scene names them."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ TURNS = {(0, -1): ([0, 1, 0], 90), (0, 1): ([0, 1, 0], -90), (1, -1): ([1, 0, 0]
 
 
 def room(window=None, **named):
-    """Return six walls that face inward, the front one a window without a surface if it is to name media."""
+    """Return six walls that face inward; with `window`, the front one is a window with a null BSDF that names media."""
     result = {}
     for (axis, sign), turn in TURNS.items():
         place = T().translate((sign * SIZE * np.eye(3)[axis]).tolist()).rotate(*turn).scale(SIZE)
@@ -37,7 +37,7 @@ def room(window=None, **named):
 
 
 def makes(light=LAMP, **view):
-    """Return scenes of the same room full of fog, and their fog, by who names it."""
+    """Return scenes of the same room full of fog, each with its fog, by the part that names the fog."""
 
     def made(name):
         medium = mi.load_dict(fog(0.3, 0.8, id="fog"))
@@ -77,7 +77,7 @@ def test_a_room_full_of_fog_looks_the_same_whoever_names_it():
     scenes = {name: scene for name, (scene, _) in makes(**INSIDE).items()}
     found = {name: render(each, each.sensors()[0], settings).layers()["rgba"] for name, each in scenes.items()}
     for name in ("lamp", "sensor"):
-        # The same samples, and sizes that differ by rounding.
+        # The samples are the same, and sizes differ by rounding.
         np.testing.assert_allclose(found[name], found["walls"], rtol=1e-3, err_msg=name)
     # Radii are 5 % wider.
     assert found["box around"].mean() == pytest.approx(found["walls"].mean(), rel=0.02)
@@ -88,7 +88,7 @@ def test_plain_walls_do_not_hide_fog(name):
     medium = mi.load_dict(fog(0.3, 0.8))
     if name == "lamp":
         parts, view = {**room(), "light": {**LAMP, "exterior": medium}}, INSIDE
-    else:  # the front wall faces inward, so that the room is outside of it
+    else:  # the front wall faces inward, so the room is its exterior
         parts, view = {**room(window={"exterior": medium}), "light": LAMP}, OUTSIDE
     scene = load(**parts, sensor=camera(**view, size=32))
     declared = load(**parts, sensor=camera(**view, size=32, medium=medium if name == "lamp" else None))
@@ -104,14 +104,15 @@ def test_a_window_tells_what_is_on_both_of_its_sides():
     assert around(load(**parts, sensor=camera(**INSIDE))) == (number(medium), number(medium))
     found = surveyed(load(**parts, sensor=camera(**OUTSIDE)))
     assert found.everywhere == 0
-    # As large as the room, not as the window.
+    # The medium is as large as the room, not as the window.
     assert found.sizes[number(medium)] == pytest.approx(ROOM, rel=1e-3)
 
 
 def two_rooms(lamp, eye, medium, walls):
-    """Return two rooms, fog in the left one, and a door without a surface between; `walls` says whether walls name it.
+    """Return two rooms with a door without a surface between them, the left one full of fog.
 
-    The lamp and the camera are in the rooms at these x; those in the fog name it.
+    `walls` says whether walls name the fog. `lamp` and `eye` are the x of the lamp and the camera, which name the fog
+    if they are in it.
     """
     own, within = {"exterior": medium} if walls else {}, {"medium": medium} if eye < 0 else {}
     parts = {"door": {"bsdf": {"type": "null"}, "interior": medium}, "below": {"bsdf": WALL}, "above": {"bsdf": WALL}}
@@ -150,7 +151,7 @@ def test_rooms_look_the_same_whether_or_not_their_walls_name_the_fog():
 
 
 def test_a_world_is_as_large_as_its_merged_walls():
-    """Mitsuba gives walls that it merges no box."""
+    """The radius of a world includes merged walls, although Mitsuba gives them no box."""
     scene = load(**room(), light=LAMP, sensor=camera(**INSIDE))
     assert len(scene.shapes()) == 2
     assert SceneWorld(scene, None).radius == pytest.approx(ROOM, rel=1e-6)
@@ -162,7 +163,7 @@ def test_fog_that_a_lamp_names_in_the_open_fills_the_space():
     scene = load(light={**LAMP, "exterior": medium}, ground=ground, sky={"type": "constant"}, sensor=camera())
     found = surveyed(scene)
     assert found.everywhere == number(medium) and around(scene) == (number(medium),) * 2
-    # As large as the scene.
+    # A medium without a size is as large as the scene.
     assert not found.sizes
     frame = SceneRenderer(scene, scene.sensors()[0], by_beams(beams=64, guiding=False))
     assert frame.light.simulation.size(frame.light.simulation.world.media.all[0]) == pytest.approx(
@@ -180,7 +181,7 @@ def test_fog_of_a_tank_does_not_fill_the_space():
 
 
 def test_light_of_a_lamp_begins_in_the_medium_at_its_own_place():
-    """A lamp that stands half in a tank, of which neither says more."""
+    """Each light path of a lamp that stands half in a tank begins in the medium at its own place."""
     medium = mi.load_dict(fog(0.3))
     lamp = {"type": "sphere", "center": [1.0, 0, 0], "radius": 0.3, "emitter": {"type": "area", "radiance": rgb(1.0)}}
     scene = load(tank=cube_of(medium), light=lamp, sensor=camera())
@@ -196,12 +197,12 @@ def test_light_of_a_point_on_a_border_begins_on_the_side_to_which_it_leaves(offs
     direction = Array3f([-1, 1], [0.1, 0.1], [0.2, 0.2])
     inward, outward = found.of_emitter(0, Array3f(1 + offset, 0.3, 0.1), direction).numpy().tolist()
     assert inward == (0 if offset > 0 else number(medium))
-    # Exactly there a ray may still meet the boundary that it leaves by: then it begins within.
+    # Exactly on the boundary, a ray that leaves may still meet it; then it begins inside.
     assert outward in {-1e-4: [number(medium)], 0: [number(medium), 0], 1e-4: [0]}[offset]
 
 
 def test_light_through_a_hole_is_in_the_medium_of_the_shape():
-    """So it is for `volpath`, whose paths from within such a shape to its lamp leave it through no boundary."""
+    """A lamp's light into a hole begins in the shape's medium, as in `volpath`, whose paths cross no boundary there."""
     medium = mi.load_dict(fog(0.3))
     sides = {f"side{axis}{sign + 1}": {"type": "rectangle", "bsdf": {"type": "null"}, "exterior": medium,
                                        "to_world": T().translate((sign * np.eye(3)[axis]).tolist()).rotate(*turn)}
@@ -212,7 +213,7 @@ def test_light_through_a_hole_is_in_the_medium_of_the_shape():
 
 
 def test_light_that_glass_reflects_stays_in_its_medium():
-    """Of a ball that names its inside alone light is reflected to where it came from."""
+    """Light that a ball of glass reflects stays in its medium, although the ball names only the medium inside."""
     air, ink = mi.load_dict(fog(0.2)), mi.load_dict(fog(2.0))
     scene = load(ball={"type": "sphere", "bsdf": {"type": "dielectric"}, "interior": ink})
     hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(0, 0, 3), mi.Vector3f(0, 0, -1)))
@@ -229,7 +230,7 @@ AIR, INK = ({"type": "ref", "id": name} for name in ("air", "ink"))
 
 
 def conflicts(**parts):
-    media = {"air": fog(0.2), "ink": fog(0.3)}  # by reference: of media within a part Mitsuba forgets the names
+    media = {"air": fog(0.2), "ink": fog(0.3)}  # by reference: Mitsuba forgets the names of media within a part
     return surveyed(load(**{**media, "light": POINT, "sensor": camera(**INSIDE), **parts})).conflicts
 
 
@@ -260,14 +261,14 @@ def test_a_lamp_that_names_two_media_is_named():
     lamp = {**LAMP, "exterior": AIR, "emitter": {**LAMP["emitter"], "medium": INK}}
     (text,) = conflicts(**walls, light=lamp)
     assert "emitter light" in text and "medium ink" in text and "medium air" in text
-    # Half of it stands in a tank of the other one.
+    # Half of the lamp stands in a tank of the other medium.
     tank = {**cube_of(INK, 0.5), "exterior": AIR}
     (text,) = conflicts(**walls, light={**LAMP, "center": [0.5, 0, 0], "exterior": AIR}, tank=tank)
     assert text.startswith("emitter light and shape tank contradict each other")
 
 
 def test_media_that_overlap_are_named():
-    """Mitsuba takes the border that a ray has crossed last, so that where it comes from tells where it is."""
+    """Overlaps are conflicts: Mitsuba takes the boundary crossed last, so the medium depends on a ray's origin."""
     left, right = ({**cube_of(each), "to_world": T().translate([x, 0, 0])} for each, x in ((AIR, -0.5), (INK, 0.5)))
     (text,) = conflicts(left=left, right=right, sensor=camera())
     assert "shape left" in text and "shape right" in text and "overlap" in text and len(text) <= 300

@@ -1,4 +1,4 @@
-"""Media that vary: transmittance against integrals in float64, and free flights against transmittance."""
+"""Heterogeneous media: transmittance against integrals in float64, and free flights against transmittance."""
 
 import drjit as dr
 import numpy as np
@@ -43,9 +43,9 @@ def test_transmittance_is_unbiased_and_has_little_noise(volume):
     found = walk(ways(volume, 1 << 14), volume.extinction, Bool(True)).numpy()
     expected = np.exp(-depth_to(volume, [LENGTH])[0])
     error = found.std(axis=1) / np.sqrt(found.shape[1])
-    # Four standard errors, and what the reference's steps err by: their square.
+    # Four standard errors, plus the error of the reference's steps, which is of the order of their square.
     np.testing.assert_array_less(np.abs(found.mean(axis=1) - expected), 4 * error + 1e-5)
-    # Ratio tracking with the same majorant would spread by about as much as the light that is lost.
+    # With ratio tracking and the same majorant, the spread would be about as large as the light that is lost.
     assert (found.std(axis=1) < 0.1 * (1 - expected)).all()
 
 
@@ -87,7 +87,7 @@ def test_free_flights_follow_the_transmittance(volume):
 
 
 def test_what_lies_between_the_probes_is_not_overlooked():
-    """A thin dense sheet, in a grid that is fine where probes do not look, dims on average as it should."""
+    """A thin dense sheet between the probes, in a fine grid, has the right mean transmittance."""
     grid = np.zeros((3, 3, 256, 1), dtype=np.float32)
     grid[:, :, 120:122] = 1.0
     to_world = mi.ScalarTransform4f().translate(-1).scale(2)

@@ -1,4 +1,4 @@
-"""Scenes in Mitsuba's terms: cameras, where media are, and ids."""
+"""Scenes in Mitsuba's terms: cameras, the places of media, and ids."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_rays_of_the_sensor_are_those_of_the_camera(orthographic, size, crop):
     found, _ = sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5), True)
     direction, origin = (np.broadcast_to(np.array(each), (3, len(index))) for each in (rays.direction, rays.origin))
     assert np.allclose(np.array(found.d), direction, atol=1e-6)
-    # Rays of Mitsuba's begin at its near plane, in which the camera's pass.
+    # Mitsuba's rays begin at its near plane, on the lines of the camera's rays.
     ahead = np.array(found.o) - origin
     assert np.allclose(np.cross(ahead, direction, axis=0), 0, atol=2e-6)
     assert np.max(np.abs(ahead)) < 1e-3

@@ -1,4 +1,4 @@
-"""What users are warned of in their Mitsuba scenes."""
+"""Warnings about Mitsuba scenes."""
 
 import numpy as np
 

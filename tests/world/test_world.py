@@ -18,7 +18,7 @@ CUBE = box("/fog", [-1, -1, -1], [1, 1, 1])
 
 
 def dimming(mesh, origin, direction, distance):
-    """Return what a fog leaves along a ray."""
+    """Return the transmittance of a fog along a ray."""
     world = StageWorld.build(scene.Scene(media=(scene.Medium((0.5, 1.0, 2.0), mesh=mesh),)))
     start, ahead, always = Array3f(*origin), Array3f(*direction), dr.full(Bool, True, 1)
     medium = world.medium_of_view(start, ahead)
@@ -101,7 +101,7 @@ def test_rays_pass_many_clear_layers_to_the_solid_one():
 
 
 class Spy:
-    """Mitsuba, and the scenes that were loaded beside another one, each with that one."""
+    """Mitsuba, with a record of the scenes that were loaded with a host, and of their hosts."""
 
     def __init__(self):
         self.hosts = []
@@ -117,7 +117,7 @@ class Spy:
 
 
 def test_on_cuda_all_scenes_in_which_a_kernel_traces_rays_share_the_table_of_one(monkeypatch):
-    # Dr.Jit leaves out, with a warning, the rays in scenes that do not share one shader binding table.
+    # Dr.Jit skips, with a warning, the rays in scenes that do not share one shader binding table.
     spy = Spy()
     monkeypatch.setattr(shapes, "backend", lambda: "cuda")
     monkeypatch.setattr(shapes, "mi", spy)
