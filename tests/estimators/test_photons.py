@@ -6,7 +6,7 @@ import pytest
 
 from kernels import compiled
 from photonbeams.estimators.photons import FACING, THICKNESS, PhotonMap, Photons
-from photonbeams.numerics.arrays import to_float, to_vectors
+from photonbeams.numerics.arrays import to_float, to_uint, to_vectors
 from photonbeams.runtime.device import Array3f
 
 EPSILON32 = float(np.finfo(np.float32).eps)
@@ -27,9 +27,10 @@ def random_photons(rng, count, sizes=(0.01, 0.5)):
     return [np.asarray(each, dtype=np.float32) for each in numbers]
 
 
-def photons_of(position, radius, normal, direction, power):
+def photons_of(position, radius, normal, direction, power, depth=None):
     vectors = [to_vectors(each) for each in (position, normal, direction, power)]
-    return Photons(vectors[0], to_float(radius), *vectors[1:])
+    depth = np.zeros(len(position)) if depth is None else depth
+    return Photons(vectors[0], to_float(radius), *vectors[1:], to_uint(depth))
 
 
 def asked(numbers, position, normal, reflect=lambda direction: Array3f(1), active=True):
@@ -128,6 +129,22 @@ def test_points_that_do_not_ask_get_nothing_and_no_photons_give_nothing(rng):
     assert not found[:, 0].any() and found[:, 1].all() and np.array_equal(found[:, 1], found[:, 3])
     nothing = photons_of(*(each[:0] for each in numbers))
     assert not PhotonMap(nothing).radiance(to_vectors(position), to_vectors(normal), Array3f).numpy().any()
+
+
+def test_a_point_is_lit_by_photons_of_its_greatest_depth_and_less(rng):
+    numbers = random_photons(rng, 200, (0.2, 1.0))
+    depth = rng.integers(0, 4, 200)
+    position, normal = rng.uniform(-1, 1, (60, 3)), np.tile([0.0, 0.0, 1.0], (60, 1))
+    most = np.arange(60) % 5
+    found = PhotonMap(photons_of(*numbers, depth)).radiance(
+        to_vectors(position), to_vectors(normal), lambda w: Array3f(1), most=to_uint(most)
+    )
+    expected = np.zeros((60, 3))
+    for limit in range(5):
+        few = [each[depth <= limit] for each in numbers]
+        expected[most == limit] = asked(few, position[most == limit], normal[most == limit])
+    assert expected.any()
+    np.testing.assert_allclose(found.numpy().T, expected, rtol=1e-5)
 
 
 def test_the_same_photons_give_the_same_bits(rng):

@@ -40,8 +40,8 @@ def mean_and_error(values):
 
 def test_a_furnace_of_white_fog_cannot_be_seen():
     # Under a constant sky, fog that absorbs nothing has the sky's radiance everywhere, however often it scatters light.
-    scene = load(fog=cube_of(fog(3.0, 1.0)), sky=SKY, sensor=camera(size=8))
-    mean, error = mean_and_error(pictures(scene, 8, passes=8, rr_depth=1000))
+    scene = load(fog=cube_of(fog(3.0, 1.0)), sky=SKY, sensor=camera(size=16))
+    mean, error = mean_and_error(pictures(scene, 8, passes=2, rr_depth=1000))
     assert np.all(np.abs(mean - [1.0, 0.5, 0.25]) < 4 * error + 1e-4)
     assert np.all(error < 0.02 * mean)
 
@@ -58,10 +58,10 @@ def test_a_white_surface_with_holes_under_a_sky_cannot_be_seen(method):
 
 def test_walks_have_the_mean_of_beams_and_emitters_add_up():
     parts = {"fog": cube_of(fog([1.0, 0.5, 0.25], 0.9)), "floor": FLOOR, "lamp": LAMP, "sky": SKY}
-    scene = load(sensor=camera(size=8, target=(0, -0.3, 0)), **parts)
-    walks, beams = (pictures(scene, 6, method, passes=4, beams=2048, guiding=False) for method in ("paths", "beams"))
+    scene = load(sensor=camera(size=16, target=(0, -0.3, 0)), **parts)
+    walks, beams = (pictures(scene, 6, method, passes=1, beams=8192, guiding=False) for method in ("paths", "beams"))
     # A lamp that has beam settings keeps its beams, even if only their number is set.
-    both = pictures(scene, 6, extras=Extras(beams={"lamp": BeamSettings(beam_count=1024)}), passes=2)
+    both = pictures(scene, 6, extras=Extras(beams={"lamp": BeamSettings(beam_count=4096)}), passes=1)
     expected, error = mean_and_error(walks)
     for other in (beams, both):
         mean, own = mean_and_error(other)
@@ -70,10 +70,10 @@ def test_walks_have_the_mean_of_beams_and_emitters_add_up():
 
 
 def test_walks_count_no_longer_paths_than_allowed():
-    scene = load(fog=cube_of(fog(2.0, 0.9)), floor=FLOOR, lamp=LAMP, sensor=camera(size=8))
+    scene = load(fog=cube_of(fog(2.0, 0.9)), floor=FLOOR, lamp=LAMP, sensor=camera(size=16))
     volpath = mi.load_dict({"type": "volpath", "max_depth": 3})
-    reference = np.array([np.array(mi.render(scene, integrator=volpath, seed=seed, spp=256)) for seed in range(4)])
-    mean, error = mean_and_error(pictures(scene, 6, passes=8, max_depth=3))
+    reference = np.array([np.array(mi.render(scene, integrator=volpath, seed=seed, spp=64)) for seed in range(4)])
+    mean, error = mean_and_error(pictures(scene, 6, passes=2, max_depth=3))
     expected, own = mean_and_error(reference)
     assert np.all(np.abs(mean - expected) < 4 * np.hypot(error, own))
 
@@ -109,14 +109,14 @@ def parts_of(scene, passes, **settings):
 
 
 def test_caustics_of_lamps_come_from_the_lamp_and_all_other_light_from_walks():
-    scene = load(floor=FLOOR, glass=GLASS, lamp=LAMP, sensor=camera(size=8, target=(0, -1, 0)))
-    found = parts_of(scene, 4, beams=4096, max_depth=6)
+    scene = load(floor=FLOOR, glass=GLASS, lamp=LAMP, sensor=camera(size=16, target=(0, -1, 0)))
+    found = parts_of(scene, 1, beams=16384, max_depth=6)
     walks, caustics, both, neither = (mean_and_error(found[name]) for name in ("walks", "caustics", "both", "neither"))
     sum_of_parts = walks[0] + caustics[0] - neither[0]
     assert np.all(caustics[0] > 1.05 * neither[0])
     assert np.all(np.abs(both[0] - sum_of_parts) < 4 * (both[1] + walks[1] + caustics[1] + neither[1]))
     # A path tracer finds the same light.
-    reference = np.array([volpath(scene, 1024, seed, "path", max_depth=6) for seed in range(4)])
+    reference = np.array([volpath(scene, 256, seed, "path", max_depth=6) for seed in range(4)])
     expected, error = mean_and_error(reference)
     # Photon discs blur, and the parts of them beside the floor count as on the floor: half a per cent.
     assert np.all(np.abs(both[0] - expected) < 4 * np.hypot(both[1], error) + 0.005 * expected)
@@ -124,7 +124,7 @@ def test_caustics_of_lamps_come_from_the_lamp_and_all_other_light_from_walks():
 
 def test_a_point_lamp_shines_through_glass_where_walks_meet_its_light():
     lamp = {"type": "point", "position": [0, 2.4, 0], "intensity": rgb([4.0, 6.0, 8.0])}
-    scene = load(floor=FLOOR, glass=GLASS, lamp=lamp, sensor=camera(size=8, target=(0, -1, 0)))
-    walks, beams = (pictures(scene, 4, method, passes=4, beams=4096) for method in ("paths", "beams"))
+    scene = load(floor=FLOOR, glass=GLASS, lamp=lamp, sensor=camera(size=16, target=(0, -1, 0)))
+    walks, beams = (pictures(scene, 4, method, passes=1, beams=16384) for method in ("paths", "beams"))
     (expected, error), (mean, own) = mean_and_error(beams), mean_and_error(walks)
     assert np.all(np.abs(mean - expected) < 4 * np.hypot(error, own))

@@ -38,6 +38,8 @@ class Photons:
         (N, 3) unit vectors in the direction of the light.
     power
         (N, 3) flux of the photons.
+    depth
+        (N,) scattering events before they met the surface, a UInt32.
     """
 
     position: Any
@@ -45,6 +47,7 @@ class Photons:
     normal: Any
     direction: Any
     power: Any
+    depth: Any
 
     def __len__(self) -> int:
         """Return the number of photons."""
@@ -61,7 +64,10 @@ class PhotonMap:
         if count == 0:
             return
         self._data = dr.zeros(Float, count * 16)
-        packets = [(photons.position, photons.radius), (photons.normal, 0), (photons.direction, 0), (photons.power, 0)]
+        depth = Float(photons.depth)
+        packets = [
+            (photons.position, photons.radius), (photons.normal, depth), (photons.direction, 0), (photons.power, 0)
+        ]  # fmt: skip
         for number, (vector, scalar) in enumerate(packets):
             packet = Array4f(vector.x, vector.y, vector.z, scalar)
             dr.scatter(self._data, packet, dr.arange(UInt32, count) * 4 + number)
@@ -73,7 +79,9 @@ class PhotonMap:
     def _visit(self, item: Any, lane: Any, entry: Any) -> None:
         _cells_of(item, lane, self._data, self._grid, entry)
 
-    def radiance(self, position: Any, normal: Any, reflect: Callable[[Any], Any], active: Any = True) -> Any:
+    def radiance(
+        self, position: Any, normal: Any, reflect: Callable[[Any], Any], active: Any = True, most: Any = None
+    ) -> Any:
         """Return the radiance that points reflect of the photons in whose discs they lie, (M, 3).
 
         Parameters
@@ -85,6 +93,8 @@ class PhotonMap:
             vector away from the surface): a BSDF's value without the cosine. It is traced into the kernel.
         active
             (M,) the points for which radiance is computed.
+        most
+            (M,) the greatest depth of the photons that light a point, a UInt32; None if all photons do.
         """
         count = dr.width(position)
         if self._lists is None:
@@ -95,7 +105,8 @@ class PhotonMap:
         for axis in range(3):
             active &= (place[axis] >= 0) & (place[axis] <= Float(self._grid.counts[axis]))
         first, stop = self._lists.of(self._grid.number(*cell), active)
-        return _sum(first, stop, self._lists.items, self._data, self._profile, position, normal, reflect)
+        limit = Float(dr.inf) if most is None else Float(most)
+        return _sum(first, stop, self._lists.items, self._data, self._profile, position, normal, reflect, limit)
 
 
 def _grid(photons: Photons) -> CellGrid:
@@ -155,19 +166,20 @@ def _cells_of(item: Any, lane: Any, data: Any, grid: CellGrid, entry: Any) -> No
 
 @dr.syntax
 def _sum(
-    first: Any, stop: Any, items: Any, data: Any, profile: Epanechnikov, position: Any, normal: Any, reflect: Any
-) -> Any:
+    first: Any, stop: Any, items: Any, data: Any, profile: Epanechnikov, position: Any, normal: Any, reflect: Any,
+    most: Any,
+) -> Any:  # fmt: skip
     """Return the sum over the photons of each lane's list in whose discs the lane's point lies."""
     radiance = Array3f(0)
     i = UInt32(first)
     while i < stop:
         base = dr.gather(UInt32, items, i) * 4
-        place, up = dr.gather(Array4f, data, base), dr.gather(Array4f, data, base + 1).xyz
-        offset = position - place.xyz
+        place, facing = dr.gather(Array4f, data, base), dr.gather(Array4f, data, base + 1)
+        offset, up = position - place.xyz, facing.xyz
         inv_radius = dr.rcp(place.w)
         rho2 = dr.squared_norm(offset) * dr.square(inv_radius)
         flat = dr.abs(dr.dot(offset, up)) < THICKNESS * place.w
-        if (rho2 < 1) & flat & (dr.dot(normal, up) > FACING):
+        if (rho2 < 1) & flat & (dr.dot(normal, up) > FACING) & (facing.w <= most):
             direction, power = (dr.gather(Array4f, data, base + packet).xyz for packet in (2, 3))
             kernel = profile.density(rho2) * dr.square(inv_radius)
             radiance += power * reflect(-direction) * kernel

@@ -95,6 +95,24 @@ def joined(pieces: list[Any]) -> Any:
     return result
 
 
+def unaliased(value: Any) -> Any:
+    """Return an array, or a struct of them, with memory of its own for each component, and nothing constant.
+
+    A kernel that reads one array twice differs from one that reads two.
+    """
+    dr.make_opaque(value)
+
+    def copied(array: Any) -> Any:
+        if dr.depth_v(array) > 1:
+            return type(array)(*(copied(each) for each in array))
+        # Each index is a variable of its own, or Dr.Jit would find that two gathers are the same.
+        return dr.gather(type(array), array, dr.arange(UInt32, dr.width(array)) + dr.opaque(UInt32, 0))
+
+    result = _each(copied, value)
+    dr.eval(result)
+    return result
+
+
 def _arrays(value: Any) -> list[Any]:
     """Return the arrays in a struct."""
     found: list[Any] = []

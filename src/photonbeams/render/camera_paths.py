@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import drjit as dr
 
-from ..numerics.arrays import compressed, joined
+from ..numerics.arrays import compressed, joined, unaliased
 from ..numerics.samples import Samples
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
@@ -23,7 +23,7 @@ from ..world.world import World
 from .branches import IDEAL, STEPS, CameraPaths, onward, several
 
 if TYPE_CHECKING:
-    from .photons import PhotonMaps
+    from .photons import PhotonLighting
 
 mi = mitsuba()
 
@@ -166,7 +166,7 @@ class CameraTracing:
 def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> CameraPaths:
     """Return the camera paths of a pass."""
     count = dr.width(primary.direction)
-    paths = CameraPaths()
+    paths: Any = CameraPaths()
     paths.origin = primary.origin + dr.zeros(Array3f, count)
     paths.direction, paths.near, paths.far = primary.direction, primary.near + dr.zeros(Float, count), primary.far
     paths.throughput = paths.clear = primary.weight
@@ -177,12 +177,12 @@ def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> Camera
     paths.flown = paths.near
     start = paths.origin + paths.near * paths.direction
     paths.medium = tracing.world.medium_of_view(start, paths.direction)
-    dr.eval(paths)
-    return paths
+    # As the state of later steps is: all steps then run one kernel.
+    return unaliased(paths)
 
 
 def follow(
-    tracing: CameraTracing, paths: CameraPaths, samples: Samples, photons: PhotonMaps | None
+    tracing: CameraTracing, paths: CameraPaths, samples: Samples, photons: PhotonLighting | None
 ) -> Iterator[tuple[CameraPaths, CameraVertex]]:
     """Yield camera paths and their next vertices, step by step; at most one path of each pixel and branch at a time."""
     batches, step = [paths], 0
@@ -206,11 +206,13 @@ def _batches(further: list[list[CameraPaths]]) -> list[CameraPaths]:
             straight.append(each)
         else:
             others += map(several, compressed(each.alive, each))
-    return straight + ([joined(others)] if others else [])
+    batches = straight + ([joined(others)] if others else [])
+    dr.make_opaque(batches)
+    return batches
 
 
 def _step(
-    tracing: CameraTracing, paths: CameraPaths, samples: Samples, step: UInt32, photons: PhotonMaps | None
+    tracing: CameraTracing, paths: CameraPaths, samples: Samples, step: UInt32, photons: PhotonLighting | None
 ) -> tuple[CameraVertex, list[CameraPaths]]:
     world, alive = tracing.world, paths.alive
     name = step + STEPS * paths.branch
@@ -271,7 +273,7 @@ def _albedo(hit: Any, met: Bool) -> Array3f:
 
 def _radiance(
     tracing: CameraTracing, paths: CameraPaths, point: ShadingPoint, lamp: tuple[Bool, Array3f] | None, smooth: Bool,
-    photons: PhotonMaps | None,
+    photons: PhotonLighting | None,
 ) -> Any:  # fmt: skip
     """Return the radiance of surfaces, lamps and the background: emitted and, if they are `smooth`, reflected.
 

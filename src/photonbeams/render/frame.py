@@ -41,7 +41,7 @@ from .frame_sums import FrameSums
 from .gathering import EstimatorOptions, Gathering
 from .memory import release_memory
 from .passes import Statistics
-from .photons import PhotonMaps
+from .photons import PhotonLighting
 from .settings import Settings
 from .single_scattering import SingleScattering
 from .sums import ALBEDO, DEPTH, MEAN_NORMAL, NORMAL, PassSums
@@ -150,18 +150,18 @@ class PassRenderer(ABC):
             visible=settings.program is None and not self._all_beams,
         )  # fmt: skip
 
-    def _lit(self, number: int) -> tuple[Simulated, PhotonMaps | None]:
+    def _lit(self, number: int) -> tuple[Simulated, PhotonLighting | None]:
         """Return the beams and photons of pass `number`, and photon maps, if there are photons."""
         with self.statistics.phase("simulate"):
             light = self.simulated(number)
             photons = None
             if light.hits:
-                photons = PhotonMaps(light.world, light.hits, light.limits, self._max_bounces)
+                photons = PhotonLighting(light.world, light.hits, light.limits, self._max_bounces)
         self.statistics.beams += sum(len(each.beams) for each in light.sets)
         return light, photons
 
     def _seen(
-        self, light: Simulated, rays: ViewRays, order: UInt32, samples: Samples, photons: PhotonMaps | None
+        self, light: Simulated, rays: ViewRays, order: UInt32, samples: Samples, photons: PhotonLighting | None
     ) -> PassPicture:  # fmt: skip
         """Return what camera rays see, except beams; `order` are their numbers in the sample sequences."""
         statistics, count = self.statistics, dr.width(rays.primary.direction)
@@ -308,7 +308,7 @@ class FrameRenderer(PassRenderer):
         self.statistics.passes += len(numbers)
 
     def _seen_in(
-        self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonMaps | None, moving: bool
+        self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonLighting | None, moving: bool
     ) -> tuple[list[SeenSums], ViewRays]:  # fmt: skip
         """Return what rays see, except beams, for each pass, and the rays of one sample.
 

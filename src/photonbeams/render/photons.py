@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ..estimators.photons import PhotonMap, Photons
-from ..numerics.arrays import compressed, joined, to_float, to_numpy
+from ..numerics.arrays import joined, to_float, to_numpy
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..transport.coverage import surface_coverage
 from ..transport.radii import Limits
@@ -25,8 +25,8 @@ mi = mitsuba()
 _NEIGHBOURS = 16
 
 
-class PhotonMaps:
-    """The photon maps of a pass, one for each depth of camera paths.
+class PhotonLighting:
+    """The photons of a pass, and the light that surfaces reflect of them toward camera paths.
 
     Parameters
     ----------
@@ -41,34 +41,21 @@ class PhotonMaps:
     """
 
     def __init__(self, world: World, hits: Sequence[PhotonHits], limits: Limits, most: int | None) -> None:
-        self._all: PhotonHits = joined(list(hits))
+        found: PhotonHits = joined(list(hits))
         self._most, self._translucent = most, world.translucent
-        _fit(self._all, world, limits)
-        self._maps: dict[int, PhotonMap | None] = {}
+        _fit(found, world, limits)
+        self._map = PhotonMap(
+            Photons(found.position, found.radius, found.normal, found.direction, found.flux, found.depth)
+        )
 
     def __call__(self, hit: Any, depth: UInt32, active: Bool) -> Array3f:
         """Return the radiance of photons that surfaces reflect toward camera paths of these depths."""
-        result = dr.zeros(Array3f, dr.width(hit.t))
         if self._most is None:
-            return self._reflected(self._map(0), hit, active)
-        for count in range(int(dr.max(depth)[0]) + 1):
-            own = active & (depth == dr.opaque(UInt32, count))
-            result += dr.select(own, self._reflected(self._map(count), hit, own), 0)
-        return result
-
-    def _map(self, depth: int) -> PhotonMap | None:
-        """Return the photon map for paths of a depth; None if it has no photons."""
-        if depth not in self._maps:
-            kept = [self._all]
-            if self._most is not None:
-                few = dr.opaque(UInt32, max(self._most - depth, 0))
-                kept = compressed(self._all.depth <= few, self._all) if self._most >= depth else []
-            self._maps[depth] = PhotonMap(_photons(kept[0])) if kept else None
-        return self._maps[depth]
-
-    def _reflected(self, photons: PhotonMap | None, hit: Any, active: Bool) -> Array3f:
-        if photons is None:
-            return Array3f(0)
+            most = None
+        else:
+            # One map serves all depths, so that each step of the camera paths runs the same kernel.
+            limit = dr.opaque(UInt32, self._most)
+            active, most = active & (depth <= limit), limit - depth
         bsdf, context = hit.bsdf(), mi.BSDFContext()
         context.type_mask = mi.BSDFFlags.Smooth
 
@@ -80,9 +67,9 @@ class PhotonMaps:
         position, normal = Array3f(hit.p), Array3f(hit.n)
         front = dr.dot(normal, Array3f(hit.to_world(hit.wi))) > 0
         facing = dr.select(front, normal, -normal)
-        result = photons.radiance(position, facing, reflect, active)
+        result = self._map.radiance(position, facing, reflect, active, most)
         if self._translucent:
-            result += photons.radiance(position, -facing, reflect, active)
+            result += self._map.radiance(position, -facing, reflect, active, most)
         return result
 
 
@@ -111,7 +98,3 @@ def _neighbourhood(hits: PhotonHits) -> Float:
         tree = KDTree(places[tried])
         result[tried] = tree.query(places[tried], [_NEIGHBOURS + 1], workers=dr.thread_count())[0][:, 0]
     return to_float(result)
-
-
-def _photons(hits: PhotonHits) -> Photons:
-    return Photons(hits.position, hits.radius, hits.normal, hits.direction, hits.flux)

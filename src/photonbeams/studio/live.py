@@ -22,7 +22,7 @@ from ..world.stage_world import StageWorld
 if TYPE_CHECKING:
     from ..estimators.tiles import Projection
     from ..render.film import Film
-    from ..render.photons import PhotonMaps
+    from ..render.photons import PhotonLighting
     from ..shot.request import Prepared
 
 # The number of passes whose light and surfaces are kept, for the first pictures after an edit.
@@ -80,7 +80,7 @@ class LiveRenderer(StageRenderer):
     ) -> None:  # fmt: skip
         self._like, self._keeps_guides, self._unwanted = like, keeps_guides, unwanted
         self._ready, self._viewers = ready, tuple(viewers())
-        self._lights: dict[int, tuple[Simulated, PhotonMaps | None]] = {}
+        self._lights: dict[int, tuple[Simulated, PhotonLighting | None]] = {}
         self._pictures: dict[tuple[int, int], Any] = {}
         super().__init__(ready.shutter, ready.window, ready.settings, ready.holdouts, lambda: self._viewers, planned)
         if like is not None and self._lit_like(like) and planned == like.planned:
@@ -151,7 +151,7 @@ class LiveRenderer(StageRenderer):
             len(mine) == len(theirs) and all(map(_but_for_looks, mine, theirs)) for mine, theirs in makers
         )
 
-    def _lit(self, number: int) -> tuple[Simulated, PhotonMaps | None]:
+    def _lit(self, number: int) -> tuple[Simulated, PhotonLighting | None]:
         if number not in self._lights:
             found = super()._lit(number)
             if number < _KEPT:
@@ -163,7 +163,7 @@ class LiveRenderer(StageRenderer):
         return light, photons
 
     def _seen_in(
-        self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonMaps | None, moving: bool
+        self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonLighting | None, moving: bool
     ) -> tuple[list[Any], ViewRays]:  # fmt: skip
         key = numbers.start, view
         if key not in self._pictures:
