@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import compressed, joined
+from ..numerics.arrays import compressed, joined, unaliased
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
@@ -156,7 +156,8 @@ def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
         )
         most = max(each.halvings for each in emitted)
         narrow(tracing.world, paths, tracing.overlap, dr.opaque(Float, tracing.scale), halvings, most)
-    return paths
+    result: LightPaths = unaliased(paths)  # the first step runs the kernel of later steps
+    return result
 
 
 def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments | None, PhotonHits | None]]:
