@@ -1,8 +1,10 @@
 """What every test needs: Dr.Jit on the CPU, hypothesis without deadlines, and fixtures for short USD stages."""
 
+import gc
 import os
 import signal
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +30,20 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # or each process would start a thread 
 
     # At least two: with a single thread, Mitsuba's own OpenEXR reader, which tests call, waits forever.
     device.set_threads(max(2, device.processors() // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol() -> Iterator[object]:
+    """Collect the garbage of each test that may have rendered something.
+
+    Kernels have code for the plugins of every Mitsuba scene in memory. What a test leaves in a cycle of references makes
+    later tests compile other kernels, and slower ones.
+    """
+    begun = time.perf_counter()
+    result = yield
+    if time.perf_counter() - begun > 0.2:  # with so many modules, a collection takes about 0.06 s
+        gc.collect()
+    return result
 
 
 @pytest.fixture

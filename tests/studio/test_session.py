@@ -1,8 +1,10 @@
 """Sessions: the next picture shows an edit, and the finished picture equals that of `Shot.render`, bit for bit."""
 
+import gc
 import subprocess
 import sys
 import threading
+import weakref
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -130,6 +132,17 @@ def test_a_later_edit_ends_what_is_under_way(stage):
         after = shown.session.show(passes=2)
         shown.finished(after)
         assert max(each.passes for each in shown.told if each.version == version) < 5000
+
+
+def test_a_closed_session_keeps_no_scene(stage):
+    with Watched(stage) as shown:
+        shown.finished()
+        frame = weakref.ref(shown.session._chains[False].frame)
+        gc.disable()
+    try:
+        assert frame() is None
+    finally:
+        gc.enable()
 
 
 def test_undo_redo_and_revert(stage):

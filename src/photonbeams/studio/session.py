@@ -499,6 +499,8 @@ class Session:
             self._closed = True
             self._changed.notify_all()
         self._thread.join()
+        # Kernels have code for the surfaces and media of every scene in memory.
+        self._chains = {True: _Chain(), False: _Chain()}
         self.edits.close()
         atexit.unregister(self.close)
 
