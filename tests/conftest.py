@@ -36,8 +36,8 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # or each process would start a thread 
 def pytest_runtest_protocol() -> Iterator[object]:
     """Collect the garbage of each test that may have rendered something.
 
-    Kernels have code for the plugins of every Mitsuba scene in memory. What a test leaves in a cycle of references makes
-    later tests compile other kernels, and slower ones.
+    Kernels have code for the plugins of every Mitsuba scene in memory. What a test leaves in a cycle of references
+    makes later tests compile other kernels, and slower ones.
     """
     begun = time.perf_counter()
     result = yield
