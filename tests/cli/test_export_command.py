@@ -7,6 +7,7 @@ import pytest
 
 from photonbeams.runtime.device import mitsuba
 
+pytestmark = pytest.mark.usefixtures("helping_thread")
 mi = mitsuba()
 
 STAGE = """#usda 1.0

@@ -214,11 +214,11 @@ def test_the_lists_hold_the_beams_in_order_and_each_once_a_cell(rng):
     assert first[0] == 0 and first[-1] == lists.entries and np.all(np.diff(first.astype(int)) >= 0)
     for cell in range(grid.cells):
         inside = items[first[cell] : first[cell + 1]]
-        assert len(set(inside.tolist())) == len(inside)
+        assert np.all(np.diff(inside.astype(int)) > 0)
 
 
 @pytest.mark.parametrize("cells_along", [1, 3, 16, 128])
-def test_sorting_is_stable_and_complete(cells_along, rng):
+def test_sorting_is_complete_and_always_the_same(cells_along, rng):
     """For items with one known cell each, the lists equal NumPy's sort and are the same every time."""
     count, total = 5000, cells_along**3
     where = rng.integers(0, total, count).astype(np.uint32)

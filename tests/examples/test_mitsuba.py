@@ -10,6 +10,8 @@ from photonbeams.images.files import read_layers
 
 SCENES = sorted((Path(__file__).parents[2] / "examples" / "mitsuba").glob("*.xml"))
 
+assert SCENES
+
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
 def test_scenes_render_small(path, tmp_path):
@@ -20,4 +22,3 @@ def test_scenes_render_small(path, tmp_path):
     layers = read_layers(out)
     for name in ("surface", "beams"):
         assert np.isfinite(layers[name]).all() and layers[name].max() > 0, name
-    assert SCENES

@@ -38,7 +38,8 @@ def twin(row: Row, folder: Path) -> Any:
     if row.twin is not None:
         return mi.load_dict(row.twin())
     files = export(opened(row, folder), folder / "twin.xml", width=WIDTH, height=HEIGHT)
-    return mi.load_file(str(files[0]))
+    with helping_thread():
+        return mi.load_file(str(files[0]))
 
 
 def reference(row: Row) -> Means:

@@ -278,7 +278,7 @@ MATRIX = (
     Row("single scattering, isotropic", stage(lamp(), box(0.4, 0.1))),
     Row("single scattering, Henyey-Greenstein 0.8", stage(lamp(), box(0.4, 0.1, 0.8))),
     Row("single scattering, coloured", stage(lamp(), box(*COLORED))),
-    Row("a hole without a portal", stage(OPEN, SHUTTER, box(0.4, 0.1)), beams=131072, plugin=FINE, samples=4096,
+    Row("a hole without a portal", stage(OPEN, SHUTTER, box(0.4, 0.1)), beams=65536, plugin=FINE, samples=4096,
         passes=9),
     Row("a hole with a portal", stage(THROUGH, SHUTTER, PORTAL, box(0.4, 0.1)), plugin=FINE, samples=4096,
         passes=5),
@@ -293,7 +293,7 @@ MATRIX = (
         settings={"overlap": 1.0}),
     # Few of the beams toward the camera are bright: more beams help, as long as they do not get narrower.
     Row("multiple scattering, Henyey-Greenstein 0.8", stage(lamp(), box(0.6, 0.05, 0.8)),
-        partial(with_box, 0.6, 0.05, 0.8), MANY, 65536, {"paths": 131072, **EVEN}, samples=4096, settings=EVEN),
+        partial(with_box, 0.6, 0.05, 0.8), MANY, 32768, {"paths": 49152, **EVEN}, samples=4096, settings=EVEN),
     Row("a glass ball with its caustic", stage(lamp(**FAR), BALL, box(0.4, 0.1)),
         lambda: with_box(0.4, 0.1, light=emitter(**FAR), ball=SHAPE), MANY, FEW, {"paths": FEW, "overlap": 0.2},
         samples=16384),

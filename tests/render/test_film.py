@@ -216,7 +216,7 @@ def test_depth_is_that_of_a_pinhole_as_the_shutter_opens():
     assert np.allclose(layers["depth"], 6, rtol=1e-5)
 
 
-def test_depth_and_surfaces_are_those_of_their_own_times():
+def test_depth_is_that_at_shutter_open():
     """The depth of a wall that moves away is that at shutter open, for any number of passes."""
 
     def at(fraction):

@@ -12,6 +12,8 @@ from photonbeams.scene import SceneError
 from photonbeams.shot.export import export
 from usda import material, quad
 
+pytestmark = pytest.mark.usefixtures("helping_thread")
+
 mi = mitsuba()
 SEEDS, PASSES, WIDTH = 4, 8, 48
 # Texture coordinates of a quad that repeat the image along one edge.

@@ -10,6 +10,8 @@ from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import BeamSettings, Gobo, SceneError
 from transport.scenes import T, camera, cube_of, fog, load, rgb
 
+pytestmark = pytest.mark.usefixtures("helping_thread")
+
 mi = mitsuba()
 HALF = np.tile(np.linspace(0, 1, 4, dtype=np.float32)[None, :, None], (4, 1, 3))
 LAMP = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb([3.0, 2.0, 1.0])}

@@ -59,7 +59,8 @@ def test_beams_pass_what_their_light_is_not_stopped_by():
     # Beams end as if the inner box were not there.
     passing = only(trace(world_of(through, meshes=(inner, outer)), beams_per_light=256))
     alone = only(trace(world_of(LAMP, meshes=(outer,)), beams_per_light=256))
-    assert np.allclose(passing["end"], alone["end"], rtol=1e-4)
+    for name in ("end", "radius_start", "radius_end"):
+        assert np.allclose(passing[name], alone[name], rtol=1e-4), name
     first, second = trace(
         world_of(LAMP, dataclasses.replace(through, name="/twin"), meshes=(inner, outer)), beams_per_light=64
     )

@@ -86,5 +86,5 @@ def test_frames_outside_the_stages_range_are_refused(usd):
 
 
 def test_a_stage_without_a_range_has_any_frame(usd):
-    check_frames(usd(""), [-1e6, 1e6])
-    check_frames(usd("", "startTimeCode = 1\nendTimeCode = inf"), [-1e6, 1e6])
+    for stage in (usd(""), usd("", "startTimeCode = 1\nendTimeCode = inf")):
+        assert check_frames(stage, [-1e6, 1e6]) is None  # nor does it raise

@@ -45,7 +45,7 @@ def test_radiance_is_intensity_exposure_and_color(scene):
     assert only(scene(text)).radiance == (12, 6, 0)
 
 
-def test_color_temperature_multiplies_and_6500_kelvin_is_white(scene):
+def test_color_temperature_multiplies_where_it_is_enabled(scene):
     warm = only(
         scene(light("RectLight", "bool inputs:enableColorTemperature = 1\nfloat inputs:colorTemperature = 3000"))
     )

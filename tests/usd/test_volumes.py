@@ -204,7 +204,7 @@ def test_materialx_and_karma(scene, tmp_path, smoke, node):
             vector3f outputs:out
         }"""
     if node:
-        material = material.replace('"kma_volume"', '"ND_anisotropic_vdf"').replace("outputs:out>", "outputs:out>", 1)
+        material = material.replace('"kma_volume"', '"ND_anisotropic_vdf"')
         material = material.replace('def Shader "S"', 'def Shader "Vdf"', 1)
         extra += """
         def Shader "S" {

@@ -82,9 +82,6 @@ def test_materials_of_every_kind_become_surfaces():
 
 
 def _ray(origin):
-    from photonbeams.runtime.device import mitsuba
-
-    mi = mitsuba()
     return mi.Ray3f(mi.Point3f(origin), mi.Vector3f(0, 0, -1))
 
 
