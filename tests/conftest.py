@@ -66,9 +66,9 @@ def set_threads():
     device.set_threads(before)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def helping_thread():
-    """Let a test read and write OpenEXR files by Mitsuba itself."""
+    """Let the tests of a module read and write OpenEXR files by Mitsuba itself."""
     from photonbeams.runtime import device
 
     with device.helping_thread():

@@ -16,6 +16,7 @@ import numpy as np
 from tests.agreement import Means, means
 
 import photonbeams as pb
+from photonbeams.runtime.device import helping_thread
 from photonbeams.shot.export import export
 
 from .rows import HEIGHT, MATRIX, WIDTH, Row, mi
