@@ -29,8 +29,8 @@ def random_photons(rng, count, sizes=(0.01, 0.5)):
 
 def photons_of(position, radius, normal, direction, power, depth=None):
     vectors = [to_vectors(each) for each in (position, normal, direction, power)]
-    depth = np.zeros(len(position)) if depth is None else depth
-    return Photons(vectors[0], to_float(radius), *vectors[1:], to_uint(depth))
+    known = {} if depth is None else {"depth": to_uint(depth)}
+    return Photons(vectors[0], to_float(radius), *vectors[1:], **known)
 
 
 def asked(numbers, position, normal, reflect=lambda direction: Array3f(1), active=True):

@@ -82,3 +82,10 @@ def test_another_view_of_glass_compiles_nothing():
     for number in range(3):
         show(scene_in_fog(0.1 * number), seed=number)
     assert not compiled(lambda: show(scene_in_fog(0.3), seed=3))
+
+
+def test_longer_paths_run_the_kernels_of_short_ones():
+    show = partial(picture, scene_in_fog(), passes=2, beams=2048, surface_samples=2)
+    for seed in range(2):
+        show(max_depth=6, seed=seed)
+    assert not compiled(lambda: show(max_depth=10))

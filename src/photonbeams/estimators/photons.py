@@ -39,7 +39,7 @@ class Photons:
     power
         (N, 3) flux of the photons.
     depth
-        (N,) scattering events before they met the surface, a UInt32.
+        (N,) scattering events before they met the surface, a UInt32, or one number for all. Default: 0.
     """
 
     position: Any
@@ -47,7 +47,7 @@ class Photons:
     normal: Any
     direction: Any
     power: Any
-    depth: Any
+    depth: Any = 0
 
     def __len__(self) -> int:
         """Return the number of photons."""
