@@ -27,10 +27,9 @@ def random_photons(rng, count, sizes=(0.01, 0.5)):
     return [np.asarray(each, dtype=np.float32) for each in numbers]
 
 
-def photons_of(position, radius, normal, direction, power, depth=None):
+def photons_of(position, radius, normal, direction, power, depth=0):
     vectors = [to_vectors(each) for each in (position, normal, direction, power)]
-    known = {} if depth is None else {"depth": to_uint(depth)}
-    return Photons(vectors[0], to_float(radius), *vectors[1:], **known)
+    return Photons(vectors[0], to_float(radius), *vectors[1:], depth)
 
 
 def asked(numbers, position, normal, reflect=lambda direction: Array3f(1), active=True):
@@ -136,7 +135,7 @@ def test_a_point_is_lit_by_photons_of_its_greatest_depth_and_less(rng):
     depth = rng.integers(0, 4, 200)
     position, normal = rng.uniform(-1, 1, (60, 3)), np.tile([0.0, 0.0, 1.0], (60, 1))
     most = np.arange(60) % 5
-    found = PhotonMap(photons_of(*numbers, depth)).radiance(
+    found = PhotonMap(photons_of(*numbers, to_uint(depth))).radiance(
         to_vectors(position), to_vectors(normal), lambda w: Array3f(1), most=to_uint(most)
     )
     expected = np.zeros((60, 3))

@@ -101,16 +101,17 @@ def unaliased(value: Any) -> Any:
     A kernel that reads one array twice differs from one that reads two.
     """
     dr.make_opaque(value)
-
-    def copied(array: Any) -> Any:
-        if dr.depth_v(array) > 1:
-            return type(array)(*(copied(each) for each in array))
-        # Each index is a variable of its own, or Dr.Jit would find that two gathers are the same.
-        return dr.gather(type(array), array, dr.arange(UInt32, dr.width(array)) + dr.opaque(UInt32, 0))
-
-    result = _each(copied, value)
+    result = _each(_copied, value)
     dr.eval(result)
     return result
+
+
+def _copied(array: Any) -> Any:
+    """Return a copy of an array, component by component."""
+    if dr.depth_v(array) > 1:
+        return type(array)(*map(_copied, array))
+    # Each index is a variable of its own, or Dr.Jit would find that two gathers are the same.
+    return dr.gather(type(array), array, dr.arange(UInt32, dr.width(array)) + dr.opaque(UInt32, 0))
 
 
 def _arrays(value: Any) -> list[Any]:

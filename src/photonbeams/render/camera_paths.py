@@ -166,7 +166,7 @@ class CameraTracing:
 def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> CameraPaths:
     """Return the camera paths of a pass."""
     count = dr.width(primary.direction)
-    paths: Any = CameraPaths()
+    paths = CameraPaths()
     paths.origin = primary.origin + dr.zeros(Array3f, count)
     paths.direction, paths.near, paths.far = primary.direction, primary.near + dr.zeros(Float, count), primary.far
     paths.throughput = paths.clear = primary.weight
@@ -177,8 +177,8 @@ def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> Camera
     paths.flown = paths.near
     start = paths.origin + paths.near * paths.direction
     paths.medium = tracing.world.medium_of_view(start, paths.direction)
-    # As the state of later steps is: all steps then run one kernel.
-    return unaliased(paths)
+    result: CameraPaths = unaliased(paths)  # the first step runs the kernel of later steps
+    return result
 
 
 def follow(

@@ -494,7 +494,7 @@ class Session:
         return view.camera or self._camera
 
     def close(self) -> None:
-        """End the session: its thread, and its autosave of edits that are not saved."""
+        """End the session: its thread, its pictures, and its autosave of edits that are not saved."""
         with self._lock:
             self._closed = True
             self._changed.notify_all()
