@@ -1,5 +1,5 @@
 #!/bin/sh
-# Prepare a folder for working on photonbeams: a virtual environment, the packages, and a libLLVM that works.
+# Prepare a folder for working on photonbeams: a virtual environment and the packages.
 # Usage: tools/setup.sh VENV. It does only what is missing. The Makefile calls it until VENV/.ready is up to date.
 set -eu
 
@@ -69,17 +69,6 @@ install_libatomic() {
         stop "libatomic.so.1 is missing: install the package libatomic1"
 }
 
-has_libllvm() {
-    [ -n "${DRJIT_LIBLLVM_PATH:-}" ] ||
-        PYTHONPATH=src/photonbeams/runtime "$venv/bin/python" -c 'import sys, libllvm; sys.exit(libllvm.newest() is None)'
-}
-
-install_libllvm() {
-    # 19 and 22 are the tested ones; 14 to 16 do not work with Dr.Jit.
-    has_libllvm || apt_install libllvm19 libllvm22 libllvm21 libllvm20 libllvm18 libllvm17 ||
-        stop "libLLVM 17 or newer was not found: install the package libllvm19, or set DRJIT_LIBLLVM_PATH"
-}
-
 # Playwright's wheel brings no browser. Without one, all tests run except those of the studio's page.
 install_chromium() {
     for name in chromium chromium-browser google-chrome; do
@@ -97,7 +86,6 @@ prove() {
 
 make_venv
 install_libatomic
-install_libllvm
 install_packages
 install_chromium
 prove

@@ -1,6 +1,7 @@
 """The choice of libLLVM or CUDA, most of it in child processes, since Dr.Jit can be started only once."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 from photonbeams.runtime import device, libllvm
 from photonbeams.runtime.device import DeviceError
 
-needs_llvm = pytest.mark.skipif(libllvm.newest() is None, reason="no libLLVM that works is installed")
+needs_llvm = pytest.mark.skipif(libllvm.best() is None, reason="no libLLVM that works is installed")
 
 
 def run(code, **environment):
@@ -22,8 +23,9 @@ def run(code, **environment):
 
 @pytest.fixture
 def machine(tmp_path, monkeypatch):
-    """Return an empty folder, in which the libraries of the machine are looked for."""
-    monkeypatch.setattr(libllvm, "_library_paths", lambda: iter(sorted(map(str, tmp_path.iterdir()))))
+    """Return an empty folder, in which the libraries of the machine are looked for, and the packages of Python."""
+    monkeypatch.setattr(libllvm, "_library_paths", lambda: iter(sorted(map(str, tmp_path.glob("libLLVM*")))))
+    monkeypatch.setattr(sys, "path", [str(tmp_path / "site-packages")])
     libllvm.candidates.cache_clear()
     yield tmp_path
     libllvm.candidates.cache_clear()
@@ -54,7 +56,7 @@ def test_old_versions_are_refused_by_name_and_never_loaded(machine, monkeypatch)
     for name in ("libLLVM-14.so.1", "libLLVM-15.so.1", "libLLVM-16.so.1"):
         (machine / name).touch()
     monkeypatch.setattr(libllvm, "_probe", lambda path: pytest.fail(f"{path} was loaded"))
-    assert libllvm.newest() is None
+    assert libllvm.best() is None
     assert [c.problem.split(";")[0] for c in libllvm.candidates()] == [
         "aborts on AVX-512 machines",
         "aborts on AVX-512 machines",
@@ -69,7 +71,7 @@ def test_a_library_that_does_not_load_gives_way_to_the_next(machine):
     # Loading this one kills its process with SIGBUS.
     (machine / "libLLVM.so.98.1").write_bytes(real.read_bytes()[: real.stat().st_size // 3])
     (machine / "libLLVM.so").symlink_to(real)
-    assert libllvm.newest() == os.path.realpath(real)
+    assert libllvm.best() == os.path.realpath(real)
     assert [bool(c.problem) for c in libllvm.candidates()] == [True, True, False]
     assert all("does not load" in c.problem for c in libllvm.candidates()[:2])
 
@@ -78,6 +80,50 @@ def test_links_to_one_library_count_once(machine):
     (machine / "libLLVM.so.15.0").touch()
     (machine / "libLLVM-15.so").symlink_to("libLLVM.so.15.0")
     assert len(libllvm.candidates()) == 1
+
+
+def packaged(machine):
+    """Install a `karellen-llvm-core` as pip does, whose library is empty, and return the library's path."""
+    information = machine / "site-packages" / "karellen_llvm_core-22.1.8.dist-info"
+    library = machine / "venv" / "lib" / "libLLVM.so.22.1"
+    for path in (information / "METADATA", library):
+        path.parent.mkdir(parents=True)
+    library.touch()
+    (library.parent / "libLLVM.so").symlink_to(library.name)
+    (information / "METADATA").write_text("Name: karellen-llvm-core\nVersion: 22.1.8\n")
+    names = ("libLTO.so.22.1", "libLLVM.so", "libLLVM.so.22.1")
+    (information / "RECORD").write_text("".join(f"../venv/lib/{name},,\n" for name in names))
+    return str(library)
+
+
+def test_the_package_s_library_comes_before_a_newer_one_of_the_system(machine, monkeypatch):
+    monkeypatch.setattr(libllvm, "_probe", lambda path: libllvm.Candidate(path, libllvm._version_in_name(path)))
+    (machine / "libLLVM.so.99.1").touch()
+    assert libllvm.packaged_library() is None and libllvm.best() == str(machine / "libLLVM.so.99.1")
+    libllvm.candidates.cache_clear()
+    assert packaged(machine) == libllvm.packaged_library() == libllvm.best()
+    assert [candidate.version for candidate in libllvm.candidates()] == [(22, 1), (99, 1)]
+
+
+@needs_llvm
+def test_a_damaged_package_gives_way_to_the_system(machine):
+    packaged(machine)
+    real = os.path.realpath(os.environ["DRJIT_LIBLLVM_PATH"])
+    (machine / "libLLVM.so").symlink_to(real)
+    assert libllvm.best() == real
+    assert "does not load" in libllvm.candidates()[0].problem
+
+
+@pytest.mark.skipif(libllvm.packaged_library() is None, reason="the package karellen-llvm-core is not installed")
+def test_a_package_whose_links_are_missing_renders(tmp_path):
+    library = Path(libllvm.packaged_library())
+    shutil.copytree(library.parent / libllvm._RUNTIME, tmp_path / libllvm._RUNTIME)
+    shutil.copy(library, tmp_path)
+    for link in (tmp_path / libllvm._RUNTIME).glob("*.so.1"):
+        link.unlink()
+    code = "from photonbeams.runtime.device import Float; import drjit; print(drjit.opaque(Float, 2) + 1)"
+    assert libllvm._probe(str(tmp_path / library.name)).problem is None
+    assert run(code, DRJIT_LIBLLVM_PATH=str(tmp_path / library.name), PHOTONBEAMS_DEVICE="cpu") == "[3]"
 
 
 def test_a_machine_without_libllvm_is_told_what_to_install():
@@ -101,7 +147,7 @@ def test_importing_photonbeams_names_a_library_and_imports_nothing_heavy():
     import os, sys, photonbeams
     print(os.environ["DRJIT_LIBLLVM_PATH"], *sorted({"drjit", "mitsuba", "numpy", "pxr"} & set(sys.modules)))
     """
-    assert run(code) == libllvm.newest()
+    assert run(code) == libllvm.best()
 
 
 def test_a_library_that_the_user_names_wins():

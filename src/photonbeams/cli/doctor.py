@@ -93,8 +93,7 @@ def rows(found: Description) -> Iterator[tuple[str, str]]:
         yield "LLVM", ".".join(map(str, found.llvm_version))
         yield "Vector width", f"{found.vector_width or 'unknown'}"
         yield "Threads", f"{found.threads}"
-    origin = "named by DRJIT_LIBLLVM_PATH" if found.library_from_user else "the newest that works"
-    yield "libLLVM", f"{found.library} ({origin})" if found.library else "none"
+    yield "libLLVM", f"{found.library} ({found.library_origin})" if found.library else "none"
     yield "CUDA", found.cuda_problem or "usable"
     for candidate in found.candidates:
         version = ".".join(map(str, candidate.version)) or "unknown version"

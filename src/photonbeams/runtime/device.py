@@ -2,7 +2,7 @@
 
 Dr.Jit loads libLLVM while it is imported, and takes the library that it finds. It refuses version 14, and versions 15
 and 16 abort the process on AVX-512 machines ("Cannot select: fmaximum"). So `prepare`, which `import photonbeams`
-calls, looks for the newest working library and sets DRJIT_LIBLLVM_PATH to it. A value that the user has set is kept.
+calls, looks for a working library and sets DRJIT_LIBLLVM_PATH to it. A value that the user has set is kept.
 
 The array types `Float`, `UInt32`, `Int32`, `UInt64`, `Bool`, `Array2f`, `Array3f` and `Array4f` of the chosen backend
 are attributes of this module. The first use of one of them starts the backend; call `select` earlier to choose it.
@@ -54,7 +54,7 @@ class Description:
     candidates: tuple[Candidate, ...]
     cuda_problem: str | None
     library: str | None
-    library_from_user: bool
+    library_origin: str
     backend: str | None = None
     llvm_version: Version = ()
     vector_width: int | None = None
@@ -75,12 +75,14 @@ _state = _State()
 
 
 def prepare() -> None:
-    """Set DRJIT_LIBLLVM_PATH to the newest working libLLVM, unless it is set or Dr.Jit is imported already."""
-    if "drjit" in sys.modules or os.environ.get("DRJIT_LIBLLVM_PATH"):
+    """Set DRJIT_LIBLLVM_PATH to a working libLLVM, unless it is set or Dr.Jit is imported already."""
+    if "drjit" in sys.modules:
         return
-    library = libllvm.newest()
-    if library is not None:
-        os.environ["DRJIT_LIBLLVM_PATH"] = _state.library = library
+    path = os.environ.get("DRJIT_LIBLLVM_PATH")
+    if not path and (path := libllvm.best()):
+        os.environ["DRJIT_LIBLLVM_PATH"] = _state.library = path
+    if path:
+        libllvm.load_runtime(path)
 
 
 @cache
@@ -154,14 +156,13 @@ def _start(name: str) -> None:
     if name == "llvm" and "drjit" not in sys.modules and not os.environ.get("DRJIT_LIBLLVM_PATH"):
         raise DeviceError(_no_library())
     drjit = _import_drjit()
-    if not drjit.has_backend(getattr(drjit.JitBackend, name.upper())):
-        raise DeviceError(_no_backend(name))
-    version = drjit.detail.llvm_version()
-    if name == "llvm" and not os.environ.get("DRJIT_LIBLLVM_PATH") and version[0] < libllvm.OLDEST:
+    if name == "llvm" and not os.environ.get("DRJIT_LIBLLVM_PATH") and drjit.detail.llvm_version()[0] < libllvm.OLDEST:
         raise DeviceError(
-            f"Dr.Jit was imported before photonbeams and took LLVM {version[0]}, which fails on many machines; "
+            "Dr.Jit was imported before photonbeams and took no LLVM that works on all machines; "
             "import photonbeams first, or set DRJIT_LIBLLVM_PATH"
         )
+    if not drjit.has_backend(getattr(drjit.JitBackend, name.upper())):
+        raise DeviceError(_no_backend(name))
     module = import_module(f"drjit.{name}.ad")
     _state.types = {array: getattr(module, array) for array in _ARRAY_TYPES}
     _state.backend = name
@@ -190,7 +191,7 @@ def _no_backend(name: str) -> str:
         return "device is cuda, but Dr.Jit could not start CUDA: the NVIDIA driver may be too old for it"
     path = os.environ.get("DRJIT_LIBLLVM_PATH")
     if path and path != _state.library:
-        return f"DRJIT_LIBLLVM_PATH names {path}, which Dr.Jit could not start; unset it to use the newest that works"
+        return f"DRJIT_LIBLLVM_PATH names {path}, which Dr.Jit could not start; unset it to use one that works"
     return f"Dr.Jit could not start LLVM from {path or 'what it found'}: {libllvm.INSTALL_HINT}"
 
 
@@ -284,10 +285,18 @@ def describe(start: bool = True) -> Description:
         candidates=libllvm.candidates(),
         cuda_problem=_cuda_problem(),
         library=path,
-        library_from_user=path is not None and path != _state.library,
+        library_origin=_library_origin(path),
         problem=problem,
         **(_running() if _state.backend else {}),
     )
+
+
+def _library_origin(path: str | None) -> str:
+    """Return why Dr.Jit has the library at `path`."""
+    if path != _state.library:
+        return "named by DRJIT_LIBLLVM_PATH"
+    packaged = path is not None and path == libllvm.packaged_library()
+    return f"of the package {libllvm.PACKAGE}" if packaged else "the system's newest that works"
 
 
 def _running() -> dict[str, Any]:
