@@ -7,11 +7,13 @@ set.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import wraps
 from typing import TYPE_CHECKING, Any
+
+from .runtime.device import DeviceError
 
 if TYPE_CHECKING:
     from .render.passes import RunOptions
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 NAME = "photon_beams"
 
 _CLASS = "PhotonBeams"  # of the plug-in, in each variant
+
+_LOADERS = ("load_dict", "load_file", "load_string")  # of Mitsuba, by which plug-ins are made
 
 _NO_DERIVATIVES = (
     f"{NAME}: a render has no derivatives by the scene's parameters: expected photonbeams.estimate, "
@@ -153,11 +157,14 @@ def announce(_: Any) -> None:
 
 def _register(mitsuba: Any, variant: str) -> None:
     made: list[Any] = []
-    _give_sentences(mitsuba)
+    if not hasattr(mitsuba.render, "gives_sentences"):
+        for name in _LOADERS:
+            setattr(mitsuba, name, _loading(getattr(mitsuba, name)))
+        mitsuba.render = mitsuba.util.render = _rendering(mitsuba)
 
     def make(properties: Any) -> Any:
         if variant not in VARIANTS:
-            raise RuntimeError(
+            raise NotOfferedError(
                 f"{NAME}: the variant is {variant}: expected {', '.join(VARIANTS[:-1])} or {VARIANTS[-1]}"
             )
         if not made:
@@ -167,33 +174,52 @@ def _register(mitsuba: Any, variant: str) -> None:
     mitsuba.register_integrator(NAME, make)
 
 
-def _give_sentences(mitsuba: Any) -> None:
-    """Make `mi.render` raise this integrator's own errors, rather than an error of Dr.Jit with them as its cause.
+def _loading(load: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a loader of Mitsuba's that raises this plug-in's errors as sentences, without the traceback in them."""
 
-    Derivatives are then refused by the same sentence where the caller names no parameters.
+    @wraps(load)
+    def wrapped(*positional: Any, **named: Any) -> Any:
+        try:
+            return load(*positional, **named)
+        except RuntimeError as error:
+            from .runtime.messages import own_reason
+
+            sentence = own_reason(str(error), NAME)
+            if sentence is None:
+                raise
+        raise RuntimeError(sentence)
+
+    return wrapped
+
+
+def _rendering(mitsuba: Any) -> Callable[..., Any]:
+    """Return `mi.render` so that it raises what an integrator raises, rather than an error of Dr.Jit for all of them.
+
+    Otherwise, Ctrl-C would be a RuntimeError. Derivatives are refused by this integrator's sentence where the caller
+    names no parameters, too.
     """
     render = mitsuba.render
-    if hasattr(render, "gives_sentences"):
-        return
 
     @wraps(render)
     def wrapped(
         scene: Any, params: Any = None, sensor: Any = 0, integrator: Any = None, *more: Any, **named: Any
     ) -> Any:
-        from .scene import SceneError
-
         own = scene.integrator() if integrator is None and isinstance(scene, mitsuba.Scene) else integrator
         if params is None and type(own).__name__ == _CLASS:
             params = _with_gradients(mitsuba.traverse(scene))
         try:
             return render(scene, params, sensor, integrator, *more, **named)
         except RuntimeError as error:
-            if isinstance(error.__cause__, SceneError | NotOfferedError):
-                raise error.__cause__ from None
-            raise
+            if error.__cause__ is None or not str(error).startswith("drjit.custom("):
+                raise
+            cause = error.__cause__
+        from .scene import SceneError
+
+        sentence = isinstance(cause, SceneError | NotOfferedError | DeviceError)
+        raise cause.with_traceback(None) if sentence else cause
 
     wrapped.gives_sentences = True  # type: ignore[attr-defined]
-    mitsuba.render = mitsuba.util.render = wrapped
+    return wrapped
 
 
 def _with_gradients(parameters: Any) -> Any:
@@ -284,6 +310,7 @@ def _integrator(mi: Any, variant: str) -> type:
             self, scene: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0, develop: bool = True, evaluate: bool = True
         ) -> Any:
             """Render the scene; `spp` is the number of passes."""
+            device.check_recording()  # first, since garbage that is collected meanwhile would end the process, too
             import drjit as dr
 
             from .render.denoising import check_denoiser, denoised
@@ -328,6 +355,7 @@ def _integrator(mi: Any, variant: str) -> type:
             All rays are expected in one call. Each call traces light anew, with a seed from the sampler, in as many
             passes as the sampler has samples per pixel.
             """
+            device.check_recording()
             import drjit as dr
             import numpy as np
 

@@ -1,5 +1,6 @@
 """The plug-in `photon_beams` as Mitsuba's users meet it."""
 
+import gc
 import inspect
 import os
 import re
@@ -59,7 +60,9 @@ def test_other_variants_are_refused(variant):
     script = f"import photonbeams, mitsuba as mi; mi.set_variant('{variant}'); mi.load_dict({{'type': 'photon_beams'}})"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode != 0
-    assert f"the variant is {variant}: expected llvm_ad_rgb, llvm_ad_mono, cuda_ad_rgb or cuda_ad_mono" in done.stderr
+    sentence = f"the variant is {variant}: expected llvm_ad_rgb, llvm_ad_mono, cuda_ad_rgb or cuda_ad_mono"
+    assert done.stderr.splitlines()[-1] == f'RuntimeError: At dictionary node "root": photon_beams: {sentence}'
+    assert done.stderr.count("Traceback") == 1  # Python's own
 
 
 @pytest.mark.parametrize(
@@ -87,8 +90,51 @@ def test_other_variants_are_refused(variant):
     ],
 )
 def test_wrong_parameters_are_refused(parameters, message):
-    with pytest.raises(RuntimeError, match=re.escape(message)):
+    with pytest.raises(RuntimeError, match=re.escape(message)) as refused:
         plugin(**parameters)
+    assert "Traceback" not in str(refused.value) and len(str(refused.value)) <= 300
+
+
+def test_a_wrong_parameter_in_a_file_is_one_sentence_with_its_place(tmp_path):
+    text = '<scene version="3.0.0">\n<integrator type="photon_beams"><integer name="order" value="0"/></integrator>'
+    text += "</scene>"
+    (tmp_path / "a.xml").write_text(text)
+    for load_it, place in (
+        (lambda: mi.load_string(text), "string"),
+        (lambda: mi.load_file(str(tmp_path / "a.xml")), "a.xml"),
+    ):
+        with pytest.raises(RuntimeError) as refused:
+            load_it()
+        ending = " (line 2, col 2): photon_beams: order is 0: expected 1 to 256 points"
+        assert str(refused.value).endswith(place + ending) and refused.value.__context__ is None
+
+
+def test_ctrl_c_arrives_as_itself(monkeypatch):
+    """Dr.Jit makes every error of a render a RuntimeError, which `except Exception` around it would catch."""
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    made, given = plugin(), scene()
+    monkeypatch.setattr("photonbeams.render.scene_frame.accumulate", interrupt)
+    for within in (made, mi.load_dict({"type": "aov", "aovs": "d:depth", "image": made})):
+        monkeypatch.setattr("photonbeams.render.scene_rays.radiance", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            mi.render(given, integrator=within, spp=1)
+
+
+def test_a_render_that_is_to_be_frozen_is_refused():
+    """Dr.Jit would end the process. Its own error says only that there is another."""
+    given = scene()
+    for within in (plugin(), mi.load_dict({"type": "aov", "aovs": "d:depth", "image": plugin()})):
+        frozen = dr.freeze(lambda given, own=within: mi.render(given, integrator=own, spp=1))
+        gc.disable()  # garbage of other tests, collected meanwhile, would end the process
+        try:
+            with pytest.raises(RuntimeError) as refused:
+                frozen(given)
+        finally:
+            gc.enable()
+        assert "a render is within drjit.freeze" in str(refused.value.__cause__)
 
 
 def test_numbers_may_be_of_the_other_type_where_nothing_is_lost():

@@ -24,7 +24,7 @@ from ..estimators.tiles import Projection
 from ..looks import LightContext
 from ..numerics.arrays import joined, taken, to_uint
 from ..numerics.samples import Samples
-from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, check_recording
 from ..scene import SceneError
 from ..transport.radii import Limits
 from ..transport.records import PhotonHits
@@ -97,9 +97,15 @@ class PassRenderer(ABC):
         How passes are rendered.
     statistics
         The statistics so far.
+
+    Raises
+    ------
+    DeviceError
+        Within a function that `drjit.freeze` records.
     """
 
     def __init__(self, settings: Settings, max_depth: int | None, all_beams: bool = False) -> None:
+        check_recording()
         self.settings, self.statistics = settings, self._no_statistics()
         self._all_beams = all_beams
         self._max_depth = max_depth

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Array2f", "Array3f", "Array4f", "Bool", "Candidate", "Description", "DeviceError", "Float", "Int32", "UInt32",
-    "UInt64", "backend", "describe", "mitsuba", "mitsuba_variant", "prepare", "select", "set_threads",
+    "UInt64", "backend", "check_recording", "describe", "mitsuba", "mitsuba_variant", "prepare", "select",
+    "set_threads",
 ]  # fmt: skip
 
 _ARRAY_TYPES = ("Array2f", "Array3f", "Array4f", "Bool", "Float", "Int32", "UInt32", "UInt64")
@@ -235,6 +236,14 @@ def set_threads(count: int) -> None:
     import drjit
 
     drjit.set_thread_count(count or processors())
+
+
+def check_recording() -> None:
+    """Raise DeviceError within a function that `drjit.freeze` records: a render in it would end the process."""
+    import drjit
+
+    if drjit.flag(drjit.JitFlag.FreezingScope):
+        raise DeviceError("a render is within drjit.freeze, which cannot record it: expected a render outside of it")
 
 
 @contextmanager

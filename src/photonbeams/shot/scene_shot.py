@@ -15,6 +15,7 @@ from ..images.frame import pixels_of
 from ..images.numbering import PLACEHOLDER, numbered
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
+from ..runtime.messages import reason
 from ..scene import SceneError
 from ..usd.header import origin
 from ..usd.reading import LOG
@@ -134,7 +135,7 @@ class SceneShot(Shot):
             with helping_thread():
                 plugin = mi.load_file(str(path), optimize=not named, **self._parameters)
         except RuntimeError as error:
-            raise SceneError(f"{path}: {_reason(str(error), path)}") from error
+            raise SceneError(f"{path}: {reason(str(error), path)}") from error
         if not isinstance(plugin, mi.Scene):
             raise SceneError(f"{path}: holds a {type(plugin).__name__}: expected a scene")
         return plugin
@@ -352,15 +353,3 @@ def _contents(path: Path, more: Iterable[str]) -> list[bytes]:
             names = re.findall(rb'"([^"<>]+)"', found[place])
             todo += [path.parent / name.decode("utf-8", "replace") for name in names]
     return [*found.values()]
-
-
-def _reason(text: str, path: Path) -> str:
-    """Return Mitsuba's message about a file in one line, without the file's name, source lines and tracebacks."""
-    text = re.sub(r"^\[[\w.]+:\d+\]\s*", "", text.strip())
-    text = re.sub(rf"^At {re.escape(str(path))} \((.*?)\)", r"\1", text)
-    text, _, trace = text.partition("Traceback (most recent call last):")
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    if trace:  # from a plug-in in Python: its last line without indentation is the error, "Class: what is wrong"
-        last = [line for line in trace.splitlines() if re.match(r"[\w.]+: ", line)]
-        lines.append(last[-1].partition(": ")[2] if last else "")
-    return " ".join(lines)[:500].strip()
