@@ -59,12 +59,17 @@ def test_the_mean_is_that_of_the_hemisphere_or_the_sphere():
 
 
 @pytest.mark.parametrize(
-    ("scale", "theta", "inside"), [(0.5, 20, 40), (2.0, 80, 40), (-0.5, 160, 140), (-2.0, 20, 100)]
-)
-def test_the_angle_scale_is_that_of_usdlux(scale, theta, inside):
-    profile = parse(file([0], np.arange(181.0)[None], vertical=np.arange(181.0)))
+    ("scale", "theta", "inside"),
+    [
+        (0, 50, 50), (0.5, 20, 40), (2.0, 80, 40), (-0.5, 160, 140), (-2.0, 20, 100), (1.0, 70, 70), (-1.0, 70, 70),
+        # What a narrower profile leaves over has its value at 180 or 0 degrees, and is not dark.
+        (0.5, 91, 180), (0.5, 170, 180), (0.25, 60, 180), (-0.5, 89, 0), (-0.5, 10, 0),
+    ],
+)  # fmt: skip
+def test_the_angle_scale_is_that_of_usdlux_and_angles_are_clamped_to_the_sphere(scale, theta, inside):
+    profile = parse(file([0], 1 + np.arange(181.0)[None], vertical=np.arange(181.0)))
     scaled = type(profile)(profile.vertical, profile.horizontal, profile.intensity, scale)
-    assert at(scaled, theta, 0) == pytest.approx(inside)
+    assert at(scaled, theta, 0) == pytest.approx(1 + inside)
 
 
 def test_the_table_has_the_profile():

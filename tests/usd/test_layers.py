@@ -37,6 +37,8 @@ DOCUMENT = """<?xml version="1.0"?>
 STAGE = """#usda 1.0
 def Scope "Looks" (references = @%s@</MaterialX/Materials>) {
 }
+def SphereLight "Lamp" {
+}
 def Plane "P" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     rel material:binding = </Looks/Painted>
 }

@@ -11,8 +11,10 @@ from photonbeams.scene import (
     FlatLight,
     MeshLight,
     SceneError,
+    Shaping,
     SphereLight,
 )
+from photonbeams.scene.vectors import ellipse_perimeter, ellipsoid_area
 from photonbeams.usd.stage import read_scene
 
 SCALED = """
@@ -64,7 +66,7 @@ def test_color_temperature_of_6500_is_white(scene):
     [
         ("RectLight", "float inputs:width = 2\nfloat inputs:height = 0.5", 2 * 2 * 0.5 * 3),
         ("DiskLight", "float inputs:radius = 0.5", np.pi * 0.5 * 2 * 0.5 * 3),
-        ("SphereLight", "float inputs:radius = 0.5", 4 * np.pi * (0.5 * 3) ** 2),
+        ("SphereLight", "float inputs:radius = 0.5", ellipsoid_area(np.array([1.0, 1.5, 2.0]))),
     ],
 )
 def test_normalized_lights_are_divided_by_their_area_in_world_space(scene, kind, body, area):
@@ -99,8 +101,9 @@ def test_a_distant_light_has_its_radiance_without_normalize(scene):
     assert np.allclose(result.axis, [0, 1, 0])
 
 
-@pytest.mark.parametrize("body", ["bool treatAsPoint = 1", "float inputs:radius = 0\nbool inputs:normalize = 1"])
+@pytest.mark.parametrize("body", ["bool treatAsPoint = 1", "float inputs:radius = 0"])
 def test_a_point_is_the_limit_of_the_normalized_sphere(scene, body):
+    body += "\nbool inputs:normalize = 1"
     point = only(scene(light("SphereLight", f"float inputs:intensity = 8\n{body}")))
     small = only(
         scene(
@@ -110,6 +113,33 @@ def test_a_point_is_the_limit_of_the_normalized_sphere(scene, body):
     assert point.radius == 0
     assert point.radiance == pytest.approx(np.array(small.radiance) * np.pi * small.radius**2)
     assert point.radiance[0] == 2
+
+
+@pytest.mark.parametrize("normalize", [0, 1])
+@pytest.mark.parametrize("scale", ["(1, 1, 1)", "(2, 3, 4)", "(-0.2, 5, 1)"])
+@pytest.mark.parametrize("radius", [0.1, 0.5, 3.0])
+def test_treating_a_sphere_as_a_point_does_not_change_its_power(scene, radius, scale, normalize):
+    body = f"""float inputs:intensity = 7
+        float inputs:radius = {radius}
+        bool inputs:normalize = {normalize}
+        float3 xformOp:scale = {scale}
+        uniform token[] xformOpOrder = ["xformOp:scale"]"""
+    sphere, point = (only(scene(light("SphereLight", f"{body}\nbool treatAsPoint = {hint}"))) for hint in (0, 1))
+    assert (sphere.radius > 0, point.radius) == (True, 0)
+    # A point of intensity I has the power 4π I, and a sphere of radiance L the power 4π² r² L.
+    assert 4 * np.pi * point.radiance[0] == pytest.approx(4 * np.pi**2 * sphere.radius**2 * sphere.radiance[0])
+
+
+@pytest.mark.parametrize("kind", ["SphereLight", "CylinderLight"])
+def test_a_light_without_a_radius_says_that_it_shines_as_if_normalized(scene, caplog, kind):
+    hint = "treatAsPoint" if kind == "SphereLight" else "treatAsLine"
+    found = [
+        only(scene(light(kind, f"float inputs:radius = 0\nbool {each} = 1"))) for each in ("inputs:normalize", hint)
+    ]
+    assert found[0].radiance == found[1].radiance
+    assert not caplog.text
+    assert only(scene(light(kind, "float inputs:radius = 0"))).radiance == found[0].radiance
+    assert "/L.inputs:radius is 0: without inputs:normalize there would be no light; it shines as if" in caplog.text
 
 
 def test_a_spot_as_blender_writes_one_has_its_watts_over_four_pi(scene):
@@ -134,8 +164,27 @@ def test_shaping_is_read_and_there_is_none_where_none_is_authored(scene):
         float inputs:shaping:focus = 4
         color3f inputs:shaping:focusTint = (1, 0, 0)"""
     shaping = only(scene(light("DiskLight", body, '(prepend apiSchemas = ["ShapingAPI"])'))).shaping
-    assert (shaping.cone_angle, shaping.cone_softness, shaping.focus, shaping.focus_tint) == (30, 1, 4, (1, 0, 0))
+    assert (shaping.cone_angle, shaping.cone_softness, shaping.focus, shaping.focus_tint) == (30, 2, 4, (1, 0, 0))
     assert only(scene(light("SphereLight"))).shaping is None
+
+
+def test_the_fallbacks_of_shaping_count_where_its_schema_is_applied(scene):
+    applied = '(prepend apiSchemas = ["ShapingAPI"])'
+    alone, wide = (
+        only(scene(light("SphereLight", body, applied))).shaping
+        for body in ("", "float inputs:shaping:cone:angle = 90")
+    )
+    assert alone == wide == Shaping()
+    assert only(scene(light("SphereLight", "float inputs:shaping:focus = 2"))).shaping == Shaping(focus=2.0)
+
+
+def test_shaping_out_of_range_is_named(scene, usd, caplog):
+    body = "float inputs:shaping:cone:angle = 200\nfloat inputs:shaping:cone:softness = {}"
+    assert only(scene(light("SphereLight", body.format(1.5)))).shaping == Shaping(200.0, 1.5)
+    assert not caplog.text
+    found = only(read_scene(usd(light("SphereLight", body.format(-0.5)))))
+    assert found.shaping == Shaping(200.0, 0.0)
+    assert "/L.inputs:shaping:cone:softness is -0.5: expected a finite number at least 0; 0 is used" in caplog.text
 
 
 def test_flat_lights_take_scale_into_their_half_axes(scene):
@@ -157,10 +206,11 @@ def test_a_mirrored_flat_light_emits_along_its_mirrored_axis(scene, scale):
     assert np.cross(result.half_x, result.half_y) @ result.axis < 0
 
 
-def test_a_sphere_takes_the_mean_scale(scene):
+def test_a_sphere_under_an_uneven_scale_says_that_it_becomes_one_of_its_power(scene, caplog):
     result = only(scene(light("SphereLight", f"float inputs:radius = 0.5\n{SCALED}")))
     assert isinstance(result, SphereLight)
-    assert result.radius == pytest.approx(1.5)
+    assert 4 * np.pi * result.radius**2 == pytest.approx(ellipsoid_area(np.array([1.0, 1.5, 2.0])))
+    assert "/L is scaled to 4 x 3 x 2: it is rendered as a sphere of the same power, 2.979 wide" in caplog.text
     assert np.allclose(result.center, [1, 2, 3])
     assert np.allclose(result.axis, [0, 0, -1])
 
@@ -226,14 +276,15 @@ def test_no_surface_blocks_a_light_without_shadows(scene):
     assert only(scene(light("RectLight") + ball)).unshadowed == frozenset()
 
 
-def test_a_cylinder_lies_along_x_and_is_normalized_by_its_mantle(scene):
+def test_a_cylinder_lies_along_x_and_is_normalized_by_its_mantle(scene, caplog):
     tube = only(scene(light("CylinderLight", f"float inputs:length = 3\nfloat inputs:radius = 0.2\n{SCALED}")))
     assert isinstance(tube, CylinderLight)
     assert np.allclose(tube.half, [3, 0, 0])
-    assert tube.radius == pytest.approx(0.2 * 3.5)
+    assert 2 * np.pi * tube.radius == pytest.approx(ellipse_perimeter(0.6, 0.8))
+    assert "/L is 1.6 x 1.2 across: it is rendered as a round cylinder of the same power, 1.407 wide" in caplog.text
     assert tube.radiance == (1, 1, 1)
     body = f"bool inputs:normalize = 1\nfloat inputs:intensity = 5\nfloat inputs:length = 3\n{SCALED}"
-    assert only(scene(light("CylinderLight", body))).radiance[0] == pytest.approx(5 / (2 * np.pi * 0.5 * 3.5 * 6))
+    assert only(scene(light("CylinderLight", body))).radiance[0] == pytest.approx(5 / (ellipse_perimeter(1.5, 2.0) * 6))
 
 
 def test_a_line_has_the_intensity_of_the_normalized_cylinder(scene):
@@ -284,11 +335,59 @@ def test_a_mesh_light_shines_as_its_material_sync_mode_says(scene, body, bound, 
 
 
 def test_a_glowing_mesh_makes_beams_where_asked(scene, caplog):
-    assert scene(mesh_light(api="GeomModelAPI")).lights == ()
     asked = only(scene(mesh_light("bool photonbeams:enabled = 1", api="GeomModelAPI")))
     assert (asked.radiance, asked.surface, asked.emits_beams) == ((0.5, 1, 2), True, True)
     assert scene(mesh_light("bool photonbeams:enabled = 1", api="GeomModelAPI", bound=False)).lights == ()
     assert "/L.photonbeams:enabled is to make beams, but its material emits no light: it makes none" in caplog.text
+
+
+PANEL = """
+def Mesh "Panel%d" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(0, 0, 0), (%d, 0, 0), (%d, 1, 0), (0, 1, 0)]
+    rel material:binding = </Glow>
+    %s
+}
+"""
+
+
+DRAWN = """
+def BasisCurves "Beams" (prepend apiSchemas = ["PhotonBeamsCurvesAPI"]) {
+    uniform token type = "linear"
+    int[] curveVertexCounts = [2]
+    point3f[] points = [(0, 0, 0), (1, 0, 0)]
+    float[] widths = [0.1] (
+        interpolation = "constant"
+    )
+}
+"""
+
+
+def test_a_glowing_mesh_is_a_lamp_where_the_stage_has_no_light(scene, caplog):
+    alone = only(scene(mesh_light(api="GeomModelAPI")))
+    told = "/L glows and lights the scene, because the stage has no light: photonbeams:enabled = 1 on it means the"
+    assert told in caplog.text
+    caplog.clear()
+    asked = only(scene(mesh_light("bool photonbeams:enabled = 1", api="GeomModelAPI")))
+    assert (alone.radiance, alone.emits_beams, alone.both_sides) == (asked.radiance, asked.emits_beams, False)
+    assert scene(mesh_light("bool photonbeams:enabled = 0", api="GeomModelAPI")).lights == ()
+    other = 'def SphereLight "Other" {\n%s\n}\n'
+    assert only(scene(mesh_light(api="GeomModelAPI") + other % "")).name == "/Other"
+    assert scene(mesh_light(api="GeomModelAPI") + other % 'token visibility = "invisible"').lights == ()
+    assert scene(GLOWING + PANEL % (1, 1, 1, "") + DRAWN).lights == ()
+    assert not caplog.text
+
+
+def test_a_glowing_sheet_shines_from_both_sides_and_the_brightest_sheets_light_the_scene(scene, caplog):
+    sizes = [3, 9, 1, 7, 8, 2, 6, 5, 4, 10]
+    found = scene(GLOWING + "".join(PANEL % (number, size, size, "") for number, size in enumerate(sizes))).lights
+    assert [each.name for each in found] == [f"/Panel{number}" for number, size in enumerate(sizes) if size > 2]
+    assert all(each.both_sides and each.surface for each in found)
+    assert (
+        "/Panel2 glows, but lights nothing: the stage has no light, and only the 8 brightest surfaces are lamps"
+        in caplog.text
+    )
 
 
 def test_a_light_that_lights_everything_gives_no_warning(scene, caplog):

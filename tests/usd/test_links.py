@@ -76,6 +76,13 @@ def test_a_link_that_includes_some_leaves_out_the_rest_and_so_the_fog(light):
     assert light(root).unlit == ALL
 
 
+@pytest.mark.parametrize("kind", ["lightLink", "shadowLink"])
+def test_a_link_may_be_an_expression(light, kind):
+    found = light(f'uniform pathExpression collection:{kind}:membershipExpression = "//Two"\n'
+                  f'uniform token collection:{kind}:mode = "expression"')  # fmt: skip
+    assert (found.unlit if kind == "lightLink" else found.unshadowed) == ALL - {"/A/Two"}
+
+
 def test_the_shadow_link_has_no_say_about_the_fog(light):
     found = light("bool collection:shadowLink:includeRoot = 0")
     assert found.unshadowed == ALL

@@ -7,6 +7,8 @@ from photonbeams.scene import UVTexture
 from photonbeams.usd.stage import read_scene
 
 MESH = """
+def SphereLight "Lamp" {
+}
 def Mesh "M" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     int[] faceVertexCounts = [4]
     int[] faceVertexIndices = [0, 1, 2, 3]

@@ -72,6 +72,13 @@ def box(**given):
     return scene.MeshLight("/box", RADIANCE, mesh=mesh, **given)
 
 
+def sheet(turn=1):
+    """Return a mesh light that is the rectangle `flat()`, and shines from both sides; `turn` -1 winds it about."""
+    corners = np.array([1.0, 2, 3]) + 0.7 * SIDE * [[-1], [1], [1], [-1]] + 0.4 * UP * [[-1], [-1], [1], [1]]
+    mesh = scene.Mesh("/sheet", corners, np.array([[0, 1, 2], [0, 2, 3]])[:, ::turn])
+    return scene.MeshLight("/sheet", RADIANCE, mesh=mesh, both_sides=True)
+
+
 def test_irradiance_of_a_point_is_intensity_over_squared_distance(square):
     source = lights.source(sphere(radius=0.0))
     assert agrees(irradiance(source, [1, 2, 0], [0, 0, 1], square), 1 / 9)
@@ -100,6 +107,9 @@ def test_irradiance_of_a_rectangle_is_its_form_factor(square, distance):
     assert agrees(irradiance(source, center + distance * AXIS, -AXIS, square), np.pi * middle)
     at_corner = center + distance * AXIS + 0.7 * SIDE + 0.4 * UP
     assert agrees(irradiance(source, at_corner, -AXIS, square), np.pi * corner)
+    for side in (1, -1):
+        both = lights.source(sheet(side))
+        assert agrees(irradiance(both, center + distance * side * AXIS, -side * AXIS, square), np.pi * middle)
 
 
 def test_irradiance_of_a_disk_follows_its_closed_form(square):
@@ -134,10 +144,11 @@ def test_irradiance_of_an_even_dome_is_pi_times_its_radiance(square):
         flat(disk=True),
         cylinder(),
         box(),
+        sheet(),
         scene.DistantLight("/sun", RADIANCE, axis=AXIS, angle=10.0),
         scene.DomeLight("/dome", RADIANCE, image=np.random.default_rng(3).random((8, 16, 3)).astype(np.float32)),
     ],
-    ids=["sphere", "spot", "rect", "disk", "cylinder", "mesh", "distant", "dome"],
+    ids=["sphere", "spot", "rect", "disk", "cylinder", "mesh", "sheet", "distant", "dome"],
 )
 def test_a_ray_sees_what_the_light_sample_carries(square, light):
     source = lights.source(light)
@@ -216,6 +227,11 @@ def factor(shaping, degrees):
 def test_spot_cone_falls_from_its_soft_start_to_its_edge():
     soft = scene.Shaping(cone_angle=40.0, cone_softness=0.5)
     assert np.allclose(factor(soft, [0, 19.9, 30, 40.1, 90, 180])[0], [1, 1, 0.5, 0, 0, 0], atol=1e-3)
+    # Above 1, the edge begins beyond the axis: hdEmbree's formula, 1 − smoothstep(θ, −30°, 30°).
+    wide = scene.Shaping(cone_angle=30.0, cone_softness=2.0)
+    assert np.allclose(
+        factor(wide, [0, 7.5, 15, 22.5, 29, 31])[0], [0.5, 0.31641, 0.15625, 0.04297, 0.00082, 0], atol=2e-5
+    )
     hard = scene.Shaping(cone_angle=40.0)
     assert np.array_equal(factor(hard, [0, 39.99, 40.01, 120])[0], [1, 1, 0, 0])
     assert np.array_equal(factor(None, [0, 90, 180])[0], [1, 1, 1])

@@ -25,15 +25,21 @@ class Shaping:
     Attributes
     ----------
     cone_angle
-        Degrees between the light's axis and the edge of its cone, up to 180. Default 90.
+        Degrees between the light's axis and the edge of its cone; from 180 on there is no edge. Default 90.
     cone_softness
-        Width of the cone's soft edge, as a fraction of `cone_angle` from 0 (hard, the default) to 1.
+        Width of the cone's soft edge, as a fraction of `cone_angle`, 0 or more. At 0, the default, the edge is hard;
+        above 1 the axis is dimmed, too.
     focus
         Exponent, 0 or more, of the cosine of the angle from the axis, which scales the radiance. Default 0, even light.
     focus_tint
         Colour that the focus fades to away from the axis. Default black.
     profile
         A `Profile`, such as one of an IES file. Default: none.
+
+    Raises
+    ------
+    SceneError
+        Numbers that are negative or not finite.
 
     Examples
     --------
@@ -48,6 +54,11 @@ class Shaping:
     focus: float = 0.0
     focus_tint: Color = BLACK
     profile: Profile | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("cone_angle", "cone_softness", "focus"):
+            number(getattr(self, name), name, 0.0)
+        object.__setattr__(self, "focus_tint", color(self.focus_tint, "focus_tint"))
 
 
 @dataclass(frozen=True)
@@ -383,7 +394,7 @@ class CylinderLight(Light):
 
 @dataclass(frozen=True)
 class MeshLight(Light):
-    """A mesh that emits evenly from its outer side: `radiance`, times an image where it has one.
+    """A mesh that emits evenly, from its outer side or both: `radiance`, times an image where it has one.
 
     Attributes
     ----------
@@ -395,6 +406,8 @@ class MeshLight(Light):
         (3,) unit direction from which shaping is measured, local −Z.
     surface
         Whether the mesh is also a surface of the scene: pictures then show its material, not the light. Default False.
+    both_sides
+        Whether the inner side emits, too, as a glowing surface that is not closed does. Default False.
 
     Other attributes are those of `Light` and of `BeamSettings`.
 
@@ -415,6 +428,7 @@ class MeshLight(Light):
     image: UVTexture | None = None
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
     surface: bool = False
+    both_sides: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -449,6 +463,12 @@ class DistantLight(Light):
 
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
     angle: float = 0.53
+
+    @property
+    def irradiance(self) -> float:
+        """Irradiance on a plane that faces the light, in its brightest channel."""
+        half = np.radians(min(self.angle / 2, 90.0))
+        return max(self.radiance) * (float(np.pi * np.sin(half) ** 2) if half > 0 else 1.0)
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,8 @@ class Profile:
         (H, V) numbers, 0 or more.
     angle_scale
         `inputs:shaping:ies:angleScale` of UsdLux. Above 0: a factor on vertical angles from the light's axis. Below 0:
-        the negative of a factor on vertical angles from the opposite direction. 0, the default, is the same as 1.
+        the negative of a factor on vertical angles from the opposite direction. 0, the default, is the same as 1. Where
+        a factor below 1 leaves directions over, they have the profile's value at its nearest pole, as in hdEmbree.
 
     Raises
     ------
@@ -80,9 +81,10 @@ class Profile:
 
     def scaled(self, theta: Array) -> Array:
         """Return the profile's vertical angle for `theta`, the angle from the light's axis, both in degrees."""
-        if self.angle_scale > 0:
-            return theta / self.angle_scale
-        return theta if self.angle_scale == 0 else 180.0 + (theta - 180.0) / -self.angle_scale
+        if self.angle_scale == 0:
+            return theta
+        origin = 0.0 if self.angle_scale > 0 else 180.0
+        return np.clip(origin + (theta - origin) / abs(self.angle_scale), 0.0, 180.0)
 
     def normalized(self) -> Profile:
         """Return the profile divided by its mean over the sphere, or over the hemisphere if it ends at the equator.

@@ -19,6 +19,26 @@ def unit(vectors: Array) -> Array:
     return vectors / np.where(lengths > 0, lengths, 1.0)
 
 
+def ellipsoid_area(axes: Array) -> float:
+    """Return the area of an ellipsoid with these half axes, (3,), to about 1e-4.
+
+    It is the integral of |M⁻ᵀ n| det M over the directions n of the unit sphere, which M maps to the ellipsoid.
+    """
+    long, middle, short = np.sort(np.asarray(axes, dtype=np.float64))[::-1]
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    z = 0.5 * (1 + nodes[:, None])  # one half is enough: the ellipsoid is symmetric, and smooth in its halves
+    around = np.pi * (np.arange(64) + 0.5) / 64
+    x, y = (np.sqrt(1 - z * z) * each for each in (np.cos(around), np.sin(around)))
+    element = np.sqrt((middle * short * x) ** 2 + (long * short * y) ** 2 + (long * middle * z) ** 2)
+    return float(2 * np.pi * weights @ element.mean(axis=1))
+
+
+def ellipse_perimeter(wide: float, narrow: float) -> float:
+    """Return the perimeter of an ellipse with these half axes, to about 1e-4."""
+    around = 0.5 * np.pi * (np.arange(256) + 0.5) / 256
+    return float(2 * np.pi * np.hypot(wide * np.cos(around), narrow * np.sin(around)).mean())
+
+
 @dataclass(frozen=True)
 class Plane:
     """A plane fitted to points, by least squares.

@@ -6,6 +6,7 @@ import os
 import weakref
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
+from math import log2, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -56,6 +57,8 @@ _VIEWERS = 9
 _CONTENTS = 4
 
 _NOTHING = "nothing makes beams"  # a warning that names the first such frame, and is given once
+_DIM = "the suns are dim"  # likewise
+_BLACK = 0.004  # an irradiance in which a white surface is below a level of 4 of 255
 
 #: A function that makes a fog from the stage's own, or from None if the stage has none.
 Fog = Callable[[scene.Medium | None], scene.Medium | None]
@@ -533,6 +536,24 @@ class Shot:
             at = f"{self._place}: {_NOTHING} at frame {self._number(frame):.10g}"
             self._warn(f"{at}: expected {expected}; frames without one have no beams")
 
+    def _warn_of_dim_suns(self, content: scene.Scene, cameras: Sequence[scene.Camera]) -> None:
+        """Warn if the lights that shine are all suns, in whose light, times the exposure, surfaces look black.
+
+        Without `normalize` an intensity is the radiance of the sun's disc: 0.53 degrees have a 15,000th of it.
+        """
+        shining = [each for each in content.lights if max(each.radiance) > 0]
+        suns = [each for each in shining if isinstance(each, scene.DistantLight)]
+        if not suns or len(suns) < len(shining) or content.drawn or _DIM in self._warnings.given:
+            return
+        total = sum(each.irradiance for each in suns) * max(each.exposure_scale for each in cameras)
+        if 0 < total < _BLACK:
+            self._warnings.given.add(_DIM)  # frames with other numbers are no news
+            sun = max(suns, key=lambda each: each.irradiance)
+            disc = f" (a radiance of {max(sun.radiance):.3g} over {sun.angle:.3g} degrees)" if sun.angle > 0 else ""
+            more = f"{log2(pi / total):.1f} stops more show them, by --exposure or inputs:exposure"
+            text = f"{self._place}: {sun.name} gives an irradiance of {total:.2g}{disc}, in which surfaces look black"
+            self._warn(f"{text}: {more}, as does inputs:normalize, if that is off")
+
     def _look(self, owner: str, spec: Any) -> Any:
         """Return the look of a light or of curves: the one given in Python, else the one that a spec describes.
 
@@ -753,6 +774,7 @@ class Shot:
         eyes = [EYES.index(name) if name else 0 for name in names]
         content, cameras = exposure(0.0)
         self.check(content, frame)
+        self._warn_of_dim_suns(content, cameras)
         settings = self._programmed(request.settings, frame, exposure)
         seen = [View(cameras[eye], grown) for eye in eyes]
         facts = {**self._time_header(frame, exposure), "seed": settings.seed, **window.header()}

@@ -15,16 +15,18 @@ from .curves import guide_paths, is_drawn, read_curves, read_guides
 from .lights import PHYSICAL, bound_look, is_light, portal_paths, read_light
 from .links import linked
 from .medium import is_medium, read_medium
+from .mesh_lights import glowing_power, glows
 from .meshes import is_surface, read_meshes
 from .openusd import Gf, Sdf, Usd, UsdGeom
 from .outlines import read_outline
 from .primvars import Instance
-from .reading import Reading, is_relationship, quiet, target_paths, visible
+from .reading import Reading, is_relationship, prims_under, quiet, target_paths, visible
 from .selection import rendered_purposes
 from .sizes import MESH, MOST_INSTANCES, room, step_of, triangles_about
 from .velocities import carried
 from .warnings import Warnings
 
+_MOST_GLOWING = 8  # lamps that glowing surfaces become: kernels have code for each
 _WITH_ALL_BELOW = "it is skipped with all below it"
 PROTOTYPE_PRIMS = Usd.PrimIsActive & Usd.PrimIsLoaded  # prototypes may be `over` or `class`
 
@@ -35,6 +37,7 @@ class _Contents:
     lights: list[tuple[Usd.Prim, Light]] = field(default_factory=list)
     drawn: list[DrawnBeams] = field(default_factory=list)
     media: list[tuple[Usd.Prim, Medium]] = field(default_factory=list)
+    glowing: list[tuple[_Item, list[Mesh]]] = field(default_factory=list)  # what emits light without being a lamp
     outlines: bool = False  # whether only the outlines of surfaces are read
 
 
@@ -136,6 +139,8 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
         path = item.prim.GetPath()
         if path not in portals and (path not in guides or is_drawn(item.prim)):
             reading.attempt(item.prim, partial(_collect, reading, item, contents), None, "it is skipped")
+    if contents.glowing and not _has_light(reading):
+        _light_by_glow(reading, contents)
     _keep_one_filling(reading, contents)
     media = [prim for prim, _ in contents.media]
     if outlines:
@@ -158,6 +163,33 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
     )
 
 
+def _has_light(reading: Reading) -> bool:
+    """Return whether a stage has a light or drawn beams, also hidden ones: films do not change when one is hidden."""
+    drawn = (each for each in prims_under(reading.stage.GetPseudoRoot()) if is_light(each) or _is_drawn(each))
+    return next(drawn, None) is not None
+
+
+def _is_drawn(prim: Usd.Prim) -> bool:
+    return bool(prim.IsA(UsdGeom.BasisCurves)) and is_drawn(prim)
+
+
+def _light_by_glow(reading: Reading, contents: _Contents) -> None:
+    """Make lamps of the brightest surfaces that glow, on a stage without a light or drawn beams."""
+    ranked = sorted(contents.glowing, key=lambda each: -glowing_power(each[1]))
+    names = {item.name for item, _ in ranked[:_MOST_GLOWING]}
+    for item, meshes in contents.glowing:
+        if item.name not in names:
+            text = "glows, but lights nothing: the stage has no light, and only the"
+            reading.warn(item.prim, f"{text} {_MOST_GLOWING} brightest surfaces are lamps")
+            continue
+        read = partial(read_light, reading, item.prim, item.to_world, item.name, meshes)
+        light = reading.attempt(item.prim, read, None, "it does not shine")
+        if light is not None:
+            contents.lights.append((item.prim, light))
+            text = "glows and lights the scene, because the stage has no light: photonbeams:enabled = 1 on it means the"
+            reading.warn(item.prim, f"{text} same, and 0 leaves the scene dark")
+
+
 def _keep_one_filling(reading: Reading, contents: _Contents) -> None:
     """Keep the first of the media that fill the whole space, and warn about the others."""
     kept: list[tuple[Usd.Prim, Medium]] = []
@@ -176,7 +208,7 @@ def _role(reading: Reading, prim: Usd.Prim) -> _Role:
     """Return what a prim is rendered as, cached for its copies."""
     key = ("role", prim.GetPath())
     if key not in reading.cache:
-        beams = prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim)
+        beams = _is_drawn(prim)
         reading.cache[key] = _Role(is_medium(reading, prim), beams, is_surface(prim) and not beams, is_light(prim))
     role: _Role = reading.cache[key]
     return role
@@ -205,6 +237,8 @@ def _collect(reading: Reading, item: _Item, contents: _Contents) -> None:
         if isinstance(light, MeshLight) and not light.surface:
             return
     contents.meshes.extend(meshes)
+    if not role.light and any(map(glows, meshes)) and reading.flag(prim, "photonbeams:enabled", True):
+        contents.glowing.append((item, meshes))
     if role.beams:
         drawn = read_curves(reading, prim, item.to_world, item.name)
         contents.drawn.extend([drawn] if drawn else [])

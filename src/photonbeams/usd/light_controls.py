@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..scene import Shaping
 from .ies import read_profile
-from .openusd import Usd
+from .openusd import Usd, UsdLux
 from .reading import Reading, target_paths
 
 # Attributes that hide a light from the camera, for which UsdLux has none: of Karma and hdEmbree, Omniverse, Arnold and
@@ -22,17 +23,27 @@ _SEEN = (
 
 
 def read_shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
-    """Return a light's cone, focus and profile, or None if it has none of them."""
+    """Return a light's cone, focus and profile; None without ShapingAPI and without any of its attributes.
+
+    The API alone is a cone of 90 degrees, the schema's fallback, as in hdEmbree.
+    """
     names = [name for name in prim.GetAuthoredPropertyNames() if name.startswith("inputs:shaping:")]
-    if not names:
+    if not (names or prim.HasAPI(UsdLux.ShapingAPI)):
         return None
-    return Shaping(
-        cone_angle=reading.number(prim, "inputs:shaping:cone:angle", 90.0, 0.0, 180.0),
-        cone_softness=min(max(reading.number(prim, "inputs:shaping:cone:softness", 0.0), 0.0), 1.0),
+    # hdEmbree turns a cone of negative softness inside out; the schema's text clamps it.
+    softness = partial(reading.number, prim, "inputs:shaping:cone:softness", 0.0, minimum=0.0)
+    result = Shaping(
+        cone_angle=reading.number(prim, "inputs:shaping:cone:angle", 90.0, minimum=0.0),
+        cone_softness=reading.attempt(prim, softness, 0.0, "0 is used"),
         focus=reading.number(prim, "inputs:shaping:focus", 0.0, minimum=0.0),
         focus_tint=reading.color(prim, "inputs:shaping:focusTint", (0, 0, 0)),
         profile=read_profile(reading, prim),
     )
+    if not prim.IsA(UsdLux.NonboundableLightBase):
+        return result
+    if result.cone_angle < 90 or result.focus > 0 or result.profile is not None:
+        reading.warn(prim, "has shaping, which is not rendered on a light that is infinitely far away")
+    return None
 
 
 def on_surfaces(reading: Reading, prim: Usd.Prim, beams: bool) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from ..scene import (
     SphereLight,
     rgb,
 )
-from ..scene.vectors import unit
+from ..scene.vectors import ellipse_perimeter, ellipsoid_area, unit
 from . import blender
 from .gobos import read_gobo, read_portal_gobo, read_texture
 from .light_controls import on_surfaces, read_shaping, warn_of_what_is_left_out
@@ -48,6 +48,9 @@ from .textures import read_image
 _WHITE_KELVIN = 6500.0
 # A normalized sphere of a smaller radius is treated as a point, because its radiance would exceed single precision.
 _POINT = 1e-12
+# Lengths that differ by less than this fraction are equal: transforms are often products of rounded matrices.
+_UNEVEN = 1e-4
+_NO_AREA = "is 0: without inputs:normalize there would be no light; it shines as if that were on"
 # A line is rendered as a cylinder of this radius per length; its light is that of the limit to one part in 10^4.
 _LINE = 1e-4
 
@@ -142,18 +145,33 @@ def _normalized(reading: Reading, prim: Usd.Prim) -> bool:
 
 def _sphere(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
     linear = to_world[:3, :3]
-    radius = reading.number(prim, "inputs:radius", 0.5, minimum=0.0) * float(np.linalg.norm(linear, axis=0).mean())
-    reading.within_reach(prim, radius)
-    value = _value(reading, prim)
-    normalized = _normalized(reading, prim)
-    if reading.flag(prim, "treatAsPoint", False) or radius == 0 or (normalized and radius < _POINT):
-        # π r² times the normalized radiance value/(4π r²): the radiant intensity, for any r.
-        radiance, radius = value / 4, 0.0
-    else:
-        radiance = value / (4 * np.pi * radius**2) if normalized else value
+    own = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
+    axes = own * np.linalg.svd(linear, compute_uv=False)
+    reading.within_reach(prim, axes)
+    uneven = axes[0] > axes[2] * (1 + _UNEVEN)
+    radius = float(np.sqrt(ellipsoid_area(axes) / (4 * np.pi))) if uneven else own * _mean_scale(linear)
+    normalized = _normalized(reading, prim) or radius == 0
+    radiance = value = _value(reading, prim)
+    as_point = reading.flag(prim, "treatAsPoint", False)
+    if radius == 0 and not (as_point or _normalized(reading, prim)):
+        reading.warn(prim, _NO_AREA, "inputs:radius")
+    if as_point or radius == 0 or (normalized and radius < _POINT):
+        # A convex body of area A shows A/4 on average, so that a point of its power has the intensity L A/4.
+        radiance = value / 4 * (1.0 if normalized else 4 * np.pi * radius**2)
+        radius = 0.0
+    elif normalized:
+        radiance = value / (4 * np.pi * radius**2)
+    if uneven and radius > 0:
+        shape = " x ".join(f"{2 * each:.4g}" for each in axes)
+        reading.warn(prim, f"is scaled to {shape}: it is rendered as a sphere of the same power, {2 * radius:.4g} wide")
     return SphereLight(
         **shared, radiance=_rgb(radiance), center=to_world[:3, 3], radius=radius, axis=unit(linear @ [0.0, 0.0, -1.0])
     )
+
+
+def _mean_scale(linear: Array) -> float:
+    """Return the mean length of the columns of a matrix."""
+    return float(np.linalg.norm(linear, axis=0).mean())
 
 
 def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
@@ -186,10 +204,18 @@ def _cylinder(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[st
         raise reading.fail(prim, "inputs:length", "is 0: expected a positive number")
     half = 0.5 * length * linear[:, 0]
     whole = 2 * float(np.linalg.norm(half))
-    radius = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
-    radius *= float(np.linalg.norm(linear[:, 1:], axis=0).mean())
+    own = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
+    # As seen along the axis; a cylinder whose scale is uneven there, or that is sheared, has an ellipse for a circle.
+    ring = linear[:, 1:] - np.outer(half, half @ linear[:, 1:]) / (half @ half)
+    wide, narrow, *_ = own * np.linalg.svd(ring, compute_uv=False)
+    uneven = wide > narrow * (1 + _UNEVEN)
+    radius = ellipse_perimeter(wide, narrow) / (2 * np.pi) if uneven else own * _mean_scale(linear[:, 1:])
     reading.within_reach(prim, [*half, radius])
-    # Without a radius there would be no light; a line has the light of the normalized cylinder.
+    if uneven:
+        text = f"is {2 * wide:.4g} x {2 * narrow:.4g} across: it is rendered as a round cylinder of the same power"
+        reading.warn(prim, f"{text}, {2 * radius:.4g} wide")
+    if radius == 0 and not (reading.flag(prim, "treatAsLine", False) or _normalized(reading, prim)):
+        reading.warn(prim, _NO_AREA, "inputs:radius")
     normalized = _normalized(reading, prim) or radius == 0
     radius = max(radius, _LINE * whole) if normalized else radius
     light = CylinderLight(
@@ -205,12 +231,12 @@ def _mesh(
     glow = read_glow(reading, prim, meshes)
     if glow is None:
         return None
-    radiance = np.asarray(glow.tint) * (1.0 if is_asked(prim) else _value(reading, prim))
-    if not is_asked(prim) and _normalized(reading, prim):
-        radiance = radiance / glow.mesh.area
+    radiance = np.asarray(glow.tint)
+    if prim.HasAPI(UsdLux.LightAPI):
+        radiance = radiance * _value(reading, prim) / (glow.mesh.area if _normalized(reading, prim) else 1.0)
     return MeshLight(
         **shared, radiance=_rgb(radiance), mesh=glow.mesh, image=glow.image, surface=glow.surface,
-        axis=unit(to_world[:3, :3] @ [0.0, 0.0, -1.0]),
+        both_sides=glow.both_sides, axis=unit(to_world[:3, :3] @ [0.0, 0.0, -1.0]),
     )  # fmt: skip
 
 

@@ -44,6 +44,7 @@ def _reaches(reading: Reading, prim: Usd.Prim, kind: str, names: Sequence[str]) 
     """Return which prims a link includes; for copies, the link to their instancer decides."""
     prefix = f"collection:{kind}"
     named = any(prim.GetRelationship(f"{prefix}:{end}").HasAuthoredTargets() for end in ("includes", "excludes"))
+    named = named or reading.value(prim, f"{prefix}:mode") == "expression"
     if not named and reading.value(prim, f"{prefix}:includeRoot", True):
         return [True] * len(names)
     api = UsdLux.LightAPI(prim)

@@ -1,15 +1,15 @@
-"""Mesh lights: gprims with UsdLuxMeshLightAPI, and glowing gprims that are set to make beams."""
+"""Mesh lights: gprims with UsdLuxMeshLightAPI, and glowing gprims that make beams or are a stage's only light."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..scene import Array, Color, Mesh, UVTexture
-from .meshes import is_gprim
+from .meshes import is_closed, is_gprim
 from .openusd import Usd, UsdLux
 from .reading import Reading
 
@@ -18,12 +18,13 @@ _TINTED, _INDEPENDENT, _ALONE = "materialGlowTintsLight", "independent", "noMate
 
 @dataclass(frozen=True)
 class MeshGlow:
-    """What a mesh emits as a light, from its outer side: a factor on the light's radiance, and perhaps an image."""
+    """What a mesh emits as a light: a factor on the light's radiance, and perhaps an image."""
 
     mesh: Mesh
     tint: Color
     image: UVTexture | None
     surface: bool
+    both_sides: bool = False
 
 
 def is_asked(prim: Usd.Prim) -> bool:
@@ -41,12 +42,18 @@ def read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> MeshG
     If `light:materialSyncMode` makes the material's glow tint the light, but no material glows, the light is not
     tinted.
     """
+    glow = _read_glow(reading, prim, meshes)
+    # A glowing surface is seen from both sides, and so shines from both if they are not the inside of a body.
+    return glow and replace(glow, both_sides=not (prim.HasAPI(UsdLux.LightAPI) or is_closed(reading, prim)))
+
+
+def _read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> MeshGlow | None:
     own = [mesh for mesh in meshes if len(mesh.faces) and mesh.area > 0]
     if not own:
         reading.warn(prim, "is a light without a surface: it does not shine")
         return None
-    glowing = [mesh for mesh in own if _glows(mesh)]
-    mode = _TINTED if is_asked(prim) else str(reading.value(prim, "light:materialSyncMode", _TINTED))
+    glowing = [mesh for mesh in own if glows(mesh)]
+    mode = _TINTED if not prim.HasAPI(UsdLux.LightAPI) else str(reading.value(prim, "light:materialSyncMode", _TINTED))
     if mode not in (_TINTED, _INDEPENDENT, _ALONE):
         raise reading.fail(
             prim, "light:materialSyncMode", f"is '{mode}': expected {_TINTED}, {_INDEPENDENT} or {_ALONE}"
@@ -67,9 +74,15 @@ def read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> MeshG
     return MeshGlow(_joined(glowing), (float(mean[0]), float(mean[1]), float(mean[2])), None, True)
 
 
-def _glows(mesh: Mesh) -> bool:
+def glows(mesh: Mesh) -> bool:
+    """Return whether a mesh's material emits light."""
     emissive = mesh.material.emissive
     return isinstance(emissive, UVTexture) or max(emissive) > 0
+
+
+def glowing_power(meshes: Sequence[Mesh]) -> float:
+    """Return the light that one side of glowing meshes emits, up to a constant."""
+    return float(sum(mesh.area * _mean(mesh).mean() for mesh in meshes if glows(mesh)))
 
 
 def _mean(mesh: Mesh) -> Array:

@@ -66,8 +66,13 @@ def _rendered(stage: Usd.Stage) -> Iterator[Usd.Prim]:
 def _warn(reading: Reading, prim: Usd.Prim) -> None:
     """Warn about settings of a pass that are not supported."""
     matte = Usd.CollectionAPI(prim, "matte")
-    if matte.GetIncludesRel().GetTargets() or matte.GetIncludeRootAttr().Get():
+    if matte.GetIncludesRel().GetTargets() or matte.GetIncludeRootAttr().Get() or _by_expression(matte):
         reading.warn(prim, "is not supported: its prims are seen as they are", "collection:matte")
     camera = Usd.CollectionAPI(prim, "cameraVisibility")
-    if camera.GetExcludesRel().GetTargets() or not camera.GetIncludeRootAttr().Get():
+    if camera.GetExcludesRel().GetTargets() or not camera.GetIncludeRootAttr().Get() or _by_expression(camera):
         reading.warn(prim, "is not supported: the camera sees all that is rendered", "collection:cameraVisibility")
+
+
+def _by_expression(collection: Usd.CollectionAPI) -> bool:
+    """Return whether a path expression says what a collection contains."""
+    return not collection.IsInRelationshipsMode() and bool(collection.ResolveCompleteMembershipExpression())

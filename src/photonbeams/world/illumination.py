@@ -61,7 +61,7 @@ class ShapingFactor:
         result = cls()
         given = shaping or scene.Shaping()
         cutoff = float(np.radians(given.cone_angle)) if shaping else _UNSHAPED
-        result.start = opaque(cutoff * (1 - min(max(given.cone_softness, 0.0), 1.0)))
+        result.start = opaque(cutoff * (1 - given.cone_softness))
         result.cutoff = opaque(cutoff)
         result.focus = opaque(given.focus if shaping else 0.0)
         result.tint = opaque(given.focus_tint)
@@ -71,7 +71,7 @@ class ShapingFactor:
         """Return the factor at the angle with this cosine from the axis.
 
         It is lerp(focusTint, 1, |cos|^focus) · (1 − smoothstep(start, cutoff, angle)), with start = lerp(softness,
-        cutoff, 0). A soft edge without width is a hard edge.
+        cutoff, 0). A soft edge without width is a hard edge; above a softness of 1, it begins beyond the axis.
         """
         focus = dr.select(self.focus > 0, dr.power(dr.maximum(dr.abs(cosine), 1e-20), self.focus), 1)
         angle = dr.safe_acos(cosine)

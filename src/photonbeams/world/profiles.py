@@ -52,7 +52,7 @@ class ProfileTable:
         phi = dr.atan2(y, x)
         row = theta * (self.rows - 1) * dr.inv_pi
         column = dr.select(phi < 0, phi + dr.two_pi, phi) * (self.columns - 1) * dr.inv_two_pi
-        there = (theta >= 0) & (theta <= dr.pi * (1 + 1e-6))
+        there = theta >= 0  # not so for NaN, which would be no index
         top = dr.clip(dr.floor(row), 0, self.rows - 2)
         left = dr.clip(dr.floor(column), 0, self.columns - 2)
 
@@ -73,8 +73,8 @@ class ProfileTable:
 
     def _scaled(self, theta: Float) -> Float:
         """Return the angle in the profile for an angle from the light's axis, by the profile's angle scale."""
-        stretched = dr.pi + (theta - dr.pi) / -self.scale
-        return dr.select(self.scale > 0, theta / self.scale, dr.select(self.scale < 0, stretched, theta))
+        origin = dr.select(self.scale < 0, dr.pi, 0)
+        return dr.clip(origin + (theta - origin) / dr.select(self.scale == 0, 1, dr.abs(self.scale)), 0, dr.pi)
 
 
 class ProfileSampler:
