@@ -162,15 +162,14 @@ def _hidden_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
 def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
     from pxr import UsdGeom
 
+    from ..usd.frames import time_range
     from ..world.medium_colors import colors_of_medium
 
     yield "up axis", str(UsdGeom.GetStageUpAxis(stage))
     yield "unit", f"{UsdGeom.GetStageMetersPerUnit(stage):g} m"
-    if stage.HasAuthoredTimeCodeRange():
-        first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-        yield "frames", f"{first:g} to {last:g}, {stage.GetTimeCodesPerSecond():g} a second"
-    else:
-        yield "frames", f"no range, {stage.GetTimeCodesPerSecond():g} a second"
+    ends = time_range(stage)
+    frames = "no range" if ends is None else f"{ends[0]:g} to {ends[1]:g}"
+    yield "frames", f"{frames}, {stage.GetTimeCodesPerSecond():g} a second"
     yield "triangles", f"{sum(len(mesh.faces) for mesh in scene.meshes):,} in {len(scene.meshes):,} meshes"
     grids = [(each, each.grid) for each in scene.media if each.grid is not None]
     for each, grid in grids:

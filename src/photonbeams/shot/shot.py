@@ -788,7 +788,7 @@ class Shot:
 
     def _rate(self) -> float:
         """Return the time codes in a second."""
-        return self.stage.GetTimeCodesPerSecond() or 1.0
+        return self.stage.GetTimeCodesPerSecond()
 
     def _time_header(self, frame: float | None, exposure: Exposure) -> dict[str, Any]:
         """Return the metadata of an EXR's header about a frame's time."""

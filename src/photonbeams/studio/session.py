@@ -25,6 +25,7 @@ from ..shot.request import Prepared
 from ..shot.shot import Shot
 from ..usd.controls import Controls, controls_of
 from ..usd.editing import EditLayer
+from ..usd.frames import time_range
 from ..usd.motion import followed, same
 from ..usd.presets import BEAM, apply_preset, preset_of
 from ..usd.stage import list_cameras, up_axis
@@ -465,10 +466,7 @@ class Session:
 
     def frames(self) -> tuple[float, float] | None:
         """Return the stage's first and last frame, or None if it has no range of frames."""
-        stage = self.shot.stage
-        if not stage.HasAuthoredTimeCodeRange():
-            return None
-        return float(stage.GetStartTimeCode()), float(stage.GetEndTimeCode())
+        return time_range(self.shot.stage)
 
     def rate(self) -> float:
         """Return the number of frames per second."""

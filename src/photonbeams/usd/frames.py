@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from math import isfinite
 
 from ..scene import SceneError
 from ..scene.checks import shortened
@@ -62,6 +61,11 @@ def decimals(frame: float) -> int:
     return next(digits for digits in range(_DIGITS + 1) if round(frame, digits) == frame or digits == _DIGITS)
 
 
+def time_range(stage: Usd.Stage) -> tuple[float, float] | None:
+    """Return a stage's first and last frame; None if it has no range."""
+    return (stage.GetStartTimeCode(), stage.GetEndTimeCode()) if stage.HasAuthoredTimeCodeRange() else None
+
+
 def check_frames(stage: Usd.Stage, frames: Sequence[float]) -> None:
     """Raise SceneError for frames outside the stage's range; a stage without a range has any frame.
 
@@ -69,9 +73,10 @@ def check_frames(stage: Usd.Stage, frames: Sequence[float]) -> None:
     """
     if len(frames) > 1 and not any(True for _ in varying_attributes(stage)):
         LOG.warning("%s has no time samples: all %d frames are the same", file_of(stage), len(frames))
-    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-    if not (stage.HasAuthoredTimeCodeRange() and isfinite(first) and isfinite(last)):
+    ends = time_range(stage)
+    if ends is None:
         return
+    first, last = ends
     outside = [frame for frame in frames if not first <= frame <= last]
     if outside:
         more = f" and {len(outside) - 1:,} more of those asked for" if len(outside) > 1 else ""

@@ -1,4 +1,7 @@
-"""Prepare the layers of a stage before it is composed: unreadable files and MaterialX documents are replaced."""
+"""Prepare the layers of a stage before it is composed.
+
+Unreadable files, MaterialX documents and metadata that make no sense are replaced.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,12 @@ from functools import cache
 from ..runtime.files import why_unreadable
 from ..scene import SceneError
 from . import materialx
+from .metadata import correct_metadata
 from .openusd import Ar, Sdf, Tf
 from .textures import stamp
 from .warnings import Warnings
 
-#: Layers changed in memory to name other layers: they differ from their files, and have to be read again.
+#: Layers changed in memory: they differ from their files, and have to be read again.
 _CHANGED: set[str] = set()
 
 
@@ -26,12 +30,14 @@ def ready_layers(root: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
     Raises
     ------
     SceneError
-        A layer names something that cannot be read, and warnings are errors.
+        A layer names something that cannot be read, or has metadata that make no sense, and warnings are errors.
     """
     found = {root.identifier: root}
     waiting = [root]
     while waiting:
         layer = waiting.pop()
+        if correct_metadata(layer, warnings):
+            _CHANGED.add(layer.identifier)
         for name in layer.GetCompositionAssetDependencies():
             path = str(Ar.GetResolver().Resolve(layer.ComputeAbsolutePath(name))) if name else ""
             if not path or path in found:

@@ -209,7 +209,7 @@ def find_looks(
     medium = None
     with suppress(SceneError):  # other errors of a stage do not matter to its looks
         medium = read_scene(stage, time).medium
-    seconds = frame_number(time) / (stage.GetTimeCodesPerSecond() or 1.0)
+    seconds = frame_number(time) / stage.GetTimeCodesPerSecond()
     return [read_look(reading, prim, prim) for prim in chosen], medium, seconds
 
 

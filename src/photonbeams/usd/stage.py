@@ -18,9 +18,10 @@ from .camera import list_cameras, read_camera
 from .composition import warn_of_composition
 from .contents import read_extent, read_scene, with_looks
 from .editing import override
+from .frames import time_range
 from .layers import forget_changes, ready_layers
 from .lights import is_dome, is_light
-from .metadata import complete_metadata
+from .metadata import complete_metadata, correct_metadata
 from .openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel
 from .reading import prims_under, quiet, varying_attributes
 from .selection import EVERYTHING, Selection
@@ -99,9 +100,11 @@ def open_stage(
 
 
 def check_stage(stage: object) -> None:
-    """Raise SceneError if a value is not an open stage."""
+    """Raise SceneError if a value is not an open stage, or has metadata that make no sense."""
     if not isinstance(stage, Usd.Stage):
         raise SceneError(f"stage is {stage!r}: expected a Usd.Stage; Shot.open takes a file")
+    for layer in stage.GetUsedLayers():
+        correct_metadata(layer, None)
 
 
 def up_axis(stage: Usd.Stage) -> Array:
@@ -131,7 +134,7 @@ def time_code(frame: Any) -> Usd.TimeCode:
 
 def default_time(stage: Usd.Stage) -> Usd.TimeCode:
     """Return the stage's start if it has one, else the default time."""
-    if stage.HasAuthoredMetadata("startTimeCode") and isfinite(stage.GetStartTimeCode()):
+    if stage.HasAuthoredMetadata("startTimeCode"):
         return Usd.TimeCode(stage.GetStartTimeCode())
     return Usd.TimeCode.Default()
 
@@ -157,8 +160,7 @@ _BETWEEN = 3  # times between two knots: a curve may exceed both
 
 def _spline_times(spline: Ts.Spline, stage: Usd.Stage) -> list[float]:
     """Return the times of a spline's knots, of the stage's ends, and some in between."""
-    ends = [stage.GetStartTimeCode(), stage.GetEndTimeCode()] if stage.HasAuthoredTimeCodeRange() else []
-    ends = [code for code in ends if isfinite(code)]
+    ends = time_range(stage) or ()
     knots = {float(code) for code in spline.GetKnots().keys()}  # noqa: SIM118 (it is no mapping)
     if spline.HasLoops() and len(ends) == 2 and ends[0] < ends[1]:
         baked = spline.GetKnotsWithLoopsBaked(Gf.Interval(*ends)).keys()

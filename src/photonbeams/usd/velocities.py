@@ -58,7 +58,7 @@ def _seconds(reading: Reading, sample: float) -> float:
     """Return the seconds from a sample to the time of the reading; 0 for a stage that is read at its first sample."""
     if reading.time.IsEarliestTime():
         return 0.0
-    return (float(reading.time.GetValue()) - sample) / (reading.stage.GetTimeCodesPerSecond() or 1.0)
+    return (float(reading.time.GetValue()) - sample) / reading.stage.GetTimeCodesPerSecond()
 
 
 def _samples(prim: Usd.Prim, name: str, base: Usd.TimeCode) -> tuple[float, ...]:
