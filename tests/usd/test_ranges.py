@@ -48,10 +48,12 @@ def light(line):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (light("float inputs:shaping:cone:softness = -1"), "/L.inputs:shaping:cone:softness is -1.0: expected a finite"),
+        (light("float inputs:shaping:cone:softness = -1"), "/L.inputs:shaping:cone:softness is -1: expected 0 or more"),
+        (light("float inputs:shaping:focus = -2"), "/L.inputs:shaping:focus is -2: expected 0 or more; 0 is used"),
+        (light("float inputs:angle = 400").replace("Sphere", "Distant"), "/L.inputs:angle is 400: expected 0 to 360"),
         (
             light("bool inputs:enableColorTemperature = 1\nfloat inputs:colorTemperature = 20000"),
-            "/L.inputs:colorTemperature is 20000: expected 1000 to 10000 kelvin; the nearest is used",
+            "/L.inputs:colorTemperature is 20000: expected 1000 to 10000; 10000 is used",
         ),
         (surface("float inputs:roughness = 1.5"), "/Mat has the roughness 1.5: expected 0 to 1; the nearest value"),
         (surface("color3f inputs:diffuseColor = (2, 1, -1)"), "/Mat has the diffuse 2, 1, -1: expected 0 to 1"),
