@@ -12,7 +12,7 @@ SOURCE = Path(photonbeams.__file__).parent
 
 #: Each package may import those before it, and none after it.
 ROOMS = (
-    "scene", "volumes", "runtime", "numerics", "quadrature", "beams", "looks", "estimators", "world", "transport",
+    "scene", "runtime", "volumes", "numerics", "quadrature", "beams", "looks", "estimators", "world", "transport",
     "render", "images", "usd", "shot", "integrator", "farm", "studio", "cli",
 )  # fmt: skip
 

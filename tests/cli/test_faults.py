@@ -16,6 +16,8 @@ from cli.results import fails
 from cli.test_farm import until
 from cli.test_merge import same
 from cli.test_render import CAMERA, FLOOR, FOG, LAMP, command, write_stage
+from disks import limited
+from photonbeams.images.files import read_layers
 from photonbeams.render import stage_frame as frame
 
 KILLS = 3
@@ -93,6 +95,25 @@ def test_a_full_disk_ends_no_render_before_its_end(stage, out):
     told = f"Warning: {out / 'a.checkpoint'}: File too large; the render goes on without this checkpoint"
     assert warnings == [told] * 2
     assert sorted(each.name for each in out.iterdir()) == ["a.png", "old.exr"]
+
+
+def test_a_full_disk_leaves_pictures_and_what_they_are_made_of(call, render, stage, out):
+    flags = ("--res", 32, 0, "--passes", 2, "--beams", 64, "-q")
+    for number in range(2):
+        assert render(stage, "-o", out / f"{number}.checkpoint", *flags, "--pass-range", f"{number}:{number}")[0] == 0
+    shutil.copy(out / "0.checkpoint", out / "old.checkpoint")
+    before = {each.name: each.read_bytes() for each in out.iterdir()}
+    full = str(out / "old.exr"), "File too large"
+    merge = "merge", out / "0.checkpoint", out / "1.checkpoint", "-o", out / "old.exr", "--remove", "-q"
+    for size in (500, 2000, 4000):  # the command's messages fit, and the smaller picture fits the last ones
+        with limited(size):
+            fails(render(stage, "-o", out / "old.exr", *flags, "--resume"), 1, *full)
+            fails(call(*merge), 1, *full)
+            if size > 500:
+                fails(render(stage, "-o", out / "new" / "a.png", "-o", out / "old.exr", *flags), 1, *full)
+        assert {each.name: each.read_bytes() for each in out.iterdir()} == before
+    assert call(*merge)[0] == 0 and len(read_layers(out / "old.exr")) == 5
+    assert {each.name for each in out.iterdir()} == {"old.exr", "old.checkpoint"}
 
 
 def test_a_folder_that_goes_is_made_again(render, stage, out, monkeypatch):

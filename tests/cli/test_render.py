@@ -2,7 +2,6 @@
 
 import os
 import re
-import resource
 import signal
 import subprocess
 import sys
@@ -570,18 +569,6 @@ def test_an_output_that_cannot_be_written_is_named_before_rendering(render, stag
 
 def command(*arguments):
     return [sys.executable, "-m", "photonbeams", "render", *map(str, arguments)]
-
-
-def test_a_full_disk_leaves_the_old_files_and_no_others(stage, out):
-    # A limit on the size of files stands for the full disk: the picture fits, the layers do not.
-    def limited():
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
-
-    arguments = command(stage(), "-o", out / "a.png", "-o", out / "old.exr", "--progress", "none", *SMALL)
-    ended = subprocess.run(arguments, capture_output=True, text=True, check=False, preexec_fn=limited)
-    fails((ended.returncode, ended.stdout, ended.stderr), 1, str(out / "old.exr"), "File too large")
-    assert untouched(out)
 
 
 def test_ctrl_c_ends_with_130_and_nothing_written(stage, out):

@@ -1,9 +1,6 @@
 """Picture files: they read back as they were written, and no file is half written."""
 
-import errno
 import os
-import subprocess
-import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -350,43 +347,6 @@ def test_a_file_in_the_folders_place_is_an_error(tmp_path, layers):
     with pytest.raises(OSError):
         images.write_frame(tmp_path / "out" / "sub" / "a.exr", layers)
     assert names_in(tmp_path) == ["out"]
-
-
-# A limit on the size of files stands for a full disk. It cannot be lifted again, so it is set in a child process.
-FULL_DISK = """
-import resource, signal, sys
-import numpy as np
-from photonbeams.images import files as images
-path, limit = sys.argv[1], int(sys.argv[2])
-pixels = np.random.default_rng(1).uniform(0, 1, (150, 200, 3)).astype(np.float32)
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-views = {view: ({"rgba": pixels, "beams": pixels[::-1]}, {}) for view in sys.argv[3:]}
-try:
-    images.write_frame(path, {"rgba": pixels, "beams": pixels[::-1]}, views=views)
-except OSError as error:
-    print(error.errno, error.filename)
-"""
-
-
-@pytest.mark.parametrize("eyes", [(), ("left", "right")], ids=["mono", "stereo"])
-@pytest.mark.parametrize("suffix", ["exr", "png"])
-def test_a_full_disk_is_an_error_and_leaves_the_old_file(tmp_path, suffix, eyes):
-    path = tmp_path / f"a.{suffix}"
-
-    def write(limit):
-        command = [sys.executable, "-c", FULL_DISK, str(path), str(limit), *eyes]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-
-    assert write(10**9) == ""
-    whole = path.stat().st_size
-    path.write_bytes(b"yesterday")
-    for limit in (100, whole // 2, whole - 1):
-        number, name = write(limit).split(" ", 1)
-        assert int(number) == errno.EFBIG
-        assert name == str(path)
-        assert path.read_bytes() == b"yesterday"
-        assert names_in(tmp_path) == [path.name]
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")

@@ -174,14 +174,14 @@ def test_a_save_is_never_followed_by_an_autosave_of_older_edits(begin, kept, mon
     edits = begin()
     edits.set({INTENSITY: 2.0})
     inside, go_on = threading.Event(), threading.Event()
-    written = autosave.atomic_path
+    written = autosave.write_bytes
 
-    def slow(path):
+    def slow(path, data):
         inside.set()
         assert go_on.wait(20)
-        return written(path)
+        return written(path, data)
 
-    monkeypatch.setattr(autosave, "atomic_path", slow)
+    monkeypatch.setattr(autosave, "write_bytes", slow)
     writer = threading.Thread(target=edits._autosave._now)
     writer.start()
     assert inside.wait(20)

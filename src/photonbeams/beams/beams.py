@@ -20,7 +20,7 @@ from ..numerics.arrays import joined, taken, to_float, to_uint, to_vectors
 from ..numerics.given import Numbers
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Float, UInt32
-from ..runtime.files import PathLike, atomic_path
+from ..runtime.files import PathLike, atomic_file
 from ..scene import Array, SceneError, arguments, numbers, shown
 
 _COLOR = ("start", "end", "power")
@@ -299,7 +299,7 @@ class Beams:
         >>> pb.Beams.load("beams.npz")
         Beams(1)
         """
-        with atomic_path(path) as beside, beside.open("wb") as file:
+        with atomic_file(path) as file:
             np.savez_compressed(file, **self.arrays())  # type: ignore[arg-type]
 
     @classmethod

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import pairwise
@@ -166,7 +167,8 @@ def _sentence(error: BaseException) -> str | None:
 
 def _fail(message: str, code: int, given: Sequence[str]) -> NoReturn:
     """Print a message on standard error, and for Open Job Description if `--progress openjd` is given; exit."""
-    print(message, file=sys.stderr)
-    if "--progress=openjd" in given or ("--progress", "openjd") in pairwise(given):
-        print(f"openjd_fail: {message}", flush=True)
+    with suppress(OSError):  # a full disk may be to blame, which holds the messages, too
+        print(message, file=sys.stderr)
+        if "--progress=openjd" in given or ("--progress", "openjd") in pairwise(given):
+            print(f"openjd_fail: {message}", flush=True)
     raise SystemExit(code)

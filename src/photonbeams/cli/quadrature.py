@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -53,10 +53,10 @@ def quadrature(
     )
     console.print(claim(everything))
     if plot is not None:
-        from ..runtime.files import atomic_path
+        from ..runtime.files import atomic_file
 
-        with atomic_path(plot) as path:
-            draw(found, max_order, path)
+        with atomic_file(plot) as file:
+            draw(found, max_order, file)
         console.print(f"Wrote {plot}", soft_wrap=True)
 
 
@@ -171,7 +171,7 @@ def _error(error: float) -> str:
 # -- the picture -----------------------------------------------------------------------------------------------------
 
 
-def draw(found: dict[str, list[Curve]], max_order: int, path: Path) -> None:
+def draw(found: dict[str, list[Curve]], max_order: int, file: IO[bytes]) -> None:
     """Plot error against n: profiles above falloffs, the median ray beside the worst; Gauss solid, Riemann dashed."""
     with needs("plot", "a plot", "matplotlib"):
         import matplotlib as mpl
@@ -213,5 +213,5 @@ def draw(found: dict[str, list[Curve]], max_order: int, path: Path) -> None:
     axes[0, 0].legend(handles=rules, loc="lower left", frameon=False)
     figure.suptitle("Light along rays inside a beam: Gauss-Legendre beside the Riemann sum (dotted: 1 %, six points)")
     figure.tight_layout()
-    figure.savefig(path)
+    figure.savefig(file)
     plt.close(figure)

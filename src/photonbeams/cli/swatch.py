@@ -42,7 +42,7 @@ def swatch(
     Examples: photonbeams swatch look.usda -o look.png, or photonbeams swatch shot.usda --look Ember -o ember.png
     """
     from ..images.files import prepare_output
-    from ..runtime.files import atomic_path
+    from ..runtime.files import atomic_file
 
     if output.suffix.lower() != ".png":
         raise typer.BadParameter(f"{output} is not the name of a picture: expected FILE.png")
@@ -63,6 +63,6 @@ def swatch(
 
     specimen = Specimen(medium or FOG, length, *radius, context=LightContext(frame or 0.0, seconds))
     figure = sheet([(spec.name, build_look(spec), specimen) for spec in found])
-    with atomic_path(output) as path:
-        figure.savefig(path)
+    with atomic_file(output) as file:
+        figure.savefig(file)
     print(f"Wrote {output}")

@@ -5,12 +5,13 @@ Files are written whole or not at all: see `runtime.files`.
 
 from __future__ import annotations
 
-import errno
-import os
+import struct
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy as np
 import OpenEXR
 import OpenImageIO
 
-from ..runtime.files import PathLike, atomic_path, try_path, why_unreadable
+from ..runtime.files import PathLike, try_path, why_unreadable, write_bytes
 from ..scene import Array, SceneError
 from .display import dithered, is_encoded, srgb_decoded, srgb_encoded, tone_mapped
 
@@ -27,7 +28,6 @@ Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to i
 HALF_MAX = 65504.0  # the largest finite half
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
 SHARED = ("displayWindow", "chromaticities")  # attributes of a frame that must be the same in all parts of an EXR
-PNG_END = b"IEND\xaeB`\x82"  # the end of every complete PNG
 
 
 # -- files -----------------------------------------------------------------------------------------------------------
@@ -48,18 +48,6 @@ def prepare_output(path: PathLike) -> Path:
     path = _picture_path(path)
     try_path(path)
     return path
-
-
-def _failed(path: Path, message: str) -> OSError:
-    """Return the system's error because of which a library could not write `path`, or else the library's message."""
-    try:
-        with path.open("ab") as file:  # this fails as the library did, but Python reports the system's reason
-            file.write(bytes(1 << 16))
-            file.flush()
-            os.fsync(file)
-    except OSError as error:
-        return error
-    return OSError(errno.EIO, f"cannot be written ({message.strip().partition(chr(10))[0] or 'for no reason given'})")
 
 
 def _picture_path(path: PathLike) -> Path:
@@ -164,11 +152,12 @@ def write_exr(
 
 def write_exr_parts(path: PathLike, parts: list[OpenEXR.Part]) -> None:
     """Write the parts of an EXR, whole or not at all; raise OSError as `atomic_path` does."""
-    with atomic_path(path) as beside:
-        try:
-            OpenEXR.File(parts).write(str(beside))
-        except RuntimeError as error:  # OpenEXR raises no other kind
-            raise _failed(beside, str(error)) from error
+    data = BytesIO()  # OpenEXR reports no error if the last bytes of a file cannot be written
+    try:
+        OpenEXR.File(parts).write(data)
+    except RuntimeError as error:  # OpenEXR raises no other kind
+        raise SceneError(f"{path} cannot be written: {reason(str(error))}") from error
+    write_bytes(path, data.getbuffer())
 
 
 def _part_name(layer: str, view: str, views: Views) -> str:
@@ -233,7 +222,12 @@ def _channels(name: str, pixels: Array) -> dict[str, Array]:
 
 
 def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0) -> None:
-    """Write scene-linear colours (H, W, 3 or 4), premultiplied, as an opaque 8-bit sRGB picture over black.
+    """Write the picture that `png_of` encodes; raise ValueError as it does, and OSError as `atomic_path` does."""
+    write_bytes(path, png_of(*eyes, exposure=exposure))
+
+
+def png_of(*eyes: Array, exposure: float = 0.0) -> bytes:
+    """Return scene-linear colours (H, W, 3 or 4), premultiplied, as an opaque 8-bit sRGB picture over black, a PNG.
 
     Several eyes are shown side by side, the first on the left; each has the bits that it would have alone.
 
@@ -248,23 +242,24 @@ def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0) -> None:
     ------
     ValueError
         Eyes of different heights.
-    OSError
-        As `atomic_path`.
+
+    References
+    ----------
+    Portable Network Graphics (PNG) Specification, https://www.w3.org/TR/png-3/.
     """
     heights = [np.shape(eye)[0] for eye in eyes]
     if len(set(heights)) != 1:
-        raise ValueError(f"while writing {path}, got eyes {heights} pixels high: expected one height")
+        raise ValueError(f"while encoding a picture, got eyes {heights} pixels high: expected one height")
     picture = np.hstack([dithered(srgb_encoded(tone_mapped(np.asarray(eye)[..., :3], exposure))) for eye in eyes])
-    spec = OpenImageIO.ImageSpec(picture.shape[1], picture.shape[0], 3, "uint8")
-    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
-    with atomic_path(path) as beside:
-        file: Any = OpenImageIO.ImageOutput.create("png")
-        done = file.open(str(beside), spec) and file.write_image(picture)
-        file.close()
-        # On a full disk every call returns True: only the error text tells, or for the last few bytes the file itself.
-        message = file.geterror()
-        if message or not done or not beside.read_bytes().endswith(PNG_END):
-            raise _failed(beside, message)
+    height, width, _ = picture.shape
+    rows = np.diff(picture, axis=1, prepend=np.uint8(0)).reshape(height, -1)  # filter 1, "Sub", modulo 256
+    data = zlib.compress(np.insert(rows, 0, 1, axis=1).tobytes())
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)  # 8 bits, red, green and blue, not interlaced
+    chunks = {b"IHDR": head, b"sRGB": b"\0", b"IDAT": data, b"IEND": b""}
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+        for kind, content in chunks.items()
+    )
 
 
 # -- in --------------------------------------------------------------------------------------------------------------

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 import OpenImageIO
 
 from ..scene import Array
-from .files import write_png
+from .files import png_of
 
 # A notebook stores pictures as text: a few large ones make it slow to open and to compare.
 MOST_BYTES = 1_000_000
@@ -26,19 +23,11 @@ def preview(*eyes: Array) -> bytes:
     ------
     ValueError
         Eyes of different heights.
-    OSError
-        A temporary file cannot be written.
     """
     scale = min(1.0, (MOST_PIXELS / sum(np.shape(each)[0] * np.shape(each)[1] for each in eyes)) ** 0.5)
-    # OpenImageIO's Python module can only write to files.
-    with tempfile.TemporaryDirectory(prefix="photonbeams-") as folder:
-        path = Path(folder) / "preview.png"
-        while True:
-            write_png(path, *(_smaller(each, scale) for each in eyes))
-            data = path.read_bytes()
-            if len(data) <= MOST_BYTES:
-                return data
-            scale *= min(0.9, (MOST_BYTES / len(data)) ** 0.5)
+    while len(data := png_of(*(_smaller(each, scale) for each in eyes))) > MOST_BYTES:
+        scale *= min(0.9, (MOST_BYTES / len(data)) ** 0.5)
+    return data
 
 
 def _smaller(pixels: Array, scale: float) -> Array:

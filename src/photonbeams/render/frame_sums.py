@@ -9,7 +9,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from ..runtime.files import PathLike, atomic_path
+from ..runtime.files import PathLike, atomic_file
 from ..scene import Array, SceneError
 from .sums import PassSums
 
@@ -97,7 +97,7 @@ class FrameSums:
 
     def save(self, path: PathLike) -> None:
         """Write the sums to the file `path`, completely or not at all; raise OSError if that fails."""
-        with atomic_path(path) as beside, beside.open("wb") as file:
+        with atomic_file(path) as file:
             np.savez(file, **self.state())  # type: ignore[arg-type]
 
     @classmethod

@@ -1,23 +1,30 @@
 """Write files completely or not at all, and check whether files can be read.
 
-A file is written beside its target, under a hidden name of its own, and renamed once it is complete and on the disk. So
-neither a full disk nor a second writer leaves half a file. If something goes wrong, an `OSError` names the target. If a
-process is killed while it writes, the next writer in the same folder removes the leftover file.
+A file is written beside its target, under a hidden name of its own. It is closed, synced, and read back: only if its
+size and checksum are those of the bytes that were meant, it is renamed. So neither a full disk nor a second writer
+leaves half a file. If something goes wrong, an `OSError` names the target. If a process is killed while it writes, the
+next writer in the same folder removes the leftover file.
+
+Everything that photonbeams writes goes through `atomic_file`, and libraries encode into it or into memory. Only
+OpenUSD's binary layers need a path, from `atomic_path`, and are compared with the layer in memory.
 """
 
 from __future__ import annotations
 
 import errno
+import io
 import os
 import platform
 import re
 import secrets
 import stat
 import time
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
+from typing import IO, Any
 
 PathLike = str | os.PathLike[str]
 
@@ -57,11 +64,71 @@ def why_unreadable(path: PathLike) -> str:
     return next((f"it is {name}" for test, name in _KINDS if test(mode)), "")
 
 
+def write_bytes(path: PathLike, data: bytes | memoryview) -> None:
+    """Write a file whole or not at all; raise OSError as `atomic_path` does."""
+    with atomic_file(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def atomic_file(path: PathLike) -> Iterator[IO[bytes]]:
+    """Yield a binary stream to write to, without `seek`; at the end, `path` has its bytes if the disk has all of them.
+
+    Raises
+    ------
+    OSError
+        As `atomic_path`, or the file holds other bytes than were written.
+    """
+    with atomic_path(path) as beside:
+        with _Draft(beside) as draft:
+            yield draft  # type: ignore[misc]
+        sync(beside)
+        draft.check()
+
+
+class _Draft(io.RawIOBase):
+    """A stream to a new file, with the size and the checksum of what was written to it."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._file = path, path.open("wb")
+        self._size = self._checksum = 0
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        with memoryview(data).cast("B") as view:
+            self._file.write(view)
+            self._checksum = zlib.crc32(view, self._checksum)
+            self._size += len(view)
+            return len(view)
+
+    def close(self) -> None:
+        try:
+            self._file.close()  # writes what is still buffered
+        finally:
+            super().close()
+
+    def check(self) -> None:
+        """Raise OSError if the closed file holds other bytes than were written: some disks lose bytes in silence."""
+        size = checksum = 0
+        with self._path.open("rb") as file:
+            while block := file.read(1 << 20):
+                size, checksum = size + len(block), zlib.crc32(block, checksum)
+        if (size, checksum) != (self._size, self._checksum):
+            text = f"the disk holds {size:,} of {self._size:,} bytes" if size != self._size else "the disk lost bytes"
+            raise OSError(errno.EIO, f"cannot be written ({text})", str(self._path))
+
+
 @contextmanager
 def atomic_path(path: PathLike) -> Iterator[Path]:
     """Yield a path beside `path`, with the same suffix, to write to; rename it to `path` at the end, or remove it.
 
-    The folder is made if it does not exist. If `path` is a symbolic link, the file to which it points is written.
+    Whoever writes to it syncs and checks the file, as `atomic_file` does. Where several files belong together, enter
+    all their paths first: then none gets its name before all are whole.
+
+    The folder is made if it does not exist, and removed again if nothing is written. If `path` is a symbolic link, the
+    file to which it points is written.
 
     Raises
     ------
@@ -73,7 +140,9 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     # Short enough for every allowed name, and hidden, so that no pattern for pictures matches it.
     own = f".{path.stem[:40]}.{_HOST}-{os.getpid()}-"
     beside = target.parent / f"{own}{secrets.token_hex(6)}.tmp{path.suffix}"
+    missing: list[Path] = []
     try:
+        missing += [folder for folder in target.parents if not folder.exists()]
         target.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(str(target.parent))
         if path.is_dir():
@@ -83,7 +152,6 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         # Mode 666 with the user's umask; files of `tempfile` have mode 600.
         os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
         yield beside
-        _flush(beside)
         os.replace(beside, target)
     except OSError as error:
         ours = (beside, path, path.parent, target, target.parent)
@@ -95,6 +163,30 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             beside.unlink()
+        for folder in missing:
+            with suppress(OSError):  # it is not empty
+                folder.rmdir()
+
+
+def sync(path: Path) -> None:
+    """Wait until a file is on the disk: a full network disk reports it only then."""
+    file = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+def failure_of(path: Path, message: str) -> OSError:
+    """Return the system's error because of which a library could not write `path`, or else the library's message."""
+    try:
+        with path.open("ab") as file:  # this fails as the library did, but Python reports the system's reason
+            file.write(bytes(1 << 16))
+            file.flush()
+            os.fsync(file)
+    except OSError as error:
+        return error
+    return OSError(errno.EIO, f"cannot be written ({message.strip().partition(chr(10))[0] or 'for no reason given'})")
 
 
 def try_path(path: PathLike) -> None:
@@ -105,14 +197,8 @@ def try_path(path: PathLike) -> None:
     OSError
         If the folder cannot be made or written to, or a folder has the file's name.
     """
-    missing = [folder for folder in Path(path).parents if not folder.exists()]
-    try:
-        with suppress(_Undone), atomic_path(path):
-            raise _Undone
-    finally:
-        for folder in missing:
-            with suppress(OSError):
-                folder.rmdir()
+    with suppress(_Undone), atomic_path(path):
+        raise _Undone
 
 
 def _remove_leftovers(folder: str) -> None:
@@ -144,12 +230,3 @@ def _alive(process: int) -> bool:
 
 class _Undone(Exception):  # noqa: N818 (not an error: it ends a trial)
     pass
-
-
-def _flush(path: Path) -> None:
-    """Wait until a file is on the disk: a full network disk reports it only then."""
-    file = os.open(path, os.O_RDWR)
-    try:
-        os.fsync(file)
-    finally:
-        os.close(file)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..images.frame import pixels_of
-from ..runtime.files import PathLike, atomic_path
+from ..runtime.files import PathLike, atomic_path, write_bytes
 from ..scene import SceneError
 from ..usd import stage as stages
 from ..usd.reading import LOG, file_of, frame_number
@@ -97,15 +97,8 @@ def _write(twin: Twin, path: Path, text: str) -> list[Path]:
     """Write the .xml and its files: none gets its name before all are whole, and the .xml gets it last."""
     folder = path.parent / twin.folder
     places = {name: folder / name for name in twin.files}
-    fresh = not folder.exists()
-    try:
-        with ExitStack() as stack:
-            beside = stack.enter_context(atomic_path(path))
-            beside.write_text(text, encoding="utf-8")
-            for name, write in twin.files.items():
-                write(stack.enter_context(atomic_path(places[name])))
-    finally:
-        if fresh and not path.exists():
-            with suppress(OSError):
-                folder.rmdir()
+    with ExitStack() as stack:
+        write_bytes(stack.enter_context(atomic_path(path)), text.encode())
+        for name, encode in twin.files.items():
+            write_bytes(stack.enter_context(atomic_path(places[name])), encode())
     return [path, *places.values()]

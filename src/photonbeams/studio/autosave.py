@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from ..runtime.files import atomic_path, why_unreadable
+from ..runtime.files import why_unreadable, write_bytes
 
 LOG = logging.getLogger("photonbeams")
 
@@ -60,8 +60,7 @@ class Autosave:
                 self.remove(path)
                 return
             try:
-                with atomic_path(autosave_path(path)) as partial:
-                    partial.write_text(text, encoding="utf-8")
+                write_bytes(autosave_path(path), text.encode())
             except OSError as error:
                 if not self._failed:
                     LOG.warning("unsaved edits cannot be kept in %s: %s", autosave_path(path), error.strerror or error)

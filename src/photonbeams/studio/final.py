@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..runtime.files import atomic_file, write_bytes
 from ..scene import SceneError
 from ..usd.stereo import Stereo
 
@@ -88,7 +89,7 @@ class FinalRender:
             raise SceneError("a final render is under way: wait until it ends, or cancel it")
         work = Path(tempfile.mkdtemp(dir=self.folder))
         layer = work / "edits.usda"
-        layer.write_text(wanted.edits)
+        write_bytes(layer, wanted.edits.encode())
         name = wanted.stage.stem
         pattern = f"{name}.####.exr" if wanted.frames else f"{name}.exr"
         words = [sys.executable, "-m", "photonbeams", "render", str(wanted.stage), "--session-layer", str(layer)]
@@ -125,7 +126,10 @@ class FinalRender:
             os.replace(pictures[0], target)
             return target
         target = self.folder / f"{name}.zip"
-        with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:  # EXR is compressed already
+        with (
+            atomic_file(target) as file,
+            zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive,  # EXR is compressed already
+        ):
             for each in pictures:
                 archive.write(each, each.name)
         return target

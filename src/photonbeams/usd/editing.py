@@ -9,8 +9,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from ..runtime.files import atomic_path
 from ..scene import SceneError
+from .layers import write_layer
 from .lights import is_light
 from .openusd import Gf, Sdf, Tf, Usd, UsdGeom
 from .reading import file_of, quiet
@@ -221,8 +221,7 @@ class EditLayer:
         """
         if path.suffix not in (".usd", ".usda", ".usdc"):
             raise SceneError(f"{path}: expected a .usda, .usdc or .usd file")
-        with atomic_path(path) as partial:
-            self._layer.Export(str(partial))
+        write_layer(self._layer, path)
 
 
 def _converted(value: Any, kind: Sdf.ValueTypeName, path: str) -> Any:

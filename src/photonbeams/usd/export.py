@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from ..beams.curves import directions
-from ..runtime.files import PathLike, atomic_path
+from ..runtime.files import PathLike
 from ..scene import Array, DrawnBeams, SceneError
+from .layers import write_layer
 from .openusd import Sdf, Usd, UsdGeom, Vt
 
 ROOT = "/Beams"
@@ -61,7 +62,8 @@ def write_beams(
         UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(like))
         UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(like))
         stage.SetTimeCodesPerSecond(like.GetTimeCodesPerSecond())
-    _export(layer, Path(path))
+    check_path(Path(path))
+    write_layer(layer, path)
 
 
 def _define(stage: Usd.Stage, beams: DrawnBeams, path: str) -> Usd.Prim:
@@ -194,14 +196,3 @@ def check_path(path: Path) -> None:
         raise SceneError(f"{path}: expected a name that ends in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
     if not os.access(path.parent, os.W_OK):
         raise SceneError(f"{path} cannot be written: expected a folder that is there and may be written to")
-
-
-def _export(layer: Sdf.Layer, path: Path) -> None:
-    check_path(path)
-    with atomic_path(path) as beside:
-        try:
-            done = layer.Export(str(beside))
-        except Exception as error:
-            raise SceneError(f"{path} cannot be written: {str(error).strip().splitlines()[-1]}") from None
-        if not done:
-            raise SceneError(f"{path} cannot be written: OpenUSD gives no reason")

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import os
 from functools import cache
+from pathlib import Path
 
-from ..runtime.files import why_unreadable
+from ..runtime.files import PathLike, atomic_path, failure_of, sync, why_unreadable, write_bytes
 from ..scene import SceneError
 from . import materialx
 from .metadata import correct_metadata
 from .openusd import Ar, Sdf, Tf
+from .reading import quiet
 from .textures import stamp
 from .warnings import Warnings
 
@@ -59,6 +61,23 @@ def ready_layers(root: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
                 found[path] = other
                 waiting.append(other)
     return list(found.values())
+
+
+def write_layer(layer: Sdf.Layer, path: PathLike) -> None:
+    """Write a layer to a .usda, .usdc or .usd file, whole or not at all; raise OSError as `atomic_path` does."""
+    if Path(path).suffix == ".usda":
+        write_bytes(path, layer.ExportToString().encode())
+        return
+    with atomic_path(path) as beside:
+        try:
+            with quiet():
+                layer.Export(str(beside))
+                sync(beside)
+                found = Sdf.Layer.OpenAsAnonymous(str(beside))
+        except Tf.ErrorException as error:
+            raise failure_of(beside, str(error).strip().splitlines()[-1]) from None
+        if not found or found.ExportToString() != layer.ExportToString():
+            raise failure_of(beside, "the disk holds another layer")
 
 
 def forget_changes() -> None:

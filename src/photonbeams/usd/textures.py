@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..images.textures import TEXTURE_LIMIT, Decoded, decoded, linear
-from ..runtime.files import why_unreadable
+from ..runtime.files import why_unreadable, write_bytes
 from ..scene import Array, rgb
 from .color_spaces import AUTO, RAW, SRGB, color_space, to_linear
 from .openusd import Ar, Sdf, Usd
@@ -120,7 +120,7 @@ def _image(path: str, _stamp: tuple[int, int], space: str, limit: int) -> Decode
     suffix = Path(Ar.SplitPackageRelativePathInner(path)[1]).suffix
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"image{suffix}"
-        file.write_bytes(bytes(asset.GetBuffer()))
+        write_bytes(file, bytes(asset.GetBuffer()))
         return decoded(str(file), linearize, limit)
 
 

@@ -6,11 +6,11 @@ import struct
 import uuid
 import zlib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..runtime.files import PathLike, write_bytes
 from ..scene import Array, SceneError
 from .bytes import ACTIVE_MASK, ZIP
 
@@ -19,7 +19,7 @@ _LEAF = 8
 _OFFSETS = struct.Struct("<3q")
 
 
-def write_vdb(path: str | Path, grids: Mapping[str, Array], to_file: Array | None = None, half: bool = True) -> None:
+def write_vdb(path: PathLike, grids: Mapping[str, Array], to_file: Array | None = None, half: bool = True) -> None:
     """Write grids to an OpenVDB file, compressed by zip.
 
     Parameters
@@ -36,6 +36,8 @@ def write_vdb(path: str | Path, grids: Mapping[str, Array], to_file: Array | Non
     ------
     SceneError
         Arrays of another shape, or with numbers that are not finite.
+    OSError
+        As for `files.atomic_path`: the file is written whole or not at all.
     """
     unique = str(uuid.uuid5(uuid.NAMESPACE_OID, "photonbeams")).encode()
     parts = [struct.pack("<8s3IB36s", b" BDV\0\0\0\0", 224, 11, 0, 1, unique), struct.pack("<2i", 0, len(grids))]
@@ -46,7 +48,7 @@ def write_vdb(path: str | Path, grids: Mapping[str, Array], to_file: Array | Non
             raise SceneError(f"grid {name} has the shape {values.shape}: expected (Z, Y, X) or (Z, Y, X, 3), finite")
         parts.append(_grid(name, values, to_file, half, place))
         place += len(parts[-1])
-    Path(path).write_bytes(b"".join(parts))
+    write_bytes(path, b"".join(parts))
 
 
 def _text(text: str) -> bytes:

@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,8 @@ TURNED = np.diag([-1.0, 1.0, -1.0, 1.0])
 # scene's radius away, the far one at least the second.
 _NEAR, _FAR = 1e-4, 1e2
 
-Write = Callable[[Path], None]
+#: A function that writes a file to one of Mitsuba's streams.
+Write = Callable[[Any], None]
 
 
 @dataclass
@@ -45,14 +45,14 @@ class Twin:
     parts
         Its plug-ins by id, as `mi.load_dict` takes them, except for the names of files.
     files
-        Functions that write the files, by the names of these in the folder.
+        Functions that return the files' bytes, by the names of these in the folder.
     lost
         Warnings about what is left out.
     """
 
     folder: str
     parts: dict[str, Any] = field(default_factory=dict)
-    files: dict[str, Write] = field(default_factory=dict)
+    files: dict[str, Callable[[], bytes]] = field(default_factory=dict)
     lost: list[str] = field(default_factory=list)
     _taken: set[str] = field(default_factory=set)
 
@@ -68,7 +68,7 @@ class Twin:
 
     def file(self, name: str, write: Write) -> str:
         """Add a file that `write` will write, and return its path as the scene names it."""
-        self.files[name] = write
+        self.files[name] = partial(_bytes_of, write)
         return f"{self.folder}/{name}"
 
     def with_images(self, part: dict[str, Any], name: str) -> dict[str, Any]:
@@ -194,7 +194,7 @@ def _add_surfaces(twin: Twin, content: scene.Scene, exposure: float) -> None:
 
 def ply(twin: Twin, mesh: scene.Mesh, name: str) -> dict[str, Any]:
     """Describe a mesh, and add a file for it."""
-    path = twin.file(f"{name}.ply", lambda path: shape_of(mesh).write_ply(str(path)))
+    path = twin.file(f"{name}.ply", lambda stream: shape_of(mesh).write_ply(stream))
     return {"type": "ply", "filename": path, "face_normals": mesh.normals is None}
 
 
@@ -224,9 +224,15 @@ def _closed(mesh: scene.Mesh) -> bool:
     return all((b, a) in there for a, b in there)
 
 
-def _write_image(bitmap: Any, path: Path) -> None:
+def _write_image(bitmap: Any, stream: Any) -> None:
     with helping_thread():
-        bitmap.write(str(path))
+        bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
+
+
+def _bytes_of(write: Write) -> bytes:
+    stream = mi.MemoryStream()  # streams to files report no error if their last bytes cannot be written
+    write(stream)
+    return bytes(stream.raw_buffer())
 
 
 # -- media -------------------------------------------------------------------------------------------------------------
@@ -294,5 +300,5 @@ def _medium_of(twin: Twin, medium: scene.Medium, name: str) -> dict[str, Any]:
 def _grid_of(twin: Twin, name: str, values: Array, place: scene.DensityGrid) -> dict[str, Any]:
     """Describe values on a grid, and add a file for them."""
     grid = mi.VolumeGrid(np.ascontiguousarray(values, dtype=np.float32))
-    path = twin.file(f"{name}.vol", lambda path: grid.write(str(path)))
+    path = twin.file(f"{name}.vol", grid.write)
     return {"type": "gridvolume", "filename": path, "raw": True, "to_world": matrix(place.to_world)}
