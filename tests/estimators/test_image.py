@@ -84,11 +84,11 @@ class Picture:
         count = WIDTH * HEIGHT
         rays = view.rays((0.5, 0.5), by_group if name in FILM else None)
         self.time = None
-        if rays.lanes is not None:
+        if rays.times is not None:
             x, y = view.pixels()
             self.time = by_group(lane_of(x, y, UInt32(self.projection.columns)))[1]
         self.t_max = np.full(count, ENDLESS) if t_max is None else t_max
-        self.rays = PixelRays(*rays[:3], to_float(self.t_max), dr.zeros(Float, count), rays.lanes)
+        self.rays = PixelRays(*rays[:3], to_float(self.t_max), dr.zeros(Float, count), rays.origins, rays.times)
         dr.eval(self.rays.t_min, self.rays.t_max)
 
     def tiled(self, beams, look, estimator, close=None):

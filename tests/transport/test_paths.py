@@ -32,7 +32,7 @@ def tracing(scene, medium, **given):
     """Return the tracing of light paths in a scene whose space a medium fills."""
     world = SceneWorld(scene, None)
     world.media = Media([medium])
-    plain = {"max_bounces": None, "rr_depth": 5, "overlap": OVERLAP, "region": 1.0, "paths": COUNT, "power": 1.0}
+    plain = {"max_bounces": None, "rr_depth": 5, "overlap": OVERLAP, "region": 1.0, "paths": [COUNT], "power": [1.0]}
     return paths.Tracing(world, **{**plain, **given})
 
 

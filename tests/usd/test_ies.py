@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
+from photonbeams.numerics.arrays import to_vectors
+from photonbeams.runtime.device import Array2f
 from photonbeams.usd.ies import parse
+from photonbeams.world.gobos import projected
+from photonbeams.world.lights import source
 
 HEAD = "IESNA:LM-63-2002\n[TEST] none\nTILT=NONE\n"
 
@@ -109,3 +113,21 @@ def test_a_light_reads_its_profile_and_shines_without_one_that_is_not_there(scen
     assert (bad, none) == (None, None)
     assert "bad.ies, which is not an IES profile (it has no line TILT=): the light shines without it" in caplog.text
     assert "none.ies, which is not there: the light shines without its IES profile" in caplog.text
+
+
+def test_the_cone_and_the_profile_are_multiplied(scene, tmp_path):
+    """A profile of 4 candela at 0 and 2 from 45 degrees on, under the schema's cone of 90 degrees and two others."""
+    (tmp_path / "a.ies").write_text(file([0], [[4, 2, 2]], vertical=(0, 45, 180)))
+    found = {}
+    for cone in ("", "float inputs:shaping:cone:angle = 30", "float inputs:shaping:cone:angle = 180"):
+        body = f"bool treatAsPoint = 1\nfloat inputs:radius = 0\nasset inputs:shaping:ies:file = @{tmp_path}/a.ies@"
+        body += f"\n{cone}"
+        (lamp,) = scene(f'def SphereLight "L" (prepend apiSchemas = ["ShapingAPI"]) {{\n{body}\n}}').lights
+        lit = projected(source(lamp), lamp, None, {})
+        towards = np.array([[0, 0, -1], [np.sin(0.5), 0, -np.cos(0.5)], [1, 0, -1], [1, 0, 0.1]])
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        # Of the points on a sphere around the lamp; without the point's 1/4 for its normalized intensity.
+        found[cone] = 4 * lit.illuminate(to_vectors(towards), Array2f(0.5, 0.5)).weight.numpy()[0]
+    at_28 = 4 - 2 * np.degrees(0.5) / 45
+    for cone, expected in zip(found, ([4, at_28, 2, 0], [4, at_28, 0, 0], [4, at_28, 2, 2]), strict=True):
+        assert found[cone] == pytest.approx(expected, abs=2e-3), cone

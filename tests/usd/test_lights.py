@@ -15,6 +15,7 @@ from photonbeams.scene import (
     SphereLight,
 )
 from photonbeams.scene.vectors import ellipse_perimeter, ellipsoid_area
+from photonbeams.usd.openusd import Usd
 from photonbeams.usd.stage import read_scene
 
 SCALED = """
@@ -47,6 +48,49 @@ def test_radiance_is_intensity_exposure_and_color(scene):
     assert only(scene(text)).radiance == (12, 6, 0)
 
 
+def test_a_lights_colour_is_converted_from_its_space(scene, caplog):
+    text = 'color3f inputs:color = %s (\ncolorSpace = "%s"\n)'
+    assert only(scene(light("RectLight", text % ((0.5, 1, 0), "srgb_texture")))).radiance == pytest.approx(
+        (0.214, 1, 0), abs=1e-3
+    )
+    assert only(scene(light("RectLight", text % ((0.5, 1, 0), "lin_rec709")))).radiance == (0.5, 1, 0)
+    assert not caplog.text
+    assert only(scene(light("RectLight", text % ((0, 1, 0), "acescg")))).radiance == pytest.approx(
+        (0, 1.1407, 0), abs=1e-3
+    )
+    assert "/L.inputs:color is (-0.6" in caplog.text
+
+
+def test_metres_per_unit_do_not_change_a_light(scene):
+    body = "float inputs:intensity = 7\nbool inputs:normalize = 1"
+    inches, metres = (only(scene(light("DiskLight", body), f"metersPerUnit = {unit}")) for unit in (0.0254, 1))
+    assert repr(inches) == repr(metres)
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "apis"),
+    [
+        ("CylinderLight", 'bool treatAsLine = 1\nuniform token light:shaderId = "Other"', ""),
+        ("SphereLight", 'token lightList:cacheBehavior = "ignore"', '"LightListAPI"'),
+        ("RectLight", "float inputs:shadow:falloffGamma = 3", '"ShadowAPI"'),
+        ("DomeLight", "float guideRadius = 3\nrel portals = </L>\nbool inputs:normalize = 1", ""),
+    ],
+)
+def test_what_has_no_effect_on_a_light_is_left_alone(scene, caplog, kind, body, apis):
+    applied = f"(prepend apiSchemas = [{apis}])" if apis else ""
+    assert repr(only(scene(light(kind, body, applied)))) == repr(only(scene(light(kind))))
+    assert not caplog.text
+
+
+@pytest.mark.parametrize("kind", ["DistantLight", "DomeLight"])
+def test_shaping_of_a_light_at_infinity_is_named(scene, caplog, kind):
+    applied = '(prepend apiSchemas = ["ShapingAPI"])'
+    assert only(scene(light(kind, "float inputs:shaping:cone:angle = 180", applied))).shaping is None
+    assert not caplog.text
+    assert only(scene(light(kind, "float inputs:shaping:focus = 2", applied))).shaping is None
+    assert "/L has shaping, which is not rendered on a light that is infinitely far away" in caplog.text
+
+
 def test_color_temperature_multiplies_where_it_is_enabled(scene):
     warm = only(
         scene(light("RectLight", "bool inputs:enableColorTemperature = 1\nfloat inputs:colorTemperature = 3000"))
@@ -59,6 +103,22 @@ def test_color_temperature_of_6500_is_white(scene):
     assert only(scene(light("RectLight", "bool inputs:enableColorTemperature = 1"))).radiance == pytest.approx(
         (1, 1, 1)
     )
+
+
+@pytest.mark.parametrize(
+    "kind", ["SphereLight", "RectLight", "DiskLight", "CylinderLight", "DistantLight", "DomeLight"]
+)
+def test_what_is_not_authored_has_the_fallback_of_its_schema(scene, kind):
+    definition = Usd.SchemaRegistry().FindConcretePrimDefinition(kind)
+    names = [name for name in definition.GetPropertyNames() if definition.GetAttributeDefinition(name)]
+    body = []
+    for name in names:
+        attribute = definition.GetAttributeDefinition(name)
+        value = attribute.GetFallbackValue()
+        if name.startswith(("inputs:", "treatAs")) and isinstance(value, bool | float | int):
+            body.append(f"{attribute.GetTypeName()} {name} = {float(value):g}")
+    assert len(body) >= 7
+    assert repr(only(scene(light(kind)))) == repr(only(scene(light(kind, "\n".join(body)))))
 
 
 @pytest.mark.parametrize(
@@ -184,7 +244,7 @@ def test_shaping_out_of_range_is_named(scene, usd, caplog):
     assert not caplog.text
     found = only(read_scene(usd(light("SphereLight", body.format(-0.5)))))
     assert found.shaping == Shaping(200.0, 0.0)
-    assert "/L.inputs:shaping:cone:softness is -0.5: expected a finite number at least 0; 0 is used" in caplog.text
+    assert "/L.inputs:shaping:cone:softness is -0.5: expected 0 or more; 0 is used" in caplog.text
 
 
 def test_flat_lights_take_scale_into_their_half_axes(scene):

@@ -225,6 +225,64 @@ def test_what_a_moving_light_does_not_reach_does_not_flicker(shot):
         assert np.array_equal(other["rgba"][left], frames[0]["rgba"][left])
 
 
+# Far from all light, and out of sight.
+UNSEEN = """
+def Cube "Unseen"
+{
+    double3 xformOp:translate.timeSamples = { 1: (-5, 0, 9), 2: (-5, 0, 9), 3: (-4, 1, 9) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+AT_REST = STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)")
+# Their pictures have rays of all kinds: evenly spaced ones, others, and more of them at edges.
+WIDE = {"passes": 2, "width": 400, "height": 24, "beams": 64}
+
+
+@pytest.mark.parametrize("depth", [2, 4])
+def test_what_stands_still_is_the_same_once_something_else_begins_to_move(shot, depth):
+    """From frame 2 on a light moves and becomes brighter while the shutter is open, and so does an unseen object."""
+    text = STAGE.replace("{ 1: (1.5, 0, -2), 9: (2.5, 0.5, 2) }", "{ 1: (1.5, 0, -2), 2: (1.5, 0, -2), 3: (3, 1, -1) }")
+    begin = text.index('"Swinging"')
+    brighter = "float inputs:intensity.timeSamples = { 1: 50, 2: 50, 3: 900 }"
+    text = text[:begin] + text[begin:].replace("float inputs:intensity = 50", brighter) + UNSEEN
+    stage = shot("/Camera.shutter:close=0.5", text=text)
+    assert stage.exposure(2).moving and not stage.exposure(1).moving
+    first, later = (stage.render(frame, max_depth=depth, **WIDE).layers for frame in (1, 2))
+    assert np.array_equal(first["beams_still"], later["beams_still"]) and first["beams_still"].any()
+    assert not np.array_equal(first["beams_swinging"], later["beams_swinging"])
+    # The baffle keeps the moving light from the left half of the picture, all but what is scattered or reflected.
+    dark = (first["beams_swinging"] == 0).all(axis=-1) & (later["beams_swinging"] == 0).all(axis=-1)
+    assert depth > 2 or dark[:, : WIDE["width"] // 2 - 1].mean() > 0.9
+    assert all(np.array_equal(first[name][dark], later[name][dark]) for name in first)
+
+
+def test_what_begins_to_move_changes_nothing_that_it_does_not_touch(shot):
+    """An unseen object leaves all layers as they were; a card that moves through a light blurs that light alone."""
+    stage = shot("/Camera.shutter:close=1", text=AT_REST + UNSEEN)
+    first, later = (stage.render(frame, **WIDE).layers for frame in (1, 2))
+    assert all(np.array_equal(first[name], later[name]) for name in first)
+    through = UNSEEN.replace("(-5, 0, 9)", "(1.5, 0, -5)").replace("(-4, 1, 9)", "(3.5, 0, -5)")
+    stage = shot("/Camera.shutter:close=1", text=AT_REST + through)
+    first, later = (stage.render(frame, **WIDE).layers for frame in (1, 2))
+    assert np.array_equal(first["beams_still"], later["beams_still"])
+    instants = [stage.render(2 + (k + 0.5) / 4, blur=False, **WIDE).layers["beams_swinging"].sum() for k in range(4)]
+    assert later["beams_swinging"].sum() == pytest.approx(np.mean(instants), rel=0.03)
+    assert abs(first["beams_swinging"].sum() / later["beams_swinging"].sum() - 1) > 0.06
+
+
+def test_a_program_sees_the_same_times_whether_or_not_anything_moves(shot):
+    def fading(beams, context):
+        beams.power = beams.power * (3 - context.time)
+        return beams
+
+    later = UNSEEN.replace("2: (-5, 0, 9), 3:", "7: (-5, 0, 9), 8:")  # it moves then, so the bounds are the same
+    layers = [
+        shot("/Camera.shutter:close=0.5", text=AT_REST + more, simulate=fading).render(2, **SMALL).layers["beams_still"]
+        for more in (UNSEEN, later)
+    ]
+    assert np.array_equal(*layers) and layers[0].any()
+
+
 def test_two_frames_of_what_is_static_are_identical(shot):
     stage = shot(text=STAGE.replace("9: (2.5, 0.5, 2)", "9: (1.5, 0, -2)"))
     first, later = (stage.render(frame, **SMALL).layers for frame in (1, 7))

@@ -89,4 +89,4 @@ def test_other_sensors_send_their_own_rays():
     film = {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}}
     _, _, direction, found = rays({"type": "distant", "direction": [0, 0, 1], "film": film})
     np.testing.assert_allclose(direction, np.broadcast_to([0, 0, 1], direction.shape), atol=1e-6)
-    assert found.facing is None and found.lanes is None
+    assert found.facing is None and found.origins is None and found.times is None

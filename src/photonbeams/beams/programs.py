@@ -1,7 +1,7 @@
 """Programmed simulation: a Python function changes the beams of each pass (Art, "programmable simulation").
 
-The function takes the beams of one light, or of one set of drawn beams, and returns beams. If anything moves, it is
-called for shutter open and for shutter close, and has to make the same choices at both: random choices depend on
+The function takes the beams of one light, or of one set of drawn beams, and returns beams. If they move, it is called
+for shutter open and for shutter close, and has to make the same choices at both: random choices depend on
 `PassContext.seed` and on the beam's number, not on the time.
 """
 
@@ -44,9 +44,9 @@ class PassContext:
 
     Notes
     -----
-    The shot makes a context for each light and pass. If anything moves, a function is called for shutter open and for
-    shutter close, and has to make the same choices at both: let random choices depend on `seed` and on the beams' `id`,
-    not on `time`.
+    The shot makes a context for each light and pass. A function is called for the beginning of the pass's part of the
+    shutter interval. If the light's beams move, it is called for the end, too, and has to make the same choices at
+    both: let random choices depend on `seed` and on the beams' `id`, not on `time`.
 
     Examples
     --------

@@ -186,7 +186,7 @@ def passing(beam: Record, origin: Any, direction: Any) -> Passing:
     if beam.moment is not None:
         relative, moment, reach = beam.start, beam.moment, beam.reach
     else:
-        relative = beam.start - origin
+        relative = beam.start if origin is None else beam.start - origin
         moment, reach = dr.cross(beam.axis, relative), dr.dot(beam.axis, relative)
     c, along = dr.dot(direction, beam.axis), dr.dot(direction, relative)
     sin2 = dr.maximum(dr.fma(-c, c, 1), _PARALLEL)

@@ -57,7 +57,7 @@ def estimate_image(
     that (see `coarse`); the rays must have one origin and a lattice.
     """
     check_estimator(estimator)
-    check_motion(beams, close, rays.lanes)
+    check_motion(beams, close, rays.times)
     if len(beams) == 0:
         return Estimate(dr.zeros(Array3f, dr.width(rays.direction)))
     bound, levels = bind(look, beams, close, medium, context), [Level(0, view, NO_MARGIN, rays)]
@@ -199,9 +199,8 @@ def tile_depth(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) ->
 def _lane_rays(level: Level, pixel: Any, inside: Any, group: Any) -> Rays:
     """Return the rays with these indices, of their groups of pixels."""
     rays, view = level.rays, level.view
-    origin, time = None, None
-    if rays.lanes is not None:
-        origin, time = dr.gather(Array3f, rays.lanes[0], group), dr.gather(Float, rays.lanes[1], group)
+    origin = None if rays.origins is None else dr.gather(Array3f, rays.origins, group)
+    time = None if rays.times is None else dr.gather(Float, rays.times, group)
     if view.orthographic:
         origin = dr.gather(Array3f, rays.origin, pixel, inside)
     # Outside of the picture t_max is 0: such a ray meets nothing.

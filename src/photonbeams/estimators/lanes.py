@@ -74,11 +74,12 @@ class Lattice:
 class PixelRays:
     """One ray for each pixel, row by row from the top left: `origin` is one point for all, or (W · H, 3).
 
-    If the lens is wide or anything moves, `lanes` are the origins, (lanes(view), 3), and times from 0 to 1 over the
-    shutter, (lanes(view),), that groups of pixels share; `lane_of` returns a pixel's group. `origin` repeats them.
+    If the lens is wide or the camera moves, `origins` are those that groups of pixels share, (lanes(view), 3); `origin`
+    repeats them. If beams move, `times` are those of the groups, (lanes(view),), from 0 to 1 over the shutter.
+    `lane_of` returns a pixel's group.
 
-    After the W · H rays there may be `more` rays of some pixels, if rays share their origin or have no lanes. `lattice`
-    tells which rays are evenly spaced, if any are.
+    After the W · H rays there may be `more` rays of some pixels, if rays share their origin. `lattice` tells which rays
+    are evenly spaced, if any are.
     """
 
     origin: Any
@@ -86,14 +87,15 @@ class PixelRays:
     facing: Any  # (W · H,) planar depth per unit of t
     t_max: Any  # (W · H,)
     t_min: Any  # (W · H,)
-    lanes: tuple[Any, Any] | None = None
+    origins: Any = None
+    times: Any = None
     more: MoreSamples | None = None
     lattice: Lattice | None = None
 
     @property
     def shared_origin(self) -> bool:
-        """Whether all rays start at one point, at one time."""
-        return dr.width(self.origin) == 1 and self.lanes is None
+        """Whether all rays start at one point."""
+        return dr.width(self.origin) == 1 and self.origins is None
 
     def taken(self, index: Any) -> PixelRays:
         """Return some of the rays, which must have one origin; further rays of a pixel are left out."""
@@ -147,7 +149,8 @@ def lanes_of_more(view: Projection, more: MoreSamples, count: int, margin: Margi
     pixel = dr.gather(UInt32, joined([more.pixels, dr.zeros(UInt32, 2)]), edge)
     each, step, first = dr.opaque(UInt32, more.each), dr.opaque(UInt32, edges), width * height
     carried = [(first + edge + (sample + number) * step, sample + number < each) for number in range(count)]
-    result = Lanes(tile_of(view, pixel, margin), dr.zeros(UInt32, dr.width(lane)), carried)
+    x, y = pixel % width + dr.opaque(UInt32, margin[0]), pixel // width + dr.opaque(UInt32, margin[1])
+    result = Lanes(tile_of(view, pixel, margin), lane_of(x, y, dr.opaque(UInt32, view.columns)), carried)
     dr.eval(result)
     return result
 

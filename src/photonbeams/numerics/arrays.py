@@ -13,7 +13,7 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..runtime.device import Array3f, Float, UInt32
+from ..runtime.device import Array3f, Bool, Float, UInt32
 
 _ALIGNMENT = 64  # bytes: a vector register
 
@@ -103,6 +103,14 @@ def unaliased(value: Any) -> Any:
     dr.make_opaque(value)
     result = _each(_copied, value)
     dr.eval(result)
+    return result
+
+
+def equal_entries(one: Any, other: Any) -> Any:
+    """Return a Bool for each entry of two structs of one kind: whether all of their arrays are equal there."""
+    result = Bool(True)
+    for a, b in zip(_arrays(one), _arrays(other), strict=True):
+        result &= dr.all(a == b) if dr.depth_v(a) > 1 else a == b
     return result
 
 

@@ -84,8 +84,8 @@ class ViewRays:
 
     @property
     def shared_origin(self) -> bool:
-        """Whether all rays begin at one point, or on the film of a parallel projection, at one time."""
-        return self.view is not None and self.primary.lanes is None
+        """Whether all rays begin at one point, or on the film of a parallel projection."""
+        return self.view is not None and self.primary.origins is None
 
 
 class PassRenderer(ABC):
@@ -246,8 +246,13 @@ class FrameRenderer(PassRenderer):
         self.about = ""
 
     @abstractmethod
-    def _view_rays(self, number: int, view: int, places: Array2f, samples: Samples, moving: bool) -> ViewRays:
-        """Return a view's camera rays in a pass, through `places` in the pixels; `moving` says whether beams move."""
+    def _view_rays(
+        self, number: int, view: int, places: Array2f, samples: Samples, moving: bool = False
+    ) -> ViewRays:  # fmt: skip
+        """Return a view's camera rays in a pass, through `places` in the pixels.
+
+        If beams are `moving`, rays have times, and are otherwise the same.
+        """
 
     @abstractmethod
     def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
@@ -293,14 +298,13 @@ class FrameRenderer(PassRenderer):
         light, photons = self._lit(numbers[0])
         moving = any(each.close is not None for each in light.sets)
         for view, film in enumerate(self._films):
-            seen, looked = self._seen_in(numbers, view, film, light, photons, moving)
+            seen, looked = self._seen_in(numbers, view, film, light, photons)
             for own, number in zip(seen, numbers, strict=True):
                 samples = self._samples(number)
                 beams = BeamSamples({}, film.centers())
                 if light.sets:
                     with self.statistics.phase("surfaces"):
-                        # Rays with their own places on a lens, or times, are not evenly spaced; and with a lattice,
-                        # all passes would see the same part of a pixel in the same part of the shutter interval.
+                        # Rays with their own origins are not evenly spaced.
                         lattice = film.lattice(samples, *self._size) if looked.shared_origin else None
                         places = film.places(samples, lattice)
                         rays = replace(self._view_rays(number, view, places, samples, moving), lattice=lattice)
@@ -314,8 +318,8 @@ class FrameRenderer(PassRenderer):
         self.statistics.passes += len(numbers)
 
     def _seen_in(
-        self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonLighting | None, moving: bool
-    ) -> tuple[list[SeenSums], ViewRays]:  # fmt: skip
+        self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonLighting | None
+    ) -> tuple[list[SeenSums], ViewRays]:
         """Return what rays see, except beams, for each pass, and the rays of one sample.
 
         As many samples as memory allows are rendered as one wide picture, one sample of all pixels after the other.
@@ -330,7 +334,7 @@ class FrameRenderer(PassRenderer):
                 places = [film.places(own) for own in single]
                 passes = [(begin + place) // each - numbers[0] for place in range(wide)]
                 rays = [
-                    self._view_rays(numbers[number], view, own, one, moving)
+                    self._view_rays(numbers[number], view, own, one)
                     for number, own, one in zip(passes, places, single, strict=True)
                 ]
                 joint = ViewRays(PrimaryRays.joined([own.primary for own in rays]), None, holdout=rays[0].holdout)
@@ -350,7 +354,7 @@ class FrameRenderer(PassRenderer):
         return seen, rays[0]
 
     def _edges(self, seen: SeenSums, rays: ViewRays, order: UInt32) -> Any:
-        """Return the pixels whose rays reach very different distances; none if rays have their own origins or times.
+        """Return the pixels whose rays reach very different distances; none if rays have their own origins.
 
         They are sorted by `order`, so that pixels of a tile, whose rays meet the same beams, are together.
         """
@@ -377,7 +381,7 @@ class FrameRenderer(PassRenderer):
             # One picture of rays after the other: all of them at once would be most of a pass's memory.
             primary = []
             for own, one in zip(further, single, strict=True):
-                whole = PrimaryRays.joined([self._view_rays(number, view, own, one, moving=False).primary])
+                whole = PrimaryRays.joined([self._view_rays(number, view, own, one).primary])
                 primary.append(whole.taken(edge))
                 dr.eval(primary[-1])
             some = PrimaryRays.joined(primary)

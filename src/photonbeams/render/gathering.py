@@ -125,8 +125,7 @@ class Gathering:
         primary = self._primary
         rays = PixelRays(
             primary.origin, primary.direction, primary.facing, dr.select(own, dr.minimum(vertex.end, ENDLESS), 0),
-            dr.select(own, paths.near, 0), primary.lanes, self._more,
-            self._lattice,
+            dr.select(own, paths.near, 0), primary.origins, more=self._more, lattice=self._lattice,
         )  # fmt: skip
         dr.eval(rays.t_max, rays.t_min)
         assert self._view is not None
@@ -134,7 +133,8 @@ class Gathering:
             self._statistics.step()
             with naming_look(each):
                 part = estimate_image(
-                    each.beams, self._view, rays, look=medium.shaded(each.look), medium=medium.medium,
+                    each.beams, self._view, rays if each.close is None else replace(rays, times=primary.times),
+                    look=medium.shaded(each.look), medium=medium.medium,
                     estimator=self._options.estimator, points=self._options.points, close=each.close,
                     context=self._context(each), tolerance=self._options.tolerance,
                 )  # fmt: skip
@@ -232,10 +232,10 @@ class Gathering:
 
     def _time(self, pixel: UInt32) -> Any:
         """Return the time of pixels' rays, from 0 to 1 over the pass's slice of the shutter interval."""
-        assert self._primary.lanes is not None and self._view is not None
+        assert self._primary.times is not None and self._view is not None
         width = dr.opaque(UInt32, self._view.width)
         group = lane_of(pixel % width, pixel // width, dr.opaque(UInt32, self._view.columns))
-        return dr.gather(Float, self._primary.lanes[1], group)
+        return dr.gather(Float, self._primary.times, group)
 
 
 def up_to(each: BeamSet, most: int) -> BeamSet | None:

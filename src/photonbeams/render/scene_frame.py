@@ -79,7 +79,9 @@ class SceneRenderer(ScenePasses, FrameRenderer):
         # Sample sequences begin again after 2^BITS passes.
         return power_below(min(self._wide, (1 << BITS) - number % (1 << BITS)))
 
-    def _view_rays(self, number: int, view: int, places: Array2f, samples: Samples, moving: bool) -> ViewRays:
+    def _view_rays(
+        self, number: int, view: int, places: Array2f, samples: Samples, moving: bool = False
+    ) -> ViewRays:  # fmt: skip
         sensor, holdout = self._sensors[view], self._holdouts[view]
         primary = sensor.rays(places, self._films[view].order, samples)
         if sensor.view is None or holdout is None:

@@ -299,11 +299,14 @@ class StageRenderer(FrameRenderer):
         if settings.program is not None:
             x, y, z = (float(each[0]) for each in worlds[0].bounds.center)
             bounds = (x, y, z), worlds[0].radius
-            sets = settings.program(sets, number, settings.seed, times, between.scene.medium, bounds)
+            # Programs get the times of the pass whether or not anything moves.
+            sets = settings.program(sets, number, settings.seed, self._slice(number), between.scene.medium, bounds)
         dr.eval([(each.beams, each.close) for each in sets])
         return Simulated(world, sets, hits, self._tuning.limits(number, worlds[0].radius))
 
-    def _view_rays(self, number: int, view: int, places: Array2f, samples: Samples, moving: bool) -> ViewRays:
+    def _view_rays(
+        self, number: int, view: int, places: Array2f, samples: Samples, moving: bool = False
+    ) -> ViewRays:  # fmt: skip
         times, between = self._times(number), self._between(number)
         cameras = [moment.cameras[view] for moment in self._shutter.ends(times[0], times[-1])]
         self._warn_of_turn(cameras)
@@ -346,7 +349,9 @@ def _primary(rays: CameraRays, far: Any = None) -> PrimaryRays:
     count = dr.width(rays.direction)
     far = dr.full(Float, dr.largest(Float), count) if far is None else far
     ones = dr.ones(Array3f, count)
-    return PrimaryRays(rays.origin, rays.direction, dr.zeros(Float, count), far, ones, rays.facing, rays.lanes)
+    return PrimaryRays(
+        rays.origin, rays.direction, dr.zeros(Float, count), far, ones, rays.facing, rays.origins, rays.times
+    )
 
 
 def _pieces(light: scene.Light) -> int:

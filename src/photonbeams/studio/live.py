@@ -163,11 +163,11 @@ class LiveRenderer(StageRenderer):
         return light, photons
 
     def _seen_in(
-        self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonLighting | None, moving: bool
-    ) -> tuple[list[Any], ViewRays]:  # fmt: skip
+        self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonLighting | None
+    ) -> tuple[list[Any], ViewRays]:
         key = numbers.start, view
         if key not in self._pictures:
-            found = super()._seen_in(numbers, view, film, light, photons, moving)
+            found = super()._seen_in(numbers, view, film, light, photons)
             if numbers.stop <= _KEPT:
                 self._pictures[key] = found
             return found

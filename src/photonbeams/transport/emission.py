@@ -7,7 +7,7 @@ differentials, the derivatives of its origin and its direction by the emission s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -160,15 +160,41 @@ class Stratum:
 
 @dataclass
 class Emission:
-    """All light paths of a pass, by strata; `power` is their total flux in each channel, (3,)."""
+    """All light paths of a pass, by strata.
+
+    Attributes
+    ----------
+    strata
+        The strata.
+    power
+        Their total flux in each channel, (3,).
+    powers
+        The flux of each source, by its number, if each has a number of paths of its own, as the lamps of a stage. None:
+        they share paths in proportion to their flux.
+    """
 
     strata: Sequence[Stratum]
     power: np.ndarray
+    powers: Mapping[int, np.ndarray] | None = None
 
     @property
     def count(self) -> int:
         """Number of light paths in a pass."""
         return sum(stratum.count for stratum in self.strata)
+
+    def shares(self, sources: int) -> tuple[list[int], list[float]]:
+        """Return numbers of light paths and their flux in the brightest channel, by the numbers of sources.
+
+        They do not depend on other sources, unless these share paths.
+        """
+        if self.powers is None:
+            return [self.count] * sources, [float(self.power.max())] * sources
+        counts, powers = [0] * sources, [0.0] * sources
+        for stratum in self.strata:
+            counts[stratum.emitter.source] += stratum.count
+        for source, power in self.powers.items():
+            powers[source] = float(power.max())
+        return counts, powers
 
     def emit(self, block: int) -> list[Emitted]:
         """Return the light paths of pass `block`."""

@@ -29,8 +29,8 @@ _FLIGHT, LOBE, TURN = 1, 2, 3
 _LONG = 256
 
 #: Kinds of a path's next interaction. SAMPLED: as it comes. SCATTERED: in the medium. Others are on the next surface,
-#: from which the path goes on by all lobes (PASSED), by ideal lobes alone (IDEAL), or by all others (REFLECTED).
-SAMPLED, SCATTERED, PASSED, IDEAL, REFLECTED = range(5)
+#: from which the path goes on by ideal lobes alone (IDEAL), or by all others (REFLECTED).
+SAMPLED, SCATTERED, IDEAL, REFLECTED = 0, 1, 3, 4
 
 
 class Interaction:
@@ -102,7 +102,7 @@ def flight(
     ending = dr.select(surely, _ending(depth), 1)
     distance = dr.select(own > 0, -dr.log(1 - u.y * ending) * dr.rcp(dr.maximum(own, 1e-30)), dr.inf)
     distance = dr.select(surely & (own > 0), dr.minimum(distance, length * (1 - 1e-6)), distance)
-    passes = branch >= PASSED
+    passes = branch >= IDEAL
     distance = dr.select(passes, dr.inf, distance)
     scatters = distance < length
     passed = media.absorbed(medium, dr.minimum(distance, length))

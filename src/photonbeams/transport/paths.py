@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import compressed, joined, unaliased
+from ..numerics.arrays import compressed, joined, to_float, unaliased
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
@@ -30,7 +30,6 @@ from .emission import Emitted
 from .interactions import (
     IDEAL,
     LOBE,
-    PASSED,
     REFLECTED,
     SAMPLED,
     SCATTERED,
@@ -44,7 +43,7 @@ from .interactions import (
 from .narrowing import narrow
 from .radii import Width, width
 from .records import LightPaths, PhotonHits, Segments
-from .splitting import split
+from .splitting import continued, divisible, split
 
 mi = mitsuba()
 
@@ -83,8 +82,8 @@ class Tracing:
     overlap
         Width of a beam in spacings of its neighbours.
     region, paths, power
-        Size of the region that scattered light crosses, number of light paths, and their flux: see
-        `_scattered_radius`.
+        Size of the region that scattered light crosses, and by the numbers of sources the number of light paths and
+        their flux: see `_scattered_radius`.
     short
         Whether beams end at the path's next scattering event; in heterogeneous media they always do.
     scale
@@ -103,8 +102,8 @@ class Tracing:
     rr_depth: int
     overlap: float
     region: float
-    paths: int
-    power: float
+    paths: Sequence[int]
+    power: Sequence[float]
     short: bool = False
     scale: float = 1.0
     bounces_by_source: Any = None
@@ -178,11 +177,12 @@ def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments
 def straight(tracing: Tracing, paths: LightPaths) -> Iterator[tuple[Segments, Bool]]:
     """Yield segments of light straight from its lamp, step by step, and which of them are in a medium.
 
-    Paths keep their lanes, so they can be paired with the same paths at another time.
+    Paths keep their lanes, so they can be paired with the same paths at another time. The segments are those of
+    `trace`.
     """
     step, alive = 0, paths.initial > 0
     while True:
-        paths.branch = dr.full(UInt32, PASSED, dr.width(paths.branch))
+        paths.branch = continued(divisible(tracing, paths)) + dr.zeros(UInt32, dr.width(paths.branch))
         segments, in_medium, _, _, following, going = _step(tracing, paths, step)
         yield segments, in_medium & alive
         alive = alive & going
@@ -341,9 +341,12 @@ def _scattered_radius(tracing: Tracing, following: LightPaths) -> Float:
     stratified ones. The radiance of a beam is its flux over its width. A path with more flux than others is therefore
     wider by the same factor; otherwise it would be a bright streak.
     """
-    light = dr.max(following.flux) * dr.opaque(Float, tracing.paths / max(tracing.power, 1e-30))
-    usual = dr.opaque(Float, tracing.overlap * tracing.region / np.sqrt(tracing.paths))
-    return usual * dr.clip(light, 1, _BRIGHTEST)
+    pairs = list(zip(tracing.paths, tracing.power, strict=True))
+    # Two entries at least, because a gather from one entry is a broadcast, hence another kernel.
+    rarity = to_float([*(count / max(power, 1e-30) for count, power in pairs), 0])
+    usual = to_float([*(tracing.overlap * tracing.region / np.sqrt(max(count, 1)) for count, _ in pairs), 0])
+    light = dr.max(following.flux) * dr.gather(Float, rarity, following.source)
+    return dr.gather(Float, usual, following.source) * dr.clip(light, 1, _BRIGHTEST)
 
 
 def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32, active: Bool) -> None:

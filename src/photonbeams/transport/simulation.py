@@ -13,7 +13,7 @@ import numpy as np
 from .. import scene
 from ..beams import Beams
 from ..beams.sets import BeamSet
-from ..numerics.arrays import compressed, to_uint
+from ..numerics.arrays import compressed, equal_entries, to_uint
 from ..numerics.hashing import key_of
 from ..runtime.device import Bool, Float, UInt32
 from ..world.media import RenderedMedium
@@ -32,7 +32,7 @@ from .importance import CameraImportance, Sightings
 from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction, with_surrounds
 from .pilot import Found, guide
 from .radii import Limits
-from .records import LightPaths, PhotonHits
+from .records import LightPaths, PhotonHits, Segments
 
 if TYPE_CHECKING:
     from ..estimators.tiles import Projection
@@ -121,14 +121,14 @@ class Simulation:
     named: bool = False
     step: Callable[[], None] = _nothing
 
-    def simulated(self, number: int, least: int = 0) -> tuple[list[BeamSet], list[PhotonHits]]:
-        """Return the beams of pass `number` that have `least` bounces or more, and its photons on surfaces."""
+    def simulated(self, number: int, moving: Sequence[Bool] = ()) -> tuple[list[BeamSet], list[PhotonHits]]:
+        """Return the beams of pass `number`, and its photons on surfaces.
+
+        `moving` says for each step, by the numbers of paths, whose light straight from its lamp is left out.
+        """
         # Keep only segments and hits, not the paths: a million of these take a gigabyte.
         steps = list(_stepping(self.step, paths.trace(*self._begun(number))))
-        segments = [each for each, _ in steps if each is not None]
-        if least:
-            kept = (compressed(each.depth >= dr.opaque(UInt32, least), each) for each in segments)
-            segments = [part for parts in kept for part in parts]
+        segments = [part for step, (each, _) in enumerate(steps) for part in _resting(each, step, moving)]
         hits = [each for _, each in steps if each is not None] if self.tuning.surfaces else []
         if not all(each.surfaces for each in self.sources):
             lights = to_uint([*(each.surfaces for each in self.sources), False])
@@ -146,38 +146,55 @@ class Simulation:
             tracing = replace(self.tracing(number), openings=Openings.of(strata, emitted))
         return tracing, paths.begin(tracing, emitted)
 
-    def moved(self, last: World, later: Sequence[Stratum], number: int, media: Mapping[int, int]) -> list[BeamSet]:
-        """Return beams straight from their lamps, in this world and in the world `last`, whose lamps are `later`.
+    def moved(
+        self, last: World, later: Sequence[Stratum], number: int, media: Mapping[int, int], known: UInt32, total: int
+    ) -> tuple[list[BeamSet], list[Bool]]:  # fmt: skip
+        """Return the moving beams straight from lamps, at both ends of the pass, and which light moves, for each step.
 
-        `media` has the numbers of this world's media, by their numbers in `last`.
+        Parameters
+        ----------
+        last, later
+            The world at the end of the pass, and its lamps; this world is that at the start.
+        number, media
+            The pass, and the numbers of this world's media by their numbers in `last`.
+        known, total
+            The numbers of paths among those of `simulated`, which `total` counts, or `total` for paths that are not
+            among them. Light whose segment is equal at both times is left to `simulated`.
         """
         tracing = [self.tracing(number), replace(self, world=last).tracing(number)]
         emitted = [self.emission.emit(number), [each.emit(number) for each in later]]
         begun = [paths.leaving(*each) for each in zip(tracing, emitted, strict=True)]
         if begun[0] is None or begun[1] is None:
-            return []
+            return [], []
         alive = (begun[0].initial > 0) | (begun[1].initial > 0)
         kept = compressed(alive, *begun)
         if not kept:
-            return []
+            return [], []
         both = [paths.straight(each, start) for each, start in zip(tracing, kept, strict=True)]
-        steps = []
+        place = dr.gather(UInt32, known, kept[0].number)
+        apart = place == dr.opaque(UInt32, total)
+        steps, moving = [], []
         for (opened, there), (closed, then) in _stepping(self.step, zip_longest(*both, fillvalue=(None, None))):
             if closed is not None:
                 closed.medium = _renumbered(closed.medium, media)
-            known = [each for each in (opened, closed) if each is not None]  # one of the two may have ended
-            nowhere = dr.zeros(Bool, dr.width(known[0].length))
+            ends = [each for each in (opened, closed) if each is not None]  # one of the two may have ended
+            nowhere = dr.zeros(Bool, dr.width(ends[0].length))
             masks = [nowhere if mask is None else mask for mask in (there, then)]
-            steps.append(([known[0], known[-1]], masks))
-        return moving_sets(_stepping(self.step, self.cuttings(number)), steps, last.sources)
+            moves = apart | (masks[0] != masks[1]) | ~equal_entries(ends[0], ends[-1])
+            of_paths = dr.zeros(Bool, total + 1)
+            dr.scatter(of_paths, Bool(True), place, moves)
+            dr.eval(of_paths)
+            moving.append(of_paths)
+            steps.append(([ends[0], ends[-1]], [mask & moves for mask in masks]))
+        return moving_sets(_stepping(self.step, self.cuttings(number)), steps, last.sources), moving
 
     def tracing(self, number: int) -> paths.Tracing:
         """Return how the light paths of a pass are traced."""
         tuning = self.tuning
         region = max((self.size(each) for each in self.world.media.all), default=self.world.radius)
         return paths.Tracing(
-            self.world, tuning.max_bounces, tuning.rr_depth, tuning.overlap, region, self.emission.count,
-            float(self.emission.power.max()), tuning.short, radius_scale(tuning.alpha, number),
+            self.world, tuning.max_bounces, tuning.rr_depth, tuning.overlap, region,
+            *self.emission.shares(len(self.sources)), tuning.short, radius_scale(tuning.alpha, number),
             self._bounces_by_source(), self._caustics_by_source(),
         )  # fmt: skip
 
@@ -296,10 +313,10 @@ def _stratum(world: StageWorld, number: int, seed: int, count: int, through: boo
 
 def emission_of_lamps(strata: list[Stratum], probed: bool = True) -> Emission:
     """Return the emission of lamps; their power is measured if `probed`, else 0."""
-    power = np.zeros(3)
-    if probed:
-        power = power + sum(probed_flux(each.emitter, number) for number, each in enumerate(strata))
-    return Emission(strata, power)
+    powers = {each.emitter.source: np.zeros(3) for each in strata}
+    for number, each in enumerate(strata if probed else []):
+        powers[each.emitter.source] += probed_flux(each.emitter, number)
+    return Emission(strata, sum(powers.values(), np.zeros(3)), powers)
 
 
 @dataclass(frozen=True)
@@ -359,24 +376,26 @@ class StageSimulation:
             replace(each, look=each.look if looks is None else looks.get(each.name, each.look))
             for each in first.sources
         )
-        strata = self._strata(first)
-        moving = [each for each in strata if each.emitter.source in _moving(first, last)]
-        scatters = self._scatters
-        emission = emission_of_lamps(strata, scatters)
+        strata, changed = self._strata(first), _changed(first, last)
+        # Light of a lamp that changes, and is not scattered, is traced at both times alone.
+        traced = [each for each in strata if self._scatters or each.emitter.source not in changed]
+        emission = emission_of_lamps(traced, self._scatters)
         whole = Simulation(first, emission, self.tuning, sources, first.sizes, named=True, step=step)
-        if not moving:
-            sets, hits = whole.simulated(number)
-        else:
-            sets, hits = whole.simulated(number, least=1) if scatters else ([], [])
-            resting = [each for each in strata if each not in moving]
+        still = last.surfaces is first.surfaces and last.media is first.media
+        tried = [each for each in strata if not still or each.emitter.source in changed]
+        sets: list[BeamSet] = []
+        moving: list[Bool] = []
+        if tried:
+            opened, closed, known = (
+                with_surrounds(each) if self._scatters else each
+                for each in (tried, [_later(each, last) for each in tried], traced)
+            )
             straight = replace(self.tuning, max_bounces=0)
-            if resting:
-                part = replace(whole, emission=emission_of_lamps(resting, False), tuning=straight)
-                sets += part.simulated(number)[0]
-            part = replace(whole, emission=emission_of_lamps(moving, False), tuning=straight)
-            later = [_later(each, last) for each in moving]
-            sets += part.moved(last, later, number, renumbering(last, first))
-        sets = sorted(sets, key=lambda each: each.light) + _drawn(first, last, looks or {})
+            part = replace(whole, emission=emission_of_lamps(list(opened), False), tuning=straight)
+            numbers, media = _numbers(opened, known), renumbering(last, first)
+            sets, moving = part.moved(last, closed, number, media, numbers, emission.count)
+        resting, hits = whole.simulated(number, moving)
+        sets = sorted(resting + sets, key=lambda each: each.light) + _drawn(first, last, looks or {})
         dark = {each.number for each in first.media.all if self.tuning.visible and max(each.medium.scattering) <= 0}
         return [each for each in sets if each.look is not None or each.medium not in dark], hits
 
@@ -391,6 +410,23 @@ class StageSimulation:
         strata = lamps_of(world, self.beams, tuning.seed, self.light_side, lit, self._scatters, tuning.visible)
         strata = [part for each in strata for part in parted(each, self.openings.get(each.key))]
         return [replace(each, guide=self.guides.get(each.key)) for each in strata]
+
+
+def _resting(segments: Segments | None, step: int, moving: Sequence[Bool]) -> list[Segments]:
+    """Return the segments of a step without light straight from lamps that is `moving`: one struct, or none."""
+    if segments is None or step >= len(moving):
+        return [] if segments is None else [segments]
+    moves = (segments.depth == 0) & dr.gather(Bool, moving[step], segments.number)
+    return compressed(~moves, segments)
+
+
+def _numbers(some: Sequence[Stratum], strata: Sequence[Stratum]) -> UInt32:
+    """Return the numbers that paths of some strata have among those of others, or else the number of all of these."""
+    first = dict(zip((each.key for each in strata), np.cumsum([0, *(each.count for each in strata)]), strict=False))
+    total = sum(each.count for each in strata)
+    places = [first[each.key] + np.arange(each.count) if each.key in first else np.full(each.count, total)
+              for each in some]  # fmt: skip
+    return to_uint(np.concatenate(places))
 
 
 def _later(stratum: Stratum, last: StageWorld) -> Stratum:
@@ -417,12 +453,10 @@ def _renumbered(numbers: UInt32, media: Mapping[int, int]) -> UInt32:
     return result
 
 
-def _moving(first: StageWorld, last: StageWorld) -> set[int]:
-    """Return the numbers of lamps whose direct light differs between both times."""
-    lamps = list(zip(first.description.lights, last.description.lights, strict=True))
-    if last.surfaces is first.surfaces and last.media is first.media:
-        return {number for number, (light, later) in enumerate(lamps) if later is not light}
-    return set(range(len(lamps)))
+def _changed(first: StageWorld, last: StageWorld) -> set[int]:
+    """Return the numbers of lamps that are not the same at both times."""
+    both = zip(first.description.lights, last.description.lights, strict=True)
+    return {number for number, (light, later) in enumerate(both) if later is not light}
 
 
 def _drawn(first: StageWorld, last: StageWorld, looks: Mapping[str, Look | None]) -> list[BeamSet]:

@@ -33,12 +33,11 @@ _ROUNDING = 5  # sample stream; interactions have others
 
 def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
     """Return paths before step number `step`, and the parts split off for light that is scattered or reflected."""
-    varying, _ = tracing.world.media.varying(paths.medium)
-    able = paths.coherent & ~varying & Bool(not tracing.short)
+    able = divisible(tracing, paths)
+    goes_on = continued(able)
     if not bool(dr.any(able)):
-        paths.branch = dr.zeros(UInt32, dr.width(paths.branch))
+        paths.branch = goes_on
         return paths
-    goes_on = dr.select(able, UInt32(IDEAL), UInt32(SAMPLED))
     able &= ~tracing.undecided(paths)
     able &= tracing.within(paths.depth + 1, paths.source)  # no part that would exceed the depth
     seed = hash32(paths.key, dr.opaque(UInt32, step), paths.index)
@@ -66,6 +65,17 @@ def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
     result.initial = dr.select(copies > 0, to_float(share), result.initial)
     dr.eval(result)
     return result
+
+
+def divisible(tracing: Tracing, paths: LightPaths) -> Bool:
+    """Return which paths go on by ideal lobes alone, because other paths carry the rest of their light."""
+    varying, _ = tracing.world.media.varying(paths.medium)
+    return paths.coherent & ~varying & Bool(not tracing.short)
+
+
+def continued(able: Bool) -> UInt32:
+    """Return the kinds of the next interaction of paths, of which some are `divisible`."""
+    return dr.select(able, UInt32(IDEAL), UInt32(SAMPLED))
 
 
 def _scattered_and_reflected(

@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from ..scene import Array
-from .openusd import Gf
+from .openusd import Gf, Usd
 
 AUTO, RAW = "auto", "raw"
 SRGB = "srgb_rec709_scene"
@@ -41,6 +41,16 @@ def color_space(name: str) -> str | None:
     if plain in _NAMES:
         return _NAMES[plain]
     return name if Gf.ColorSpace.IsValid(name) else None
+
+
+def in_working_space(value: Array, attribute: Usd.Attribute) -> Array:
+    """Return a constant (C,), its colour converted to scene-linear Rec.709 if the attribute names another space."""
+    if value.size < 3 or not attribute.HasColorSpace():
+        return value
+    space = color_space(str(attribute.GetColorSpace()))
+    if space in (None, AUTO, RAW):
+        return value
+    return np.concatenate([to_linear(value[:3], str(space)), value[3:]])
 
 
 def to_linear(colors: Array, space: str) -> Array:

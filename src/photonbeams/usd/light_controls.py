@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,12 +29,11 @@ def read_shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
     names = [name for name in prim.GetAuthoredPropertyNames() if name.startswith("inputs:shaping:")]
     if not (names or prim.HasAPI(UsdLux.ShapingAPI)):
         return None
-    # hdEmbree turns a cone of negative softness inside out; the schema's text clamps it.
-    softness = partial(reading.number, prim, "inputs:shaping:cone:softness", 0.0, minimum=0.0)
     result = Shaping(
         cone_angle=reading.number(prim, "inputs:shaping:cone:angle", 90.0, minimum=0.0),
-        cone_softness=reading.attempt(prim, softness, 0.0, "0 is used"),
-        focus=reading.number(prim, "inputs:shaping:focus", 0.0, minimum=0.0),
+        # hdEmbree turns a cone of negative softness inside out; the schema's text clamps it.
+        cone_softness=reading.clipped(prim, "inputs:shaping:cone:softness", 0.0, minimum=0.0),
+        focus=reading.clipped(prim, "inputs:shaping:focus", 0.0, minimum=0.0),
         focus_tint=reading.color(prim, "inputs:shaping:focusTint", (0, 0, 0)),
         profile=read_profile(reading, prim),
     )

@@ -46,6 +46,7 @@ from .textures import read_image
 # UsdLux normalizes its black body to luminance, but documents 6500 K as white. Without a division by its colour at
 # 6500 K, every light from Blender, which writes 6500 K on all of them, would be slightly magenta.
 _WHITE_KELVIN = 6500.0
+_COLDEST, _HOTTEST = 1e3, 1e4  # kelvin: the range of UsdLux, beyond which it takes the ends' colours
 # A normalized sphere of a smaller radius is treated as a point, because its radiance would exceed single precision.
 _POINT = 1e-12
 # Lengths that differ by less than this fraction are equal: transforms are often products of rounded matrices.
@@ -129,7 +130,7 @@ def _value(reading: Reading, prim: Usd.Prim) -> Array:
     exposure = reading.number(prim, "inputs:exposure", 0.0, -100.0, 100.0)
     result = intensity * 2.0**exposure * np.asarray(reading.color(prim, "inputs:color", (1, 1, 1)))
     if reading.flag(prim, "inputs:enableColorTemperature", False):
-        kelvin = reading.number(prim, "inputs:colorTemperature", _WHITE_KELVIN, minimum=0.0)
+        kelvin = reading.clipped(prim, "inputs:colorTemperature", _WHITE_KELVIN, _COLDEST, _HOTTEST)
         black_body, white = (np.array(UsdLux.BlackbodyTemperatureAsRgb(k)) for k in (kelvin, _WHITE_KELVIN))
         result = result * black_body / white
     return np.asarray(result)
@@ -241,7 +242,7 @@ def _mesh(
 
 
 def _distant(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
-    angle = reading.number(prim, "inputs:angle", 0.53, 0.0, 360.0)
+    angle = reading.clipped(prim, "inputs:angle", 0.53, 0.0, 360.0)
     value = _value(reading, prim)
     if blender.wrote(prim):
         angle, value = blender.sun(angle, value)

@@ -7,7 +7,8 @@ from functools import partial
 import numpy as np
 
 from ..scene import Array, Color, DensityGrid, Medium, SceneError
-from ..world.medium_colors import coefficients
+from ..scene.checks import shown
+from ..world.medium_colors import BRIGHTEST, DARKEST, coefficients
 from .materials import bound_to
 from .meshes import is_closed, is_gprim, read_solid
 from .openusd import Usd, UsdGeom, UsdLux, UsdVol
@@ -110,6 +111,8 @@ def _colors(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeSh
     if field is None:
         return None
     found = read_field(reading, prim, field, to_world)
+    if (most := float(found.values.max())) > 1 + 1e-3:
+        reading.warn(field, f"holds colours up to {most:g}: those above 1 count as 1")
     return DensityGrid(np.minimum(found.values, 1), found.to_world)
 
 
@@ -158,6 +161,12 @@ def _coefficients(reading: Reading, prim: Usd.Prim) -> tuple[Color, Color]:
     if any(prim.GetAttribute(name).HasAuthoredValue() for name in physical):
         reading.warn(prim, "and farColor make the fog: scattering and absorption are not used", names[0])
     near, far = (reading.color(prim, name, 0.0) for name in names)
+    ratios = [last / first for first, last in zip(near, far, strict=True) if first > 0]
+    if any(not DARKEST * (1 - 1e-5) <= ratio <= 1 + 1e-5 for ratio in ratios):
+        text = (
+            f"is {shown(far)}: expected {DARKEST:g} to {BRIGHTEST:g} of nearColor in each channel; the nearest is used"
+        )
+        reading.warn(prim, text, names[1])
     try:
         return coefficients(
             near,

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..scene import FARTHEST, Array, Color, Mesh, SceneError, color, number
 from ..scene.checks import shown
+from .color_spaces import in_working_space
 from .openusd import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 from .selection import rendered_purposes
 from .warnings import LOG, Warnings
@@ -167,8 +168,17 @@ class Reading:
             value = bound if np.float32(value) == np.float32(bound) else value
         return number(value, self.place(prim, name), minimum, maximum)
 
+    def clipped(self, prim: Usd.Prim, name: str, default: float, minimum: float, maximum: float = np.inf) -> float:
+        """Return a finite number; for one out of its bounds the nearest, with a warning."""
+        value = self.number(prim, name, default)
+        nearest = min(max(value, minimum), maximum)
+        if np.float32(nearest) != np.float32(value):
+            expected = f"{minimum:g} or more" if maximum == np.inf else f"{minimum:g} to {maximum:g}"
+            self.warn(prim, f"is {value:g}: expected {expected}; {nearest:g} is used", name)
+        return nearest
+
     def color(self, prim: Usd.Prim, name: str, default: Any) -> Color:
-        """Return a colour, checked to be finite and not negative."""
+        """Return a colour in scene-linear Rec.709, checked to be finite and not negative."""
         value = self.value(prim, name, default)
         try:
             numbers = np.asarray(value, dtype=float)
@@ -176,7 +186,18 @@ class Reading:
             numbers = np.empty(0)
         if numbers.shape not in ((), (3,)):
             raise self.fail(prim, name, f"is {shown(value)}: expected a colour")
-        return color(numbers, self.place(prim, name))
+        return color(self._converted(prim, name, numbers), self.place(prim, name))
+
+    def _converted(self, prim: Usd.Prim, name: str, numbers: Array) -> Array:
+        """Return a colour, converted from the space that its attribute names."""
+        attribute = prim.GetAttribute(name)
+        result = in_working_space(numbers, attribute) if attribute else numbers
+        if result is numbers:
+            return result
+        if np.any(result < -1e-5):
+            text = f"is ({', '.join(f'{each:.3g}' for each in result)}) in Rec. 709: numbers below 0 count as 0"
+            self.warn(prim, text, name)
+        return np.maximum(result, 0)
 
     def flag(self, prim: Usd.Prim, name: str, default: bool) -> bool:
         """Return an attribute's value as a bool."""

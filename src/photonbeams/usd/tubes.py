@@ -92,6 +92,8 @@ def _widths(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, 
         declared = str(schema.GetWidthsInterpolation())
         found = read_values(reading, prim, "widths", 1, declared, lengths, any_fitting=True)
     if found is not None:
+        if (least := float(found.values.min(initial=0))) < 0:
+            reading.warn(prim, f"holds {least:g}: expected diameters of 0 or more; 0 is used", "widths")
         return Values(np.maximum(found.values, 0), found.interpolation)
     width = _THINNEST * float(np.linalg.norm(np.ptp(points, axis=0)))
     reading.warn(prim, f"is not given: {width:.3g} is used, a fraction of the extent", "widths")

@@ -120,6 +120,14 @@ class _VolumeNetwork:
             self.reading.warn(self.shader.GetPrim(), text, f"inputs:{name}")
         return color(np.maximum(found, 0), self.reading.place(self.shader.GetPrim(), f"inputs:{name}"))
 
+    def fraction(self, name: str, value: Any, minimum: float = 0.0) -> Array:
+        """Return a colour, from the input `name`, whose numbers are at most 1; those out of range give a warning."""
+        result = np.clip(value, minimum, 1)
+        if np.any(np.less(value, minimum)) or np.any(np.greater(value, 1 + 1e-5)):
+            text = f"makes {tuple(np.round(value, 6).tolist())}: expected {minimum:g} to 1; the nearest is used"
+            self.reading.warn(self.shader.GetPrim(), text, f"inputs:{name}")
+        return np.asarray(result)
+
     def _checked(self, name: str, default: Any) -> Array:
         """Return an input as finite numbers, one or three of them."""
         self.fields = []
@@ -176,10 +184,11 @@ class _VolumeNetwork:
 
 def _arnold(network: _VolumeNetwork) -> VolumeShading:
     """Read Arnold's standard_volume: `transparent` is the transmittance over `transparent_depth` at density 1."""
-    depth = max(network.number("transparent_depth", 1.0), 1e-6)
-    transparent = np.clip(network.color("transparent", np.exp(-1.0)), 1e-6, 1)
+    depth = network.number("transparent_depth", 1.0, 1e-6)
+    transparent = network.fraction("transparent", network.color("transparent", np.exp(-1.0)), 1e-6)
     extinction = network.number("density", 1.0) * -np.log(transparent) / depth
-    albedo = np.minimum(network.number("scatter", 1.0) * np.array(network.color("scatter_color", _ALBEDO)), 1)
+    scattered = network.number("scatter", 1.0) * np.array(network.color("scatter_color", _ALBEDO))
+    albedo = network.fraction("scatter_color", scattered)
     if network.text("transparent_channel", ""):
         network.reading.warn(network.shader.GetPrim(), "is not rendered: it is ignored", "inputs:transparent_channel")
     return VolumeShading(
@@ -249,6 +258,7 @@ def _other(network: _VolumeNetwork) -> VolumeShading:
         return next((each for each in names if network.shader.GetInput(each)), names[0])
 
     density = network.number(first("densityScale", "densityscale", "density_scale"), 1.0)
-    albedo = np.minimum(network.color(first("albedo", "scatter_color", "scattercolor"), _ALBEDO), 1)
+    name = first("albedo", "scatter_color", "scattercolor")
+    albedo = network.fraction(name, network.color(name, _ALBEDO))
     anisotropy = network.number(first("anisotropy", "phase", "g"), 0.0, -_ANISOTROPY, _ANISOTROPY)
     return VolumeShading(tuple(density * albedo), tuple(density * (1 - albedo)), anisotropy)

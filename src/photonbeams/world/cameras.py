@@ -54,13 +54,15 @@ class Window:
 class CameraRays(NamedTuple):
     """One ray for each pixel: origins (1 or W · H), unit directions, and planar depth per unit of distance.
 
-    With a lens or motion, `lanes` has the origins and times that groups of pixels share (`estimators.lanes.lane_of`).
+    With a lens or a moving camera, `origins` are those that groups of pixels share (`estimators.lanes.lane_of`). If
+    anything moves, `times` are those of the groups.
     """
 
     origin: Any
     direction: Any
     facing: Any
-    lanes: tuple[Any, Any] | None = None
+    origins: Any = None
+    times: Any = None
 
 
 class View:
@@ -113,27 +115,32 @@ class View:
 
     @property
     def film(self) -> bool:
-        """Whether rays have a place on a lens, or a time."""
+        """Whether rays have their own origins, on a lens or along the camera's path."""
         return self.projection.lens is not None or len(self.projection.poses) > 1
 
     def rays(self, places: Any, sample: Callable[[Any], tuple[Any, Any]] | None = None) -> CameraRays:
         """Return a ray through each pixel, at its place in [0, 1)², or at one place (x, y) for all.
 
         `sample` returns, for the numbers of groups of pixels, places in the unit square for the lens and times in
-        [0, 1]. It is given where there is a lens or motion, of the camera or of anything else.
+        [0, 1]. It is given where there is a lens or motion, of the camera or of anything else. The rays of a pinhole at
+        rest are the same with and without it.
         """
         (column, row), view = self.pixels(), self.projection
         x, y = self._on_film(places)
-        if sample is None:
+        square: Any = None
+        time: Any = None
+        if sample is not None:
+            square, time = sample(self._whole(dr.arange(UInt32, lanes(view))))
+        if sample is None or not self.film:
             origin, direction = self._through(x, y)
-            return CameraRays(origin, direction, self._facing(direction))
-        square, time = sample(self._whole(dr.arange(UInt32, lanes(view))))
+            dr.eval(time)
+            return CameraRays(origin, direction, self._facing(direction), times=time)
         own, _, _ = self._film(Float(self._center[0]), Float(self._center[1]), square, time)
         own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
         group = lane_of(column, row, dr.opaque(UInt32, view.columns))
         origin, direction, facing = self._film(x, y, *sample(self._whole(group)))
         dr.eval(own, time, origin, direction, facing)
-        return CameraRays(origin, direction, facing, (own, time))
+        return CameraRays(origin, direction, facing, own, time)
 
     def _whole(self, group: Any) -> Any:
         """Return the numbers in the whole picture of groups of pixels, by which samples are drawn."""

@@ -27,8 +27,8 @@ class PrimaryRays:
     """Primary rays of a pass, one for each pixel of the crop window, row by row.
 
     `near` and `far` bound the rays, and `weight` is their initial throughput. `facing` is planar depth per unit of
-    distance, and `lanes` has the origins and times of groups of pixels (`world.cameras.CameraRays`); both are None if
-    the sensor has no projection.
+    distance, and `origins` and `times` are those of groups of pixels (`world.cameras.CameraRays`). All three are None
+    if the sensor has no projection.
     """
 
     origin: Any
@@ -37,7 +37,8 @@ class PrimaryRays:
     far: Any
     weight: Any
     facing: Any = None
-    lanes: Any = None
+    origins: Any = None
+    times: Any = None
 
     @classmethod
     def joined(cls, each: Sequence[PrimaryRays]) -> PrimaryRays:
@@ -69,7 +70,7 @@ class PrimaryRays:
         return PrimaryRays(
             self.origin if dr.width(self.origin) == 1 else both(self.origin, more.origin),
             both(self.direction, more.direction), both(self.near, more.near), both(self.far, more.far),
-            both(self.weight, more.weight), both(self.facing, more.facing),
+            both(self.weight, more.weight), both(self.facing, more.facing), times=self.times,
         )  # fmt: skip
 
 
@@ -112,8 +113,9 @@ class Sensor:
         near, far = self._clipping  # type: ignore[misc]
         ones = dr.ones(Array3f, dr.width(rays.direction))
         return PrimaryRays(
-            rays.origin, rays.direction, near / rays.facing, far / rays.facing, ones, rays.facing, rays.lanes
-        )
+            rays.origin, rays.direction, near / rays.facing, far / rays.facing, ones, rays.facing, rays.origins,
+            rays.times,
+        )  # fmt: skip
 
     def on_lens(self, samples: Samples) -> tuple[Any, Any] | None:
         """Return the points on the lens where the rays of `rays` begin, to the right and up; None without a lens."""

@@ -25,8 +25,10 @@ from .values import Image, PrimvarValue, Value, as_color, as_number, constant, m
 _COLORS = ("diffuse", "emissive")
 _TEXTURED = ("diffuse", "emissive", "roughness", "metallic", "opacity")
 _AT_VERTICES = ("diffuse", "opacity")
-# Fields with values from 0 to 1; all other fields have values from 0 up.
-_PARTS = ("metallic", "opacity", "clearcoat", "clearcoat_roughness", "roughness")
+# Fields with values from 0 to 1. Others have values from 0 up; but a reflectance that is one colour is at most 1, too.
+_PARTS = ("metallic", "opacity", "clearcoat", "clearcoat_roughness", "roughness", "tint")
+
+_NOISE = 1e-3  # by which numbers of images may leave their range, as filters make them do
 
 #: Renderers in the order in which their networks are preferred; "" is for all renderers.
 _CONTEXTS = ("mtlx", "", "arnold", "ai", "karma", "ri", "mdl")
@@ -181,7 +183,7 @@ def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> B
             reading.warn(prim, text)
         fields[name] = plain(name, constant(value))
     if surface.tint is not None:
-        fields["tint"] = plain("diffuse", np.clip(constant(surface.tint), 0, 1))
+        fields["tint"] = plain("diffuse", constant(_in_range(reading, prim, "tint", constant(surface.tint))))
     for name, value in (
         ("normal", surface.normal),
         ("bump", None if surface.bump is None else as_number(surface.bump)),
@@ -198,11 +200,16 @@ def plain(name: str, value: Array) -> Any:
 
 
 def _in_range(reading: Reading, prim: Usd.Prim, name: str, value: Value) -> Value:
-    """Return a value clipped to the range of a field; warn about a constant outside it."""
-    most = 1.0 if name in _PARTS else np.inf
+    """Return a value clipped to the range of a field; warn if something is outside of it."""
+    most = 1.0 if name in _PARTS or (name == "diffuse" and isinstance(value, np.ndarray)) else np.inf
     result = mapped(lambda values: np.clip(values, 0.0, most), value)
-    if isinstance(value, np.ndarray) and not np.allclose(value, constant(result), atol=1e-6):
-        shown = ", ".join(f"{each:g}" for each in np.ravel(value))
+    if isinstance(value, PrimvarValue):  # its values are those of a gprim
+        return result
+    numbers, slack = (value.pixels, _NOISE) if isinstance(value, Image) else (value, 1e-6)
+    if numbers.min() < -slack or numbers.max() > most + slack:
+        shown = ", ".join(f"{each:g}" for each in np.ravel(numbers))
+        if isinstance(value, Image):
+            shown = f"of a texture, {numbers.min():g} to {numbers.max():g}"
         expected = "0 to 1" if most == 1 else "0 or more"
         reading.warn(prim, f"has the {name} {shown}: expected {expected}; the nearest value is used")
     return result

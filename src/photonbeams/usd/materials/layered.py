@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...scene import Array, rgb
+from ...scene.checks import shown
 from ..openusd import UsdShade
 from .bumps import tilt
 from .network import Network
@@ -101,6 +102,9 @@ def _weighted_ior(network: Network, node: UsdShade.Shader, names: Names) -> Arra
     if any(isinstance(each, Image) for each in (ior, weight, tint)):
         network.lose(node, "is a texture: its mean is used", names.specular)
     eta = float(constant(ior)[0])
+    for name, value in ((names.specular, constant(weight)), ("specular_color", constant(tint))):
+        if np.any((value < 0) | (value > 1)):
+            network.lose(node, f"is {shown(value.tolist())}: expected 0 to 1; the nearest is used", name)
     reflectance = float(np.clip(constant(weight)[0], 0, 1)) * float(np.clip(constant(tint), 0, 1).mean())
     return np.full(1, eta) if reflectance == 1 else ior_of(reflectance * ((eta - 1) / (eta + 1)) ** 2)
 

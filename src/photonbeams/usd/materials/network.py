@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...scene import Array
-from ..color_spaces import AUTO, RAW, color_space, to_linear
+from ..color_spaces import in_working_space
 from ..openusd import Sdf, Usd, UsdShade
 from ..reading import Reading
 from .values import Value, as_color, as_number, channels, combinable, mapped
@@ -102,16 +102,7 @@ class Network:
         if not np.all(np.isfinite(found)):
             self.lose(UsdShade.Shader(attribute.GetPrim()), "is not finite: the default is used", name)
             return None
-        return self._in_working_space(attribute, found)
-
-    def _in_working_space(self, attribute: Usd.Attribute, value: Array) -> Array:
-        """Return a constant colour, converted to linear Rec.709 if the attribute names another space."""
-        if value.size < 3 or not attribute.HasColorSpace():
-            return value
-        space = color_space(str(attribute.GetColorSpace()))
-        if space in (None, AUTO, RAW):
-            return value
-        return np.concatenate([to_linear(value[:3], str(space)), value[3:]])
+        return in_working_space(found, attribute)
 
     def knows(self, kind: str) -> bool:
         """Return whether nodes of a category can be read."""

@@ -50,7 +50,11 @@ def on_mesh(
     changes: dict[str, Any] = {}
     for name, primvar in bound.primvars.items():
         if name in primvars:
-            values = np.clip(primvar.function(primvars[name]), 0, None if name == "diffuse" else 1)
+            own = primvar.function(primvars[name])
+            values = np.clip(own, 0, 1)
+            if not np.allclose(values, own, rtol=0, atol=1e-5):
+                text = f"has {primvar.name} from {own.min():g} to {own.max():g}: expected 0 to 1; the nearest is used"
+                reading.warn(prim, text)
             columns = 3 if name == "diffuse" else 1
             values = np.broadcast_to(values[:, :1] if values.shape[1] < columns else values[:, :columns],
                                      (len(values), columns))  # fmt: skip

@@ -169,7 +169,12 @@ def _materialx_ramp(network: Network, node: UsdShade.Shader, output: str) -> Val
     x = _direction(names[kind if 0 <= kind < 4 else 0], coordinates(network, node, "texcoord"), "clamp")
     defaults = [(0.0, [0.0, 0.0, 0.0, 1.0]), *[(1.0, [1.0] * 4)] * 9]
     positions, knots = [], list[Value]()
-    for i in range(min(max(int(network.plain(node, "num_intervals", 2)), 2), 10)):
+    count = int(network.plain(node, "num_intervals", 2))
+    bounds = {"num_intervals": (count, 2, 10), "type": (kind, 0, 3), "interpolation": (joined, 0, 2)}
+    for name, (value, least, most) in bounds.items():
+        if not least <= value <= most:
+            network.lose(node, f"is {value}: expected {least} to {most}", name)
+    for i in range(min(max(count, 2), 10)):
         positions.append(float(network.vector(node, f"interval{i + 1}", (defaults[i][0],))[0]))
         color = network.value(node, f"color{i + 1}")
         knots.append(np.array(defaults[i][1]) if color is None else color)
