@@ -14,6 +14,7 @@ from ..numerics.arrays import joined
 from ..numerics.samples import Samples
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..world.shadow_rays import leaving
 from ..world.spectra import rgb
 
 if TYPE_CHECKING:
@@ -156,10 +157,10 @@ def _continued(
     straight = paths.primary & null
     following = CameraPaths()
     throughput, clear = (each * factor for each in weights)
-    spawned = hit.spawn_ray(direction)
+    spawned = leaving(hit, direction, tracing.world.size)
     # A primary ray keeps its origin, for the tiles; its `near` moves to the surface that it has passed.
-    distance = dr.dot(Array3f(spawned.o) - paths.origin, paths.direction)
-    following.origin = dr.select(straight, paths.origin, Array3f(spawned.o))
+    distance = dr.dot(spawned - paths.origin, paths.direction)
+    following.origin = dr.select(straight, paths.origin, spawned)
     following.direction = dr.select(straight, paths.direction, Array3f(direction))
     following.near = dr.select(straight, distance, 0)
     following.far = dr.select(straight, paths.far, dr.largest(Float))

@@ -18,7 +18,9 @@ from ..numerics.samples import Samples
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.sensors import PrimaryRays
+from ..world.shadow_rays import leaving, rounding
 from ..world.spectra import rgb
+from ..world.warp import outward
 from ..world.world import World
 from .branches import IDEAL, STEPS, CameraPaths, onward, several
 
@@ -224,7 +226,9 @@ def _step(
     distance = dr.select(met, hit.t, reach)
     on_lamp = Bool(False)
     if lamp is not None:
-        on_lamp = alive & (lamp.distance < distance)
+        # A lamp in the plane of a surface is before it.
+        slack = rounding(lamp.distance + dr.max(dr.abs(start)))
+        on_lamp = alive & (lamp.distance - slack < distance)
         met, distance = met & ~on_lamp, dr.select(on_lamp, lamp.distance, distance)
     vertex = CameraVertex()
     vertex.bounce = None
@@ -254,7 +258,7 @@ def _step(
     if tracing.normals:
         normal = world.shading_normal(hit, met)
         # The geometric normal decides which side is seen: at a silhouette, shading normals may point anywhere.
-        vertex.normal = dr.select(met, -dr.mulsign(normal, dr.dot(Array3f(hit.n), paths.direction)), 0)
+        vertex.normal = dr.select(met, -dr.mulsign(normal, dr.dot(outward(hit), paths.direction)), 0)
     vertex.albedo, vertex.rough = dr.zeros(Array3f, 1), Bool(False)
     if tracing.albedo:
         vertex.rough = on_lamp | (met & mi.has_flag(flags, mi.BSDFFlags.Smooth))
@@ -306,7 +310,7 @@ def _bounce(
     good = smooth & (sample.pdf > 0) & ((sample.sampled_type & IDEAL) == 0)
     direction = hit.to_world(sample.wo)
     result = Bounce()
-    result.origin, result.direction = Array3f(hit.spawn_ray(direction).o), Array3f(direction)
+    result.origin, result.direction = leaving(hit, direction, world.size), Array3f(direction)
     result.medium = world.media.beyond(hit, direction, paths.medium, good)
     result.throughput = dr.select(good, throughput * rgb(weight), 0)
     return result

@@ -14,6 +14,7 @@ from ..numerics.sampling import power_heuristic
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.portal_lamps import EnvironmentPortal
 from ..world.scene_world import SceneWorld
+from ..world.shadow_rays import leaving, to_point
 from ..world.spectra import rgb
 from ..world.visibility import through
 from .branches import IDEAL
@@ -61,9 +62,11 @@ class SceneLighting:
         colors = self._world.colors(light.emitter, Array3f(hit.p), Array3f(light.d), light.dist)
         value = rgb(value) * radiance * colors * weight
         lit &= dr.max(value) > 0
-        ray = hit.spawn_ray_to(light.p)
+        ray = to_point(hit, Array3f(light.p), self._world.size).ray()
         seed = samples.bits(order, _WAY, step)
-        passed, _ = through(plugin, media, ray, media.beyond(hit, light.d, point.medium, lit), seed, lit)
+        passed, _ = through(
+            plugin, media, ray, media.beyond(hit, light.d, point.medium, lit), seed, lit, size=self._world.size
+        )
         result = dr.select(lit, value * passed, 0)
         if not self._visible:
             return result
@@ -74,7 +77,8 @@ class SceneLighting:
         reflected = active & smooth & (sample.pdf > 0) & (dr.max(rgb(weight)) > 0)
         direction = hit.to_world(sample.wo)
         start = media.beyond(hit, direction, point.medium, reflected)
-        passed, met = through(plugin, media, hit.spawn_ray(direction), start, ~seed, reflected)
+        ray = mi.Ray3f(mi.Point3f(leaving(hit, direction, self._world.size)), direction)
+        passed, met = through(plugin, media, ray, start, ~seed, reflected, size=self._world.size)
         emitter = met.emitter(plugin, reflected)
         seen = mi.DirectionSample3f(plugin, met, hit)
         other = plugin.pdf_emitter_direction(hit, seen, reflected & (emitter != None))  # noqa: E711 - of arrays

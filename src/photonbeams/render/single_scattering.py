@@ -17,6 +17,7 @@ from ..numerics.hashing import hash32
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.interfaces import pointers
+from ..world.shadow_rays import ShadowRay, to_lamp
 from ..world.stage_lamps import Links
 from ..world.stage_world import StageWorld
 from .branches import CameraPaths, add_to_pixels
@@ -105,9 +106,9 @@ class _ScatteringPoints:
     def _free(self, world: StageWorld, active: Bool, reach: Float) -> Bool:
         return active & ~world.blocked(self.place, self.direction, reach, active, self._seed)
 
-    def leave(self, _: Array3f) -> Array3f:
-        """Return the origins of rays that leave the points."""
-        return self.place
+    def toward(self, direction: Array3f, distance: Float) -> ShadowRay:
+        """Return the shadow rays to light at a distance, which may be infinite."""
+        return to_lamp(self.place, direction, distance)
 
     def sees(self, _: StageWorld, met: Bool, __: Float) -> Bool:
         """Return which samples that meet a dome are not blocked."""

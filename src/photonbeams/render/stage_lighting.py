@@ -16,6 +16,7 @@ from ..numerics.hashing import hash32
 from ..numerics.sampling import power_heuristic
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.gobos import bare
+from ..world.shadow_rays import ShadowRay, leaving, to_lamp
 from ..world.stage_lamps import Lamps, Links
 from ..world.stage_world import StageWorld
 from .camera_paths import NearestLamp, ShadingPoint
@@ -23,9 +24,6 @@ from .camera_paths import NearestLamp, ShadingPoint
 mi = mitsuba()
 
 _BSDF, _LIGHT, _DOME = 2, 3, 4  # streams of samples
-
-# Fraction of the distance by which shadow rays end before the light, because the light may lie on a surface.
-_SHORTENED = 1e-4
 
 
 class StageLighting:
@@ -124,8 +122,8 @@ class _Lit(Protocol):
     shadow_reach: Any
     shadow: Any
 
-    def leave(self, direction: Array3f) -> Array3f:
-        """Return the origins of rays that leave the points."""
+    def toward(self, direction: Array3f, distance: Float) -> ShadowRay:
+        """Return the shadow rays to light at a distance, which may be infinite."""
 
     def sees(self, world: StageWorld, met: Bool, distance: Float) -> Bool:
         """Return which samples that meet a light, at this distance, are not blocked."""
@@ -155,7 +153,8 @@ class _Reflection:
         self.weight = dr.select(active & (self.pdf > 0) & ~ideal, Array3f(weight), 0)
         self.direction = Array3f(hit.to_world(sample.wo))
         self.seed = point.samples.bits(point.order, _LIGHT, point.step)
-        self.place, self.origin = Array3f(hit.p), self.leave(self.direction)
+        self.place, self._size = Array3f(hit.p), world.size
+        self._origin = leaving(hit, self.direction, self._size)
         self.shadow_reach: Any = Float(dr.inf)
         self.scale: Any = Float(1)
         self.shadow: Any = None
@@ -164,18 +163,19 @@ class _Reflection:
     def _open(self, world: StageWorld) -> Bool:
         """Return whether no surface blocks the sample: this takes half the time of finding the nearest surface."""
         alive = self.active & (dr.max(self.weight) > 0)
-        return alive & ~world.blocked(self.origin, self.direction, self.shadow_reach, alive, self.seed)
+        return alive & ~world.blocked(self._origin, self.direction, self.shadow_reach, alive, self.seed)
 
-    def leave(self, direction: Array3f) -> Array3f:
-        """Return the origins of rays that leave the surfaces."""
-        return Array3f(self.hit.spawn_ray(mi.Vector3f(direction)).o)
+    def toward(self, direction: Array3f, distance: Float) -> ShadowRay:
+        """Return the shadow rays to light at a distance, which may be infinite."""
+        return to_lamp(self.hit, direction, distance, self._size)
 
     def sees(self, world: StageWorld, met: Bool, distance: Float) -> Bool:
         """Return which BSDF samples that meet a light, at a distance, are not blocked."""
         # Small lights are met seldom. The seed is that of `open`: a cut-out that lets one ray through lets the other.
         behind = met & ~self.open & dr.isfinite(distance)
-        reach = dr.minimum(distance * (1 - _SHORTENED), self.shadow_reach)
-        return met & (self.open | (behind & ~world.blocked(self.origin, self.direction, reach, behind, self.seed)))
+        ray = self.toward(self.direction, distance)
+        reach = dr.minimum(ray.length, self.shadow_reach)
+        return met & (self.open | (behind & ~world.blocked(ray.origin, ray.direction, reach, behind, self.seed)))
 
     def of_lights(self, links: Links) -> _Reflection:
         """Return the reflection of lights with links: they light some surfaces, and some surfaces block them."""
@@ -224,12 +224,12 @@ def scattered(world: StageWorld, reflection: _Lit, light: Any, names: tuple[Any,
     weight = dr.select(sample.pdf > 0, power_heuristic(sample.pdf, pdf), 1)
     value = value * sample.weight * weight
     useful = reflection.active & (dr.max(value) > 0)
-    start = reflection.leave(sample.direction)
-    reach = dr.minimum(sample.distance * (1 - _SHORTENED), reflection.shadow_reach)
+    ray = reflection.toward(sample.direction, sample.distance)
+    reach = dr.minimum(ray.length, reflection.shadow_reach)
     seed = point.samples.bits(point.order, *stream)
-    free = useful & ~world.blocked(start, sample.direction, reach, useful, seed)
+    free = useful & ~world.blocked(ray.origin, ray.direction, reach, useful, seed)
     shown = free if reflection.shadow is None else useful
-    dimming = world.dimming(start, sample.direction, sample.distance, medium, seed, shown)
+    dimming = world.dimming(ray.origin, sample.direction, sample.distance, medium, seed, shown)
     result = dr.select(shown, value * dimming * reflection.left(free, useful), 0)
 
     found = light.see(place, reflection.direction)
@@ -237,6 +237,7 @@ def scattered(world: StageWorld, reflection: _Lit, light: Any, names: tuple[Any,
     met = reflection.sees(world, hit, found.distance)
     shown = met if reflection.shadow is None else hit
     weight = power_heuristic(reflection.pdf, found.pdf)
+    start = reflection.toward(reflection.direction, found.distance).origin
     dimming = world.dimming(start, reflection.direction, found.distance, medium, hash32(seed), shown)
     value = reflection.weight * found.radiance * weight * dimming * reflection.left(met, hit)
     return result + dr.select(shown, value, 0)

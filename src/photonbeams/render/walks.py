@@ -27,6 +27,7 @@ from ..transport.interactions import SAMPLED, SCATTERED, flight, survival
 from ..world.interfaces import pointers
 from ..world.portal_lamps import EnvironmentPortal
 from ..world.scene_world import SceneWorld
+from ..world.shadow_rays import leaving, to_point
 from ..world.spectra import rgb
 from ..world.tracking import free_flight
 from ..world.visibility import through
@@ -300,8 +301,8 @@ class Walking:
         entered = world.media.beyond(hit, light.d, walk.medium, lit & smooth)
         medium = dr.select(vertex.scattered, walk.medium, entered)
         seed = samples.bits(order, _WAY, *name)
-        ray = reference.spawn_ray_to(light.p)
-        passed, _ = through(world.plugin, world.media, ray, medium, seed, lit, coarse=True)
+        ray = to_point(reference, Array3f(light.p), world.size).ray()
+        passed, _ = through(world.plugin, world.media, ray, medium, seed, lit, coarse=True, size=world.size)
         return dr.select(lit, value * passed, 0)
 
     def _onward(self, vertex: _Vertex, samples: Samples, name: tuple[Any, ...]) -> tuple[Walk, Array3f, Bool]:
@@ -317,7 +318,8 @@ class Walking:
         ideal = vertex.on_surface & mi.has_flag(kind, mi.BSDFFlags.Delta)
         following = Walk()
         following.direction = Array3f(dr.select(vertex.scattered, turned, direction))
-        following.origin = dr.select(vertex.on_surface, Array3f(hit.spawn_ray(direction).o), vertex.position)
+        origin = leaving(hit, direction, self.emitters.world.size)
+        following.origin = dr.select(vertex.on_surface, origin, vertex.position)
         following.medium = dr.select(
             vertex.on_surface, media.beyond(hit, direction, walk.medium, vertex.on_surface), walk.medium
         )

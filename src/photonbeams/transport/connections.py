@@ -15,6 +15,7 @@ from ..numerics.sampling import pixel_sample
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import Array
+from ..world.shadow_rays import to_lamp
 from ..world.stage_world import StageWorld
 from .importance import Views, relative
 from .lamps import PortalEmitter
@@ -75,7 +76,7 @@ class Connections:
             return ShadowRays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
         lamp = emitter.lamp
         sample = lamp.illuminate(points.position, pixel_sample(points.number, dr.opaque(UInt32, 7)))
-        distance = dr.minimum(sample.distance, dr.largest(Float)) * (1 - 1e-4)
+        distance = dr.minimum(to_lamp(points.position, sample.direction, sample.distance).length, dr.largest(Float))
         active = dr.max(sample.weight) > 0
         dr.eval(sample, distance, active)
         seed = hash32(points.number, UInt32(8))

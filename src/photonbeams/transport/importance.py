@@ -14,6 +14,7 @@ from ..numerics.arrays import to_float, to_uint, to_vectors
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
+from ..world.shadow_rays import rounding
 from ..world.visibility import through
 from ..world.world import World
 
@@ -230,9 +231,10 @@ class CameraImportance:
         to = dr.select(view.orthographic, away * view.forward, to)
         distance = dr.maximum(dr.norm(to), 1e-30)
         ray = mi.Ray3f(mi.Point3f(point), mi.Vector3f(to / distance))
-        ray.maxt = distance * (1 - 1e-4)
         # A ray that begins on a surface must not meet it.
-        ray.o = ray.o + 1e-4 * distance * ray.d
+        gap = dr.maximum(1e-4 * distance, rounding(dr.max(dr.abs(point))))
+        ray.maxt = distance - gap
+        ray.o = ray.o + gap * ray.d
         passed, _ = through(self._world.plugin, self._media, ray, medium, hash32(number), Bool(active))
         light = dr.select(active & (away < 0), light * dr.max(passed), 0)
         part, distance = view.part(point), dr.select(view.orthographic, 0, distance)

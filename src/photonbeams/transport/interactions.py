@@ -11,6 +11,7 @@ from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.interfaces import pointers
 from ..world.media import Media
+from ..world.shadow_rays import leaving
 from ..world.spectra import rgb
 from ..world.tracking import free_flight
 
@@ -172,7 +173,7 @@ def reflect(
         value = dr.select(null, value, turned * dr.abs(geometric_out * dr.rcp(geometric_in)))
     value *= ratio
     good = active & (sample.pdf > 0) & ~leak & dr.isfinite(dr.sum(value))
-    origin = Array3f(hit.spawn_ray(direction).o)
+    origin = leaving(hit, direction, world.size)
     probability = dr.select(good & (delta | null), dr.clip(sample.pdf, 1e-4, 1), 1)
     entered = world.media.beyond(hit, direction, medium, good)
     value = dr.select(good, value, 0)

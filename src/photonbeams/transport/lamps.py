@@ -17,13 +17,14 @@ from .. import scene
 from ..numerics.arrays import opaque
 from ..numerics.sampling import sobol_block
 from ..numerics.structs import Struct
-from ..runtime.device import Array2f, Array3f, Bool, Float
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..world.bounds import Bounds
 from ..world.cylinders import CylinderLamp
 from ..world.gobos import ProjectedLight, bare, spread
 from ..world.lights import FlatLamp, SphereLamp
 from ..world.mesh_lamps import MeshLamp
 from ..world.portals import Portal
+from ..world.shadow_rays import gap_before
 from ..world.stage_world import StageWorld
 from ..world.warp import disk, perpendicular, power_cone, sphere
 from .differentials import RayDifferentials
@@ -251,11 +252,23 @@ class LampEmitter:
     def begun(self, paths: LampRays) -> EmissionSample:
         """Return paths that leave the lamp as emission samples."""
         flux = dr.select(paths.valid, paths.flux, 0)
-        reach = self.bounds.exit(paths.origin, paths.direction, self._escape)
-        medium = self.world.medium_at(paths.origin, paths.direction, dr.max(flux) > 0)
+        origin = self._off_surfaces(paths.origin, dr.max(flux) > 0)
+        reach = self.bounds.exit(origin, paths.direction, self._escape)
+        medium = self.world.medium_at(origin, paths.direction, dr.max(flux) > 0)
         return EmissionSample(
-            paths.origin, paths.direction, flux, paths.differentials(), reach, paths.portal, medium, paths.valid
+            origin, paths.direction, flux, paths.differentials(), reach, paths.portal, medium, paths.valid
         )
+
+    def _off_surfaces(self, origin: Array3f, active: Bool) -> Array3f:
+        """Return origins of paths; those on a flat lamp in the plane of a surface begin before that surface."""
+        lamp = bare(self.lamp)
+        if not isinstance(lamp, FlatLamp):
+            return origin
+        gap, axis = gap_before(origin, self.world.size), lamp.axis + 0 * origin.x
+        number = dr.arange(UInt32, dr.width(origin))
+        link = dr.opaque(UInt32, self.link) + 0 * number
+        flush = self.world.blocked(origin - gap * axis, axis, 2 * gap, active, number, link)
+        return dr.select(flush, origin + gap * axis, origin)
 
 
 class Windowed(Emitter, Protocol):

@@ -17,6 +17,7 @@ from ..numerics.hashing import hash32
 from ..numerics.sampling import pixel_sample, sobol_block
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..world.portals import Portal
+from ..world.shadow_rays import to_lamp
 
 if TYPE_CHECKING:
     from ..world.stage_world import StageWorld
@@ -92,6 +93,6 @@ def _lit(world: StageWorld, source: Any, portal: Portal, point: Array3f, u: Arra
     """Return which points the light reaches along a free line that does not pass the portal."""
     sample = source.illuminate(point, u)
     carries = dr.max(sample.weight) > 0
-    distance = dr.minimum(sample.distance, dr.largest(Float)) * (1 - 1e-4)
+    distance = dr.minimum(to_lamp(point, sample.direction, sample.distance).length, dr.largest(Float))
     free = ~world.blocked(point, sample.direction, distance, carries, seed)
     return carries & free & ~portal.crosses(point, sample.direction, distance)

@@ -14,6 +14,7 @@ from ..world.checks import check_finite
 from ..world.gobos import ProjectedLight
 from ..world.lights import EmitterSource
 from ..world.scene_world import SceneWorld
+from ..world.shadow_rays import gap_at
 from ..world.spectra import rgb
 from .differentials import RayDifferentials, copies, differentiate, of_copies
 from .emission import Emission, EmissionSample, Emitter, Stratum, probed_flux
@@ -60,7 +61,7 @@ class SceneEmitter:
 
     def begun(self, paths: LampRays) -> EmissionSample:
         """Return paths through a portal as emission samples; they begin off the emitter, beyond rounding errors."""
-        step = mi.math.RayEpsilon * (1 + dr.max(dr.abs(paths.origin)))
+        step = gap_at(paths.origin, self._world.size)
         origin, flux = paths.origin + step * paths.direction, dr.select(paths.valid, paths.flux, 0)
         return self._sample(origin, paths.direction, flux, paths.differentials(), paths.portal - step, paths.valid)
 

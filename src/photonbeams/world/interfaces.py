@@ -8,7 +8,8 @@ from typing import Any
 import drjit as dr
 
 from ..numerics.hashing import hash32, unit_float
-from ..runtime.device import Array3f, Bool, UInt32, mitsuba
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from .shadow_rays import leaving, size_of
 from .warp import facing
 
 mi = mitsuba()
@@ -97,8 +98,9 @@ def reflected(hit: Any, direction: Any, aside: Any) -> Array3f:
 
 
 def medium_at(
-    plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt32, everywhere: UInt32, active: Any = True
-) -> UInt32:
+    plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt32, everywhere: UInt32, active: Any = True,
+    size: Float | None = None,
+) -> UInt32:  # fmt: skip
     """Return the number of the medium at points, found by a random walk from each.
 
     Surfaces reflect a walk; it passes those that transmit light and name no medium. So it stays in the medium in which
@@ -117,7 +119,10 @@ def medium_at(
         The medium of the background.
     active
         The points for which the medium is wanted.
+    size
+        The scene's diameter, if it is known: see `shadow_rays`.
     """
+    diameter = size_of(plugin) if size is None else size
     width = max(dr.width(origin), dr.width(direction))
     lane = dr.arange(UInt32, width) + dr.opaque(UInt32, 0)
 
@@ -128,7 +133,7 @@ def medium_at(
         medium = dr.select(escaped, everywhere, medium)
         going = going & ~escaped & ~(met.interface & (met.near > 0))
         along = dr.select(met.transmits & ~met.interface, along, reflected(met.hit, along, _unit(hash32(lane, step))))
-        here = dr.select(going, Array3f(met.hit.spawn_ray(mi.Vector3f(along)).o), here)
+        here = dr.select(going, leaving(met.hit, along, diameter), here)
         return here, along, medium, step + 1, going
 
     state = (
@@ -148,17 +153,17 @@ def _unit(seed: UInt32) -> Array3f:
     return Array3f(across * cosine, across * sine, z)
 
 
-def medium_ahead(plugin: Any, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
+def medium_ahead(plugin: Any, origin: Array3f, direction: Array3f, active: Bool, size: Float) -> UInt32:
     """Return the medium that the next interface along rays names on its near side, by number; 0 if there is none.
 
-    Rays pass surfaces that transmit light and name no medium; opaque ones stop them.
+    Rays pass surfaces that transmit light and name no medium; opaque ones stop them. `size` is the scene's diameter.
     """
 
     def further(here: Array3f, medium: UInt32, layer: UInt32, going: Bool) -> tuple[Any, ...]:
         met = meet(plugin, here, direction, going)
         medium = dr.select(met.interface, met.near, medium)
         going = going & met.hit.is_valid() & met.transmits & ~met.interface
-        here = dr.select(going, Array3f(met.hit.spawn_ray(mi.Vector3f(direction)).o), here)
+        here = dr.select(going, leaving(met.hit, direction, size), here)
         return here, medium, layer + 1, going
 
     width = max(dr.width(origin), dr.width(direction))

@@ -252,8 +252,8 @@ class DomeLamp(EmitterSource):
 Light = SphereLamp | FlatLamp | CylinderLamp | MeshLamp | DistantLamp | DomeLamp
 
 
-def source(light: scene.Light, host: Any = None) -> Light:
-    """Return a light's lamp in Dr.Jit; `host` is the Mitsuba scene for a mesh light's own scene (see `scene_of`)."""
+def source(light: scene.Light, host: Any = None, around: Sequence[Any] = ()) -> Light:
+    """Return a light's lamp in Dr.Jit; for mesh lights, `host` is explained in `scene_of`, `around` in `MeshLamp`."""
     if isinstance(light, scene.SphereLight):
         return SphereLamp.of(light)
     if isinstance(light, scene.FlatLight):
@@ -261,7 +261,7 @@ def source(light: scene.Light, host: Any = None) -> Light:
     if isinstance(light, scene.CylinderLight):
         return CylinderLamp.of(light)
     if isinstance(light, scene.MeshLight):
-        return MeshLamp(light, host)
+        return MeshLamp(light, host, around)
     if isinstance(light, scene.DistantLight):
         return DistantLamp.of(light)
     if isinstance(light, scene.DomeLight):

@@ -23,6 +23,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import box_of
 from .checks import check_numbers, check_phase
 from .interfaces import medium_ahead, number, numbers, pointers
+from .shadow_rays import leaving, size_of
 from .spectra import rgb
 from .tracking import SEGMENTS, MediumSegment, Track, Tracked, glow, scattering_point, walk
 
@@ -205,7 +206,7 @@ class Media:
             table[2, each.number, :2] = each.tracked is not None, each.colored
         self._extinction, self._scattering, self._kinds = (to_vectors(each) for each in table)
         self.any_varying = any(each.tracked is not None for each in self.all)
-        self._around = around
+        self._around, self._size = around, size_of(*([] if around is None else [around]))
         self.filling, self._clear = number(filling), clear
         felt = np.ones(size, dtype=np.uint32)
         felt[[number(each) for each in unfelt]] = 0
@@ -318,8 +319,9 @@ class Media:
         if self._around is None:
             return entered
         lost = active & interface & ~back & (entered == 0)
-        start = Array3f(hit.spawn_ray(direction).o)
-        return dr.select(lost, medium_ahead(self._around, start, Array3f(direction), lost), entered)
+        start = leaving(hit, direction, self._size)
+        ahead = medium_ahead(self._around, start, Array3f(direction), lost, self._size)
+        return dr.select(lost, ahead, entered)
 
 
 def _repeats(shape: Any) -> bool:

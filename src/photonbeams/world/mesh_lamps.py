@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ from .. import scene
 from ..numerics.arrays import opaque
 from ..runtime.device import Array2f, Array3f, Bool, Float, mitsuba
 from .illumination import Illumination, Lamp, LightHit, ShapingFactor, unit
+from .shadow_rays import leaving, size_of
 from .shapes import radiance_of, scene_of, shape_of
 
 mi = mitsuba()
@@ -19,16 +21,18 @@ mi = mitsuba()
 class MeshLamp(Lamp):
     """A mesh that radiates from its outer side or both, sampled uniformly in area by Mitsuba.
 
-    Kernels treat each mesh light by itself: it is not packed with others.
+    Kernels treat each mesh light by itself: it is not packed with others. `around` are the Mitsuba scenes in which it
+    shines.
     """
 
-    def __init__(self, light: scene.MeshLight, host: Any = None) -> None:
+    def __init__(self, light: scene.MeshLight, host: Any = None, around: Sequence[Any] = ()) -> None:
         assert light.mesh is not None
         emitter = mi.load_dict({"type": "area", "radiance": radiance_of(light.radiance, light.image)})
         # Without normals: faces radiate evenly, whatever normals they are shaded with.
         self._shape = shape_of(replace(light.mesh, normals=None), emitter=emitter)
         self._emitter = emitter
         self._scene = scene_of([self._shape], host)
+        self._size = size_of(self._scene, *around)
         self.axis, self.shaping = opaque(unit(light.axis)), ShapingFactor.of(light.shaping)
         self.both_sides = light.both_sides
         self.area = opaque(light.mesh.area * (2 if light.both_sides else 1))
@@ -50,8 +54,7 @@ class MeshLamp(Lamp):
             sample.n = dr.select(outer, sample.n, -sample.n)
         place = self._place(sample)
         radiance = Array3f(self._emitter.eval(place)) if self.textured else self.radiance + 0 * u.x
-        start = place.spawn_ray(mi.Vector3f(sample.n)).o
-        return Array3f(start), Array3f(sample.n), radiance
+        return leaving(place, sample.n, self._size), Array3f(sample.n), radiance
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
         """Return the direction to a point of the mesh, uniform in area."""

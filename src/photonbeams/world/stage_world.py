@@ -149,7 +149,8 @@ class StageWorld(World):
             sizes=sizes,
             blockers=_blockers(description, host, meshes, shapes, like.blockers if like is not None and still else {}),
             lights=tuple(
-                _known_light(light, like) or projected(source(light, host), light, portals.get(light.name), images)
+                _known_light(light, like)
+                or projected(source(light, host, [plugin]), light, portals.get(light.name), images)
                 for light in description.lights
             ),
             portals=portals,
@@ -300,14 +301,14 @@ class StageWorld(World):
             return self.media.felt(medium, passed)
         ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
         ray.maxt = dr.minimum(distance, dr.largest(Float))
-        return through(self.around, self.media, ray, medium, seed, active)[0]
+        return through(self.around, self.media, ray, medium, seed, active, size=self.size)[0]
 
     def medium_at(self, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
         """Return the numbers of the media at points, found by rays along `direction`."""
         filling = dr.opaque(UInt32, self.media.filling)
         if not self.boundaries:
             return filling + dr.zeros(UInt32, max(dr.width(origin), dr.width(direction)))
-        return medium_at(self.around, origin, direction, filling, filling, active)
+        return medium_at(self.around, origin, direction, filling, filling, active, self.size)
 
     def solid(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
         """Return the first surface that rays hit, as a SurfaceInteraction3f; boundaries of media do not count.

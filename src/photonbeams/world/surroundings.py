@@ -20,6 +20,7 @@ from ..runtime.device import Array3f, Float, UInt32, mitsuba
 from ..scene import Array
 from .interfaces import UNKNOWN, medium_at, number
 from .media import Media
+from .shadow_rays import size_of
 from .survey import Answer, Survey
 from .walks import ASKING, CROSSING, ONWARD, walk
 
@@ -77,7 +78,8 @@ class Surroundings:
     """
 
     def __init__(self, plugin: Any, media: Media, emitters: Sequence[Place], sensor: Place | None = None) -> None:
-        self._scene, places = plugin, [*emitters, *([] if sensor is None else [sensor])]
+        self._scene, self._size = plugin, size_of(plugin)
+        places = [*emitters, *([] if sensor is None else [sensor])]
         self.everywhere, self.sizes, self.conflicts = 0, dict[int, float](), list[str]()
         self.inside_out: set[int] = set()
         self._sensor = len(places) - 1
@@ -101,7 +103,7 @@ class Surroundings:
         usual = dr.opaque(UInt32, answer.usual, width)
         if answer.known:
             return usual
-        return medium_at(self._scene, origin, direction, usual, dr.opaque(UInt32, self.everywhere))
+        return medium_at(self._scene, origin, direction, usual, dr.opaque(UInt32, self.everywhere), size=self._size)
 
     def _survey(self, media: Media, places: Sequence[Place], emitters: int) -> None:
         rng = np.random.default_rng(0)
@@ -110,7 +112,7 @@ class Surroundings:
         bounds = np.cumsum([0, *(len(each) for each in origins)]).tolist()
         outside = survey.outside()
         begin = np.concatenate([*origins, outside[0]]), np.concatenate([*directions, outside[1]])
-        asking, onward = (walk(self._scene, *begin, rng, kind) for kind in (ASKING, ONWARD))
+        asking, onward = (walk(self._scene, *begin, rng, kind, self._size) for kind in (ASKING, ONWARD))
         self.everywhere = survey.everywhere(asking.part(bounds[-1], None), places)
         self._answers, states = [], []
         for index, (place, *part) in enumerate(zip(places, bounds[:-1], bounds[1:], strict=True)):
@@ -126,7 +128,7 @@ class Surroundings:
         state = np.concatenate([*states, np.full(len(around[0]), UNKNOWN)])
         source = np.repeat(np.arange(len(places) + 1), [*map(len, origins), len(around[0])])
         if len(state):
-            walks = walk(self._scene, *begin, rng, CROSSING)
+            walks = walk(self._scene, *begin, rng, CROSSING, self._size)
             self.sizes = survey.measure(walks, state, [*(each.name for each in places), ""], source)
         self.conflicts, self.inside_out = survey.statements.conflicts, survey.statements.inside_out
 

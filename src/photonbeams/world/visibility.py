@@ -9,6 +9,7 @@ import drjit as dr
 from ..numerics.hashing import hash32
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .media import Media
+from .shadow_rays import leaving, size_of
 from .spectra import rgb
 
 mi = mitsuba()
@@ -19,8 +20,9 @@ _LAYERS = 64
 
 
 def through(
-    plugin: Any, media: Media, ray: Any, medium: UInt32, seed: UInt32, active: Bool, coarse: bool = False
-) -> tuple[Array3f, Any]:
+    plugin: Any, media: Media, ray: Any, medium: UInt32, seed: UInt32, active: Bool, coarse: bool = False,
+    size: Float | None = None,
+) -> tuple[Array3f, Any]:  # fmt: skip
     """Return the transmittance along rays up to their ends, and the surface that each meets there, if any.
 
     Surfaces transmit light by their null lobes alone.
@@ -35,17 +37,20 @@ def through(
         Seeds for tracking heterogeneous media, and which rays are wanted.
     coarse
         As in `Media.transmittance`.
+    size
+        The scene's diameter, if it is known: see `shadow_rays`.
     """
+    diameter = size_of(plugin) if size is None else size
     end = dr.minimum(ray.maxt, dr.largest(Float))
 
-    def further(place: Any, left: Float, medium: UInt32, passed: Array3f, layer: UInt32, going: Bool, hit: Any
-                ) -> tuple[Any, ...]:  # fmt: skip
-        step = mi.Ray3f(place, ray.d)
+    def further(place: Any, along: Any, left: Float, medium: UInt32, passed: Array3f, layer: UInt32, going: Bool,
+                hit: Any) -> tuple[Any, ...]:  # fmt: skip
+        step = mi.Ray3f(place, along)
         step.maxt = left
         found = plugin.ray_intersect(step, going)
         distance = dr.select(found.is_valid(), found.t, left)
         dimmed = media.transmittance(
-            medium, Array3f(place), Array3f(ray.d), distance, hash32(seed, layer), going, coarse
+            medium, Array3f(place), Array3f(along), distance, hash32(seed, layer), going, coarse
         )
         passed = dr.select(going, passed * media.felt(medium, dimmed), passed)
         hit = dr.select(going, found, hit)
@@ -57,17 +62,23 @@ def through(
         passed = dr.select(solid & ~endless, 0, passed)
         going = going & ~solid
         passed = dr.select(going, passed * clear, passed)
-        medium = dr.select(going, media.beyond(found, ray.d, medium, going), medium)
-        place = dr.select(going, found.spawn_ray(ray.d).o, place)
-        left = dr.select(going & ~endless, left - found.t, left)
-        return place, left, medium, passed, layer + 1, going & (dr.max(passed) > 0), hit
+        medium = dr.select(going, media.beyond(found, along, medium, going), medium)
+        beyond = mi.Point3f(leaving(found, along, diameter))
+        # The ray still ends where it did, though it begins beside its line; it may end before that.
+        to = place + dr.select(endless, 1, left) * along - beyond
+        going &= endless | (dr.dot(to, along) > 0)
+        on = going & ~endless
+        left = dr.select(on, dr.norm(to), left)
+        along = dr.select(on, to * dr.rcp(dr.maximum(left, 1e-30)), along)
+        place = dr.select(going, beyond, place)
+        return place, along, left, medium, passed, layer + 1, going & (dr.max(passed) > 0), hit
 
     width = dr.width(ray.o)
     nothing = dr.zeros(mi.SurfaceInteraction3f, width)
     nothing.t = dr.full(Float, dr.inf, width)
     state = (
-        mi.Point3f(ray.o), end + dr.zeros(Float, width), UInt32(medium), dr.ones(Array3f, width),
-        dr.zeros(UInt32, width), Bool(active), nothing,
+        mi.Point3f(ray.o), ray.d + dr.zeros(mi.Vector3f, width), end + dr.zeros(Float, width), UInt32(medium),
+        dr.ones(Array3f, width), dr.zeros(UInt32, width), Bool(active), nothing,
     )  # fmt: skip
-    result = dr.while_loop(state, lambda *each: each[5] & (each[4] < _LAYERS), further, label="through")
-    return result[3], result[6]
+    result = dr.while_loop(state, lambda *each: each[6] & (each[5] < _LAYERS), further, label="through")
+    return result[4], result[7]

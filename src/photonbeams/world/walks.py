@@ -13,6 +13,7 @@ from ..numerics.arrays import to_float, to_vectors
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
 from .interfaces import UNKNOWN, meet, reflected
+from .shadow_rays import leaving
 
 mi = mitsuba()
 
@@ -46,8 +47,8 @@ class Walks:
             yield Walks(*(getattr(self, name)[each] for name in self.__dataclass_fields__))
 
 
-def walk(plugin: Any, origin: Array, direction: Array, rng: np.random.Generator, kind: int) -> Walks:
-    """Return random walks of a kind: `ASKING`, `CROSSING` or `ONWARD`."""
+def walk(plugin: Any, origin: Array, direction: Array, rng: np.random.Generator, kind: int, size: Float) -> Walks:
+    """Return random walks of a kind (`ASKING`, `CROSSING`, `ONWARD`) in a scene with the diameter `size`."""
     count = len(origin)
     here, along, alive = to_vectors(origin), to_vectors(direction), dr.full(Bool, True, count)
     crossing, onward = dr.opaque(Float, 0.5 if kind == CROSSING else -1.0), dr.opaque(Bool, kind == ONWARD)
@@ -58,7 +59,7 @@ def walk(plugin: Any, origin: Array, direction: Array, rng: np.random.Generator,
         valid = alive & met.hit.is_valid()
         through = valid & (met.transmits | onward) & (~met.interface | (threshold < crossing))
         following = dr.select(through, along, reflected(met.hit, along, aside))
-        spawned = Array3f(met.hit.spawn_ray(mi.Vector3f(following)).o)
+        spawned = leaving(met.hit, following, size)
         shape = dr.select(valid, UInt32(dr.reinterpret_array(mi.UInt32, met.hit.shape)), 0)
         values = {
             "alive": alive, "valid": valid, "crossed": through & met.interface, "near": met.near, "far": met.far,

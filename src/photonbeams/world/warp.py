@@ -7,6 +7,8 @@ sphere).
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 
 from ..runtime.device import Array2f, Array3f, Float, mitsuba
@@ -40,6 +42,16 @@ def perpendicular(axis: Array3f) -> tuple[Array3f, Array3f]:
 def facing(normal: Array3f, direction: Array3f) -> Array3f:
     """Return normals turned toward the side from which rays along `direction` arrive."""
     return dr.select(dr.dot(normal, direction) > 0, -normal, normal)
+
+
+def outward(hit: Any) -> Array3f:
+    """Return the normals of surfaces at hits, on the side of their shading normals.
+
+    BSDFs know the side of a surface from its shading normal. Many exporters write normals on the other side than the
+    winding of a mesh says.
+    """
+    normal = Array3f(hit.n)
+    return dr.mulsign(normal, dr.dot(normal, Array3f(hit.sh_frame.n)))
 
 
 def cone(u: Array2f, axis: Array3f, one_minus_cos: Float) -> Array3f:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from functools import cached_property
 from typing import Any
 
 import drjit as dr
@@ -11,6 +12,7 @@ from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .media import Media, parts
 from .normal_maps import NormalMap
+from .shadow_rays import rounding, size_of
 from .sources import Source
 
 mi = mitsuba()
@@ -57,6 +59,11 @@ class World:
     narrows: bool
     lit_by_domes: Collection[int] = ()
     host: Any
+
+    @cached_property
+    def size(self) -> Float:
+        """Diameter of the surfaces and boundaries, for rays that leave them: see `shadow_rays`."""
+        return size_of(self.plugin)
 
     @property
     def sharp(self) -> bool:
@@ -125,7 +132,8 @@ class World:
         """Return the distance to the last cut-out surface that rays pass; boundaries of media stop them."""
         origin, direction = dr.detach(Array3f(origin)), dr.detach(Array3f(direction))
         # More than the rounding error of a hit's place.
-        step = 1e-5 * dr.max(dr.abs(origin))
+        extent = dr.max(dr.abs(origin))
+        step = 1e-5 * extent
 
         def passing(skip: Float, layer: UInt32, going: Bool) -> tuple[Float, UInt32, Bool]:
             ray = mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
@@ -133,7 +141,11 @@ class World:
             clear = dr.mean(hit.bsdf().eval_null_transmission(hit, going))
             passes = hit.is_valid() & ~hit.is_medium_transition() & (unit_float(hash32(seed, layer)) < clear)
             going = going & passes
-            return dr.select(going, skip + hit.t * (1 + 1e-5) + step, skip), layer + 1, going
+            # No further than the next leaf, in small scenes and far from the origin.
+            most = dr.maximum(mi.math.RayEpsilon * self.size, rounding(hit.t + extent))
+            usual = 1e-5 * hit.t + step <= most
+            beyond = dr.select(usual, skip + hit.t * (1 + 1e-5) + step, skip + hit.t + most)
+            return dr.select(going, beyond, skip), layer + 1, going
 
         state = (0 * origin.x + 0 * direction.x, dr.zeros(UInt32, dr.width(origin)), Bool(active))
         skip, _, _ = dr.while_loop(state, lambda _, layer, going: going & (layer < _LAYERS), passing, label="cutouts")
