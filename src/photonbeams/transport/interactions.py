@@ -14,6 +14,7 @@ from ..world.media import Media
 from ..world.shadow_rays import leaving
 from ..world.spectra import rgb
 from ..world.tracking import free_flight
+from ..world.warp import outward
 
 if TYPE_CHECKING:
     from ..world.world import World
@@ -164,7 +165,8 @@ def reflect(
     incoming = hit.to_world(hit.wi)
     kind = sample.sampled_type
     delta, null = mi.has_flag(kind, mi.BSDFFlags.Delta), mi.has_flag(kind, mi.BSDFFlags.Null)
-    geometric_in, geometric_out = dr.dot(hit.n, incoming), dr.dot(hit.n, direction)
+    normal = outward(hit)
+    geometric_in, geometric_out = dr.dot(normal, incoming), dr.dot(normal, direction)
     shading_in, shading_out = dr.dot(hit.sh_frame.n, incoming), dr.dot(hit.sh_frame.n, direction)
     leak = (geometric_in * shading_in <= 0) | (geometric_out * shading_out <= 0)
     value = rgb(weight) * dr.abs(shading_in * geometric_out * dr.rcp(shading_out * geometric_in))
