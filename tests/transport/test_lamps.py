@@ -9,6 +9,7 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, Float
+from photonbeams.scene.vectors import ellipsoid_area
 from photonbeams.transport.lamps import emit, emit_through
 from photonbeams.world import lights
 from photonbeams.world.stage_world import StageWorld
@@ -65,6 +66,25 @@ def tetrahedron(**given):
     return scene.MeshLight("/light", RADIANCE, mesh=mesh, **given)
 
 
+#: A stretched, turned, sheared and mirrored space.
+STRETCHED = np.array([[0.3, 0.1, 0.0], [-0.05, 0.1, 0.02], [0.1, 0.05, -0.15]])
+
+
+def ellipsoid(**given):
+    return sphere(radius=0.2, shape=STRETCHED, **given)
+
+
+def elliptic_cylinder(**given):
+    return cylinder(shape=STRETCHED, **given)
+
+
+def mantle(linear, count=2000):
+    """Return the area of a cylinder of radius 1 along X, from -1 to 1, under a linear map: midpoint rule, float64."""
+    turn = 2 * np.pi * (np.arange(count) + 0.5) / count
+    along = np.stack([0 * turn, -np.sin(turn), np.cos(turn)], axis=-1) @ linear.T
+    return 2 * np.linalg.norm(np.cross(linear[:, 0], along), axis=1).mean() * 2 * np.pi
+
+
 def sheet(**given):
     """Return a rectangle that glows on both sides, 0.4 by 0.2 and facing up."""
     points = [[-0.2, -0.1, 0], [0.2, -0.1, 0], [0.2, 0.1, 0], [-0.2, 0.1, 0]]
@@ -115,6 +135,8 @@ LOPSIDED = scene.Shaping(
         (cylinder(), np.pi * 2 * np.pi * 0.1 * 1.0),
         (tetrahedron(), np.pi * np.sqrt(3) * 0.2 * 0.2 * 8),
         (sheet(), 2 * np.pi * 0.08),
+        (ellipsoid(), np.pi * ellipsoid_area(np.linalg.svd(STRETCHED, compute_uv=False))),
+        (elliptic_cylinder(), np.pi * mantle(STRETCHED)),
         (flat(), np.pi * 0.08),
         (flat(disk=True), np.pi * 0.08 * np.pi / 4),
         (flat(shaping=SHAPED), np.pi * 0.08 * np.sin(np.radians(35)) ** 2),
@@ -244,10 +266,11 @@ def test_paths_through_a_portal_and_the_others_make_the_light_without_one(light)
 @pytest.mark.parametrize(
     "light",
     [sphere(), sphere(radius=0.0, shaping=scene.Shaping(60, 0.5, 1.5)), flat(), flat(disk=True), cylinder(),
-     tetrahedron(), sheet(), sphere(radius=0.0, shaping=LOPSIDED), flat(shaping=LOPSIDED), distant(),
+     tetrahedron(), sheet(), ellipsoid(), elliptic_cylinder(shaping=scene.Shaping(70, 0.5, 1.5)),
+     sphere(radius=0.0, shaping=LOPSIDED), flat(shaping=LOPSIDED), distant(),
      scene.DomeLight("/light", RADIANCE, image=np.random.default_rng(1).random((8, 16, 3)))],
-    ids=["sphere", "spot", "rect", "disk", "cylinder", "mesh", "sheet", "profile", "rect with profile", "distant",
-         "dome"],
+    ids=["sphere", "spot", "rect", "disk", "cylinder", "mesh", "sheet", "ellipsoid", "elliptic", "profile",
+         "rect with profile", "distant", "dome"],
 )  # fmt: skip
 def test_beams_that_land_on_a_patch_carry_what_illuminate_says(light):
     paths, built = emission(light, count=1 << 16)

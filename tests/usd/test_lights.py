@@ -188,6 +188,8 @@ def test_treating_a_sphere_as_a_point_does_not_change_its_power(scene, radius, s
     assert (sphere.radius > 0, point.radius) == (True, 0)
     # A point of intensity I has the power 4π I, and a sphere of radiance L the power 4π² r² L.
     assert 4 * np.pi * point.radiance[0] == pytest.approx(4 * np.pi**2 * sphere.radius**2 * sphere.radiance[0])
+    assert (sphere.shape is None) == (scale == "(1, 1, 1)")
+    assert point.shape is None
 
 
 @pytest.mark.parametrize("kind", ["SphereLight", "CylinderLight"])
@@ -266,11 +268,17 @@ def test_a_mirrored_flat_light_emits_along_its_mirrored_axis(scene, scale):
     assert np.cross(result.half_x, result.half_y) @ result.axis < 0
 
 
-def test_a_sphere_under_an_uneven_scale_says_that_it_becomes_one_of_its_power(scene, caplog):
+def test_a_sphere_under_an_uneven_scale_is_an_ellipsoid(scene, caplog):
     result = only(scene(light("SphereLight", f"float inputs:radius = 0.5\n{SCALED}")))
     assert isinstance(result, SphereLight)
     assert 4 * np.pi * result.radius**2 == pytest.approx(ellipsoid_area(np.array([1.0, 1.5, 2.0])))
-    assert "/L is scaled to 4 x 3 x 2: it is rendered as a sphere of the same power, 2.979 wide" in caplog.text
+    assert np.allclose(result.shape, np.diag([1, 1.5, 2]))
+    assert not caplog.text
+    round_one = only(scene(light("SphereLight", SCALED.replace("(2, 3, 4)", "(-3, 3, 3)"))))
+    assert (round_one.shape, round_one.radius) == (None, 1.5)
+    flat = only(scene(light("SphereLight", SCALED.replace("(2, 3, 4)", "(4000, 3, 2)"))))
+    assert flat.shape is None
+    assert "/L is scaled to 4000 x 3 x 2: it is rendered as a sphere of the same power" in caplog.text
     assert np.allclose(result.center, [1, 2, 3])
     assert np.allclose(result.axis, [0, 0, -1])
 
@@ -341,7 +349,18 @@ def test_a_cylinder_lies_along_x_and_is_normalized_by_its_mantle(scene, caplog):
     assert isinstance(tube, CylinderLight)
     assert np.allclose(tube.half, [3, 0, 0])
     assert 2 * np.pi * tube.radius == pytest.approx(ellipse_perimeter(0.6, 0.8))
-    assert "/L is 1.6 x 1.2 across: it is rendered as a round cylinder of the same power, 1.407 wide" in caplog.text
+    assert np.allclose(tube.shape, np.diag([3, 0.6, 0.8]))
+    sheared = "matrix4d xformOp:transform = ((1, 0, 0, 0), (0.5, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))"
+    sheared += '\nuniform token[] xformOpOrder = ["xformOp:transform"]'
+    oblique = only(scene(light("CylinderLight", f"float inputs:length = 3\nfloat inputs:radius = 0.2\n{sheared}")))
+    assert (oblique.radius, oblique.shape.tolist()) == (
+        pytest.approx(0.2), [[1.5, pytest.approx(0.1), 0], [0, pytest.approx(0.2), 0], [0, 0, pytest.approx(0.2)]],
+    )  # fmt: skip
+    assert only(scene(light("CylinderLight", SCALED.replace("(2, 3, 4)", "(2, 3, -3)")))).shape is None
+    assert not caplog.text
+    flat = only(scene(light("CylinderLight", SCALED.replace("(2, 3, 4)", "(2, 3, 4000)"))))
+    assert flat.shape is None
+    assert "/L is 4000 x 3 across: it is rendered as a round cylinder of the same power" in caplog.text
     assert tube.radiance == (1, 1, 1)
     body = f"bool inputs:normalize = 1\nfloat inputs:intensity = 5\nfloat inputs:length = 3\n{SCALED}"
     assert only(scene(light("CylinderLight", body))).radiance[0] == pytest.approx(5 / (ellipse_perimeter(1.5, 2.0) * 6))

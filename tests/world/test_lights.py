@@ -1,5 +1,7 @@
 """The light that reaches a point from a lamp, against the closed forms of radiometry."""
 
+import dataclasses
+
 import drjit as dr
 import numpy as np
 import pytest
@@ -14,6 +16,8 @@ AXIS = np.array([0.6, 0.0, -0.8])
 SIDE = np.array([0.8, 0.0, 0.6])
 UP = np.array([0.0, 1.0, 0.0])
 RADIANCE = (3.0, 2.0, 1.0)
+#: A stretched, turned, sheared and mirrored space.
+STRETCHED = np.array([[0.9, 0.3, 0.0], [-0.2, 0.5, 0.1], [0.3, 0.2, -0.4]])
 
 
 @pytest.fixture(scope="module")
@@ -145,10 +149,12 @@ def test_irradiance_of_an_even_dome_is_pi_times_its_radiance(square):
         cylinder(),
         box(),
         sheet(),
+        sphere(shape=STRETCHED),
+        cylinder(shape=STRETCHED),
         scene.DistantLight("/sun", RADIANCE, axis=AXIS, angle=10.0),
         scene.DomeLight("/dome", RADIANCE, image=np.random.default_rng(3).random((8, 16, 3)).astype(np.float32)),
     ],
-    ids=["sphere", "spot", "rect", "disk", "cylinder", "mesh", "sheet", "distant", "dome"],
+    ids=["sphere", "spot", "rect", "disk", "cylinder", "mesh", "sheet", "ellipsoid", "elliptic", "distant", "dome"],
 )
 def test_a_ray_sees_what_the_light_sample_carries(square, light):
     source = lights.source(light)
@@ -156,7 +162,7 @@ def test_a_ray_sees_what_the_light_sample_carries(square, light):
     sample = source.illuminate(point, square)
     sight = source.see(point, sample.direction)
     lit = sample.weight.numpy().max(axis=0) > 0  # not from the back of a mesh
-    hit = sight.hit.numpy() & lit
+    hit = sight.hit.numpy() & lit & (sight.pdf.numpy() > 0)
     assert hit.sum() > 0.99 * lit.sum() > 0  # rounding loses a few at the rim
     pdf, carried = sight.pdf.numpy()[hit], sample.weight.numpy()[:, hit]
     # Near a sphere's rim, and over the steps between an image's pixels, rounding of the direction is amplified.
@@ -213,6 +219,42 @@ def test_a_short_cylinder_far_away_has_the_intensity_of_its_silhouette(square):
 def test_a_cylinder_is_dark_from_within_and_beyond_its_open_ends(square):
     value, _ = irradiance(lights.source(cylinder()), [1.1, 2 + 1.5, 3], -UP, square)
     assert np.array_equal(value, [0, 0, 0])
+
+
+def irradiance_of_stretched(linear, round_part, point, normal, count=300):
+    """Return ∫ cos cos / d² over a unit sphere or cylinder under a linear map: Gauss and midpoint rules, float64."""
+    x, weights = np.polynomial.legendre.leggauss(count)
+    phi = 2 * np.pi * (np.arange(count) + 0.5) / count
+    bulge = np.sqrt(1 - x * x) if round_part == "sphere" else np.ones(count)
+    places = np.stack(
+        np.broadcast_arrays(x[:, None], bulge[:, None] * np.cos(phi), bulge[:, None] * np.sin(phi)), axis=-1
+    )
+    normals = places * ([1, 1, 1] if round_part == "sphere" else [0, 1, 1])
+    to = places @ linear.T - point
+    distance = np.linalg.norm(to, axis=-1)
+    element = normals @ np.linalg.inv(linear) * abs(np.linalg.det(linear))  # the area's vector
+    leaving, arriving = -np.sum(to * element, axis=-1) / distance, to @ normal / distance
+    value = np.maximum(leaving, 0) * np.maximum(arriving, 0) / distance**2
+    return (value * weights[:, None]).sum() * 2 * np.pi / count
+
+
+@pytest.mark.parametrize("draw", range(6))
+def test_irradiance_of_a_stretched_light_is_the_integral_over_its_surface(square, draw):
+    rng = np.random.default_rng(draw)
+    kind = ("sphere", "cylinder")[draw % 2]
+    left, _, right = np.linalg.svd(rng.normal(size=(3, 3)))
+    sizes = 10 ** rng.uniform(-1, 0.3, 3) * 10 ** rng.uniform(-2, 2)
+    linear = (left * sizes) @ right
+    away = rng.normal(size=3)
+    away *= rng.uniform(2, 6) * sizes.max() / np.linalg.norm(away)
+    normal = -away / np.linalg.norm(away)
+    center = 10 * sizes.max() * rng.normal(size=3)
+    light = sphere(1.0, shape=linear) if kind == "sphere" else cylinder(1.0, shape=linear)
+    source = lights.source(dataclasses.replace(light, center=center))
+    expected = irradiance_of_stretched(linear, kind, away, normal)
+    assert irradiance(source, center + away, normal, square)[0] == pytest.approx(
+        np.multiply(expected, RADIANCE), rel=1e-4
+    )
 
 
 def test_irradiance_of_a_mesh_is_that_of_the_faces_that_are_seen(square):

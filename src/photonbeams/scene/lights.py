@@ -269,6 +269,13 @@ class Light(BeamSettings):
                 if value.shape != (3,) or not np.all(np.isfinite(value)):
                     raise SceneError(f"{self.name}: {name} is {shown(getattr(self, name))}: expected 3 finite numbers")
                 object.__setattr__(self, name, value)
+        if getattr(self, "shape", None) is not None:
+            linear = np.asarray(self.shape, dtype=np.float64)  # type: ignore[attr-defined]
+            if linear.shape != (3, 3) or not np.all(np.isfinite(linear)) or np.linalg.det(linear) == 0:
+                raise SceneError(
+                    f"{self.name}: shape is {shown(linear.tolist())}: expected 3 x 3 numbers with an inverse"
+                )
+            object.__setattr__(self, "shape", linear)
 
 
 @dataclass(frozen=True)
@@ -283,13 +290,17 @@ class SphereLight(Light):
         In scene units; 0, the default, is a point.
     axis
         (3,) unit direction from which shaping is measured, local −Z.
+    shape
+        (3, 3) linear map from the unit sphere to the light, for column vectors: an ellipsoid. `radius` is then not 0.
+        None, the default: the sphere of this radius.
 
     Other attributes are those of `Light` and of `BeamSettings`.
 
     Raises
     ------
     SceneError
-        Numbers that are negative where they may not be, or not finite; vectors without three numbers.
+        Numbers that are negative where they may not be, or not finite; vectors without three numbers; a map without an
+        inverse.
 
     Examples
     --------
@@ -302,6 +313,7 @@ class SphereLight(Light):
     center: Array = field(default_factory=lambda: np.zeros(3))
     radius: float = 0.0
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    shape: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -361,13 +373,17 @@ class CylinderLight(Light):
         In scene units, above 0. Default 0.5.
     axis
         (3,) unit direction from which shaping is measured, local −Z.
+    shape
+        (3, 3) linear map to the light from a cylinder of radius 1 along X, from -1 to 1, for column vectors: it may be
+        elliptic, or oblique. `half` and `radius` are then those of a round one of its area. None, the default.
 
     Other attributes are those of `Light` and of `BeamSettings`.
 
     Raises
     ------
     SceneError
-        Numbers that are negative where they may not be, or not finite; vectors without three numbers; no area.
+        Numbers that are negative where they may not be, or not finite; vectors without three numbers; no area; a map
+        without an inverse.
 
     Examples
     --------
@@ -380,6 +396,7 @@ class CylinderLight(Light):
     half: Array = field(default_factory=lambda: np.array([0.5, 0.0, 0.0]))
     radius: float = 0.5
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    shape: Array | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -26,6 +26,7 @@ from ..world.mesh_lamps import MeshLamp
 from ..world.portals import Portal
 from ..world.shadow_rays import gap_before
 from ..world.stage_world import StageWorld
+from ..world.stretched import StretchedLamp
 from ..world.warp import disk, perpendicular, power_cone, sphere
 from .differentials import RayDifferentials
 from .emission import EmissionSample, Emitter, Stratum
@@ -88,8 +89,8 @@ def emit(light: scene.Light, source: Any, bounds: Bounds, u: Array2f, v: Array2f
         result = _emit_sphere(lamp, u, _directions(light, source, v))
     elif isinstance(lamp, FlatLamp):
         result = _emit_flat(lamp, u, _directions(light, source, v))
-    elif isinstance(lamp, CylinderLamp):
-        result = _emit_cylinder(lamp, u, _directions(light, source, v))
+    elif isinstance(lamp, CylinderLamp | StretchedLamp):
+        result = _emit_body(lamp, u, _directions(light, source, v))
     elif isinstance(lamp, MeshLamp):
         result = _emit_mesh(lamp, u, v)
     else:
@@ -135,10 +136,7 @@ def emit_through(source: Any, portal: Portal, bounds: Bounds, u: Array2f, v: Arr
 def _emit_sphere(source: SphereLamp, u: Array2f, aimed: Aimed) -> LampRays:
     result = LampRays()
     result.direction, density = aimed
-    s, t = perpendicular(result.direction)
-    offset = disk(u)
-    lift = dr.safe_sqrt(1 - dr.squared_norm(offset))
-    result.origin = source.center + source.radius * (s * offset.x + t * offset.y + result.direction * lift)
+    result.origin = source.position(u, result.direction)
     area = dr.pi * source.radius * source.radius
     result.flux = source.emitted(result.direction) * (dr.select(source.radius > 0, area, 1) / density)
     result.extent_x = dr.sqrt(area) + 0 * u.x
@@ -157,7 +155,7 @@ def _emit_flat(source: FlatLamp, u: Array2f, aimed: Aimed) -> LampRays:
     return result
 
 
-def _emit_cylinder(source: CylinderLamp, u: Array2f, aimed: Aimed) -> LampRays:
+def _emit_body(source: CylinderLamp | StretchedLamp, u: Array2f, aimed: Aimed) -> LampRays:
     """Return paths in all directions; those along one direction begin uniformly over the silhouette."""
     result = LampRays()
     result.direction, density = aimed

@@ -52,6 +52,7 @@ _POINT = 1e-12
 # Lengths that differ by less than this fraction are equal: transforms are often products of rounded matrices.
 _UNEVEN = 1e-4
 _NO_AREA = "is 0: without inputs:normalize there would be no light; it shines as if that were on"
+_FLATTEST = 1e3  # largest ratio of a stretched light's widths: single precision cannot resolve much more
 # A line is rendered as a cylinder of this radius per length; its light is that of the limit to one part in 10^4.
 _LINE = 1e-4
 
@@ -162,12 +163,15 @@ def _sphere(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str,
         radius = 0.0
     elif normalized:
         radiance = value / (4 * np.pi * radius**2)
-    if uneven and radius > 0:
-        shape = " x ".join(f"{2 * each:.4g}" for each in axes)
-        reading.warn(prim, f"is scaled to {shape}: it is rendered as a sphere of the same power, {2 * radius:.4g} wide")
+    shape = own * linear if uneven and radius > 0 else None
+    if shape is not None and axes[0] > _FLATTEST * axes[2]:
+        text = " x ".join(f"{2 * each:.4g}" for each in axes)
+        reading.warn(prim, f"is scaled to {text}: it is rendered as a sphere of the same power, {2 * radius:.4g} wide")
+        shape = None
     return SphereLight(
-        **shared, radiance=_rgb(radiance), center=to_world[:3, 3], radius=radius, axis=unit(linear @ [0.0, 0.0, -1.0])
-    )
+        **shared, radiance=_rgb(radiance), center=to_world[:3, 3], radius=radius, shape=shape,
+        axis=unit(linear @ [0.0, 0.0, -1.0]),
+    )  # fmt: skip
 
 
 def _mean_scale(linear: Array) -> float:
@@ -206,21 +210,25 @@ def _cylinder(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[st
     half = 0.5 * length * linear[:, 0]
     whole = 2 * float(np.linalg.norm(half))
     own = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
-    # As seen along the axis; a cylinder whose scale is uneven there, or that is sheared, has an ellipse for a circle.
-    ring = linear[:, 1:] - np.outer(half, half @ linear[:, 1:]) / (half @ half)
-    wide, narrow, *_ = own * np.linalg.svd(ring, compute_uv=False)
+    columns = linear[:, 1:]
+    oblique = float(np.abs(unit(half) @ columns).max()) > _UNEVEN * _mean_scale(columns)
+    # What is seen along the axis: a circle, or an ellipse if the cylinder is sheared, or scaled unevenly across.
+    ring = columns - np.outer(half, half @ columns) / (half @ half) if oblique else columns
+    wide, narrow = own * np.linalg.svd(ring, compute_uv=False)
     uneven = wide > narrow * (1 + _UNEVEN)
-    radius = ellipse_perimeter(wide, narrow) / (2 * np.pi) if uneven else own * _mean_scale(linear[:, 1:])
+    radius = ellipse_perimeter(wide, narrow) / (2 * np.pi) if uneven else own * _mean_scale(ring)
     reading.within_reach(prim, [*half, radius])
-    if uneven:
+    shape = np.column_stack([half, own * columns]) if (uneven or oblique) and radius > _LINE * whole else None
+    if shape is not None and wide > _FLATTEST * narrow:
         text = f"is {2 * wide:.4g} x {2 * narrow:.4g} across: it is rendered as a round cylinder of the same power"
         reading.warn(prim, f"{text}, {2 * radius:.4g} wide")
+        shape = None
     if radius == 0 and not (reading.flag(prim, "treatAsLine", False) or _normalized(reading, prim)):
         reading.warn(prim, _NO_AREA, "inputs:radius")
     normalized = _normalized(reading, prim) or radius == 0
     radius = max(radius, _LINE * whole) if normalized else radius
     light = CylinderLight(
-        **shared, radiance=(0, 0, 0), center=to_world[:3, 3], half=half, radius=radius,
+        **shared, radiance=(0, 0, 0), center=to_world[:3, 3], half=half, radius=radius, shape=shape,
         axis=unit(linear @ [0.0, 0.0, -1.0]),
     )  # fmt: skip
     return replace(light, radiance=_rgb(_value(reading, prim) / (light.area if normalized else 1.0)))

@@ -21,7 +21,8 @@ from ..runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
 from .cylinders import CylinderLamp
 from .illumination import Illumination, Lamp, LightHit, ShapingFactor, unit
 from .mesh_lamps import MeshLamp
-from .warp import cone, disk
+from .stretched import StretchedLamp
+from .warp import cone, disk, perpendicular
 
 mi = mitsuba()
 
@@ -55,6 +56,17 @@ class SphereLamp(Lamp):
         """Return the radiance (of a point: the intensity) that leaves along `direction`."""
         return self.radiance * self.shaping.factor(dr.dot(direction, self.axis))
 
+    def silhouette(self, direction: Array3f) -> Float:
+        """Return the area of the sphere's projection along `direction`."""
+        return dr.pi * self.radius * self.radius + 0 * direction.x
+
+    def position(self, u: Array2f, direction: Array3f) -> Array3f:
+        """Return a point from which light leaves along `direction`, uniform over the silhouette."""
+        s, t = perpendicular(direction)
+        offset = disk(u)
+        lift = dr.safe_sqrt(1 - dr.squared_norm(offset))
+        return self.center + self.radius * (s * offset.x + t * offset.y + direction * lift)
+
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
         """Return a direction in the cone that the sphere subtends, uniform in solid angle."""
         to = self.center - point
@@ -87,6 +99,29 @@ class SphereLamp(Lamp):
         outside = sine2 < 1
         sine2 = dr.select(outside, sine2, 1)
         return dr.maximum(sine2 / (1 + dr.safe_sqrt(1 - sine2)), 1e-30), outside
+
+
+class EllipsoidLamp(StretchedLamp):
+    """A stretched sphere."""
+
+    central = True
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {**StretchedLamp.FIELDS, "shape": SphereLamp}
+
+    @classmethod
+    def round(cls) -> SphereLamp:
+        """Return a sphere of radius 1."""
+        return SphereLamp.of(scene.SphereLight("", scene.WHITE, radius=1.0))
+
+
+class EllipticCylinderLamp(StretchedLamp):
+    """A stretched cylinder, which may be oblique."""
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {**StretchedLamp.FIELDS, "shape": CylinderLamp}
+
+    @classmethod
+    def round(cls) -> CylinderLamp:
+        """Return a cylinder of radius 1 along X, from -1 to 1."""
+        return CylinderLamp.of(scene.CylinderLight("", scene.WHITE, half=np.array([1.0, 0.0, 0.0]), radius=1.0))
 
 
 class FlatLamp(Lamp):
@@ -249,17 +284,17 @@ class DomeLamp(EmitterSource):
         super().__init__(mi.load_dict(plugin))
 
 
-Light = SphereLamp | FlatLamp | CylinderLamp | MeshLamp | DistantLamp | DomeLamp
+Light = SphereLamp | FlatLamp | CylinderLamp | StretchedLamp | MeshLamp | DistantLamp | DomeLamp
 
 
 def source(light: scene.Light, host: Any = None, around: Sequence[Any] = ()) -> Light:
     """Return a light's lamp in Dr.Jit; for mesh lights, `host` is explained in `scene_of`, `around` in `MeshLamp`."""
     if isinstance(light, scene.SphereLight):
-        return SphereLamp.of(light)
+        return SphereLamp.of(light) if light.shape is None else EllipsoidLamp.of(light)
     if isinstance(light, scene.FlatLight):
         return FlatLamp.of(light)
     if isinstance(light, scene.CylinderLight):
-        return CylinderLamp.of(light)
+        return CylinderLamp.of(light) if light.shape is None else EllipticCylinderLamp.of(light)
     if isinstance(light, scene.MeshLight):
         return MeshLamp(light, host, around)
     if isinstance(light, scene.DistantLight):

@@ -21,7 +21,7 @@ from .bounds import Bounds, bounding_sphere
 from .cylinders import CylinderLamp
 from .gobos import Images, bare, profile_of, projected
 from .interfaces import medium_at, number
-from .lights import DistantLamp, DomeLamp, FlatLamp, Light, SphereLamp, source
+from .lights import DistantLamp, DomeLamp, EllipsoidLamp, EllipticCylinderLamp, FlatLamp, Light, SphereLamp, source
 from .media import Media
 from .mesh_lamps import MeshLamp
 from .portal_lamps import behind
@@ -168,7 +168,7 @@ class StageWorld(World):
     def lamps(self) -> tuple[Lamps, ...]:
         """The lights that light surfaces, packed by kind, for loops; others are in `domes` and `mesh_lamps`."""
         lights = zip(self.description.lights, self.lights, strict=True)
-        kinds = (SphereLamp, FlatLamp, CylinderLamp, DistantLamp)
+        kinds = (SphereLamp, FlatLamp, CylinderLamp, DistantLamp, EllipsoidLamp, EllipticCylinderLamp)
         groups: dict[Any, list[Any]] = {(kind, LinkKey()): [] for kind in kinds}
         for light, item in lights:
             if light.lights_surfaces and max(light.radiance) > 0 and not isinstance(bare(item), DomeLamp | MeshLamp):

@@ -57,6 +57,8 @@ def add_lights(twin: Twin, lights: Sequence[scene.Light], exposure: float, radiu
 
 def _emitter(twin: Twin, light: scene.Light, name: str) -> tuple[float, dict[str, Any]]:
     """Return the size of a light, which is 0 for a point, and its description."""
+    if getattr(light, "shape", None) is not None:
+        twin.lost.append(f"{light.name} is stretched: in Mitsuba it is a round light of the same power")
     if isinstance(light, scene.DistantLight):
         return 0.0, _directional(twin, light)
     if isinstance(light, scene.CylinderLight | scene.MeshLight):
