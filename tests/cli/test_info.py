@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photonbeams.cli.info import info, statistics
+from photonbeams.cli.info import info
 from photonbeams.images.files import write_frame
 from photonbeams.scene import SceneError
 from photonbeams.volumes.writing import write_vdb
@@ -64,8 +64,9 @@ def test_a_png_shows_its_size_and_type(tmp_path, capsys):
     assert "rgba RGB uint8 8 x 6 0 0 0 0 0" in lines(capsys, tmp_path / "a.png")
 
 
-def test_a_layer_of_nothing_finite_has_no_range():
-    assert statistics(np.full((2, 3, 1), np.nan)) == ("-", "-", "-", "6", "0")
+def test_a_layer_of_nothing_finite_has_no_range(tmp_path, capsys):
+    write_frame(tmp_path / "a.exr", {"rgba": np.zeros((2, 3, 4)), "depth": np.full((2, 3, 1), np.nan)})
+    assert "depth Z float 3 x 2 - - - 6 0" in lines(capsys, tmp_path / "a.exr")
 
 
 def test_the_keyhole_stage_shows_all_that_a_render_needs(capsys):

@@ -31,7 +31,7 @@ def written(folder, text, name="stage.usda"):
     ("text", "message"),
     [
         ("hello", "is not a valid usda layer"),
-        ("", "is not a valid usda layer"),
+        ("", "it is empty"),
         ('#usda 1.0\ndef Xform "A" {', r"cannot be read: line 2: Expected }"),
         (
             '#usda 1.0\ndef Xform "A" {\n    int photonbeams:count = 10000000000\n}',

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from photonbeams.runtime.inputs import opened
 from photonbeams.scene import SceneError
-from photonbeams.volumes.bytes import opened
 from photonbeams.volumes.dense import voxels_of
 from photonbeams.volumes.vdb import read_grids
 from photonbeams.volumes.writing import write_vdb
@@ -161,7 +161,7 @@ def test_a_block_that_lies_about_its_size_is_refused():
 
 
 def test_a_folder_is_no_file(tmp_path):
-    with pytest.raises(SceneError, match="it is no regular file"):
+    with pytest.raises(SceneError, match="it is a folder"):
         opened(tmp_path)
-    with pytest.raises(SceneError, match="it cannot be opened: No such file"):
+    with pytest.raises(SceneError, match="there is no such file"):
         opened(tmp_path / "none.vdb")

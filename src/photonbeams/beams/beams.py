@@ -8,9 +8,7 @@ struct of arrays.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any, ClassVar, TypeAlias, Union
-from zipfile import BadZipFile
 
 import drjit as dr
 import numpy as np
@@ -21,6 +19,7 @@ from ..numerics.given import Numbers
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Float, UInt32
 from ..runtime.files import PathLike, atomic_file
+from ..runtime.inputs import arrays
 from ..scene import Array, SceneError, arguments, numbers, shown
 
 _COLOR = ("start", "end", "power")
@@ -317,12 +316,10 @@ class Beams:
             If there is no such file, or if it does not hold beams.
         """
         try:
-            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                return cls(**{name: archive[name] for name in (*_REQUIRED, *_OPTIONAL) if name in archive})
-        except FileNotFoundError:
-            raise SceneError(f"{path}: no such file") from None
-        except (OSError, ValueError, TypeError, EOFError, BadZipFile) as error:
-            raise SceneError(f"{path}: expected beams saved by photonbeams (.npz): {error}") from None
+            found = arrays(path)
+            return cls(**{name: found[name] for name in (*_REQUIRED, *_OPTIONAL) if name in found})
+        except SceneError as error:
+            raise SceneError(f"{path}: expected beams saved by photonbeams (.npz), but {error}") from None
 
 
 def _count(start: Any) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import scene
-from ..numerics.arrays import opaque
+from ..numerics.arrays import indices, opaque
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Float, UInt32
 from ..scene import SceneError
@@ -210,7 +210,7 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
     def thinned(beams: Beams, context: PassContext) -> Beams:
         seeds = (context.seed, context.pass_index, zlib.crc32(context.name.encode()))
         bits = hash32(beams.numbers(), *(dr.opaque(UInt32, each & 0xFFFFFFFF) for each in seeds))
-        index: Any = dr.compress(unit_float(bits) < dr.opaque(Float, fraction))
+        index = indices(unit_float(bits) < dr.opaque(Float, fraction))
         result = beams.take(index)
         return _scaled(result, dr.opaque(Float, 1 / fraction)) if keep_light else result
 

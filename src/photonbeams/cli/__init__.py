@@ -15,7 +15,7 @@ from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import pairwise
-from signal import SIGINT, Signals
+from signal import SIGINT
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -26,6 +26,7 @@ __all__ = ["app", "main"]
 
 _COMMANDS = ("render", "merge", "beams", "export", "swatch", "studio", "info", "quadrature", "doctor")
 _INTERRUPTED = 128 + SIGINT
+_LONGEST = 300  # characters of a message
 _TEMPORARY = 75  # EX_TEMPFAIL of sysexits.h
 
 
@@ -44,6 +45,9 @@ class _Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         """Call the command; raise `_Ended` for a signal that ends it, because Typer would take any for Ctrl-C."""
+        from ..runtime.limits import LEAST, check_address_space
+
+        check_address_space(libraries=LEAST)  # before NumPy is imported, which would end the process
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as interrupt:
@@ -119,12 +123,15 @@ def _signal(error: BaseException | None) -> int | None:
 
 def _end(number: int, done: str | None, given: Sequence[str]) -> NoReturn:
     """Say which signal ended the command and what was written; exit with the code that shells expect."""
-    ended = "Interrupted" if number == SIGINT else f"Ended by {Signals(number).name}"
-    _fail(f"{ended}; {done or 'nothing was written'}", 128 + number, given)
+    from .progress import NOTHING, ending
+
+    _fail(f"{ending(number)}; {done or NOTHING}", 128 + number, given)
 
 
 def _of_farm(error: BaseException) -> bool:
     """Return whether a farm is to blame, so that the same command may succeed later."""
+    if isinstance(error, OSError) and error.__cause__ is None:
+        return False
     from ..farm.cluster import FarmError
 
     return isinstance(error, FarmError) or isinstance(error.__cause__, FarmError)
@@ -146,6 +153,9 @@ def _usage(error: TyperException) -> str:
 
 def _sentence(error: BaseException) -> str | None:
     """Return the message for an error that a user can cause, or None for a fault of the program."""
+    if isinstance(error, OSError):
+        reason = error.strerror or str(error)
+        return f"{error.filename}: {reason}" if error.filename is not None else reason
     from ..farm.cluster import FarmError
     from ..runtime.device import DeviceError
     from ..scene import SceneError
@@ -157,9 +167,6 @@ def _sentence(error: BaseException) -> str | None:
         return sentence and f"{error.frame}{sentence}"
     if isinstance(error, SceneError | DeviceError | FarmError):
         return str(error)
-    if isinstance(error, OSError):
-        reason = error.strerror or str(error)
-        return f"{error.filename}: {reason}" if error.filename is not None else reason
     if isinstance(error, MemoryError) or "out of memory" in str(error):  # Dr.Jit raises a RuntimeError
         return "not enough memory for this many beams and pixels on this device"
     return None
@@ -167,6 +174,7 @@ def _sentence(error: BaseException) -> str | None:
 
 def _fail(message: str, code: int, given: Sequence[str]) -> NoReturn:
     """Print a message on standard error, and for Open Job Description if `--progress openjd` is given; exit."""
+    message = message if len(message) <= _LONGEST else f"{message[: _LONGEST - 1]}…"
     with suppress(OSError):  # a full disk may be to blame, which holds the messages, too
         print(message, file=sys.stderr)
         if "--progress=openjd" in given or ("--progress", "openjd") in pairwise(given):

@@ -91,7 +91,7 @@ class FarmAnimation:
         """Return a frame, with the passes of its checkpoint if it resumes one."""
         passes = self.job.settings.passes
         path = checkpoint_of(task.outputs)
-        if not (self.asked.resume and path.is_file()):
+        if not (self.asked.resume and path.exists()):
             return FarmFrame(passes, passes)
         sums = FrameSums.load(path)
         check_passes(path, sums, passes)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from ..runtime.limits import check_address_space
 from . import options
 from .console import standard_output
 from .progress import messages
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from pxr import Usd
     from rich.console import Console
 
-    from ..scene import Array, Camera, Light, Mesh, Scene
+    from ..scene import Camera, Light, Mesh, Scene
 
 MESHES_SHOWN, CAMERAS_WATCHING = 60, 3
 STAGES = (".usd", ".usda", ".usdc", ".usdz")
@@ -39,6 +40,7 @@ def info(
     """
     console = standard_output()
     if path.suffix.lower() in STAGES:
+        check_address_space()
         with messages(quiet=False, verbose=False):
             _show_stage(console, path, session_layer or ())
     elif session_layer:
@@ -53,32 +55,24 @@ def info(
 
 
 def _show_image(console: Console, path: Path) -> None:
-    from ..images.files import read_parts
+    from ..images.files import summaries
 
-    parts = read_parts(path)
+    parts = summaries(path)
     stereo = any(part.view for part in parts)
     rows = []
     for part in parts:
-        height, width = part.pixels.shape[:2]
         channels = " ".join(part.channels) if max(map(len, part.channels)) > 1 else "".join(part.channels)
         types = ", ".join(dict.fromkeys(part.types))
         names = (part.layer, part.view) if stereo else (part.layer,)
-        rows.append((*names, channels, types, f"{width} x {height}", *statistics(part.pixels)))
+        ranges = ("-" if value is None else f"{value:.5g}" for value in (part.least, part.mean, part.greatest))
+        counts = (f"{count:,}" for count in (part.nans, part.infinite))
+        rows.append((*names, channels, types, f"{part.width} x {part.height}", *ranges, *counts))
     columns = ("layer", *(["view"] if stereo else []), "channels", "type", "size", "min", "mean", "max")
     console.print(_table((*columns, "NaN", "infinite"), rows, right=5))
     header = _header_rows(path) if path.suffix.lower() == ".exr" else []
     if header:
         console.print()
         console.print(_table(None, header))
-
-
-def statistics(pixels: Array) -> tuple[str, str, str, str, str]:
-    """Return, as text, the least, mean and greatest finite value, and how many pixels have a NaN or an infinity."""
-    finite = pixels[np.isfinite(pixels)].astype(np.float64)
-    ranges = [f"{value:.5g}" for value in (finite.min(), finite.mean(), finite.max())] if finite.size else ["-"] * 3
-    flat = pixels.reshape(pixels.shape[0] * pixels.shape[1], -1)
-    counts = [f"{int(test(flat).any(axis=1).sum()):,}" for test in (np.isnan, np.isinf)]
-    return (ranges[0], ranges[1], ranges[2], counts[0], counts[1])
 
 
 def _header_rows(path: Path) -> list[tuple[str, str]]:

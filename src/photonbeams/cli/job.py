@@ -13,7 +13,7 @@ from ..runtime.limits import check_address_space
 from .animation import Animation, Task, print_plan
 from .asked import Asked
 from .outputs import checkpoint_of, chosen_layers, finish_frame, prepare_outputs, snapshots_of, write_frame
-from .progress import counted, error_note, held_signals, messages, snapshots
+from .progress import HeldSignals, counted, error_note, held_signals, messages, snapshots
 
 if TYPE_CHECKING:
     from ..images.frame import Frame
@@ -113,7 +113,8 @@ def run(asked: Asked) -> None:
 
     with messages(asked.quiet, asked.verbose), held_signals() as check, snapshots(asked.snapshot) as due:
         asked.start_device()
-        job = opened(asked, check)
+        with check.forced():
+            job = opened(asked, check)
         if asked.list_cameras:
             typer.echo("\n".join(job.cameras()))
             return
@@ -125,8 +126,9 @@ def run(asked: Asked) -> None:
         animation = Animation(tasks, passes, asked.skip_existing, asked.progress, asked.quiet)
         todo = animation.todo()
         first = (todo or tasks)[0]
-        kept = chosen_layers(asked.layers, first.outputs, job.layers(first))
-        job.check(first, todo)
+        with check.forced():
+            kept = chosen_layers(asked.layers, first.outputs, job.layers(first))
+            job.check(first, todo)
         check_address_space(job.picture_memory())
         for task in todo:
             prepare_outputs(task.outputs)
@@ -146,20 +148,24 @@ def run(asked: Asked) -> None:
 
         def finish(task: Task, advance: Callable[[int, str], None]) -> Statistics:
             if part is not None:
-                return _part_written(job, part, task, advance)
-            frame = _rendered(job, asked, task, advance, kept, due, several=len(tasks) > 1)
+                return _part_written(job, part, task, advance, check)
+            frame = _rendered(job, asked, task, advance, kept, due, check, several=len(tasks) > 1)
             finish_frame(frame, task.outputs, asked, kept)
             return frame.statistics
 
         animation.render(finish, check)
 
 
-def _part_written(job: Job, numbers: range, task: Task, advance: Callable[[int, str], None]) -> Statistics:
+def _part_written(
+    job: Job, numbers: range, task: Task, advance: Callable[[int, str], None], check: HeldSignals
+) -> Statistics:
     """Render some passes of a frame, and write their sums."""
     from ..render.passes import PlannedPasses, Statistics
 
     begun, start = numbers.start, time.perf_counter()
-    sums = job.part(task, PlannedPasses(numbers, job.settings.passes), lambda done, _: advance(done, f"from {begun}"))
+    part = PlannedPasses(numbers, job.settings.passes)
+    with check.forced():
+        sums = job.part(task, part, lambda done, _: advance(done, f"from {begun}"))
     for output in task.outputs:
         sums.save(output.path)
     return Statistics(len(sums), sums.beams, sums.tests, {"passes": time.perf_counter() - start})
@@ -167,7 +173,7 @@ def _part_written(job: Job, numbers: range, task: Task, advance: Callable[[int, 
 
 def _rendered(
     job: Job, asked: Asked, task: Task, advance: Callable[[int, str], None], kept: Sequence[str],
-    due: Callable[[], bool], *, several: bool,
+    due: Callable[[], bool], check: HeldSignals, *, several: bool,
 ) -> Frame:  # fmt: skip
     """Render a frame, writing checkpoints and snapshots on the way, and a checkpoint if a signal ends it."""
     from ..render.checkpoint import Checkpoint
@@ -183,12 +189,22 @@ def _rendered(
         if due():
             write_frame(frame(), snapshots_of(task.outputs), asked, kept)
 
-    try:
-        return job.render(task, progress, checkpoint=checkpoint, snapshot=snapshot)
-    except KeyboardInterrupt as interrupt:
+    def kept_passes() -> str | None:
         if checkpoint is None or not checkpoint.passes:
-            raise
+            return None
         passes = counted(checkpoint.passes, "pass", "passes")
-        flags = "--skip-existing --resume" if several else "--resume"
-        verb = "go" if several else "goes"
-        raise Kept(f"{checkpoint.path} has {passes}: {flags} {verb} on from there") from interrupt
+        flags = "--skip-existing --resume go" if several else "--resume goes"
+        return f"{checkpoint.path} has {passes}: {flags} on from there"
+
+    def rescue() -> str | None:
+        if checkpoint is not None:
+            checkpoint.rescue()
+        return kept_passes()
+
+    try:
+        with check.forced(rescue):
+            return job.render(task, progress, checkpoint=checkpoint, snapshot=snapshot)
+    except KeyboardInterrupt as interrupt:
+        if (text := kept_passes()) is None:
+            raise
+        raise Kept(text) from interrupt

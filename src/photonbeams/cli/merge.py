@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..images.numbering import numbered
+from ..runtime.limits import check_address_space
 from . import options
 from .animation import frame_numbers
 from .outputs import Output, chosen_layers, parse_outputs, prepare_outputs, write_outputs
@@ -53,6 +54,7 @@ def merge(
 
     photonbeams merge a.checkpoint b.checkpoint -o frame.exr
     """
+    check_address_space()
     from ..scene import SceneError
     from ..shot.development import developed
 
@@ -71,10 +73,10 @@ def merge(
             _check_gaps(sums, files[0].path, partial=partial)
             try:
                 frame = developed(sums)
-            except SceneError as error:
+                kept = chosen_layers(layers, files, [*frame.layers])
+                write_outputs(frame, files, kept, exposure, options.command_line(), chosen=layers is not None)
+            except ValueError as error:  # also of what no header can hold
                 raise SceneError(f"{paths[0]}: {error}") from None
-            kept = chosen_layers(layers, files, [*frame.layers])
-            write_outputs(frame, files, kept, exposure, options.command_line(), chosen=layers is not None)
             for path in paths if remove else ():
                 path.unlink(missing_ok=True)
             if not quiet:

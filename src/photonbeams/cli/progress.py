@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
+import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..runtime.bars import Update, drawn, terminal
+from ..scene.checks import shortened
 
 if TYPE_CHECKING:
     from ..farm.run import FarmState
     from ..render.passes import Statistics
 
+
+GRACE = 20.0  # seconds after a signal in which a pass may end
+_SOON = 1.0  # the same after a second signal
+NOTHING = "nothing was written"
 
 # Signals that end a render. Windows has no SIGHUP.
 _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -53,7 +60,7 @@ class _Lines(logging.Formatter):
     """Formats messages as "Warning: text", in the way of "Error: text"."""
 
     def format(self, record: logging.LogRecord) -> str:
-        return f"{record.levelname.capitalize()}: {record.getMessage()}"
+        return shortened(f"{record.levelname.capitalize()}: {record.getMessage()}")
 
 
 class Stopped(KeyboardInterrupt):
@@ -64,38 +71,97 @@ class Stopped(KeyboardInterrupt):
         self.number = number
 
 
+class HeldSignals:
+    """Signals that are delayed until this is called, which raises `Stopped` if one was received."""
+
+    def __init__(self) -> None:
+        self._received: int | None = None
+        self._rescues: list[Callable[[], str | None]] = []  # of the contexts in which a pass may be given up
+
+    def __call__(self) -> None:
+        """Raise `Stopped` if a signal was received."""
+        if self._received is not None:
+            raise Stopped(self._received)
+
+    def hold(self, number: int, _: object) -> None:
+        """Handle a signal: delay the first one."""
+        self()
+        self._received = number
+
+    @contextmanager
+    def forced(self, rescue: Callable[[], str | None] = lambda: None) -> Iterator[None]:
+        """End the process some time after a signal, or soon after a second one, also in the middle of a kernel.
+
+        `rescue` is called before, and returns a message about what was kept.
+        """
+        self._rescues.append(rescue)
+        try:
+            yield
+        finally:
+            self._rescues.pop()
+
+    def watch(self, source: socket.socket, numbers: Collection[int]) -> None:
+        """Read the numbers of signals until the socket is closed; end the process if nothing else does.
+
+        A thread runs this: Python calls a signal's handler in the main thread, and not before a kernel has ended.
+        """
+        number, count, begun = 0, 0, 0.0
+        while data := _received(source):
+            for each in data:
+                if each in numbers:
+                    number, count, begun = number or each, count + 1, begun or time.perf_counter()
+            source.settimeout(0.1 if count else None)
+            if count and self._rescues and time.perf_counter() - begun > (GRACE if count == 1 else _SOON):
+                done = self._rescues[-1]()
+                print(f"{ending(number)} in the middle of a pass; {done or NOTHING}", file=sys.stderr, flush=True)
+                os._exit(128 + number)
+
+
+def _received(source: socket.socket) -> bytes:
+    """Return the next bytes of a socket, or a byte 0 if there is none in time."""
+    try:
+        return source.recv(64)
+    except TimeoutError:
+        return bytes(1)
+    except OSError:  # it was closed
+        return b""
+
+
+def ending(number: int) -> str:
+    """Return which signal ended a command, in words."""
+    return "Interrupted" if number == signal.SIGINT else f"Ended by {signal.Signals(number).name}"
+
+
 @contextmanager
-def held_signals() -> Iterator[Callable[[], None]]:
-    """Delay Ctrl-C, SIGTERM and SIGHUP until the yielded function is called; a second signal is not delayed.
+def held_signals() -> Iterator[HeldSignals]:
+    """Delay Ctrl-C, SIGTERM and SIGHUP until the yielded object is called; a second signal is not delayed.
 
     Compiled libraries mishandle an exception that is raised during their import or while they call Python: they print
     a traceback and go on, hang, or abort. Signals that the parent process made this one ignore, as nohup does, stay
-    ignored.
+    ignored. Python's handlers wait for kernels to end; a thread does not, and ends the process: see `forced`.
     """
-    received: int | None = None
-
-    def hold(number: int, _: object) -> None:
-        nonlocal received
-        if received is not None:
-            raise Stopped(received)
-        received = number
-
-    def check() -> None:
-        if received is not None:
-            raise Stopped(received)
-
+    result = HeldSignals()
     if threading.current_thread() is not threading.main_thread():
-        yield check
+        yield result
         return
     usual = {number: signal.getsignal(number) for number in _ENDING}
     held = [number for number, own in usual.items() if own in (signal.SIG_DFL, signal.default_int_handler)]
+    reading, writing = socket.socketpair()
+    writing.setblocking(False)  # as Python requires of what its signal handler writes to
+    thread = threading.Thread(target=result.watch, args=(reading, held), daemon=True)
+    thread.start()
+    before = signal.set_wakeup_fd(writing.fileno(), warn_on_full_buffer=False)
     for number in held:
-        signal.signal(number, hold)
+        signal.signal(number, result.hold)
     try:
-        yield check
+        yield result
     finally:
         for number in held:
             signal.signal(number, usual[number])
+        signal.set_wakeup_fd(before)
+        writing.close()  # which ends the thread
+        thread.join()
+        reading.close()
 
 
 @contextmanager

@@ -43,6 +43,7 @@ def swatch(
     """
     from ..images.files import prepare_output
     from ..runtime.files import atomic_file
+    from ..runtime.limits import check_address_space
 
     if output.suffix.lower() != ".png":
         raise typer.BadParameter(f"{output} is not the name of a picture: expected FILE.png")
@@ -51,6 +52,7 @@ def swatch(
             f"--radius is {radius[0]:g} {radius[1]:g}: expected radii of at least 0 that are not both 0"
         )
     prepare_output(output)
+    check_address_space()
     with messages(quiet=False, verbose=False):
         from ..usd.looks import find_looks
         from ..usd.stage import open_stage

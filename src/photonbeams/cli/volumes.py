@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..runtime.inputs import opened
 from ..scene import Array, SceneError
-from ..volumes.bytes import opened
 from ..volumes.vdb import VDBGrid, read_grids
 from ..volumes.vol import read_vol
 

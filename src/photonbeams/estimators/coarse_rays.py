@@ -14,7 +14,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import taken, to_uint
+from ..numerics.arrays import indices, taken, to_uint
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from .coarse import bilinear, corners_foretell
 from .geometry import Rays
@@ -197,7 +197,7 @@ class _Pictures:
 
 def _look(radiance: Any, some: Any, evaluate: Evaluate) -> None:
     """Set the radiance of `some` rays (a mask) by `evaluate`."""
-    index: Any = dr.compress(some)
+    index = indices(some)
     if len(index):
         dr.scatter(radiance, evaluate(index), index)
         dr.eval(radiance)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 
-from ..numerics.arrays import joined, taken
+from ..numerics.arrays import indices, joined, taken
 from ..runtime.device import Bool, Float, UInt32
 from .tiles import TILE, Projection
 
@@ -166,7 +166,7 @@ def lanes_of_some(view: Projection, rays: PixelRays, some: Any, count: int, marg
     pixel, exists = _pixel(view, margin, tile % columns, tile // columns, local // _BLOCK, local % _BLOCK)
     here = exists & dr.gather(Bool, some, pixel, exists)
     dr.eval(here, pixel)
-    chosen: Any = dr.compress(here)
+    chosen = indices(here)
     if not len(chosen):
         return further
     counted, first = dr.select(here, UInt32(1), 0), dr.arange(UInt32, view.tiles) * (TILE * TILE)

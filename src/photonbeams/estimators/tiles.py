@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from ..beams import Beams
+from ..numerics.arrays import indices
 from ..runtime.device import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32
 from .cones import Cone, around, half_line
 
@@ -383,7 +384,7 @@ class TileLists:
 
     def keep(self, flags: Any) -> TileLists:
         """Return the lists with only the flagged entries, in their order."""
-        index: Any = dr.compress(flags > 0)
+        index = indices(flags > 0)
         before = dr.prefix_sum(flags)
         total, entries = dr.opaque(UInt32, dr.width(index)), dr.opaque(UInt32, self.entries)
 

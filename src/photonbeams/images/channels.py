@@ -16,7 +16,7 @@ import numpy as np
 
 from ..runtime.files import PathLike
 from ..scene import Array, SceneError
-from .files import REC709, complaint, opened, unreadable
+from .files import REC709, check_decoded, check_image, complaint, opened, pixels_of, unreadable
 from .numbering import numbered
 
 Warn = Callable[[str], None]
@@ -140,6 +140,7 @@ class ImageFile:
         with opened(path) as file:
             while file.seek_subimage(len(self._specs), 0):
                 self._specs.append(file.spec())
+                check_image(path, self._specs[-1])
         if any(spec.deep for spec in self._specs):
             raise SceneError(f"{path} is a deep image: expected a flat one, with one value a pixel")
 
@@ -177,6 +178,7 @@ class ImageFile:
         """Return channels of one part, (H, W, C) float32; outside of the data window they have the value `outside`."""
         part = channels[0].part
         spec = self._specs[part]
+        check_decoded(self._path, pixels_of(spec) * spec.nchannels + self.size[0] * self.size[1] * len(channels))
         with opened(self._path) as file:
             data = file.read_image(part, 0, 0, spec.nchannels, "float")
             message = complaint(file)

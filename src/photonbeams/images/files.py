@@ -19,7 +19,8 @@ import numpy as np
 import OpenEXR
 import OpenImageIO
 
-from ..runtime.files import PathLike, try_path, why_unreadable, write_bytes
+from ..runtime.files import PathLike, try_path, write_bytes
+from ..runtime.inputs import check_size, is_special, why_unreadable
 from ..scene import Array, SceneError
 from .display import dithered, is_encoded, srgb_decoded, srgb_encoded, tone_mapped
 
@@ -28,6 +29,8 @@ Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to i
 HALF_MAX = 65504.0  # the largest finite half
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
 SHARED = ("displayWindow", "chromaticities")  # attributes of a frame that must be the same in all parts of an EXR
+MOST_PIXELS = 1 << 28  # of an image that is read, or of a level of it: a small file may claim to hold more
+_STRIP = 64 * 2**20  # bytes of pixels that are decoded at a time
 
 
 # -- files -----------------------------------------------------------------------------------------------------------
@@ -290,7 +293,7 @@ class Part:
     @property
     def layer(self) -> str:
         """The name without the view at its end."""
-        return self.name.removesuffix(f".{self.view}") if self.view else self.name
+        return _layer(self.name, self.view)
 
 
 def read_parts(path: PathLike) -> list[Part]:
@@ -303,15 +306,83 @@ def read_parts(path: PathLike) -> list[Part]:
     SceneError
         The file is no image, or a broken one.
     """
-    parts: list[Part] = []
-    for index, (spec, pixels) in enumerate(_subimages(path)):
-        name = spec.get_string_attribute("oiio:subimagename") or "rgba"
-        view = spec.get_string_attribute("view")
-        if name in {part.name for part in parts}:
-            name = f"{name}.{view or index}"
-        types = tuple(str(spec.channelformat(channel)) for channel in range(spec.nchannels))
-        parts.append(Part(name, tuple(spec.channelnames), types, pixels, view))
-    return parts
+    with opened(path) as file:
+        headers = list(_headers(path, file))
+        check_decoded(path, sum(pixels_of(spec) * spec.nchannels for *_, spec in headers))
+        return [
+            Part(name, channels, types, _pixels(path, file, index), view)
+            for index, (name, channels, types, view, _) in enumerate(headers)
+        ]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A part of an EXR, or the whole of another image, in a few numbers.
+
+    Attributes
+    ----------
+    name, channels, types, view
+        As in `Part`.
+    width, height
+        Its size in pixels.
+    least, mean, greatest
+        Of the finite values in all channels; None if there is none.
+    nans, infinite
+        How many pixels have a NaN or an infinite value.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    types: tuple[str, ...]
+    view: str
+    width: int
+    height: int
+    least: float | None
+    mean: float | None
+    greatest: float | None
+    nans: int
+    infinite: int
+
+    @property
+    def layer(self) -> str:
+        """The name without the view at its end."""
+        return _layer(self.name, self.view)
+
+
+def summaries(path: PathLike) -> list[Summary]:
+    """Return a summary of each part of an image file, in its order, without all of its pixels in memory at once.
+
+    Raises
+    ------
+    OSError, SceneError
+        As `read_parts`.
+    """
+    with opened(path) as file:
+        return [
+            Summary(name, channels, types, view, spec.width, spec.height, *_statistics(path, file, index))
+            for index, (name, channels, types, view, spec) in enumerate(list(_headers(path, file)))
+        ]
+
+
+def _layer(name: str, view: str) -> str:
+    return name.removesuffix(f".{view}") if view else name
+
+
+def _statistics(path: PathLike, file: Any, index: int) -> tuple[float | None, float | None, float | None, int, int]:
+    """Return the last five fields of a `Summary`."""
+    file.seek_subimage(index, 0)
+    channels, least, greatest, total, count, nans, infinite = file.spec().nchannels, np.inf, -np.inf, 0.0, 0, 0, 0
+    for _, strip in strips(file, index, 0, channels):
+        if strip is None or (message := complaint(file)):
+            raise unreadable(path, complaint(file) if strip is None else message)
+        pixels = np.asarray(strip, dtype=np.float32).reshape(-1, channels)
+        finite = pixels[np.isfinite(pixels)]
+        if finite.size:
+            least, greatest = min(least, float(finite.min())), max(greatest, float(finite.max()))
+        total, count = total + float(finite.sum(dtype=np.float64)), count + finite.size
+        nans += int(np.isnan(pixels).any(axis=1).sum())
+        infinite += int(np.isinf(pixels).any(axis=1).sum())
+    return (least, total / count, greatest, nans, infinite) if count else (None, None, None, nans, infinite)
 
 
 def read_layers(path: PathLike, view: str | None = None) -> dict[str, Array]:
@@ -347,15 +418,17 @@ def read_image(path: PathLike) -> Array:
     OSError, SceneError
         As `read_parts`.
     """
-    spec, pixels = next(_subimages(path))
-    if is_encoded(str(spec.format), pixels.shape[2]):
+    with opened(path) as file:
+        pixels = _pixels(path, file, 0)
+        kind = str(file.spec().format)
+    if is_encoded(kind, pixels.shape[2]):
         pixels[..., :3] = srgb_decoded(pixels[..., :3])
     return pixels
 
 
 @contextmanager
-def opened(path: PathLike) -> Iterator[Any]:
-    """Open an image file as an OpenImageIO input, for a `with` statement.
+def opened(path: PathLike, config: Any = None) -> Iterator[Any]:
+    """Open an image file as an OpenImageIO input, for a `with` statement; no part of it is too large to be decoded.
 
     Raises
     ------
@@ -363,12 +436,12 @@ def opened(path: PathLike) -> Iterator[Any]:
         As `read_parts`.
     """
     path = Path(path)
-    problem = why_unreadable(path) if path.exists() and not (path.is_file() or path.is_dir()) else ""
-    if problem:  # opening a pipe would block
-        raise SceneError(f"{path} cannot be read: expected an image, {problem}")
-    with path.open("rb"):  # for the system's own error if the file does not exist or may not be read
-        pass
-    file: Any = OpenImageIO.ImageInput.open(str(path))
+    if problem := why_unreadable(path):
+        if not (is_special(path) or path.is_dir()):
+            path.open("rb").close()  # for the system's own error if the file does not exist or may not be read
+        raise unreadable(path, problem)
+    given = [] if config is None else [config]
+    file: Any = OpenImageIO.ImageInput.open(str(path), *given)
     if not file:
         raise unreadable(path, complaint(OpenImageIO))
     try:
@@ -378,23 +451,76 @@ def opened(path: PathLike) -> Iterator[Any]:
         file.close()
 
 
-def _subimages(path: PathLike) -> Iterator[tuple[Any, Array]]:
-    """Yield each subimage's description and its pixels, (H, W, C) float32."""
-    with opened(path) as file:
-        index = 0
-        while file.seek_subimage(index, 0):
-            spec = file.spec()
-            pixels = file.read_image(index, 0, 0, spec.nchannels, "float")
-            message = complaint(file)
-            if pixels is None or message:
-                raise unreadable(path, message)
-            yield spec, np.asarray(pixels, dtype=np.float32).reshape(spec.height, spec.width, spec.nchannels)
-            index += 1
+def check_image(path: PathLike, spec: Any) -> None:
+    """Raise SceneError if a part of an image, or the picture that it is a part of, has too many pixels."""
+    for width, height in ((spec.width, spec.height), (spec.full_width, spec.full_height)):
+        if width * height * max(spec.depth, 1) > MOST_PIXELS:
+            problem = f"it has {width} x {height} pixels, which are more than {MOST_PIXELS:,}"
+            raise UnreadableImageError(path, problem)
 
 
-def unreadable(path: PathLike, message: str) -> SceneError:
-    """Return the error to raise for an image that cannot be decoded."""
-    return SceneError(f"{path} cannot be read: expected an image ({reason(message)})")
+def check_decoded(path: PathLike, values: float) -> None:
+    """Raise SceneError if so many values of an image, as float32, are more than the memory here."""
+    try:
+        check_size(4.0 * values, np.inf, "its decoded pixels")
+    except SceneError as error:
+        raise UnreadableImageError(path, str(error)) from None
+
+
+def pixels_of(spec: Any) -> int:
+    """Return the number of pixels that a part of an image holds."""
+    return int(spec.width) * int(spec.height) * max(int(spec.depth), 1)
+
+
+def strips(file: Any, index: int, level: int, channels: int, factor: int = 1) -> Iterator[tuple[int, Any]]:
+    """Yield the first row and the pixels of strips, whose height is a multiple of `factor` and of the tiles' height."""
+    spec = file.spec()
+    step = int(np.lcm(factor, spec.tile_height)) if spec.tile_width else factor
+    step *= max(1, _STRIP // (4 * spec.width * channels * step))
+    for first in range(0, spec.height, step):
+        end = min(first + step, spec.height)
+        x, y = spec.x, spec.y
+        if spec.tile_width:
+            columns = (x, x + spec.width)
+            yield first, file.read_tiles(index, level, *columns, y + first, y + end, 0, 1, 0, channels, "float")
+        else:
+            yield first, file.read_scanlines(index, level, y + first, y + end, 0, 0, channels, "float")
+
+
+def _headers(path: PathLike, file: Any) -> Iterator[tuple[str, tuple[str, ...], tuple[str, ...], str, Any]]:
+    """Yield name, channels, types, view and description of each part, as in `Part`."""
+    names: list[str] = []
+    while file.seek_subimage(len(names), 0):
+        spec = file.spec()
+        check_image(path, spec)
+        name, view = spec.get_string_attribute("oiio:subimagename") or "rgba", spec.get_string_attribute("view")
+        names.append(f"{name}.{view or len(names)}" if name in names else name)
+        types = tuple(str(spec.channelformat(channel)) for channel in range(spec.nchannels))
+        yield names[-1], tuple(spec.channelnames), types, view, spec
+
+
+def _pixels(path: PathLike, file: Any, index: int) -> Array:
+    """Return the pixels of a part, (H, W, C) float32."""
+    file.seek_subimage(index, 0)
+    spec = file.spec()
+    pixels = file.read_image(index, 0, 0, spec.nchannels, "float")
+    message = complaint(file)
+    if pixels is None or message:
+        raise unreadable(path, message)
+    return np.asarray(pixels, dtype=np.float32).reshape(spec.height, spec.width, spec.nchannels)
+
+
+class UnreadableImageError(SceneError):
+    """An image cannot be decoded, because of a `problem`: a clause about the file."""
+
+    def __init__(self, path: PathLike, problem: str) -> None:
+        super().__init__(f"{path} cannot be read: expected an image ({problem})")
+        self.problem = problem
+
+
+def unreadable(path: PathLike, message: str) -> UnreadableImageError:
+    """Return the error to raise for an image that cannot be decoded, with OpenImageIO's message."""
+    return UnreadableImageError(path, reason(message))
 
 
 def complaint(decoder: Any) -> str:

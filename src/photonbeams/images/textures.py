@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import OpenImageIO
 
-from ..runtime.files import why_unreadable
-from ..scene import Array
+from ..scene import Array, SceneError
 from .display import is_encoded, srgb_decoded
-from .files import complaint, reason
+from .files import UnreadableImageError, check_image, complaint, opened, reason, strips
 
 #: Textures with more pixels along a side are scaled down, unless a user sets another limit.
 TEXTURE_LIMIT = 4096
 
-_STRIP = 64 * 2**20  # bytes of a large image that are decoded at a time
 _LARGEST = 16384  # megabytes of uncompressed pixels: even a small file may claim to hold more
 
 _DECODED = srgb_decoded(np.arange(256) / 255).astype(np.float32)
@@ -43,37 +41,35 @@ def decoded(path: str, linearize: Linearize, limit: int = TEXTURE_LIMIT) -> Deco
 
     This takes no more memory than four times the result and a strip of the file.
     """
-    problem = why_unreadable(path)
-    if problem:
-        return Decoded(None, error=problem)
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)  # where alpha is 0, the colour is still that of the surface
-    file: Any = OpenImageIO.ImageInput.open(path, config)
-    if not file:
-        return Decoded(None, error=reason(complaint(OpenImageIO)))
+    width = height = 0
     try:
-        width, height = file.spec().width, file.spec().height
-        level = 0
-        while max(file.spec().width, file.spec().height) > limit and file.seek_subimage(0, level + 1):
-            level += 1
-        complaint(file)
-        file.seek_subimage(0, level)
-        pixels = _read(file, level, linearize, limit)
-        return Decoded(pixels, width, height, "" if pixels is not None else reason(complaint(file)))
+        with opened(path, config) as file:
+            width, height = file.spec().width, file.spec().height
+            level = 0
+            while max(file.spec().width, file.spec().height) > limit and file.seek_subimage(0, level + 1):
+                level += 1
+            complaint(file)
+            file.seek_subimage(0, level)
+            check_image(path, file.spec())
+            pixels = _read(file, level, linearize, limit)
+            return Decoded(pixels, width, height, "" if pixels is not None else reason(complaint(file)))
     except MemoryError:
         return Decoded(None, width, height, f"its {width} x {height} pixels do not fit into memory")
-    finally:
-        file.close()
+    except UnreadableImageError as error:
+        return Decoded(None, width, height, error.problem)
+    except OSError as error:
+        return Decoded(None, width, height, error.strerror or str(error))
 
 
 def wrap_modes(path: str) -> tuple[str, str] | None:
     """Return a texture file's wrap modes in u and v, "black", "clamp", "periodic" or "mirror"; None if it has none."""
-    file: Any = None if why_unreadable(path) else OpenImageIO.ImageInput.open(path)
-    if not file:
-        complaint(OpenImageIO)
+    try:
+        with opened(path) as file:
+            first, _, second = str(file.spec().getattribute("wrapmodes") or "").partition(",")
+    except (SceneError, OSError):
         return None
-    first, _, second = str(file.spec().getattribute("wrapmodes") or "").partition(",")
-    file.close()
     return (first, second or first) if first else None
 
 
@@ -105,7 +101,7 @@ def _read(file: Any, level: int, linearize: Linearize, limit: int) -> Array | No
         pixels = linearize(np.asarray(stored, dtype=np.float32).reshape(height, width, -1), kind)
         return _resized(pixels, limit)
     result = np.empty((-(-height // factor), -(-width // factor), channels), np.float32)
-    for first, strip in _strips(file, level, channels, factor):
+    for first, strip in strips(file, 0, level, channels, factor):
         if strip is None:
             return None
         rows = np.asarray(strip, dtype=np.float32).reshape(-1, width, channels)
@@ -126,21 +122,6 @@ def _resized(pixels: Array, limit: int) -> Array:
     if not OpenImageIO.ImageBufAlgo.resize(result, OpenImageIO.ImageBuf(pixels), filtername="box"):
         return pixels
     return np.asarray(result.get_pixels("float"), dtype=np.float32).reshape(*small, channels)
-
-
-def _strips(file: Any, level: int, channels: int, factor: int) -> Iterator[tuple[int, Any]]:
-    """Yield the first row and the pixels of strips, whose height is a multiple of `factor` and of the tiles' height."""
-    spec = file.spec()
-    step = int(np.lcm(factor, spec.tile_height)) if spec.tile_width else factor
-    step *= max(1, _STRIP // (4 * spec.width * channels * step))
-    for first in range(0, spec.height, step):
-        end = min(first + step, spec.height)
-        x, y = spec.x, spec.y
-        if spec.tile_width:
-            columns = (x, x + spec.width)
-            yield first, file.read_tiles(0, level, *columns, y + first, y + end, 0, 1, 0, channels, "float")
-        else:
-            yield first, file.read_scanlines(0, level, y + first, y + end, 0, 0, channels, "float")
 
 
 def _means(pixels: Array, factor: int) -> Array:

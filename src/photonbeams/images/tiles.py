@@ -10,8 +10,9 @@ import numpy as np
 import OpenEXR
 
 from ..runtime.files import PathLike
+from ..runtime.inputs import is_special, why_unreadable
 from ..scene import Array, SceneError
-from .files import write_exr_parts
+from .files import MOST_PIXELS, write_exr_parts
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, the last pixel not included
 
@@ -32,7 +33,10 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
     headers = [_read(path, header_only=True) for path in paths]
     boxes = [_box(parts[0].header) for parts in headers]
     whole = min(b[0] for b in boxes), min(b[1] for b in boxes), max(b[2] for b in boxes), max(b[3] for b in boxes)
-    covered = np.zeros((whole[3] - whole[1], whole[2] - whole[0]), dtype=bool)
+    columns, rows = whole[2] - whole[0], whole[3] - whole[1]
+    if columns * rows > MOST_PIXELS:
+        raise SceneError(f"{output}: the tiles span {columns} x {rows} pixels: expected up to {MOST_PIXELS:,}")
+    covered = np.zeros((rows, columns), dtype=bool)
     joined: list[dict[str, Array]] = []
     for path, header, box in zip(paths, headers, boxes, strict=True):
         place = np.s_[box[1] - whole[1] : box[3] - whole[1], box[0] - whole[0] : box[2] - whole[0]]
@@ -61,8 +65,10 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
 
 
 def _read(path: Path, *, header_only: bool = False) -> list[Any]:
-    with path.open("rb"):
-        pass
+    if problem := why_unreadable(path):
+        if not (is_special(path) or path.is_dir()):
+            path.open("rb").close()  # for the system's own error if the file does not exist or may not be read
+        raise SceneError(f"{path}: expected an EXR, but {problem}")
     try:
         return list(OpenEXR.File(str(path), separate_channels=False, header_only=header_only).parts)
     except RuntimeError as error:

@@ -66,13 +66,21 @@ def taken(value: Any, index: Any) -> Any:
     return _each(lambda array: dr.gather(type(array), array, index), value)
 
 
+def indices(keep: Any) -> Any:
+    """Return where an array is true, in order: `dr.compress`, which lets other threads run while kernels do."""
+    # Dr.Jit's own function waits for kernels with Python's lock held, and no signal could end a long one.
+    dr.eval(keep)
+    dr.sync_thread()
+    return dr.compress(keep)
+
+
 def compressed(keep: Any, *values: Any) -> list[Any]:
     """Return the entries of arrays and structs where `keep` is true, in order; an empty list if there are none.
 
     Everything is made opaque, even values that happen to be constant; otherwise kernels would differ between frames.
     """
     dr.make_opaque(keep, values)
-    index: Any = dr.compress(keep)
+    index = indices(keep)
     return [taken(value, index) for value in values] if len(index) else []
 
 

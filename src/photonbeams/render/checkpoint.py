@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -14,6 +14,9 @@ from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..scene import Array, SceneError
 from .frame_sums import FrameSums
+from .sums import ADDING
+
+_PATIENCE = 5.0  # seconds; adding a pass to the sums takes less
 
 
 class Checkpoint:
@@ -36,6 +39,8 @@ class Checkpoint:
         Number of passes in the file, if this render wrote it; else 0.
     development
         What is needed to develop the sums into a picture, as arrays by name; a shot sets it.
+    source
+        Returns the sums so far, while a frame is rendered; `accumulate` sets it.
     """
 
     def __init__(self, path: PathLike, every: float | None = 60.0, resume: bool = True) -> None:
@@ -43,6 +48,7 @@ class Checkpoint:
             raise SceneError(f"every is {every!r}: expected a positive number of seconds, or None")
         self.path, self.every, self.resume, self.passes = Path(path), every, resume, 0
         self.development: Mapping[str, Array] = {}
+        self.source: Callable[[], FrameSums] | None = None
         self._written = time.perf_counter()
 
     @classmethod
@@ -66,7 +72,7 @@ class Checkpoint:
             If the file is not a checkpoint, is of another picture, or has more passes.
         """
         self._written = time.perf_counter()
-        if not self.resume or not self.path.is_file():
+        if not self.resume or not self.path.exists():
             return None
         sums = FrameSums.load(self.path)
         if sums.about != about:
@@ -95,6 +101,14 @@ class Checkpoint:
             )
             return
         self.passes = len(sums)
+
+    def rescue(self) -> None:
+        """Write the sums so far from another thread, before the process ends in the middle of a pass."""
+        if self.source is None or not ADDING.acquire(timeout=_PATIENCE):  # and no pass is added afterwards
+            return
+        sums = self.source()
+        if all(each.ranges() == sums.ranges() for each in sums.views):  # both eyes have the same passes
+            self.save(sums)
 
     def remove(self) -> None:
         """Remove the file, if it exists."""

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from zipfile import BadZipFile
+from typing import Any
 
 import numpy as np
 
 from ..runtime.files import PathLike, atomic_file
+from ..runtime.inputs import arrays
 from ..scene import Array, SceneError
 from .sums import PassSums
 
-_FORMAT = 3  # version of the file's format; stored in the state's "counts"
+_FORMAT = 4  # version of the file's format; stored in the state's "counts"
+
+# Members of a file beside the sums and the development; `_NAMES` lists all others, so that none can be lost.
+_ABOUT, _COUNTS, _NAMES = "about", "counts", "names"
 
 
 @dataclass
@@ -72,28 +75,34 @@ class FrameSums:
         """Return all fields as arrays by name."""
         counts = np.array([_FORMAT, len(self.views), self.planned or 0, self.beams, self.tests])
         views = {f"view {k}/{name}": each for k, own in enumerate(self.views) for name, each in own.state().items()}
-        return {"about": np.array(self.about), "counts": counts, **views, **self.development}
+        state = {**views, **self.development}
+        return {_ABOUT: np.array(self.about), _COUNTS: counts, _NAMES: np.array(sorted(state), dtype=np.str_), **state}
 
     @classmethod
     def of(cls, state: Mapping[str, Array]) -> FrameSums:
-        """Return the sums with this `state`; raise KeyError or ValueError if it is not valid."""
-        kind, count, planned, beams, tests = map(int, state["counts"])
-        if kind != _FORMAT:
-            raise ValueError("written by another version")
-        if not (1 <= count <= 2 and 0 <= planned < 2**31 and min(beams, tests) >= 0):
-            raise ValueError("its counts are out of range")
+        """Return the sums with this `state`; raise ValueError if it is not valid."""
+        count, planned, beams, tests = _counts(state.get(_COUNTS))
+        rest = {name: each for name, each in state.items() if name not in (_ABOUT, _COUNTS, _NAMES)}
+        names = {str(name) for name in np.ravel(state.get(_NAMES, ()))}
+        if lost := names.symmetric_difference(rest):
+            raise ValueError(f"it has {len(rest)} arrays and names {len(names)}, which differ by {min(lost)!r:.60}")
+        about = state.get(_ABOUT)
+        if about is None or about.shape or about.dtype.kind != "U":
+            raise ValueError("it does not say of which picture it is")
         parts: list[dict[str, Array]] = [{} for _ in range(count)]
         development = {}
-        for name, each in state.items():
-            place, _, rest = name.partition("/")
-            if place.startswith("view "):
-                parts[int(place.removeprefix("view "))][rest] = each
-            elif name not in ("about", "counts"):
+        for name, each in rest.items():
+            view, _, own = name.partition("/")
+            if not view.startswith("view "):
                 development[name] = each
+            elif view in (known := [f"view {k}" for k in range(count)]):
+                parts[known.index(view)][own] = each
+            else:
+                raise ValueError(f"it has sums of {view[:40]!r}: expected {count} views")
         views = [PassSums.restored(each) for each in parts]
         if any(each.ranges() != views[0].ranges() for each in views):
             raise ValueError("its views have different passes")
-        return cls(views, planned or None, beams, tests, str(state["about"]), development)
+        return cls(views, planned or None, beams, tests, str(about), development)
 
     def save(self, path: PathLike) -> None:
         """Write the sums to the file `path`, completely or not at all; raise OSError if that fails."""
@@ -104,10 +113,19 @@ class FrameSums:
     def load(cls, path: PathLike) -> FrameSums:
         """Return the sums that `save` wrote to `path`; raise SceneError if the file holds something else."""
         try:
-            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                return cls.of({name: archive[name] for name in archive.files})
-        except FileNotFoundError:
-            raise
-        except (OSError, ValueError, KeyError, EOFError, IndexError, BadZipFile, SceneError) as error:
-            reason = " ".join(str(error).split())[:120]
-            raise SceneError(f"{path}: expected a checkpoint of photonbeams: {reason}") from None
+            return cls.of(arrays(path))
+        except ValueError as error:
+            reason = " ".join(str(error).split())[:160]
+            raise SceneError(f"{path}: expected a checkpoint of photonbeams, but {reason}") from None
+
+
+def _counts(given: Any) -> tuple[int, int, int, int]:
+    """Return the numbers of views, planned passes, beams and tests in a state; raise ValueError if they are none."""
+    if not (isinstance(given, np.ndarray) and given.shape == (5,) and given.dtype.kind in "iu"):
+        raise ValueError("it has no counts")
+    kind, views, planned, beams, tests = map(int, given)
+    if kind != _FORMAT:
+        raise ValueError("it is written by another version")
+    if not (1 <= views <= 2 and 0 <= planned < 2**31 and min(beams, tests) >= 0):
+        raise ValueError("its counts are out of range")
+    return views, planned, beams, tests

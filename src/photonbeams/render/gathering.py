@@ -21,7 +21,7 @@ from ..estimators.lanes import Lattice, MoreSamples, PixelRays, lane_of
 from ..estimators.points import Points
 from ..estimators.tiles import Projection
 from ..looks import LightContext
-from ..numerics.arrays import compressed, joined
+from ..numerics.arrays import compressed, indices, joined
 from ..numerics.structs import Struct
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..scene import SceneError
@@ -193,7 +193,7 @@ class Gathering:
 
     def _pairs(self, each: BeamSet, segments: PathSegments, own: Bool) -> list[tuple[Any, BeamSet]]:
         """Return lanes, each with its beams; beams that would make a path longer than allowed are left out."""
-        lanes: Any = dr.compress(own)
+        lanes = indices(own)
         if not len(lanes):
             return []
         most = self._options.max_depth
@@ -203,7 +203,7 @@ class Gathering:
         for depth in np.unique(dr.gather(UInt32, segments.depth, lanes).numpy()):
             beams = up_to(each, most - 2 - int(depth))
             if beams is not None:
-                result.append((dr.compress(own & (segments.depth == dr.opaque(UInt32, int(depth)))), beams))
+                result.append((indices(own & (segments.depth == dr.opaque(UInt32, int(depth)))), beams))
         return result
 
     def _grid(

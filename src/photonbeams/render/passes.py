@@ -154,6 +154,8 @@ def accumulate(
     frame = _begun(begin, run.kept, about, part.planned if saved is None else saved.planned)
     if saved is not None:
         frame.restore(saved)
+    if checkpoint is not None:
+        checkpoint.source = frame.sums
     there = [] if saved is None else saved.ranges()
     left = _missing(part.numbers, there)
     while left and not (goal is not None and _good_enough(frame, goal)):

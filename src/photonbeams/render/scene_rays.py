@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 
+from ..numerics.arrays import indices
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.interfaces import number
 from ..world.sensors import PrimaryRays, Sensor
@@ -89,7 +90,7 @@ def radiance(plugin: Any, ray: Any, active: Any, settings: Settings, warned: set
     going = Bool(active) & dr.full(Bool, True, count)
     dr.eval(origin, direction, far, going)
     result = RayRadiance(dr.zeros(Array3f, count), dr.zeros(Array3f, count), dr.zeros(Float, count))
-    lanes: Any = dr.compress(going)
+    lanes = indices(going)
     if not len(lanes):
         return result
     origin, direction = dr.gather(Array3f, origin, lanes), dr.gather(Array3f, direction, lanes)

@@ -7,8 +7,10 @@ several machines thus join to the sums of one. NumPy adds them, because Dr.Jit m
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Mapping
 from math import ceil
+from threading import Lock
 
 import numpy as np
 
@@ -22,7 +24,11 @@ Pictures = Mapping[str, np.ndarray]
 
 _MOST_PIXELS = 1 << 18  # pixels from which the error is estimated
 
+#: Held while passes are added to sums: whoever holds it in another thread, sees sums of whole passes.
+ADDING = Lock()
+
 _MOST_PASSES = 2**31
+_PASSES = re.compile(r"([0-9]{1,10})\+([0-9]{1,10})")  # the first pass of a sum, and how many it has
 
 # Pictures of the first pass, to which nothing is added.
 DEPTH, NORMAL = "depth", "normal"
@@ -51,12 +57,14 @@ class PassSums:
 
     def add(self, number: int, pictures: Pictures) -> None:
         """Add pass `number`; its arrays must not be changed afterwards."""
-        self._insert(number, 1, pictures)
+        with ADDING:
+            self._insert(number, 1, pictures)
 
     def join(self, other: PassSums) -> None:
         """Add all passes of `other`, and take over its arrays; raise SceneError if some passes are here already."""
-        for (first, count), pictures in other._all():
-            self._insert(first, count, pictures)
+        with ADDING:
+            for (first, count), pictures in other._all():
+                self._insert(first, count, pictures)
 
     def ranges(self) -> list[range]:
         """Return the passes as ranges, in order, with gaps between them."""
@@ -112,8 +120,9 @@ class PassSums:
         parts: dict[tuple[int, int], dict[str, np.ndarray]] = {}
         for name, each in state.items():
             place, _, picture = name.partition("/")
-            first, count = map(int, place.split("+"))
-            parts.setdefault((first, count), {})[picture] = each
+            if not (found := _PASSES.fullmatch(place)):
+                raise ValueError(f"it has sums of {place[:40]!r}: expected first+count of passes")
+            parts.setdefault((int(found[1]), int(found[2])), {})[picture] = each
         result = cls()
         for (first, count), pictures in parts.items():
             # As `_insert` joins them: whole blocks from the first pass on, and powers of two.
@@ -153,7 +162,9 @@ def _check_pictures(pictures: Pictures) -> None:
     """Raise ValueError for pictures that no pass can have: of different sizes, or with numbers that are not finite."""
     for name, each in pictures.items():
         if each.dtype != np.float32 or each.shape[-1:] != next(iter(pictures.values())).shape[-1:]:
-            raise ValueError(f"{name} has another type or size")
+            raise ValueError(f"{name[:60]} has another type or size")
+        if each.ndim not in (1, 2) or (each.ndim == 2 and len(each) != 3):
+            raise ValueError(f"{name[:60]} has the shape {each.shape}: expected (pixels,) or (3, pixels)"[:120])
         # The background is infinitely far away, and squares of the brightest light overflow single precision.
         wrong = np.isnan(each) if name == DEPTH or name.startswith(SQUARES) else ~np.isfinite(each)
         if wrong.any():

@@ -1,4 +1,4 @@
-"""Write files completely or not at all, and check whether files can be read.
+"""Write files completely or not at all; `inputs` reads them.
 
 A file is written beside its target, under a hidden name of its own. It is closed, synced, and read back: only if its
 size and checksum are those of the bytes that were meant, it is renamed. So neither a full disk nor a second writer
@@ -17,7 +17,6 @@ import os
 import platform
 import re
 import secrets
-import stat
 import time
 import zlib
 from collections.abc import Iterator
@@ -41,27 +40,6 @@ def _processes() -> str:
 _HOST = _processes()
 _STALE = 86400.0  # seconds; no process writes one file for so long
 _CLEARED: set[str] = set()  # folders from which this process has removed leftovers
-
-
-_KINDS = (
-    (stat.S_ISDIR, "a folder"),
-    (stat.S_ISFIFO, "a named pipe"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-    (stat.S_ISSOCK, "a socket"),
-)
-
-
-def why_unreadable(path: PathLike) -> str:
-    """Return why a path cannot be read as a file, such as "it is a named pipe"; "" if it can be.
-
-    Pipes and devices may have no end, and opening one may block forever: call this before a user's file is opened.
-    """
-    try:
-        mode = os.stat(path).st_mode
-    except (OSError, ValueError) as error:
-        return getattr(error, "strerror", None) or str(error)
-    return next((f"it is {name}" for test, name in _KINDS if test(mode)), "")
 
 
 def write_bytes(path: PathLike, data: bytes | memoryview) -> None:

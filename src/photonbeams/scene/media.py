@@ -18,6 +18,19 @@ _FACES = np.array(
 )  # fmt: skip
 
 
+# Mean free paths across a medium on a grid, at its greatest extinction. Paths take a step for each of them, also where
+# the grid is empty; dense clouds have a thousand.
+_MOST_DEPTH = 1e4
+
+
+def check_depth(extinction: float, to_world: Array, name: str) -> None:
+    """Raise SceneError if a medium's box, the unit cube under `to_world`, is too deep at its greatest extinction."""
+    depth = extinction * float(np.linalg.norm(np.asarray(to_world)[:3, :3], axis=0).max())
+    if not depth <= _MOST_DEPTH:
+        text = f"has an extinction of up to {extinction:.3g}, which is {depth:.3g} mean free paths across its grid"
+        raise SceneError(f"{name} {text}: expected up to {_MOST_DEPTH:g}")
+
+
 @dataclass(frozen=True)
 class DensityGrid:
     """A density, or another quantity of a medium, on a grid of cells.
@@ -138,6 +151,8 @@ class Medium:
             number(whole(self.bounces, "bounces"), "bounces", 0)
         if self.mesh is not None and self.grid is not None:
             raise SceneError(f"medium {self.name}: has a mesh and a grid: expected one of them")
+        if self.grid is not None:
+            check_depth(max(self.extinction) * float(self.grid.values.max()), self.grid.to_world, f"medium {self.name}")
         if self.grid is None and (self.scattering_color is not None or self.emission is not None):
             raise SceneError(f"medium {self.name}: has colours or emission on a grid: expected a density grid, too")
 

@@ -18,7 +18,8 @@ from ..render.film import develop
 from ..render.frame_sums import FrameSums
 from ..render.passes import Statistics, known
 from ..render.sums import ALBEDO, PassSums
-from ..scene import Array, SceneError
+from ..scene import MOST_PIXELS, Array, SceneError
+from ..scene import shown as shown_value
 
 _NAME = "development"
 
@@ -97,18 +98,46 @@ class Development:
         """Return the development that has this `state`; SceneError for anything else."""
         try:
             about = json.loads(str(state[_NAME]))
-            plates = [state[f"plate {k}"] for k in range(sum(name.startswith("plate ") for name in state))]
             views = {name: {key: _rich(value) for key, value in each.items()} for name, each in about["views"].items()}
-            height, width = map(int, about["shape"])
+            height, width = shape = _whole(about["shape"], 2, 1)
+            shown = None if about["shown"] is None else _whole(about["shown"], 4, 0)
+            groups = {str(name): str(layer) for name, layer in about["groups"].items()}
+            plates = [np.asarray(state[f"plate {k}"]) for k in range(sum(name.startswith("plate ") for name in state))]
             layers: dict[str, Any] = {name: bool(about[name]) for name in ("albedo", "denoise", "keep_noisy")}
-            return cls((height, width), about["groups"], views, plates, bool(about["fog"]), about["shown"], **layers)
-        except (KeyError, ValueError, TypeError, AttributeError) as error:
-            raise SceneError(f"does not say how its passes become a picture: {error!r}") from None
+            fog = bool(about["fog"])
+        except (KeyError, ValueError, TypeError, AttributeError, ZeroDivisionError, RecursionError) as error:
+            raise SceneError(f"does not say how its passes become a picture: {shown_value(error)}") from None
+        top, left, rows, columns = shown or (0, 0, *shape)
+        if top + rows > height or left + columns > width or not (rows and columns):
+            raise SceneError(
+                f"shows {columns} x {rows} pixels from {left}, {top} of {width} x {height}: expected a part"
+            )
+        wanted = (len(views), (rows, columns, 4))
+        if plates and {(len(plates), each.shape) for each in plates} != {wanted}:
+            raise SceneError(f"has {len(plates)} plates of {plates[0].shape}: expected {wanted[0]} of {wanted[1]}")
+        return cls((height, width), groups, views, plates, fog, shown, **layers)  # type: ignore[arg-type]
+
+    def check(self, sums: FrameSums) -> None:
+        """Raise SceneError if these sums are not of as many views and pixels as this is."""
+        pixels = {each.shape[-1] for own in sums.views for each in own.total().values()}
+        if len(self.views) != len(sums.views) or pixels - {self.shape[0] * self.shape[1]}:
+            found = f"{len(sums.views)} views of {' and '.join(map(str, sorted(pixels)))} pixels"
+            raise SceneError(f"has {found}: expected {len(self.views)} of {self.shape[1]} x {self.shape[0]}")
 
 
 def developed(sums: FrameSums) -> Frame:
     """Return the frame of sums that hold the state of a development; SceneError if they do not."""
-    return Development.of(sums.development).frame(sums)
+    development = Development.of(sums.development)
+    development.check(sums)
+    return development.frame(sums)
+
+
+def _whole(given: Any, count: int, least: int) -> tuple[int, ...]:
+    """Return `count` whole numbers of at least `least`; raise ValueError for anything else."""
+    values = tuple(given)
+    if len(values) != count or not all(isinstance(each, int) and least <= each <= MOST_PIXELS for each in values):
+        raise ValueError(f"{values}: expected {count} numbers from {least} to {MOST_PIXELS}")
+    return values
 
 
 def _plain(value: Any) -> Any:

@@ -1,41 +1,169 @@
-"""Checks of files that Mitsuba scenes refer to, before Mitsuba reads them."""
+"""Checks of files that Mitsuba scenes refer to, before Mitsuba reads them.
+
+Mitsuba opens whatever a scene names: it waits forever for a named pipe, reads a device until memory ends, and allocates
+what the header of a file claims. Some files, such as a grid without cells, make it end the process.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+import re
+import struct
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
+from ..images.files import check_decoded, check_image, pixels_of
+from ..images.files import opened as opened_image
+from ..runtime.inputs import MOST_TEXT, check_size, content, is_special, opened
 from ..scene import SceneError
-from ..volumes.bytes import opened
 from ..volumes.vol import vol_shape
 
+_ATTRIBUTE = re.compile(r"""([\w:.-]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_ELEMENT = re.compile(r"<\s*(\w+)((?:[^<>\"']|\"[^\"]*\"|'[^']*')*)>")
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_NUMBERS = re.compile(r"[-+\d\s.,eE]+")
+_LONGEST = 4096  # of a path
+_MOST_FILES = 1000  # that a scene includes, directly or through others
+_MOST_HEADER = 1 << 20  # bytes of a mesh's header
+_IMAGES = ("bitmap", "envmap", "projector", "volume")
 
-def check_grids(path: Path, parameters: Mapping[str, str]) -> None:
-    """Check the .vol files that a scene refers to: some, such as a grid without cells, make Mitsuba end the process.
+# Bytes of the types of PLY files.
+_TYPES = {
+    **dict.fromkeys(("char", "uchar", "int8", "uint8"), 1), **dict.fromkeys(("short", "ushort", "int16", "uint16"), 2),
+    **dict.fromkeys(("int", "uint", "float", "int32", "uint32", "float32"), 4),
+    **dict.fromkeys(("double", "float64", "int64", "uint64"), 8),
+}  # fmt: skip
+_SERIALIZED = struct.Struct("<HH")  # the magic number and the version
+_COUNTS = struct.Struct("<2Q")  # of vertices and of triangles
+_MOST_ZIPPED = 1032  # how much smaller zlib makes data at most
 
-    Files that do not exist here are left to Mitsuba, which also looks in other folders.
+
+def check_files(path: Path, parameters: Mapping[str, str]) -> None:
+    """Check the files that a scene refers to. Those that do not exist are left to Mitsuba.
 
     Raises
     ------
     SceneError
-        A file that is broken, or that holds no grid of 1, 3 or 6 channels.
+        A file that cannot be read, or that claims to hold more than there is, or more than can be read.
     RuntimeError
         From Mitsuba: a scene that cannot be parsed.
     """
     from ..runtime.device import mitsuba
 
+    folders = [path.parent, *_check_paths(path, parameters)]
     mi = mitsuba()
     parsed: Any = mi.parser.parse_file(mi.parser.ParserConfig(mi.variant()), str(path), **parameters)
     for node in parsed.nodes:
         properties = node.props
-        if properties.plugin_name() != "gridvolume" or "filename" not in properties:
-            continue
-        file = path.parent / str(properties["filename"])
-        if not file.exists():
-            continue
+        for file in _found(str(properties["filename"]), folders) if "filename" in properties else ():
+            try:
+                _check(properties.plugin_name(), file)
+            except SceneError as error:
+                problem = getattr(error, "problem", error)
+                raise SceneError(f"{path}: names {file}: expected a file that can be read, but {problem}") from None
+
+
+def _check_paths(path: Path, parameters: Mapping[str, str]) -> list[Path]:
+    """Check all that a scene and the files that it includes name; return the folders in which Mitsuba looks for them.
+
+    A pipe or device is refused wherever it is named. Other text may have the name of a folder by chance.
+    """
+    folders: list[Path] = []
+    todo = [path]
+    for file in todo:  # which grows meanwhile
         try:
-            with opened(file) as data:
-                vol_shape(data)
+            text = _COMMENT.sub("", content(file, MOST_TEXT).decode("utf-8", "replace"))
         except SceneError as error:
-            raise SceneError(f"{path}: names {file}: expected a grid that can be read ({error})") from None
+            named = "" if file == path else f" includes {file}:"
+            raise SceneError(f"{path}:{named} expected a Mitsuba scene that can be read, but {error}") from None
+        values = dict(parameters)
+        for kind, rest in _ELEMENT.findall(text):
+            own = {name: _filled(first or second, values) for name, first, second in _ATTRIBUTE.findall(rest)}
+            if kind == "default":
+                values.setdefault(own.get("name", ""), own.get("value", ""))
+            for value in own.values():
+                for found in _found(value, [file.parent, *folders]):
+                    if problem := is_special(found):
+                        raise SceneError(f"{path}: names {value}: expected a file, but {problem}")
+            if kind == "path":
+                folders += [each for each in _found(own.get("value", ""), [file.parent, *folders]) if each.is_dir()]
+            if kind == "include":
+                todo += list(_found(own.get("filename", ""), [file.parent, *folders]))[:1]
+                if len(todo) > _MOST_FILES:
+                    raise SceneError(
+                        f"{path}: includes more than {_MOST_FILES:,} files, such as {file}: expected fewer"
+                    )
+    return folders
+
+
+def _filled(text: str, values: Mapping[str, str]) -> str:
+    """Return text with the values of parameters in place of their names, $name."""
+    for name in sorted(values, key=len, reverse=True):
+        text = text.replace(f"${name}", str(values[name]))
+    return text
+
+
+def _found(name: str, folders: Sequence[Path]) -> Iterator[Path]:
+    """Yield what exists under a name in folders, or in the working folder."""
+    if not name or len(name) > _LONGEST or "\0" in name or _NUMBERS.fullmatch(name):
+        return
+    for each in dict.fromkeys(folder / name for folder in (*folders, Path())):
+        if os.path.exists(each):
+            yield each
+
+
+def _check(kind: str, file: Path) -> None:
+    """Check a file that a plugin reads; raise SceneError, a clause about it."""
+    with opened(file) as data:
+        if kind == "gridvolume":
+            vol_shape(data)
+        elif kind == "ply":
+            _check_ply(data)
+        elif kind == "serialized":
+            _check_serialized(data)
+    if kind in _IMAGES:
+        with opened_image(file) as image:
+            spec = image.spec()
+            check_image(file, spec)
+            check_decoded(file, 2.0 * pixels_of(spec) * max(spec.nchannels, 4))
+
+
+def _check_ply(data: BinaryIO) -> None:
+    """Check that a PLY file is one, and as long as its header says."""
+    size = os.fstat(data.fileno()).st_size
+    header, marker, _ = data.read(_MOST_HEADER).partition(b"end_header")
+    lines = [line.split() for line in header.decode("latin-1").splitlines()]
+    if not marker or not lines or lines[0] != ["ply"]:
+        raise SceneError("it is no PLY file")
+    binary = any(line[:2] in (["format", "binary_little_endian"], ["format", "binary_big_endian"]) for line in lines)
+    needed, count = 0, 0
+    for line in lines:
+        if line[:1] == ["element"]:
+            count = int(line[2]) if len(line) == 3 and line[2].isdigit() else 0
+            needed += 0 if binary else 2 * count  # a digit and a line's end
+        elif line[:1] == ["property"] and binary:
+            needed += count * _TYPES.get(line[2 if line[1:2] == ["list"] else 1] if len(line) > 2 else "", 1)
+    if needed > size:
+        raise SceneError(f"its header is of {needed:,} bytes or more, but it has {size:,}")
+
+
+def _check_serialized(data: BinaryIO) -> None:
+    """Check that a mesh in Mitsuba's own format has about as many triangles as it says."""
+    size = os.fstat(data.fileno()).st_size
+    start = data.read(_SERIALIZED.size)
+    if len(start) < _SERIALIZED.size or _SERIALIZED.unpack(start)[0] != 0x041C:
+        raise SceneError("it is no serialized mesh")
+    named = _SERIALIZED.unpack(start)[1] >= 4
+    try:
+        plain = zlib.decompressobj().decompress(data.read(_MOST_HEADER), _MOST_HEADER)
+    except zlib.error:
+        raise SceneError("it cannot be decompressed") from None
+    first = 4 + (plain.find(b"\0", 4) - 3 if named else 0)
+    if len(plain) < first + _COUNTS.size:
+        raise SceneError("it ends too early")
+    vertices, triangles = _COUNTS.unpack_from(plain, first)
+    check_size(
+        12.0 * (vertices + triangles), float(_MOST_ZIPPED * size), f"{vertices:,} vertices with {triangles:,} triangles"
+    )

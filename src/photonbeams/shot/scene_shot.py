@@ -22,7 +22,7 @@ from ..usd.reading import LOG
 from ..usd.scene_layers import SceneLayers
 from ..usd.stereo import EYES, Stereo, check_stereo, split, views_of
 from ..usd.warnings import Warnings
-from .scene_files import check_grids
+from .scene_files import check_files
 from .shot import Shot
 
 if TYPE_CHECKING:
@@ -126,16 +126,16 @@ class SceneShot(Shot):
         from ..runtime.device import helping_thread, mitsuba
 
         mi = mitsuba()
-        if not path.is_file():
+        if not os.path.lexists(path):
             raise SceneError(f"{path}: no such file")
         try:
-            check_grids(path, self._parameters)
+            check_files(path, self._parameters)
             # Mitsuba's optimization merges meshes, which then lose their ids.
             named = self._layers is not None or any(isinstance(each.portal, str) for each in self._beams.values())
             with helping_thread():
                 plugin = mi.load_file(str(path), optimize=not named, **self._parameters)
-        except RuntimeError as error:
-            raise SceneError(f"{path}: {reason(str(error), path)}") from error
+        except (RuntimeError, UnicodeDecodeError) as error:
+            raise SceneError(f"{path}: {reason(_message(error), path)}") from error
         if not isinstance(plugin, mi.Scene):
             raise SceneError(f"{path}: holds a {type(plugin).__name__}: expected a scene")
         return plugin
@@ -353,3 +353,8 @@ def _contents(path: Path, more: Iterable[str]) -> list[bytes]:
             names = re.findall(rb'"([^"<>]+)"', found[place])
             todo += [path.parent / name.decode("utf-8", "replace") for name in names]
     return [*found.values()]
+
+
+def _message(error: RuntimeError | UnicodeDecodeError) -> str:
+    """Return Mitsuba's message, which may quote bytes of a broken file that are no valid text."""
+    return error.object.decode(errors="replace") if isinstance(error, UnicodeDecodeError) else str(error)

@@ -12,7 +12,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from ..runtime.files import why_unreadable, write_bytes
+from ..runtime.files import write_bytes
+from ..runtime.inputs import why_unreadable
 
 LOG = logging.getLogger("photonbeams")
 

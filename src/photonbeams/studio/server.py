@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import os
 import secrets
 import time
 from collections import deque
@@ -433,7 +434,7 @@ def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
 def _file_of(folder: Path, request: Request, download: bool = False) -> Response:
     """Return the file in a folder that a request names, for the page or as a download."""
     file = folder / request.path_params["name"]
-    if file.parent != folder or not file.is_file():
+    if file.parent != folder or not os.path.isfile(file):  # `Path.is_file` raises an error for names that are too long
         return PlainTextResponse("there is no such file\n", 404, _HEADERS)
     kind = None if download else _TYPES.get(file.suffix)
     return FileResponse(file, headers=_HEADERS, media_type=kind, filename=file.name if download else None)

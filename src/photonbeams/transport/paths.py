@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import compressed, joined, to_float, unaliased
+from ..numerics.arrays import compressed, indices, joined, to_float, unaliased
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
@@ -370,7 +370,7 @@ def _carry(tracing: Tracing, paths: LightPaths, following: LightPaths, bent: Boo
 
     Each path has four lanes, one for each derivative, because Dr.Jit can traverse a graph with BSDF calls only once.
     """
-    lanes: Any = dr.compress(bent)
+    lanes = indices(bent)
     if not len(lanes):
         return
     count = len(lanes)

@@ -12,7 +12,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..numerics.arrays import opaque
+from ..numerics.arrays import indices, opaque
 from ..numerics.hashing import hash32
 from ..numerics.sampling import pixel_sample, sobol_block
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
@@ -60,7 +60,7 @@ def _aimed(portal: Portal, origin: Array3f) -> tuple[Array3f, Array3f]:
     """Return rays from the given origins to points of the portal."""
     u, _ = sobol_block(_AIMED, 0, (0,))
     point, _, on_portal = portal.sample(u)
-    index: Any = dr.compress(on_portal)
+    index = indices(on_portal)
     if not len(index):
         return dr.zeros(Array3f, 1), Array3f(0, 0, 1) + dr.zeros(Float, 1)
     point = dr.gather(Array3f, point, index)

@@ -6,7 +6,7 @@ import os
 import re
 from typing import Any
 
-from .openusd import Sdf, Usd
+from .openusd import Sdf, Usd, text_of
 from .reading import file_of
 from .warnings import Warnings
 
@@ -30,7 +30,7 @@ def warn_of_composition(stage: Usd.Stage, warnings: Warnings) -> None:
 
 def _sentence(error: Any) -> str:
     """Return what is wrong, from the text of OpenUSD's error, which also names its own session layer."""
-    text = " ".join(str(error).split()).removesuffix("; skipping.").rstrip(". ")
+    text = " ".join(text_of(error).split()).removesuffix("; skipping.").rstrip(". ")
     if found := _ARC.match(text):
         asset, kind, prim, reason = found.groups()
         return f"{prim} has a {kind} to @{asset}@, {_unread(asset, reason)}; it is left out"

@@ -8,7 +8,7 @@ from hashlib import sha256
 from typing import Any
 
 from ..runtime.digest import digest
-from ..runtime.files import why_unreadable
+from ..runtime.inputs import why_unreadable
 from .openusd import Ar, Usd, UsdUtils
 from .textures import texture_limit
 

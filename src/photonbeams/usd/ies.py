@@ -13,12 +13,13 @@ from functools import lru_cache
 import numpy as np
 
 from ..scene import Array, Profile
-from .openusd import Ar, Sdf, Usd
+from .openusd import Sdf, Usd
 from .reading import Reading
-from .textures import resolved, stamp
+from .textures import asset_content, resolved, stamp
 
 _NAME = "inputs:shaping:ies:file"
 _MOST_ANGLES = 10_000
+_MOST_BYTES = 1 << 24
 _TYPE_C, _TYPE_B, _TYPE_A = 1, 2, 3
 
 
@@ -44,8 +45,7 @@ def read_profile(reading: Reading, prim: Usd.Prim) -> Profile | None:
 # One object for all times of a shutter, so that its table is on the device only once.
 @lru_cache(maxsize=64)
 def _profile(path: str, _stamp: tuple[int, int], scale: float, normalize: bool) -> Profile:
-    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
-    result = parse(bytes(asset.GetBuffer() if asset else b"").decode("latin-1"))
+    result = parse(asset_content(path, _MOST_BYTES).decode("latin-1"))
     return replace(result.normalized() if normalize else result, angle_scale=scale)
 
 

@@ -9,7 +9,8 @@ import os
 from functools import cache
 from pathlib import Path
 
-from ..runtime.files import PathLike, atomic_path, failure_of, sync, why_unreadable, write_bytes
+from ..runtime.files import PathLike, atomic_path, failure_of, sync, write_bytes
+from ..runtime.inputs import why_unreadable
 from ..scene import SceneError
 from . import materialx
 from .metadata import correct_metadata

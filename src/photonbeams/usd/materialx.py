@@ -7,9 +7,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..runtime.inputs import MOST_TEXT, why_unreadable
 from ..scene import SceneError
 from ..scene.extras import needs
 from .openusd import Ar, Sdf, Usd, UsdShade
+from .textures import asset_content
 
 _TYPES = {
     "float": Sdf.ValueTypeNames.Float, "integer": Sdf.ValueTypeNames.Int, "boolean": Sdf.ValueTypeNames.Bool,
@@ -48,12 +50,13 @@ def layer_of(path: str) -> Sdf.Layer:
     """
     with needs("materialx", f"{path}, a MaterialX document,", "MaterialX"):
         import MaterialX
-    asset: Any = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
     document = MaterialX.createDocument()
     try:
-        text = bytes(asset.GetBuffer()).decode()
+        text = asset_content(path, MOST_TEXT).decode()
         folder = MaterialX.FileSearchPath(str(Path(Ar.SplitPackageRelativePathOuter(path)[0]).parent))
-        MaterialX.readFromXmlString(document, text, folder)
+        options = MaterialX.XmlReadOptions()
+        options.readXIncludeFunction = _include
+        MaterialX.readFromXmlString(document, text, folder, options)
         graphs = frozenset(graph.getName() for graph in document.getNodeGraphs())  # without those of the library
         document.setDataLibrary(_library())
     except Exception as error:  # MaterialX has a class for each of its errors
@@ -64,6 +67,15 @@ def layer_of(path: str) -> Sdf.Layer:
     for node in document.getMaterialNodes():
         _Translation(stage, path, document, graphs).write(node)
     return layer
+
+
+def _include(document: Any, name: Any, folders: Any, options: Any) -> None:
+    """Read a document that another one includes."""
+    import MaterialX
+
+    if problem := why_unreadable(folders.find(name).asString(), MOST_TEXT):
+        raise SceneError(f"it includes {name.asString()}, but {problem}")
+    MaterialX.readFromXmlFile(document, name, folders, options)
 
 
 @cache

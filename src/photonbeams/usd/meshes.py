@@ -18,7 +18,7 @@ from .motion import equal
 from .openusd import Usd, UsdGeom, UsdShade
 from .polygons import Polygons, Tessellation, Triangles, Values, triangles_of
 from .primvars import Instance, find_primvar, read_instanced, read_primvar, read_values
-from .reading import Reading
+from .reading import Reading, may_vary
 from .selection import refinement_level
 from .sizes import lowered, room
 from .skinning import deformed, is_skinned
@@ -193,7 +193,7 @@ def _triangles(
     inherited = {**({} if uvs is None else {"uvs": uvs}), **varying}
     sources = tuple((name, _source(primvar)) for name, primvar in inherited.items())
     used = [*inherited.values(), find_primvar(prim, "normals")]
-    lasting = not (skinned or reading.varies(prim) or any(each and each.ValueMightBeTimeVarying() for each in used))
+    lasting = not (skinned or reading.varies(prim) or any(each and may_vary(each) for each in used))
     cache = reading.lasting if lasting else reading.cache
     key = ("triangles", (prim if skinned else in_prototype(prim)).GetPath(), uv_name, sources)
     if key not in cache:

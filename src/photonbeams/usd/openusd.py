@@ -17,6 +17,14 @@ from ..scene.extras import needs
 INSTALLED = find_spec("pxr") is not None
 
 
+def text_of(error: BaseException) -> str:
+    """Return the text of an error of OpenUSD, which may quote bytes of a broken file that are no valid text."""
+    try:
+        return str(error)
+    except UnicodeDecodeError as wrong:
+        return wrong.object.decode(errors="replace")
+
+
 class _Missing(type):
     """The class of stand-ins for a module, its classes and their attributes."""
 

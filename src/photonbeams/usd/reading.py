@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any, TypeVar
@@ -27,10 +27,11 @@ def quiet() -> Iterator[None]:
     try:
         yield
     finally:
-        messages = [str(each.commentary) for each in delegate.TakeUncoalescedDiagnostics()]
+        found = delegate.TakeUncoalescedDiagnostics()
         del delegate  # ends the redirection
-        for message in messages:
-            LOG.debug("%s", message)
+        for each in found:
+            with suppress(UnicodeDecodeError):  # it may quote a broken file
+                LOG.debug("%s", each.commentary)
 
 
 def file_of(stage: Usd.Stage) -> str:
@@ -128,7 +129,7 @@ class Reading:
         key = ("varies", prim.GetPath())
         if key not in self.lasting:
             moving = prim.GetAttribute("velocities").HasAuthoredValue()
-            self.lasting[key] = moving or any(each.ValueMightBeTimeVarying() for each in prim.GetAuthoredAttributes())
+            self.lasting[key] = moving or any(may_vary(each) for each in prim.GetAuthoredAttributes())
         return bool(self.lasting[key])
 
     def warn_of_unknown(self, prim: Usd.Prim, name: str, known: Collection[str]) -> None:
@@ -310,7 +311,15 @@ def has_photonbeams(prim: Usd.Prim, schema: str, *attributes: str) -> bool:
 def varying_attributes(stage: Usd.Stage) -> Iterator[Usd.Attribute]:
     """Return the attributes on a stage that may change with time."""
     for prim in prims_under(stage.GetPseudoRoot()):
-        yield from (each for each in prim.GetAuthoredAttributes() if each.ValueMightBeTimeVarying())
+        yield from (each for each in prim.GetAuthoredAttributes() if may_vary(each))
+
+
+def may_vary(attribute: Usd.Attribute) -> bool:
+    """Return whether an attribute may change with time."""
+    try:
+        return bool(attribute.ValueMightBeTimeVarying())
+    except Tf.ErrorException:  # its only time sample is at NaN
+        return False
 
 
 def prims_under(root: Usd.Prim, predicate: Any = None) -> Iterator[Usd.Prim]:

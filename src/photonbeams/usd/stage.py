@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..runtime.files import why_unreadable
+from ..runtime.inputs import why_unreadable
 from ..scene import Array, SceneError, real
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
@@ -22,7 +22,7 @@ from .frames import time_range
 from .layers import forget_changes, ready_layers
 from .lights import is_dome, is_light
 from .metadata import complete_metadata, correct_metadata
-from .openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel
+from .openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel, text_of
 from .reading import prims_under, quiet, varying_attributes
 from .selection import EVERYTHING, Selection
 from .sizes import check_prims
@@ -214,16 +214,20 @@ def check_not_read(stage: Usd.Stage, path: str | os.PathLike[str]) -> None:
         raise SceneError(f"{path} is a file that the stage is read from: expected another file to write to")
 
 
+_REPLACED = "\N{REPLACEMENT CHARACTER}"  # in place of bytes that are no text
+
+
 def _reason(error: Any) -> str:
     """Return OpenUSD's message with the file's line number first, and without OpenUSD's own source lines."""
+    found = text_of(error)
     if old := re.search(
-        r"with obsolete version (\S+)\. The oldest version this software supports is ([\d.]*\d)", str(error)
+        r"with obsolete version (\S+)\. The oldest version this software supports is ([\d.]*\d)", found
     ):
         return f"it is a binary file of version {old[1]}, expected {old[2]} or later"
-    messages = re.findall(r" : '(.*?)\s*'(?=\s*\n\tError|\s*$)", str(error), re.DOTALL)
+    messages = re.findall(r" : '(.*?)\s*'(?=\s*\n\tError|\s*$)", found, re.DOTALL)
     for message in messages:
         located = re.fullmatch(r".*?:(\d+):\d+: (.*)", message, re.DOTALL)
         if located:
-            text = re.sub(r"parse error matching \S+", "there is more than expected", " ".join(located[2].split()))
-            return f"line {located[1]}: {text}"
+            text = re.sub(r"parse error matching .*", "there is more than expected", " ".join(located[2].split()))
+            return f"line {located[1]}: {text}{'; expected UTF-8' if _REPLACED in found else ''}"
     return " ".join(messages[0].split()) if messages else "expected a USD stage"

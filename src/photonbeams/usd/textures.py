@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from ..images.textures import TEXTURE_LIMIT, Decoded, decoded, linear
-from ..runtime.files import why_unreadable, write_bytes
-from ..scene import Array, rgb
+from ..runtime.files import write_bytes
+from ..runtime.inputs import check_size, content, why_unreadable
+from ..scene import Array, SceneError, rgb
 from .color_spaces import AUTO, RAW, SRGB, color_space, to_linear
 from .openusd import Ar, Sdf, Usd
 from .reading import Reading
 
 _LIMIT = "photonbeams:textureLimit"
+_MOST_BYTES = 1 << 33  # of a file in a package
 
 
 def read_image(reading: Reading, prim: Usd.Prim, name: str, space: str = "auto") -> Array | None:
@@ -100,6 +102,25 @@ def limit_textures(session: Sdf.Layer, limit: int | None) -> None:
         session.customLayerData = {**session.customLayerData, _LIMIT: int(limit)}
 
 
+def asset_content(path: str, most: int = _MOST_BYTES) -> bytes:
+    """Return the bytes of an asset's file, which may be in a package.
+
+    Raises
+    ------
+    SceneError
+        A file that cannot be read, or has more than `most` bytes; the message is a clause about it.
+    """
+    if not Ar.IsPackageRelativePath(path):
+        return content(path, most)
+    if problem := why_unreadable(Ar.SplitPackageRelativePathOuter(path)[0]):
+        raise SceneError(problem)
+    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
+    if not asset:
+        raise SceneError("it is not in the package")
+    check_size(asset.GetSize(), most, "it")
+    return bytes(asset.GetBuffer())
+
+
 def stamp(path: str) -> tuple[int, int]:
     """Return a value that changes when a file is written again: its time and size."""
     status = Path(Ar.SplitPackageRelativePathOuter(path)[0]).stat()
@@ -114,13 +135,13 @@ def _image(path: str, _stamp: tuple[int, int], space: str, limit: int) -> Decode
     if not Ar.IsPackageRelativePath(path):
         return decoded(path, linearize, limit)
     # OpenImageIO reads only files, so images in a .usdz are unpacked for it.
-    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
-    if not asset:
-        return Decoded(None, error="it is not in the package")
     suffix = Path(Ar.SplitPackageRelativePathInner(path)[1]).suffix
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"image{suffix}"
-        write_bytes(file, bytes(asset.GetBuffer()))
+        try:
+            write_bytes(file, asset_content(path))
+        except SceneError as error:
+            return Decoded(None, error=str(error))
         return decoded(str(file), linearize, limit)
 
 

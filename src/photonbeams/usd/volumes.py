@@ -10,14 +10,14 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from ..runtime.inputs import opened
 from ..scene import Array, DensityGrid, SceneError
-from ..volumes.bytes import opened
 from ..volumes.dense import MOST_VALUES, Voxels, voxels_of
 from ..volumes.vdb import VDBGrid, read_grids
 from ..volumes.vol import read_vol
 from .openusd import Ar, Sdf, Usd
 from .reading import Reading
-from .textures import resolved, stamp
+from .textures import asset_content, resolved, stamp
 
 _FIELD = "field:"
 DENSITY = "density"
@@ -128,10 +128,7 @@ def _opened(path: str) -> BinaryIO:
     """Open a file, which may be in a package."""
     if not Ar.IsPackageRelativePath(path):
         return opened(path)
-    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
-    if not asset:
-        raise SceneError("it cannot be opened")
-    return io.BytesIO(bytes(asset.GetBuffer()))
+    return io.BytesIO(asset_content(path))
 
 
 def _grid(grids: list[VDBGrid], name: str, index: int) -> VDBGrid:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import stat
 import struct
 import zlib
-from pathlib import Path
 from typing import Any, BinaryIO
 
 from ..scene import SceneError
@@ -19,22 +17,6 @@ ZIP, ACTIVE_MASK, BLOSC = 1, 2, 4
 
 # A Blosc block begins with version, codec, flags, type size, and three counts of bytes: decompressed, per part, total.
 _BLOSC_HEADER = struct.Struct("<4B3I")
-
-
-def opened(path: str | Path) -> BinaryIO:
-    """Return a file, opened for reading.
-
-    Raises
-    ------
-    SceneError
-        A folder, pipe or device, which might never end; a file that cannot be opened.
-    """
-    try:
-        if not stat.S_ISREG(Path(path).stat().st_mode):
-            raise SceneError("it is no regular file")
-        return open(path, "rb")
-    except OSError as error:
-        raise SceneError(f"it cannot be opened: {error.strerror}") from None
 
 
 class Cursor:

@@ -20,6 +20,7 @@ from ..looks.context import ShadingContext
 from ..looks.factors import Factor, Product
 from ..numerics.arrays import to_uint, to_vectors
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..scene.media import check_depth
 from .bounds import box_of
 from .checks import check_numbers, check_phase
 from .interfaces import medium_ahead, number, numbers, pointers
@@ -219,7 +220,14 @@ class Media:
         named = [each.get_medium() for each in (*plugin.sensors(), *plugin.emitters())]
         shapes = parts(plugin, mi.Shape)
         several = sum(each.interior_medium() is not None for each in shapes) > 1 or any(map(_repeats, shapes))
-        return cls([*parts(plugin, mi.Medium), *named], plugin if several else None)
+        result = cls([*parts(plugin, mi.Medium), *named], plugin if several else None)
+        held = boxes(shapes)
+        for each in result.all:
+            if each.tracked is not None and each.number in held:
+                extents = np.diag([*np.asarray(held[each.number].extents(), dtype=float), 1.0])
+                name = f"medium {each.plugin.id() or each.plugin.class_name()}"
+                check_depth(max(each.medium.extinction), extents, name)
+        return result
 
     def extinction(self, medium: UInt32) -> Array3f:
         """Return σt of media by their numbers; 0 in empty space."""
