@@ -3,6 +3,8 @@
 import os
 import re
 import signal
+import struct
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -11,6 +13,7 @@ import pytest
 
 from photonbeams import Shot
 from photonbeams.images.files import read_image, read_layers
+from photonbeams.images.tiles import join_tiles
 from photonbeams.scene import SceneError
 
 STAGE = """#usda 1.0
@@ -373,6 +376,58 @@ def test_settings_say_camera_size_and_window(render, stage, out):
     assert window("a.exr") == ((16, 8), (0, 6, 8, 2), "/Side")
     assert render(path, "-o", "a.exr", "--res-scale", 2, size=())[0] == 0
     assert window("a.exr") == ((32, 16), (0, 12, 16, 4), "/Side")
+
+
+def test_a_window_beyond_the_picture_is_overscan(render, stage, out):
+    wide = "uniform int2 resolution = (64, 36)\n    uniform float4 dataWindowNDC = (-0.5, -0.5, 1.5, 1.5)"
+    path = stage(SIDE + SETTINGS % wide, NAMED)
+    for number in (1, 2):
+        assert render(path, "-o", f"t{number}.exr", "--tile", f"{number}/2", size=())[0] == 0
+    assert render(path, "-o", "wide.exr", "-o", "wide.png", size=())[0] == 0
+    assert window("wide.exr") == ((64, 36), (-32, -18, 128, 72), "/Camera")
+    assert window("t1.exr")[1] == (-32, -18, 128, 34)
+    assert read_image("wide.png").shape == (72, 128, 3)
+    whole, joined = (read_layers(join) for join in ("wide.exr", joined_of("t1.exr", "t2.exr")))
+    assert all(np.array_equal(joined[name], whole[name]) for name in whole)
+    assert render(stage(SIDE + SETTINGS % wide.split("uniform float4")[0], NAMED), "-o", "a.exr", size=())[0] == 0
+    assert all(np.array_equal(whole[name][18:54, 32:96], pixels) for name, pixels in read_layers("a.exr").items())
+
+
+def joined_of(*paths):
+    join_tiles([Path(each) for each in paths], "joined.exr")
+    return "joined.exr"
+
+
+@pytest.mark.parametrize(
+    ("body", "ratio", "size"),
+    [
+        ("uniform float pixelAspectRatio = 2", 2.0, (32, 36)),
+        ('uniform token aspectRatioConformPolicy = "adjustPixelAspectRatio"', 2.0, (32, 36)),
+    ],
+)
+def test_the_shape_of_pixels_is_in_the_header_and_in_the_frustum(render, stage, out, body, ratio, size):
+    """The camera's aperture is 32 x 18: with pixels of twice the width, its whole height has twice the rows."""
+    path = stage(SETTINGS % f"{body}\n    uniform int2 resolution = {size}", NAMED)
+    assert render(path, "-o", "a.exr", "-o", "a.png", size=())[0] == 0
+    part = OpenEXR.File("a.exr").parts[0].header
+    assert part["pixelAspectRatio"] == pytest.approx(ratio, rel=1e-6)
+    assert png_ratio("a.png") == pytest.approx(ratio, rel=0.01)
+
+
+def png_ratio(path):
+    """Return the width of a PNG's pixels over their height, of which the file holds the inverses, per metre."""
+    data = Path(path).read_bytes()
+    place = data.index(b"pHYs") + 4
+    across, down = struct.unpack(">II", data[place : place + 8])
+    return down / across
+
+
+@pytest.mark.parametrize("window", ["(0.5, 0, 0.5, 1)", "(0, 0, nan, 1)", "(0, 1, 1, 0)"])
+def test_an_empty_window_is_one_sentence(render, stage, out, window):
+    path = stage(SETTINGS % f"uniform float4 dataWindowNDC = {window}", NAMED)
+    code, lines = render(path, "-o", "a.exr")
+    assert (code, names(out)) == (1, [])
+    assert len(lines) == 1 and "/Settings.dataWindowNDC is (" in lines[0] and len(lines[0]) <= 300
 
 
 def test_flags_win_over_settings(render, stage, out):

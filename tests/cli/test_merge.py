@@ -12,6 +12,7 @@ from cli.test_checkpoints import FILL, KEY
 from cli.test_render import CAMERA, FLOOR, FOG, write_stage
 from photonbeams import Shot
 from photonbeams.images.files import read_layers
+from photonbeams.images.frame import tile_of
 from photonbeams.render import stage_frame as frame
 
 SMALL = ("--res", 40, 48, "--passes", 6, "--beams", 64, "-q")
@@ -111,6 +112,22 @@ def test_a_crop_is_that_part_of_the_whole_picture_to_the_bit(stage):
     assert part["rgba"].shape[:2] == (33, 28) and part["beams_fill"].any()
     for name, pixels in part.items():
         assert np.array_equal(pixels, whole[name][10:43, 16:44]), name
+
+
+def test_overscan_leaves_the_bits_of_the_picture_and_of_its_tiles(stage):
+    """That is so at odd sizes and corners, with a lens, with motion, and with filters that reach across the edge."""
+    shot, given = Shot.open(stage), {"passes": 2, "beams": 64, "width": 53, "height": 47, "pixel_filter": "gaussian"}
+    crop = (-0.31, -0.2, 1.25, 1.1)
+    band = tile_of(crop, 53, 47, (3, 5))
+    frame, part = shot.render(1, crop=crop, **given), shot.render(1, crop=band, **given)
+    whole, wide = shot.render(1, **given).layers, frame.layers
+    assert (frame.metadata["dataWindow"], frame.metadata["displayWindow"]) == ((-17, -10, 65, 51), (0, 0, 52, 46))
+    left, top, _, bottom = part.metadata["dataWindow"]
+    assert (left, top, bottom) == (-17, 16, 31)
+    for name, pixels in whole.items():
+        assert np.array_equal(wide[name][10:57, 17:70], pixels), name
+        assert np.array_equal(wide[name][26:42], part.layers[name]), name
+    assert all(wide["beams"][side].any() for side in (np.s_[:10], np.s_[57:], np.s_[:, :17], np.s_[:, 70:]))
 
 
 def test_tiles_that_do_not_belong_together_are_refused(call, render, stage, out):

@@ -16,6 +16,7 @@ import photonbeams as pb
 from kernels import compiled
 from photonbeams.images.files import read_layers
 from photonbeams.images.plates import Holdout, Plate
+from photonbeams.render.holdouts import HoldoutDepth
 from photonbeams.scene import Camera
 from photonbeams.world.cameras import View, Window
 
@@ -274,6 +275,35 @@ def test_a_data_window_has_its_place_in_the_picture(tmp_path):
     assert np.array_equal(read(Holdout(larger))[0][0].values, expected)
     beside = exr(tmp_path / "c.exr", {"RGB": np.ones((2, 3, 3), np.float32)}, window=(20, 1))
     assert not Plate(beside).read(1, [""], SIZE, print)[0][..., :3].any()
+
+
+def test_overscan_of_a_file_is_that_of_the_picture_and_beyond_it_there_is_nothing(tmp_path):
+    """A file of twice the size has every second pixel of its own overscan."""
+    box, inf = (-3, -2, 7, 5), np.inf
+    values = np.arange(80, dtype=np.float32).reshape(8, 10) + 1
+    expected = np.full((7, 10), inf)
+    expected[0:7, 1:10] = values[1:8, 0:9]
+    larger = exr(tmp_path / "a.exr", {"Z": values}, window=(-2, -3))
+    (found,) = Holdout(larger).read(1, [""], SIZE, print, box)
+    assert np.array_equal(found.values, expected)
+    (found,) = Holdout(np.kron(DEPTH, np.ones((2, 2)))).read(1, [""], SIZE, print, box)
+    assert np.array_equal(found.values[2:6, 3:9], DEPTH) and np.isinf(found.values).sum() == 70 - 24
+    pixels = np.stack([values] * 3, axis=2)
+    (found,) = Plate(exr(tmp_path / "b.exr", {"RGB": pixels}, window=(-2, -3))).read(1, [""], SIZE, print, box)
+    assert np.array_equal(found[..., 0], np.where(np.isinf(expected), 0, expected))
+    (found,) = Plate(color(2.0)).read(1, [""], SIZE, print, (2, 1, 8, 3))
+    assert np.array_equal(found[..., 0], [[2, 2, 2, 2, 0, 0]] * 2)
+
+
+def test_slopes_in_the_picture_do_not_depend_on_overscan():
+    whole, (left, top) = np.ones((4, 6)) + DEPTH / 50, (2, 3)
+    wide = np.full((10, 11), np.inf)
+    wide[top : top + 4, left : left + 6] = whole
+    window = Window(*SIZE, (-left, -top, 9, 7))
+    shapes = (HoldoutDepth(wide, window), HoldoutDepth(whole, Window.full(*SIZE)))
+    for found, expected in zip(*(each._slopes for each in shapes), strict=True):
+        inner = found.numpy().reshape(10, 11)[top : top + 4, left : left + 6]
+        assert np.array_equal(inner, expected.numpy().reshape(4, 6)) and inner.any()
 
 
 def test_names_have_the_frame_and_the_view(tmp_path):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from photonbeams.images.frame import pixels_of
 from photonbeams.scene import SceneError
 from photonbeams.usd.settings import RenderProduct, RenderSettings, product_file, read_settings
 from photonbeams.usd.warnings import Warnings
@@ -46,9 +47,9 @@ def test_all_that_settings_say_is_read(usd, warnings):
     body = """
         rel camera = </B>
         uniform int2 resolution = (640, 360)
-        uniform float pixelAspectRatio = 1
-        uniform token aspectRatioConformPolicy = "expandAperture"
-        uniform float4 dataWindowNDC = (0.25, 0.5, 1, 1)
+        uniform float pixelAspectRatio = 2
+        uniform token aspectRatioConformPolicy = "cropAperture"
+        uniform float4 dataWindowNDC = (-0.25, 0.5, 1, 1)
         uniform bool disableMotionBlur = true
         uniform bool disableDepthOfField = false
         rel products = </P>"""
@@ -59,7 +60,9 @@ def test_all_that_settings_say_is_read(usd, warnings):
         path="/S",
         camera="/B",
         resolution=(640, 360),
-        data_window=(0.25, 0.5, 1.0, 1.0),
+        data_window=(-0.25, 0.5, 1.0, 1.0),
+        pixel_aspect=2.0,
+        conform="cropAperture",
         disable_motion_blur=True,
         disable_depth_of_field=False,
         products=(RenderProduct("/P", ("beams_key", "rgba", "depth")),),
@@ -83,7 +86,7 @@ def test_the_old_name_of_no_motion_blur_is_known(usd, body, still):
 def test_the_data_window_is_from_the_lower_left_and_of_pixel_centres():
     def pixels(window, width, height):
         x0, y0, x1, y1 = RenderSettings(data_window=window).crop(width, height)
-        return (int(x0 * width), int(y0 * height), round(x1 * width), round(y1 * height))
+        return pixels_of((x0, y0, x1, y1), width, height, overscan=True)
 
     assert RenderSettings().crop(10, 10) is None
     assert pixels((0, 0, 1, 1), 32, 18) == (0, 0, 32, 18)
@@ -91,6 +94,9 @@ def test_the_data_window_is_from_the_lower_left_and_of_pixel_centres():
     assert pixels((0.5, 0.75, 1, 1), 8, 8) == (4, 0, 8, 2)
     assert pixels((0.06, 0, 0.14, 1), 10, 1) == (1, 0, 2, 1)  # no pixel centre is within, but one pixel remains
     assert pixels((0.04, 0, 0.16, 1), 10, 1) == (0, 0, 2, 1)
+    assert pixels((-0.5, -0.5, 1.5, 1.5), 64, 36) == (-32, -18, 96, 54)
+    assert pixels((-0.14, 0, 1.06, 1.24), 10, 10) == (-1, -2, 11, 10)
+    assert pixels((0.96, 0, 1.2, 1), 10, 1) == (10, 0, 12, 1)
     # Thirds and tenths in single precision give whole pixels, and adjacent tiles share no pixel.
     third, tenth = 0.3333333432674408, 0.699999988079071
     assert pixels((third, 0, tenth, 1), 1920, 1) == (640, 0, 1344, 1)
@@ -103,15 +109,35 @@ def test_the_data_window_is_from_the_lower_left_and_of_pixel_centres():
 @pytest.mark.parametrize(
     ("body", "warning"),
     [
-        ("uniform float pixelAspectRatio = 2", "/S.pixelAspectRatio is 2: pixels are square here"),
-        ('uniform token aspectRatioConformPolicy = "cropAperture"', "/S.aspectRatioConformPolicy is 'cropAperture'"),
-        ("uniform float4 dataWindowNDC = (-0.5, 0, 1, 1)", "/S.dataWindowNDC is (-0.5, 0, 1, 1): what is outside"),
+        ("uniform float pixelAspectRatio = -2", "/S.pixelAspectRatio is -2: expected a number from 0.001 to 1000"),
+        ("uniform float pixelAspectRatio = 0", "/S.pixelAspectRatio is 0: expected a number from 0.001 to 1000"),
+        ('uniform token aspectRatioConformPolicy = "fit"', "/S.aspectRatioConformPolicy is 'fit': expected one of"),
     ],
 )
-def test_what_is_not_done_is_warned_of_once(usd, warnings, body, warning):
-    read_settings(usd(settings(body), METADATA))
+def test_a_wrong_shape_of_pixels_is_warned_of_once_and_ignored(usd, warnings, body, warning):
+    assert read_settings(usd(settings(body), METADATA)) == RenderSettings(path="/S")
     assert len(warnings.messages) == 1
     assert warning in warnings.messages[0]
+
+
+def test_the_policy_that_adjusts_the_pixels_disregards_their_ratio(usd):
+    body = 'uniform float pixelAspectRatio = 2\nuniform token aspectRatioConformPolicy = "adjustPixelAspectRatio"'
+    assert read_settings(usd(settings(body), METADATA)) == RenderSettings(path="/S", conform="adjustPixelAspectRatio")
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        *(f"uniform float4 dataWindowNDC = ({window})" for window in
+          ("0.5, 0, 0.5, 1", "0.75, 0, 0.25, 1", "0, 0, 0, 0", "0, nan, 1, 1", "0, 0, inf, 1", "1, 0, 2, 1")),
+        "uniform int2 resolution = (0, 5)",
+        "uniform int2 resolution = (-4, 5)",
+    ],
+)  # fmt: skip
+def test_an_empty_window_is_an_error_though_warnings_are_not(usd, body):
+    """Otherwise the whole picture would be rendered."""
+    with pytest.raises(SceneError, match=rf"stage\.usda: /S\.{body.split()[2]} is .*: expected "):
+        read_settings(usd(settings(body), METADATA))
 
 
 def test_metadata_that_names_no_settings_is_ignored_with_a_warning(usd, warnings):

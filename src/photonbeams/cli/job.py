@@ -78,7 +78,7 @@ class Job(ABC):
         from ..render.memory import PIXEL_BYTES
 
         views = 2 if self._asked.stereo and self._asked.view is None else 1
-        left, top, right, bottom = pixels_of(self._given["crop"], *self._size)
+        left, top, right, bottom = pixels_of(self._given["crop"], *self._size, overscan=True)
         return (right - left) * (bottom - top) * (PIXEL_BYTES + views * _SUMS_BYTES)
 
 

@@ -99,7 +99,8 @@ class StageJob(Job):
         """Return width and height in pixels."""
         asked, shot = self._asked, self._shot
         wanted = asked.res if any(asked.res) else self._own.resolution or asked.res
-        width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates, asked.view)
+        aspect = self._own.pixel_aspect
+        width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates, asked.view, aspect)
         scale = asked.res_scale
         return shot.resolution(max(1, round(scale * width)), max(1, round(scale * height)), number)
 
@@ -116,6 +117,7 @@ class StageJob(Job):
         return {
             "settings": self.settings, "width": width, "height": height,
             "crop": asked.crop_of(width, height, own.crop(width, height)),
+            "pixel_aspect": own.pixel_aspect, "conform": own.conform,
             "view": asked.view, "holdout": self._end, "over": self._plate, "blur": not own.disable_motion_blur,
             "lens": not own.disable_depth_of_field,
         }  # fmt: skip

@@ -21,6 +21,7 @@ from .numbering import numbered
 
 Warn = Callable[[str], None]
 Size = tuple[int, int]  # width and height
+Box = tuple[int, int, int, int]  # left, top, right, bottom of a part of a picture; the last two are not included
 Layer = tuple[int, str]  # a part, and the name that its channels share
 
 # Names of layers that hold the picture, the likeliest first; a layer without a name is likelier still.
@@ -174,8 +175,11 @@ class ImageFile:
         chosen = view or (own[0] if own else "")
         return [each for each in self._channels if each.view in ("", chosen)]
 
-    def pixels(self, channels: Sequence[Channel], outside: float) -> Array:
-        """Return channels of one part, (H, W, C) float32; outside of the data window they have the value `outside`."""
+    def pixels(self, channels: Sequence[Channel], outside: float, box: Box) -> Array:
+        """Return channels of one part, (H, W, C) float32, in a box of pixels of the display window or beyond it.
+
+        Outside of the data window they have the value `outside`.
+        """
         part = channels[0].part
         spec = self._specs[part]
         check_decoded(self._path, pixels_of(spec) * spec.nchannels + self.size[0] * self.size[1] * len(channels))
@@ -185,12 +189,8 @@ class ImageFile:
         if data is None or message:
             raise unreadable(self._path, message)
         data = np.asarray(data, np.float32).reshape(spec.height, spec.width, spec.nchannels)
-        left, top = spec.x - spec.full_x, spec.y - spec.full_y
-        x0, y0 = max(left, 0), max(top, 0)
-        x1, y1 = max(min(left + spec.width, self.size[0]), x0), max(min(top + spec.height, self.size[1]), y0)
-        result = np.full((self.size[1], self.size[0], len(channels)), outside, np.float32)
-        result[y0:y1, x0:x1] = data[y0 - top : y1 - top, x0 - left : x1 - left, [each.index for each in channels]]
-        return result
+        corner = spec.x - spec.full_x, spec.y - spec.full_y
+        return placed(data[..., [each.index for each in channels]], corner, box, outside)
 
     def warn_of_primaries(self, part: int, warn: Warn) -> None:
         """Warn if the primaries are not those of the beams: sums of both would have wrong colours."""
@@ -198,6 +198,22 @@ class ImageFile:
         if found is not None and not np.allclose(found, REC709, atol=2e-3):
             numbers = " ".join(f"{value:.4g}" for value in found)
             warn(f"{self} has the chromaticities {numbers}: expected Rec. 709, in which the beams are rendered")
+
+
+def placed(pixels: Array, corner: Size, box: Box, outside: float) -> Array:
+    """Return the part of a picture in a box; `corner` is the left and top of its `pixels`, (H, W, ...).
+
+    Beyond the pixels it has the value `outside`.
+    """
+    left, top, right, bottom = box
+    x0, y0 = max(left, corner[0]), max(top, corner[1])
+    x1, y1 = max(min(right, corner[0] + pixels.shape[1]), x0), max(min(bottom, corner[1] + pixels.shape[0]), y0)
+    shape = (bottom - top, right - left, *pixels.shape[2:])
+    result = np.full(shape, outside, np.result_type(pixels, np.float32))
+    result[y0 - top : y1 - top, x0 - left : x1 - left] = pixels[
+        y0 - corner[1] : y1 - corner[1], x0 - corner[0] : x1 - corner[0]
+    ]
+    return result
 
 
 def _channels_of(part: int, spec: Any, several: bool) -> Iterator[Channel]:

@@ -28,7 +28,9 @@ Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to i
 
 HALF_MAX = 65504.0  # the largest finite half
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
-SHARED = ("displayWindow", "chromaticities")  # attributes of a frame that must be the same in all parts of an EXR
+# Attributes of a frame that must be the same in all parts of an EXR.
+SHARED = ("displayWindow", "pixelAspectRatio", "chromaticities")
+_PNG_UNIT = 10_000  # pixels in the unit of length in which a PNG gives the shape of its pixels
 MOST_PIXELS = 1 << 28  # of an image that is read, or of a level of it: a small file may claim to hold more
 _STRIP = 64 * 2**20  # bytes of pixels that are decoded at a time
 
@@ -97,7 +99,8 @@ def write_frame(
             raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(each)}")
         if each[layer].shape[2] < 3:
             raise SceneError(f"cannot write {path}: '{layer}' has no colours: expected another layer, or an .exr")
-    write_png(path, *(each[layer] for each in eyes), exposure=exposure)
+    ratio = (metadata or {}).get("pixelAspectRatio", 1.0)
+    write_png(path, *(each[layer] for each in eyes), exposure=exposure, pixel_aspect=ratio)
 
 
 def write_exr(
@@ -117,10 +120,10 @@ def write_exr(
         `normal` X, Y, Z, and (H, W) or (H, W, 1) becomes Z. Colours beyond ±65504, the largest half, are clamped;
         infinite depth stays.
     metadata
-        Header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (4, 4)
-        arrays. The matrices worldToCamera and worldToNDC are for row vectors, as in Imath and USD. For a cropped
-        frame, `dataWindow` and `displayWindow` are (x0, y0, x1, y1), the last pixel included. Chromaticities are
-        Rec. 709 unless given.
+        Header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (2,) and
+        (4, 4) arrays. The matrices worldToCamera and worldToNDC are for row vectors, as in Imath and USD. For a cropped
+        frame, or one with overscan, `dataWindow` and `displayWindow` are (x0, y0, x1, y1), the last pixel included.
+        Chromaticities are Rec. 709 unless given.
     views
         Layers and metadata of each view, instead of `layers` and `metadata`: "left" and "right", the default one
         first. Each part has the attribute `view`; if there are several views, the part's name ends with it, as in
@@ -172,7 +175,7 @@ def _check_views(path: PathLike, views: Views) -> None:
     if len(views) > 1 and "" in views:
         raise ValueError(f"while writing {path}, got views {', '.join(map(repr, views))}: expected a name for each")
     for name in SHARED:
-        values = {view: tuple(about.get(name, ())) for view, (_, about) in views.items()}
+        values = {view: tuple(np.ravel(about.get(name, ())).tolist()) for view, (_, about) in views.items()}
         if len(set(values.values())) > 1:
             text = " and ".join(f"{value} for {view}" for view, value in values.items())
             raise ValueError(f"while writing {path}, got {name} {text}: expected one for all views")
@@ -193,7 +196,7 @@ def _header(metadata: Mapping[str, Any]) -> dict[str, Any]:
         if name in ("dataWindow", "displayWindow"):
             x0, y0, x1, y1 = value
             result[name] = (np.array([x0, y0], np.int32), np.array([x1, y1], np.int32))
-        elif isinstance(value, np.ndarray) and value.shape == (4, 4):
+        elif isinstance(value, np.ndarray) and value.shape in ((4, 4), (2,)):
             result[name] = np.ascontiguousarray(value, dtype=np.float32)
         elif isinstance(value, str | Fraction | tuple) or (isinstance(value, list) and _all_text(value)):
             result[name] = value
@@ -224,12 +227,12 @@ def _channels(name: str, pixels: Array) -> dict[str, Array]:
     raise ValueError(f"while writing layer {name}, got shape {pixels.shape}: expected (H, W), (H, W, 3) or (H, W, 4)")
 
 
-def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0) -> None:
+def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0, pixel_aspect: float = 1.0) -> None:
     """Write the picture that `png_of` encodes; raise ValueError as it does, and OSError as `atomic_path` does."""
-    write_bytes(path, png_of(*eyes, exposure=exposure))
+    write_bytes(path, png_of(*eyes, exposure=exposure, pixel_aspect=pixel_aspect))
 
 
-def png_of(*eyes: Array, exposure: float = 0.0) -> bytes:
+def png_of(*eyes: Array, exposure: float = 0.0, pixel_aspect: float = 1.0) -> bytes:
     """Return scene-linear colours (H, W, 3 or 4), premultiplied, as an opaque 8-bit sRGB picture over black, a PNG.
 
     Several eyes are shown side by side, the first on the left; each has the bits that it would have alone.
@@ -240,6 +243,8 @@ def png_of(*eyes: Array, exposure: float = 0.0) -> bytes:
     ----------
     exposure
         In stops: the colours are multiplied by 2^exposure.
+    pixel_aspect
+        Width of a pixel over its height.
 
     Raises
     ------
@@ -259,6 +264,9 @@ def png_of(*eyes: Array, exposure: float = 0.0) -> bytes:
     data = zlib.compress(np.insert(rows, 0, 1, axis=1).tobytes())
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)  # 8 bits, red, green and blue, not interlaced
     chunks = {b"IHDR": head, b"sRGB": b"\0", b"IDAT": data, b"IEND": b""}
+    if pixel_aspect != 1:  # pixels in a unit, across and down
+        shape = struct.pack(">IIB", _PNG_UNIT, round(_PNG_UNIT * pixel_aspect), 0)
+        chunks = {b"IHDR": head, b"pHYs": shape, **chunks}
     return b"\x89PNG\r\n\x1a\n" + b"".join(
         struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
         for kind, content in chunks.items()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import floor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..runtime.files import PathLike
-from ..scene import Array, SceneError
+from ..scene import MOST_PIXELS, Array, SceneError
 from .files import write_frame
 from .previews import preview
 
@@ -114,7 +115,7 @@ def tile_of(
     """
     from ..estimators.tiles import TILE
 
-    left, top, right, bottom = pixels_of(crop, width, height)
+    left, top, right, bottom = pixels_of(crop, width, height, overscan=True)
     number, count = tile
     first, last = top // TILE, -(-bottom // TILE)
     if count > last - first:
@@ -128,23 +129,40 @@ def tile_of(
 
 def fractions_of(first: int, last: int, count: int) -> tuple[float, float]:
     """Return the fractions of `count` pixels for which `pixels_of` returns `first` and, not included, `last`."""
-    return (first + _EDGE) / count, min((last + _EDGE) / count, 1.0)
+    return (first + _EDGE) / count, last / count
 
 
-def pixels_of(crop: Sequence[float] | None, width: int, height: int) -> tuple[int, int, int, int]:
+def pixels_of(
+    crop: Sequence[float] | None, width: int, height: int, *, overscan: bool = False
+) -> tuple[int, int, int, int]:
     """Return the pixels of a crop window, at least one: left, top, right, bottom, the last two not included.
+
+    With `overscan`, the window may reach beyond the picture.
 
     Raises
     ------
     SceneError
-        A crop window that is not four numbers, is empty, or leaves the picture.
+        A crop window that is not four numbers, is empty, leaves the picture, or has too many pixels with overscan.
     """
     if crop is None:
         return (0, 0, width, height)
     if isinstance(crop, str) or np.shape(crop) != (4,):
         raise SceneError(f"the crop is {crop!r}: expected four numbers, x0, y0, x1, y1")
     x0, y0, x1, y1 = crop
-    if not (0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1):
+    if overscan:
+        if not (x0 < x1 and y0 < y1 and np.all(np.isfinite(crop))):
+            raise SceneError(f"the crop is {tuple(crop)}: expected finite numbers, x0 < x1 and y0 < y1")
+        _check_overscan(crop, width, height)
+    elif not (0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1):
         raise SceneError(f"the crop is {tuple(crop)}: expected 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1")
-    left, top = int(x0 * width), int(y0 * height)
+    left, top = floor(x0 * width), floor(y0 * height)
     return (left, top, max(left + 1, round(x1 * width)), max(top + 1, round(y1 * height)))
+
+
+def _check_overscan(crop: Sequence[float], width: int, height: int) -> None:
+    """Raise SceneError for more pixels beyond the picture than samples have numbers for (`render.film.Film`)."""
+    x0, y0, x1, y1 = crop
+    for size, most in ((width, max(-x0, x1 - 1)), (height, max(-y0, y1 - 1))):
+        if size * (1 + 2 * most) > MOST_PIXELS:
+            text = f"the crop is {tuple(crop)}: {size * most:.10g} pixels beyond an edge of {size}"
+            raise SceneError(f"{text}: expected no more than {(MOST_PIXELS - size) // 2:,}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from ..runtime.files import PathLike
 from ..scene import FARTHEST, Array, SceneError
 from .channels import (
+    Box,
     Channel,
     ImageFile,
     Size,
@@ -20,6 +21,7 @@ from .channels import (
     depth_channels,
     image_files,
     picture_channels,
+    placed,
     says_distance,
 )
 from .display import is_encoded, srgb_decoded
@@ -27,7 +29,7 @@ from .files import HALF_MAX
 
 if TYPE_CHECKING:
     from ..render.holdouts import HoldoutDepth
-    from ..world.cameras import View, Window
+    from ..world.cameras import View
 
 KINDS = ("auto", "planar", "distance")
 # Depths from here on mean that there is no surface: Blender writes 1e10.
@@ -37,7 +39,7 @@ _MOST_NAMES = 24
 
 @dataclass(frozen=True)
 class Depth:
-    """Depths of one view's whole picture.
+    """Depths of one view's window.
 
     Attributes
     ----------
@@ -54,10 +56,10 @@ class Depth:
     place: float = 0.5
 
     def seen_by(self, view: View) -> HoldoutDepth:
-        """Return the holdout depth in a view's window."""
+        """Return the holdout depth in a view's window, for which the depths were read."""
         from ..render.holdouts import HoldoutDepth
 
-        values, place = part_of(self.values, view.window), (self.place, self.place)
+        values, place = self.values, (self.place, self.place)
         # Distances are from the camera's position; a lens, if there is one, is centred there.
         return HoldoutDepth(values * view.cosines(place) if self.distance else values, view.window, place)
 
@@ -121,7 +123,7 @@ class Holdout:
             _factor(file, file.size, size)
             self._channel(file, file.channels_of(view, views), _in_silence)
 
-    def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn) -> list[Depth]:
+    def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None) -> list[Depth]:
         """Return the depths of each view.
 
         A depth of 0 or less, NaN, infinity, 1e10 or more, or the largest half means that there is no surface.
@@ -136,6 +138,9 @@ class Holdout:
             Width and height of the picture in pixels.
         warn
             Called with each warning.
+        box
+            The part of the picture to return, (left, top, right, bottom); None: the whole. Beyond the picture there is
+            no surface, except in the data window of an EXR with overscan.
 
         Returns
         -------
@@ -152,15 +157,20 @@ class Holdout:
         """
         if isinstance(self.file, np.ndarray):
             depths = _arrays(self.file, 2, views, "the holdout", "(H, W)")
-            return [self._depth(each, "float", size, "the holdout", self.kind == "distance") for each in depths]
+            factor = _factor("the holdout", _size_of(depths[0]), size)
+            parts = (placed(each, (0, 0), _finer(box, size, factor), np.inf) for each in depths)
+            return [self._depth(each, "float", factor, self.kind == "distance") for each in parts]
         result = []
         for file, view in image_files(self.file, frame, views):
             channel = self._channel(file, file.channels_of(view, views), warn)
             distance = self.kind == "distance" or (self.kind == "auto" and says_distance(channel))
-            depth = self._depth(file.pixels([channel], np.inf)[..., 0], channel.kind, size, file, distance)
+            factor = _factor(file, file.size, size)
+            around = _around(box, size)
+            values = file.pixels([channel], np.inf, _finer(around, size, factor))[..., 0]
+            depth = self._depth(values, channel.kind, factor, distance)
             if not np.isfinite(depth.values).any():
                 warn(f"{file}: {channel.name} holds no depth, so no beam ends: expected some pixels between 0 and 1e10")
-            result.append(depth)
+            result.append(replace(depth, values=placed(depth.values, around[:2], box or around, np.inf)))
         return result
 
     def _channel(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> Channel:
@@ -180,9 +190,8 @@ class Holdout:
             raise SceneError(f"{text}: expected a depth of half or single precision")
         return found[0]
 
-    def _depth(self, values: Array, stored: str, size: Size, where: Any, distance: bool) -> Depth:
-        """Return depths in scene units, at the picture's size."""
-        factor = _factor(where, (values.shape[1], values.shape[0]), size)
+    def _depth(self, values: Array, stored: str, factor: int, distance: bool) -> Depth:
+        """Return depths in scene units, of pixels that are merged from `factor` ones along each side."""
         # One of the pixels that are merged, not their mean: between a near and a far surface there is no surface.
         middle = factor // 2
         values = np.asarray(values[middle::factor, middle::factor], dtype=np.float64)
@@ -232,33 +241,36 @@ class Plate:
             _factor(file, file.size, size)
             picture_channels(file, file.channels_of(view, views), _in_silence)
 
-    def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn) -> list[Array]:
-        """Return the scene-linear pixels of each view, (H, W, 4) float32.
+    def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None) -> list[Array]:
+        """Return the scene-linear pixels of each view, (H, W, 4) float32, black beyond the plate.
 
-        `frame`, `views`, `size` and `warn`, and what is raised, are as for `Holdout.read`.
+        All parameters, and what is raised, are as for `Holdout.read`.
         """
         if isinstance(self.file, np.ndarray):
             plates = _arrays(self.file, 3, views, "the plate", "(H, W, 3) or (H, W, 4)")
-            return [_shrunk(each, size, "the plate") for each in plates]
+            factor = _factor("the plate", _size_of(plates[0]), size)
+            return [_shrunk(placed(each, (0, 0), _finer(box, size, factor), 0.0), factor) for each in plates]
         result = []
         for file, view in image_files(self.file, frame, views):
             channels = picture_channels(file, file.channels_of(view, views), warn)
-            _factor(file, file.size, size)
+            factor = _factor(file, file.size, size)
             file.warn_of_primaries(channels[0].part, warn)
-            pixels = file.pixels(channels, 0.0)
+            pixels = file.pixels(channels, 0.0, _finer(box, size, factor))
             if is_encoded(channels[0].kind, len(channels)):
                 pixels[..., :3] = srgb_decoded(pixels[..., :3])
-            result.append(_shrunk(pixels, size, file))
+            result.append(_shrunk(pixels, factor))
         return result
 
-    def read_whole(self, frame: float, views: Sequence[str], size: Size, warn: Warn) -> list[Array]:
+    def read_whole(
+        self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None
+    ) -> list[Array]:
         """Return what `read` returns; for a truncated file nothing, with a warning, since beams do not depend on it.
 
-        `frame`, `views`, `size` and `warn` are as for `Holdout.read`.
+        All parameters are as for `Holdout.read`.
         """
         self.check(frame, views, size)
         try:
-            return self.read(frame, views, size, warn)
+            return self.read(frame, views, size, warn, box)
         except SceneError as error:
             warn(f"{error}; rgba is what it is without a plate")
             return []
@@ -277,18 +289,28 @@ class Plate:
         return np.concatenate([color + layers["beams"], pixels[..., 3:]], axis=2)
 
 
-def part_of(pixels: Array, window: Window) -> Array:
-    """Return the part of a whole picture that a window shows."""
-    x0, y0, x1, y1 = window.crop
-    return pixels[y0:y1, x0:x1]
+def _around(box: Box | None, size: Size) -> Box:
+    """Return the whole picture, with a box that may reach beyond it."""
+    left, top, right, bottom = box or (0, 0, *size)
+    return min(left, 0), min(top, 0), max(right, size[0]), max(bottom, size[1])
 
 
-def _shrunk(pixels: Array, size: Size, where: Any) -> Array:
-    """Return colours with an alpha at the picture's size: means over the pixels that are merged."""
-    factor = _factor(where, (pixels.shape[1], pixels.shape[0]), size)
+def _finer(box: Box | None, size: Size, factor: int) -> Box:
+    """Return a part of the picture, or the whole of it, in a file's pixels, of which `factor` make one along a side."""
+    left, top, right, bottom = box or (0, 0, *size)
+    return factor * left, factor * top, factor * right, factor * bottom
+
+
+def _size_of(pixels: Array) -> Size:
+    return pixels.shape[1], pixels.shape[0]
+
+
+def _shrunk(pixels: Array, factor: int) -> Array:
+    """Return colours with an alpha: means over the pixels that are merged, `factor` along each side."""
     pixels = np.asarray(pixels, dtype=np.float32)
     if factor > 1:
-        pixels = pixels.reshape(size[1], factor, size[0], factor, -1).mean(axis=(1, 3))
+        height, width = pixels.shape[:2]
+        pixels = pixels.reshape(height // factor, factor, width // factor, factor, -1).mean(axis=(1, 3))
     alpha = pixels[..., 3:] if pixels.shape[2] > 3 else np.ones_like(pixels[..., :1])
     return np.concatenate([pixels[..., :3], alpha], axis=2)
 

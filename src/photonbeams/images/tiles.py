@@ -83,9 +83,12 @@ def _box(header: dict[str, Any]) -> Box:
 def _kind(parts: Sequence[Any]) -> Any:
     """Return what tiles of one picture must have in common."""
     return [
-        (part.name(), repr(part.header["channels"]), [tuple(map(int, each)) for each in part.header["displayWindow"]])
+        (
+            part.name(), repr(part.header["channels"]), part.header["pixelAspectRatio"],
+            [tuple(map(int, each)) for each in part.header["displayWindow"]],
+        )
         for part in parts
-    ]
+    ]  # fmt: skip
 
 
 def _black(like: Array, shape: tuple[int, int]) -> Array:

@@ -31,6 +31,7 @@ _GATHERED, _SCATTERED = "beams/", "scattered/"
 _NOT_LIGHT = ("alpha", "transmittance", ALBEDO, MEAN_NORMAL)
 _PLACE, _LATTICE = 104, 105  # streams of samples
 _STEPS = 1024  # of integrals over a filter
+_BLOCK = 8  # pixels of overscan with neighbouring numbers: samples are well distributed over squares of pixels
 
 #: Radiance (W · H, 3) by light groups; "" is the unnamed group.
 Groups = Mapping[str, Any]
@@ -142,6 +143,8 @@ class Film:
         The layer of each light group; a group without a layer is in `beams` alone.
     variances
         Whether the sums also tell the variance of each layer by itself.
+    size
+        Width and height of the whole picture, beyond which pixels are overscan; None: there is no overscan.
 
     Attributes
     ----------
@@ -158,12 +161,16 @@ class Film:
         reconstruction: Any = None,
         groups: Mapping[str, str] | None = None,
         variances: bool = False,
+        size: tuple[int, int] | None = None,
     ) -> None:
         self.shape, self.groups, self._filter = shape, dict(groups or {}), reconstruction
         self._corner, self._variances = corner, variances
+        ends = corner[0] + shape[1], corner[1] + shape[0]
+        self._size = size or ends
+        self._overscan = min(corner) < 0 or any(end > own for end, own in zip(ends, self._size, strict=True))
         self._lobes = reconstruction is not None and _weights(reconstruction).min() < -1e-4
-        x, y = self._pixels()
-        self.order = z_order(x + dr.opaque(UInt32, corner[0]), y + dr.opaque(UInt32, corner[1]))
+        x, y = (self._number(each, axis) for axis, each in enumerate(self._pixels()))
+        self.order = z_order(x, y)
         dr.eval(self.order)
         self.sums = PassSums()
 
@@ -174,7 +181,7 @@ class Film:
         """
         result = samples.pair(self.order, _PLACE)
         if lattice is not None:
-            x, y = (each + dr.opaque(UInt32, own) for each, own in zip(self._pixels(), self._corner, strict=True))
+            x, y = (Int32(each) + dr.opaque(Int32, own) for each, own in zip(self._pixels(), self._corner, strict=True))
             result = dr.select(((x | y) & 1) == 0, lattice.place, result)
         dr.eval(result)
         return result
@@ -291,6 +298,27 @@ class Film:
         index, columns = dr.arange(UInt32, self.shape[0] * self.shape[1]), dr.opaque(UInt32, self.shape[1])
         return index % columns, index // columns
 
+    def _number(self, place: UInt32, axis: int) -> UInt32:
+        """Return the numbers of columns or rows in the sample sequences: their own in the picture.
+
+        Those of overscan follow, in blocks that belong in turn to the right and the left, or the bottom and the top.
+        """
+        result = place + dr.opaque(UInt32, self._corner[axis] & 0xFFFFFFFF)
+        if not self._overscan:
+            return result
+        size, own = dr.opaque(Int32, self._size[axis]), Int32(result)
+        beyond = dr.select(own < 0, -1 - own, own - size)
+        first = (size + (_BLOCK - 1)) // _BLOCK * _BLOCK + dr.select(own < 0, Int32(_BLOCK), 0)
+        number = first + 2 * beyond - beyond % _BLOCK
+        return UInt32(dr.select((own < 0) | (own >= size), number, own))
+
+    def _within(self, own: UInt32, other: UInt32, axis: int) -> Any:
+        """Return whether samples of the column or row `other` count in `own`: in the picture, none of overscan do."""
+        begin, end = -self._corner[axis], self._size[axis] - self._corner[axis]
+        inside = [(Int32(each) >= dr.opaque(Int32, begin)) & (Int32(each) < dr.opaque(Int32, end))
+                  for each in (own, other)]  # fmt: skip
+        return ~inside[0] | inside[1]
+
     def _filtered(self, values: Mapping[str, Any], places: Array2f) -> dict[str, Any]:
         """Return the sums over the samples around each pixel of their values, times the filter's weight."""
         (x, y), (height, width) = self._pixels(), (dr.opaque(UInt32, each) for each in self.shape)
@@ -308,6 +336,8 @@ class Film:
             right, down = Int32(near % side) - margin, Int32(near // side) - margin
             column, row = x + UInt32(right), y + UInt32(down)
             inside = (column < width) & (row < height)  # unsigned: a number below 0 wraps to a large one
+            if self._overscan:
+                inside &= self._within(x, column, 0) & self._within(y, row, 1)
             there = row * width + column + sample * count
             place = dr.gather(Array2f, places, there, inside)
             own = weight(Float(right) + place.x - 0.5) * weight(Float(down) + place.y - 0.5)

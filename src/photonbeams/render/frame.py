@@ -24,6 +24,7 @@ from ..estimators.tiles import Projection
 from ..looks import LightContext
 from ..numerics.arrays import joined, taken, to_uint
 from ..numerics.samples import Samples
+from ..numerics.sampling import z_order
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, check_recording
 from ..scene import SceneError
 from ..transport.radii import Limits
@@ -265,15 +266,17 @@ class FrameRenderer(PassRenderer):
     def _plan(self, window: Window) -> None:
         """Choose how many samples each pixel has of everything but beams, once the number of light paths is known.
 
-        A crop has as many samples as the whole picture.
+        A crop, and a picture with overscan, have as many samples in each pixel as the whole picture.
         """
         self._size = window.width, window.height
         pixels, order = window.width * window.height, self._films[0].order
         chosen = self.settings.surface_samples
         self._surface_samples = surface_samples(self._light_paths(), pixels) if chosen is None else chosen
-        # Sample indices have 32 bits.
-        self._indices = 1 << int(dr.max(order)[0]).bit_length()
-        self._wide = power_below(min(LANES // dr.width(order), (1 << 32) // self._indices))
+        # Sample indices have 32 bits. Those of further samples follow those of the whole picture, in crops, too.
+        last = z_order(dr.opaque(UInt32, window.width - 1), dr.opaque(UInt32, window.height - 1))
+        self._indices = 1 << int(last[0]).bit_length()
+        own = 1 << int(dr.max(order)[0]).bit_length()
+        self._wide = power_below(min(LANES // dr.width(order), (1 << 32) // own))
 
     def together(self, number: int) -> int:
         """Return how many passes from `number` on are best rendered at once."""

@@ -32,7 +32,7 @@ class HoldoutDepth:
         inverse = 1.0 / np.asarray(depth, dtype=np.float64)
         self.depth = to_float(depth)
         self._inverse = to_float(inverse)
-        self._slopes = [to_float(slopes(inverse, axis)) for axis in (1, 0)]
+        self._slopes = [to_float(_slopes_in(inverse, window, axis)) for axis in (1, 0)]
         self._place = place
         dr.eval(self.depth, self._inverse, self._slopes)
 
@@ -52,6 +52,15 @@ class HoldoutDepth:
             inverse, numerator = inverse - moved / focus, dr.maximum(1 - moved, 0.25)
         # The slopes may add up to more than the inverse depth itself.
         return numerator / dr.maximum(inverse, 0.25 * self._inverse) / facing
+
+
+def _slopes_in(values: np.ndarray, window: Window, axis: int) -> np.ndarray:
+    """Return the slopes of a window; those of the picture do not depend on overscan."""
+    result = slopes(values, axis)
+    left, top, right, bottom = window.inside()
+    if (bottom - top, right - left) != window.shape and top < bottom and left < right:
+        result[top:bottom, left:right] = slopes(values[top:bottom, left:right], axis)
+    return result
 
 
 def slopes(values: Any, axis: int) -> np.ndarray:

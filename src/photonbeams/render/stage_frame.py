@@ -218,13 +218,14 @@ class StageRenderer(FrameRenderer):
                     light_side |= self._seen_past_portals(world, View(camera, window))
         self._simulation = StageSimulation(self._tuning, settings.beams or scene.DEFAULT_BEAMS, light_side)
         if settings.guiding in (None, True):
-            whole = Window.full(window.width, window.height)  # a crop has the guides of the whole picture
+            whole = window.whole()  # a crop and overscan have the guides of the whole picture
             with self.statistics.phase("guide"):
                 views = [View(camera, whole).projection for camera in (viewers() if viewers else ends[0].cameras)]
                 self._simulation = self._guided(self._simulation, self._world_of(ends[0]), views)
         reconstruction, groups = reconstruction_filter(settings.filter_name), groups_of(ends[0].scene)
         self._films = [
-            Film(window.shape, window.crop[:2], reconstruction, groups, settings.denoise) for _ in ends[0].cameras
+            Film(window.shape, window.crop[:2], reconstruction, groups, settings.denoise, (window.width, window.height))
+            for _ in ends[0].cameras
         ]
         self._holdouts: Sequence[HoldoutDepth | None] = holdouts or [None] * len(self._films)
         self._turned = False

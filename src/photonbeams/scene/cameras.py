@@ -13,6 +13,11 @@ from .vectors import unit
 #: The pixel filters, named as Mitsuba's plug-ins.
 FILTERS = ("box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos")
 
+#: How the aperture and the picture are made to fit each other, named as by UsdRenderSettings: the first is the default.
+CONFORM_POLICIES = (
+    "expandAperture", "cropAperture", "adjustApertureWidth", "adjustApertureHeight", "adjustPixelAspectRatio",
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Camera:

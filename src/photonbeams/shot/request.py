@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..images.frame import Frame
-from ..images.plates import Depth, Holdout, Plate, part_of
+from ..images.plates import Depth, Holdout, Plate
 from ..render.checkpoint import Checkpoint
 from ..render.passes import PlannedPasses, Progress, RunOptions
 from ..render.settings import Settings
 from ..runtime.files import PathLike
-from ..scene import Array
+from ..scene import Array, SceneError, real
+from ..scene.cameras import CONFORM_POLICIES
 from .development import Development
 
 if TYPE_CHECKING:
@@ -56,6 +57,8 @@ class FrameRequest:
     width: int | None = None
     height: int | None = None
     crop: Sequence[float] | None = None
+    pixel_aspect: float = 1.0
+    conform: str = CONFORM_POLICIES[0]
     progress: Progress | None = None
     checkpoint: Checkpoint | None = None
     snapshot: Snapshot | None = None
@@ -84,12 +87,22 @@ class FrameRequest:
             over=Plate.of(over), **given,
         )  # fmt: skip
 
+    def __post_init__(self) -> None:
+        if not 1e-3 <= real(self.pixel_aspect, "pixel_aspect") <= 1e3:
+            raise SceneError(f"pixel_aspect is {self.pixel_aspect}: expected a number from 0.001 to 1000")
+        if self.conform not in CONFORM_POLICIES:
+            raise SceneError(f"conform is {self.conform!r}: expected one of {', '.join(CONFORM_POLICIES)}")
+
     def read_plates(
-        self, number: float, views: Sequence[str], size: tuple[int, int], warn: Callable[[str], None]
+        self, number: float, views: Sequence[str], window: Window, grown: Window, warn: Callable[[str], None]
     ) -> tuple[list[Depth], list[Array]]:
-        """Return the holdout's depths and the plate's pixels of each view; empty lists where there is none."""
-        depths = [] if self.holdout is None else self.holdout.read(number, views, size, warn)
-        return depths, [] if self.over is None else self.over.read_whole(number, views, size, warn)
+        """Return the holdout's depths and the plate's pixels of each view; empty lists where there is none.
+
+        `window` and `grown` are what is shown, and what is rendered.
+        """
+        size, (shown, rendered) = (window.width, window.height), (window.crop, grown.crop)
+        depths = [] if self.holdout is None else self.holdout.read(number, views, size, warn, rendered)
+        return depths, [] if self.over is None else self.over.read_whole(number, views, size, warn, shown)
 
     def development(
         self, groups: Mapping[str, str], views: Mapping[str, Mapping[str, Any]], pixels: Sequence[Array],
@@ -102,16 +115,15 @@ class FrameRequest:
         groups, views
             As in `Development`.
         pixels
-            The pixels of the plate for each view; empty without a plate.
+            The pixels of the plate for each view, as far as they are shown; empty without a plate.
         window, grown
             What is shown, and what is rendered: the pixel filter needs more around it.
         """
-        plates = [part_of(each, window) for each in pixels]
         (x0, y0), (x1, y1) = grown.crop[:2], window.crop[:2]
         shown = (y1 - y0, x1 - x0, *window.shape)
         own = self.settings
         return Development(
-            grown.shape, groups, views, plates, self.over is not None and self.over.fog, shown, own.albedo, own.denoise,
+            grown.shape, groups, views, pixels, self.over is not None and self.over.fog, shown, own.albedo, own.denoise,
             own.keep_noisy,
         )  # fmt: skip
 

@@ -17,6 +17,7 @@ from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..runtime.messages import reason
 from ..scene import SceneError
+from ..scene.cameras import CONFORM_POLICIES
 from ..usd.header import origin
 from ..usd.reading import LOG
 from ..usd.scene_layers import SceneLayers
@@ -262,9 +263,11 @@ class SceneShot(Shot):
         frame, settings = request.frame, request.settings
         self.load(frame)
         number, names = self._number(frame), views_of(self.stereo, request.view)
-        depths, pixels = request.read_plates(number, names, self.size(request.width, request.height), self._warn)
+        if (request.pixel_aspect, request.conform) != (1.0, CONFORM_POLICIES[0]):
+            raise SceneError("pixel_aspect and conform are for stages: a Mitsuba scene (.xml) has square pixels")
         window = self._window(request.width, request.height, request.crop)
         grown = window if request.crop is None else window.grown(margin_of(self._filter(settings)))
+        depths, pixels = request.read_plates(number, names, window, grown, self._warn)
         with self._resized(Window.full(window.width, window.height)):  # a camera's aperture is that of the whole film
             eyes = self.eyes()
             own = camera_of(self.sensor)
@@ -292,7 +295,7 @@ class SceneShot(Shot):
     def _header(self, sensor: Any, settings: Settings, frame: float | None) -> dict[str, Any]:
         """Return the metadata of a view for an EXR's header."""
         return {
-            **(sensor.view.matrices() if sensor.view is not None else {}),
+            **(sensor.view.header() if sensor.view is not None else {}),
             **origin(self.path.name if self.path else "", frame),
             "camera": self.sensor.id() or self.names[0],
             "seed": settings.seed,

@@ -582,6 +582,7 @@ class Shot:
         frame: float | None = None,
         plates: Sequence[Holdout | Plate] = (),
         view: str | None = None,
+        pixel_aspect: float = 1.0,
     ) -> tuple[int, int]:
         """Return the width and height of a frame in pixels.
 
@@ -594,6 +595,8 @@ class Shot:
             Frame number; None is the stage's start or default time.
         plates, view
             Holdouts and plates of the frame, and the view, "left" or "right", of which the first one's size is read.
+        pixel_aspect
+            Width of a pixel over its height.
 
         Raises
         ------
@@ -607,7 +610,7 @@ class Shot:
         if width is None and height is None and plates:
             width, height = plates[0].size(self._number(frame), views_of(self.stereo, view))
         camera = self.cameras(frame)[0]
-        aspect = camera.horizontal_aperture / camera.vertical_aperture
+        aspect = camera.horizontal_aperture / (camera.vertical_aperture * pixel_aspect)
         if width is None:
             width = DEFAULT_WIDTH if height is None else max(1, round(height * aspect))
         if height is None:
@@ -626,6 +629,8 @@ class Shot:
         width: int | None = None,
         height: int | None = None,
         crop: Sequence[float] | None = None,
+        pixel_aspect: float = 1.0,
+        conform: str = "expandAperture",
         progress: Progress | None = None,
         checkpoint: PathLike | Checkpoint | None = None,
         snapshot: Snapshot | None = None,
@@ -649,7 +654,14 @@ class Shot:
         width, height
             Pixels; if one is missing it follows from the camera's aperture. Without either the picture is 1280 wide.
         crop
-            The part to render: x0, y0, x1, y1 in fractions of the picture from the top left.
+            The part to render: x0, y0, x1, y1 in fractions of the picture from the top left. Numbers below 0 and above
+            1 are overscan, which leaves the bits of the picture itself as they are.
+        pixel_aspect
+            Width of a pixel over its height.
+        conform
+            How the camera's aperture fits a picture of another aspect, as UsdRenderSettings defines it:
+            "expandAperture", "cropAperture", "adjustApertureWidth", "adjustApertureHeight", or
+            "adjustPixelAspectRatio", which chooses the `pixel_aspect`.
         progress
             Called with the number of passes done and the statistics so far, before the first pass and after each.
         checkpoint
@@ -687,8 +699,9 @@ class Shot:
             A holdout or a plate that does not exist or may not be read.
         """
         request = self.request(
-            frame, passes, settings, given, width=width, height=height, crop=crop, progress=progress,
-            checkpoint=checkpoint, snapshot=snapshot, blur=blur, lens=lens, view=view, holdout=holdout, over=over,
+            frame, passes, settings, given, width=width, height=height, crop=crop, pixel_aspect=pixel_aspect,
+            conform=conform, progress=progress, checkpoint=checkpoint, snapshot=snapshot, blur=blur, lens=lens,
+            view=view, holdout=holdout, over=over,
         )  # fmt: skip
         done, development = self._render(request)
         return development.frame(done.sums(), done.statistics)
@@ -765,11 +778,12 @@ class Shot:
         frame, number = request.frame, self._number(request.frame)
         self._check_frame(frame)
         plates = [each for each in (request.holdout, request.over) if each is not None]
-        size = self.resolution(request.width, request.height, frame, plates, request.view)
-        window = Window(size[0], size[1], pixels_of(request.crop, *size))
+        size = self.resolution(request.width, request.height, frame, plates, request.view, request.pixel_aspect)
+        crop = pixels_of(request.crop, *size, overscan=True)
+        window = Window(*size, crop, request.pixel_aspect, request.conform)
         grown = window.grown(margin_of(reconstruction_filter(request.settings.filter_name)))
         names = views_of(self.stereo, request.view)
-        depths, pixels = request.read_plates(number, names, size, self._warn)
+        depths, pixels = request.read_plates(number, names, window, grown, self._warn)
         exposure = self.exposure(frame, request.blur, request.lens)
         eyes = [EYES.index(name) if name else 0 for name in names]
         content, cameras = exposure(0.0)
@@ -779,8 +793,7 @@ class Shot:
         seen = [View(cameras[eye], grown) for eye in eyes]
         facts = {**self._time_header(frame, exposure), "seed": settings.seed, **window.header()}
         headers = {
-            name: {**view.matrices(), **facts, "camera": view.camera.name}
-            for name, view in zip(names, seen, strict=True)
+            name: {**view.header(), **facts, "camera": view.camera.name} for name, view in zip(names, seen, strict=True)
         }
         development = request.development(groups_of(content), headers, pixels, window, grown)
         ends = [each.seen_by(view) for each, view in zip(depths, seen, strict=False)]

@@ -16,7 +16,7 @@ from ..render.settings import as_passes
 from ..render.stage_frame import StageRenderer
 from ..transport.simulation import StageSimulation
 from ..usd.motion import equal
-from ..world.cameras import View, Window
+from ..world.cameras import View
 from ..world.stage_world import StageWorld
 
 if TYPE_CHECKING:
@@ -106,8 +106,7 @@ class LiveRenderer(StageRenderer):
 
     def projection(self) -> Projection:
         """Return how the whole picture is projected."""
-        window = self._window
-        return View(self._ready.shutter.at(0.0).cameras[0], Window.full(window.width, window.height)).projection
+        return View(self._ready.shutter.at(0.0).cameras[0], self._window.whole()).projection
 
     def _no_statistics(self) -> Statistics:
         return _Cancellable(unwanted=self._unwanted)

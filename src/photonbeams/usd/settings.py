@@ -12,7 +12,7 @@ from typing import Any
 from ..images.frame import fractions_of
 from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
-from ..scene.cameras import FILTERS
+from ..scene.cameras import CONFORM_POLICIES, FILTERS
 from .openusd import Sdf, Usd, UsdGeom, UsdRender
 from .reading import Reading, file_of, is_relationship, target_paths
 from .warnings import Warnings
@@ -45,7 +45,7 @@ class RenderProduct:
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """The values of a RenderSettings prim and its products; None where nothing is authored.
+    """The values of a RenderSettings prim and its products; None or the fallback where nothing is authored.
 
     Attributes
     ----------
@@ -54,7 +54,10 @@ class RenderSettings:
     camera, resolution
         Path of the camera, and (width, height) in pixels.
     data_window
-        x0, y0, x1, y1 of the part to render, as fractions of the picture from the lower left.
+        x0, y0, x1, y1 of the part to render, as fractions of the picture from the lower left; numbers below 0 and
+        above 1 are overscan.
+    pixel_aspect, conform
+        A pixel's width over its height, and one of `scene.cameras.CONFORM_POLICIES`.
     disable_motion_blur, disable_depth_of_field
         Whether to render without motion blur, at the frame's own time (formerly instantaneousShutter), and without
         depth of field.
@@ -68,6 +71,8 @@ class RenderSettings:
     camera: str | None = None
     resolution: tuple[int, int] | None = None
     data_window: Window | None = None
+    pixel_aspect: float = 1.0
+    conform: str = CONFORM_POLICIES[0]
     disable_motion_blur: bool | None = None
     disable_depth_of_field: bool | None = None
     pixel_filter: str | None = None
@@ -85,9 +90,10 @@ class RenderSettings:
 
 def _pixels(begin: float, end: float, count: int) -> tuple[float, float]:
     """Return the fractions of the edges around the pixels with centres from `begin` to `end`."""
-    first = min(max(ceil(begin * count - 0.5 - _EDGE), 0), count - 1)
-    last = min(max(ceil(end * count - 0.5 - _EDGE), first + 1), count)
-    return fractions_of(first, last, count)
+    first, last = (ceil(each * count - 0.5 - _EDGE) for each in (begin, end))
+    if last <= first:  # no pixel's centre is inside
+        first = min(max(first, 0), count - 1)
+    return fractions_of(first, max(last, first + 1), count)
 
 
 def read_settings(
@@ -116,12 +122,16 @@ def read_settings(
         return RenderSettings()
     prim = settings.GetPrim()
     rasters = [] if "products" in given else _rasters(reading, prim)
-    values = {
-        name: None
-        if name in given
-        else reading.attempt(prim, partial(_agreed, reading, prim, rasters, name, read), None, "it is ignored")
-        for name, read in _READERS.items()
-    }
+    values: dict[str, Any] = {}
+    for name, read in _READERS.items():
+        agreed = partial(_agreed, reading, prim, rasters, name, read)
+        if name in given:
+            values[name] = None
+        elif name in _SIZES:
+            values[name] = agreed()
+        else:
+            values[name] = reading.attempt(prim, agreed, None, "it is ignored")
+    conform = values["aspectRatioConformPolicy"] or CONFORM_POLICIES[0]
     instantaneous = values.pop("instantaneousShutter")
     still = values["disableMotionBlur"] if instantaneous is None else instantaneous or bool(values["disableMotionBlur"])
     return RenderSettings(
@@ -129,6 +139,9 @@ def read_settings(
         camera=values["camera"],
         resolution=values["resolution"],
         data_window=values["dataWindowNDC"],
+        # The policy that adjusts the ratio disregards its value.
+        pixel_aspect=1.0 if conform == "adjustPixelAspectRatio" else values["pixelAspectRatio"] or 1.0,
+        conform=conform,
         disable_motion_blur=still,
         disable_depth_of_field=values["disableDepthOfField"],
         pixel_filter=values[PIXEL_FILTER],
@@ -228,27 +241,25 @@ def _resolution(reading: Reading, prim: Usd.Prim) -> tuple[int, int]:
 
 def _pixel_aspect_ratio(reading: Reading, prim: Usd.Prim) -> float:
     ratio = reading.number(prim, "pixelAspectRatio", 1.0)
-    if ratio != 1:
-        reading.warn(prim, f"is {ratio:g}: pixels are square here", "pixelAspectRatio")
+    if not 1e-3 <= ratio <= 1e3:
+        raise reading.fail(prim, "pixelAspectRatio", f"is {ratio:g}: expected a number from 0.001 to 1000")
     return ratio
 
 
 def _conform_policy(reading: Reading, prim: Usd.Prim) -> str:
     policy = str(reading.value(prim, "aspectRatioConformPolicy"))
-    if policy != "expandAperture":
-        reading.warn(prim, f"is '{policy}': the aperture is expanded, as by expandAperture", "aspectRatioConformPolicy")
+    if policy not in CONFORM_POLICIES:
+        expected = f"expected one of {', '.join(CONFORM_POLICIES)}"
+        raise reading.fail(prim, "aspectRatioConformPolicy", f"is '{policy}': {expected}")
     return policy
 
 
 def _data_window(reading: Reading, prim: Usd.Prim) -> Window:
     x0, y0, x1, y1 = window = reading.vector(prim, "dataWindowNDC", (0.0, 0.0, 1.0, 1.0))
     text = f"is ({', '.join(f'{each:g}' for each in window)})"
-    inside = (max(x0, 0.0), max(y0, 0.0), min(x1, 1.0), min(y1, 1.0))
-    if not (all(map(isfinite, window)) and inside[0] < inside[2] and inside[1] < inside[3]):
+    if not (all(map(isfinite, window)) and max(x0, 0) < min(x1, 1) and max(y0, 0) < min(y1, 1)):
         raise reading.fail(prim, "dataWindowNDC", f"{text}: expected x0 < x1 and y0 < y1, overlapping the picture")
-    if inside != window:
-        reading.warn(prim, f"{text}: what is outside the picture is not rendered", "dataWindowNDC")
-    return inside
+    return x0, y0, x1, y1
 
 
 def _flag(name: str) -> Callable[[Reading, Usd.Prim], bool]:
@@ -265,7 +276,6 @@ def _pixel_filter(reading: Reading, prim: Usd.Prim) -> str:
 _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
     "camera": _camera,
     "resolution": _resolution,
-    # These two are read only for their errors and warnings.
     "pixelAspectRatio": _pixel_aspect_ratio,
     "aspectRatioConformPolicy": _conform_policy,
     "dataWindowNDC": _data_window,
@@ -274,6 +284,9 @@ _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
     "disableDepthOfField": _flag("disableDepthOfField"),
     PIXEL_FILTER: _pixel_filter,
 }
+
+# What cannot be ignored: the picture would have another size.
+_SIZES = ("resolution", "dataWindowNDC")
 
 
 def _variables(reading: Reading, product: Usd.Prim) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -13,32 +13,63 @@ from .. import scene
 from ..estimators.lanes import lane_of, lanes, whole_group
 from ..estimators.tiles import TILE, Pose, Projection
 from ..numerics.arrays import opaque
-from ..runtime.device import Array2f, Array3f, Float, UInt32
+from ..runtime.device import Array2f, Array3f, Float, Int32, UInt32
+from ..scene.cameras import CONFORM_POLICIES
 from .warp import disk
 
 
 @dataclass(frozen=True)
 class Window:
-    """The picture: its full size in pixels, and the part (x0, y0, x1, y1) of it that is rendered."""
+    """The picture: its full size in pixels, and the part (x0, y0, x1, y1) of it that is rendered.
+
+    The part may reach beyond the picture, which is overscan. `pixel_aspect` is a pixel's width over its height, and
+    `conform` one of `scene.cameras.CONFORM_POLICIES`.
+    """
 
     width: int
     height: int
     crop: tuple[int, int, int, int]
+    pixel_aspect: float = 1.0
+    conform: str = CONFORM_POLICIES[0]
 
     @classmethod
     def full(cls, width: int, height: int) -> Window:
         """Return the window of a whole picture."""
         return cls(width, height, (0, 0, width, height))
 
+    def whole(self) -> Window:
+        """Return the window of the whole picture, without overscan."""
+        return replace(self, crop=(0, 0, self.width, self.height))
+
     def grown(self, margin: int) -> Window:
-        """Return the window with `margin` more pixels on each side, as far as the picture goes.
+        """Return the window with `margin` more pixels on each side, as far as the picture goes; overscan has no end.
 
         The result begins at a corner of one of the picture's tiles. Pixels of a tile share places on the lens and
         times, so the window then has the pixels of the whole picture.
         """
+        first = [each - margin if each < 0 else max(each - margin, 0) for each in self.crop[:2]]
+        last = [
+            each + margin if each > size else min(each + margin, size)
+            for each, size in zip(self.crop[2:], (self.width, self.height), strict=True)
+        ]
+        return replace(self, crop=(first[0] // TILE * TILE, first[1] // TILE * TILE, last[0], last[1]))
+
+    def inside(self) -> tuple[int, int, int, int]:
+        """Return the part of the window that is inside the picture, in pixels of the window."""
         x0, y0, x1, y1 = self.crop
-        x0, y0 = (max(each - margin, 0) // TILE * TILE for each in (x0, y0))
-        return Window(self.width, self.height, (x0, y0, min(x1 + margin, self.width), min(y1 + margin, self.height)))
+        return max(-x0, 0), max(-y0, 0), min(x1, self.width) - x0, min(y1, self.height) - y0
+
+    def aperture(self, camera: scene.Camera) -> tuple[float, float]:
+        """Return the width and height of the film that the picture shows, in scene units."""
+        width, height = camera.horizontal_aperture, camera.vertical_aperture
+        aspect = self.pixel_aspect * self.width / self.height
+        if self.conform == "adjustPixelAspectRatio":
+            return width, height
+        conformed = {
+            "expandAperture": max(width, height * aspect), "cropAperture": min(width, height * aspect),
+            "adjustApertureWidth": height * aspect, "adjustApertureHeight": width,
+        }[self.conform]  # fmt: skip
+        return conformed, conformed / aspect
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -68,9 +99,6 @@ class CameraRays(NamedTuple):
 class View:
     """A camera and its window: rays and projection. All its numbers are opaque to kernels.
 
-    Where the picture's aspect differs from the aperture's, the aperture is expanded, as UsdRenderSettings does by
-    default.
-
     Parameters
     ----------
     camera, window
@@ -83,16 +111,14 @@ class View:
 
     def __init__(self, camera: scene.Camera, window: Window, close: scene.Camera | None = None) -> None:
         self.camera, self.window = camera, window
-        aspect = window.width / window.height
-        apertures = max(camera.horizontal_aperture, camera.vertical_aperture * aspect)
-        self.aperture = np.array([apertures, apertures / aspect])
+        self.aperture = np.array(window.aperture(camera))
         depth = 1.0 if camera.orthographic else camera.focal_length
         scale = np.array([window.width, window.height]) * depth / self.aperture
         offset = np.array([camera.horizontal_offset, camera.vertical_offset]) / depth * scale
         center = np.array([window.width, window.height]) / 2 + np.array([-1, 1]) * offset
         # Rays are made in the whole picture. In single precision, those of a crop window would round differently.
         self._center = [dr.opaque(Float, each) for each in center]
-        self._corner = [dr.opaque(UInt32, each) for each in window.crop[:2]]
+        self._corner = [dr.opaque(Int32, each) for each in window.crop[:2]]
         center = center - np.array(window.crop[:2])
         height, width = window.shape
         corners = np.abs(np.array([[0, 0], [width, height]]) - center) / scale
@@ -111,7 +137,7 @@ class View:
 
     def whole(self) -> View:
         """Return the same camera with a window of the whole picture."""
-        return View(self.camera, Window.full(self.window.width, self.window.height))
+        return View(self.camera, self.window.whole())
 
     @property
     def film(self) -> bool:
@@ -144,8 +170,9 @@ class View:
 
     def _whole(self, group: Any) -> Any:
         """Return the numbers in the whole picture of groups of pixels, by which samples are drawn."""
+        # Numbers below 0 wrap, so that groups beyond an edge have the numbers of groups at the opposite edge.
         (left, top), whole = self.window.crop[:2], -(-self.window.width // TILE)
-        return whole_group(group, *(dr.opaque(UInt32, each) for each in
+        return whole_group(group, *(dr.opaque(UInt32, each & 0xFFFFFFFF) for each in
                                     (self.projection.columns, left // TILE, top // TILE, whole)))  # fmt: skip
 
     def _film(self, x: Any, y: Any, square: Any, time: Any) -> tuple[Any, Any, Any]:
@@ -185,7 +212,7 @@ class View:
         """Return where rays through `places` in the window's pixels cross the whole picture, in pixels."""
         (column, row), (left, top) = self.pixels(), self._corner
         across, down = (dr.opaque(Float, each) if isinstance(each, float) else each for each in places)
-        return Float(column + left) + across, Float(row + top) + down
+        return Float(Int32(column) + left) + across, Float(Int32(row) + top) + down
 
     def coarse_rays(self, columns: int, rows: int) -> tuple[Any, Any]:
         """Return a coarse grid of rays over the whole picture; crop windows have the same one, so the same beams."""
@@ -218,8 +245,11 @@ class View:
         result: np.ndarray = self._facing(direction).numpy().reshape(self.window.shape)
         return result
 
-    def matrices(self) -> dict[str, np.ndarray]:
-        """Return worldToCamera and worldToNDC as in EXR headers, for row vectors."""
+    def header(self) -> dict[str, Any]:
+        """Return what EXR headers say of a camera: pixelAspectRatio, and worldToCamera and worldToNDC for row vectors.
+
+        For a perspective camera also screenWindowCenter and screenWindowWidth, at the depth 1; x is to the left.
+        """
         world = np.linalg.inv(np.asarray(self.camera.to_world, dtype=np.float64))
         near, far = self.camera.clipping
         (w, h), camera = self.aperture, self.camera
@@ -235,7 +265,18 @@ class View:
             project[2, 2], project[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
             project[3, 2] = -1
         screen = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
-        return {"worldToCamera": world.T, "worldToNDC": (screen @ project @ world).T}
+        ratio = self.window.pixel_aspect
+        if self.window.conform == "adjustPixelAspectRatio":
+            ratio = w / h * self.window.height / self.window.width
+        result = {
+            "worldToCamera": world.T,
+            "worldToNDC": (screen @ project @ world).T,
+            "pixelAspectRatio": float(ratio),
+        }
+        if not camera.orthographic:
+            center = np.array([-camera.horizontal_offset, camera.vertical_offset]) / depth
+            result |= {"screenWindowCenter": center, "screenWindowWidth": float(w / depth)}
+        return result
 
 
 def _pose(camera: scene.Camera) -> Pose:
