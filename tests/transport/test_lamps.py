@@ -174,6 +174,8 @@ def test_paths_follow_a_profile_and_carry_its_integral(scale):
     profile = dataclasses.replace(LOPSIDED.profile, angle_scale=scale)
     shaping = dataclasses.replace(LOPSIDED, profile=profile)
     for light, flat_light in ((sphere(radius=0.0, shaping=shaping), False), (flat(shaping=shaping), True)):
+        if flat_light and scale < 0:  # all its light goes up, behind the rectangle
+            continue
         value = emission(light)[0].flux.numpy().astype(np.float64)
         expected = mean_of_profile(profile, flat_light) * (0.08 if flat_light else 1)
         total, error = value.sum(axis=1), np.sqrt(COUNT) * value.std(axis=1)

@@ -66,20 +66,30 @@ def test_the_mean_is_that_of_the_hemisphere_or_the_sphere():
     ("scale", "theta", "inside"),
     [
         (0, 50, 50), (0.5, 20, 40), (2.0, 80, 40), (-0.5, 160, 140), (-2.0, 20, 100), (1.0, 70, 70), (-1.0, 70, 70),
-        # What a narrower profile leaves over has its value at 180 or 0 degrees, and is not dark.
-        (0.5, 91, 180), (0.5, 170, 180), (0.25, 60, 180), (-0.5, 89, 0), (-0.5, 10, 0),
+        # What a narrower profile leaves over has its last value, if it is scaled from below, and is dark if from above.
+        (0.5, 91, 180), (0.5, 170, 180), (0.25, 60, 180), (-0.5, 89, -1), (-0.5, 10, -1),
     ],
 )  # fmt: skip
-def test_the_angle_scale_is_that_of_usdlux_and_angles_are_clamped_to_the_sphere(scale, theta, inside):
+def test_the_angle_scale_is_that_of_hdembree(scale, theta, inside):
     profile = parse(file([0], 1 + np.arange(181.0)[None], vertical=np.arange(181.0)))
     scaled = type(profile)(profile.vertical, profile.horizontal, profile.intensity, scale)
     assert at(scaled, theta, 0) == pytest.approx(1 + inside)
 
 
+def test_a_scaled_profile_that_ends_early_has_its_last_value_beyond_180_degrees():
+    """hdEmbree takes the last value for angles of 180 degrees and more, and none for those between."""
+    half = parse(file([0], [[4, 2, 1]]))
+    scaled = type(half)(half.vertical, half.horizontal, half.intensity, 0.5)
+    assert [at(scaled, theta, 0) for theta in (0, 22.5, 44.9, 50, 89, 91, 180)] == pytest.approx(
+        [4, 2, 1, 0, 0, 1, 1], abs=0.01
+    )
+    assert at(half, 180, 0) == 0
+
+
 def test_the_table_has_the_profile():
     profile = parse(file([0, 90, 180], [[4, 2, 0], [4, 1, 0], [4, 3, 0]]))
     table = profile.image[..., 0]
-    theta, phi = np.linspace(0, 180, table.shape[0]), np.linspace(0, 360, table.shape[1])
+    theta, phi = np.append(np.linspace(0, 180, len(table) - 1), 90), np.linspace(0, 360, table.shape[1])
     assert np.allclose(table, profile.at(theta[:, None], phi))
 
 

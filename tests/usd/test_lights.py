@@ -456,6 +456,8 @@ def test_a_glowing_mesh_is_a_lamp_where_the_stage_has_no_light(scene, caplog):
     assert scene(mesh_light(api="GeomModelAPI") + other % 'token visibility = "invisible"').lights == ()
     assert scene(GLOWING + PANEL % (1, 1, 1, "") + DRAWN).lights == ()
     assert not caplog.text
+    wide = 'float3 xformOp:scale = (9, 9, 9)\nuniform token[] xformOpOrder = ["xformOp:scale"]'
+    assert only(scene(mesh_light(wide, api="GeomModelAPI") + 'def Sphere "Ball" {\n}\n')).both_sides  # a sky
 
 
 def test_a_glowing_sheet_shines_from_both_sides_and_the_brightest_sheets_light_the_scene(scene, caplog):

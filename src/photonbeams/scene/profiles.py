@@ -29,8 +29,9 @@ class Profile:
         (H, V) numbers, 0 or more.
     angle_scale
         `inputs:shaping:ies:angleScale` of UsdLux. Above 0: a factor on vertical angles from the light's axis. Below 0:
-        the negative of a factor on vertical angles from the opposite direction. 0, the default, is the same as 1. Where
-        a factor below 1 leaves directions over, they have the profile's value at its nearest pole, as in hdEmbree.
+        the negative of a factor on vertical angles from the opposite direction. 0, the default, is the same as 1. A
+        factor from 0 to 1 leaves directions over, which have the profile's last value, as in hdEmbree; a factor from -1
+        to 0 leaves such that are dark.
 
     Raises
     ------
@@ -77,6 +78,7 @@ class Profile:
         second = (1 - down) * values[above, row] + down * values[above, below]
         slack = 1e-6
         there = (theta >= self.vertical[0] - slack) & (theta <= self.vertical[-1] + slack)
+        there |= (self.angle_scale > 0) & (theta >= 180)
         return np.where(there, (1 - aside) * first + aside * second, 0.0)
 
     def scaled(self, theta: Array) -> Array:
@@ -84,7 +86,7 @@ class Profile:
         if self.angle_scale == 0:
             return theta
         origin = 0.0 if self.angle_scale > 0 else 180.0
-        return np.clip(origin + (theta - origin) / abs(self.angle_scale), 0.0, 180.0)
+        return origin + (theta - origin) / abs(self.angle_scale)
 
     def normalized(self) -> Profile:
         """Return the profile divided by its mean over the sphere, or over the hemisphere if it ends at the equator.
@@ -105,11 +107,15 @@ class Profile:
 
     @cached_property
     def image(self) -> Array:
-        """The profile without its angle scale as a table (rows, columns, 1); rows are 0 to 180°, columns 0 to 360°."""
+        """The profile without its angle scale as a table (rows, columns, 1).
+
+        Rows are 0 to 180°, and a last one for what is beyond, by the angle scale; columns are 0 to 360°.
+        """
         plain = Profile(self.vertical, self.horizontal, self.intensity)
         columns = 2 if len(self.horizontal) == 1 else _COLUMNS
         theta, phi = np.linspace(0, 180, _ROWS), np.linspace(0, 360, columns)
-        table = plain.at(theta[:, None], phi)
+        last = self.vertical[-1]
+        table = plain.at(np.append(theta, last)[:, None], phi)
         table[:, -1] = table[:, 0]
         return table[..., None].astype(np.float32)
 

@@ -184,10 +184,20 @@ def _light_by_glow(reading: Reading, contents: _Contents) -> None:
             continue
         read = partial(read_light, reading, item.prim, item.to_world, item.name, meshes)
         light = reading.attempt(item.prim, read, None, "it does not shine")
-        if light is not None:
+        if isinstance(light, MeshLight):
+            light = replace(light, both_sides=light.both_sides or _encloses(light, contents.meshes))
             contents.lights.append((item.prim, light))
             text = "glows and lights the scene, because the stage has no light: photonbeams:enabled = 1 on it means the"
             reading.warn(item.prim, f"{text} same, and 0 leaves the scene dark")
+
+
+def _encloses(light: MeshLight, meshes: Sequence[Mesh]) -> bool:
+    """Return whether a closed surface that glows has others in it, as a sky does."""
+    assert light.mesh is not None
+    low, high = light.mesh.used_points.min(axis=0), light.mesh.used_points.max(axis=0)
+    middles = (0.5 * (each.points.min(axis=0) + each.points.max(axis=0)) for each in meshes
+               if len(each.points) and not f"{each.name}/".startswith(f"{light.name}/"))  # fmt: skip
+    return any(bool(np.all((low < each) & (each < high))) for each in middles)
 
 
 def _keep_one_filling(reading: Reading, contents: _Contents) -> None:

@@ -50,10 +50,11 @@ class ProfileTable:
         x, y, z = (-dr.dot(direction, axis) for axis in (self.side, self.up, self.back))
         theta = self._scaled(dr.safe_acos(z))
         phi = dr.atan2(y, x)
-        row = theta * (self.rows - 1) * dr.inv_pi
+        beyond = (self.scale > 0) & (theta >= dr.pi)
+        row = dr.select(beyond, self.rows - 1, theta * (self.rows - 2) * dr.inv_pi)
         column = dr.select(phi < 0, phi + dr.two_pi, phi) * (self.columns - 1) * dr.inv_two_pi
-        there = theta >= 0  # not so for NaN, which would be no index
-        top = dr.clip(dr.floor(row), 0, self.rows - 2)
+        there = (theta >= 0) & (beyond | (theta <= dr.pi * (1 + 1e-6)))
+        top = dr.select(beyond, self.rows - 2, dr.clip(dr.floor(row), 0, self.rows - 3))
         left = dr.clip(dr.floor(column), 0, self.columns - 2)
 
         def pixel(down: int, right: int) -> Array3f:
@@ -74,7 +75,7 @@ class ProfileTable:
     def _scaled(self, theta: Float) -> Float:
         """Return the angle in the profile for an angle from the light's axis, by the profile's angle scale."""
         origin = dr.select(self.scale < 0, dr.pi, 0)
-        return dr.clip(origin + (theta - origin) / dr.select(self.scale == 0, 1, dr.abs(self.scale)), 0, dr.pi)
+        return origin + (theta - origin) / dr.select(self.scale == 0, 1, dr.abs(self.scale))
 
 
 class ProfileSampler:
@@ -96,7 +97,7 @@ def _warp(shaping: scene.Shaping, flat: bool) -> Any:
     """Return the map from the unit square to angles around the axis and from it, in units of 360 and 180 degrees."""
     profile = shaping.profile
     assert profile is not None
-    rows, columns = profile.image.shape[:2]
+    rows, columns = profile.image.shape[0] - 1, profile.image.shape[1]
     theta, phi = np.linspace(0, np.pi, rows), np.linspace(0, 2 * np.pi, columns)
     shape = ShapingFactor.of(shaping).factor(Float(np.cos(theta))).numpy().max(axis=0)
     if flat:
