@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from photonbeams.usd.stage import open_stage, read_camera, read_scene
+from photonbeams.volumes.writing import write_vdb
 
 STAGE = Path(__file__).parent / "data" / "blender" / "blender.usda"
 
@@ -132,3 +133,77 @@ def test_meshes_have_their_texture_and_instances_their_place(blender):
         ball = meshes[f"copy{index}"]
         assert np.allclose(0.5 * (ball.points.min(axis=0) + ball.points.max(axis=0)), [3 + 3 * index, 0, 0], atol=1e-6)
         assert np.allclose(np.linalg.norm(ball.normals, axis=1), 1)
+
+
+# What Blender 5.0.1 exports of a volume whose material is a Principled Volume, without its transforms. The custom
+# properties are those of the object; those of the volume itself and of its material are not exported.
+VOLUME = """#usda 1.0
+(
+    doc = "Blender v5.0.1"
+    upAxis = "Z"
+)
+def Xform "root" {
+    def Xform "Smoke" {
+        %s
+        custom string userProperties:blender:object_name = "Smoke"
+        def Volume "smoke" {
+            custom rel field:density = </root/Smoke/smoke/density>
+            def OpenVDBAsset "density" {
+                token fieldName = "density"
+                asset filePath = @./smoke.vdb@
+            }
+        }
+    }
+}
+"""
+PROPERTIES = """custom double3 photonbeams:absorption = (0.06, 0.24, 0.27)
+        custom double photonbeams:anisotropy = 0.4
+        custom double3 photonbeams:scattering = (0.24, 0.06, 0.03)"""
+
+
+@pytest.fixture
+def smoke(tmp_path):
+    """Return a function that reads a volume with these properties of its object."""
+    write_vdb(tmp_path / "smoke.vdb", {"density": np.ones((4, 4, 4))})
+
+    def read(properties, *overrides):
+        (tmp_path / "stage.usda").write_text(VOLUME % properties)
+        return read_scene(open_stage(tmp_path / "stage.usda", overrides=overrides)).media
+
+    return read
+
+
+def test_a_lost_material_of_a_volume_is_told_with_what_is_used(smoke, caplog):
+    (medium,) = smoke("")
+    assert (medium.scattering, medium.absorption, medium.anisotropy) == ((0.5,) * 3, (0.5,) * 3, 0)
+    (message,) = caplog.messages
+    expected = (
+        "stage.usda: /root/Smoke/smoke has no material, because Blender writes none for volumes: extinction 1 and"
+    )
+    assert expected in message and len(message) <= 300
+    caplog.clear()
+    (medium,) = smoke("", "/root/Smoke/smoke.photonbeams:scattering=0.1")
+    assert medium.scattering == pytest.approx((0.1,) * 3) and not caplog.messages
+
+
+def test_custom_properties_of_blenders_object_reach_its_smoke(smoke, caplog):
+    """They would otherwise be a fog that fills the whole space."""
+    (medium,) = smoke(PROPERTIES)
+    assert medium.grid is not None and not caplog.messages
+    assert medium.scattering == pytest.approx((0.24, 0.06, 0.03))
+    assert medium.absorption == pytest.approx((0.06, 0.24, 0.27))
+    assert medium.anisotropy == pytest.approx(0.4)
+    (medium,) = smoke(PROPERTIES, "/root/Smoke/smoke.photonbeams:scattering=0.1")
+    assert medium.scattering == pytest.approx((0.1,) * 3)
+
+
+def test_custom_properties_of_blenders_object_may_be_animated_and_reach_its_light(usd, caplog):
+    text = (
+        'def Xform "Lamp" {\n custom string photonbeams:lightGroup = "key"\n'
+        " custom double photonbeams:intensity.timeSamples = { 1: 1, 9: 3\n }\n"
+        ' def SphereLight "Lamp" {\n }\n def Xform "Child" {\n }\n }\n'
+        'def Xform "Other" {\n custom string photonbeams:lightGroup = "key"\n def Scope "S" {\n }\n }\n'
+    )
+    (light,) = read_scene(usd(text, 'doc = "Blender v5.0.1"'), 5.0).lights
+    assert (light.group, light.beam_scale) == ("key", pytest.approx(2))
+    assert not caplog.messages

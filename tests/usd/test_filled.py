@@ -73,3 +73,21 @@ def test_a_volume_that_blender_did_not_write_is_told_with_the_flag_that_makes_fo
     caplog.clear()
     scene(text)
     assert "--set" not in caplog.text
+
+
+def test_a_lost_volume_of_some_faces_is_told(scene, caplog):
+    text = """
+    def Material "Fog" {\n }
+    def Mesh "Box" {
+        int[] faceVertexCounts = [3, 3]
+        int[] faceVertexIndices = [0, 1, 2, 0, 2, 1]
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+        uniform token subsetFamily:materialBind:familyType = "nonOverlapping"
+        def GeomSubset "Some" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+            uniform token elementType = "face"
+            uniform token familyName = "materialBind"
+            int[] indices = [0]
+            rel material:binding = </Fog>\n }\n }
+    """
+    scene(text, 'doc = "Blender v5.0.1"')
+    assert "/Box.material:binding is /Fog, which Blender wrote without shaders" in caplog.text

@@ -1,7 +1,7 @@
 """Corrections for what Blender's exporter writes differently from UsdLux, found by exporting with Blender 5.0.1.
 
-Both corrections apply to lights that a layer from Blender defines; Blender signs its layers with `doc = "Blender
-v..."`. An intensity or a transform that another layer overrides is used as it is.
+They apply to prims that a layer from Blender defines; Blender signs its layers with `doc = "Blender v..."`. An
+intensity or a transform that another layer overrides is used as it is.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import numpy as np
 
 from ..scene import Array
 from .openusd import Sdf, Usd, UsdGeom
+from .reading import prims_under
 
 
 def wrote(prim: Usd.Prim) -> bool:
@@ -51,6 +52,34 @@ def world() -> Array:
     return np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
-def wrote_material(prim: Usd.Prim) -> bool:
-    """Return whether a material comes from a layer that Blender wrote."""
+def wrote_prim(prim: Usd.Prim) -> bool:
+    """Return whether a material, a volume or an object comes from a layer that Blender wrote."""
     return any(_signed(spec.layer) for spec in prim.GetPrimStack())
+
+
+def move_properties(stage: Usd.Stage) -> None:
+    """Move photonbeams' attributes of Blender's objects to their lights, volumes and meshes, in the session layer.
+
+    Blender writes an object's custom properties on an Xform above its data, where fog would fill the whole space.
+    """
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for prim in prims_under(stage.GetPseudoRoot()):
+            if prim.GetTypeName() != "Xform" or prim.IsInstanceProxy():
+                continue
+            own = [
+                each for each in prim.GetAuthoredPropertiesInNamespace("photonbeams") if isinstance(each, Usd.Attribute)
+            ]
+            data = [each for each in prim.GetChildren() if each.GetTypeName() not in ("Xform", "Scope", "")]
+            if own and len(data) == 1 and wrote_prim(prim):
+                for each in own:
+                    _move(each, data[0])
+
+
+def _move(attribute: Usd.Attribute, prim: Usd.Prim) -> None:
+    """Move an attribute to another prim, unless that one has its own."""
+    name = attribute.GetName()
+    if attribute.HasAuthoredValue() and not prim.GetAttribute(name).HasAuthoredValue():
+        target = prim.CreateAttribute(name, attribute.GetTypeName())
+        for time in [*attribute.GetTimeSamples()] or [Usd.TimeCode.Default()]:
+            target.Set(attribute.Get(time), time)
+    attribute.Block()

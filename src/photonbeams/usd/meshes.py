@@ -11,7 +11,7 @@ import numpy as np
 
 from ..scene import FARTHEST, Array, Material, Mesh, SceneError
 from ..scene.vectors import unit
-from .blender import wrote_material
+from .blender import wrote_prim
 from .gprims import GPRIMS, gprim_polygons
 from .materials import Bound, bound_material, bound_to, on_mesh, primvars_of
 from .motion import equal
@@ -128,8 +128,11 @@ def _alike(reading: Reading, known: Material, material: Material) -> bool:
 
 def _warn_of_lost_volume(reading: Reading, prim: Usd.Prim) -> None:
     """Warn about a material without shaders that may have been a volume, and say how to make the mesh fog."""
-    material = bound_to(reading, prim)
-    if material and wrote_material(material.GetPrim()) and not material.GetPrim().GetAllChildren():
+    subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets() if prim.IsA(UsdGeom.Mesh) else []
+    bound = (bound_to(reading, each) for each in (prim, *(each.GetPrim() for each in subsets)))
+    empty = (each for each in bound if each and wrote_prim(each.GetPrim()) and not each.GetPrim().GetAllChildren())
+    material = next(empty, None)
+    if material:
         text = f"is {material.GetPath()}, which Blender wrote without shaders, as it does with volumes: it is grey"
         flag = f"--set '{prim.GetPath()}.photonbeams:scattering=0.1'"
         reading.warn(prim, f"{text}; for fog in it, use {flag}", "material:binding")

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..runtime.inputs import why_unreadable
 from ..scene import Array, SceneError, real
+from . import blender
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
 from .composition import warn_of_composition
@@ -94,6 +95,7 @@ def open_stage(
     check_prims(stage)
     warn_of_composition(stage, warnings)
     complete_metadata(stage, warnings)
+    blender.move_properties(stage)
     for each in overrides:
         override(stage, each)
     return stage

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..scene import BLACK, Array, Color, color
+from .blender import wrote_prim
 from .materials import bound_to
 from .materials.network import is_output
 from .openusd import Usd, UsdGeom, UsdShade
@@ -57,6 +58,9 @@ def read_shading(reading: Reading, prim: Usd.Prim) -> VolumeShading:
     """Return the values of the shader of a volume's material; without one, extinction 1 and albedo 0.5."""
     material = bound_to(reading, prim)
     if material is None:
+        if wrote_prim(prim):
+            text = "has no material, because Blender writes none for volumes: extinction 1 and albedo 0.5 are used"
+            reading.warn(prim, f"{text}; for its own, set photonbeams:scattering, absorption and anisotropy")
         return VolumeShading()
     shaders = [shader for each in _CONTEXTS if (shader := material.ComputeVolumeSource(each)[0])]
     if not shaders:
@@ -257,8 +261,8 @@ def _other(network: _VolumeNetwork) -> VolumeShading:
     def first(*names: str) -> str:
         return next((each for each in names if network.shader.GetInput(each)), names[0])
 
-    density = network.number(first("densityScale", "densityscale", "density_scale"), 1.0)
-    name = first("albedo", "scatter_color", "scattercolor")
+    density = network.number(first("densityScale", "densityscale", "density_scale", "density"), 1.0)
+    name = first("albedo", "scatter_color", "scattercolor", "color")
     albedo = network.fraction(name, network.color(name, _ALBEDO))
     anisotropy = network.number(first("anisotropy", "phase", "g"), 0.0, -_ANISOTROPY, _ANISOTROPY)
     return VolumeShading(tuple(density * albedo), tuple(density * (1 - albedo)), anisotropy)

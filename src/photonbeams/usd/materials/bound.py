@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...scene import Array, Material, UVTexture
-from ..blender import wrote_material
+from ..blender import wrote_prim
 from ..openusd import Tf, Usd, UsdShade
 from ..reading import Reading, is_relationship, target_paths
 from .bumps import BUMPS
@@ -139,7 +139,7 @@ def _read(reading: Reading, material: UsdShade.Material) -> Bound:
     for place, text, name in network.losses:
         reading.warn(place, text, name)
     bound = _bound(reading, material, surface)
-    if wrote_material(material.GetPrim()) and "glass" in material.GetPrim().GetName().lower():
+    if wrote_prim(material.GetPrim()) and "glass" in material.GetPrim().GetName().lower():
         _warn_of_glass(reading, material.GetPrim(), bound.material)
     return bound
 
