@@ -279,6 +279,23 @@ def test_spot_cone_falls_from_its_soft_start_to_its_edge():
     assert np.array_equal(factor(None, [0, 90, 180])[0], [1, 1, 1])
 
 
+def test_shaping_is_hdembrees_formula(rng):
+    for _ in range(20):
+        cone, softness, focus = (
+            rng.uniform(1, 200),
+            rng.choice([0.0, rng.uniform(0, 3)]),
+            rng.choice([0.0, rng.uniform(0, 9)]),
+        )
+        tint, theta = rng.uniform(0, 1, 3), rng.uniform(0, 180, 50)
+        theta = theta[np.abs(theta - cone) > 1e-2]  # a hard edge lies between two float32 angles
+        start = cone * (1 - softness)
+        x = np.clip((theta - start) / max(cone - start, 1e-9), 0, 1)
+        power = np.abs(np.cos(np.radians(theta))) ** focus
+        expected = (tint[:, None] * (1 - power) + power) * (1 - x * x * (3 - 2 * x))
+        shaping = scene.Shaping(cone, softness, focus, tuple(tint))
+        assert np.allclose(factor(shaping, theta), expected, atol=2e-4)
+
+
 def test_focus_is_a_power_of_the_cosine_and_its_tint_what_remains():
     focused = scene.Shaping(cone_angle=180.0, focus=3.0)
     # UsdLuxShapingAPI takes the absolute cosine: without a cone, light leaves the back of a sphere as well.

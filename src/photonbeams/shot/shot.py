@@ -58,7 +58,7 @@ _CONTENTS = 4
 
 _NOTHING = "nothing makes beams"  # a warning that names the first such frame, and is given once
 _DIM = "the suns are dim"  # likewise
-_BLACK = 0.004  # an irradiance in which a white surface is below a level of 4 of 255
+_BLACK = 0.03  # an irradiance in which a surface of 18 % grey is below a level of 6 of 255
 
 #: A function that makes a fog from the stage's own, or from None if the stage has none.
 Fog = Callable[[scene.Medium | None], scene.Medium | None]
