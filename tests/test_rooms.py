@@ -21,8 +21,8 @@ KNOWERS = {
     "dask": {"farm"},
     "distributed": {"farm"},
     "pxr": {"usd", "cli"},  # `info` reads stages itself, and `doctor` versions
-    "OpenEXR": {"images", "cli"},
-    "OpenImageIO": {"images", "cli"},
+    "OpenEXR": {"images"},
+    "OpenImageIO": {"images"},
     "anywidget": {"studio"},
     "blosc": {"volumes"},
     "mitsuba": {"runtime", "world", "transport", "render", "shot", "integrator"},

@@ -149,3 +149,33 @@ def test_a_truncated_checkpoint_is_named_and_kept(render, stage, out):
     for more in ((), ("--workers", 1)):
         fails(render(stage, "-o", out / "a.exr", *flags, "--resume", *more), 1, str(kept), "expected a checkpoint")
     assert kept.exists() and not (out / "a.exr").exists()
+
+
+@pytest.mark.parametrize("command", ["info a.usda", "merge a.checkpoint -o a.exr", "swatch a.usda -o a.png"])
+def test_a_limit_of_memory_is_told_before_libraries_crash(tmp_path, command):
+    (tmp_path / "a.usda").write_text("#usda 1.0\n")
+    words = ["bash", "-c", f"ulimit -v 500000; exec {sys.executable} -m photonbeams {command}"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    text = "Error: the limit of virtual memory (ulimit -v) is 0.477 GiB: expected at least 2.25 GiB\n"
+    assert (done.returncode, done.stderr) == (1, text)
+
+
+def test_pipes_are_named_wherever_a_command_reads(call, tmp_path):
+    for name in ("a.checkpoint", "a.exr", "a.png", "a.vdb", "a.vol", "a.usda", "a.xml"):
+        os.mkfifo(tmp_path / name)
+    output = tmp_path / "out.exr"
+    for words in (
+        ("merge", "a.checkpoint", "-o", output), ("merge", "a.exr", "-o", output), ("info", "a.exr"), ("info", "a.png"),
+        ("info", "a.vdb"), ("info", "a.vol"), ("info", "a.usda"), ("render", "a.usda", "-o", output),
+        ("render", "a.xml", "-o", output),
+    ):  # fmt: skip
+        command, name, *rest = words
+        fails(call(command, tmp_path / name, *rest), 1, str(tmp_path / name), "it is a named pipe")
+    assert not output.exists()
+
+
+def test_messages_are_no_longer_than_a_sentence(call, tmp_path):
+    path = tmp_path / "/".join(["folder" * 20] * 3) / "a.checkpoint"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b"PK nothing")
+    assert len(fails(call("merge", path, "-o", tmp_path / "a.exr"), 1, "expected a checkpoint")) <= 300

@@ -218,7 +218,14 @@ def test_the_page_is_for_those_who_know_the_token_and_asks_nobody_else(served):
                           (f"/?token={TOKEN}", {"Host": f"evil.example:{served.port}"}),
                           (f"/?token={TOKEN}", {"Origin": "null"})):  # fmt: skip
         assert asked(served, path, **headers)[0] == 403
-    for path in ("/assets/../server.py", "/assets/..%2Fserver.py", "/assets/gone.js", f"/etc/passwd?token={TOKEN}"):
+    long = f"/assets/{'a' * 5000}"
+    for path in (
+        long,
+        "/assets/../server.py",
+        "/assets/..%2Fserver.py",
+        "/assets/gone.js",
+        f"/etc/passwd?token={TOKEN}",
+    ):
         assert asked(served, path)[0] == 404
 
 

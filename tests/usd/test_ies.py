@@ -1,5 +1,7 @@
 """IES profiles of lights: parsing of LM-63 files, angles as in UsdLux and hdEmbree, and the mean of a profile."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -141,3 +143,19 @@ def test_the_cone_and_the_profile_are_multiplied(scene, tmp_path):
     at_28 = 4 - 2 * np.degrees(0.5) / 45
     for cone, expected in zip(found, ([4, at_28, 2, 0], [4, at_28, 0, 0], [4, at_28, 2, 2]), strict=True):
         assert found[cone] == pytest.approx(expected, abs=2e-3), cone
+
+
+def test_a_light_shines_without_a_profile_that_cannot_be_read(scene, tmp_path, caplog):
+    os.mkfifo(tmp_path / "pipe.ies")
+    with open(tmp_path / "huge.ies", "wb") as sparse:
+        sparse.truncate(1 << 40)
+    (tmp_path / "empty.ies").touch()
+    (tmp_path / "infinite.ies").write_text(file([0], [[4, 2, 0]]).replace("4\n", "inf\n"))
+    problems = {
+        "pipe.ies": "it is a named pipe", "huge.ies": "it has 1,024 GiB: expected up to 16 MiB",
+        "empty.ies": "it is empty", "infinite.ies": "it has numbers that are not finite",
+    }  # fmt: skip
+    for name, problem in problems.items():
+        asset = f"asset inputs:shaping:ies:file = @{tmp_path / name}@"
+        scene(f'def SphereLight "A" (prepend apiSchemas = ["ShapingAPI"]) {{\n {asset} }}')
+        assert f"{name}, which is not an IES profile ({problem}" in caplog.text

@@ -298,3 +298,17 @@ def test_a_whole_number_is_not_rounded(tmp_path, value):
     path.write_text('#usda 1.0\ndef SphereLight "Lamp" {\n}\n')
     with pytest.raises(SceneError, match=f"cannot set '/Lamp.photonbeams:count={value}': expected a whole number"):
         open_stage(path, overrides=[f"/Lamp.photonbeams:count={value}"])
+
+
+def test_bytes_that_are_no_text_are_a_sentence(tmp_path, capfd):
+    path = tmp_path / "stage.usda"
+    path.write_bytes(b'#usda 1.0\n(\n doc = "\xff"\n x\n)\n')
+    with pytest.raises(SceneError, match=r"line 3: there is more than expected; expected UTF-8"):
+        open_stage(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_time_sample_at_nan_is_no_motion(tmp_path):
+    path = written(tmp_path, '#usda 1.0\ndef Sphere "A"\n{\n    double radius.timeSamples = { nan: 2 }\n}\n')
+    stage = open_stage(path)
+    assert sample_times(stage, 8) == [] and len(read_scene(stage, default_time(stage)).meshes) <= 1

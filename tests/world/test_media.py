@@ -110,3 +110,12 @@ def test_media_that_touch_are_as_bright_as_with_a_gap():
 
     # Where rays meet only one of two coincident boundaries, 3 % is lost. Between seeds the ratio spreads by 0.07 %.
     np.testing.assert_allclose(mean(0.0), mean(2e-3), rtol=5e-3)
+
+
+@pytest.mark.parametrize("values", [[1e38] * 64, [0.0] * 63 + [1e38], [0.0] * 63 + [6e3]])
+def test_grids_that_no_path_would_get_through_are_refused(values):
+    grid = mi.VolumeGrid(np.reshape(values, (4, 4, 4, 1)).astype(np.float32))
+    dense = {**cloud(), "sigma_t": {"type": "gridvolume", "grid": grid, "raw": True}}
+    scene = load(fog=cube_of(mi.load_dict(dense)))
+    with pytest.raises(SceneError, match=r"mean free paths across its grid: expected up to 10000"):
+        Media.of(scene)

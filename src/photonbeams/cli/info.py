@@ -80,13 +80,12 @@ def _header_rows(path: Path) -> list[tuple[str, str]]:
 
     An attribute that is the same in all views is listed once; others, such as matrices, are listed for each view.
     """
-    import OpenEXR
+    from ..images.tiles import exr_parts
 
     headers: dict[str, dict[str, str]] = {}
-    with OpenEXR.File(str(path), header_only=True) as file:
-        for part in file.parts:
-            texts = {name: _text(value) for name, value in part.header.items() if name not in _NO_NEWS}
-            headers.setdefault(str(part.header.get("view", "")), texts)
+    for part in exr_parts(path, header_only=True):
+        texts = {name: _text(value) for name, value in part.header.items() if name not in _NO_NEWS}
+        headers.setdefault(str(part.header.get("view", "")), texts)
     rows: list[tuple[str, str]] = []
     for name in sorted({name for header in headers.values() for name in header}):
         texts = {view: header[name] for view, header in headers.items() if name in header}

@@ -511,6 +511,7 @@ def _pixels(path: PathLike, file: Any, index: int) -> Array:
     """Return the pixels of a part, (H, W, C) float32."""
     file.seek_subimage(index, 0)
     spec = file.spec()
+    check_image(path, spec)
     pixels = file.read_image(index, 0, 0, spec.nchannels, "float")
     message = complaint(file)
     if pixels is None or message:

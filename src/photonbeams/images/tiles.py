@@ -30,7 +30,7 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
     OSError
         A file that cannot be read or written.
     """
-    headers = [_read(path, header_only=True) for path in paths]
+    headers = [exr_parts(path, header_only=True) for path in paths]
     boxes = [_box(parts[0].header) for parts in headers]
     whole = min(b[0] for b in boxes), min(b[1] for b in boxes), max(b[2] for b in boxes), max(b[3] for b in boxes)
     columns, rows = whole[2] - whole[0], whole[3] - whole[1]
@@ -45,7 +45,7 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
         if covered[place].any():
             raise SceneError(f"{path}: covers what another tile covers: expected parts that do not overlap")
         covered[place] = True
-        parts = _read(path)  # one at a time, since all of them may not fit into memory
+        parts = exr_parts(path)  # one at a time, since all of them may not fit into memory
         if not joined:
             like = [part.channels.items() for part in parts]
             joined = [{name: _black(each.pixels, covered.shape) for name, each in channels} for channels in like]
@@ -64,14 +64,27 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
     return int(covered.sum()), covered.size
 
 
-def _read(path: Path, *, header_only: bool = False) -> list[Any]:
+def exr_parts(path: Path, *, header_only: bool = False) -> list[Any]:
+    """Return the parts of an EXR, with interleaved channels.
+
+    Raises
+    ------
+    SceneError
+        A file that is no EXR, or a broken one.
+    OSError
+        A file that does not exist or may not be read.
+    """
     if problem := why_unreadable(path):
         if not (is_special(path) or path.is_dir()):
             path.open("rb").close()  # for the system's own error if the file does not exist or may not be read
         raise SceneError(f"{path}: expected an EXR, but {problem}")
     try:
-        return list(OpenEXR.File(str(path), separate_channels=False, header_only=header_only).parts)
-    except RuntimeError as error:
+        parts = list(OpenEXR.File(str(path), separate_channels=False, header_only=header_only).parts)
+        repr([part.header for part in parts])  # of text that is not UTF-8, this raises an error here
+        return parts
+    except UnicodeDecodeError:
+        raise SceneError(f"{path}: expected an EXR, but its header has a name that is not in UTF-8") from None
+    except (RuntimeError, ValueError, MemoryError) as error:
         raise SceneError(f"{path}: expected an EXR: {' '.join(str(error).split())[:120]}") from None
 
 

@@ -87,9 +87,9 @@ class PassSums:
         The estimate takes the differences between passes as independent. But the passes continue low-discrepancy
         sequences, so the true error tends to be smaller. NaN before there are two passes.
         """
-        if len(self) < 2:
-            return float("nan")
         total = self.total((LIGHT, SQUARES))
+        if len(self) < 2 or len(total) < 2:
+            return float("nan")
         step = ceil(total[LIGHT].size / _MOST_PIXELS) | 1  # odd, so that rows have different columns
         mean, squares = (total[name][::step] / len(self) for name in (LIGHT, SQUARES))
         lit = mean > 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
@@ -44,12 +45,18 @@ WHITE: Color = (1.0, 1.0, 1.0)
 
 
 LONGEST = 300  # characters of a message
+_PATH = re.compile(r"(\S{30})\S{20,}(\S{60})")
 _LONGEST_VALUE = 60  # characters of a value in a message
 
 
 def shortened(text: str, less: int = 0) -> str:
-    """Return a message cut to `LONGEST` characters, `less` of which are kept free for what follows it."""
+    """Return a message cut to `LONGEST` characters, `less` of which are kept free for what follows it.
+
+    Long words, which are paths, are cut in the middle first.
+    """
     most = max(LONGEST - less, 1)
+    if len(text) > most:
+        text = _PATH.sub(r"\1…\2", text)
     return text if len(text) <= most else f"{text[: most - 1]}…"
 
 

@@ -27,6 +27,7 @@ _NUMBERS = re.compile(r"[-+\d\s.,eE]+")
 _LONGEST = 4096  # of a path
 _MOST_FILES = 1000  # that a scene includes, directly or through others
 _MOST_HEADER = 1 << 20  # bytes of a mesh's header
+_OF_BITMAPS = ("filename", "bitmap", "data")  # without one of these, Mitsuba ends the process
 _IMAGES = ("bitmap", "envmap", "projector", "volume")
 
 # Bytes of the types of PLY files.
@@ -57,6 +58,8 @@ def check_files(path: Path, parameters: Mapping[str, str]) -> None:
     parsed: Any = mi.parser.parse_file(mi.parser.ParserConfig(mi.variant()), str(path), **parameters)
     for node in parsed.nodes:
         properties = node.props
+        if properties.plugin_name() == "bitmap" and not any(each in properties for each in _OF_BITMAPS):
+            raise SceneError(f"{path}: a bitmap {properties.id()} names no file: expected a filename")
         for file in _found(str(properties["filename"]), folders) if "filename" in properties else ():
             try:
                 _check(properties.plugin_name(), file)
@@ -164,6 +167,5 @@ def _check_serialized(data: BinaryIO) -> None:
     if len(plain) < first + _COUNTS.size:
         raise SceneError("it ends too early")
     vertices, triangles = _COUNTS.unpack_from(plain, first)
-    check_size(
-        12.0 * (vertices + triangles), float(_MOST_ZIPPED * size), f"{vertices:,} vertices with {triangles:,} triangles"
-    )
+    what = f"its mesh of {vertices:,} vertices and {triangles:,} triangles"
+    check_size(12.0 * (vertices + triangles), float(_MOST_ZIPPED * size), what)

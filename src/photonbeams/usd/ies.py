@@ -94,7 +94,10 @@ class _Numbers:
         if len(words) < count:
             raise ValueError(f"it ends after {len(self._words)} numbers")
         self._next += count
-        return np.array([float(word) for word in words])
+        found = np.array([float(word) for word in words])
+        if not np.all(np.isfinite(found)):
+            raise ValueError("it has numbers that are not finite")
+        return found
 
     def count(self, what: str) -> int:
         """Return the next number, which is a count."""
