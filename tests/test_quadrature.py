@@ -1,5 +1,7 @@
 """Rules on [−1, 1] and their use on [a, b] (Talk, equations 1 and 2)."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -253,3 +255,13 @@ def test_bounds_and_breaks_of_no_number_are_refused():
         gauss_legendre(2).integrate(np.cos, 0.0, 1.0, 0.5)
     with pytest.raises(TypeError, match="expected a sequence"):
         gauss_legendre(2).integrate(np.cos, 0.0, 1.0, Float(0.5))
+
+
+def test_rules_are_equal_by_their_points_and_weights():
+    def simpson(middle=4 / 3):
+        return Rule("simpson", [-1, 0, 1], [1 / 3, middle, 5 / 3 - middle])
+
+    assert simpson() == simpson() and len({simpson(), simpson(), pickle.loads(pickle.dumps(simpson()))}) == 1
+    assert pickle.loads(pickle.dumps(gauss_legendre(3))) == gauss_legendre(3)
+    assert len({simpson(), simpson(1.0), gauss_legendre(3), riemann(3), gauss_legendre(4)}) == 5
+    assert gauss_legendre(3) != "gauss_legendre(3)"

@@ -1,5 +1,7 @@
 """Beams: the arrays that they accept and refuse, what they keep, and how they are saved."""
 
+import re
+
 import drjit as dr
 import numpy as np
 import pytest
@@ -117,3 +119,86 @@ GIVEN = {"start": [[0, 0, 0]] * 2, "end": [[0, 0, 1]] * 2, "radius_start": 0.1, 
 def test_bad_beams_are_told_in_a_sentence(message, given):
     with pytest.raises(SceneError, match=message):
         pb.Beams(**(GIVEN | given))
+
+
+# -- None at all, sums, and fields that are set --------------------------------------------------------------------
+
+
+NOTHING = [
+    pb.Beams(),
+    pb.Beams([], [], [], [], []),
+    pb.Beams(np.zeros((0, 3)), np.zeros((0, 3)), 0.1, 0.2, (1, 2, 3)),
+    pb.Beams([[0, 0, 0]], [[0, 0, 1]], 0.1, 0.2, (1, 2, 3), id=[7])[:0],
+]
+
+
+@pytest.mark.parametrize("none", NOTHING, ids=repr)
+def test_no_beams_have_no_light_and_add_nothing(none, beams, tmp_path):
+    assert len(none) == len(none[:0]) == len(none + none) == 0
+    assert all(same(each, beams) for each in (none + beams, beams + none, sum([none, beams, none])))
+    assert none.arrays()["power"].shape == (0, 3) and dr.width(none.identity()) == 0
+    none.save(tmp_path / "none.npz")
+    assert len(pb.Beams.load(tmp_path / "none.npz")) == 0
+    assert not pb.estimate(none, [[-3, 0, 2]], [1, 0, 0], medium=pb.Medium(0.1)).numpy().any()
+    modifiers = pb.aim((1, 0, 0)), pb.bend(lambda p: p), pb.bend([[[0, 0, 0], [0, 1, 1]]]), pb.thin(0.5), pb.clamp(1)
+    assert len(pb.chain(*modifiers, pb.recolor((1, 2, 3)))(none, pb.PassContext())) == 0
+
+
+def test_a_shot_may_lose_or_make_no_beams(capfd):
+    lamp = pb.scene.SphereLight("/Lamp", 50.0, center=(0, 2, 0), shaping=pb.scene.Shaping(cone_angle=20))
+    content = pb.scene.Scene(lights=lamp, media=pb.Medium(scattering=0.1))
+    camera = pb.scene.Camera.look_at(origin=(6, 1, 0), target=(0, 1, 0))
+
+    def light(**programs):
+        return pb.Shot(content, camera, **programs).render(passes=1, width=16, beams=64, guiding=False).layers["beams"]
+
+    assert not light(simulate=lambda beams, _: beams[:0]).any()
+    plain = light()
+    assert plain.any() and all(np.array_equal(light(emit=lambda _, own=own: own), plain) for own in (NOTHING[1], []))
+
+
+def test_sum_joins_beams(beams):
+    assert same(sum([beams, beams, beams]), pb.Beams.join([beams] * 3)) and sum([], NOTHING[0]) is NOTHING[0]
+    for others in ([beams, 1], [1, beams], [beams, None]):
+        with pytest.raises(SceneError, match="expected Beams"):
+            sum(others)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("power", np.arange(3.0 * COUNT).reshape(COUNT, 3)),
+        ("power", [[1, 2, 3]] * COUNT),
+        ("power", (1, 2, 3)),
+        ("power", Array3f(1, 2, 3)),
+        ("radius_start", np.linspace(0, 1, COUNT)),
+        ("radius_end", 0.25),
+        ("id", range(COUNT)),
+        ("start", dr.zeros(dr.tensor_t(Float), (COUNT, 3))),
+        ("power_end", None),
+    ],
+    ids=str,
+)
+def test_a_field_is_set_as_the_constructor_takes_it(beams, name, value):
+    made = pb.Beams(**{**beams.arrays(), name: value})
+    setattr(beams, name, value)
+    assert same(beams, made)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("power", np.ones((3, 3)), "Beams: power has shape (3, 3): expected (5, 3)"),
+        ("power", Array3f([1, 2], 3, 4), "Beams: power has 2 entries: expected 5"),
+        ("power", "red", "Beams: power is 'red'"),
+        ("power", [(1, 2, np.nan)] * COUNT, "Beams: power of beam 0 is not finite"),
+        ("start", None, "Beams: start is not given"),
+        ("radius_start", -1, "a radius is negative"),
+        ("powr", 1, "Beams has no argument 'powr', did you mean power?"),
+    ],
+)
+def test_what_a_field_cannot_be_is_refused_and_changes_nothing(beams, name, value, message):
+    before = beams.arrays()
+    with pytest.raises(SceneError, match=re.escape(message)):
+        setattr(beams, name, value)
+    assert all(np.array_equal(before[name], after) for name, after in beams.arrays().items())

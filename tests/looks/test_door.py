@@ -1,6 +1,7 @@
 """Looks in Python: how they are shown, and what their messages say about wrong arguments."""
 
 import inspect
+import pickle
 import types
 
 import drjit as dr
@@ -103,3 +104,108 @@ def test_a_look_shows_its_factors_with_their_numbers():
         "Texture(pixels=<numbers (64, 3)>, begin=0, end=1, space='fraction')"
     )
     assert repr(pb.Look(across=lambda rho: 1 - rho).across) == "Function(<function <lambda>>)"
+
+
+# -- Equality ------------------------------------------------------------------------------------------------------
+
+
+def shape(rho):
+    return 1 - rho
+
+
+MAKERS = [
+    lambda: looks.Attenuation(), lambda: looks.Scattering(), lambda: looks.Power(1.5),
+    lambda: looks.Power(1.5, length=2),
+    lambda: looks.Constant([1, 2, 3]), lambda: looks.Constant(np.array([1.0, 2, 4])), lambda: looks.Expression("1 - s"),
+    lambda: looks.ColorRamp([0, 1], [[1, 0, 0], [0, 1, 0]]), lambda: looks.ColorRamp([0, 1], [[1, 0, 0], [0, 1, 1]]),
+    lambda: looks.Power() * [1, 2, 3], lambda: looks.Power() + 1, lambda: looks.Power().mix(2.0),
+    lambda: looks.Constant(2).clamp(0, 1), lambda: looks.Function(shape), lambda: looks.Gaussian(0.4),
+    lambda: looks.Gaussian(0.4) * "1 - s", lambda: looks.Epanechnikov(), lambda: looks.LightContext(),
+    lambda: looks.Fog(pb.Medium(0.1)), lambda: looks.Fog(pb.Medium(0.2)), lambda: pb.Look(),
+    lambda: pb.Look(along="1 - s"), lambda: pb.Look(along=looks.Power(), eye=looks.Power()),
+]  # fmt: skip
+
+
+def test_looks_and_their_parts_are_equal_by_content():
+    first, second = ([make() for make in MAKERS] for _ in range(2))
+    bound = [pb.Look(along=each).bind(pb.Medium(0.1), 1.0) for each in first[:2]]  # which computes what looks keep
+    assert len(bound) == 2
+    for index, own in enumerate(first):
+        assert [own == other for other in second] == [index == other for other in range(len(second))], own
+        assert pickle.loads(pickle.dumps(own)) == own
+    assert len({*first, *second}) == len(MAKERS)
+    power = looks.Power()
+    assert pb.Look(along=power, eye=power) == first[-1]  # one factor twice is like two
+    assert looks.Function(shape) != looks.Function(lambda rho: 1 - rho) and pb.Look() != "Look()"
+    assert pb.scene.BeamSettings(look=pb.Look(eye=2.0)) == pb.scene.BeamSettings(look=pb.Look(eye=2.0))
+
+
+def test_factors_of_ones_own_are_equal_by_what_they_hold():
+    class Twinkle(looks.Factor):
+        def __init__(self, size):
+            self.size = size
+
+        def evaluate(self, at):
+            return 1 - self.size * at.random
+
+    assert Twinkle(2) == Twinkle(2) != Twinkle(3) and pb.Look(along=Twinkle(2)) == pb.Look(along=Twinkle(2))
+
+
+# -- Factors of one's own that are not finished --------------------------------------------------------------------
+
+
+class Empty(looks.Factor):
+    pass
+
+
+class EmptyDecay(looks.factors.Decay):
+    pass
+
+
+class Numbers(looks.Factor):
+    def __init__(self, value):
+        self.value = value
+
+    def evaluate(self, at):
+        return self.value(at.distance)
+
+
+@pytest.mark.parametrize(
+    ("factor", "message"),
+    [
+        (Empty(), "Empty has no method evaluate(self, at): expected one that returns its value"),
+        (EmptyDecay(), "EmptyDecay has no method exponent(self, at): expected one that returns it"),
+        (
+            Numbers(lambda s: np.exp(-s)),
+            "returns a ndarray: expected a Float, an Array3f or a number, made by functions",
+        ),
+        (Numbers(lambda s: np.float64(2) * s), "Dr.Jit, not of NumPy"),
+        (
+            lambda s: np.maximum(s, 0.5),
+            "returns a ndarray: expected a Float, an Array3f or a number, made by functions",
+        ),
+        (Numbers(lambda s: np.array([1, 0.5, 0.2])), "returns a ndarray"),
+        (Numbers(lambda s: None), "returns a NoneType: expected a Float, an Array3f or a number"),
+        (Numbers(lambda s: "red"), "returns a str: expected"),
+    ],
+)
+def test_a_factor_without_a_value_is_told_in_a_sentence(factor, message):
+    beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, power=[9, 9, 9])
+    for own in ({"along": factor}, {"eye": factor}, {"across": looks.Uniform() * factor}):
+        said = attempt(
+            lambda own=own: pb.estimate(beams, [[-3, 0, 2]], [1, 0, 0], look=pb.Look(**own), medium=pb.Medium(0.1))
+        )
+        assert said is not None and message in said and len(said) <= 300
+
+
+def test_numbers_of_numpy_are_numbers():
+    bound = pb.Look(along=Numbers(lambda s: s * np.float64(2) + np.float32(1))).bind(pb.Medium(0.1), 4.0)
+    assert bound.along(distance=Float(1), depth=Float(1), fraction=Float(0.5))[0] == 3
+
+
+def test_a_profile_without_a_shape_is_told_in_a_sentence():
+    class EmptyProfile(looks.Across):
+        pass
+
+    said = "EmptyProfile has no method shape(self, rho): expected one that returns the profile"
+    assert attempt(lambda: pb.Look(across=EmptyProfile())) == said

@@ -21,6 +21,7 @@ from ..runtime.device import Array3f, Float, UInt32
 from ..runtime.files import PathLike, atomic_file
 from ..runtime.inputs import arrays
 from ..scene import Array, SceneError, arguments, numbers, shown
+from ..scene.checks import unknown
 
 _COLOR = ("start", "end", "power")
 _REQUIRED = ("start", "end", "radius_start", "radius_end", "power")
@@ -94,7 +95,8 @@ class Beams:
     not given are None. `arrays` returns NumPy arrays of shape (N, 3) instead.
 
     Beams are indexed like rows: `beams[3]` and `beams[-1]` hold one beam, `beams[10:20]`, `beams[[1, 5]]` and
-    `beams[mask]` hold several. A beam keeps its `id`. `beams + more` holds the beams of both.
+    `beams[mask]` hold several. A beam keeps its `id`. `beams + more` holds the beams of both, and `sum` those of many.
+    Arrays may be set: `beams.power = [[1, 0, 0], [0, 1, 0]]`.
 
     References
     ----------
@@ -158,22 +160,33 @@ class Beams:
             "random": random, "id": id, "generation": generation,
             "start_tangent": start_tangent, "end_tangent": end_tangent, "power_end": power_end,
         }  # fmt: skip
+        fields: dict[str, Any] = self.__dict__
         if all(value is None for value in given.values()):  # Dr.Jit creates a struct before it fills it
-            for name in _OPTIONAL:
-                setattr(self, name, None)
+            fields.update({name: kind() for name, kind in self.DRJIT_STRUCT.items()}, **dict.fromkeys(_OPTIONAL))
             return
         count = _count(start)
-        for name in _REQUIRED:
-            setattr(self, name, _array(given[name], name, count))
+        fields.update({name: _array(given[name], name, count) for name in _REQUIRED})
         for name in _OPTIONAL:
-            setattr(self, name, None if given[name] is None else _array(given[name], name, count))
+            fields[name] = None if given[name] is None else _array(given[name], name, count)
         if (start_tangent is None) != (end_tangent is None):
             raise SceneError("Beams: one of start_tangent and end_tangent is given: expected both, or neither")
-        _check_radii(self)
+        _check_radii(self.radius_start, self.radius_end)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Set an array, given as to the constructor. While there are no beams, Dr.Jit's arrays may have any length."""
+        if name not in self.DRJIT_STRUCT:
+            raise SceneError(unknown("Beams", name, self.DRJIT_STRUCT))
+        count = len(self)
+        fits = isinstance(value, self.DRJIT_STRUCT[name]) and (not count or dr.width(value) == count)
+        if not fits and not (value is None and name in _OPTIONAL):
+            value = _array(value, name, count)
+            if name in ("radius_start", "radius_end"):
+                _check_radii(*({**self.__dict__, name: value}[each] for each in ("radius_start", "radius_end")))
+        self.__dict__[name] = value
 
     def __len__(self) -> int:
         """Return the number of beams."""
-        return int(dr.width(self.start)) if hasattr(self, "start") else 0
+        return int(dr.width(self.start))
 
     def __repr__(self) -> str:
         own = [name for name in _OPTIONAL if getattr(self, name) is not None]
@@ -189,6 +202,10 @@ class Beams:
     def __add__(self, other: Beams) -> Beams:
         return Beams.join((self, other))
 
+    def __radd__(self, other: Any) -> Beams:
+        """Return the beams themselves for 0, with which Python's `sum` begins."""
+        return self if isinstance(other, int) and other == 0 else Beams.join((other, self))
+
     @classmethod
     def join(cls, parts: Iterable[Beams]) -> Beams:
         """Return the beams of all `parts`, in order.
@@ -197,7 +214,8 @@ class Beams:
         ----------
         parts
             One or more `Beams`. An optional array that only some of them have gets its default in the others: see the
-            parameters of `Beams`. The default of `id` is the beam's index in the result.
+            parameters of `Beams`. The default of `id` is the beam's index in the result. Parts without beams add
+            nothing.
 
         Raises
         ------
@@ -214,6 +232,7 @@ class Beams:
         wrong = [each for each in listed if not isinstance(each, Beams)]
         if wrong or not listed:
             raise SceneError(f"beams are joined with {shown(wrong[0]) if wrong else 'none'}: expected Beams")
+        listed = [each for each in listed if len(each)] or listed[:1]
         present = {name for name in _OPTIONAL for each in listed if getattr(each, name) is not None}
         first = 0
         filled = []
@@ -268,6 +287,8 @@ class Beams:
     def identity(self) -> Array3f:
         """Return each beam's `random`, `id` and `generation`, or their defaults, as (N, 3)."""
         nothing = dr.zeros(Float, len(self))
+        if not len(self):
+            return Array3f(nothing)
         number = Float(self.numbers()) if self.id is None else self.id
         random = unit_float(hash32(self.numbers())) if self.random is None else self.random
         return Array3f(random, number, nothing if self.generation is None else self.generation)
@@ -327,7 +348,8 @@ def _count(start: Any) -> int:
         raise SceneError(f"Beams: start is not given: expected {_said('start')[1]}")
     if dr.is_jit_v(start) and not dr.is_tensor_v(start):
         return int(dr.width(start))
-    return len(np.atleast_2d(dr.detach(start).numpy() if dr.is_jit_v(start) else numbers(start, *_said("start"))))
+    found = dr.detach(start).numpy() if dr.is_jit_v(start) else numbers(start, *_said("start"))
+    return len(np.atleast_2d(found)) if found.size else 0
 
 
 def _said(name: str) -> tuple[str, str]:
@@ -344,6 +366,8 @@ def _array(value: Any, name: str, count: int) -> Any:
         return _broadcast(_of_device(value, name), name, count)
     shape = (count, 3) if vector else (count,)
     found = numbers(value, *_said(name))
+    if not count and not found.size:  # an empty list has one axis
+        found = np.zeros(shape)
     try:
         with np.errstate(over="ignore"):
             wide = np.broadcast_to(found.astype(np.float32, copy=False), shape)
@@ -401,8 +425,6 @@ def _places(index: Any, count: int) -> Array:
     return np.atleast_1d(found)
 
 
-def _check_radii(beams: Beams) -> None:
-    if len(beams) and bool(
-        dr.any((beams.radius_start < 0) | (beams.radius_end < 0) | (beams.radius_start + beams.radius_end <= 0))
-    ):
+def _check_radii(start: Float, end: Float) -> None:
+    if dr.width(start) and bool(dr.any((start < 0) | (end < 0) | (start + end <= 0))):
         raise SceneError("Beams: a radius is negative, or both of a beam are 0: expected 0 or more, and not both 0")

@@ -76,7 +76,7 @@ def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
             result.end_normal = -direction
         return result
 
-    return aimed
+    return _of_some(aimed)
 
 
 @scene.arguments
@@ -124,12 +124,17 @@ def bend(field: Callable[[Any], Any] | Sequence[npt.ArrayLike], steps: int = 32)
     """
     if callable(field):
         steps = int(scene.number(steps, "bend: steps", 1, 4096))
-        return lambda beams, _: _along_field(beams, field, steps)
+        return _of_some(lambda beams, _: _along_field(beams, field, steps))
     if isinstance(field, str) or not isinstance(field, Sequence | np.ndarray):
         text = f"bend: field is {scene.shown(field)}: expected a function of positions, or guides of (M, 3) points each"
         raise SceneError(text)
     guides = [Guide.through(points) for points in field]
-    return lambda beams, _: led(beams, guides)
+    return _of_some(lambda beams, _: led(beams, guides))
+
+
+def _of_some(change: Modifier) -> Modifier:
+    """Return a modifier that leaves no beams as they are: Dr.Jit combines no empty arrays with numbers."""
+    return lambda beams, context: change(beams, context) if len(beams) else beams
 
 
 def _along_field(beams: Beams, field: Callable[[Any], Any], steps: int) -> Beams:
@@ -214,7 +219,7 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
         result = beams.take(index)
         return _scaled(result, dr.opaque(Float, 1 / fraction)) if keep_light else result
 
-    return thinned
+    return _of_some(thinned)
 
 
 @scene.arguments
@@ -253,7 +258,7 @@ def recolor(color: npt.ArrayLike | Callable[[Beams], Any]) -> Modifier:
             result.power_end = _mean(beams.power_end) * tint
         return result
 
-    return recolored
+    return _of_some(recolored)
 
 
 def _mean(colour: Any) -> Any:
@@ -309,7 +314,7 @@ def clamp(power: float | None = None, radiance: float | None = None) -> Modifier
             limit = dr.minimum(limit, dr.opaque(Float, brightest / _PEAK) * middle)
         return _scaled(beams, dr.minimum(1, limit * dr.rcp(dr.maximum(peak, 1e-30))))
 
-    return clamped
+    return _of_some(clamped)
 
 
 def _scaled(beams: Beams, factor: Any) -> Beams:

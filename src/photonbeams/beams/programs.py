@@ -171,6 +171,8 @@ def checked(found: Any, place: str) -> Beams:
     """Return the beams that a function returned; raise SceneError, beginning with `place`, unless they are finite."""
     if not isinstance(found, Beams):
         raise SceneError(f"{place} {_kind(found)}: expected Beams")
+    if not len(found):
+        return found
     fields = {name: getattr(found, name, None) for name in Beams.DRJIT_STRUCT}
     try:
         result = Beams(**fields)

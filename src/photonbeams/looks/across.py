@@ -82,7 +82,7 @@ class Across(Described):
 
     def shape(self, rho: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the profile before it is normalised, at `rho` from 0 to 1 (a float64 NumPy array)."""
-        raise NotImplementedError
+        raise SceneError(f"{type(self).__name__} has no method shape(self, rho): expected one that returns the profile")
 
     @cached_property
     def scale(self) -> float:

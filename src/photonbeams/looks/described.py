@@ -10,6 +10,7 @@ from typing import Any, ParamSpec
 import drjit as dr
 import numpy as np
 
+from ..runtime.digest import ByContent
 from ..scene import arguments
 
 P = ParamSpec("P")
@@ -17,8 +18,8 @@ P = ParamSpec("P")
 _MOST_NUMBERS = 12  # of an array that a repr writes out
 
 
-class Described:
-    """An object whose repr is the call of its constructor, with its arguments."""
+class Described(ByContent):
+    """An object whose repr is the call of its constructor, with its arguments; equal ones have equal fields."""
 
     _arguments: Mapping[str, Any] = {}
 

@@ -80,7 +80,7 @@ class Factor(Described):
 
     def evaluate(self, at: ShadingContext) -> Value:
         """Return the factor's value, a Float or an Array3f, for the inputs of a shading context `at`."""
-        raise NotImplementedError
+        raise SceneError(f"{type(self).__name__} has no method evaluate(self, at): expected one that returns its value")
 
     def split(self, at: ShadingContext) -> tuple[Any, Any]:
         """Return (value, exponent), so that the factor `at` a shading context is value · exp(exponent).
@@ -305,7 +305,7 @@ class Decay(Factor):
 
     def exponent(self, at: ShadingContext) -> Value:
         """Return the exponent, which is usually 0 or less."""
-        raise NotImplementedError
+        raise SceneError(f"{type(self).__name__} has no method exponent(self, at): expected one that returns it")
 
     def evaluate(self, at: ShadingContext) -> Value:
         """Return the exponential."""
@@ -405,9 +405,7 @@ class Function(Factor):
             value = self._function(*given)
         except (Exception, SystemExit) as error:
             raise SceneError(f"the look's function {name} failed: {error}") from error
-        if not _is_colour(value):
-            kind = type(value).__name__
-            raise SceneError(f"the look's function {name} returns a {kind}: expected a Float, an Array3f or a number")
+        check_value(value, f"the look's function {name}")
         count = max((dr.width(each) for each in given if dr.is_array_v(each)), default=0)
         if count and dr.width(value) not in (1, count):
             text = f"returns {dr.width(value)} values for {count}: expected one for each, or one"
@@ -416,6 +414,14 @@ class Function(Factor):
         if any(double) and dr.is_array_v(value) and not all(double):  # loop states must keep one precision
             return Array3f(value) if dr.size_v(value) == 3 else Float(value)
         return value
+
+
+def check_value(value: Any, name: str) -> None:
+    """Raise SceneError unless the value of the factor `name` is a number or a colour for each lane."""
+    if not _is_colour(value):
+        hint = ", made by functions of Dr.Jit, not of NumPy" if isinstance(value, np.ndarray) else ""
+        kind = type(value).__name__
+        raise SceneError(f"{name} returns a {kind}: expected a Float, an Array3f or a number{hint}")
 
 
 def _is_colour(value: Any) -> bool:

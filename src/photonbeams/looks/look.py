@@ -10,12 +10,13 @@ import numpy as np
 
 from ..numerics.arrays import to_float, to_vectors
 from ..runtime.device import Array3f, Float
+from ..runtime.digest import ByContent
 from ..scene import Medium, SceneError, arguments, shown
 from .across import Across, AcrossLike, Epanechnikov, Modulated, across
 from .along import Attenuation
 from .angle import Scattering
 from .context import OF_BEAMS, OF_PLACES, OF_RADII, Fog, LightContext, ShadingContext, inputs_of
-from .factors import Constant, Corner, Factor, FactorLike, factor
+from .factors import Constant, Corner, Factor, FactorLike, check_value, factor
 
 #: Two opposite corners of a box.
 Box = tuple[Any, Any]
@@ -43,7 +44,7 @@ _MOST = 1e18
 _OF_RAYS = OF_BEAMS | {"cosine", "angle", "medium", "fog", "context", "time", "frame", "light", "beam"}
 
 
-class Look:
+class Look(ByContent):
     """The appearance of beams: a product of four factors, each of them physical unless it is given.
 
     Parameters
@@ -221,9 +222,10 @@ class BoundLook:
         self._wild = any(each.wild for each in self._factors().values())
         probe = self._probe(1, box)
         with dr.resume_grad():
-            self.attached = self.profile.attached or any(
-                dr.grad_enabled(each.evaluate(probe)) for each in self._factors().values()
-            )
+            values = [each.evaluate(probe) for each in self._factors().values()]
+            self.attached = self.profile.attached or any(map(dr.grad_enabled, values))
+        for each, value in zip(self._factors().values(), values, strict=True):
+            check_value(value, f"the look's factor {shown(each)}")
         asked = {slot: inputs_of(each.evaluate, probe) for slot, each in self._factors().items()}
         self._turning = not asked["angle"] <= _OF_RAYS  # whether the angle's factor changes along a ray
         self.uses = frozenset().union(*asked.values())

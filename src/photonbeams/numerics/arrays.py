@@ -132,9 +132,10 @@ def _copied(array: Any) -> Any:
 
 def _arrays(value: Any) -> list[Any]:
     """Return the arrays in a struct."""
-    found: list[Any] = []
-    _each(found.append, value)
-    return found
+    names = getattr(type(value), "DRJIT_STRUCT", None)
+    if value is None or names is None:
+        return [] if value is None else [value]
+    return [array for name in names for array in _arrays(getattr(value, name))]
 
 
 def _each(function: Any, *values: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Hashes of values by their content, the same in every process and on every machine.
+"""Hashes of values by their content, the same in every process and on every machine; and whether two are equal.
 
 Values may be numbers, text, arrays, containers of these, objects (hashed by their fields), and functions (hashed by
 their source text and the values that it names). Dr.Jit's arrays are hashed like NumPy's.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import is_dataclass
 from enum import Enum
 from functools import cached_property, partial
 from hashlib import sha256
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
+_NAMED = (type, ModuleType, BuiltinFunctionType, FunctionType, MethodType)
 
 
 def digest(*values: Any) -> str:
@@ -25,6 +27,34 @@ def digest(*values: Any) -> str:
     hashed = sha256()
     _Feed(hashed).add(values)
     return hashed.hexdigest()
+
+
+class ByContent:
+    """Base of objects that are equal if they are of one class, and their fields are equal; fields may be arrays."""
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (type(self) is type(other) and equal(fields_of(self), fields_of(other)))
+
+    def __hash__(self) -> int:
+        return hash(repr(self))
+
+
+def equal(a: Any, b: Any) -> bool:
+    """Return whether two values have the same content: arrays and containers are compared entry by entry."""
+    if a is b:
+        return True
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, Mapping):
+        return a.keys() == b.keys() and all(equal(value, b[name]) for name, value in a.items())
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(map(equal, a, b))
+    if isinstance(a, np.ndarray) or hasattr(type(a), "numpy"):
+        first, second = (each if isinstance(each, np.ndarray) else each.numpy() for each in (a, b))
+        return np.array_equal(first, second)
+    if (is_dataclass(a) or type(a).__eq__ is object.__eq__) and hasattr(a, "__dict__") and not isinstance(a, _NAMED):
+        return equal(fields_of(a), fields_of(b))
+    return bool(a == b)
 
 
 class _Feed:
@@ -87,7 +117,7 @@ class _Feed:
             self._put("object", type(value).__module__, type(value).__qualname__)
             if not type(value).__module__.startswith("photonbeams."):
                 self._put(_source(type(value)))
-            self.add(_fields(value))
+            self.add(fields_of(value))
 
     def _add_function(self, function: FunctionType) -> None:
         self._put("function", function.__qualname__, _source(function))
@@ -104,7 +134,7 @@ class _Feed:
                 self.add(_source(value) if isinstance(value, type) else value)
 
 
-def _fields(value: Any) -> dict[str, Any]:
+def fields_of(value: Any) -> dict[str, Any]:
     """Return an object's attributes without cached properties, which may not have been computed yet."""
     kinds = [vars(each) for each in type(value).__mro__]
     slots = {name for each in kinds for name in _names_of_slots(each.get("__slots__", ()))}

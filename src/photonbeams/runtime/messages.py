@@ -8,25 +8,31 @@ from pathlib import Path
 from ..scene.checks import shortened
 
 _TRACE = "Traceback (most recent call last):"
+_MAKING = re.compile(r': failed to instantiate \w+ plugin of type "(\w+)":$')
 
 
 def reason(text: str, path: Path | None = None) -> str:
-    """Return Mitsuba's message in one line, without source lines, tracebacks, and the name of the file at `path`."""
+    """Return Mitsuba's message in one line, without source lines and tracebacks.
+
+    At its beginning, the name of the file at `path`, or of a text, is left out.
+    """
     text = re.sub(r"^\[[\w.]+:\d+\]\s*", "", text.strip())
     if path is not None:
-        text = re.sub(rf"^At {re.escape(str(path))} \((.*?)\)", r"\1", text)
+        text = re.sub(
+            rf"^(?:At|While loading|Error while loading) (?:{re.escape(str(path))}|string) \((.*?)\)", r"\1", text
+        )
     text, trace, lines = text.partition(_TRACE)
-    parts = [line.strip() for line in text.splitlines() if line.strip()]
+    text = " ".join(text.split())
     if trace:  # from a plug-in in Python: its last line without indentation is the error, "Class: what is wrong"
-        last = [line for line in lines.splitlines() if re.match(r"[\w.]+: ", line)]
-        parts.append(last[-1].partition(": ")[2] if last else "")
-    return " ".join(parts)[:500].strip()
+        last = [line.partition(": ")[2] for line in lines.splitlines() if re.match(r"[\w.]+: ", line)]
+        making = _MAKING.search(text)
+        if making is not None:
+            own = f"{making[1]}: "
+            return shortened(f"{text[: making.start()]}: {own}{''.join(last[-1:]).removeprefix(own)}")
+        text = " ".join((text, *last[-1:]))
+    return text[:500].strip()
 
 
 def own_reason(text: str, plugin: str) -> str | None:
     """Return what a plug-in in Python says in Mitsuba's message, and where it is; None for a message of others."""
-    place, found, rest = text.partition(f'plugin of type "{plugin}": {_TRACE}')
-    if not found:
-        return None
-    place = reason(place).partition(": failed to instantiate")[0]
-    return shortened(f"{place}: {plugin}: {reason(_TRACE + rest).removeprefix(f'{plugin}: ')}")
+    return reason(text) if f'plugin of type "{plugin}": {_TRACE}' in text else None

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from numbers import Integral, Real
 from types import NoneType
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,9 @@ Array = npt.NDArray[Any]
 
 
 Color = tuple[float, float, float]
+
+#: A colour as `color` takes it: one number, or three.
+ColorLike: TypeAlias = float | Sequence[float] | Array
 
 
 DEFAULT_BEAMS = 4096  # per pass, for each light that does not set a number
@@ -205,7 +208,7 @@ def _misuse(name: str, signature: inspect.Signature, given: int, named: dict[str
     return f"{name}: {error}"
 
 
-def color(value: float | Sequence[float] | Array, name: str, minimum: float = 0.0) -> Color:
+def color(value: ColorLike, name: str, minimum: float = 0.0) -> Color:
     """Return `value`, one number or three, as a colour; SceneError unless they are finite and at least `minimum`."""
     expected = f"one or three finite numbers of at least {minimum:g}"
     found = numbers(value, name, expected).astype(np.float64)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import BLACK, Array, Color, SceneError, color, number, whole
+from .checks import BLACK, Array, Color, ColorLike, SceneError, color, number, whole
 from .surfaces import Mesh
 
 # The unit cube; its faces wind around the outward normals.
@@ -142,6 +143,23 @@ class Medium:
     scattering_color: DensityGrid | None = None
     emission: DensityGrid | None = None
     lit_by_domes: bool = False
+
+    if TYPE_CHECKING:  # the generated one would take only what the fields hold
+
+        def __init__(
+            self,
+            scattering: ColorLike,
+            absorption: ColorLike = BLACK,
+            anisotropy: float = 0.0,
+            mesh: Mesh | None = None,
+            surfaces: bool = True,
+            name: str = "",
+            grid: DensityGrid | None = None,
+            bounces: int | None = None,
+            scattering_color: DensityGrid | None = None,
+            emission: DensityGrid | None = None,
+            lit_by_domes: bool = False,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scattering", color(self.scattering, "scattering"))

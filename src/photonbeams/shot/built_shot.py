@@ -38,6 +38,9 @@ class BuiltShot(Shot):
     def __repr__(self) -> str:
         return f"BuiltShot({len(self.scene.meshes)} meshes, {len(self.scene.lights)} lights, {self.camera.name!r})"
 
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__
+
     def _read(self, frame: float | None, base: float | None) -> tuple[scene.Scene, scene.Camera]:
         return self.scene, self.camera
 

@@ -12,13 +12,14 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from ..images.files import check_decoded, check_image, pixels_of
 from ..images.files import opened as opened_image
 from ..runtime.inputs import MOST_TEXT, check_size, content, is_special, opened
 from ..scene import SceneError
 from ..volumes.vol import vol_shape
+from .scene_loading import parsed
 
 _ATTRIBUTE = re.compile(r"""([\w:.-]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 _ELEMENT = re.compile(r"<\s*(\w+)((?:[^<>\"']|\"[^\"]*\"|'[^']*')*)>")
@@ -51,12 +52,9 @@ def check_files(path: Path, parameters: Mapping[str, str]) -> None:
     RuntimeError
         From Mitsuba: a scene that cannot be parsed.
     """
-    from ..runtime.device import mitsuba
-
     folders = [path.parent, *_check_paths(path, parameters)]
-    mi = mitsuba()
-    parsed: Any = mi.parser.parse_file(mi.parser.ParserConfig(mi.variant()), str(path), **parameters)
-    for node in parsed.nodes:
+    own = parsed(path, parameters)
+    for node in own.state.nodes:
         properties = node.props
         if properties.plugin_name() == "bitmap" and not any(each in properties for each in _OF_BITMAPS):
             raise SceneError(f"{path}: a bitmap {properties.id()} names no file: expected a filename")

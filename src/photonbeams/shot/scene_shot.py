@@ -18,12 +18,15 @@ from ..runtime.files import PathLike
 from ..runtime.messages import reason
 from ..scene import SceneError
 from ..scene.cameras import CONFORM_POLICIES
+from ..scene.checks import shortened
 from ..usd.header import origin
 from ..usd.reading import LOG
 from ..usd.scene_layers import SceneLayers
 from ..usd.stereo import EYES, Stereo, check_stereo, split, views_of
 from ..usd.warnings import Warnings
+from .old_scenes import version_of
 from .scene_files import check_files
+from .scene_loading import load
 from .shot import Shot
 
 if TYPE_CHECKING:
@@ -44,7 +47,8 @@ class SceneShot(Shot):
     Parameters
     ----------
     subject
-        A scene that Mitsuba has loaded, or an .xml file; a run of # in its name is the frame number.
+        A scene that Mitsuba has loaded, a dictionary for `mi.load_dict`, or an .xml file; a run of # in its name is the
+        frame number.
     camera
         Name (id) or number of the sensor; None is the first.
     stereo
@@ -77,10 +81,14 @@ class SceneShot(Shot):
     ) -> None:
         check_stereo(stereo)
         self.path = Path(subject) if isinstance(subject, str | os.PathLike) else None
+        self._subject = subject if self.path or isinstance(subject, Mapping) else None  # from which it can be loaded
+        if self.path is None:
+            subject = _opened(subject)
         self.camera, self.stereo, self._parameters = camera, stereo, dict(parameters or {})
         self._given = looks, groups or {}, beams or {}
         self._beams = _beams(*self._given)
         layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else [*session_layers]
+        self._session_layers = layers
         self._layers = SceneLayers(layers) if layers else None
         self._layered: tuple[Path | None, float | None] | None = None  # file and frame for which the layers were read
         self._looks: dict[str, Look] = {}
@@ -93,6 +101,13 @@ class SceneShot(Shot):
     def __repr__(self) -> str:
         what = self.path or "a Mitsuba scene"
         return f"SceneShot({str(what)!r}, camera={self.camera!r})"
+
+    def __reduce__(self) -> Any:
+        """Return how a copy is made: by loading the scene again. SceneError for one that only Mitsuba has."""
+        if self._subject is None:
+            raise SceneError("a scene that Mitsuba has loaded cannot be pickled: expected Shot.open of its file")
+        own = self.camera, self.stereo, *self._given, self._parameters, self._session_layers
+        return type(self), (self._subject, *own)
 
     def load(self, frame: float | None = None) -> Any:
         """Load the Mitsuba scene of a `frame` and its sensors, and return it."""
@@ -134,9 +149,12 @@ class SceneShot(Shot):
             # Mitsuba's optimization merges meshes, which then lose their ids.
             named = self._layers is not None or any(isinstance(each.portal, str) for each in self._beams.values())
             with helping_thread():
-                plugin = mi.load_file(str(path), optimize=not named, **self._parameters)
+                plugin = load(path, self._parameters, merge=not named)
         except (RuntimeError, UnicodeDecodeError) as error:
-            raise SceneError(f"{path}: {reason(_message(error), path)}") from error
+            version = version_of(path)
+            old = "" if version is None else f"; the scene is of Mitsuba {version}: expected one of Mitsuba 3"
+            text = shortened(reason(_message(error), path), len(str(path)) + len(old) + 2)
+            raise SceneError(f"{path}: {text}{old}") from None
         if not isinstance(plugin, mi.Scene):
             raise SceneError(f"{path}: holds a {type(plugin).__name__}: expected a scene")
         return plugin
@@ -306,6 +324,22 @@ class SceneShot(Shot):
         from ..render.film import reconstruction_filter
 
         return reconstruction_filter(settings.filter_name, self.sensor.film().rfilter())
+
+
+def _opened(subject: Any) -> Any:
+    """Return a scene of Mitsuba's, made from a dictionary if it is one; SceneError for anything else."""
+    from ..runtime.device import helping_thread, mitsuba
+
+    mi = mitsuba()
+    if isinstance(subject, Mapping):
+        try:
+            with helping_thread():
+                subject = mi.load_dict(dict(subject))
+        except (RuntimeError, TypeError) as error:
+            raise SceneError(f"a scene's dictionary: {reason(str(error))}") from None
+    if not isinstance(subject, mi.Scene):
+        raise SceneError(f"stage is a {type(subject).__name__} of Mitsuba's: expected a Scene")
+    return subject
 
 
 def _beams(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import weakref
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from math import log2, pi
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 from .. import scene
 from ..images.frame import Frame, pixels_of
@@ -83,6 +84,12 @@ def _opened_scene(
     return SceneShot(path, camera, stereo, looks, groups, beams, parameters, session_layers)
 
 
+def _own_signature(kind: type) -> inspect.Signature:
+    """Return the parameters of a class's `__init__`, where Python would show those of `__new__`."""
+    signature = inspect.signature(kind.__init__)  # type: ignore[misc]
+    return signature.replace(parameters=[*signature.parameters.values()][1:])
+
+
 def _known(paths: set[str]) -> set[str]:
     """Return paths and the names at their ends: users may name a prim by either."""
     return paths | {path.rpartition("/")[2] for path in paths}
@@ -94,7 +101,8 @@ class Shot:
     Parameters
     ----------
     stage
-        An open `Usd.Stage`, a `scene.Scene` that was built in Python, or a scene that Mitsuba has loaded.
+        An open `Usd.Stage`, a `scene.Scene` that was built in Python, or a scene that Mitsuba has loaded, or a
+        dictionary from which `mi.load_dict` makes one.
     camera
         Path or name of a camera of the stage; None, the default: the render settings' camera, or the only one. For a
         `scene.Scene` a `scene.Camera`; for a Mitsuba scene the id or number of a sensor, None: the first.
@@ -137,10 +145,16 @@ class Shot:
     """
 
     camera: Any  # the name of a camera on the stage; a scene.Camera for a scene that was built in Python
+    __signature__: ClassVar[inspect.Signature]
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.__signature__ = _own_signature(cls)
 
     def __new__(cls, stage: Any = None, *_: Any, **__: Any) -> Shot:
         """Return a `Shot`, or the subclass for a Mitsuba scene or for a scene that was built in Python."""
-        if cls is Shot and type(stage).__module__.partition(".")[0] == "mitsuba":
+        of_mitsuba = type(stage).__module__.partition(".")[0] == "mitsuba" or (isinstance(stage, Mapping) and stage)
+        if cls is Shot and of_mitsuba:
             from .scene_shot import SceneShot
 
             return super().__new__(SceneShot)
@@ -215,6 +229,10 @@ class Shot:
 
     def __repr__(self) -> str:
         return f"Shot({Path(file_of(self.stage)).name!r}, camera={self.camera!r})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Raise SceneError: OpenUSD's stages cannot be pickled or copied."""
+        raise scene.SceneError(f"{self!r} cannot be pickled: expected Shot.open with its arguments where it is needed")
 
     def _repr_mimebundle_(
         self, include: Collection[str] | None = None, exclude: Collection[str] | None = None
@@ -312,6 +330,9 @@ class Shot:
         SceneError
             A file, a camera or an argument that cannot be used; the message says which and why.
         """
+        if not isinstance(path, str | os.PathLike) or not os.fspath(path):
+            text = "expected the name of a file; pb.Shot(...) takes what is open, or made in Python"
+            raise scene.SceneError(f"path is {scene.shown(path)}: {text}")
         session_layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else session_layers
         overrides = [overrides] if isinstance(overrides, str) else overrides
         if Path(path).suffix.lower() == ".xml":
@@ -940,3 +961,6 @@ class Shot:
     def _warn(self, text: str) -> None:
         """Log a warning about no particular prim, once; raise it as a SceneError if the shot is strict."""
         self._warnings.give(text)
+
+
+Shot.__signature__ = _own_signature(Shot)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime.inputs import why_unreadable
-from ..scene import Array, SceneError, real
+from ..scene import Array, SceneError, real, shown
 from . import blender
 from . import schemas as schemas
 from .camera import list_cameras, read_camera
@@ -104,7 +104,7 @@ def open_stage(
 def check_stage(stage: object) -> None:
     """Raise SceneError if a value is not an open stage, or has metadata that make no sense."""
     if not isinstance(stage, Usd.Stage):
-        raise SceneError(f"stage is {stage!r}: expected a Usd.Stage; Shot.open takes a file")
+        raise SceneError(f"stage is {shown(stage)}: expected a Usd.Stage; Shot.open takes a file")
     for layer in stage.GetUsedLayers():
         correct_metadata(layer, None)
 

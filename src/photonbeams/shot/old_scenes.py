@@ -1,0 +1,162 @@
+"""Scenes of Mitsuba 0.5 and 0.6 in the form of Mitsuba 3, where that is plain.
+
+Mitsuba 3 itself renames properties (`maxDepth` to `max_depth`). What it does not convert is here: elements, colours
+that are written as spectra, films, samplers, integrators, media, textures. All else is left as it is, and refused by
+Mitsuba if it is unknown to it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+_VERSION = re.compile(rb"<\w+[^<>]*\sversion\s*=\s*[\"'](0\.[\d.]*)")
+_BEGINNING = 1 << 16  # bytes in which the root element begins
+_DEEPEST = 15  # files that include each other, as in Mitsuba
+
+# The properties that remain; a render needs nothing else of these, or writes its own files.
+_KEPT = {
+    "film": ("width", "height", "cropOffsetX", "cropOffsetY", "cropWidth", "cropHeight", "pixelFormat", "rfilter"),
+    "sampler": ("sampleCount", "seed"),
+    "integrator": ("maxDepth", "rrDepth", "hideEmitters"),
+}
+_TYPES = {"film": "hdrfilm", "sampler": "independent", "integrator": "volpath"}
+
+
+def version_of(path: Path) -> str | None:
+    """Return the version of a scene of Mitsuba 0.5 or 0.6, or None for newer scenes and other files."""
+    found = _root(path)
+    return None if found is None else found[1].decode()
+
+
+def _root(path: Path) -> re.Match[bytes] | None:
+    """Return where the root element of an old scene begins, or None for other files."""
+    try:
+        with path.open("rb") as file:
+            return _VERSION.search(file.read(_BEGINNING))
+    except OSError:
+        return None
+
+
+def converted(path: Path) -> str | None:
+    """Return a scene of Mitsuba 0.5 or 0.6 as the text of one that Mitsuba 3 reads; None for all other files."""
+    start = _root(path)
+    root = None if start is None else _tree(path)
+    if start is None or root is None:
+        return None
+    _include(root, path.parent, _DEEPEST)
+    for element in [*root.iter()]:
+        if isinstance(element.tag, str):  # comments have a function
+            _convert(element)
+    above = start.string[: start.start()].count(b"\n")  # lines, so that messages name the file's own
+    return "\n" * above + ElementTree.tostring(root, encoding="unicode")
+
+
+def _tree(path: Path) -> Element | None:
+    """Return the root element of a file, or None if there is none; comments are kept, so that lines are the same."""
+    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+    try:
+        return ElementTree.parse(path, parser).getroot()
+    except (OSError, ElementTree.ParseError):
+        return None
+
+
+def _include(element: Element, folder: Path, left: int) -> None:
+    """Replace the elements that include old scenes by what is in these."""
+    for index, child in reversed([*enumerate(element)]):
+        path = folder / child.get("filename", "")
+        if child.tag == "include" and left and version_of(path) is not None:
+            inner = _tree(path)
+            if inner is not None:
+                _include(inner, folder, left - 1)
+                element[index : index + 1] = [*inner]
+        elif isinstance(child.tag, str):
+            _include(child, folder, left)
+
+
+def _convert(element: Element) -> None:
+    """Convert an element, apart from its children."""
+    element.attrib.pop("intent", None)
+    kind = element.tag
+    if kind == "lookAt":
+        element.tag = "lookat"
+    elif kind in ("spectrum", "srgb") and (color := _color(element)) is not None:
+        if kind == "srgb" or len(color) == 3:
+            _make_color(element, [_linear(each) for each in color] if kind == "srgb" else color)
+    elif kind in _KEPT and element.get("type") != "photon_beams":
+        element.set("type", _TYPES[kind])
+        _remove(element, lambda child: (child.get("name") or child.tag) not in _KEPT[kind])
+    elif kind == "medium":
+        _convert_medium(element)
+    elif kind == "texture" and element.get("type") == "bitmap":
+        _convert_bitmap(element)
+    elif kind == "volume" and element.get("type") == "gridvolume":
+        _remove(element, lambda child: child.get("name") == "sendData")
+        ElementTree.SubElement(element, "boolean", name="useGridBbox", value="true")
+
+
+def _convert_medium(element: Element) -> None:
+    """Convert a medium: σa and σs to σt and albedo, and the names of density and scale."""
+    named = {child.get("name"): child for child in element}
+    for old, new in (("density", "sigmaT"), ("densityMultiplier", "scale")):
+        if old in named:
+            named[old].set("name", new)
+    _remove(element, lambda child: child.get("name") in ("method", "stepSize", "stepSizeMultiplier"))
+    absorption, scattering = (named.get(name) for name in ("sigmaA", "sigmaS"))
+    if absorption is None or scattering is None:
+        return
+    colors = [_color(each) for each in (absorption, scattering)]
+    if colors[0] is None or colors[1] is None:
+        return
+    pairs = [*zip(*(each * (3 // len(each)) for each in colors if each), strict=True)]
+    total = [a + s for a, s in pairs]
+    _make_color(absorption, total, "sigmaT")
+    _make_color(
+        scattering, [s / both if both > 0 else 0.0 for (_, s), both in zip(pairs, total, strict=True)], "albedo"
+    )
+
+
+def _convert_bitmap(element: Element) -> None:
+    """Convert a texture: pixels of gamma 1 are raw; filters that Mitsuba 3 does not have are bilinear."""
+    gamma = next((child for child in element if child.get("name") == "gamma"), None)
+    if gamma is not None and gamma.get("value", "").strip() in ("1", "1.0"):
+        gamma.tag, gamma.attrib = "boolean", {"name": "raw", "value": "true"}
+    filters = {"name": "filterType", "value": "nearest"}
+    _remove(element, lambda child: child.get("name") in ("maxAnisotropy", "cache"))
+    _remove(element, lambda child: child.get("name") == "filterType" and child.attrib != filters)
+
+
+def _remove(element: Element, unwanted: Callable[[Element], bool]) -> None:
+    """Make empty comments of the unwanted children, of as many lines: messages name the lines of the file."""
+    for child in element:
+        if isinstance(child.tag, str) and unwanted(child):
+            child.text = "\n" * "".join(child.itertext()).count("\n")
+            child.tag = ElementTree.Comment  # type: ignore[assignment]
+
+
+def _color(element: Element) -> list[float] | None:
+    """Return the one number or the three of a colour, or None for spectra, parameters and the like."""
+    text = element.get("value", "").strip()
+    if element.tag == "srgb" and re.fullmatch(r"#[0-9a-fA-F]{6}", text):
+        return [int(text[at : at + 2], 16) / 255 for at in (1, 3, 5)]
+    try:
+        numbers = [float(each) for each in re.split(r"[\s,]+", text)]
+    except ValueError:
+        return None
+    return numbers if len(numbers) in (1, 3) else None
+
+
+def _make_color(element: Element, color: list[float], name: str = "") -> None:
+    numbers = color * (3 // len(color))
+    element.tag, element.attrib = (
+        "rgb",
+        {"name": name or element.get("name", ""), "value": ", ".join(map(repr, numbers))},
+    )
+
+
+def _linear(value: float) -> float:
+    """Return a value of sRGB as light."""
+    return value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4

@@ -1,0 +1,211 @@
+"""The ways into a shot: what `Shot` and `Shot.open` take, old Mitsuba scenes, and shots that are pickled."""
+
+import ast
+import inspect
+import pickle
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import photonbeams as pb
+from photonbeams.runtime.device import mitsuba
+from photonbeams.scene import SceneError
+from photonbeams.shot.old_scenes import converted
+from photonbeams.shot.scene_shot import SceneShot
+from transport.scenes import camera, cube_of, fog, rgb
+
+pytestmark = pytest.mark.usefixtures("helping_thread")
+
+mi = mitsuba()
+DICTIONARY = {
+    "type": "scene", "fog": cube_of(fog(0.5)), "sensor": camera((0.2, 0.3, 4), width=16, height=12),
+    "lamp": {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb([3.0, 2.0, 1.0])},
+}  # fmt: skip
+BUILT = pb.scene.Scene(lights=pb.scene.SphereLight("/Lamp", 50.0), media=pb.Medium(0.1))
+
+
+def render(shot):
+    return shot.render(passes=2, beams=200, method="beams", guiding=False)
+
+
+# -- What is taken -------------------------------------------------------------------------------------------------
+
+
+def test_help_shows_the_parameters_of_each_shot():
+    for kind in (pb.Shot, SceneShot):
+        assert [*inspect.signature(kind).parameters] == [*inspect.signature(kind.__init__).parameters][1:]
+    assert [*inspect.signature(pb.Shot).parameters][:3] == ["stage", "camera", "medium"]
+    assert [*inspect.signature(SceneShot).parameters][:2] == ["subject", "camera"]
+
+
+def test_a_medium_is_typed_by_all_of_its_fields():
+    """Types are checked with the constructor that the source shows them; the dataclass has its own."""
+    source = ast.parse(Path(inspect.getsourcefile(pb.Medium)).read_text())
+    (medium,) = [each for each in ast.walk(source) if isinstance(each, ast.ClassDef) and each.name == "Medium"]
+    (shown,) = [each for each in ast.walk(medium) if isinstance(each, ast.FunctionDef) and each.name == "__init__"]
+    assert [each.arg for each in shown.args.args[1:]] == [each.name for each in fields(pb.Medium)]
+    assert ast.unparse(shown.args.args[1].annotation) == "ColorLike"
+
+
+@pytest.mark.parametrize(
+    "value", [DICTIONARY, BUILT, None, 5, [1], b"a.usda", ""], ids=lambda each: type(each).__name__
+)
+def test_open_takes_the_name_of_a_file_and_says_what_takes_others(value):
+    with pytest.raises(SceneError, match=r"expected the name of a file; pb\.Shot\(\.\.\.\) takes") as refused:
+        pb.Shot.open(value)
+    assert len(str(refused.value)) <= 300
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("a.usda", "Shot.open takes a file"),
+        ({}, "stage is {}: expected a Usd.Stage"),
+        ({"type": "sphere"}, "stage is a Shape of Mitsuba's: expected a Scene"),
+        ({"type": "scene", "lamp": {"type": "lampp"}}, 'Plugin "lampp" not found'),
+        ({"type": "scene", "integrator": {"type": "photon_beams", "order": 0}}, "photon_beams: order is 0: expected 1"),
+        (mi.load_dict({"type": "diffuse"}), "stage is a BSDF of Mitsuba's: expected a Scene"),
+    ],
+    ids=str,
+)
+def test_a_shot_says_what_it_cannot_be_made_of(value, message):
+    with pytest.raises(SceneError) as refused:
+        pb.Shot(value)
+    assert message in str(refused.value) and "Traceback" not in str(refused.value)
+    assert len(str(refused.value)) <= 300
+
+
+def test_a_dictionary_and_its_scene_are_one_shot_and_it_can_be_pickled():
+    scene = mi.load_dict(DICTIONARY)
+    with pytest.raises(SceneError, match="that Mitsuba has loaded cannot be pickled"):
+        pickle.dumps(pb.Shot(scene))
+    with pytest.raises(SceneError, match="cannot be pickled: expected"):
+        from pxr import Usd
+
+        pickle.dumps(pb.Shot(Usd.Stage.CreateInMemory()))
+    assert repr(pickle.loads(pickle.dumps(pb.Shot(BUILT, pb.scene.Camera.look_at((0, 0, 5), (0, 0, 0))))))
+    first, second = (render(each).layers for each in (pb.Shot(scene), pb.Shot(DICTIONARY)))
+    assert first["beams"].any() and all(np.array_equal(first[name], second[name]) for name in first)
+
+
+# -- Scenes with what Mitsuba does not have ------------------------------------------------------------------------
+
+NEW = """<scene version="3.0.0">
+  <default name="spp" value="2"/>
+  <integrator type="volpath"><integer name="max_depth" value="3"/></integrator>
+  <medium type="homogeneous" id="fog">
+    <rgb name="sigma_t" value="0.25, 0.5, 0.75"/><rgb name="albedo" value="0.5, 0.75, 0"/>
+    <float name="scale" value="2"/>
+    <phase type="hg"><float name="g" value="0.3"/></phase>
+  </medium>
+  <sensor type="perspective">
+    <float name="fov" value="40"/><string name="fov_axis" value="x"/>
+    <transform name="to_world"><lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>
+    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/>
+      <rfilter type="box"/></film>
+    <ref id="fog"/>
+  </sensor>
+  <bsdf type="diffuse" id="orange"><rgb name="reflectance" value="1, 0.21586050011389926, 0.05126945837404324"/></bsdf>
+  <shape type="sphere"><float name="radius" value="0.5"/>
+    <bsdf type="roughplastic"><rgb name="diffuse_reflectance" value="0.5"/><float name="int_ior" value="1.5"/></bsdf>
+  </shape>
+  <shape type="rectangle">
+    <transform name="to_world"><scale x="3" y="3" z="1"/><translate x="0" y="0" z="-1"/></transform><ref id="orange"/>
+  </shape>
+  <emitter type="spot"><transform name="to_world"><lookat origin="0, 2, 2" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <rgb name="intensity" value="9, 8, 7"/><float name="cutoff_angle" value="30"/><float name="beam_width" value="10"/>
+  </emitter>
+</scene>
+"""
+#: What Mitsuba 0.6 writes instead; the names of properties follow.
+OLD = {
+    'version="3.0.0"': 'version="0.6.0"', "lookat": "lookAt", "volpath": "volpath_simple", "hdrfilm": "ldrfilm",
+    "independent": "ldsampler",
+    '<rfilter type="box"/>':
+        '<float name="gamma" value="2.2">\n</float><boolean name="banner" value="false"/><rfilter type="box"/>',
+    '<rgb name="sigma_t" value="0.25, 0.5, 0.75"/><rgb name="albedo" value="0.5, 0.75, 0"/>':
+        '<spectrum name="sigmaA" value="0.125, 0.125, 0.75"/><rgb name="sigmaS" value="0.125, 0.375, 0"/>',
+    '"scale"': '"densityMultiplier"', '<rgb name="reflectance" value="1, 0.21586050011389926, 0.05126945837404324"/>':
+        '<srgb name="reflectance" value="#ff8040"/>',
+    '<rgb name="diffuse_reflectance" value="0.5"/>':
+        '<rgb name="diffuseReflectance" value="0.5" intent="reflectance"/>',
+    '<rgb name="intensity" value="9, 8, 7"/>': '<spectrum name="intensity" value="9, 8, 7"/>',
+    '<integer name="max_depth" value="3"/>':
+        '<integer name="maxDepth" value="3"/><boolean name="strictNormals" value="true"/>',
+    "fov_axis": "fovAxis", "to_world": "toWorld", "sample_count": "sampleCount", "int_ior": "intIOR",
+    "cutoff_angle": "cutoffAngle", "beam_width": "beamWidth",
+}  # fmt: skip
+
+
+def old(text):
+    for new, other in OLD.items():
+        assert new in text
+        text = text.replace(new, other)
+    return text
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text, name="scene.xml"):
+        (tmp_path / name).write_text(text)
+        return tmp_path / name
+
+    return write
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    path = tmp_path_factory.mktemp("new") / "new.xml"
+    path.write_text(NEW)
+    return render(pb.Shot.open(path)).layers
+
+
+DEPTH = '<integer name="max_depth" value="3"/>'
+UNKNOWN = NEW.replace("volpath", "bdpt").replace("independent", "halton")
+UNKNOWN = UNKNOWN.replace(DEPTH, f'{DEPTH}<boolean name="light_image" value="true"/>')
+
+
+@pytest.mark.parametrize("text", [UNKNOWN, old(NEW)], ids=["unknown", "old"])
+def test_a_scene_renders_without_what_mitsuba_lacks_and_a_render_replaces(written, expected, text):
+    shot = pb.Shot.open(written(text), overrides="spp=5")
+    settings = shot.settings()
+    assert (settings.passes, settings.max_depth, shot.size()) == (5, 3, (16, 12))
+    assert expected["beams"].any()
+    found = render(pickle.loads(pickle.dumps(shot))).layers
+    assert all(np.array_equal(found[name], expected[name]) for name in expected)
+
+
+def test_old_scenes_include_old_scenes(written, expected):
+    body = old(NEW)
+    start, end = body.index("<bsdf"), body.index("<emitter")
+    written(f'<scene version="0.5.0">{body[start:end]}</scene>', "part.xml")
+    text = converted(written(f'{body[:start]}<include filename="part.xml"/>{body[end:]}'))
+    assert converted(written(body, "whole.xml")).split() == text.split()
+    assert converted(written(NEW)) is None
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ('type="diffuse"', 'type="phong"', 'line 18, col 4: failed to instantiate bsdf plugin of type "phong"'),
+        (
+            '<rgb name="sigmaS" value="0.125, 0.375, 0"/>',
+            '<string name="material" value="Skin1"/>',
+            '"material": "Skin1"',
+        ),
+        (
+            '<spectrum name="intensity" value="9, 8, 7"/>',
+            '<blackbody name="intensity" temperature="3000K"/>',
+            "<blackbody>",
+        ),
+        ("</scene>", "", "mismatch"),
+    ],
+)
+def test_an_old_scene_that_is_not_plain_is_refused_in_a_sentence(written, before, after, message):
+    with pytest.raises(SceneError) as refused:
+        pb.Shot.open(written(old(NEW).replace(before, after)))
+    assert message in str(refused.value) and len(str(refused.value)) <= 300
+    assert str(refused.value).endswith("; the scene is of Mitsuba 0.6.0: expected one of Mitsuba 3")
