@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from photonbeams.render.scene_frame import render
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, UInt32, mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.world.interfaces import medium_at, number
 from photonbeams.world.media import Media
-from transport.scenes import T, by_beams, camera, cloud, cube_of, fog, load, rgb
+from transport.scenes import T, by_beams, camera, cloud, cube_of, fog, load, rgb, volpath
 
 mi = mitsuba()
 
@@ -119,3 +120,37 @@ def test_grids_that_no_path_would_get_through_are_refused(values):
     scene = load(fog=cube_of(mi.load_dict(dense)))
     with pytest.raises(SceneError, match=r"mean free paths across its grid: expected up to 10000"):
         Media.of(scene)
+
+
+def halves(low, high):
+    """Return a grid over [−1, 1]³ that changes along x."""
+    values = np.array([low, high], dtype=np.float32).reshape(1, 1, 2, -1)
+    grid = mi.VolumeGrid(np.repeat(np.repeat(values, 2, axis=0), 2, axis=1))
+    return {"type": "gridvolume", "grid": grid, "raw": True, "to_world": T().translate(-1).scale(2)}
+
+
+@pytest.mark.parametrize("method", ["beams", "paths"])
+def test_the_albedo_of_a_homogeneous_medium_may_be_a_grid(method):
+    medium = fog([1.0, 0.5, 0.25]) | {"albedo": halves([0.2, 0.9, 0.5], [0.9, 0.1, 0.5])}
+    lamp = {"type": "sphere", "center": [0, 0, 3], "radius": 0.3, "light": {"type": "area", "radiance": 20.0}}
+    scene = load(fog=cube_of(medium), lamp=lamp, sensor=camera((0, 3, 3), size=8, fov=20))
+    expected = volpath(scene, 1 << 10, max_depth=2)
+    settings = Settings(method=method, passes=64 if method == "paths" else 4, beams=1 << 13, max_depth=2, guiding=False)
+    found = render(scene, scene.sensors()[0], settings).layers()["rgba"][..., :3]
+    for half in (slice(0, 4), slice(4, 8)):
+        # With one albedo for all of it, channels are up to four times as bright. There is 2 % of noise.
+        assert np.allclose(found[:, half].mean((0, 1)), expected[:, half].mean((0, 1)), rtol=0.08)
+
+
+def test_a_homogeneous_medium_with_a_grid_of_extinction_is_refused_unless_it_is_constant():
+    same, other = ({"type": "homogeneous", "id": "dust", "sigma_t": halves([1.0], [end])} for end in (1.0, 2.0))
+    assert [each.tracked for each in Media([mi.load_dict(same)]).all] == [None]
+    with pytest.raises(SceneError, match=r"^medium dust: it is homogeneous, but its sigma_t is a grid: expected"):
+        Media([mi.load_dict(other)])
+
+
+def test_a_phase_function_whose_weight_is_a_grid_is_rough():
+    phase = {"type": "blendphase", "weight": halves([0.0], [1.0]), "a": {"type": "isotropic"}, "b": {"type": "hg"}}
+    (found,) = Media([mi.load_dict({"type": "homogeneous", "phase": phase})]).all
+    assert found.tracked is None
+    assert found.look.angle.rough

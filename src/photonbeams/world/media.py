@@ -39,7 +39,8 @@ class MediumScattering(Factor):
 
     def __init__(self, plugin: Any) -> None:
         self._plugin, self._phase = plugin, plugin.phase_function()
-        self.rough = not plugin.is_homogeneous()
+        self._even = not varies(plugin)
+        self.rough = not self._even or not all(map(_is_constant, parts(plugin, mi.Volume)))
 
     def evaluate(self, at: ShadingContext) -> Any:
         """Return scattering coefficient times phase function, which depends on the scattering angle alone."""
@@ -51,7 +52,7 @@ class MediumScattering(Factor):
         value, _ = self._phase.eval_pdf(
             mi.PhaseFunctionContext(), place, mi.Vector3f(dr.safe_sqrt(1 - cosine * cosine), 0, cosine), True
         )
-        if self._plugin.is_homogeneous():
+        if self._even:
             return at.medium.scattering * rgb(value)
         scattering = rgb(self._plugin.get_scattering_coefficients(place, True)[0])
         return dr.select(_in_grid(self._plugin, at.position), scattering * rgb(value), 0)
@@ -101,7 +102,7 @@ class RenderedMedium:
     medium, look
         Its coefficients (the greatest ones of a heterogeneous medium) and its physical look, for estimators.
     tracked
-        For a heterogeneous medium, the look's factor toward the camera, for which rays have to be tracked.
+        For a medium whose coefficients vary, the look's factor toward the camera, for which rays have to be tracked.
     colored
         For a heterogeneous medium, whether its extinction has a colour.
     """
@@ -137,8 +138,8 @@ class RenderedMedium:
         return _extinction(self.plugin, point, Bool(True))
 
     def track(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any, active: Any) -> None:
-        """Track rays from `near` to `far` for the factor toward the camera; without effect on homogeneous media."""
-        if self.tracked is not None:
+        """Track rays from `near` to `far` for the factor toward the camera; without effect if σt does not vary."""
+        if self.tracked is not None and not self.plugin.is_homogeneous():
             self.tracked.track = Track(self.segment(origin, direction, near, far, seed), self.extinction, active)
 
     def segment(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any) -> MediumSegment:
@@ -204,7 +205,7 @@ class Media:
         for each in self.all:
             table[0, each.number] = each.medium.extinction
             table[1, each.number] = each.medium.scattering
-            table[2, each.number, :2] = each.tracked is not None, each.colored
+            table[2, each.number] = each.tracked is not None, each.colored, not each.plugin.is_homogeneous()
         self._extinction, self._scattering, self._kinds = (to_vectors(each) for each in table)
         self.any_varying = any(each.tracked is not None for each in self.all)
         self._around, self._size = around, size_of(*([] if around is None else [around]))
@@ -238,7 +239,7 @@ class Media:
         return dr.gather(Array3f, self._scattering, medium)
 
     def varying(self, medium: UInt32) -> tuple[Bool, Bool]:
-        """Return which media are heterogeneous, and which of these have a coloured extinction."""
+        """Return which media have coefficients that vary, and which of these have a coloured extinction."""
         kind = dr.gather(Array3f, self._kinds, medium)
         return kind.x > 0, kind.y > 0
 
@@ -268,8 +269,7 @@ class Media:
         plain = self.absorbed(medium, distance)
         if not self.any_varying:
             return plain
-        varying, _ = self.varying(medium)
-        varying &= active
+        varying = active & (dr.gather(Array3f, self._kinds, medium).z > 0)
         media = pointers(dr.select(varying, medium, 0))
         ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
         inside, enter, leave = media.intersect_aabb(ray)
@@ -365,13 +365,54 @@ def boxes(shapes: Iterable[Any]) -> dict[int, Any]:
     return result
 
 
+class _Volumes(mi.TraversalCallback):  # type: ignore[misc, name-defined]
+    """Collects the volumes of a medium by name."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: dict[str, Any] = {}
+
+    def put(self, name: str, value: Any, flags: Any, cpptype: Any = None) -> None:
+        if isinstance(value, mi.Volume):
+            self.found[name] = value
+
+
+def varies(plugin: Any) -> bool:
+    """Return whether a medium's coefficients vary; the albedo of Mitsuba's `homogeneous` media may.
+
+    Raises
+    ------
+    SceneError
+        The extinction of a `homogeneous` medium varies: Mitsuba itself takes it from arbitrary points.
+    """
+    if not plugin.is_homogeneous():
+        return True
+    volumes = _Volumes()
+    plugin.traverse(volumes)
+    if "sigma_t" in volumes.found and not _is_constant(volumes.found["sigma_t"]):
+        name = plugin.id() or plugin.class_name()
+        raise scene.SceneError(
+            f"medium {name}: it is homogeneous, but its sigma_t is a grid: expected a constant, or type heterogeneous"
+        )
+    return any(not _is_constant(each) for each in volumes.found.values())
+
+
+def _is_constant(volume: Any) -> bool:
+    """Return whether a volume has the same value everywhere."""
+    if volume.class_name() == "ConstVolume":
+        return True
+    data = next((np.asarray(value) for key, value in mi.traverse(volume) if key == "data"), None)
+    return data is not None and bool(np.all(np.ptp(data.reshape(-1, data.shape[-1]), axis=0) == 0))
+
+
 def _rendered(own: int, plugin: Any) -> RenderedMedium:
     """Return a Mitsuba medium in the form that estimators need."""
     name = plugin.id() or plugin.class_name()
     check_numbers(plugin, name)
     place = dr.zeros(mi.MediumInteraction3f)
     scattering, _, extinction = plugin.get_scattering_coefficients(place)
-    if not plugin.is_homogeneous():
+    uneven = varies(plugin)
+    if uneven:
         extinction = plugin.get_majorant(place)
         scattering = extinction
     sigma_s, sigma_t = (np.resize(np.asarray(each, dtype=float), 3) for each in (scattering, extinction))
@@ -382,11 +423,12 @@ def _rendered(own: int, plugin: Any) -> RenderedMedium:
         raise scene.SceneError(f"medium {name}: its albedo is {albedo}: expected at most 1")
     g, look = _scattering(plugin)
     medium = scene.Medium(tuple(sigma_s), tuple(np.maximum(sigma_t - sigma_s, 0)), g)
-    if plugin.is_homogeneous():
+    if not uneven:
         return RenderedMedium(own, plugin, medium, look)
-    tracked = Tracked(float(sigma_t.max()))
-    look = Look(along=1.0, eye=tracked, angle=MediumScattering(plugin))
-    return RenderedMedium(own, plugin, medium, look, tracked, _has_color(plugin))
+    tracked, even = Tracked(float(sigma_t.max())), plugin.is_homogeneous()
+    look = Look(along=1.0, eye=Attenuation() if even else tracked, angle=MediumScattering(plugin))
+    colored = bool(np.ptp(sigma_t) > 0) if even else _has_color(plugin)
+    return RenderedMedium(own, plugin, medium, look, tracked, colored)
 
 
 def _has_color(plugin: Any) -> bool:
