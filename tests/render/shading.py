@@ -20,12 +20,12 @@ class Shaded(NamedTuple):
     transmittance: Any
 
 
-def shade(world, origin, direction, index, seed=1, active=None):
+def shade(world, origin, direction, index, seed=1, active=None, max_depth=2):
     """Return what rays see; `index` are their positions in the sequence of samples."""
     count = dr.width(direction)
     ones = dr.ones(Array3f, count)
     primary = PrimaryRays(origin, direction, dr.zeros(Float, count), dr.full(Float, dr.largest(Float), count), ones)
-    tracing = camera_paths.CameraTracing(world, StageLighting(world), 2, 5, False, sharp=world.sharp)
+    tracing = camera_paths.CameraTracing(world, StageLighting(world), max_depth, 5, False, sharp=world.sharp)
     paths = camera_paths.begin(tracing, primary, UInt32(index))
     if active is not None:
         paths.alive = Bool(active)

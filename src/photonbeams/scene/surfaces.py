@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -219,6 +220,22 @@ class Mesh:
         faces = np.asarray(self.faces)
         return Mesh(self.name, self.points, faces if self.volume >= 0 else faces[:, ::-1])
 
+    @cached_property
+    def closed(self) -> bool:
+        """Whether every edge has a face on each side; vertices at the same place count as one."""
+        return is_closed(self.points, self.faces)
+
+    def solid(self) -> Mesh:
+        """Return a closed mesh with its faces and its normals outward."""
+        faces, corners = np.asarray(self.faces), self.corners
+        if self.volume < 0:
+            faces, corners = faces[:, ::-1], corners[:, ::-1]
+        outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        against = self.normals is not None and np.einsum("fi,fvi->", outward, self.normals[faces]) < 0
+        if faces is self.faces and not against:
+            return self
+        return replace(self, faces=faces, normals=-self.normals if against else self.normals)  # type: ignore[operator]
+
     def winding(self, point: Array) -> float:
         """Return the winding number of a closed mesh around a `point` (3,): ±1 inside, 0 outside.
 
@@ -235,3 +252,13 @@ class Mesh:
     def plane(self) -> Plane | None:
         """Return the plane that the mesh lies in, or None if it is not flat."""
         return plane_of(self.used_points)
+
+
+def is_closed(points: Array, faces: Array) -> bool:
+    """Return whether every edge of triangles, (F, 3), has one on each side; vertices at the same place are one."""
+    _, place = np.unique(points, axis=0, return_inverse=True)
+    corners = place.reshape(-1)[faces]
+    edges = np.concatenate([corners[:, [i, (i + 1) % 3]] for i in range(3)])
+    count = int(place.max(initial=0)) + 1
+    there, back = np.sort(edges @ [count, 1]), np.sort(edges @ [1, count])
+    return len(there) > 0 and bool(np.array_equal(there, back))

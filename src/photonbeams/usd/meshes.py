@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..scene import FARTHEST, Array, Material, Mesh, SceneError
+from ..scene.surfaces import is_closed as closed
 from ..scene.vectors import unit
 from .blender import wrote_prim
 from .gprims import GPRIMS, gprim_polygons
@@ -146,14 +147,9 @@ def read_solid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh:
 
 
 def is_closed(reading: Reading, prim: Usd.Prim) -> bool:
-    """Return whether every edge has a triangle on each side; vertices at the same place count as one."""
+    """Return whether the triangles of a gprim are closed."""
     triangles, _ = _triangles(reading, prim, "")
-    _, place = np.unique(triangles.points, axis=0, return_inverse=True)
-    corners = place.reshape(-1)[triangles.vertices]
-    edges = np.concatenate([corners[:, [i, (i + 1) % 3]] for i in range(3)])
-    count = int(place.max(initial=0)) + 1
-    there, back = np.sort(edges @ [count, 1]), np.sort(edges @ [1, count])
-    return len(there) > 0 and bool(np.array_equal(there, back))
+    return closed(triangles.points, triangles.vertices)
 
 
 def _parts(reading: Reading, prim: Usd.Prim) -> list[tuple[Bound, str, Array | None]]:

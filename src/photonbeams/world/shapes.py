@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,14 +19,22 @@ mi = mitsuba()
 SMOOTH = 0.05
 
 
-def shapes_of(meshes: Sequence[scene.Mesh], sharp: bool = False) -> tuple[Any, ...]:
-    """Return all surfaces as Mitsuba shapes, with mirrors and glass if `sharp`; a material's BSDF is shared."""
+def shapes_of(
+    meshes: Sequence[scene.Mesh], sharp: bool = False, around: Mapping[str, Any] | None = None
+) -> tuple[Any, ...]:
+    """Return all surfaces as Mitsuba shapes, with mirrors and glass if `sharp`; a material's BSDF is shared.
+
+    `around` are the media around bodies that are empty inside, by the names of their meshes.
+    """
     bsdfs: dict[int, Any] = {}
     for mesh in meshes:
         key = id(mesh.material)
         if key not in bsdfs:
             bsdfs[key] = mi.load_dict((sharp_bsdf_of(mesh.material) if sharp else None) or bsdf_of(mesh.material))
-    return tuple(shape_of(mesh, bsdfs[id(mesh.material)], _emitter(mesh.material)) for mesh in meshes)
+    return tuple(
+        shape_of(mesh, bsdfs[id(mesh.material)], _emitter(mesh.material), exterior=(around or {}).get(mesh.name))
+        for mesh in meshes
+    )
 
 
 def shape_of(

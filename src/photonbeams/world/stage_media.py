@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,9 @@ from .shapes import shape_of
 mi = mitsuba()
 
 _LOG = logging.getLogger("photonbeams")
+
+#: What fills a part of space: a medium, or a body of glass.
+Part = scene.Medium | scene.Mesh
 
 # How many points of a boundary are tested for the media around it, and their depth below its faces, as a fraction of
 # the faces' size.
@@ -45,11 +48,15 @@ class BuiltMedium:
     emission: Any = None
 
 
-def media_of(media: Sequence[scene.Medium], warned: set[str] | None = None) -> list[BuiltMedium]:
+def media_of(
+    media: Sequence[scene.Medium], warned: set[str] | None = None, glass: Sequence[scene.Mesh] = (),
+    known: Mapping[int, Any] | None = None,
+) -> list[BuiltMedium]:  # fmt: skip
     """Return the media of a scene as Mitsuba media, in the same order.
 
     A bounded medium has a shape with a null BSDF. The shape's interior is the medium, and its exterior the smallest
-    medium around it: another bounded one, or the one that fills the space.
+    medium around it: another bounded one, or the one that fills the space. Bodies of glass are empty: a medium in one
+    has no other around it.
 
     Parameters
     ----------
@@ -57,6 +64,10 @@ def media_of(media: Sequence[scene.Medium], warned: set[str] | None = None) -> l
         The media; at most one may fill the space.
     warned
         Texts of the warnings so far, to which new ones are added.
+    glass
+        Closed bodies of glass, with outward faces.
+    known
+        Mitsuba media that were built before, by the ids of the scene's media.
 
     Raises
     ------
@@ -70,22 +81,49 @@ def media_of(media: Sequence[scene.Medium], warned: set[str] | None = None) -> l
             f"medium {second} has no boundary, and is in medium {first}, which fills the space: expected a closed mesh "
             "or a grid that bounds it"
         )
-    plugins = {id(each): _plugin(each) for each in media}
+    plugins = {id(each): (known or {}).get(id(each)) or _plugin(each) for each in media}
     boundaries = {id(each): boundary for each in media if (boundary := each.boundary) is not None}
-    solids = [(each, _Solid(boundaries[id(each)])) for each in media if each.bounded]
-    result = []
+    bounded = [(each, _Solid(boundaries[id(each)])) for each in media if each.bounded]
+    solids: list[tuple[Part, _Solid]] = [*bounded, *((each, _Solid(each)) for each in glass)]
+    result, seen = [], set() if warned is None else warned
     for each in media:
         if not each.bounded:
             result.append(BuiltMedium(each, plugins[id(each)]))
             continue
-        outer = _around(each, solids, set() if warned is None else warned) or next(iter(filling), None)
-        exterior = None if outer is None else plugins[id(outer)]
+        texts = set[str]()
+        outer = _around(each, solids, texts) or next(iter(filling), None)
+        _warn(texts, seen)
+        exterior = plugins.get(id(outer))  # none of glass
         shape = shape_of(
             boundaries[id(each)], mi.load_dict({"type": "null"}), interior=plugins[id(each)], exterior=exterior
         )
         emitted = each.emission
         emission = None if emitted is None else mi.load_dict(_volume(emitted.values, emitted.to_world))
         result.append(BuiltMedium(each, plugins[id(each)], shape, emission))
+    return result
+
+
+def around_glass(
+    built: Sequence[BuiltMedium], glass: Sequence[scene.Mesh], warned: set[str] | None = None
+) -> dict[str, Any]:
+    """Return Mitsuba's media around closed bodies of glass, by the names of these.
+
+    Bodies in empty space have none, and neither have those that are partly in a bounded medium: it goes on in them.
+    """
+    filling = next((each.plugin for each in built if each.shape is None), None)
+    plugins = {id(each.medium): each.plugin for each in built}
+    media: list[tuple[Part, _Solid]] = [
+        (each.medium, _Solid(boundary)) for each in built if (boundary := each.medium.boundary) is not None
+    ]
+    solids = [*media, *((each, _Solid(each)) for each in glass)]
+    result = {}
+    for each in glass:
+        texts = set[str]()
+        outer = _around(each, solids, texts)
+        found = filling if outer is None else None if texts else plugins.get(id(outer))
+        _warn(texts, set() if warned is None else warned)
+        if found is not None:
+            result[each.name] = found
     return result
 
 
@@ -145,24 +183,31 @@ class _Solid:
         return np.array([self._mesh.winding(each) > 0.5 for each in points], dtype=bool)
 
 
-def _around(medium: scene.Medium, solids: list[tuple[scene.Medium, _Solid]], warned: set[str]) -> scene.Medium | None:
-    """Return the smallest bounded medium around a bounded one; warn about media that overlap it."""
-    own = next(solid for each, solid in solids if each is medium)
+def _warn(texts: set[str], warned: set[str]) -> None:
+    """Give each warning once, and add it to those that were given."""
+    for text in sorted(texts - warned):
+        _LOG.warning("%s", text)
+    warned |= texts
+
+
+def _around(part: Part, solids: list[tuple[Part, _Solid]], texts: set[str]) -> Part | None:
+    """Return the smallest bounded part around a bounded one; add a text about each that overlaps it."""
+    own = next(solid for each, solid in solids if each is part)
     found = []
     for other, solid in solids:
-        if other is medium or not len(own.points) or solid.volume < own.volume:
+        if other is part or not len(own.points) or solid.volume < own.volume:
             continue
         inside = float(solid.contains(own.points).mean())
-        if inside > 0.5 and (solid.volume > own.volume or _index(solids, other) < _index(solids, medium)):
+        if inside > 0.5 and (solid.volume > own.volume or _index(solids, other) < _index(solids, part)):
             found.append((solid.volume, -_index(solids, other), other))
         if _OVERLAP < inside < 1 - _OVERLAP:
-            first, second = sorted((other, medium), key=lambda each: _index(solids, each))
+            first, second = sorted((other, part), key=lambda each: _index(solids, each))
             text = f"media {first.name} and {second.name} overlap: expected one inside the other, or side by side"
-            if text not in warned:
-                warned.add(text)
-                _LOG.warning("%s", text)
+            if isinstance(second, scene.Mesh):
+                text = f"glass {second.name} is partly in {first.name}: expected all of it inside, or outside"
+            texts.add(text)
     return min(found, key=lambda each: each[:2])[2] if found else None
 
 
-def _index(solids: list[tuple[scene.Medium, _Solid]], medium: scene.Medium) -> int:
-    return next(index for index, (each, _) in enumerate(solids) if each is medium)
+def _index(solids: list[tuple[Part, _Solid]], part: Part) -> int:
+    return next(index for index, (each, _) in enumerate(solids) if each is part)

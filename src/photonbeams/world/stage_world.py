@@ -6,8 +6,8 @@ the same light. A glowing surface has an `area` emitter, which is evaluated wher
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -29,7 +29,7 @@ from .portals import Portal
 from .shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
 from .sources import Source
 from .stage_lamps import Lamps, LinkKey, Links, shape_number
-from .stage_media import media_of
+from .stage_media import around_glass, media_of
 from .visibility import through
 from .world import World, by_link, translucent
 
@@ -55,7 +55,10 @@ class StageWorld(World):
     media, boundaries, sizes
         The media, the Mitsuba shapes of their boundaries, and the radii of bounded media by number.
     around
-        The Mitsuba scene of the boundaries alone. It is built early, because its first use may be in a kernel's loop.
+        The Mitsuba scene of the boundaries alone, and of bodies of glass in media, as boundaries of empty space. It is
+        built early, because its first use may be in a kernel's loop.
+    glass, outside
+        Closed meshes of glass, which are empty inside, and the Mitsuba media around them, by name.
     lights, portals
         The lights in Dr.Jit, in the order of `description.lights`; portals, by the names of their lights.
     images
@@ -90,6 +93,8 @@ class StageWorld(World):
     mirrors: bool = False
     narrows: bool = True
     perturbed: bool = False
+    glass: tuple[scene.Mesh, ...] = ()
+    outside: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def build(
@@ -125,9 +130,12 @@ class StageWorld(World):
         materials = [mesh.material for mesh in meshes]
         still = like is not None and _same(meshes, like.meshes)
         host = scene_of(()) if like is None else like.host
-        shapes = like.shapes if like is not None and still else shapes_of(meshes, sharp)
+        glass = tuple(each for each in meshes if sharp and is_glass(each.material) and each.closed)
+        content = _Media.of(description, host, like, glass)
+        still = still and (not content.outside or (like is not None and content.media is like.media))
+        shapes = like.shapes if like is not None and still else shapes_of(_solid(meshes, glass), sharp, content.outside)
         surfaces = like.surfaces if like is not None and still else scene_of(shapes, host)
-        media, boundaries, around, sizes = _media(description, host, like)
+        boundaries = content.boundaries
         kept = like is not None and still and boundaries is like.boundaries
         plugin = like.plugin if kept else scene_of([*shapes, *boundaries], host) if boundaries else surfaces  # type: ignore[union-attr]
         portals = {
@@ -143,10 +151,12 @@ class StageWorld(World):
             shapes=shapes,
             surfaces=surfaces,
             plugin=plugin,
-            media=media,
+            media=content.media,
             boundaries=boundaries,
-            around=around,
-            sizes=sizes,
+            around=content.around,
+            sizes=content.sizes,
+            glass=glass,
+            outside=content.outside,
             blockers=_blockers(description, host, meshes, shapes, like.blockers if like is not None and still else {}),
             lights=tuple(
                 _known_light(light, like)
@@ -296,7 +306,7 @@ class StageWorld(World):
         """Return the transmittance, as surfaces feel it, along rays that begin in a medium and meet no surface."""
         if not self.media.all:
             return Array3f(1)
-        if not self.boundaries:
+        if not self.boundaries and not self.outside:
             passed = self.media.transmittance(medium, origin, direction, distance, seed, active)
             return self.media.felt(medium, passed)
         ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
@@ -306,7 +316,7 @@ class StageWorld(World):
     def medium_at(self, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
         """Return the numbers of the media at points, found by rays along `direction`."""
         filling = dr.opaque(UInt32, self.media.filling)
-        if not self.boundaries:
+        if not self.boundaries and not self.outside:
             return filling + dr.zeros(UInt32, max(dr.width(origin), dr.width(direction)))
         return medium_at(self.around, origin, direction, filling, filling, active, self.size)
 
@@ -389,25 +399,52 @@ def _blockers(
     return {names: known.get(names) or rest(names) for names in absent}
 
 
-def _media(
-    description: scene.Scene, host: Any, like: StageWorld | None
-) -> tuple[Media, tuple[Any, ...], Any, dict[int, float]]:
-    """Return the media of a scene, their boundaries, the Mitsuba scene of these, and the media's radii by number."""
-    if like is not None and _same(like.description.media, description.media):
-        return like.media, like.boundaries, like.around, like.sizes
-    built = media_of(description.media)
-    unfelt = [each.plugin for each in built if not each.medium.surfaces]
-    filling = next((each.plugin for each in built if each.shape is None), None)
-    boundaries = tuple(each.shape for each in built if each.shape is not None)
-    sizes = {
-        number(each.plugin): 0.5 * float(np.linalg.norm(np.ravel(each.shape.bbox().extents())))
-        for each in built
-        if each.shape is not None
-    }
-    around = scene_of(boundaries, host) if boundaries else host
-    emission = {number(each.plugin): each.emission for each in built if each.emission is not None}
-    several = around if len(boundaries) > 1 else None
-    media = Media(
-        [each.plugin for each in built], several, filling=filling, clear=True, unfelt=unfelt, emission=emission
-    )
-    return media, boundaries, around, sizes
+def _solid(meshes: Sequence[scene.Mesh], glass: Sequence[scene.Mesh]) -> list[scene.Mesh]:
+    """Return meshes, those of glass with their faces outward."""
+    bodies = {id(each) for each in glass}
+    return [each.solid() if id(each) in bodies else each for each in meshes]
+
+
+@dataclass(frozen=True)
+class _Media:
+    """The media of a world, and what bounds them: see `StageWorld`; `outside` are the media around bodies of glass."""
+
+    media: Media
+    boundaries: tuple[Any, ...]
+    around: Any
+    sizes: dict[int, float]
+    outside: Mapping[str, Any]
+
+    @classmethod
+    def of(
+        cls, description: scene.Scene, host: Any, like: StageWorld | None, glass: Sequence[scene.Mesh]
+    ) -> _Media:  # fmt: skip
+        """Return the media of a scene; those of a world of the same shot if it has the same media and glass."""
+        if like is not None and _same(like.description.media, description.media) and _same(like.glass, glass):
+            return cls(like.media, like.boundaries, like.around, like.sizes, like.outside)
+        known = {} if like is None else {id(each): like.media.all[place].plugin for place, each in enumerate(
+            like.description.media)}  # fmt: skip
+        solids = [each.solid() for each in glass]
+        warned = set[str]()
+        built = media_of(description.media, warned, solids, known)
+        outside = around_glass(built, solids, warned)
+        unfelt = [each.plugin for each in built if not each.medium.surfaces]
+        filling = next((each.plugin for each in built if each.shape is None), None)
+        boundaries = tuple(each.shape for each in built if each.shape is not None)
+        sizes = {
+            number(each.plugin): 0.5 * float(np.linalg.norm(np.ravel(each.shape.bbox().extents())))
+            for each in built
+            if each.shape is not None
+        }
+        bodies = [
+            shape_of(each.outward(), mi.load_dict({"type": "null"}), exterior=outside[each.name])
+            for each in solids
+            if each.name in outside
+        ]
+        around = scene_of([*boundaries, *bodies], host) if boundaries or bodies else host
+        emission = {number(each.plugin): each.emission for each in built if each.emission is not None}
+        several = around if len(boundaries) > 1 else None
+        media = Media(
+            [each.plugin for each in built], several, filling=filling, clear=True, unfelt=unfelt, emission=emission
+        )
+        return cls(media, boundaries, around, sizes, outside)
