@@ -74,7 +74,8 @@ class ViewRays:
     """A view's camera rays in a pass, their projection (or None), and the exposure.
 
     With a `holdout` rays see no surfaces, and these are the distances at which they end; else it is None. `lattice`
-    tells which rays are evenly spaced.
+    tells which rays are evenly spaced. If there is also overscan, `inside` has the indices of the rays inside the
+    picture, and these as rays of their own.
     """
 
     primary: PrimaryRays
@@ -82,6 +83,7 @@ class ViewRays:
     exposure: float = 1.0
     holdout: Any = None
     lattice: Lattice | None = None
+    inside: tuple[UInt32, ViewRays] | None = None
 
     @property
     def shared_origin(self) -> bool:
@@ -199,6 +201,8 @@ class PassRenderer(ABC):
         """Return the light of the beams of pass `number` along camera rays; with `more`, some pixels have several."""
         if not light.sets:
             return {}
+        if rays.inside is not None:
+            return self._gathered_apart(number, light, rays, rays.inside, order, samples, more)
         clock, statistics = self._clock(number), self.statistics
         tracing = _unshaded(self._camera_tracing(light.world, rays))
         options = EstimatorOptions(
@@ -214,6 +218,29 @@ class PassRenderer(ABC):
                 gathering.add(*step)
             gathering.finish()
         return gathering.radiance
+
+    def _gathered_apart(
+        self, number: int, light: Simulated, rays: ViewRays, inside: tuple[UInt32, ViewRays], order: UInt32,
+        samples: Samples, more: MoreSamples | None,
+    ) -> Groups:  # fmt: skip
+        """Return what `_gathered` returns, gathered apart for the picture and for overscan.
+
+        Where some rays of the picture stand for others, which ones do must not depend on overscan.
+        """
+        index, own = inside
+        if more is not None:
+            index, own, own_more = _more_inside(rays, index, own, more)
+        else:
+            own_more = None
+        beyond = dr.full(Bool, True, dr.width(rays.primary.direction))
+        dr.scatter(beyond, Bool(False), index)
+        far = dr.select(beyond, rays.primary.far, 0)
+        dr.eval(far)
+        rest = replace(rays, primary=replace(rays.primary, far=far), lattice=None, inside=None)
+        result = dict(self._gathered(number, light, rest, order, samples, more))
+        for group, radiance in self._gathered(number, light, own, taken(order, index), samples, own_more).items():
+            dr.scatter(result[group], radiance, index)
+        return result
 
     def _camera_tracing(self, world: World, rays: ViewRays) -> CameraTracing:
         settings = self.settings
@@ -254,6 +281,12 @@ class FrameRenderer(PassRenderer):
 
         If beams are `moving`, rays have times, and are otherwise the same.
         """
+
+    def _inside(
+        self, number: int, view: int, rays: ViewRays, places: Array2f, samples: Samples, moving: bool
+    ) -> tuple[UInt32, ViewRays] | None:
+        """Return the part of a view's rays, with a lattice, that is inside the picture; None if all rays are."""
+        return None
 
     @abstractmethod
     def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
@@ -311,6 +344,8 @@ class FrameRenderer(PassRenderer):
                         lattice = film.lattice(samples, *self._size) if looked.shared_origin else None
                         places = film.places(samples, lattice)
                         rays = replace(self._view_rays(number, view, places, samples, moving), lattice=lattice)
+                        if lattice is not None:
+                            rays = replace(rays, inside=self._inside(number, view, rays, places, samples, moving))
                     edge = self._edges(own, rays, film.order)
                     beams = self._beams(number, view, film, light, rays, places, edge)
                     release_memory(self._size)
@@ -456,6 +491,22 @@ class FrameRenderer(PassRenderer):
             film.restore(each)
         statistics = self.statistics
         statistics.passes, statistics.beams, statistics.tests = len(sums), sums.beams, sums.tests
+
+
+def _more_inside(
+    rays: ViewRays, index: UInt32, own: ViewRays, more: MoreSamples
+) -> tuple[UInt32, ViewRays, MoreSamples | None]:
+    """Return indices, rays and further samples of the pixels inside the picture, with their further rays."""
+    edges, pixels = more.pixels.numpy(), dr.width(rays.primary.direction) - more.each * dr.width(more.pixels)
+    place = np.full(pixels, -1, np.int64)
+    place[index.numpy()] = np.arange(dr.width(index))
+    chosen = np.flatnonzero(place[edges] >= 0)
+    if not len(chosen):
+        return index, own, None
+    lanes = to_uint((pixels + np.arange(more.each)[:, None] * len(edges) + chosen).ravel())
+    further = PrimaryRays.joined([rays.primary]).taken(lanes)
+    own = replace(own, primary=own.primary.with_more(further))
+    return joined([index, lanes]), own, MoreSamples(to_uint(place[edges[chosen]]), more.each)
 
 
 def _unshaded(tracing: CameraTracing) -> CameraTracing:

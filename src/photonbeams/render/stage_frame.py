@@ -14,7 +14,9 @@ import numpy as np
 from .. import scene
 from ..beams.guides import known_guides, pieces_along
 from ..beams.sets import BeamSet
+from ..estimators.lanes import Lattice
 from ..estimators.tiles import Projection
+from ..numerics.arrays import taken, to_uint
 from ..numerics.samples import BITS, Samples
 from ..runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
 from ..transport.portal_visibility import lights_seen
@@ -308,18 +310,36 @@ class StageRenderer(FrameRenderer):
     def _view_rays(
         self, number: int, view: int, places: Array2f, samples: Samples, moving: bool = False
     ) -> ViewRays:  # fmt: skip
-        times, between = self._times(number), self._between(number)
-        cameras = [moment.cameras[view] for moment in self._shutter.ends(times[0], times[-1])]
-        self._warn_of_turn(cameras)
-        own = View(
-            with_lens(cameras[0], between.cameras[view]), self._window,
-            cameras[-1] if cameras[-1] is not cameras[0] else None,
-        )  # fmt: skip
+        own = self._view(number, view, self._window)
         sample = (lambda groups: _on_lens(samples, groups)) if own.film or moving else None
         rays = own.rays(places, sample)
         holdout = self._holdouts[view]
         far = None if holdout is None else holdout.distances(own, rays.facing, places, own.on_lens(sample))
         return ViewRays(_primary(rays, far), own.projection, own.camera.exposure_scale, far)
+
+    def _view(self, number: int, view: int, window: Window) -> View:
+        """Return a view of a pass in a window of the picture."""
+        times, between = self._times(number), self._between(number)
+        cameras = [moment.cameras[view] for moment in self._shutter.ends(times[0], times[-1])]
+        self._warn_of_turn(cameras)
+        close = cameras[-1] if cameras[-1] is not cameras[0] else None
+        return View(with_lens(cameras[0], between.cameras[view]), window, close)
+
+    def _inside(
+        self, number: int, view: int, rays: ViewRays, places: Array2f, samples: Samples, moving: bool
+    ) -> tuple[UInt32, ViewRays] | None:
+        left, top, right, bottom = self._window.inside()
+        (height, width), (x, y) = self._window.shape, self._window.crop[:2]
+        if (left, top, right, bottom) == (0, 0, width, height) or left >= right or top >= bottom:
+            return None
+        row, column = np.mgrid[top:bottom, left:right]
+        index = to_uint((row * width + column).ravel())
+        own = self._view(number, view, replace(self._window, crop=(x + left, y + top, x + right, y + bottom)))
+        found = own.rays(taken(places, index), (lambda groups: _on_lens(samples, groups)) if moving else None)
+        far = None if rays.holdout is None else taken(rays.primary.far, index)
+        assert rays.lattice is not None
+        lattice = Lattice.of(own.window.width, own.window.height, own.window.crop[:2], rays.lattice.place)
+        return index, ViewRays(_primary(found, far), own.projection, rays.exposure, far, lattice)
 
     def _pinhole(self, view: int) -> tuple[World, ViewRays]:
         holdout = self._holdouts[view]
