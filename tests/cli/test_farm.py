@@ -88,7 +88,7 @@ def test_twenty_frames_a_worker_leave_nothing_and_need_no_more_memory(stage, out
     assert not [each for each in found.values() if each.is_running() and each.status() != psutil.STATUS_ZOMBIE]
     folders = (temporary, Path.cwd(), out)
     left = [
-        each for folder in folders for each in folder.iterdir() if each.name.startswith(("photonbeams-farm-", "dask-"))
+        each for folder in folders for each in folder.iterdir() if each.name.startswith(("photonbeams-farm.", "dask-"))
     ]
     assert not [each for each in left if each.stat().st_mtime > begun]
 

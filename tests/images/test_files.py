@@ -105,11 +105,17 @@ def test_a_cropped_frame_keeps_its_place_in_the_whole(tmp_path, layers):
         assert (spec.full_width, spec.full_height) == (100, 50)
 
 
-def test_colours_too_bright_for_half_become_the_largest_half(tmp_path):
+def test_colours_too_bright_for_half_become_the_largest_half_and_are_named(tmp_path, caplog):
     pixels = np.full((2, 2, 3), 1e6, np.float32)
     pixels[0, 0] = np.inf, -np.inf, 65519.0
-    images.write_exr(tmp_path / "a.exr", {"beams": pixels})
+    alpha = np.full((2, 2, 4), (0.0, 0.0, 0.0, 1.0), np.float32)
+    images.write_exr(tmp_path / "a.exr", {"rgba": alpha, "beams": pixels, "surface": 2e-8 * alpha[..., 1:]})
     found = images.read_layers(tmp_path / "a.exr")["beams"]
+    assert [each.getMessage() for each in caplog.records] == [
+        f"{tmp_path / 'a.exr'}: beams: colours beyond 65504, the largest half float: they are clamped, and layers do "
+        "not add up there",
+        f"{tmp_path / 'a.exr'}: surface: all light is below 6e-8, the smallest half float: it is black",
+    ]
     assert found[1, 1].tolist() == [65504.0] * 3
     assert found[0, 0].tolist() == [65504.0, -65504.0, 65504.0]
 

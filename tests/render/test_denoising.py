@@ -63,6 +63,27 @@ def test_noise_of_single_pixels_goes(rng):
         assert error(result[name], truth) < error(noisy[name], truth) / 4
 
 
+@pytest.mark.parametrize("scale", [1e-30, 1e-15, 1e-8, 1.0, 1e12, 1e18])
+def test_light_of_any_brightness_is_denoised_alike(rng, scale):
+    truth = np.add.outer(np.linspace(0.2, 1, 64), np.linspace(0, 1, 64))
+    passes = noisy_passes(rng, truth)
+    usual = layers_of(passes)[1]
+    noisy, result = layers_of([tuple(each * scale for each in lights) for lights in passes])
+    for name in ("surface", *GROUPS.values()):
+        expected = usual[name] if scale > 1e-19 else noisy[name] / scale  # squares of less light are 0
+        assert np.allclose(result[name] / scale, expected, atol=1e-4)
+
+
+def test_light_whose_squares_overflow_is_denoised_as_after_one_pass(rng):
+    truth = 1e20 * np.add.outer(np.linspace(0.2, 1, 64), np.linspace(0, 1, 64))
+    passes = noisy_passes(rng, truth)
+    with np.errstate(over="ignore"):  # of the squares, in `summed`
+        noisy, result = layers_of(passes)
+    assert error(result["surface"], truth) < error(noisy["surface"], truth) / 4
+    assert all(np.array_equal(result[name], noisy[name]) for name in GROUPS.values())
+    assert np.array_equal(result["rgba"][..., :3], result["surface"] + result["beams"])
+
+
 def test_what_the_passes_agree_on_stays(rng):
     texture = rng.random((3, *SHAPE))
     noisy, result = layers_of([tuple(texture)] * 4)

@@ -71,6 +71,15 @@ def test_a_pass_that_is_there_is_refused_and_gaps_are_known():
     assert same(PassSums.restored(sums.state()).total(), sums.total())
 
 
+def test_the_error_of_light_whose_squares_overflow_is_not_known():
+    sums = PassSums()
+    for number, light in enumerate((2e19, 1e19, 3e19)):
+        with np.errstate(over="ignore"):
+            pictures = {"light": np.full(9, light, np.float32), "squares": np.full(9, light, np.float32) ** 2}
+        sums.add(number, pictures | {f"{name}/beams": each for name, each in pictures.items()})
+    assert np.isnan(sums.error()) and sums.variance("beams") is None
+
+
 def test_frames_are_kept_in_files_and_joined(tmp_path):
     first, second = (FrameSums([summed(each)], 8, 3, 50, "hash", {"a": np.ones(2)}) for each in (range(3), range(3, 8)))
     first.save(tmp_path / "a.checkpoint")

@@ -2,11 +2,12 @@
 
 import os
 import subprocess
+from pathlib import Path
 
 import pytest
 
 from photonbeams.runtime import files
-from photonbeams.runtime.files import atomic_path, try_path
+from photonbeams.runtime.files import atomic_path, temporary_folder, try_path
 
 
 def test_a_failed_writer_leaves_the_old_file_and_nothing_else(tmp_path):
@@ -61,6 +62,30 @@ def test_what_killed_writers_left_goes_and_what_others_write_stays(tmp_path):
     with atomic_path(tmp_path / "a.exr"):
         pass
     assert {each.name for each in tmp_path.iterdir()} == {"a.exr", names["alive"], names["elsewhere"], names["mine"]}
+
+
+def test_temporary_folders_of_killed_processes_go(tmp_path, monkeypatch):
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    names = {
+        "dead": f"photonbeams-farm.{files._HOST}-{ended.pid}-ab_1",
+        "alive": f"photonbeams-farm.{files._HOST}-{os.getppid()}-ab_1",
+        "elsewhere": "photonbeams-studio.00000000ff-1-ab_1",
+        "mine": "photonbeams-farm.backup",
+    }
+    for name in names.values():
+        (tmp_path / name / "scratch").mkdir(parents=True)
+    with temporary_folder("farm") as folder:
+        own = Path(folder).name
+        assert {each.name for each in tmp_path.iterdir()} == {own, *names.values()} - {names["dead"]}
+    assert own.startswith(f"photonbeams-farm.{files._HOST}-{os.getpid()}-") and not Path(folder).exists()
+
+
+def test_a_folder_made_for_a_file_that_is_not_written_goes(tmp_path):
+    with pytest.raises(ValueError), atomic_path(tmp_path / "new" / "sub" / "a.npz"):
+        raise ValueError
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_pipe_is_not_replaced(tmp_path):

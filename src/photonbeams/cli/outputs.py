@@ -200,7 +200,7 @@ def write_outputs(
     An .exr holds `layers` and, unless the user has `chosen` them, the frame's other layers. A render product holds only
     the layers that it asks for.
     """
-    from ..runtime.files import atomic_path
+    from ..runtime.files import atomic_path, write_bytes
 
     names = layers if chosen else [*dict.fromkeys([*layers, *frame.layers])]
     for metadata in [frame.metadata, *(each for _, each in frame.views.values())]:
@@ -212,7 +212,7 @@ def write_outputs(
             every = chosen or not output.variables
             kept = [name for name in names if every or name in ("rgba", *output.variables)]
             held = _holding(frame, kept if beside.suffix.lower() == ".exr" else [shown])
-            held.write(beside, layer=shown, exposure=exposure)
+            write_bytes(beside, held.encoded(output.path, shown, exposure))
 
 
 def _holding(frame: Frame, names: Sequence[str]) -> Frame:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from ..runtime.device import memory, processors
+from ..runtime.files import temporary_folder
 from ..scene.extras import needs
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def _local(dask: Any, distributed: Any, options: FarmOptions) -> Iterator[Client
     count = options.workers or 1
     limit = (memory() or 0) // count
     with (
-        tempfile.TemporaryDirectory(prefix="photonbeams-farm-", ignore_cleanup_errors=True) as folder,
+        temporary_folder("farm") as folder,
         dask.config.set({"temporary-directory": folder}),
     ):
         cluster = _started(

@@ -5,6 +5,7 @@ Files are written whole or not at all: see `runtime.files`.
 
 from __future__ import annotations
 
+import logging
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
@@ -26,7 +27,9 @@ from .display import dithered, is_encoded, srgb_decoded, srgb_encoded, tone_mapp
 
 Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to its layers and metadata
 
-HALF_MAX = 65504.0  # the largest finite half
+LOG = logging.getLogger("photonbeams")
+
+HALF_MAX, HALF_MIN = 65504.0, 2.0**-24  # the largest finite half, and the smallest above 0
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
 # Attributes of a frame that must be the same in all parts of an EXR.
 SHARED = ("displayWindow", "pixelAspectRatio", "chromaticities")
@@ -89,10 +92,21 @@ def write_frame(
     OSError
         As `atomic_path`.
     """
+    write_bytes(path, encoded_frame(path, layers, metadata, layer, exposure, views))
+
+
+def encoded_frame(
+    path: PathLike,
+    layers: Mapping[str, Array],
+    metadata: Mapping[str, Any] | None = None,
+    layer: str = "rgba",
+    exposure: float = 0.0,
+    views: Views | None = None,
+) -> bytes | memoryview:
+    """Return the file that `write_frame` writes to `path`, which decides the kind and is named in messages."""
     path = _picture_path(path)
     if path.suffix.lower() == ".exr":
-        write_exr(path, layers, metadata, views)
-        return
+        return encoded_exr(path, layers, metadata, views)
     eyes = [each for each, _ in views.values()] if views else [layers]
     for each in eyes:
         if layer not in each:
@@ -100,7 +114,7 @@ def write_frame(
         if each[layer].shape[2] < 3:
             raise SceneError(f"cannot write {path}: '{layer}' has no colours: expected another layer, or an .exr")
     ratio = (metadata or {}).get("pixelAspectRatio", 1.0)
-    write_png(path, *(each[layer] for each in eyes), exposure=exposure, pixel_aspect=ratio)
+    return png_of(*(each[layer] for each in eyes), exposure=exposure, pixel_aspect=ratio)
 
 
 def write_exr(
@@ -117,8 +131,8 @@ def write_exr(
         Its folder is made if it does not exist.
     layers
         Pixels by name, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), those of
-        `normal` X, Y, Z, and (H, W) or (H, W, 1) becomes Z. Colours beyond ±65504, the largest half, are clamped;
-        infinite depth stays.
+        `normal` X, Y, Z, and (H, W) or (H, W, 1) becomes Z. Colours beyond ±65504, the largest half, are clamped,
+        with a warning; infinite depth stays.
     metadata
         Header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (2,) and
         (4, 4) arrays. The matrices worldToCamera and worldToNDC are for row vectors, as in Imath and USD. For a cropped
@@ -142,28 +156,66 @@ def write_exr(
     Storing multi-view images, https://openexr.com/en/latest/MultiViewOpenEXR.html: this is the preferred one of its two
     forms.
     """
+    write_bytes(path, encoded_exr(path, layers, metadata, views))
+
+
+def encoded_exr(
+    path: PathLike,
+    layers: Mapping[str, Array],
+    metadata: Mapping[str, Any] | None = None,
+    views: Views | None = None,
+) -> memoryview:
+    """Return the file that `write_exr` writes to `path`, which is named in messages."""
     views = views or {"": (layers, metadata or {})}
     views = {
         view: (seen, {"chromaticities": REC709, **about, **({"view": view} if view else {})})
         for view, (seen, about) in views.items()
     }
     _check_views(path, views)
+    _warn_of_range(path, views)
     parts = [
         OpenEXR.Part(_header(about), _channels(name, seen[name]), _part_name(name, view, views))
         for view, (seen, about) in views.items()
         for name in sorted(seen, key=lambda name: name != "rgba")  # the sort is stable: the others keep their order
     ]
-    write_exr_parts(path, parts)
+    return encoded_parts(path, parts)
 
 
-def write_exr_parts(path: PathLike, parts: list[OpenEXR.Part]) -> None:
-    """Write the parts of an EXR, whole or not at all; raise OSError as `atomic_path` does."""
+def encoded_parts(path: PathLike, parts: list[OpenEXR.Part]) -> memoryview:
+    """Return the parts of an EXR as the file that will be at `path`, which is named in messages."""
     data = BytesIO()  # OpenEXR reports no error if the last bytes of a file cannot be written
     try:
         OpenEXR.File(parts).write(data)
     except RuntimeError as error:  # OpenEXR raises no other kind
         raise SceneError(f"{path} cannot be written: {reason(str(error))}") from error
-    write_bytes(path, data.getbuffer())
+    return data.getbuffer()
+
+
+def _warn_of_range(path: PathLike, views: Views) -> None:
+    """Warn about layers with colours that half floats cannot hold."""
+    bright, dark = [], []
+    for view, (seen, _) in views.items():
+        for name in (name for name in seen if _is_half(name, np.shape(seen[name]))):
+            colors = np.asarray(seen[name])[..., :3]
+            peak = max(np.fmax.reduce(colors, axis=None), -np.fmin.reduce(colors, axis=None))  # NaN is left out
+            if peak > HALF_MAX:
+                bright.append(_part_name(name, view, views))
+            elif 0 < peak <= HALF_MIN / 2:
+                dark.append(_part_name(name, view, views))
+    if bright:
+        text = "colours beyond 65504, the largest half float: they are clamped, and layers do not add up there"
+        LOG.warning("%s: %s: %s", path, _listed(bright), text)
+    if dark:
+        LOG.warning("%s: %s: all light is below 6e-8, the smallest half float: it is black", path, _listed(dark))
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
+def _is_half(name: str, shape: tuple[int, ...]) -> bool:
+    """Return whether a layer is written in half floats: it has colours."""
+    return name != "normal" and len(shape) == 3 and shape[2] in (3, 4)
 
 
 def _part_name(layer: str, view: str, views: Views) -> str:
@@ -219,7 +271,7 @@ def _channels(name: str, pixels: Array) -> dict[str, Array]:
     pixels = np.asarray(pixels)
     if name == "normal" and pixels.ndim == 3 and pixels.shape[2] == 3:
         return {axis: np.ascontiguousarray(pixels[..., i], dtype=np.float32) for i, axis in enumerate("XYZ")}
-    if pixels.ndim == 3 and pixels.shape[2] in (3, 4):
+    if _is_half(name, pixels.shape):
         key = "RGBA" if pixels.shape[2] == 4 else "RGB"
         return {key: np.ascontiguousarray(np.clip(pixels, -HALF_MAX, HALF_MAX), dtype=np.float16)}
     if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..runtime.files import PathLike
+from ..runtime.files import PathLike, write_bytes
 from ..scene import MOST_PIXELS, Array, SceneError
-from .files import write_frame
+from .files import encoded_frame
 from .previews import preview
 
 if TYPE_CHECKING:
@@ -78,7 +78,11 @@ class Frame:
         OSError
             The file cannot be written.
         """
-        write_frame(path, self.layers, self.metadata, layer=layer, exposure=exposure, views=self.views)
+        write_bytes(path, self.encoded(path, layer, exposure))
+
+    def encoded(self, path: PathLike, layer: str = "rgba", exposure: float = 0.0) -> bytes | memoryview:
+        """Return the file that `write` writes to `path`, which decides the kind and is named in messages."""
+        return encoded_frame(path, self.layers, self.metadata, layer, exposure, self.views)
 
     def __repr__(self) -> str:
         height, width = self.layers["rgba"].shape[:2]

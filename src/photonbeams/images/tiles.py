@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from ..runtime.files import PathLike
+from ..runtime.files import PathLike, write_bytes
 from ..runtime.inputs import is_special, why_unreadable
 from ..scene import Array, SceneError
-from .files import MOST_PIXELS, write_exr_parts
+from .files import MOST_PIXELS, encoded_parts
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, the last pixel not included
 
@@ -60,7 +60,7 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
         OpenEXR.Part({**part.header, "dataWindow": window}, channels, part.name())
         for part, channels in zip(headers[0], joined, strict=True)
     ]
-    write_exr_parts(output, files)
+    write_bytes(output, encoded_parts(output, files))
     return int(covered.sum()), covered.size
 
 

@@ -37,6 +37,7 @@ from .sums import ALBEDO, MEAN_NORMAL, NOISY, PassSums
 _AROUND = 15
 _LEAST = np.finfo(np.float32).tiny
 _CORRELATED = 1 / 3  # correlation of neighbours from which on a difference is not noise at all
+_ORDINARY = 1e-6, 1e15  # mean light that needs no scale: below 1e-7 the network returns light of its own
 _DARK = 0.01  # fraction of the picture's mean light: errors of darker pixels are relative to this
 
 
@@ -135,6 +136,11 @@ def _mixed(
     """
     if not noisy.any() or (variance is None and not unknown):
         return noisy
+    scale = _scale(noisy)
+    if scale != 1:
+        variance = None if variance is None else variance * scale**2
+        scaled = (noisy * scale).astype(np.float32)
+        return (_mixed(name, scaled, guides, variance, unknown, known) / scale).astype(np.float32)
     if name not in known or not known[name].is_of(noisy, guides):
         known[name] = Filtered(noisy, guides, _filtered(noisy, guides))
     change = known[name].result - noisy
@@ -147,6 +153,13 @@ def _mixed(
     weight = np.maximum(own, 0) / np.maximum(np.maximum(size, own), _LEAST)
     weight *= np.clip(1 - _around(light * _beside(light)) / np.maximum(_CORRELATED * size, _LEAST), 0, 1)
     return noisy + weight[..., None] * change
+
+
+def _scale(light: Array) -> np.float64:
+    """Return a power of two that makes very dark or very bright light ordinary; 1 for ordinary light."""
+    mean = np.abs(light).mean(dtype=np.float64)
+    ordinary = _ORDINARY[0] <= mean <= _ORDINARY[1] or not np.isfinite(mean)
+    return np.float64(1.0 if ordinary else 2.0 ** -round(np.log2(mean)))
 
 
 def _around(values: Array) -> Array:

@@ -85,7 +85,8 @@ class PassSums:
         """Return the relative standard error of a film's mean: half of the light is in pixels with a smaller error.
 
         The estimate takes the differences between passes as independent. But the passes continue low-discrepancy
-        sequences, so the true error tends to be smaller. NaN before there are two passes.
+        sequences, so the true error tends to be smaller. NaN before there are two passes, or if squares of the light
+        overflow.
         """
         total = self.total((LIGHT, SQUARES))
         if len(self) < 2 or len(total) < 2:
@@ -95,17 +96,19 @@ class PassSums:
         lit = mean > 0
         if not lit.any():
             return 0.0
-        relative = np.sqrt(np.maximum(squares - mean * mean, 0)[lit] / (len(self) - 1)) / mean[lit]
+        with np.errstate(over="ignore", invalid="ignore"):  # squares of the brightest light are infinite
+            relative = np.sqrt(np.maximum(squares - mean * mean, 0)[lit] / (len(self) - 1)) / mean[lit]
         order = np.argsort(relative)
         # With the plain median, many pixels that hardly any light reaches would decide alone.
         light = np.cumsum(mean[lit][order], dtype=np.float64)
-        return float(relative[order][np.searchsorted(light, 0.5 * light[-1])])
+        middle = float(relative[order][np.searchsorted(light, 0.5 * light[-1])])
+        return middle if np.isfinite(middle) else float("nan")
 
     def variance(self, layer: str) -> np.ndarray | None:
         """Return the variance of a layer's mean light by pixels, estimated as in `error`; None if it is not known."""
         names = f"{LIGHT}/{layer}", f"{SQUARES}/{layer}"
         total = self.total(names)
-        if len(self) < 2 or not total:
+        if len(self) < 2 or not total or not np.isfinite(total[names[1]]).all():
             return None
         mean, squares = (total[name] / len(self) for name in names)
         return np.maximum(squares - mean * mean, 0) / (len(self) - 1)
@@ -176,5 +179,6 @@ def _added(first: Pictures, second: Pictures, own: bool = False) -> Pictures:
     result = {**second, **first}
     for name in first.keys() & second.keys() - {DEPTH, NORMAL}:
         replaced = first[name] if own and first[name].flags.writeable else None
-        result[name] = np.add(first[name], second[name], out=replaced)
+        with np.errstate(over="ignore"):  # squares of the brightest light are infinite
+            result[name] = np.add(first[name], second[name], out=replaced)
     return result

@@ -23,6 +23,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
+from shutil import rmtree
+from tempfile import TemporaryDirectory, gettempdir
 from typing import IO, Any
 
 PathLike = str | os.PathLike[str]
@@ -179,20 +181,30 @@ def try_path(path: PathLike) -> None:
         raise _Undone
 
 
+def temporary_folder(purpose: str) -> TemporaryDirectory[str]:
+    """Return a new folder for temporary files, as `tempfile` does; first remove those that killed processes left."""
+    _remove_leftovers(gettempdir())
+    return TemporaryDirectory(prefix=f"photonbeams-{purpose}.{_HOST}-{os.getpid()}-", ignore_cleanup_errors=True)
+
+
 def _remove_leftovers(folder: str) -> None:
-    """Remove files of killed processes from a folder, once; those of other machines and boots if they are a day old."""
+    """Remove what killed processes left in a folder, once; files of other machines and boots if they are a day old."""
     if folder in _CLEARED or os.name != "posix":
         return
     _CLEARED.add(folder)
-    name = re.compile(r"\..*\.([0-9a-f]{10})-(\d+)-[0-9a-f]{12}\.tmp(\.\w+)?")
+    process = r"\.([0-9a-f]{10})-(\d+)-"
+    file, temporary = rf"\..*{process}[0-9a-f]{{12}}\.tmp(\.\w+)?", rf"photonbeams-\w+{process}\w+"
     with suppress(OSError):
         for each in os.scandir(folder):
-            found = name.fullmatch(each.name)
+            found = re.fullmatch(file, each.name) or re.fullmatch(temporary, each.name)
             if not found:
                 continue
+            dead = found[1] == _HOST and not _alive(int(found[2]))
             with suppress(OSError):  # another process may have removed it meanwhile
-                dead = found[1] == _HOST and not _alive(int(found[2]))
-                if dead or time.time() - each.stat(follow_symlinks=False).st_mtime > _STALE:
+                if not each.name.startswith("."):
+                    if dead:
+                        rmtree(each.path)
+                elif dead or time.time() - each.stat(follow_symlinks=False).st_mtime > _STALE:
                     os.unlink(each.path)
 
 

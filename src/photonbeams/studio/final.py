@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..runtime.files import atomic_file, write_bytes
+from ..runtime.files import atomic_file, temporary_folder, write_bytes
 from ..scene import SceneError
 from ..usd.stereo import Stereo
 
@@ -69,7 +69,7 @@ class FinalRender:
     """Runs at most one final render at a time; its files are in a folder that is removed with the studio."""
 
     def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="photonbeams-studio-")
+        self._folder = temporary_folder("studio")
         self._process: asyncio.subprocess.Process | None = None
 
     @property

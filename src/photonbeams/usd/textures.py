@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 
 from ..images.textures import TEXTURE_LIMIT, Decoded, decoded, linear
-from ..runtime.files import write_bytes
+from ..runtime.files import temporary_folder, write_bytes
 from ..runtime.inputs import check_size, content, why_unreadable
 from ..scene import Array, SceneError, rgb
 from .color_spaces import AUTO, RAW, SRGB, color_space, to_linear
@@ -136,7 +135,7 @@ def _image(path: str, _stamp: tuple[int, int], space: str, limit: int) -> Decode
         return decoded(path, linearize, limit)
     # OpenImageIO reads only files, so images in a .usdz are unpacked for it.
     suffix = Path(Ar.SplitPackageRelativePathInner(path)[1]).suffix
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder("texture") as folder:
         file = Path(folder) / f"image{suffix}"
         try:
             write_bytes(file, asset_content(path))
