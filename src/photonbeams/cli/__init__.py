@@ -174,7 +174,10 @@ def _sentence(error: BaseException) -> str | None:
 
 def _fail(message: str, code: int, given: Sequence[str]) -> NoReturn:
     """Print a message on standard error, and for Open Job Description if `--progress openjd` is given; exit."""
-    message = message if len(message) <= _LONGEST else f"{message[: _LONGEST - 1]}…"
+    if len(message) > _LONGEST:
+        from ..scene.checks import shortened
+
+        message = shortened(message)
     with suppress(OSError):  # a full disk may be to blame, which holds the messages, too
         print(message, file=sys.stderr)
         if "--progress=openjd" in given or ("--progress", "openjd") in pairwise(given):
