@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..runtime.bars import Update, drawn, terminal
-from ..scene.checks import shortened
 
 if TYPE_CHECKING:
     from ..farm.run import FarmState
@@ -60,6 +59,8 @@ class _Lines(logging.Formatter):
     """Formats messages as "Warning: text", in the way of "Error: text"."""
 
     def format(self, record: logging.LogRecord) -> str:
+        from ..scene.checks import shortened
+
         return shortened(f"{record.levelname.capitalize()}: {record.getMessage()}")
 
 
