@@ -75,12 +75,12 @@ def test_a_broken_document_is_named_and_left_out(tmp_path, caplog):
     assert "m.mtlx cannot be read: expected a MaterialX document" in caplog.text
 
 
-@pytest.mark.parametrize("arc", ["references = @%s@", "payload = @%s@", "inherits = </B>"])
+@pytest.mark.parametrize("arc", ["references = @%s@", "payload = @%s@", "inherits = </B>", "sub references = @%s@"])
 def test_a_layer_that_is_no_file_is_refused_at_once(tmp_path, caplog, arc):
     pipe = tmp_path / "pipe.usda"
     os.mkfifo(pipe)
-    named = arc % pipe.name if "%" in arc else arc
-    sub = "" if "%" in arc else f"(subLayers = [@{pipe.name}@])"
+    named = arc.removeprefix("sub ").replace("%s", pipe.name)
+    sub = f"(subLayers = [@{pipe.name}@])" if arc.startswith(("inherits", "sub")) else ""
     stage = written(tmp_path / "stage.usda", f'#usda 1.0\n{sub}\ndef "A" ({named}) {{\n}}\n')
     with pytest.raises(SceneError, match=r"stage\.usda refers to pipe\.usda: expected a file, it is a named pipe"):
         open_stage(stage, warnings=Warnings(strict=True))
@@ -120,3 +120,11 @@ def Material "M" {{
     (record,) = caplog.records  # the limit is twice as high for images of lights
     expected = "/M/T.inputs:file names a.png of 8 x 2 pixels: it is scaled down to 4 x 1, as the texture limit is 4"
     assert expected in record.getMessage()
+
+
+def test_a_text_that_is_too_long_is_left_out(tmp_path, caplog):
+    with open(tmp_path / "huge.usda", "wb") as file:
+        file.truncate(1 << 40)
+    stage = written(tmp_path / "stage.usda", '#usda 1.0\n(subLayers = [@huge.usda@])\ndef "A" {\n}\n')
+    assert open_stage(stage).GetPrimAtPath("/A")
+    assert "huge.usda: expected a file, it has 1,024 GiB: expected up to 4 GiB; it is left out" in caplog.text

@@ -35,6 +35,7 @@ REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blu
 SHARED = ("displayWindow", "pixelAspectRatio", "chromaticities")
 _PNG_UNIT = 10_000  # pixels in the unit of length in which a PNG gives the shape of its pixels
 MOST_PIXELS = 1 << 28  # of an image that is read, or of a level of it: a small file may claim to hold more
+_MOST_BYTES = 1 << 33  # of a file: OpenImageIO may read all of it to find out that it is no image
 _STRIP = 64 * 2**20  # bytes of pixels that are decoded at a time
 
 
@@ -496,10 +497,10 @@ def opened(path: PathLike, config: Any = None) -> Iterator[Any]:
         As `read_parts`.
     """
     path = Path(path)
-    if problem := why_unreadable(path):
+    if problem := why_unreadable(path, _MOST_BYTES):
         if not (is_special(path) or path.is_dir()):
             path.open("rb").close()  # for the system's own error if the file does not exist or may not be read
-        raise unreadable(path, problem)
+        raise UnreadableImageError(path, problem)
     given = [] if config is None else [config]
     file: Any = OpenImageIO.ImageInput.open(str(path), *given)
     if not file:

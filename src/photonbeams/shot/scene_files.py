@@ -14,6 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+
 from ..images.files import check_decoded, check_image, pixels_of
 from ..images.files import opened as opened_image
 from ..runtime.inputs import MOST_TEXT, check_size, content, is_special, opened
@@ -119,7 +121,7 @@ def _check(kind: str, file: Path) -> None:
     """Check a file that a plugin reads; raise SceneError, a clause about it."""
     with opened(file) as data:
         if kind == "gridvolume":
-            vol_shape(data)
+            check_size(12.0 * np.prod(vol_shape(data), dtype=float), np.inf, "its grid")  # Mitsuba makes copies
         elif kind == "ply":
             _check_ply(data)
         elif kind == "serialized":

@@ -19,6 +19,8 @@ from .reading import quiet
 from .textures import stamp
 from .warnings import Warnings
 
+_MOST_TEXT = 1 << 32  # bytes
+
 #: Layers changed in memory: they differ from their files, and have to be read again.
 _CHANGED: set[str] = set()
 
@@ -45,7 +47,7 @@ def ready_layers(root: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
             path = str(Ar.GetResolver().Resolve(layer.ComputeAbsolutePath(name))) if name else ""
             if not path or path in found:
                 continue
-            problem = why_unreadable(Ar.SplitPackageRelativePathOuter(path)[0])
+            problem = why_no_layer(path)
             if problem and not os.path.isdir(path):
                 text = f"{layer.realPath or layer.identifier} refers to {name}: expected a file, {problem}"
                 warnings.give(f"{text}; it is left out")
@@ -81,6 +83,12 @@ def write_layer(layer: Sdf.Layer, path: PathLike) -> None:
             raise failure_of(beside, "the disk holds another layer")
 
 
+def why_no_layer(path: str) -> str:
+    """Return why a path, which may lead into a package, cannot be read as a layer; "" if it may be one."""
+    most = _MOST_TEXT if path.endswith(".usda") else None  # OpenUSD reads all of a text; binary layers, what it needs
+    return why_unreadable(Ar.SplitPackageRelativePathOuter(path)[0], most)
+
+
 def forget_changes() -> None:
     """Read those layers again from their files that were changed for an earlier stage."""
     for identifier in list(_CHANGED):
@@ -106,7 +114,8 @@ def _translated(path: str, warnings: Warnings) -> str:
 def _change(layer: Sdf.Layer, name: str, other: str) -> None:
     """Make a layer name another one, in memory only, or none if `other` is ""."""
     if layer.permissionToEdit:
-        layer.UpdateCompositionAssetDependency(name, other)
+        for _ in range(2):  # of a sublayer that is also referred to, OpenUSD updates one at a time
+            layer.UpdateCompositionAssetDependency(name, other)
         _CHANGED.add(layer.identifier)
 
 

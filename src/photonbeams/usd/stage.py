@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ..runtime.inputs import why_unreadable
 from ..scene import Array, SceneError, real, shown
 from . import blender
 from . import schemas as schemas
@@ -20,7 +19,7 @@ from .composition import warn_of_composition
 from .contents import read_extent, read_scene, with_looks
 from .editing import override
 from .frames import time_range
-from .layers import forget_changes, ready_layers
+from .layers import forget_changes, ready_layers, why_no_layer
 from .lights import is_dome, is_light
 from .metadata import complete_metadata, correct_metadata
 from .openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel, text_of
@@ -193,7 +192,7 @@ def _layer(path: str) -> Sdf.Layer:
         raise SceneError(f"{path!r} cannot be read: expected a name in UTF-8") from None
     if not resolved or not os.path.exists(Ar.SplitPackageRelativePathOuter(resolved)[0]):
         raise SceneError(f"{path}: expected a USD stage, but there is no such file")
-    problem = why_unreadable(Ar.SplitPackageRelativePathOuter(resolved)[0])
+    problem = why_no_layer(resolved)
     if problem and not os.path.isdir(resolved):  # reading from a pipe may take for ever
         raise SceneError(f"{path} cannot be read: expected a USD stage, {problem}")
     if os.path.isdir(resolved) or not Usd.Stage.IsSupportedFile(resolved):
