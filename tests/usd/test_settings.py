@@ -140,6 +140,11 @@ def test_an_empty_window_is_an_error_though_warnings_are_not(usd, body):
         read_settings(usd(settings(body), METADATA))
 
 
+def test_too_much_overscan_names_the_window():
+    with pytest.raises(SceneError, match=r"^/S\.dataWindowNDC: the crop is .*: expected no more than 32,736$"):
+        RenderSettings("/S", data_window=(-1000, 0, 1000, 1)).crop(64, 36)
+
+
 def test_metadata_that_names_no_settings_is_ignored_with_a_warning(usd, warnings):
     assert read_settings(usd(CAMERAS, 'renderSettingsPrimPath = "/A"')) == RenderSettings()
     assert len(warnings.messages) == 1

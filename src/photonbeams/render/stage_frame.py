@@ -38,6 +38,7 @@ from .settings import DEFAULTS, Settings, as_passes
 from .single_scattering import SingleScattering
 from .stage_lighting import StageLighting
 
+LOG = logging.getLogger("photonbeams")
 _WIDEST_TURN = 30.0  # degrees: interpolated axes of the camera are then 3.4 % too short in the middle of the turn
 
 _LENS, _TIME = 101, 102  # streams of samples
@@ -213,11 +214,18 @@ class StageRenderer(FrameRenderer):
         self._eyes = [np.asarray(camera.to_world)[:3, 3] for moment in ends for camera in moment.cameras]
         self._worlds = self._known_worlds()
         light_side: frozenset[str] = frozenset()
+        beyond: set[str] = set()
+        inside = window.inside()
         with self.statistics.phase("build"):
             for moment in ends:
                 world = self._world_of(moment)
                 for camera in moment.cameras:
-                    light_side |= self._seen_past_portals(world, View(camera, window))
+                    view = View(camera, window)
+                    light_side |= self._seen_past_portals(world, view)
+                    if inside != (0, 0, *window.shape[::-1]):
+                        beyond |= lights_seen(world, *view.coarse_rays(128, 72, overscan=True))
+        for name in sorted(beyond - light_side):
+            LOG.warning("%s is seen before its portal in overscan alone, where its beams are left out", name)
         self._simulation = StageSimulation(self._tuning, settings.beams or scene.DEFAULT_BEAMS, light_side)
         if settings.guiding in (None, True):
             whole = window.whole()  # a crop and overscan have the guides of the whole picture
@@ -355,7 +363,7 @@ class StageRenderer(FrameRenderer):
         angle = turn(cameras[0], cameras[-1])
         if angle > _WIDEST_TURN and not self._turned:
             self._turned = True
-            logging.getLogger("photonbeams").warning(
+            LOG.warning(
                 "%s turns by %.0f degrees within one pass, but its motion blur is straight: expected more passes",
                 cameras[0].name, angle,
             )  # fmt: skip

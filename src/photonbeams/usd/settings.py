@@ -9,7 +9,7 @@ from math import ceil, isfinite
 from pathlib import Path
 from typing import Any
 
-from ..images.frame import fractions_of
+from ..images.frame import fractions_of, pixels_of
 from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
 from ..scene.cameras import CONFORM_POLICIES, FILTERS
@@ -79,13 +79,24 @@ class RenderSettings:
     products: tuple[RenderProduct, ...] = ()
 
     def crop(self, width: int, height: int) -> Window | None:
-        """Return the data window from the top left, snapped to the pixels whose centres it contains; at least one."""
+        """Return the data window from the top left, snapped to the pixels whose centres it contains; at least one.
+
+        Raises
+        ------
+        SceneError
+            The window has more overscan than can be rendered.
+        """
         if self.data_window is None:
             return None
         x0, y0, x1, y1 = self.data_window
         left, right = _pixels(x0, x1, width)
         top, bottom = _pixels(1 - y1, 1 - y0, height)
-        return (left, top, right, bottom)
+        found = (left, top, right, bottom)
+        try:
+            pixels_of(found, width, height, overscan=True)
+        except SceneError as error:
+            raise SceneError(f"{self.path}.dataWindowNDC: {error}") from None
+        return found
 
 
 def _pixels(begin: float, end: float, count: int) -> tuple[float, float]:
