@@ -20,7 +20,7 @@ from photonbeams.runtime.device import mitsuba
 from photonbeams.shot.export import _write
 from photonbeams.studio.autosave import Autosave
 from photonbeams.usd.layers import write_layer
-from photonbeams.usd.openusd import Sdf, Vt
+from photonbeams.usd.openusd import Gf, Sdf, Vt
 from photonbeams.volumes.writing import write_vdb
 from photonbeams.world.twin import Twin, _grid_of, ply
 
@@ -67,6 +67,9 @@ def write_stage(path, size):
     layer = Sdf.Layer.CreateAnonymous(".usda")
     prim = Sdf.CreatePrimInLayer(layer, "/Noise")
     Sdf.AttributeSpec(prim, "noise", Sdf.ValueTypeNames.FloatArray).default = Vt.FloatArray.FromNumpy(noise(size // 5))
+    # Binary files do not keep the signs of zeros in vectors, and NaN is not equal to itself.
+    Sdf.AttributeSpec(prim, "zero", Sdf.ValueTypeNames.Float3).default = Gf.Vec3f(0.0, -0.0, -1.0)
+    Sdf.AttributeSpec(prim, "unknown", Sdf.ValueTypeNames.Double).default = float("nan")
     write_layer(layer, path)
 
 

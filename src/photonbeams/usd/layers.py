@@ -6,6 +6,7 @@ Unreadable files, MaterialX documents and metadata that make no sense are replac
 from __future__ import annotations
 
 import os
+import re
 from functools import cache
 from pathlib import Path
 
@@ -79,8 +80,13 @@ def write_layer(layer: Sdf.Layer, path: PathLike) -> None:
                 found = Sdf.Layer.OpenAsAnonymous(str(beside))
         except Tf.ErrorException as error:
             raise failure_of(beside, str(error).strip().splitlines()[-1]) from None
-        if not found or found.ExportToString() != layer.ExportToString():
+        if not found or _text(found) != _text(layer):
             raise failure_of(beside, "the disk holds another layer")
+
+
+def _text(layer: Sdf.Layer) -> str:
+    """Return a layer as text, without signs of zeros: binary files do not keep those of vectors."""
+    return re.sub(r"(?<![\w.])-0(?![\w.])", "0", layer.ExportToString())
 
 
 def why_no_layer(path: str) -> str:
