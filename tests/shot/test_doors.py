@@ -178,6 +178,42 @@ def test_a_scene_renders_without_what_mitsuba_lacks_and_a_render_replaces(writte
     assert all(np.array_equal(found[name], expected[name]) for name in expected)
 
 
+FOG = """<scene version="{version}"><integrator type="volpath"/>
+  <sensor type="perspective">
+    <transform name="{to_world}"><lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="6"/>{film}</film>
+  </sensor>
+  <shape type="cube">{bsdf}<medium name="interior" type="homogeneous">{medium}</medium></shape>
+  <emitter type="point"><point name="position" x="0" y="3" z="0"/><rgb name="intensity" value="30"/></emitter>
+</scene>
+"""
+
+
+@pytest.mark.parametrize(
+    "medium",
+    [
+        '<rgb name="sigmaS" value="2, 4, 0"/><rgb name="sigmaA" value="2, 0, 0"/><float name="scale" value="0.5"/>',
+        '<volume name="density" type="constvolume"><rgb name="value" value="2, 2, 0"/></volume>'
+        '<volume name="albedo" type="constvolume"><rgb name="value" value="0.5, 1, 0"/></volume>'
+        '<string name="method" value="woodcock"/>',
+    ],
+)
+def test_an_old_fog_is_thick_and_light_passes_its_boundary(written, medium):
+    """Mitsuba 3 takes colours up to 1, and makes a boundary without a BSDF diffuse; Mitsuba 0.6 does neither."""
+    film = '<string name="pixelFormat" value="rgb, luminance"/>'
+    text = FOG.format(version="0.6.0", to_world="toWorld", film=film, bsdf="", medium=medium)
+    text = text.replace('<rgb name="intensity"', '<spectrum name="intensity"')
+    if "constvolume" in medium:
+        text = text.replace("homogeneous", "heterogeneous")
+    thick = '<rgb name="sigma_t" value="1, 1, 0"/><rgb name="albedo" value="0.5, 1, 0"/><float name="scale" value="2"/>'
+    new = FOG.format(version="3.0.0", to_world="to_world", film="", bsdf='<bsdf type="null"/>', medium=thick)
+    first, second = (
+        pb.Shot.open(written(each)).render(passes=1, beams=100, method="beams", guiding=False) for each in (text, new)
+    )
+    assert second.layers["beams"].any()
+    np.testing.assert_allclose(first.layers["beams"], second.layers["beams"], rtol=1e-4, atol=1e-6)
+
+
 def test_old_scenes_include_old_scenes(written, expected):
     body = old(NEW)
     start, end = body.index("<bsdf"), body.index("<emitter")

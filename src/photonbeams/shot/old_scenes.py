@@ -19,10 +19,11 @@ _DEEPEST = 15  # files that include each other, as in Mitsuba
 
 # The properties that remain; a render needs nothing else of these, or writes its own files.
 _KEPT = {
-    "film": ("width", "height", "cropOffsetX", "cropOffsetY", "cropWidth", "cropHeight", "pixelFormat", "rfilter"),
+    "film": ("width", "height", "cropOffsetX", "cropOffsetY", "cropWidth", "cropHeight", "rfilter"),
     "sampler": ("sampleCount", "seed"),
     "integrator": ("maxDepth", "rrDepth", "hideEmitters"),
 }
+_EMITTED = ("radiance", "intensity", "irradiance")  # the names of what emitters emit
 _TYPES = {"film": "hdrfilm", "sampler": "independent", "integrator": "volpath"}
 
 
@@ -84,13 +85,16 @@ def _convert(element: Element) -> None:
     if kind == "lookAt":
         element.tag = "lookat"
     elif kind in ("spectrum", "srgb") and (color := _color(element)) is not None:
-        if kind == "srgb" or len(color) == 3:
+        # One number is grey there; in Mitsuba 3 it is the same number at all wavelengths, which is reddish light.
+        if kind == "srgb" or len(color) == 3 or element.get("name") in _EMITTED:
             _make_color(element, [_linear(each) for each in color] if kind == "srgb" else color)
     elif kind in _KEPT and element.get("type") != "photon_beams":
         element.set("type", _TYPES[kind])
         _remove(element, lambda child: (child.get("name") or child.tag) not in _KEPT[kind])
     elif kind == "medium":
         _convert_medium(element)
+    elif kind == "shape":
+        _convert_shape(element)
     elif kind == "texture" and element.get("type") == "bitmap":
         _convert_bitmap(element)
     elif kind == "volume" and element.get("type") == "gridvolume":
@@ -98,25 +102,55 @@ def _convert(element: Element) -> None:
         ElementTree.SubElement(element, "boolean", name="useGridBbox", value="true")
 
 
+def _convert_shape(element: Element) -> None:
+    """Make a boundary of media that has no BSDF one that light passes: Mitsuba 3 would make it diffuse."""
+    names = [child.get("name") for child in element if child.tag in ("medium", "ref", "bsdf")]
+    boundary = [name for name in names if name in ("interior", "exterior")]
+    if boundary and len(boundary) == len(names):
+        ElementTree.SubElement(element, "bsdf", type="null")
+
+
 def _convert_medium(element: Element) -> None:
     """Convert a medium: σa and σs to σt and albedo, and the names of density and scale."""
+    _make_homogeneous(element)
     named = {child.get("name"): child for child in element}
     for old, new in (("density", "sigmaT"), ("densityMultiplier", "scale")):
         if old in named:
             named[old].set("name", new)
+            named[new] = named[old]
     _remove(element, lambda child: child.get("name") in ("method", "stepSize", "stepSizeMultiplier"))
-    absorption, scattering = (named.get(name) for name in ("sigmaA", "sigmaS"))
-    if absorption is None or scattering is None:
+    colors = {name: _color(named[name]) for name in ("sigmaA", "sigmaS", "sigmaT") if name in named}
+    absorption, scattering, total = (colors.get(name) for name in ("sigmaA", "sigmaS", "sigmaT"))
+    if absorption and scattering:
+        pairs = [*zip(*(each * (3 // len(each)) for each in (absorption, scattering)), strict=True)]
+        total, own = [a + s for a, s in pairs], named["sigmaA"]
+        albedo = [s / both if both > 0 else 0.0 for (_, s), both in zip(pairs, total, strict=True)]
+        _make_color(named["sigmaS"], albedo, "albedo")
+    elif total:
+        own = named["sigmaT"]
+    else:
         return
-    colors = [_color(each) for each in (absorption, scattering)]
-    if colors[0] is None or colors[1] is None:
+    scale = named.get("scale")
+    most, factor = max(*total, 1.0), [1.0] if scale is None else _color(scale)
+    if most > 1 and factor is not None:  # Mitsuba 3 takes colours of a medium up to 1
+        if scale is None:
+            scale = ElementTree.SubElement(element, "float", name="scale")
+        scale.set("value", repr(most * factor[0]))
+        total = [each / most for each in total]
+    _make_color(own, total, "sigmaT")
+
+
+def _make_homogeneous(element: Element) -> None:
+    """Make a medium homogeneous if its volumes are constants, which in Mitsuba 3 are not endless."""
+    volumes = [child for child in element if child.tag == "volume"]
+    values = [next((child for child in each if child.get("name") == "value"), each) for each in volumes]
+    colors = [_color(each) for each in values]
+    if not volumes or not all(each.get("type") == "constvolume" for each in volumes) or None in colors:
         return
-    pairs = [*zip(*(each * (3 // len(each)) for each in colors if each), strict=True)]
-    total = [a + s for a, s in pairs]
-    _make_color(absorption, total, "sigmaT")
-    _make_color(
-        scattering, [s / both if both > 0 else 0.0 for (_, s), both in zip(pairs, total, strict=True)], "albedo"
-    )
+    element.set("type", "homogeneous")
+    for volume, color in zip(volumes, colors, strict=True):
+        del volume[:]
+        _make_color(volume, color or [])
 
 
 def _convert_bitmap(element: Element) -> None:
