@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..render.passes import Statistics
 
 
-GRACE = 20.0  # seconds after a signal in which a pass may end
+GRACE = 8.0  # seconds after a signal in which a pass may end: many schedulers kill after ten
 _SOON = 1.0  # the same after a second signal
 NOTHING = "nothing was written"
 
