@@ -120,6 +120,20 @@ def test_all_light_paths_leave_a_lamp_in_the_plane_of_a_surface(kind):
         assert not np.any(hit.is_valid().numpy()), (seed, vars(draw))
 
 
+@pytest.mark.parametrize("kind", ["rectangle", "disk"])
+def test_cameras_see_all_of_a_lamp_in_the_plane_of_a_surface(kind):
+    for seed in range(6):
+        draw = Draw((seed, 40 + KINDS.index(kind)))
+        light, ceiling, _ = draw.lamp(kind)
+        world = StageWorld.build(scene.Scene((ceiling,), (light,)), viewpoints=[draw.place])
+        side = 0.6 * draw.half * np.random.default_rng(seed).uniform(-1, 1, (2, COUNT, 1))
+        ray = draw.center + side[0] * draw.x + side[1] * draw.y - draw.place
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        origin = to_vectors(np.broadcast_to(draw.place, (COUNT, 3)))
+        radiance = shade(world, origin, to_vectors(ray), dr.arange(UInt32, COUNT)).radiance.numpy()
+        assert np.all(np.abs(radiance - 1) < 1e-5), (seed, vars(draw))
+
+
 def test_emitters_of_mitsuba_scenes_light_what_is_near_them():
     for seed in range(4):
         draw = Draw((seed, 30))

@@ -227,7 +227,7 @@ def _step(
     on_lamp = Bool(False)
     if lamp is not None:
         # A lamp in the plane of a surface is before it.
-        slack = rounding(lamp.distance + dr.max(dr.abs(start)))
+        slack = rounding(lamp.distance + dr.max(dr.abs(start)) + world.size)
         on_lamp = alive & (lamp.distance - slack < distance)
         met, distance = met & ~on_lamp, dr.select(on_lamp, lamp.distance, distance)
     vertex = CameraVertex()
