@@ -62,6 +62,8 @@ def move_properties(stage: Usd.Stage) -> None:
 
     Blender writes an object's custom properties on an Xform above its data, where fog would fill the whole space.
     """
+    if not any(map(_signed, stage.GetUsedLayers())):
+        return
     with Usd.EditContext(stage, stage.GetSessionLayer()):
         for prim in prims_under(stage.GetPseudoRoot()):
             if prim.GetTypeName() != "Xform" or prim.IsInstanceProxy():
