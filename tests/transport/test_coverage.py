@@ -83,9 +83,9 @@ def test_the_part_of_a_beam_in_a_cube_is_known(direction, height, expected):
     def shape(factor):
         return 0.2 * factor, 0.2 * factor, 0 * factor, reach * factor, -segments.direction
 
-    factor, covered = medium_coverage(box, segments, shape, dr.opaque(Float, 0.5), Bool(True))
-    kept = factor.numpy() == 1
-    assert kept.mean() > 0.8
+    factor, covered, shift = medium_coverage(box, segments, shape, dr.opaque(Float, 0.5), Bool(True))
+    kept = (factor.numpy() == 1) & (dr.squared_norm(shift).numpy() == 0)
+    assert kept.mean() > 0.6  # others are reflected
     # A line stands for an eighth. Beams that fade lack more light before their end than is behind it, by σ times 0.15.
     assert covered.numpy()[kept].mean() == pytest.approx(expected, abs=1 / 16)
 

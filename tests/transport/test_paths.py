@@ -107,7 +107,7 @@ def test_a_lens_has_its_focus_where_rays_meet():
     scene, medium = ball_in_fog(lamp)
     segments = steps(tracing(scene, medium), emitted(scene, medium, 1024))[2][0]
     behind = segments.direction.numpy()[2] > 0.9
-    focus = (segments.origin + segments.width.focus() * segments.direction).numpy()[2][behind]
+    focus = (segments.origin + segments.width.knot * segments.direction).numpy()[2][behind]
     assert behind.sum() > 500
     # Rays are up to 5 % of the radius from the axis: third-order aberration is of the order of the square of that.
     np.testing.assert_allclose(focus, 1.5 * 0.8, rtol=0.01)

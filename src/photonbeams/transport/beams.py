@@ -17,6 +17,7 @@ from ..numerics.arrays import compressed, joined, opaque
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.structs import Struct
 from ..runtime.device import Bool, Float, UInt32
+from ..world.bounds import Box
 from ..world.media import RenderedMedium, over_mean
 from ..world.sources import Source
 from ..world.world import World
@@ -59,6 +60,8 @@ class Cutting:
         Whether beams end at the path's next scattering event.
     free_paths
         The greatest radius of beams in a grid, in free paths at the beam.
+    box
+        The box around the medium, if light straight from lamps also makes beams beside it (see `fringes`).
     """
 
     medium: RenderedMedium
@@ -68,6 +71,7 @@ class Cutting:
     named: bool
     short: bool
     free_paths: float = np.inf
+    box: Box | None = None
 
     def own(self, segments: Segments) -> Bool:
         """Return which segments belong to the emitter and lie in the medium."""
@@ -76,22 +80,29 @@ class Cutting:
         return mine if self.source.beams else mine & (segments.depth > 0)
 
     def fitted(self, world: World, segments: Segments) -> Segments:
-        """Return segments fitted into the medium: narrower, and with their flux corrected for what lies outside."""
-        # `narrowing` has already narrowed the light straight from lamps.
-        tried = Bool(True) if self.straight is self.limits else segments.depth > 0
+        """Return segments fitted into the medium: narrower or reflected, with flux corrected for what lies outside."""
+        # `narrowing` has already narrowed the light straight from lamps, and `fringes` has what lies beside the medium.
+        whole = self.straight is not self.limits or self.box is not None
+        tried = segments.depth > 0 if whole else Bool(True)
         result = copy(segments)
         fine = self._fine(segments, tried)
 
         def shape(factor: Any) -> tuple[Any, ...]:
-            result.narrow = segments.narrow * fine * factor
-            lead, end = self._reach(result, result.narrow)
+            result.narrow, result.clear = self._narrowed(segments, fine * factor)
+            lead, end = self._reach(result)
             first, last = (self._radius(result, each, result.narrow) for each in (0, segments.length))
             return first, last, lead, end, dr.select(end > 0, -segments.direction, segments.normal)
 
-        factor, covered = medium_coverage(world, segments, shape, self._decay(), tried)
-        result.narrow, result.flux = segments.narrow * fine * factor, segments.flux * dr.rcp(covered)
-        dr.eval(result.narrow, result.flux)
+        factor, covered, shift = medium_coverage(world, segments, shape, self._decay(), tried)
+        result.narrow, result.clear = self._narrowed(segments, fine * factor)
+        result.flux, result.origin = segments.flux * dr.rcp(covered), segments.origin + shift
+        dr.eval(result.narrow, result.clear, result.flux, result.origin)
         return result
+
+    @staticmethod
+    def _narrowed(segments: Segments, factor: Float) -> tuple[Float, Float]:
+        """Return the factors on the radii of segments, and where they begin to apply: all along if `factor` is less."""
+        return segments.narrow * factor, dr.select(factor < 1, -dr.inf, segments.clear)
 
     def _fine(self, segments: Segments, tried: Bool) -> Float:
         """Return factors on the radii of beams in a grid, which bound these in free paths where the grid is densest."""
@@ -111,41 +122,55 @@ class Cutting:
         return dr.opaque(Float, sum(self.medium.medium.extinction) / 3 if fades else 0)
 
     def pieces(self, segments: Segments, there: Bool) -> list[Piece]:
-        """Return segments as beams, cut into two pieces at the portal or the focus where there is one."""
+        """Return segments as beams, cut at the portal or the focus, and where they become narrower."""
         length = segments.length
         portal = segments.portal - segments.offset
         at_portal = there & (portal > 0) & (portal < length)
-        focus = segments.width.focus()
-        # A beam is not narrowed on the light's side of its portal: surfaces that block its rim are behind the portal.
-        narrow = dr.select(at_portal, 1, segments.narrow)
-        first, last = self._radius(segments, 0, narrow), self._radius(segments, length, segments.narrow)
-        waist = self._radius(segments, focus, segments.narrow)
+        focus = segments.width.knot
+        first, last, waist = (self._radius(segments, each, 1) for each in (0, length, focus))
         inside = there & ~at_portal & (focus > 0) & (focus < length)
-        cut = at_portal | (inside & (waist < _WAIST * dr.lerp(first, last, focus * dr.rcp(length))))
-        middle = dr.select(at_portal, portal * (1 - 1e-5), dr.select(cut, focus, length))
-        before, behind = (self._radius(segments, middle, each) for each in (narrow, segments.narrow))
-        lead, end = self._reach(segments, narrow)
-        plane = dr.select(end > 0, -segments.direction, segments.normal)
-        first, last = self._radius(segments, -lead, narrow), self._radius(segments, length + end, segments.narrow)
-        near_end, before = dr.select(cut, middle, length + end), dr.select(cut, before, last)
-        normal = dr.select(cut, -segments.direction, plane)
-        near = self._beams(segments, lead, (-lead, near_end), (first, before), normal)
-        far = self._beams(segments, lead, (middle, length + end), (behind, last), plane)
-        if not self.named:
-            near.power, far.power = self._left(segments, -lead), self._left(segments, middle)
-        return [Piece(there, near, segments.depth), Piece(cut, far, segments.depth)]
+        at_focus = inside & (waist < _WAIST * dr.lerp(first, last, focus * dr.rcp(length)))
+        clear = segments.clear - segments.offset
+        at_clear = there & (clear > 0) & (clear < length)
+        lead, end = self._reach(segments)
+        stop = length + end
+        cuts = (at_portal | at_focus, dr.select(at_portal, portal * (1 - 1e-5), focus)), (at_clear, clear)
+        knots = [dr.select(cut, place, stop) for cut, place in cuts]
+        ends = [-lead, dr.minimum(*knots), dr.maximum(*knots), stop]
+        exists = there, there & (cuts[0][0] | at_clear), there & cuts[0][0] & at_clear
+        result = []
+        for present, begin, until in zip(exists, ends, ends[1:], strict=False):
+            narrow = dr.select(clear <= dr.maximum(begin, 0), segments.narrow, 1)
+            radii = self._radius(segments, begin, narrow), self._radius(segments, until, narrow)
+            whole = until >= stop
+            plane = dr.select((end > 0) | ~whole, -segments.direction, segments.normal)
+            beams = self._beams(segments, lead, (begin, until), radii, plane)
+            if not self.named:
+                beams.power = self._left(segments, begin)
+            result.append(Piece(present, beams, segments.depth))
+        return result
 
-    def _reach(self, segments: Segments, narrow: Any) -> tuple[Any, Any]:
+    def _reach(self, segments: Segments) -> tuple[Any, Any]:
         """Return how far beams extend before their start and beyond their end: as far as their rim is in the medium."""
-        first, last = self._radius(segments, 0, narrow), self._radius(segments, segments.length, segments.narrow)
-        lead, end = self._beyond(segments.slant, first), self._beyond(segments.slant_end, last)
-        lead = dr.select(segments.depth == 0, dr.minimum(lead, segments.offset), lead)  # no light before its lamp
-        return lead, end
-
-    def _beyond(self, slant: Any, radius: Any) -> Any:
-        """Return how far the rim of beams reaches beyond a boundary that their axis crosses at this slant."""
+        clear = segments.clear - segments.offset
+        first, last = (
+            self._radius(segments, s, dr.select(clear <= s, segments.narrow, 1)) for s in (0, segments.length)
+        )
         free = dr.opaque(Float, 1 / max(*self.medium.medium.extinction, 1e-30))
-        return dr.minimum(dr.minimum(slant, _BEYOND) * radius, free)
+        lead, end = (
+            dr.minimum(dr.minimum(slant, _BEYOND) * radius, free)
+            for slant, radius in ((segments.slant, first), (segments.slant_end, last))
+        )
+        if self.box is None:
+            return dr.select(segments.depth == 0, dr.minimum(lead, segments.offset), lead), end
+        # Light straight from a lamp, which does not begin before it, and ends at the surface that its axis meets. Along
+        # a boundary, beams reach as far as the medium does.
+        straight = segments.depth == 0
+        most = dr.opaque(Float, float(np.linalg.norm(self.box[1] - self.box[0])))
+        entering = dr.minimum(dr.minimum(segments.slant * first, most), dr.minimum(free, segments.offset))
+        left = dr.maximum(segments.total - segments.offset - segments.length, 0)
+        leaving = dr.minimum(dr.minimum(segments.slant_end * last, most), left)
+        return dr.select(straight, entering, lead), dr.select(straight, leaving, end)
 
     def _radius(self, segments: Segments, s: Any, narrow: Any) -> Any:
         radius = segments.width(s)

@@ -3,6 +3,11 @@
 Beyond edges, in walls and outside of a medium nothing is gathered, so light that a kernel spreads there is lost. To
 keep its flux, a kernel is divided by the fraction that is covered (boundary-corrected kernels). A kernel of which
 little is covered is narrowed first.
+
+That keeps the sum, but within a radius of the boundary a third of the light would be missing, and lie farther in. So
+kernels of beams are also reflected at the boundary (Schuster 1985; Silverman 1986, section 2.10): what lies beyond it
+is folded back. A beam does not become two for that; it is either where it is or at its mirror image, with probabilities
+that are the fractions of the medium's part and of the other.
 """
 
 from __future__ import annotations
@@ -17,7 +22,7 @@ from ..estimators.photons import FACING, THICKNESS
 from ..numerics.arrays import to_float
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
-from ..world.interfaces import numbers, transmits
+from ..world.interfaces import is_left, transmits
 from ..world.warp import perpendicular
 from ..world.world import World
 from .records import Segments
@@ -29,7 +34,7 @@ _POINTS, _LINES = 12, 8
 
 # Kernels with less coverage than this are halved, at most this many times: few points say little about a small object.
 # Beside an edge, half of a photon is covered however narrow it is; if it were narrowed, it would be a bright dot.
-_ENOUGH_OF_DISC, _ENOUGH_OF_BEAM, _HALVINGS = 0.3, 0.6, 4
+_ENOUGH_OF_DISC, _ENOUGH_OF_BEAM, _HALVINGS = 0.3, 0.3, 4
 
 # Places along a beam from which a line is looked for, in this order, as fractions of the light lost along the beam.
 _PLACES = (0.5, 0.05, 0.95)
@@ -111,11 +116,12 @@ BeamShape = Callable[[Any], tuple[Any, ...]]
 
 def medium_coverage(
     world: World, segments: Segments, shape: BeamShape, decay: Float, active: Bool
-) -> tuple[Float, Float]:
-    """Return factors that narrow beams of which too little is in their medium, and the fraction that is.
+) -> tuple[Float, Float, Array3f]:
+    """Return factors that narrow beams of which too little is in their medium, the fraction that is, and shifts.
 
     The fraction is the light on lines along the beam, until they leave the medium, over the light on the axis. A beam
-    that crosses a plane at a slant loses nothing: what one side lacks, the other has beyond the axis' end.
+    that crosses a plane at a slant loses nothing: what one side lacks, the other has beyond the axis' end. A shift
+    moves a beam to its mirror image; the fraction is then that of the image.
 
     Parameters
     ----------
@@ -126,42 +132,87 @@ def medium_coverage(
     """
     disc = to_float(_disc(_LINES))
 
-    def covered(factor: Any, tried: Any) -> Any:
-        return dr.select(active, _in_medium(world.intersect, segments, shape(factor), disc, decay, tried & active), 1)
+    def covered(factor: Any, tried: Any, shift: Any = None) -> Any:
+        aside = dr.zeros(Array3f) if shift is None else shift
+        within = _in_medium(world.intersect, segments, shape(factor), aside, disc, decay, tried & active)
+        return dr.select(active, within, 1)
 
-    return _enough(covered, dr.width(segments.length), _ENOUGH_OF_BEAM, 0.5 / _LINES)
+    least = 0.5 / _LINES
+    factor, result = _enough(covered, dr.width(segments.length), _ENOUGH_OF_BEAM, least)
+    tried = active & (result < 1 - least)
+    if not bool(dr.any(tried)):
+        return factor, result, Array3f(0)
+    shift = _to_image(world.intersect, segments, shape(factor), disc, decay, tried)
+    image = covered(factor, tried & (dr.squared_norm(shift) > 0), shift)
+    reflected = tried & (dr.squared_norm(shift) > 0) & (image > least)
+    return factor, dr.select(reflected, image, result), dr.select(reflected, shift, 0)
+
+
+def _to_image(meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Any, decay: Any, active: Any) -> Array3f:
+    """Return shifts of beams to their mirror images, 0 for those that stay.
+
+    One line of each is chosen at random. If it lies outside of the medium, the boundary before it is the mirror.
+    """
+    own = hash32(segments.index, segments.key, segments.depth)
+    across, up = _turned(segments.direction, own)
+    at = dr.gather(Array2f, disc, hash32(own, UInt32(_LINES + 1)) % _LINES)
+    aside = at.x * across + at.y * up
+    rho = dr.norm(aside)
+    first, slope, length, ending = _straightened(segments, shape, decay)
+    s = _place(_PLACES[0], length, ending, decay)
+    hit = meet(dr.fma(segments.direction, s, segments.origin), aside / rho, active, own)
+    beyond = active & _leaves(hit, aside, segments.medium) & (hit.t < dr.fma(slope, s, first) * rho)
+    normal = Array3f(hit.n)
+    return dr.select(beyond, 2 * hit.t * dr.dot(aside / rho, normal) * normal, 0)
+
+
+def _straightened(segments: Segments, shape: tuple[Any, ...], decay: Any) -> tuple[Float, Float, Float, Float]:
+    """Return the first radius of beams, by how much it grows, their length, and the fraction of light lost there."""
+    length = dr.minimum(segments.length, 1e18)
+    slope = (shape[1] - shape[0]) * dr.rcp(dr.maximum(length, 1e-20))
+    return shape[0], slope, length, 1 - dr.exp(-decay * length)
+
+
+def _place(part: float, length: Any, ending: Any, decay: Any) -> Float:
+    """Return the distance along beams at which a part of the light that they lose is lost."""
+    faded = -dr.log(1 - part * ending) * dr.rcp(dr.maximum(decay, 1e-30))
+    return dr.select(ending > 1e-3, dr.minimum(faded, length), part * length)
+
+
+def _turned(direction: Any, seed: Any) -> tuple[Array3f, Array3f]:
+    """Return two axes across beams, turned by different angles."""
+    across, up = perpendicular(direction)
+    sine, cosine = dr.sincos(2 * dr.pi * unit_float(seed))
+    return cosine * across + sine * up, cosine * up - sine * across
 
 
 @dr.syntax
-def _in_medium(meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Any, decay: Any, active: Any) -> Any:
-    """Return the fraction of beams' light that is in their medium."""
-    first, last, lead, end, plane = shape
+def _in_medium(
+    meet: Meet, segments: Segments, shape: tuple[Any, ...], shift: Any, disc: Any, decay: Any, active: Any
+) -> Any:
+    """Return the fraction of beams' light that is in their medium, if they are shifted."""
+    _, last, lead, end, plane = shape
+    first, slope, length, ending = _straightened(segments, shape, decay)
     origin, direction, medium = segments.origin, segments.direction, segments.medium
-    length = dr.minimum(segments.length, 1e18)
-    slope = (last - first) * dr.rcp(dr.maximum(length, 1e-20))
-    across, up = perpendicular(direction)
     own = hash32(segments.index, segments.key, segments.depth)
-    sine, cosine = dr.sincos(2 * dr.pi * unit_float(own))
-    across, up = cosine * across + sine * up, cosine * up - sine * across
-    ending = 1 - dr.exp(-decay * length)
+    across, up = _turned(direction, own)
     slant = last * dr.rcp(dr.select(dr.abs(dr.dot(direction, plane)) > 1e-6, dr.dot(direction, plane), dr.inf))
     total, line = Float(0), UInt32(0)
     while line < _LINES:
         at = dr.gather(Array2f, disc, line)
         aside = at.x * across + at.y * up
-        rho = dr.norm(aside)
         most = length + end - dr.clip(dr.dot(aside, plane) * slant, -last, last)
         tilted = dr.fma(slope, aside, direction)
         stretch = dr.norm(tilted)
         found, begin, stop = Bool(False), Float(0), Float(0)
         for part in _PLACES:
-            faded = -dr.log(1 - part * ending) * dr.rcp(dr.maximum(decay, 1e-30))
-            s = dr.select(ending > 1e-3, dr.minimum(faded, length), part * length)
+            s = _place(part, length, ending, decay)
             point = dr.fma(direction, s, origin)
-            radius = dr.fma(slope, s, first)
-            hop = _free(meet, point, aside / rho, medium, hash32(own, line), active & ~found) > radius * rho
-            there = dr.fma(aside, radius, point)
-            inside = active & ~found & hop
+            hop = aside * dr.fma(slope, s, first) + shift
+            far = dr.norm(hop)
+            there = point + hop
+            free = _free(meet, point, hop * dr.rcp(dr.maximum(far, 1e-30)), medium, hash32(own, line), active & ~found)
+            inside = active & ~found & (free > far)
             ahead = _free(meet, there, tilted / stretch, medium, hash32(own, line), inside) / stretch
             back = _free(meet, there, -tilted / stretch, medium, hash32(own, line), inside) / stretch
             begin = dr.select(inside, dr.maximum(s - back, -lead), begin)
@@ -181,5 +232,9 @@ def _free(meet: Meet, origin: Any, direction: Any, medium: Any, seed: Any, activ
     visible.
     """
     hit = meet(origin, direction, active, seed)
-    leaves = hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
-    return dr.select(active & hit.is_valid() & leaves & transmits(hit), hit.t, dr.inf)
+    return dr.select(active & _leaves(hit, direction, medium), hit.t, dr.inf)
+
+
+def _leaves(hit: Any, direction: Any, medium: Any) -> Bool:
+    """Return which rays leave a medium where they meet something."""
+    return hit.is_valid() & is_left(hit, direction, medium)

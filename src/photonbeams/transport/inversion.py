@@ -11,6 +11,8 @@ from .emission import Emitter
 
 # Number of rays among which the nearest is the first guess, number of iterations, and the step of finite differences.
 _GUESSES, _STEPS, _DIFFERENCE = 1 << 12, 6, 1e-3
+# How near to a face of the unit cube a search may end that begins again at the opposite face.
+_FACE = 0.02
 # A ray is found if it misses by less than this, in units of the spread of the points.
 _NEAR = 2e-3
 
@@ -18,8 +20,9 @@ _NEAR = 2e-3
 def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array, Array]:
     """Return the emission samples of rays from an emitter, (N, 4), and which of them were found, (N,).
 
-    The rays pass `point`, (N, 3), along `direction`, (N, 3). Maps from samples to rays are continuous nearly
-    everywhere; the few rays that lie beyond a seam of the map are not found.
+    The rays pass `point`, (N, 3), along `direction`, (N, 3). Maps from samples to rays are continuous but for seams,
+    where a number goes from 1 back to 0, as angles around an axis do. Where the search ends at a face of the unit cube,
+    it begins once more at the opposite one.
     """
     from scipy.spatial import cKDTree  # takes long to import
 
@@ -33,8 +36,26 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
     origin, along, _ = rays_of(emitter, guesses)
     known = np.isfinite(origin).all(axis=1) & np.isfinite(along).all(axis=1)
     _, nearest = cKDTree(features(origin[known], along[known])).query(features(point, direction))
-    current = guesses[known][nearest]
-    best, error = current, np.full(len(point), np.inf)
+    best, error, same = _searched(emitter, guesses[known][nearest], point, direction, size)
+    for axis in range(4):
+        at_face = np.abs(best[:, axis] - 0.5) > 0.5 - _FACE
+        lost = np.flatnonzero((error >= _NEAR * size) & at_face & ~same[:, axis])
+        if len(lost):
+            other = best[lost]
+            other[:, axis] = np.clip(1 - other[:, axis], 0, 1 - 1e-6)
+            other, missed, _ = _searched(emitter, other, point[lost], direction[lost], size)
+            better = missed < error[lost]
+            best[lost[better]], error[lost[better]] = other[better], missed[better]
+    # Axes along which rays are the same, as for a point or for a sun without an angle, are sampled evenly.
+    best = np.where(same, sobol_points(len(point), 1, (_GUESSES,)), best)
+    return best.astype(np.float32), error < _NEAR * size
+
+
+def _searched(
+    emitter: Emitter, current: Array, point: Array, direction: Array, size: float
+) -> tuple[Array, Array, Array]:
+    """Return the samples that Newton's method finds, (N, 4), by how much they miss, and axes that change nothing."""
+    best, error = current.copy(), np.full(len(point), np.inf)
     for _ in range(_STEPS):
         # One step of finite differences along each axis, inward at the edges of the cube.
         steps = np.where(current < 0.5, _DIFFERENCE, -_DIFFERENCE)
@@ -51,10 +72,7 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
         damping = (1e-6 * diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-30)[:, :, None] * np.eye(4)
         step = np.linalg.solve(normal + damping, np.swapaxes(slopes, 1, 2) @ here[:, :, None])[:, :, 0]
         current = np.clip(current - np.clip(step, -0.2, 0.2), 0, 1 - 1e-6)
-    # Axes along which rays are the same, as for a point or for a sun without an angle, are sampled evenly.
-    same = diagonal <= 1e-12 * diagonal.max(axis=1, keepdims=True)
-    best = np.where(same, sobol_points(len(point), 1, (_GUESSES,)), best)
-    return best.astype(np.float32), error < _NEAR * size
+    return best, error, diagonal <= 1e-12 * diagonal.max(axis=1, keepdims=True)
 
 
 def rays_of(emitter: Emitter, samples: Array) -> tuple[Array, Array, Array]:

@@ -233,13 +233,17 @@ class LampEmitter:
     ----------
     world, number
         The stage, and the lamp's number in it.
+    margin
+        For light from infinity, the distance from media up to which its paths begin around these, in radii of the
+        world: that of the beams, or those at the boundary of a medium would lack neighbours.
     """
 
     halvings = HALVINGS
 
-    def __init__(self, world: StageWorld, number: int) -> None:
-        self.world, self.bounds = world, world.bounds
+    def __init__(self, world: StageWorld, number: int, margin: float = 0.0) -> None:
+        self.world, self.margin = world, margin
         self.light, self.lamp = world.description.lights[number], world.lights[number]
+        self.bounds = world.bounds.around(list(world.boxes.values()), margin) if margin else world.bounds
         self.name, self.source, self.link = self.light.name, number, world.link_of(self.light)
         self._escape = 1.0 if bare(self.lamp).infinite else scene.ESCAPE
 
@@ -267,6 +271,19 @@ class LampEmitter:
         link = dr.opaque(UInt32, self.link) + 0 * number
         flush = self.world.blocked(origin - gap * axis, axis, 2 * gap, active, number, link)
         return dr.select(flush, origin + gap * axis, origin)
+
+
+def radius_from_infinity(light: scene.Light, lamp: Any, count: int, overlap: float) -> float:
+    """Return the radius of a lamp's beams in the middle of the world, in its radii, if they come from infinity; else 0.
+
+    With the solid angle Ω of the lamp, N paths that begin on a disc of radius R have the radius r of `transport.radii`,
+
+        r² = (overlap / 2)² · R² · max(π / N, 5/2 · √(π Ω / N)).
+    """
+    if not bare(lamp).infinite:
+        return 0.0
+    wide = 2 * np.sin(np.radians(light.angle) / 4) ** 2 if isinstance(light, scene.DistantLight) else 2.0
+    return 0.5 * overlap * float(np.sqrt(max(np.pi / count, 2.5 * np.sqrt(2 * np.pi**2 * wide / count))))
 
 
 class Windowed(Emitter, Protocol):

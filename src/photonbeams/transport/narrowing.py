@@ -1,7 +1,8 @@
 """Narrow beams straight from a lamp where a surface blocks their rim.
 
 A beam is a single ray with a width. Where a surface blocks its rim but not its axis, as in corners and at edges, a wide
-beam would shine through the surface. It keeps its flux and becomes narrower.
+beam would shine through the surface. From there on it keeps its flux and becomes narrower. Up to there it is as wide as
+its neighbours: narrow beams among wide ones would be a bright line.
 """
 
 from __future__ import annotations
@@ -12,25 +13,27 @@ import drjit as dr
 import numpy as np
 
 from ..numerics.hashing import hash32
-from ..runtime.device import Array3f, Bool, Float, UInt32
+from ..runtime.device import Array3f, Bool, Float
 from ..world.stage_world import StageWorld
 from ..world.warp import facing, perpendicular
-from .radii import width
 
 if TYPE_CHECKING:
     from .records import LightPaths
 
 _RIM = 6  # rays that test a beam's rim for surfaces
+# Beams are narrower the nearer they are to a surface that blocks others, from so many radii on. If their radii changed
+# within one radius, light would be missing beside a shadow's edge, and lie between there and the edge.
+_FARTHEST = 4.0
 _SLACK = 0.25  # radii by which the rim may stop before the plane where the axis ended: surfaces are curved
 
 
-def narrow(world: StageWorld, paths: LightPaths, overlap: float, scale: Any, halvings: Any, most: int) -> None:
+def narrow(world: StageWorld, paths: LightPaths, scale: Any, halvings: Any, most: int) -> None:
     """Find where paths that leave their lamps are stopped, and the factors on their radii.
 
     Parameters
     ----------
-    overlap, scale
-        Width of a beam in spacings of its neighbours, and the pass's factor on all radii.
+    scale
+        The pass's factor on all radii.
     halvings, most
         How often each beam is halved at most, and the greatest of these: a beam that is too narrow is a bright streak,
         one that is too wide a soft edge.
@@ -41,30 +44,29 @@ def narrow(world: StageWorld, paths: LightPaths, overlap: float, scale: Any, hal
     paths.total = dr.select(met, hit.t, paths.reach)
     against = dr.select(met, facing(Array3f(hit.n), paths.direction), -paths.direction)
     begin = dr.select(paths.portal < paths.total, paths.portal, 0)
-    radius = width(paths.differentials, paths.direction, paths.total, paths.count, dr.opaque(Float, overlap))(
-        paths.total
-    )
-    radius *= scale
+    radius = paths.width(paths.total) * scale
     dr.eval(paths.total, against, begin, radius)
-    for number in range(most):
-        tried = alive & (halvings > dr.opaque(UInt32, number))
-        blocked = _rim_blocked(world, paths, begin, against, radius * paths.narrow, tried)
-        paths.narrow = dr.select(blocked, 0.5 * paths.narrow, paths.narrow)
-        dr.eval(paths.narrow)
+    least = dr.exp2(-Float(halvings))
+    for number in range(2 * most + 1 if most else 0):
+        tried = alive & (paths.narrow > least)
+        ring, factor = (dr.opaque(Float, each) for each in (_FARTHEST * 2 ** (-number / 2), 2 ** (-number / 2 - 0.25)))
+        clear = _clear(world, paths, begin, against, radius * ring, tried)
+        paths.narrow = dr.select(dr.isfinite(clear), dr.maximum(factor, least), paths.narrow)
+        paths.clear = dr.minimum(paths.clear, clear)
+        dr.eval(paths.narrow, paths.clear)
 
 
-def _rim_blocked(
-    world: StageWorld, paths: LightPaths, begin: Float, against: Array3f, at_end: Float, active: Bool
-) -> Bool:
-    """Return whether rays to the rim's end meet a surface before the one that stopped the axis.
+def _clear(world: StageWorld, paths: LightPaths, begin: Float, against: Array3f, at_end: Float, active: Bool) -> Float:
+    """Return the distance along beams at which rays to the rim's end first meet a surface that does not stop the axis.
 
-    They begin on the axis, not on the rim: beside a portal's edge the rim begins in the wall, which is not a leak.
+    It is infinite where none is met. The rays begin on the axis, not on the rim: beside a portal's edge the rim begins
+    in the wall, which is not a leak.
     """
     across, up = perpendicular(paths.direction)
     start = paths.origin + begin * paths.direction
     end = paths.origin + paths.total * paths.direction
     seed = hash32(paths.index, paths.key)
-    blocked = dr.full(Bool, False, dr.width(paths.total))
+    result = dr.full(Float, dr.inf, dr.width(paths.total))
     for angle in np.arange(_RIM) * (2 * np.pi / _RIM):
         side = float(np.cos(angle)) * across + float(np.sin(angle)) * up
         ray = end + at_end * side - start
@@ -73,5 +75,7 @@ def _rim_blocked(
         facing = dr.dot(ray, against)
         plane = dr.dot(end - start, against) / dr.minimum(facing, -1e-3)
         reach = dr.minimum(plane, length + at_end) - _SLACK * at_end
-        blocked |= world.blocked(start, ray, reach, active & (reach > 0), seed, paths.link)
-    return blocked
+        hit = world.solid(start, ray, active & (reach > 0), seed, paths.link)
+        met = active & hit.is_valid() & (hit.t < reach)
+        result = dr.minimum(result, dr.select(met, begin + hit.t * dr.dot(ray, paths.direction), dr.inf))
+    return result

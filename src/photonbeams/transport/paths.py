@@ -66,7 +66,7 @@ _LAST, _TOGETHER, _LATE = 1024, 64, 12
 
 # Fields that identify a path, and fields about its lamp: most steps leave them as they are.
 _NAMES = ("number", "index", "key", "source")
-_STRAIGHT = ("portal", "total", "narrow")
+_STRAIGHT = ("portal", "total", "narrow", "clear")
 
 
 @dataclass(frozen=True)
@@ -148,13 +148,17 @@ def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
     paths.straight = paths.coherent = dr.full(Bool, True, total)
     paths.radius, paths.offset, paths.slant = (dr.zeros(Float, total) for _ in range(3))
     paths.fraction, paths.narrow = dr.ones(Float, total), dr.ones(Float, total)
+    paths.clear = dr.full(Float, dr.inf, total)
     paths.initial, paths.total = dr.max(paths.flux), paths.reach
+    across = tracing.world.bounds.beyond(paths.origin, paths.direction)
+    overlap = dr.opaque(Float, tracing.overlap)
+    paths.width = width(paths.differentials, paths.direction, across, paths.count, overlap, paths.portal)
     if isinstance(tracing.world, StageWorld):
         halvings = joined(
             [dr.opaque(UInt32, each.halvings) + dr.zeros(UInt32, dr.width(each.index)) for each in emitted]
         )
         most = max(each.halvings for each in emitted)
-        narrow(tracing.world, paths, tracing.overlap, dr.opaque(Float, tracing.scale), halvings, most)
+        narrow(tracing.world, paths, dr.opaque(Float, tracing.scale), halvings, most)
     result: LightPaths = unaliased(paths)  # the first step runs the kernel of later steps
     return result
 
@@ -175,16 +179,16 @@ def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments
 
 
 def straight(tracing: Tracing, paths: LightPaths) -> Iterator[tuple[Segments, Bool]]:
-    """Yield segments of light straight from its lamp, step by step, and which of them are in a medium.
+    """Yield segments of light straight from its lamp, step by step, and which lanes have one.
 
-    Paths keep their lanes, so they can be paired with the same paths at another time. The segments are those of
-    `trace`.
+    In empty space there are segments, too, whose length is 0 if they end nowhere. Paths keep their lanes, so they can
+    be paired with the same paths at another time. The segments are those of `trace`.
     """
     step, alive = 0, paths.initial > 0
     while True:
         paths.branch = continued(divisible(tracing, paths)) + dr.zeros(UInt32, dr.width(paths.branch))
-        segments, in_medium, _, _, following, going = _step(tracing, paths, step)
-        yield segments, in_medium & alive
+        segments, _, _, _, following, going = _step(tracing, paths, step)
+        yield segments, alive & (dr.max(paths.flux) > 0)
         alive = alive & going
         if not bool(dr.any(alive)):
             return
@@ -307,11 +311,13 @@ def _following(
     # Directions toward openings are chosen more often and carry less light each; Russian roulette must not undo that.
     following.initial = paths.initial * _chosen(interaction, ratio, scatter.ratio, Float(1))
     following.narrow = dr.select(passes, paths.narrow, 1)
+    following.clear = dr.select(passes, paths.clear, -dr.inf)
     following.link = dr.select(passes, paths.link, 0)
     following.offset = paths.offset + dr.dot(following.origin - paths.origin, paths.direction)
     following.reach = dr.select(
         passes, paths.reach - interaction.distance, tracing.world.escape(following.origin, following.direction)
     )
+    following.width = paths.width.later(interaction.distance)
     following.branch = dr.zeros(UInt32, dr.width(paths.number))
     following.fraction = paths.fraction * dr.select(interaction.on_surface, scatter.probability, 1)
     # Along a segment, the derivative of the origin grows with the distance; `_carry` handles mirrors and lenses.
@@ -417,11 +423,8 @@ def _segments(tracing: Tracing, paths: LightPaths, interaction: Interaction) -> 
         setattr(result, name, getattr(paths, name))
     neighbours = paths.count * paths.fraction
     own = width(paths.differentials, paths.direction, interaction.length, neighbours, dr.opaque(Float, tracing.overlap))
-    squared = dr.square(paths.radius)
-    result.width = Width(
-        dr.select(paths.coherent, own.a, squared), dr.select(paths.coherent, own.b, 0),
-        dr.select(paths.coherent, own.c, 0),
-    )  # fmt: skip
+    scattered = Width(Float(0), paths.radius, Float(0), Float(0))
+    result.width = dr.select(paths.straight, paths.width, dr.select(paths.coherent, own, scattered))
     return result
 
 

@@ -8,7 +8,8 @@ derivatives across the segment,
     r² = (overlap / 2)² · ((|P_0|² + |P_1|²) / (2 N_x) + (|P_2|² + |P_3|²) / (2 N_y)),
 
 which is a quadratic polynomial in s with one minimum, at the focus of a lens. Beams are cut there, because the radius
-of a beam is linear.
+of a beam is linear. The width of light straight from a lamp does not depend on what it meets: if beams that an edge
+stops were narrower than those beside them, a line would be seen along the shaft.
 """
 
 from __future__ import annotations
@@ -24,19 +25,25 @@ from .differentials import RayDifferentials
 
 
 class Width(Struct):
-    """The squared radius of a segment as a polynomial in the distance from its start, a + b s + c s²."""
+    """The radius along a segment: linear before a knot, the focus or the portal, and linear behind it.
 
-    a: Float
-    b: Float
-    c: Float
+    `radius` is the radius at the distance `knot`; `before` and `behind` are by how much it grows per unit of distance
+    from there.
+    """
+
+    knot: Float
+    radius: Float
+    before: Float
+    behind: Float
 
     def __call__(self, s: Any) -> Any:
         """Return the radius at a distance."""
-        return dr.safe_sqrt(dr.fma(dr.fma(self.c, s, self.b), s, self.a))
+        t = s - self.knot
+        return dr.maximum(self.radius + dr.abs(t) * dr.select(t < 0, self.before, self.behind), 0)
 
-    def focus(self) -> Any:
-        """Return the distance at which the segment is narrowest, which may be before its start or beyond its end."""
-        return -0.5 * self.b * dr.rcp(dr.maximum(self.c, 1e-30))
+    def later(self, s: Any) -> Width:
+        """Return the width of the part of a segment that begins at a distance."""
+        return Width(self.knot - s, self.radius, self.before, self.behind)
 
 
 class Limits(NamedTuple):
@@ -72,10 +79,20 @@ class _Spread:
         return dr.maximum(dr.fma(dr.fma(self.c, s, self.b), s, self.a), 0)
 
 
-def width(differentials: RayDifferentials, direction: Array3f, length: Float, count: Float, overlap: Float) -> Width:
+def width(
+    differentials: RayDifferentials, direction: Array3f, length: Float, count: Float, overlap: Float, portal: Any = None
+) -> Width:
     """Return the widths of segments of paths that are `count` samples of one sequence.
 
-    `overlap` is the width of a beam in spacings of its neighbours.
+    The root of the polynomial is replaced by lines between its values at the start, at the knot and at `length`. The
+    knot is the portal where there is one, else the focus.
+
+    Parameters
+    ----------
+    overlap
+        Width of a beam in spacings of its neighbours.
+    portal
+        The distance to the portal, infinity where there is none; None: there are no portals.
     """
     columns = differentials.columns()
     place, aim = _Spread.of(columns[:2], direction), _Spread.of(columns[2:], direction)
@@ -85,4 +102,17 @@ def width(differentials: RayDifferentials, direction: Array3f, length: Float, co
     x, y = half2 * dr.rcp(cells), half2 * cells * dr.rcp(count)
     a, b, c = (x * getattr(place, each) + y * getattr(aim, each) for each in "abc")
     known = dr.isfinite(a + b + c)  # derivatives may be infinite at a grazing angle
-    return Width(*(dr.select(known, each, 0) for each in (a, b, c)))
+    a, b, c = (dr.select(known, each, 0) for each in (a, b, c))
+
+    def radius(s: Any) -> Any:
+        return dr.safe_sqrt(dr.fma(dr.fma(c, s, b), s, a))
+
+    knot = -0.5 * b * dr.rcp(dr.maximum(c, 1e-30))
+    if portal is not None:
+        knot = dr.select((portal > 0) & (portal < length), portal, knot)
+    inside = (knot > 0) & (knot < length)
+    knot = dr.select(inside, knot, 0)
+    start, there, end = radius(Float(0)), radius(knot), radius(length)
+    behind = (end - there) * dr.rcp(dr.maximum(length - knot, 1e-30))
+    before = dr.select(inside, (start - there) * dr.rcp(dr.maximum(knot, 1e-30)), -behind)
+    return Width(knot, there, before, behind)

@@ -36,9 +36,14 @@ class LightPaths(Struct):
         The kind of its next interaction, and its number among the parts that split off the same path; else 0.
     reach
         Its length if it meets nothing.
-    offset, portal, total, narrow
+    offset, portal, total
         For light straight from a lamp: its distance from the lamp; the portal's distance from the lamp, or infinity;
-        the distance from the lamp to the surface that stops it; and a factor on its radius.
+        and the distance from the lamp to the surface that stops it.
+    narrow, clear
+        A factor on its radius, and the distance from the lamp at which it begins to apply: where the first surface is
+        that blocks the rim. Light that was scattered has it all along.
+    width
+        The width of light straight from a lamp, whatever it meets: beams past an edge are as wide as those beside them.
     slant
         If it has just entered its medium, the tangent of its angle to the normal of the boundary; else 0.
     """
@@ -67,6 +72,8 @@ class LightPaths(Struct):
     portal: Float
     total: Float
     narrow: Float
+    clear: Float
+    width: Width
     slant: Float
 
 
@@ -93,6 +100,7 @@ class Segments(Struct):
     portal: Float
     total: Float
     narrow: Float
+    clear: Float
     slant: Float
     slant_end: Float
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -23,13 +24,14 @@ from ..world.stage_world import StageWorld
 from ..world.world import World
 from . import paths
 from .aiming import Openings
-from .beams import Cutting, moving_sets, sets_of
+from .beams import Cutting, Moments, moving_sets, sets_of
 from .connections import Connections
 from .emission import Emission, Emitted, Stratum, probed_flux
 from .fitted_portals import Opening, parted
+from .fringes import fringe
 from .guiding import GuidingMap
 from .importance import CameraImportance, Sightings
-from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction, with_surrounds
+from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction, radius_from_infinity, with_surrounds
 from .pilot import Found, guide
 from .radii import Limits
 from .records import LightPaths, PhotonHits, Segments
@@ -39,6 +41,12 @@ if TYPE_CHECKING:
     from ..looks import Look
 
 T = TypeVar("T")
+
+#: A step of light paths: the medium beside which they pass, 0 for paths themselves, and the step's number.
+Key = tuple[int, int]
+
+#: For each step, whether light straight from its lamp moves, by the numbers of paths.
+Moving = dict[Key, Bool]
 
 # Most candidates for each path that passes its lamp's images, and most candidates of a stratum.
 _MOST_DARK, _MOST_PATHS = 64, 1 << 22
@@ -121,15 +129,19 @@ class Simulation:
     named: bool = False
     step: Callable[[], None] = _nothing
 
-    def simulated(self, number: int, moving: Sequence[Bool] = ()) -> tuple[list[BeamSet], list[PhotonHits]]:
+    def simulated(self, number: int, moving: Moving | None = None) -> tuple[list[BeamSet], list[PhotonHits]]:
         """Return the beams of pass `number`, and its photons on surfaces.
 
-        `moving` says for each step, by the numbers of paths, whose light straight from its lamp is left out.
+        `moving` says whose light straight from its lamp is left out.
         """
         # Keep only segments and hits, not the paths: a million of these take a gigabyte.
-        steps = list(_stepping(self.step, paths.trace(*self._begun(number))))
-        segments = [part for step, (each, _) in enumerate(steps) for part in _resting(each, step, moving)]
-        hits = [each for _, each in steps if each is not None] if self.tuning.surfaces else []
+        moving = moving or {}
+        tracing, begun = self._begun(number)
+        steps = enumerate(_stepping(self.step, paths.trace(tracing, copy(begun))))
+        traced = [((0, step), segments, hits) for step, (segments, hits) in steps]
+        found = [(key, segments) for key, segments, _ in traced] + list(self._fringes(number, begun))
+        segments = [part for key, each in found for part in _resting(each, moving.get(key))]
+        hits = [each for _, _, each in traced if each is not None] if self.tuning.surfaces else []
         if not all(each.surfaces for each in self.sources):
             lights = to_uint([*(each.surfaces for each in self.sources), False])
             parts = (compressed(dr.gather(UInt32, lights, each.source) > 0, each) for each in hits)
@@ -148,8 +160,8 @@ class Simulation:
 
     def moved(
         self, last: World, later: Sequence[Stratum], number: int, media: Mapping[int, int], known: UInt32, total: int
-    ) -> tuple[list[BeamSet], list[Bool]]:  # fmt: skip
-        """Return the moving beams straight from lamps, at both ends of the pass, and which light moves, for each step.
+    ) -> tuple[list[BeamSet], Moving]:  # fmt: skip
+        """Return the moving beams straight from lamps, at both ends of the pass, and which light moves.
 
         Parameters
         ----------
@@ -165,26 +177,31 @@ class Simulation:
         emitted = [self.emission.emit(number), [each.emit(number) for each in later]]
         begun = [paths.leaving(*each) for each in zip(tracing, emitted, strict=True)]
         if begun[0] is None or begun[1] is None:
-            return [], []
+            return [], {}
         alive = (begun[0].initial > 0) | (begun[1].initial > 0)
         kept = compressed(alive, *begun)
         if not kept:
-            return [], []
-        both = [paths.straight(each, start) for each, start in zip(tracing, kept, strict=True)]
+            return [], {}
         place = dr.gather(UInt32, known, kept[0].number)
         apart = place == dr.opaque(UInt32, total)
-        steps, moving = [], []
-        for (opened, there), (closed, then) in _stepping(self.step, zip_longest(*both, fillvalue=(None, None))):
+        steps: list[Moments] = []
+        moving: Moving = {}
+        pairs = self._pairs(tracing, kept, number, {own: other for other, own in media.items()})
+        for key, (opened, there), (closed, then) in _stepping(self.step, pairs):
             if closed is not None:
                 closed.medium = _renumbered(closed.medium, media)
             ends = [each for each in (opened, closed) if each is not None]  # one of the two may have ended
             nowhere = dr.zeros(Bool, dr.width(ends[0].length))
             masks = [nowhere if mask is None else mask for mask in (there, then)]
+            masks = [
+                there & (each.medium > 0) & (each.length > 0)
+                for there, each in zip(masks, (ends[0], ends[-1]), strict=True)
+            ]
             moves = apart | (masks[0] != masks[1]) | ~equal_entries(ends[0], ends[-1])
             of_paths = dr.zeros(Bool, total + 1)
             dr.scatter(of_paths, Bool(True), place, moves)
             dr.eval(of_paths)
-            moving.append(of_paths)
+            moving[key] = of_paths
             steps.append(([ends[0], ends[-1]], [mask & moves for mask in masks]))
         return moving_sets(_stepping(self.step, self.cuttings(number)), steps, last.sources), moving
 
@@ -198,12 +215,50 @@ class Simulation:
             self._bounces_by_source(), self._caustics_by_source(),
         )  # fmt: skip
 
+    def _pairs(
+        self, tracing: Sequence[paths.Tracing], begun: Sequence[LightPaths], number: int, media: Mapping[int, int]
+    ) -> Iterator[tuple[Any, ...]]:
+        """Yield segments of light straight from lamps at both times, by their keys.
+
+        `media` has the numbers of media at the second time.
+        """
+        own = {medium: medium for medium in self.world.boxes}
+        fringes = [
+            {medium: self._fringe(each, start, number, medium, there.get(medium, medium)) for medium in own}
+            for each, start, there in zip(tracing, begun, (own, media), strict=True)
+        ]
+        straight = [paths.straight(each, copy(start)) for each, start in zip(tracing, begun, strict=True)]
+        for medium, both in {0: straight} | {medium: [each[medium] for each in fringes] for medium in own}.items():
+            for step, pair in enumerate(zip_longest(*both, fillvalue=(None, None))):
+                yield (medium, step), pair[0], pair[1]
+
+    def _fringes(self, number: int, begun: LightPaths | None) -> Iterator[tuple[Key, Segments | None]]:
+        """Yield segments of light straight from lamps that passes beside media, by their keys."""
+        if begun is None:
+            return
+        tracing = self.tracing(number)
+        for medium in self.world.boxes:
+            for step, (segments, there) in enumerate(self._fringe(tracing, begun, number, medium, medium)):
+                yield (medium, step), paths.kept(there, segments)
+
+    def _fringe(
+        self, tracing: paths.Tracing, begun: LightPaths, number: int, medium: int, there: int
+    ) -> Iterator[tuple[Segments, Bool]]:
+        """Yield segments beside a medium, which has the number `there` in the world of `tracing`."""
+        rendered = next(each for each in self.world.media.all if each.number == medium)
+        if there not in tracing.world.boxes:
+            return iter(())
+        limits = self._both_limits(number, rendered)[1]
+        return fringe(tracing, begun, there, tracing.world.boxes[there], limits)
+
     def guide(self, views: Sequence[Projection]) -> list[Found]:
         """Guide emission toward what the views see, and return what is found out about each stratum."""
         camera, tracing = CameraImportance(self.world, views), self.tracing(0)
 
         def seen(emitted: list[Emitted]) -> Sightings:
-            steps = paths.trace(tracing, paths.begin(tracing, emitted))
+            begun = paths.begin(tracing, emitted)
+            beside = [(each, None) for _, each in self._fringes(0, begun) if each is not None]
+            steps = [*paths.trace(tracing, copy(begun)), *beside]
             surfaces = self.tuning.surfaces
             return Sightings.joined([camera.seen(segments, hits if surfaces else None) for segments, hits in steps])
 
@@ -229,7 +284,15 @@ class Simulation:
         """Return how the segments of a pass become beams, for each medium and each source that makes beams in it."""
         free_paths = np.inf if self.tuning.radius or self.tuning.max_radius else FREE_PATHS
         return [
-            Cutting(medium, source, *self._both_limits(number, medium), self.named, self.tuning.short, free_paths)
+            Cutting(
+                medium,
+                source,
+                *self._both_limits(number, medium),
+                self.named,
+                self.tuning.short,
+                free_paths,
+                self.world.boxes.get(medium.number),
+            )
             for source in self.sources
             for medium in self.world.media.all
             if self._shown(source, medium)
@@ -256,7 +319,7 @@ class Simulation:
 
 def lamps_of(
     world: StageWorld, beams: int, seed: int, light_side: Collection[str], surfaces: bool = False,
-    scatters: bool = False, visible: bool = False,
+    scatters: bool = False, visible: bool = False, overlap: float = Tuning.overlap,
 ) -> list[Stratum]:  # fmt: skip
     """Return the strata of a stage's lamps that make beams, or light `surfaces`, each with a fixed number of paths.
 
@@ -278,6 +341,8 @@ def lamps_of(
         scattered light makes beams.
     visible
         Whether only visible beams count. Lamps without a look then make none if no medium scatters light.
+    overlap
+        Width of a beam in spacings of its neighbours.
     """
     result = []
     hazy = not visible or any(max(each.scattering) > 0 for each in world.description.media)
@@ -292,15 +357,19 @@ def lamps_of(
         aside = count
         if light.name in world.portals:
             aside = max(1, round(LIGHT_SIDE * count)) if light.name in light_side else 0
-            result.append(_stratum(world, number, seed, count - aside, through=True))
+            result.append(_stratum(world, number, seed, count - aside, overlap, through=True))
         if aside:
-            result.append(_stratum(world, number, seed, aside, through=False))
+            result.append(_stratum(world, number, seed, aside, overlap, through=False))
     return result
 
 
-def _stratum(world: StageWorld, number: int, seed: int, count: int, through: bool) -> Stratum:
+def _stratum(
+    world: StageWorld, number: int, seed: int, count: int, overlap: float, through: bool
+) -> Stratum:  # fmt: skip
     """Return the stratum of a lamp's paths through its portal, or past it, of which about `count` carry light."""
-    lamp, light = LampEmitter(world, number), world.description.lights[number]
+    light = world.description.lights[number]
+    margin = radius_from_infinity(light, world.lights[number], count, overlap) if world.boxes else 0.0
+    lamp = LampEmitter(world, number, margin)
     portal = world.portals.get(light.name)
     emitter = lamp if portal is None else PortalEmitter(lamp, portal, through)
     most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
@@ -384,7 +453,7 @@ class StageSimulation:
         still = last.surfaces is first.surfaces and last.media is first.media
         tried = [each for each in strata if not still or each.emitter.source in changed]
         sets: list[BeamSet] = []
-        moving: list[Bool] = []
+        moving: Moving = {}
         if tried:
             opened, closed, known = (
                 with_surrounds(each) if self._scatters else each
@@ -407,16 +476,18 @@ class StageSimulation:
         """Return the light paths of a pass."""
         lit = self._scatters and self.tuning.surfaces
         tuning = self.tuning
-        strata = lamps_of(world, self.beams, tuning.seed, self.light_side, lit, self._scatters, tuning.visible)
+        strata = lamps_of(
+            world, self.beams, tuning.seed, self.light_side, lit, self._scatters, tuning.visible, tuning.overlap
+        )
         strata = [part for each in strata for part in parted(each, self.openings.get(each.key))]
         return [replace(each, guide=self.guides.get(each.key)) for each in strata]
 
 
-def _resting(segments: Segments | None, step: int, moving: Sequence[Bool]) -> list[Segments]:
-    """Return the segments of a step without light straight from lamps that is `moving`: one struct, or none."""
-    if segments is None or step >= len(moving):
+def _resting(segments: Segments | None, moving: Bool | None) -> list[Segments]:
+    """Return segments without light straight from lamps that is `moving`, by numbers of paths: one struct, or none."""
+    if segments is None or moving is None:
         return [] if segments is None else [segments]
-    moves = (segments.depth == 0) & dr.gather(Bool, moving[step], segments.number)
+    moves = (segments.depth == 0) & dr.gather(Bool, moving, segments.number)
     return compressed(~moves, segments)
 
 
@@ -432,7 +503,8 @@ def _numbers(some: Sequence[Stratum], strata: Sequence[Stratum]) -> UInt32:
 def _later(stratum: Stratum, last: StageWorld) -> Stratum:
     """Return the stratum of the same light paths in the world `last`."""
     emitter = stratum.emitter
-    lamp = LampEmitter(last, emitter.source)
+    own = emitter.emitter if isinstance(emitter, PortalEmitter) else emitter
+    lamp = LampEmitter(last, own.source, own.margin)  # type: ignore[attr-defined]
     if isinstance(emitter, PortalEmitter):  # a fitted portal does not move
         portal = last.portals.get(lamp.name, emitter.portal)
         return replace(stratum, emitter=PortalEmitter(lamp, portal, emitter.through))

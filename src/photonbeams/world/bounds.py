@@ -15,6 +15,10 @@ from ..runtime.device import Array3f, Float, mitsuba
 mi = mitsuba()
 
 
+#: A box: two corners, (3,) each.
+Box = tuple[np.ndarray, np.ndarray]
+
+
 class Bounds:
     """The world's bounding sphere, which light from infinity enters; `center` and `radius` are opaque."""
 
@@ -27,9 +31,19 @@ class Bounds:
         center, radius = np.ravel(self.center.numpy()), float(self.radius.numpy()[0])
         return bool(np.all(np.linalg.norm(np.asarray(points) - center, axis=1) <= radius * (1 + 1e-4)))
 
+    def around(self, boxes: Sequence[Box], radius: float) -> Bounds:
+        """Return a sphere that contains boxes with a margin of `radius` times its own radius, at least this one."""
+        center, own = np.ravel(self.center.numpy()), float(self.radius.numpy()[0])
+        farthest = max((np.linalg.norm(np.maximum(high - center, center - low)) for low, high in boxes), default=0)
+        return Bounds(center, max(own, float(farthest) / max(1 - radius, 0.4)))
+
     def behind(self, point: Array3f, direction: Array3f) -> Float:
         """Return the distance from a point, back along `direction`, to the plane that touches the sphere."""
         return dr.dot(point - self.center, direction) + self.radius
+
+    def beyond(self, origin: Array3f, direction: Array3f) -> Float:
+        """Return the distance along rays to the plane that touches the sphere's far side, at least the radius."""
+        return dr.maximum(dr.dot(self.center - origin, direction), 0) + self.radius
 
     def exit(self, origin: Array3f, direction: Array3f, scale: float = 1.0) -> Float:
         """Return the distance at which a ray leaves the sphere scaled by `scale`, at least the radius itself."""

@@ -60,7 +60,7 @@ class SceneWorld(World):
         self.mirrors = mirrors(plugin)
         self.reach = scene.ESCAPE * self.radius
         self.surroundings = Surroundings(plugin, self.media, places_of(plugin), eye)
-        self.sizes = self.surroundings.sizes
+        self.sizes, self.boxes = self.surroundings.sizes, {}
         self._escape = dr.opaque(Float, self.reach)
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:

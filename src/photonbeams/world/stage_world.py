@@ -17,7 +17,7 @@ import numpy as np
 from .. import scene
 from ..numerics.arrays import opaque, to_uint
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from .bounds import Bounds, bounding_sphere
+from .bounds import Bounds, Box, bounding_sphere
 from .cylinders import CylinderLamp
 from .gobos import Images, bare, profile_of, projected
 from .interfaces import medium_at, number
@@ -52,8 +52,8 @@ class StageWorld(World):
         For lights with shadow links: Mitsuba scenes without some of the surfaces, by the names of these.
     plugin
         The Mitsuba scene of the surfaces and of the media's boundaries.
-    media, boundaries, sizes
-        The media, the Mitsuba shapes of their boundaries, and the radii of bounded media by number.
+    media, boundaries, boxes
+        The media, the Mitsuba shapes of their boundaries, and the boxes around bounded media by number: two corners.
     around
         The Mitsuba scene of the boundaries alone, and of bodies of glass in media, as boundaries of empty space. It is
         built early, because its first use may be in a kernel's loop.
@@ -81,7 +81,7 @@ class StageWorld(World):
     media: Media
     boundaries: tuple[Any, ...]
     around: Any
-    sizes: dict[int, float]
+    boxes: dict[int, Box]
     lights: tuple[Light, ...]
     portals: dict[str, Portal]
     images: Images
@@ -154,7 +154,7 @@ class StageWorld(World):
             media=content.media,
             boundaries=boundaries,
             around=content.around,
-            sizes=content.sizes,
+            boxes=content.boxes,
             glass=glass,
             outside=content.outside,
             blockers=_blockers(description, host, meshes, shapes, like.blockers if like is not None and still else {}),
@@ -173,6 +173,11 @@ class StageWorld(World):
             glowing=any(map(glows, materials)),
             translucent=translucent(plugin),
         )
+
+    @cached_property
+    def sizes(self) -> dict[int, float]:
+        """The radii of bounded media, by number."""
+        return {own: 0.5 * float(np.linalg.norm(high - low)) for own, (low, high) in self.boxes.items()}
 
     @cached_property
     def lamps(self) -> tuple[Lamps, ...]:
@@ -412,7 +417,7 @@ class _Media:
     media: Media
     boundaries: tuple[Any, ...]
     around: Any
-    sizes: dict[int, float]
+    boxes: dict[int, Box]
     outside: Mapping[str, Any]
 
     @classmethod
@@ -421,7 +426,7 @@ class _Media:
     ) -> _Media:  # fmt: skip
         """Return the media of a scene; those of a world of the same shot if it has the same media and glass."""
         if like is not None and _same(like.description.media, description.media) and _same(like.glass, glass):
-            return cls(like.media, like.boundaries, like.around, like.sizes, like.outside)
+            return cls(like.media, like.boundaries, like.around, like.boxes, like.outside)
         known = {} if like is None else {id(each): like.media.all[place].plugin for place, each in enumerate(
             like.description.media)}  # fmt: skip
         solids = [each.solid() for each in glass]
@@ -431,11 +436,8 @@ class _Media:
         unfelt = [each.plugin for each in built if not each.medium.surfaces]
         filling = next((each.plugin for each in built if each.shape is None), None)
         boundaries = tuple(each.shape for each in built if each.shape is not None)
-        sizes = {
-            number(each.plugin): 0.5 * float(np.linalg.norm(np.ravel(each.shape.bbox().extents())))
-            for each in built
-            if each.shape is not None
-        }
+        bounded = {number(each.plugin): each.shape.bbox() for each in built if each.shape is not None}
+        boxes = {own: (np.ravel(each.min), np.ravel(each.max)) for own, each in bounded.items()}
         bodies = [
             shape_of(each.outward(), mi.load_dict({"type": "null"}), exterior=outside[each.name])
             for each in solids
@@ -447,4 +449,4 @@ class _Media:
         media = Media(
             [each.plugin for each in built], several, filling=filling, clear=True, unfelt=unfelt, emission=emission
         )
-        return cls(media, boundaries, around, sizes, outside)
+        return cls(media, boundaries, around, boxes, outside)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +10,7 @@ import drjit as dr
 
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from .bounds import Bounds, Box
 from .media import Media, parts
 from .normal_maps import NormalMap
 from .shadow_rays import rounding, size_of
@@ -29,8 +30,8 @@ class World:
         The Mitsuba scene of surfaces and of the media's boundaries (Embree on the CPU, OptiX on a GPU).
     media
         Its media.
-    radius
-        Radius of a sphere around everything.
+    radius, bounds
+        Radius of a sphere around everything, and that sphere.
     sources
         What the beams of each emitter have in common, by the emitters' numbers.
     cutouts
@@ -42,6 +43,8 @@ class World:
         Whether there are mirrors or glass.
     narrows
         Whether beams straight from a lamp are narrowed where a surface blocks their rim.
+    boxes
+        Boxes around media, by number, beside which light straight from lamps makes beams: see `transport.fringes`.
     lit_by_domes
         Numbers of the media that domes light without beams.
     host
@@ -51,9 +54,11 @@ class World:
     plugin: Any
     media: Media
     radius: float
+    bounds: Bounds
     sources: Sequence[Source]
     cutouts: bool
     perturbed: bool
+    boxes: Mapping[int, Box]
     translucent: bool
     mirrors: bool
     narrows: bool

@@ -1,0 +1,187 @@
+"""Light that passes close beside a bounded medium: beams whose rim is in the medium although their axis is not.
+
+Beams estimate a density of light, each with a kernel across its axis. At the boundary of a medium, half of the kernels
+that cover a point belong to light paths that run outside. Without these, up to half of the light would be missing at
+the boundary, and all of it where a medium is thinner than beams are wide. With them, the estimate of light straight
+from a lamp is the same everywhere, and the medium only says which part of it is seen.
+
+Such a beam needs to know where its light enters the medium and how it fades there. A line through the part of the beam
+that is in the medium says so: it is traced like a light path, and its segments in the medium become segments on the
+axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from copy import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+
+from ..numerics.arrays import opaque
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..world.bounds import Box
+from ..world.interfaces import numbers
+from .paths import Tracing, straight
+from .radii import Limits
+from .records import LightPaths, Segments
+
+if TYPE_CHECKING:
+    from ..world.world import World
+
+mi = mitsuba()
+
+# Steps of the bisection that finds the point of a box nearest to an axis, and most boundaries that a line may pass
+# before it enters the medium.
+_STEPS, _LAYERS = 24, 16
+
+# Lines that are tried one after the other: whether they lie toward the nearest point of the medium's box or toward its
+# center, and how far, as a fraction of the way that the beam covers there. The first suits boxes, the others what
+# fills its box only in part.
+_LINES = ((True, 0.4), (False, 0.6), (False, 0.95))
+
+#: Returns the radius of beams at a distance from their lamps.
+RadiusAt = Callable[[Any], Any]
+
+
+def fringe(
+    tracing: Tracing, paths: LightPaths, number: int, box: Box, limits: Limits
+) -> Iterator[tuple[Segments, Bool]]:
+    """Yield segments of light straight from a lamp that passes beside a medium, and which lanes have one.
+
+    Parameters
+    ----------
+    paths
+        Light paths as they leave their lamps; segments keep their lanes.
+    number, box
+        The medium's number, and the box around it.
+    limits
+        The bounds of radii.
+    """
+    tracing = replace(tracing, max_bounces=0, openings=None)
+
+    def radius(s: Any) -> Any:
+        return limits(paths.width(s)) * dr.select(s > paths.clear, paths.narrow, 1)
+
+    steps = list(straight(tracing, copy(paths)))
+    medium = dr.opaque(UInt32, number)
+    beside = paths.initial > 0
+    for segments, there in steps:
+        beside &= ~(there & (segments.medium == medium))
+    shifted, beside = _shifted(tracing.world, paths, steps, beside, medium, box, radius)
+    if not bool(dr.any(beside)):
+        return
+    normal = -paths.direction
+    for segments, there in steps:
+        normal = dr.select(there, segments.normal, normal)
+    for segments, there in straight(tracing, shifted):
+        found = there & beside & (segments.medium == medium) & (segments.length > 0)
+        yield _on_axis(paths, segments, normal), found & (segments.offset < paths.total)
+
+
+def _on_axis(paths: LightPaths, segments: Segments, normal: Array3f) -> Segments:
+    """Return segments of shifted paths moved back to the axes of the paths, which end at the surfaces there."""
+    result = copy(segments)
+    start = segments.offset
+    result.origin, result.direction = paths.origin + start * paths.direction, paths.direction
+    result.width = paths.width.later(start)
+    left = paths.total - start
+    result.length = dr.minimum(segments.length, left)
+    ends = segments.length >= left
+    result.normal = dr.select(ends, normal, -paths.direction)
+    result.slant_end = dr.select(ends, 0, segments.slant_end)
+    result.portal, result.total, result.narrow, result.clear = paths.portal, paths.total, paths.narrow, paths.clear
+    return result
+
+
+def _shifted(
+    world: World, paths: LightPaths, steps: Sequence[tuple[Segments, Bool]], beside: Bool, medium: UInt32, box: Box,
+    radius: RadiusAt,
+) -> tuple[LightPaths, Bool]:  # fmt: skip
+    """Return paths along lines through the parts of beams that are in a medium, and which beams have such a part."""
+    low, high = (opaque(each) for each in box)
+    center, half = 0.5 * (low + high), 0.5 * (high - low)
+    origin, direction = paths.origin, paths.direction
+    middle, extent = dr.dot(center - origin, direction), dr.dot(half, abs(direction))
+    first, last = (dr.clip(middle + sign * extent, 0, paths.total) for sign in (-1, 1))
+    s = _nearest(origin, direction, low, high, first, last)
+    point = dr.fma(direction, s, origin)
+    widest = radius(s)
+    gap = dr.clip(point, low, high) - point
+    gap -= direction * dr.dot(gap, direction)
+    inward = center - point
+    inward -= direction * dr.dot(inward, direction)
+    apart, depth = dr.norm(gap), dr.norm(inward)
+    gap = dr.select(apart > 1e-5 * depth, gap / dr.maximum(apart, 1e-30), inward / dr.maximum(depth, 1e-30))
+    inward /= dr.maximum(depth, 1e-30)
+    beside = beside & (apart < widest) & (last > first)
+    # Just before the box: what lies between the lamp and the medium is met by the axis.
+    begin = dr.maximum(dr.minimum(first, s) - 1e-3 * dr.maximum(extent, widest), 0)
+    shift, found = Array3f(0), Bool(False)
+    for nearest, part in _LINES:
+        way = gap if nearest else inward
+        inside = dr.dot(half, abs(way))
+        covered = dr.minimum(part * (widest - apart), inside) + apart if nearest else dr.minimum(part * widest, depth)
+        aside = way * covered * dr.rcp(dr.maximum(widest, 1e-30))
+        start, along = _line(origin, direction, aside, radius, begin, s)
+        tried = beside & ~found
+        enters = _enters(world, start, along, medium, tried)
+        shift = dr.select(enters, aside, shift)
+        found |= enters
+    result = copy(paths)
+    result.origin, result.direction = _line(origin, direction, shift, radius, begin, s)
+    flux = Array3f(0)
+    for segments, there in steps:
+        endless = segments.length <= 0  # in empty space
+        here = there & (segments.offset <= begin) & (endless | (begin < segments.offset + segments.length))
+        faded = world.media.absorbed(segments.medium, dr.maximum(begin - segments.offset, 0))
+        flux = dr.select(here, segments.flux * faded, flux)
+    result.flux = dr.select(found, flux, 0)
+    result.medium = world.medium_of_view(result.origin, result.direction)
+    result.offset, result.reach = Float(begin), paths.reach - begin
+    dr.eval(result, found)
+    return result, found & (dr.max(result.flux) > 0)
+
+
+def _line(
+    origin: Array3f, direction: Array3f, aside: Array3f, radius: RadiusAt, begin: Float, s: Float
+) -> tuple[Array3f, Array3f]:
+    """Return the line that is `aside` radii from an axis, from the distance `begin` on: its origin and direction."""
+    start, there = radius(begin), radius(s)
+    slope = dr.select(s - begin > 1e-6 * s, (there - start) / dr.maximum(s - begin, 1e-30), 0)
+    return dr.fma(direction, begin, origin) + start * aside, dr.normalize(direction + slope * aside)
+
+
+@dr.syntax
+def _nearest(origin: Any, direction: Any, low: Any, high: Any, first: Any, last: Any) -> Any:
+    """Return the distances along rays, between `first` and `last`, at which they are nearest to a box.
+
+    The distance to a box is a convex function of position, so the sign of its derivative says on which side to go on.
+    """
+    begin, end, step = Float(first), Float(last), UInt32(0)
+    while step < _STEPS:
+        s = 0.5 * (begin + end)
+        point = dr.fma(direction, s, origin)
+        recedes = dr.dot(point - dr.clip(point, low, high), direction) > 0
+        begin, end = dr.select(recedes, begin, s), dr.select(recedes, s, end)
+        step += 1
+    return 0.5 * (begin + end)
+
+
+def _enters(world: World, origin: Array3f, direction: Array3f, medium: UInt32, active: Bool) -> Bool:
+    """Return which rays meet a boundary behind which a medium begins, or before which it ends."""
+    plugin = world.without_surfaces().plugin
+
+    def further(here: Array3f, found: Bool, layer: UInt32, going: Bool) -> tuple[Any, ...]:
+        hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(here), mi.Vector3f(direction)), going)
+        going = going & hit.is_valid()
+        for way in (direction, -direction):
+            found |= going & (numbers(hit.target_medium(mi.Vector3f(way))) == medium)
+        going = going & ~found
+        here = dr.select(going, Array3f(hit.spawn_ray(mi.Vector3f(direction)).o), here)
+        return here, found, layer + 1, going
+
+    width = dr.width(origin)
+    state = Array3f(origin), dr.zeros(Bool, width), dr.zeros(UInt32, width), Bool(active)
+    return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="fringe")[1]
