@@ -113,3 +113,17 @@ def test_fluence_is_right_in_the_corners_of_fogs_of_any_size_and_place():
     # Of 4,096 beams from half of the sky, each as wide as the fog is large, a few per cent of the rim are cut off.
     weights = 1 / np.maximum(error, 0.003) ** 2
     assert np.sum(weights * mean, axis=0) / np.sum(weights, axis=0) == pytest.approx([1, 1], abs=0.005)
+
+
+def test_a_lamp_that_moves_has_the_beams_beside_a_fog_of_one_that_stands_still():
+    fog, bounds = scene.Medium(1e-6, mesh=box("/fog", (-0.2,) * 3, (0.2,) * 3), name="/fog"), (np.zeros(3), 4.0)
+    worlds = [
+        StageWorld.build(
+            scene.Scene(lights=[scene.SphereLight("/l", 1.0, center=(0, height, 0))], media=[fog], bounds=bounds)
+        )
+        for height in (3.0, 3.01)
+    ]
+    still, moving = (trace(worlds[0], overlap=2.2, close=close) for close in (None, worlds[1]))
+    points = 0.19 * UNIT
+    assert estimated(moving, points) == pytest.approx(estimated(still, points), rel=1e-6)
+    assert all(each.close is not None for each in moving)

@@ -228,7 +228,8 @@ class Simulation:
             for each, start, there in zip(tracing, begun, (own, media), strict=True)
         ]
         straight = [paths.straight(each, copy(start)) for each, start in zip(tracing, begun, strict=True)]
-        for medium, both in {0: straight} | {medium: [each[medium] for each in fringes] for medium in own}.items():
+        beside = {medium: [each[medium] for each in fringes] for medium in own}
+        for medium, both in [(0, straight), *beside.items()]:
             for step, pair in enumerate(zip_longest(*both, fillvalue=(None, None))):
                 yield (medium, step), pair[0], pair[1]
 
