@@ -9,7 +9,7 @@ from photonbeams.world.stage_world import StageWorld
 from transport.stages import trace
 
 UNIT = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-PASSES = 8
+PASSES = 5
 
 
 def unit(rng):

@@ -45,26 +45,33 @@ _LINES = ((True, 0.4), (False, 0.6), (False, 0.95))
 RadiusAt = Callable[[Any], Any]
 
 
+#: Segments of light paths that keep their lanes, step by step, and which lanes have one.
+Steps = Sequence[tuple[Segments, Bool]]
+
+
+def unscattered(tracing: Tracing, paths: LightPaths) -> Steps:
+    """Return the segments of light straight from a lamp, in media and between them."""
+    return list(straight(replace(tracing, max_bounces=0, openings=None), copy(paths)))
+
+
 def fringe(
-    tracing: Tracing, paths: LightPaths, number: int, box: Box, limits: Limits
+    tracing: Tracing, paths: LightPaths, steps: Steps, number: int, box: Box, limits: Limits
 ) -> Iterator[tuple[Segments, Bool]]:
     """Yield segments of light straight from a lamp that passes beside a medium, and which lanes have one.
 
     Parameters
     ----------
-    paths
-        Light paths as they leave their lamps; segments keep their lanes.
+    paths, steps
+        Light paths as they leave their lamps, and their `unscattered` segments.
     number, box
         The medium's number, and the box around it.
     limits
         The bounds of radii.
     """
-    tracing = replace(tracing, max_bounces=0, openings=None)
 
     def radius(s: Any) -> Any:
         return limits(paths.width(s)) * dr.select(s > paths.clear, paths.narrow, 1)
 
-    steps = list(straight(tracing, copy(paths)))
     medium = dr.opaque(UInt32, number)
     beside = paths.initial > 0
     for segments, there in steps:
@@ -75,7 +82,7 @@ def fringe(
     normal = -paths.direction
     for segments, there in steps:
         normal = dr.select(there, segments.normal, normal)
-    for segments, there in straight(tracing, shifted):
+    for segments, there in unscattered(tracing, shifted):
         found = there & beside & (segments.medium == medium) & (segments.length > 0)
         yield _on_axis(paths, segments, normal), found & (segments.offset < paths.total)
 
@@ -96,7 +103,7 @@ def _on_axis(paths: LightPaths, segments: Segments, normal: Array3f) -> Segments
 
 
 def _shifted(
-    world: World, paths: LightPaths, steps: Sequence[tuple[Segments, Bool]], beside: Bool, medium: UInt32, box: Box,
+    world: World, paths: LightPaths, steps: Steps, beside: Bool, medium: UInt32, box: Box,
     radius: RadiusAt,
 ) -> tuple[LightPaths, Bool]:  # fmt: skip
     """Return paths along lines through the parts of beams that are in a medium, and which beams have such a part."""

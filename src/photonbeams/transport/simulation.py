@@ -28,7 +28,7 @@ from .beams import Cutting, Moments, moving_sets, sets_of
 from .connections import Connections
 from .emission import Emission, Emitted, Stratum, probed_flux
 from .fitted_portals import Opening, parted
-from .fringes import fringe
+from .fringes import Steps, fringe, unscattered
 from .guiding import GuidingMap
 from .importance import CameraImportance, Sightings
 from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction, radius_from_infinity, with_surrounds
@@ -189,6 +189,7 @@ class Simulation:
         pairs = self._pairs(tracing, kept, number, {own: other for other, own in media.items()})
         for key, (opened, there), (closed, then) in _stepping(self.step, pairs):
             if closed is not None:
+                closed = copy(closed)
                 closed.medium = _renumbered(closed.medium, media)
             ends = [each for each in (opened, closed) if each is not None]  # one of the two may have ended
             nowhere = dr.zeros(Bool, dr.width(ends[0].length))
@@ -222,35 +223,37 @@ class Simulation:
 
         `media` has the numbers of media at the second time.
         """
+        straight = [unscattered(each, start) for each, start in zip(tracing, begun, strict=True)]
         own = {medium: medium for medium in self.world.boxes}
         fringes = [
-            {medium: self._fringe(each, start, number, medium, there.get(medium, medium)) for medium in own}
-            for each, start, there in zip(tracing, begun, (own, media), strict=True)
+            {medium: self._fringe(each, start, steps, number, medium, there.get(medium, medium)) for medium in own}
+            for each, start, steps, there in zip(tracing, begun, straight, (own, media), strict=True)
         ]
-        straight = [paths.straight(each, copy(start)) for each, start in zip(tracing, begun, strict=True)]
-        beside = {medium: [each[medium] for each in fringes] for medium in own}
-        for medium, both in [(0, straight), *beside.items()]:
+        keyed: dict[int, list[Any]] = {0: list(straight)}
+        keyed.update({medium: [each[medium] for each in fringes] for medium in own})
+        for medium, both in keyed.items():
             for step, pair in enumerate(zip_longest(*both, fillvalue=(None, None))):
                 yield (medium, step), pair[0], pair[1]
 
     def _fringes(self, number: int, begun: LightPaths | None) -> Iterator[tuple[Key, Segments | None]]:
         """Yield segments of light straight from lamps that passes beside media, by their keys."""
-        if begun is None:
+        if begun is None or not self.world.boxes:
             return
         tracing = self.tracing(number)
+        straight = unscattered(tracing, begun)
         for medium in self.world.boxes:
-            for step, (segments, there) in enumerate(self._fringe(tracing, begun, number, medium, medium)):
+            for step, (segments, there) in enumerate(self._fringe(tracing, begun, straight, number, medium, medium)):
                 yield (medium, step), paths.kept(there, segments)
 
     def _fringe(
-        self, tracing: paths.Tracing, begun: LightPaths, number: int, medium: int, there: int
+        self, tracing: paths.Tracing, begun: LightPaths, straight: Steps, number: int, medium: int, there: int
     ) -> Iterator[tuple[Segments, Bool]]:
         """Yield segments beside a medium, which has the number `there` in the world of `tracing`."""
         rendered = next(each for each in self.world.media.all if each.number == medium)
         if there not in tracing.world.boxes:
             return iter(())
         limits = self._both_limits(number, rendered)[1]
-        return fringe(tracing, begun, there, tracing.world.boxes[there], limits)
+        return fringe(tracing, begun, straight, there, tracing.world.boxes[there], limits)
 
     def guide(self, views: Sequence[Projection]) -> list[Found]:
         """Guide emission toward what the views see, and return what is found out about each stratum."""
