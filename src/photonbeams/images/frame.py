@@ -81,7 +81,10 @@ class Frame:
         write_bytes(path, self.encoded(path, layer, exposure))
 
     def encoded(self, path: PathLike, layer: str = "rgba", exposure: float = 0.0) -> bytes | memoryview:
-        """Return the file that `write` writes to `path`, which decides the kind and is named in messages."""
+        """Return the file that `write` writes to `path`, which decides the kind and is named in messages.
+
+        `layer` and `exposure` are as for `write`.
+        """
         return encoded_frame(path, self.layers, self.metadata, layer, exposure, self.views)
 
     def __repr__(self) -> str:

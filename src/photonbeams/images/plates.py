@@ -244,7 +244,7 @@ class Plate:
     def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None) -> list[Array]:
         """Return the scene-linear pixels of each view, (H, W, 4) float32, black beyond the plate.
 
-        All parameters, and what is raised, are as for `Holdout.read`.
+        `frame`, `views`, `size`, `warn` and `box`, and what is raised, are as for `Holdout.read`.
         """
         if isinstance(self.file, np.ndarray):
             plates = _arrays(self.file, 3, views, "the plate", "(H, W, 3) or (H, W, 4)")
@@ -266,7 +266,7 @@ class Plate:
     ) -> list[Array]:
         """Return what `read` returns; for a truncated file nothing, with a warning, since beams do not depend on it.
 
-        All parameters are as for `Holdout.read`.
+        `frame`, `views`, `size`, `warn` and `box` are as for `Holdout.read`.
         """
         self.check(frame, views, size)
         try:
