@@ -79,15 +79,15 @@ def preferred(
     """Return the numbers of those emitters whose light walks should meet, for passes of these pixels.
 
     Without media that is all of them: most of the light is then direct, which is the same either way, and photons leave
-    blotches. Without a camera it is none.
+    blotches. Else it includes those whose beams do not reach all fog. Without a camera it is none.
     """
     if not any(max(each.medium.scattering) > 0 for each in world.media.all):
         return list(emitters)
-    everyone = range(len(world.plugin.emitters()))
+    everyone, result = range(len(world.plugin.emitters())), world.short_of_fog(emitters)
     kinds: dict[bool, list[int]] = {}
     for each in emitters:
-        kinds.setdefault(is_sharp(world.plugin.emitters()[each]), []).append(each)
-    result = []
+        if each not in result:
+            kinds.setdefault(is_sharp(world.plugin.emitters()[each]), []).append(each)
     for own in kinds.values() if cameras else ():
         dark = frozenset(everyone) - set(own)
         walks = _Pilot(light(tuple(own), dark), settings, max_depth, cameras[0])

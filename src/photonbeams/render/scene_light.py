@@ -43,6 +43,11 @@ from .walks import WalkedEmitters, Walking
 
 mi = mitsuba()
 
+_DARK_FOG = (
+    "the light of {} comes from infinity and enters endless fog {:.3g} units from the middle of the shapes, so fog "
+    "that is farther away is dark: expected a shape that bounds the fog, or method 'auto'"
+)
+
 
 @dataclass(frozen=True)
 class EmitterSettings:
@@ -256,7 +261,8 @@ def light_of(
         world = SceneWorld(plugin, eye, own.sources, own.beams)
         if settings.short:
             world.media.all = tuple(each.for_short_beams() for each in world.media.all)
-    warn(plugin, world.surroundings, set() if warned is None else warned)
+    warned = set() if warned is None else warned
+    warn(plugin, world.surroundings, warned)
 
     # Pilots have a seed of their own: their results hold for all seeds.
     pilot_settings, pilot_tuning = replace(settings, seed=0), replace(tuning, seed=0)
@@ -274,8 +280,12 @@ def light_of(
             with statistics.phase("choose"):
                 findings.walked = preferred(world, walked, cameras[:1], pixels, piloted, pilot_settings, max_depth)
         walked = findings.walked
+    names = [(names_of(each) or [each.class_name()])[-1] for each in plugin.emitters()]
+    dark = [names[each] for each in world.short_of_fog(set(range(len(names))) - set(walked))]
+    if dark and (text := _DARK_FOG.format(", ".join(dark[:3]), world.radius)) not in warned:
+        warned.add(text)
+        logging.getLogger("photonbeams").warning("%s", text)
     if walked:
-        names = [(names_of(each) or [each.class_name()])[-1] for each in plugin.emitters()]
         logging.getLogger("photonbeams").info(
             "paths from the camera find the light of %s", ", ".join(dict.fromkeys(names[each] for each in walked))
         )

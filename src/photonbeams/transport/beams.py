@@ -62,6 +62,8 @@ class Cutting:
         The greatest radius of beams in a grid, in free paths at the beam.
     box
         The box around the medium, if light straight from lamps also makes beams beside it (see `fringes`).
+    longest
+        Length of straight light from which on the greatest radius grows in proportion (opaque); None: it never does.
     """
 
     medium: RenderedMedium
@@ -72,6 +74,7 @@ class Cutting:
     short: bool
     free_paths: float = np.inf
     box: Box | None = None
+    longest: Any = None
 
     def own(self, segments: Segments) -> Bool:
         """Return which segments belong to the emitter and lie in the medium."""
@@ -173,10 +176,10 @@ class Cutting:
         return dr.select(straight, entering, lead), dr.select(straight, leaving, end)
 
     def _radius(self, segments: Segments, s: Any, narrow: Any) -> Any:
-        radius = segments.width(s)
-        if self.straight is self.limits:
-            return self.limits(radius) * narrow
-        return dr.select(segments.depth == 0, self.straight(radius), self.limits(radius)) * narrow
+        radius, straight = segments.width(s), self.straight
+        if self.longest is not None:  # so that the near part of a longer beam is as wide as it would be alone
+            straight = straight._replace(ceiling=straight.ceiling * dr.maximum(segments.length / self.longest, 1))
+        return dr.select(segments.depth == 0, straight(radius), self.limits(radius)) * narrow
 
     def _left(self, segments: Segments, s: Any) -> Any:
         """Return the flux that remains at a distance along segments."""

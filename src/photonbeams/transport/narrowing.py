@@ -41,7 +41,7 @@ def narrow(world: StageWorld, paths: LightPaths, scale: Any, halvings: Any, most
     alive = paths.initial > 0
     hit = world.solid(paths.origin, paths.direction, alive, hash32(paths.index, paths.key), paths.link)
     met = hit.is_valid()
-    paths.total = dr.select(met, hit.t, paths.reach)
+    paths.total = dr.select(met, hit.t, paths.total)
     against = dr.select(met, facing(Array3f(hit.n), paths.direction), -paths.direction)
     begin = dr.select(paths.portal < paths.total, paths.portal, 0)
     radius = paths.width(paths.total) * scale

@@ -95,6 +95,8 @@ class Tracing:
         sources; None: all paths count.
     openings
         Portals through which scattered light is sent; None if there are none.
+    endless
+        Least lengths of paths that meet nothing, by the numbers of sources; None: 0.
     """
 
     world: World
@@ -109,6 +111,7 @@ class Tracing:
     bounces_by_source: Any = None
     caustics_by_source: Any = None
     openings: Openings | None = None
+    endless: Any = None
 
     def within(self, depth: UInt32, source: UInt32) -> Bool:
         """Return whether a depth is allowed on the paths of a source."""
@@ -118,6 +121,10 @@ class Tracing:
         if self.bounces_by_source is None:
             return result
         return result & (depth <= dr.gather(UInt32, self.bounces_by_source, source))
+
+    def escape(self, paths: LightPaths, reach: Float) -> Float:
+        """Return the lengths of paths that meet nothing, at least `reach`."""
+        return reach if self.endless is None else dr.maximum(reach, dr.gather(Float, self.endless, paths.source))
 
     def undecided(self, paths: LightPaths) -> Bool:
         """Return which paths only count if a mirror or glass turns them next."""
@@ -149,7 +156,9 @@ def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
     paths.radius, paths.offset, paths.slant = (dr.zeros(Float, total) for _ in range(3))
     paths.fraction, paths.narrow = dr.ones(Float, total), dr.ones(Float, total)
     paths.clear = dr.full(Float, dr.inf, total)
-    paths.initial, paths.total = dr.max(paths.flux), paths.reach
+    paths.initial = dr.max(paths.flux)
+    # For looks, light ends at the bounds.
+    paths.total, paths.reach = paths.reach, tracing.escape(paths, paths.reach)
     across = tracing.world.bounds.beyond(paths.origin, paths.direction)
     overlap = dr.opaque(Float, tracing.overlap)
     paths.width = width(paths.differentials, paths.direction, across, paths.count, overlap, paths.portal)
@@ -315,8 +324,9 @@ def _following(
     following.link = dr.select(passes, paths.link, 0)
     following.offset = paths.offset + dr.dot(following.origin - paths.origin, paths.direction)
     following.reach = dr.select(
-        passes, paths.reach - interaction.distance, tracing.world.escape(following.origin, following.direction)
-    )
+        passes, paths.reach - interaction.distance,
+        tracing.escape(paths, tracing.world.escape(following.origin, following.direction)),
+    )  # fmt: skip
     following.width = paths.width.later(interaction.distance)
     following.branch = dr.zeros(UInt32, dr.width(paths.number))
     following.fraction = paths.fraction * dr.select(interaction.on_surface, scatter.probability, 1)

@@ -179,7 +179,7 @@ class _Learning:
         """Return a rectangle whose portal serves better than the guide; None if there is none."""
         if self._bundle is None:
             return None
-        result = fitted(self._bundle, world.radius)
+        result = fitted(self._bundle, world.extent)
         if not self._serves(result):
             return None
         assert result is not None

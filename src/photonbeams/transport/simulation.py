@@ -14,7 +14,7 @@ import numpy as np
 from .. import scene
 from ..beams import Beams
 from ..beams.sets import BeamSet
-from ..numerics.arrays import compressed, equal_entries, to_uint
+from ..numerics.arrays import compressed, equal_entries, to_float, to_uint
 from ..numerics.hashing import key_of
 from ..runtime.device import Bool, Float, UInt32
 from ..world.media import RenderedMedium
@@ -213,7 +213,7 @@ class Simulation:
         return paths.Tracing(
             self.world, tuning.max_bounces, tuning.rr_depth, tuning.overlap, region,
             *self.emission.shares(len(self.sources)), tuning.short, radius_scale(tuning.alpha, number),
-            self._bounces_by_source(), self._caustics_by_source(),
+            self._bounces_by_source(), self._caustics_by_source(), endless=self._endless_by_source(),
         )  # fmt: skip
 
     def _pairs(
@@ -278,6 +278,14 @@ class Simulation:
             return None
         return to_uint([*(each or 0 for each in bounces), 0]) if most is not None else None
 
+    def _endless_by_source(self) -> Any:
+        """Return the length at which light in endless media ends, by the numbers of sources; 0: by the bounds.
+
+        Programs, and files of beams, get beams that end by the bounds.
+        """
+        length = self.world.endless if self.tuning.visible else 0.0
+        return to_float([*(length if each.endless else 0.0 for each in self.sources), 0.0])
+
     def _caustics_by_source(self) -> Any:
         """Return which sources' light only counts as caustics, by their numbers; None if no source's does."""
         if not any(each.caustics for each in self.sources):
@@ -286,7 +294,9 @@ class Simulation:
 
     def cuttings(self, number: int) -> list[Cutting]:
         """Return how the segments of a pass become beams, for each medium and each source that makes beams in it."""
-        free_paths = np.inf if self.tuning.radius or self.tuning.max_radius else FREE_PATHS
+        fixed = bool(self.tuning.radius or self.tuning.max_radius)
+        free_paths = np.inf if fixed else FREE_PATHS
+        longest = None if fixed else dr.opaque(Float, scene.ESCAPE * self.world.extent)
         return [
             Cutting(
                 medium,
@@ -296,6 +306,7 @@ class Simulation:
                 self.tuning.short,
                 free_paths,
                 self.world.boxes.get(medium.number),
+                longest,
             )
             for source in self.sources
             for medium in self.world.media.all
@@ -317,8 +328,8 @@ class Simulation:
         return limits, limits._replace(ceiling=dr.opaque(Float, np.inf))
 
     def size(self, medium: RenderedMedium) -> float:
-        """Return the radius of a medium, at most that of the world."""
-        return min(self.sizes.get(medium.number, np.inf), self.world.radius)
+        """Return the radius of a medium, at most that of the region with everything in it."""
+        return min(self.sizes.get(medium.number, np.inf), self.world.extent)
 
 
 def lamps_of(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -12,11 +12,36 @@ from .. import scene
 from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Float, mitsuba
 
+if TYPE_CHECKING:
+    from .media import RenderedMedium
+
 mi = mitsuba()
 
 
 #: A box: two corners, (3,) each.
 Box = tuple[np.ndarray, np.ndarray]
+
+# Light in endless media no longer matters at this optical depth, because it has to come back, too. Where media are so
+# thin that it goes on for longer, it ends at this many radii: of the light that a camera sees of a point lamp, at most
+# 2 / _FARTHEST comes from beyond.
+_DEEPEST, _FARTHEST = 3.0, 1024.0
+
+
+def endless_length(extent: float, media: Sequence[RenderedMedium]) -> float:
+    """Return the length at which light in endless media no longer matters; 0 if that is not beyond `scene.ESCAPE`.
+
+    Parameters
+    ----------
+    extent
+        Radius of a region with all finite lamps and cameras.
+    media
+        The endless media. Media that scatter no light are left out.
+    """
+    extinctions = [min(each.medium.extinction) for each in media if max(each.medium.scattering) > 0]
+    if not extinctions:
+        return 0.0
+    length = min(_FARTHEST * extent, _DEEPEST / max(min(extinctions), 1e-30))
+    return length if length > scene.ESCAPE * extent else 0.0
 
 
 class Bounds:
@@ -36,6 +61,11 @@ class Bounds:
         center, own = np.ravel(self.center.numpy()), float(self.radius.numpy()[0])
         farthest = max((np.linalg.norm(np.maximum(high - center, center - low)) for low, high in boxes), default=0)
         return Bounds(center, max(own, float(farthest) / max(1 - radius, 0.4)))
+
+    def farthest(self, points: Any) -> float:
+        """Return the distance of the farthest of `points`, (N, 3), from the centre; 0 if all are inside."""
+        distances = np.linalg.norm(np.asarray(points) - np.ravel(self.center.numpy()), axis=1)
+        return 0.0 if self.contains(points) else float(distances.max())
 
     def behind(self, point: Array3f, direction: Array3f) -> Float:
         """Return the distance from a point, back along `direction`, to the plane that touches the sphere."""

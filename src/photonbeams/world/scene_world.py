@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,8 @@ import numpy as np
 
 from .. import scene
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from .bounds import Bounds, box_around
+from ..scene import Array
+from .bounds import Bounds, box_around, endless_length
 from .media import Media
 from .scene_lamps import lamps_of
 from .shapes import is_null, scene_of
@@ -52,16 +53,31 @@ class SceneWorld(World):
     ) -> None:  # fmt: skip
         self.plugin, self.host, self.sources = plugin, plugin, tuple(sources)
         self.media = Media.of(plugin)
-        center, self.radius = _sphere(plugin)
+        places = places_of(plugin)
+        finite = [each for each in [*places, *([] if eye is None else [eye])] if not each.infinite]
+        ends = np.concatenate([np.zeros((0, 3)), *(each.origin for each in finite)])
+        center, self.radius = _sphere(plugin, ends)
         self.bounds = Bounds(center, self.radius)
         self.beams = beams or [scene.BeamSettings()] * len(plugin.emitters())
         self.lamps = lamps_of(plugin, self.beams, self.bounds)
         self.perturbed, self.translucent = perturbs(plugin), translucent(plugin)
         self.mirrors = mirrors(plugin)
-        self.reach = scene.ESCAPE * self.radius
-        self.surroundings = Surroundings(plugin, self.media, places_of(plugin), eye)
+        self.surroundings = Surroundings(plugin, self.media, places, eye)
         self.sizes, self.boxes = self.surroundings.sizes, {}
+        open_ = [each for each in self.media.all if each.number not in self.sizes and each.tracked is None]
+        self.extent = max(self.radius, self.bounds.farthest(ends) if open_ else 0.0)
+        self.endless = endless_length(self.extent, open_)
+        self._fog_beyond = bool(open_) and (self.extent > self.radius or not plugin.shapes())
+        self.reach = scene.ESCAPE * self.extent
         self._escape = dr.opaque(Float, self.reach)
+
+    def short_of_fog(self, emitters: Iterable[int]) -> list[int]:
+        """Return those emitters at infinity whose beams, which begin around the shapes, do not reach all endless fog.
+
+        This is so if a camera or a lamp is in endless fog and outside of the sphere around the shapes.
+        """
+        infinite = [mi.has_flag(each.flags(), mi.EmitterFlags.Infinite) for each in self.plugin.emitters()]
+        return [each for each in emitters if infinite[each] and self._fog_beyond]
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:
         """Return the lengths of light paths that meet nothing."""
@@ -99,12 +115,17 @@ class SceneWorld(World):
         return self.plugin.ray_intersect(ray, active)
 
 
-def _sphere(plugin: Any) -> tuple[np.ndarray, float]:
-    """Return centre and radius of a scene; the radius is 1 if the scene is empty, or a point."""
+def _sphere(plugin: Any, ends: Array) -> tuple[np.ndarray, float]:
+    """Return centre and radius of the shapes or, without any, of where light paths and camera paths begin, (N, 3).
+
+    The radius is 1 if the scene is empty, or a point.
+    """
     box = box_around(plugin)
-    if not box.valid():
+    if not box.valid() and not len(ends):
         return np.zeros(3), 1.0
-    low, high = (np.ravel(np.asarray(each, dtype=float)) for each in (box.min, box.max))
+    low, high = ends.min(axis=0, initial=np.inf), ends.max(axis=0, initial=-np.inf)
+    if box.valid():
+        low, high = (np.ravel(np.asarray(each, dtype=float)) for each in (box.min, box.max))
     size = float(np.linalg.norm(high - low) / 2)
     if not size <= LARGEST:
         raise scene.SceneError(f"the scene has a radius of {size:g} units: expected {LARGEST:g} at most")

@@ -31,6 +31,9 @@ class Source:
         Most bounces of its light before it is scattered toward the camera; None: as the settings say.
     scattered_beams
         If it makes no beams: whether its light, once scattered, makes beams in media that domes light.
+    endless
+        Whether its light goes on through endless media until it no longer matters, rather than to the end of the
+        bounds.
     caustics
         Whether its light paths only count as caustics: a mirror or glass must turn them before anything else does.
     to_world
@@ -52,3 +55,4 @@ class Source:
     guides: tuple[Any, ...] = ()
     scattered_beams: bool = False
     caustics: bool = False
+    endless: bool = True

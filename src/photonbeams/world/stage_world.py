@@ -17,7 +17,7 @@ import numpy as np
 from .. import scene
 from ..numerics.arrays import opaque, to_uint
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from .bounds import Bounds, Box, bounding_sphere
+from .bounds import Bounds, Box, bounding_sphere, endless_length
 from .cylinders import CylinderLamp
 from .gobos import Images, bare, profile_of, projected
 from .interfaces import medium_at, number
@@ -65,6 +65,8 @@ class StageWorld(World):
         The images of gobos on the device.
     bounds, radius
         A sphere around everything, including the viewpoints.
+    endless
+        See `World`.
     cutouts, glowing, translucent
         Whether any surface is cut out, whether any emits light, and whether any has diffuse or glossy transmission.
     mirrors, narrows, perturbed
@@ -87,6 +89,7 @@ class StageWorld(World):
     images: Images
     bounds: Bounds
     radius: float
+    endless: float
     cutouts: bool
     glowing: bool
     translucent: bool
@@ -151,6 +154,7 @@ class StageWorld(World):
             shapes=shapes,
             surfaces=surfaces,
             plugin=plugin,
+            endless=endless_length(radius, [each for each in content.media.all if each.number not in content.boxes]),
             media=content.media,
             boundaries=boundaries,
             around=content.around,
@@ -173,6 +177,11 @@ class StageWorld(World):
             glowing=any(map(glows, materials)),
             translucent=translucent(plugin),
         )
+
+    @property
+    def extent(self) -> float:  # type: ignore[override]
+        """The radius of the bounds."""
+        return self.radius
 
     @cached_property
     def sizes(self) -> dict[int, float]:
@@ -357,6 +366,7 @@ def _source(number: int, light: scene.Light, bounces: int | None) -> Source:
         number, light.name, light.group, light.look, light.emits_beams, light.beam_scale, light.scattered,
         light.lights_surfaces, bounces if light.bounces is None else light.bounces, light.frame, light.guides,
         isinstance(light, scene.DomeLight) and light.lights_media,
+        endless=not (light.guides or isinstance(light, scene.DistantLight | scene.DomeLight)),
     )  # fmt: skip
 
 

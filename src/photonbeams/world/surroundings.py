@@ -9,7 +9,7 @@ interfaces measure the extent of each medium, and find statements that contradic
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -44,6 +44,8 @@ class Place:
         The Mitsuba medium that the emitter or the sensor names, or None.
     other
         A second one that it names, or None.
+    infinite
+        Whether it is an emitter infinitely far away, whose rays begin around the scene.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Place:
     direction: Array
     named: Any = None
     other: Any = None
+    infinite: bool = False
 
 
 class Surroundings:
@@ -140,7 +143,8 @@ def places_of(plugin: Any) -> list[Place]:
     for each in plugin.emitters():
         ray, _ = each.sample_ray(Float(0), Float(0.5), u, v, True)
         name = (each.get_shape() or each).id() or each.class_name()
-        result.append(place_of(f"emitter {name}", ray.o, ray.d, *_named_by(each)))
+        place = place_of(f"emitter {name}", ray.o, ray.d, *_named_by(each))
+        result.append(replace(place, infinite=mi.has_flag(each.flags(), mi.EmitterFlags.Infinite)))
     return result
 
 

@@ -32,6 +32,10 @@ class World:
         Its media.
     radius, bounds
         Radius of a sphere around everything, and that sphere.
+    extent
+        Radius of a region that has all surfaces, finite lamps and cameras, if any medium is endless; else as `radius`.
+    endless
+        Length at which light in endless media no longer matters (`bounds.endless_length`); 0 if `escape` is as long.
     sources
         What the beams of each emitter have in common, by the emitters' numbers.
     cutouts
@@ -55,6 +59,8 @@ class World:
     media: Media
     radius: float
     bounds: Bounds
+    extent: float
+    endless: float
     sources: Sequence[Source]
     cutouts: bool
     perturbed: bool
