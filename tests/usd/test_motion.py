@@ -222,6 +222,7 @@ def test_what_a_moving_light_does_not_reach_does_not_flicker(shot):
         # The baffle keeps the moving light from the left half of the wall.
         left = (frames[0]["beams_swinging"] == 0).all(axis=-1) & (other["beams_swinging"] == 0).all(axis=-1)
         assert left[:, : SMALL["width"] // 2 - 1].mean() > 0.9
+        left[:, SMALL["width"] // 2 - 1 :] = False  # the light may reach a surface where no beam is before it
         assert np.array_equal(other["rgba"][left], frames[0]["rgba"][left])
 
 
@@ -253,6 +254,7 @@ def test_what_stands_still_is_the_same_once_something_else_begins_to_move(shot, 
     # The baffle keeps the moving light from the left half of the picture, all but what is scattered or reflected.
     dark = (first["beams_swinging"] == 0).all(axis=-1) & (later["beams_swinging"] == 0).all(axis=-1)
     assert depth > 2 or dark[:, : WIDE["width"] // 2 - 1].mean() > 0.9
+    dark[:, WIDE["width"] // 2 - 1 :] = False
     assert all(np.array_equal(first[name][dark], later[name][dark]) for name in first)
 
 
