@@ -158,5 +158,7 @@ def test_grids_that_would_end_the_process_are_refused(tmp_path, counts, size, me
         <medium type="heterogeneous" name="interior"><volume type="gridvolume" name="sigma_t">
         <string name="filename" value="$grid.vol"/></volume></medium></shape><sensor type="perspective"/></scene>"""
     )
-    with pytest.raises(SceneError, match=rf"a\.xml: names .*smoke\.vol: expected a file that can be read, but {message}"):
+    with pytest.raises(
+        SceneError, match=rf"a\.xml: names .*smoke\.vol: expected a file that can be read, but {message}"
+    ):
         pb.Shot.open(tmp_path / "a.xml")
