@@ -24,9 +24,16 @@ def room():
 
 
 def only(sets):
-    """Return the arrays of the only set of beams."""
+    """Return the arrays of the only set of beams, with the parts joined of those that a blocked rim makes narrower."""
     assert len(sets) == 1
-    return sets[0].beams.arrays()
+    beams = sets[0].beams.arrays()
+    order = np.lexsort([beams["offset"], beams["id"]])
+    beams = {name: values[order] for name, values in beams.items()}
+    # At a portal the radius is the same on both sides; where a beam becomes narrower, it is not.
+    goes_on = (beams["id"][1:] == beams["id"][:-1]) & (beams["radius_start"][1:] < 0.99 * beams["radius_end"][:-1])
+    first, last = np.flatnonzero([True, *~goes_on]), np.flatnonzero([*~goes_on, True])
+    ends = {"end", "radius_end", "end_normal"}
+    return {name: values[last if name in ends else first] for name, values in beams.items()}
 
 
 def world_of(*lights, **parts):
@@ -220,10 +227,10 @@ def test_radii_balance_the_light_and_the_portal(room):
     # The product is light area × portal area over N cells, however the two are balanced; cosines are near 1 here.
     area = 0.1**2 * 0.2 * 0.3 / 1024
     assert np.allclose((2 * light) ** 2 * (2 * hole) ** 2, area, rtol=0.3)
-    far = np.argmax(beams["total"][second])
-    d, s = beams["offset"][second][far], beams["total"][second][far]
-    expected = np.hypot(light[far] * (s / d - 1), hole[far] * s / d)
-    assert np.isclose(beams["radius_end"][second][far], expected, rtol=1e-3)
+    d, s = beams["offset"][second], beams["total"][second]
+    expected = np.hypot(light * (s / d - 1), hole * s / d)
+    # Behind the portal radii are on a line, which is the expected curve at one distance; some beams become narrower.
+    assert np.quantile(beams["radius_end"][second] / expected, [0.75, 1]) == pytest.approx([1, 1], abs=0.1)
 
 
 def test_a_thousand_beams_keep_the_outline_of_the_shaft(room):

@@ -11,8 +11,9 @@ from .emission import Emitter
 
 # Number of rays among which the nearest is the first guess, number of iterations, and the step of finite differences.
 _GUESSES, _STEPS, _DIFFERENCE = 1 << 12, 6, 1e-3
-# How near to a face of the unit cube a search may end that begins again at the opposite face.
-_FACE = 0.02
+# How near to a face of the unit cube a search may end that begins again at the opposite face, and which fraction of all
+# searches have to end there: few do so at the rim of a lamp, half of them at a seam.
+_FACE, _MANY = 0.02, 0.1
 # A ray is found if it misses by less than this, in units of the spread of the points.
 _NEAR = 2e-3
 
@@ -21,8 +22,8 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
     """Return the emission samples of rays from an emitter, (N, 4), and which of them were found, (N,).
 
     The rays pass `point`, (N, 3), along `direction`, (N, 3). Maps from samples to rays are continuous but for seams,
-    where a number goes from 1 back to 0, as angles around an axis do. Where the search ends at a face of the unit cube,
-    it begins once more at the opposite one.
+    where a number goes from 1 back to 0, as angles around an axis do. Where many searches end at a face of the unit cube,
+    they begin once more at the opposite one.
     """
     from scipy.spatial import cKDTree  # takes long to import
 
@@ -40,7 +41,7 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
     for axis in range(4):
         at_face = np.abs(best[:, axis] - 0.5) > 0.5 - _FACE
         lost = np.flatnonzero((error >= _NEAR * size) & at_face & ~same[:, axis])
-        if len(lost):
+        if len(lost) > _MANY * len(point):
             other = best[lost]
             other[:, axis] = np.clip(1 - other[:, axis], 0, 1 - 1e-6)
             other, missed, _ = _searched(emitter, other, point[lost], direction[lost], size)

@@ -15,9 +15,10 @@ import numpy as np
 
 from .. import scene
 from ..numerics.arrays import opaque
-from ..numerics.sampling import sobol_block
+from ..numerics.sampling import pairs, sobol_points
 from ..numerics.structs import Struct
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
+from ..scene import Array
 from ..world.bounds import Bounds
 from ..world.cylinders import CylinderLamp
 from ..world.gobos import ProjectedLight, bare, spread
@@ -360,8 +361,25 @@ def lit_fraction(emitter: LampEmitter | PortalEmitter) -> float:
     if not isinstance(lamp, ProjectedLight):
         return 1.0
     if through not in lamp.lit:
-        probe = emitter.sample(*sobol_block(_PROBE, 0, (_PROBE,)))
-        there = np.broadcast_to(probe.valid.numpy(), _PROBE)
-        lit = there & (probe.flux.numpy().max(axis=0) > 0)
-        lamp.lit[through] = float(lit.sum() / max(there.sum(), 1))
+        lamp.lit[through] = _lit(emitter, sobol_points(_PROBE, 0, (_PROBE,)))
     return lamp.lit[through]
+
+
+def _lit(emitter: Emitter, points: Array) -> float:
+    """Return the fraction of the paths with these emission samples that carry light, among those that exist."""
+    probe = emitter.sample(*pairs(points))
+    there = np.broadcast_to(probe.valid.numpy(), len(points))
+    lit = there & (probe.flux.numpy().max(axis=0) > 0)
+    return float(lit.sum() / max(there.sum(), 1))
+
+
+def guided_count(stratum: Stratum) -> int:
+    """Return the number of paths of a stratum of which as many carry light as if it were not guided.
+
+    A guide sends paths to where images let light pass; those that others need to find these places would be too many.
+    """
+    if stratum.guide is None or not isinstance(stratum.emitter.lamp, ProjectedLight):
+        return stratum.count
+    points = sobol_points(_PROBE, 0, (_PROBE,))
+    before, behind = (_lit(stratum.emitter, each) for each in (points, stratum.guide(points)[0]))
+    return max(round(stratum.count * min(before / max(behind, 1e-30), 1)), 1)

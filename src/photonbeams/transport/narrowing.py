@@ -75,7 +75,6 @@ def _clear(world: StageWorld, paths: LightPaths, begin: Float, against: Array3f,
         facing = dr.dot(ray, against)
         plane = dr.dot(end - start, against) / dr.minimum(facing, -1e-3)
         reach = dr.minimum(plane, length + at_end) - _SLACK * at_end
-        hit = world.solid(start, ray, active & (reach > 0), seed, paths.link)
-        met = active & hit.is_valid() & (hit.t < reach)
-        result = dr.minimum(result, dr.select(met, begin + hit.t * dr.dot(ray, paths.direction), dr.inf))
+        clear = world.clear(start, ray, reach, active & (reach > 0), seed, paths.link)
+        result = dr.minimum(result, begin + clear * dr.dot(ray, paths.direction))
     return result

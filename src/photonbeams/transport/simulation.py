@@ -31,7 +31,15 @@ from .fitted_portals import Opening, parted
 from .fringes import Steps, fringe, unscattered
 from .guiding import GuidingMap
 from .importance import CameraImportance, Sightings
-from .lamps import LIGHT_SIDE, LampEmitter, PortalEmitter, lit_fraction, radius_from_infinity, with_surrounds
+from .lamps import (
+    LIGHT_SIDE,
+    LampEmitter,
+    PortalEmitter,
+    guided_count,
+    lit_fraction,
+    radius_from_infinity,
+    with_surrounds,
+)
 from .pilot import Found, guide
 from .radii import Limits
 from .records import LightPaths, PhotonHits, Segments
@@ -417,6 +425,8 @@ class StageSimulation:
         Guiding maps of strata, by their keys.
     openings
         Fitted portals, by the keys of the strata that they divide into paths through them and past them.
+    counts
+        Numbers of paths of guided strata, by their keys: see `guided_count`.
     """
 
     tuning: Tuning
@@ -424,6 +434,7 @@ class StageSimulation:
     light_side: Collection[str] = ()
     guides: Mapping[int, GuidingMap | None] = field(default_factory=dict)
     openings: Mapping[int, Opening] = field(default_factory=dict)
+    counts: Mapping[int, int] = field(default_factory=dict)
 
     def guided(self, world: StageWorld, views: Sequence[Projection]) -> StageSimulation:
         """Return the same simulation with light paths guided toward what any of the views sees.
@@ -436,7 +447,8 @@ class StageSimulation:
         guides = {stratum.key: stratum.guide for each in found for stratum in each.strata}
         both = zip(strata, found, strict=True)
         openings = {stratum.key: each.opening for stratum, each in both if each.opening is not None}
-        return replace(self, guides=guides, openings=openings)
+        counts = {stratum.key: guided_count(stratum) for each in found for stratum in each.strata}
+        return replace(self, guides=guides, openings=openings, counts=counts)
 
     def simulated(
         self, worlds: Sequence[StageWorld], number: int, looks: Mapping[str, Look | None] | None = None,
@@ -495,7 +507,10 @@ class StageSimulation:
             world, self.beams, tuning.seed, self.light_side, lit, self._scatters, tuning.visible, tuning.overlap
         )
         strata = [part for each in strata for part in parted(each, self.openings.get(each.key))]
-        return [replace(each, guide=self.guides.get(each.key)) for each in strata]
+        return [
+            replace(each, guide=self.guides.get(each.key), count=self.counts.get(each.key, each.count))
+            for each in strata
+        ]
 
 
 def _resting(segments: Segments | None, moving: Bool | None) -> list[Segments]:

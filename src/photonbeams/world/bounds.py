@@ -72,8 +72,8 @@ class Bounds:
         return dr.dot(point - self.center, direction) + self.radius
 
     def beyond(self, origin: Array3f, direction: Array3f) -> Float:
-        """Return the distance along rays to the plane that touches the sphere's far side, at least the radius."""
-        return dr.maximum(dr.dot(self.center - origin, direction), 0) + self.radius
+        """Return the distance along rays to the point nearest to the sphere's center, at least half of its radius."""
+        return dr.maximum(dr.dot(self.center - origin, direction), 0.5 * self.radius)
 
     def exit(self, origin: Array3f, direction: Array3f, scale: float = 1.0) -> Float:
         """Return the distance at which a ray leaves the sphere scaled by `scale`, at least the radius itself."""

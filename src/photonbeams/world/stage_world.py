@@ -352,6 +352,20 @@ class StageWorld(World):
             result |= self._stopped(each, origin, direction, distance, active & own, seed)
         return result
 
+    def clear(
+        self, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32, link: UInt32
+    ) -> Float:
+        """Return how far rays are clear: the distances at which they hit a surface before `distance`, else infinity."""
+        result = Float(dr.inf)
+        for plugin, own in by_link(self.surfaces, self._by_link, link):
+            ray, skip = self._beyond_cutouts(plugin, origin, direction, active & own, seed)
+            ray.maxt = dr.minimum(distance, dr.largest(Float)) - skip
+            tried = active & own & (ray.maxt > 0)
+            # What lies there does not matter, and takes long to compute for many shapes.
+            found = plugin.ray_intersect_preliminary(ray, False, tried)
+            result = dr.select(tried & found.is_valid(), found.t + skip, result)
+        return result
+
     def _stopped(
         self, plugin: Any, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32
     ) -> Bool:
