@@ -22,8 +22,8 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
     """Return the emission samples of rays from an emitter, (N, 4), and which of them were found, (N,).
 
     The rays pass `point`, (N, 3), along `direction`, (N, 3). Maps from samples to rays are continuous but for seams,
-    where a number goes from 1 back to 0, as angles around an axis do. Where many searches end at a face of the unit cube,
-    they begin once more at the opposite one.
+    where a number goes from 1 back to 0, as angles around an axis do. Where many searches end at a face of the unit
+    cube, they begin once more at the opposite one.
     """
     from scipy.spatial import cKDTree  # takes long to import
 
