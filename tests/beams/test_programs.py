@@ -74,7 +74,7 @@ def test_not_aimed_at_all_paths_stay(traced):
 def test_both_parts_of_a_path_through_a_portal_are_aimed_alike(traced):
     after = aim((1, 0.5, 0.25), 0.5)(traced, CONTEXT).arrays()
     before, behind = joints(after)
-    assert np.allclose(after["end"][before], after["start"][behind], atol=1e-5)
+    assert np.allclose(after["end"][before], after["start"][behind], atol=1e-3)  # a turn of a few units, in float32
 
 
 def toward_axis(p):
