@@ -126,7 +126,8 @@ class LiveRenderer(StageRenderer):
         own, other = self._window, like._window  # guides depend on the size of the whole picture, not on the crop
         same_views = (own.width, own.height) == (other.width, other.height) and equal(self._viewers, like._viewers)
         if self._keeps_guides or (same_views and self._has_light_of(like, world)):
-            return replace(simulation, guides=like._simulation.guides, openings=like._simulation.openings)
+            known = like._simulation
+            return replace(simulation, guides=known.guides, openings=known.openings, counts=known.counts)
         return super()._guided(simulation, world, views)
 
     def _lit_like(self, like: LiveRenderer) -> bool:
