@@ -26,7 +26,7 @@ from ..shot.shot import Shot
 from ..usd.controls import Controls, controls_of
 from ..usd.editing import EditLayer
 from ..usd.frames import time_range
-from ..usd.motion import followed, same
+from ..usd.motion import equal, followed, same
 from ..usd.presets import BEAM, apply_preset, preset_of
 from ..usd.stage import list_cameras, up_axis
 from ..usd.stereo import Stereo, check_stereo, is_eye, read_eyes
@@ -616,7 +616,10 @@ class Session:
             content = _with_fewer_paths(content) if first else content
             return _alone(content, view.solo) if view.solo else content
 
-        content = seen(moment.scene) if before is None else followed(before.scene, seen(moment.scene))
+        content = seen(moment.scene)
+        if before is not None:  # the widths of beams depend on the bounds, which an edit may change
+            bounds, content = content.bounds, followed(before.scene, content)
+            content = content if equal(content.bounds, bounds) else replace(content, bounds=bounds)
         cameras = moment.cameras
         if view.pose is not None:
             cameras = _placed(cameras, view.pose)
