@@ -23,6 +23,7 @@ from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.bounds import Box
 from ..world.interfaces import numbers
+from ..world.shadow_rays import leaving
 from .paths import Tracing, straight
 from .radii import Limits
 from .records import LightPaths, Segments
@@ -43,7 +44,6 @@ _LINES = ((True, 0.4), (False, 0.6), (False, 0.95))
 
 #: Returns the radius of beams at a distance from their lamps.
 RadiusAt = Callable[[Any], Any]
-
 
 #: Segments of light paths that keep their lanes, step by step, and which lanes have one.
 Steps = Sequence[tuple[Segments, Bool]]
@@ -178,7 +178,7 @@ def _nearest(origin: Any, direction: Any, low: Any, high: Any, first: Any, last:
 
 def _enters(world: World, origin: Array3f, direction: Array3f, medium: UInt32, active: Bool) -> Bool:
     """Return which rays meet a boundary behind which a medium begins, or before which it ends."""
-    plugin = world.without_surfaces().plugin
+    plugin, size = world.without_surfaces().plugin, world.size
 
     def further(here: Array3f, found: Bool, layer: UInt32, going: Bool) -> tuple[Any, ...]:
         hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(here), mi.Vector3f(direction)), going)
@@ -186,7 +186,7 @@ def _enters(world: World, origin: Array3f, direction: Array3f, medium: UInt32, a
         for way in (direction, -direction):
             found |= going & (numbers(hit.target_medium(mi.Vector3f(way))) == medium)
         going = going & ~found
-        here = dr.select(going, Array3f(hit.spawn_ray(mi.Vector3f(direction)).o), here)
+        here = dr.select(going, leaving(hit, direction, size), here)
         return here, found, layer + 1, going
 
     width = dr.width(origin)
