@@ -8,7 +8,6 @@ from hashlib import sha256
 from typing import Any
 
 from ..runtime.digest import digest
-from ..runtime.inputs import why_unreadable
 from .openusd import Ar, Usd, UsdUtils
 from .textures import texture_limit
 
@@ -24,6 +23,8 @@ def _file_digest(name: str) -> str:
     """Return a hash of the file that an asset path names, or the file's name if there is no file."""
     resolver = Ar.GetResolver()
     resolved = str(resolver.Resolve(name))
-    is_file = resolved and not why_unreadable(Ar.SplitPackageRelativePathOuter(resolved)[0])
+    outer = Ar.SplitPackageRelativePathOuter(resolved)[0] if resolved else ""
+    # An empty file counts as a file here, unlike in `runtime.inputs`: it is another content than none.
+    is_file = os.path.isfile(outer) and os.access(outer, os.R_OK)
     asset: Any = resolver.OpenAsset(Ar.ResolvedPath(resolved)) if is_file else None
     return os.path.basename(name) if asset is None else sha256(asset.GetBuffer() or b"").hexdigest()
