@@ -75,14 +75,25 @@ def test_a_broken_document_is_named_and_left_out(tmp_path, caplog):
     assert "m.mtlx cannot be read: expected a MaterialX document" in caplog.text
 
 
-@pytest.mark.parametrize("arc", ["references = @%s@", "payload = @%s@", "inherits = </B>", "sub references = @%s@"])
+ARCS = (
+    "references = @%s@",
+    "payload = @%s@",
+    "references = @%s:SDF_FORMAT_ARGS:target=usd@",
+    'references = @`"${NAME}.usda"`@',
+    "inherits = </B>",
+    "sub references = @%s@",
+)
+
+
+@pytest.mark.parametrize("arc", ARCS)
 def test_a_layer_that_is_no_file_is_refused_at_once(tmp_path, caplog, arc):
     pipe = tmp_path / "pipe.usda"
     os.mkfifo(pipe)
     named = arc.removeprefix("sub ").replace("%s", pipe.name)
-    sub = f"(subLayers = [@{pipe.name}@])" if arc.startswith(("inherits", "sub")) else ""
-    stage = written(tmp_path / "stage.usda", f'#usda 1.0\n{sub}\ndef "A" ({named}) {{\n}}\n')
-    with pytest.raises(SceneError, match=r"stage\.usda refers to pipe\.usda: expected a file, it is a named pipe"):
+    sub = f"subLayers = [@{pipe.name}@]" if arc.startswith(("inherits", "sub")) else ""
+    head = f'(\nexpressionVariables = {{ string NAME = "pipe" }}\n{sub}\n)'
+    stage = written(tmp_path / "stage.usda", f'#usda 1.0\n{head}\ndef "A" ({named}) {{\n}}\n')
+    with pytest.raises(SceneError, match=r"stage\.usda refers to \S+: expected a file, it is a named pipe"):
         open_stage(stage, warnings=Warnings(strict=True))
     assert open_stage(stage).GetPrimAtPath("/A")
     assert "it is a named pipe; it is left out" in caplog.text
@@ -128,3 +139,48 @@ def test_a_text_that_is_too_long_is_left_out(tmp_path, caplog):
     stage = written(tmp_path / "stage.usda", '#usda 1.0\n(subLayers = [@huge.usda@])\ndef "A" {\n}\n')
     assert open_stage(stage).GetPrimAtPath("/A")
     assert "huge.usda: expected a file, it has 1,024 GiB: expected up to 4 GiB; it is left out" in caplog.text
+
+
+def clips(tmp_path, text, x="double x"):
+    """Return a stage over a layer whose prim /A, in a variant, has these value clips."""
+    written(tmp_path / "clip.usda", '#usda 1.0\ndef "A" {\ndouble x.timeSamples = {0: 1, 2: 2}\n}\n')
+    variant = f'variantSet "v" = {{\n"v" (clips = {{ dictionary c = {{\n{text}\n}} }}) {{\n{x}\n}}\n}}'
+    head = '(variants = { string v = "v" }\nprepend variantSets = "v")'
+    written(tmp_path / "base.usda", f'#usda 1.0\ndef "A" {head} {{\n{variant}\n}}\n')
+    return written(tmp_path / "stage.usda", "#usda 1.0\n(subLayers = [@base.usda@])\n")
+
+
+LISTED = 'string primPath = "/A"\nasset[] assetPaths = [@%s@]\ndouble2[] active = [(0, 0)]\n' + (
+    "asset manifestAssetPath = @%s@"
+)
+TEMPLATE = 'string primPath = "/A"\nstring templateAssetPath = "./%s"\ndouble templateStartTime = 1\n' + (
+    "double templateEndTime = %g\ndouble templateStride = 1"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (LISTED % ("pipe.1.usda", "clip.usda"), "one of them pipe.1.usda: expected a file, it is a named pipe"),
+        (LISTED % ("clip.usda", "pipe.1.usda"), "one of them pipe.1.usda: expected a file, it is a named pipe"),
+        (TEMPLATE % ("pipe.##.usda", 1), "one of them pipe.1.usda: expected a file, it is a named pipe"),
+        (LISTED % ("empty.usda", "clip.usda"), "one of them empty.usda: expected a file, it is empty"),
+        (TEMPLATE % ("clip.#.usda", 1e9), "from 1 to 1e+09 by 1: expected up to 1,000,000 clips"),
+    ],
+)
+def test_value_clips_that_are_no_files_are_left_out(tmp_path, caplog, text, problem):
+    os.mkfifo(tmp_path / "pipe.1.usda")
+    written(tmp_path / "empty.usda", "")
+    stage = open_stage(clips(tmp_path, text))
+    assert stage.GetAttributeAtPath("/A.x").GetTimeSamples() == []
+    assert f"base.usda: /A{{v=v}} has the value clips 'c', {problem}; they are left out" in caplog.text
+    # The clips are there again as soon as the files are: nothing was written, and layers are read again.
+    os.remove(tmp_path / "pipe.1.usda")
+    assert open_stage(clips(tmp_path, LISTED % ("clip.usda", "clip.usda"))).GetAttributeAtPath("/A.x").Get(1.0) == 1.5
+
+
+def test_a_broken_value_clip_is_named(tmp_path):
+    written(tmp_path / "broken.usda", "#usda 1.0\n}\n")
+    listed = LISTED.rpartition("\n")[0]  # without a manifest, OpenUSD reads all clips at once
+    with pytest.raises(SceneError, match=r"stage\.usda cannot be read: \S+/broken\.usda, line 2: "):
+        open_stage(clips(tmp_path, listed % "broken.usda"))

@@ -9,11 +9,13 @@ import os
 import re
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from ..runtime.files import PathLike, atomic_path, failure_of, sync, write_bytes
 from ..runtime.inputs import why_unreadable
 from ..scene import SceneError
 from . import materialx
+from .clips import leave_out_clips
 from .metadata import correct_metadata
 from .openusd import Ar, Sdf, Tf
 from .reading import quiet
@@ -26,27 +28,29 @@ _MOST_TEXT = 1 << 32  # bytes
 _CHANGED: set[str] = set()
 
 
-def ready_layers(root: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
-    """Return a layer and all layers that it refers to, to be kept alive until the stage is composed.
+def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
+    """Return two layers and all layers that they refer to, to be kept alive until the stage is composed.
 
-    OpenUSD opens whatever a layer names, and would wait for ever on a named pipe; such references are removed in
-    memory, with a warning. OpenUSD's wheels know the nodes of MaterialX, but have no plug-in for its documents; in
-    memory, layers then name a translation.
+    OpenUSD opens whatever a layer names, and would wait for ever on a named pipe; such references and value clips are
+    removed in memory, with a warning. OpenUSD's wheels know the nodes of MaterialX, but have no plug-in for its
+    documents; in memory, layers then name a translation.
 
     Raises
     ------
     SceneError
         A layer names something that cannot be read, or has metadata that make no sense, and warnings are errors.
     """
-    found = {root.identifier: root}
-    waiting = [root]
+    found = {root.identifier: root, session.identifier: session}
+    waiting: list[tuple[Sdf.Layer, dict[str, Any]]] = [(layer, root.expressionVariables) for layer in found.values()]
     while waiting:
-        layer = waiting.pop()
-        if correct_metadata(layer, warnings):
+        layer, variables = waiting.pop()
+        variables = {**layer.expressionVariables, **variables}
+        if correct_metadata(layer, warnings) | leave_out_clips(layer, why_no_layer, warnings):
             _CHANGED.add(layer.identifier)
         for name in layer.GetCompositionAssetDependencies():
-            path = str(Ar.GetResolver().Resolve(layer.ComputeAbsolutePath(name))) if name else ""
-            if not path or path in found:
+            path, arguments = _resolved(layer, name, variables)
+            identifier = Sdf.Layer.CreateIdentifier(path, arguments)
+            if not path or identifier in found:
                 continue
             problem = why_no_layer(path)
             if problem and not os.path.isdir(path):
@@ -58,13 +62,22 @@ def ready_layers(root: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
                 _change(layer, name, _translated(path, warnings))
                 continue
             try:
-                other = Sdf.Layer.FindOrOpen(path)
+                other = Sdf.Layer.FindOrOpen(identifier)
             except Tf.ErrorException:  # composition reports it, if it needs this layer
                 other = None
             if other:
-                found[path] = other
-                waiting.append(other)
+                found[identifier] = other
+                waiting.append((other, variables))
     return list(found.values())
+
+
+def _resolved(layer: Sdf.Layer, name: str, variables: dict[str, Any]) -> tuple[str, dict[str, str]]:
+    """Return the path that a layer refers to by a name, "" if there is none, and the arguments of its file format."""
+    if Sdf.VariableExpression.IsExpression(name):
+        value = Sdf.VariableExpression(name).Evaluate(variables).value
+        name = value if isinstance(value, str) else ""
+    name, arguments = Sdf.Layer.SplitIdentifier(name)
+    return str(Ar.GetResolver().Resolve(layer.ComputeAbsolutePath(name))) if name else "", arguments
 
 
 def write_layer(layer: Sdf.Layer, path: PathLike) -> None:

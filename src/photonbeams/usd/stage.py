@@ -85,12 +85,12 @@ def open_stage(
             session = Sdf.Layer.CreateAnonymous("session.usda")
             session.subLayerPaths = [_layer(str(each)).identifier for each in session_layers]
             limit_textures(session, texture_limit)
-            kept = [*ready_layers(layer, warnings), *ready_layers(session, warnings)]
+            kept = ready_layers(layer, session, warnings)
             stage = selection.open(layer, session)
             del kept  # the stage keeps those that it needs
             selection.apply(stage, str(path))
         except Tf.ErrorException as error:
-            raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
+            raise SceneError(f"{path} cannot be read: {_reason(error, path)}") from None
     check_prims(stage)
     warn_of_composition(stage, warnings)
     complete_metadata(stage, warnings)
@@ -200,7 +200,7 @@ def _layer(path: str) -> Sdf.Layer:
     try:
         layer = Sdf.Layer.FindOrOpen(path)
     except Tf.ErrorException as error:
-        raise SceneError(f"{path} cannot be read: {_reason(error)}") from None
+        raise SceneError(f"{path} cannot be read: {_reason(error, path)}") from None
     if not layer:
         raise SceneError(f"{path} cannot be read: expected a USD stage")
     if not layer.dirty:
@@ -218,8 +218,8 @@ def check_not_read(stage: Usd.Stage, path: str | os.PathLike[str]) -> None:
 _REPLACED = "\N{REPLACEMENT CHARACTER}"  # in place of bytes that are no text
 
 
-def _reason(error: Any) -> str:
-    """Return OpenUSD's message with the file's line number first, and without OpenUSD's own source lines."""
+def _reason(error: Any, path: str | os.PathLike[str]) -> str:
+    """Return OpenUSD's message with the line's number first, and the file's name if it is not that of `path`."""
     found = text_of(error)
     if old := re.search(
         r"with obsolete version (\S+)\. The oldest version this software supports is ([\d.]*\d)", found
@@ -227,8 +227,10 @@ def _reason(error: Any) -> str:
         return f"it is a binary file of version {old[1]}, expected {old[2]} or later"
     messages = re.findall(r" : '(.*?)\s*'(?=\s*\n\tError|\s*$)", found, re.DOTALL)
     for message in messages:
-        located = re.fullmatch(r".*?:(\d+):\d+: (.*)", message, re.DOTALL)
+        located = re.fullmatch(r"(.*?):(\d+):\d+: (.*)", message, re.DOTALL)
         if located:
-            text = re.sub(r"parse error matching .*", "there is more than expected", " ".join(located[2].split()))
-            return f"line {located[1]}: {text}{'; expected UTF-8' if _REPLACED in found else ''}"
+            file, line, rest = located.groups()
+            text = re.sub(r"parse error matching .*", "there is more than expected", " ".join(rest.split()))
+            place = "" if os.path.basename(file) == os.path.basename(path) else f"{file}, "
+            return f"{place}line {line}: {text}{'; expected UTF-8' if _REPLACED in found else ''}"
     return " ".join(messages[0].split()) if messages else "expected a USD stage"
