@@ -86,6 +86,8 @@ def test_the_part_of_a_beam_in_a_cube_is_known(direction, height, expected):
     factor, covered, shift = medium_coverage(box, segments, shape, dr.opaque(Float, 0.5), Bool(True))
     kept = (factor.numpy() == 1) & (dr.squared_norm(shift).numpy() == 0)
     assert kept.mean() > 0.6  # others are reflected
+    # Neither what stays nor what is reflected has more than three times its flux, or it would be a bright streak.
+    assert covered.numpy().min() > 0.3 - 1e-6
     # A line stands for an eighth. Beams that fade lack more light before their end than is behind it, by σ times 0.15.
     assert covered.numpy()[kept].mean() == pytest.approx(expected, abs=1 / 16)
 

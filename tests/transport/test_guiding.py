@@ -66,6 +66,19 @@ def test_samples_go_where_they_are_wanted():
     assert found.mean() > 10 * wanted.mean()
 
 
+def test_a_guide_that_does_not_know_where_light_is_stays_half_uniform():
+    """Of half of the samples, a quarter are where the other half has none. There, paths have at most twice the flux."""
+    stretches = []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        points, odd = rng.random((80, 4)), np.arange(80) % 2 == 1
+        points[:, 0] *= np.where(odd & (rng.random(80) < 0.25), 0.5, 0.05)
+        guide = learn(points, np.ones(80))
+        assert guide is not None
+        stretches.append(1 / guide.density(rng.random((4096, 4))).min())
+    assert np.median(stretches) <= 2
+
+
 def test_emission_that_is_seen_everywhere_stays_even():
     points = np.random.default_rng(0).random((1 << 14, 4))
     assert learn(points, np.ones(1 << 14)) is None

@@ -144,7 +144,8 @@ def medium_coverage(
         return factor, result, Array3f(0)
     shift = _to_image(world.intersect, segments, shape(factor), disc, decay, tried)
     image = covered(factor, tried & (dr.squared_norm(shift) > 0), shift)
-    reflected = tried & (dr.squared_norm(shift) > 0) & (image > least)
+    # At an edge, or where a beam leaves the boundary at a slant, the image may lie outside, too: it would be a streak.
+    reflected = tried & (dr.squared_norm(shift) > 0) & (image > _ENOUGH_OF_BEAM)
     return factor, dr.select(reflected, image, result), dr.select(reflected, shift, 0)
 
 

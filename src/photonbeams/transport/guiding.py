@@ -18,8 +18,10 @@ import numpy as np
 
 from ..scene import Array
 
-# The fraction of samples that stays uniform.
-_UNIFORM = 0.1
+# Fractions of samples that stay uniform. Half of them do where the pilot found too little to tell where light is: what
+# few samples say is then wrong at some places, whose beams would be bright streaks. Where only light straight from its
+# emitter counts, such a map is worth less than strata.
+_UNIFORM = 0.1, 0.5
 # Least numbers of samples in a box that is halved, and the deepest level. Small numbers find narrow gaps, large ones
 # are better where light is even; so a tree is grown for each, and judged by samples that it does not know.
 _LEAST, _DEEPEST = (4, 16, 64), 40
@@ -121,7 +123,8 @@ def learn(points: Array, weights: Array, stopped: Array | None = None, enough: f
     weights = np.minimum(weights, BRIGHTEST * weights.mean())
     judge, own = points[1::2], weights[1::2] / weights[1::2].sum()
     cells = {}
-    for way in product(_ORDERS, _LEAST):
+    uniform = _UNIFORM if enough >= ENOUGH else _UNIFORM[:1]
+    for way in product(_ORDERS, _LEAST, uniform):
         stretches = _grown(*_with(points[::2], weights[::2], stopped), *way).stretches(judge)
         cells[way] = stretches[:, 0::2] * stretches[:, 1::2]
     rooms = {way: float(own @ each.prod(axis=1)) for way, each in cells.items()}
@@ -139,7 +142,7 @@ def _with(points: Array, weights: Array, stopped: Array | None) -> tuple[Array, 
     return np.concatenate([points, stopped]), np.concatenate([weights, more])
 
 
-def _grown(points: Array, weights: Array, order: Sequence[int], least: int) -> GuidingMap:
+def _grown(points: Array, weights: Array, order: Sequence[int], least: int, uniform: float) -> GuidingMap:
     """Return the map of a tree of boxes, halved along axes in this order while they have `least` samples.
 
     The probabilities of halves are those of a Pólya tree (Lavine 1992), as if each half had a few samples more.
@@ -168,13 +171,13 @@ def _grown(points: Array, weights: Array, order: Sequence[int], least: int) -> G
         axes.append(np.full(2 * len(parents), -1))
         lower.append(np.full(2 * len(parents), 0.5))
         children.append(np.zeros(2 * len(parents), dtype=np.int64))
-    return _mapped(axes, children, sums)
+    return _mapped(axes, children, sums, uniform)
 
 
-def _mapped(axes: list[Array], children: list[Array], sums: list[Array]) -> GuidingMap:
-    """Return the map of a tree, given by levels: axes, children and probabilities; some samples stay uniform."""
+def _mapped(axes: list[Array], children: list[Array], sums: list[Array], uniform: float) -> GuidingMap:
+    """Return the map of a tree, given by levels: axes, children and probabilities; a fraction stays uniform."""
     child = np.concatenate(children)
     part = np.concatenate(
-        [(1 - _UNIFORM) * own + _UNIFORM * 0.5**level for level, own in enumerate(sums)]
+        [(1 - uniform) * own + uniform * 0.5**level for level, own in enumerate(sums)]
     )  # a box of level k has the volume 2^-k
     return GuidingMap(np.concatenate(axes), child, part[child] / np.where(np.concatenate(axes) < 0, 1, part))
