@@ -62,6 +62,26 @@ def test_a_wall_ends_a_disc():
     assert covered.numpy()[kept].mean() == pytest.approx(below(0.3), abs=1 / 24)
 
 
+@pytest.mark.parametrize("gap, beside", [(0.02, 0.1), (0.0, 0.5)])
+def test_a_boundary_of_fog_before_a_surface_does_not_count_as_surface(gap, beside):
+    """A fog's box leaves the covered fractions of discs as they are without fog.
+
+    The box is on the floor, or 0.02 before the floor and a wall. A disc of radius 0.2 is looked for from 0.05 above the
+    floor. Were points of the boundary taken for the floor's, they would be 0.02 farther from the photon, and the
+    fraction less by 2 (0.02 / 0.2)² = 0.02. Half a radius from the wall, which they would not see, it would be more.
+    """
+    turned = mi.ScalarTransform4f().rotate([0, 1, 0], 90)
+    walls = {"floor": {"type": "rectangle"}, "wall": {"type": "rectangle", "to_world": turned}}
+    box = cube_of(fog(0.5))
+    box["to_world"] = mi.ScalarTransform4f().translate([0.5 + gap, 0, 0.5 + gap]).scale(0.5)
+    place, up = (to_vectors(np.tile(each, (COUNT, 1))) for each in ([beside, 0.0, 0], [0.0, 0, 1]))
+    bare, filled = (surface_coverage(each, place, up, dr.full(Float, 0.2, COUNT))
+                    for each in (world(**walls), world(**walls, fog=box)))  # fmt: skip
+    for without, within in zip(bare, filled, strict=True):
+        same = np.isclose(within.numpy(), without.numpy(), rtol=1e-4)
+        assert same.mean() > 0.998  # a point may lie on the wall, up to rounding
+
+
 @pytest.mark.parametrize("direction, height, expected", [
     ((1, 0, 0), 0.5, 1),  # along the boundary, 2.5 radii from it
     ((1, 0, 0), 0.94, below(0.3)),

@@ -23,6 +23,7 @@ from ..numerics.arrays import to_float
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ..world.interfaces import is_left, transmits
+from ..world.shadow_rays import gap_at, leaving
 from ..world.warp import perpendicular
 from ..world.world import World
 from .records import Segments
@@ -36,11 +37,17 @@ _POINTS, _LINES = 12, 8
 # Beside an edge, half of a photon is covered however narrow it is; if it were narrowed, it would be a bright dot.
 _ENOUGH_OF_DISC, _ENOUGH_OF_BEAM, _HALVINGS = 0.3, 0.3, 4
 
+# Most boundaries of media that a ray passes on its way from or to a point of a disc.
+_LAYERS = 8
+
 # Places along a beam from which a line is looked for, in this order, as fractions of the light lost along the beam.
 _PLACES = (0.5, 0.05, 0.95)
 
 #: Returns what rays meet, as `World.intersect` does; loops in kernels can take functions, but not worlds.
 Meet = Callable[[Any, Any, Any, Any], Any]
+
+#: The same, for rays that pass boundaries of media nearer than the distance that follows their directions.
+MeetSurface = Callable[[Any, Any, Any, Any, Any], Any]
 
 
 def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: Float) -> tuple[Float, Float]:
@@ -49,13 +56,42 @@ def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: F
     A point of the disc counts if a photon map would find the photon from there (`estimators.photons`), and nothing
     stands between the point and the photon.
     """
-    disc = to_float(_disc(_POINTS))
+    disc, meet, gap = to_float(_disc(_POINTS)), _past_boundaries(world), gap_at(position, world.size)
 
     def covered(factor: Any, tried: Any) -> Any:
-        return _on_surface(world.intersect, position, normal, factor * radius, disc, tried)
+        return _on_surface(meet, position, normal, factor * radius, gap, disc, tried)
 
     factor, result = _enough(covered, dr.width(position), _ENOUGH_OF_DISC, 1 / _POINTS)
     return factor * radius, result
+
+
+def _past_boundaries(world: World) -> MeetSurface:
+    """Return what rays meet that pass boundaries of media, which a photon map does not know."""
+    size = world.size
+
+    def meet(origin: Any, direction: Any, reach: Any, active: Any, seed: Any) -> Any:
+        hit = world.intersect(origin, direction, active, seed)
+        if not world.media.all:
+            return hit
+
+        def further(hit: Any, layer: Any, going: Any) -> tuple[Any, ...]:
+            beyond = leaving(hit, direction, size)
+            passed = dr.dot(beyond - origin, direction)
+            found = world.intersect(beyond, direction, going, seed)
+            found.t += passed
+            hit = dr.select(going, found, hit)
+            return hit, layer + 1, going & _is_boundary(hit) & (hit.t < reach)
+
+        state = hit, UInt32(0), active & _is_boundary(hit) & (hit.t < reach)
+        return dr.while_loop(state, lambda *each: each[2] & (each[1] < _LAYERS), further, label="boundaries")[0]
+
+    return meet
+
+
+def _is_boundary(hit: Any) -> Bool:
+    """Return which hits are on boundaries of media that are no surfaces: light passes them, and nothing else."""
+    flags = UInt32(hit.bsdf().flags()) & int(mi.BSDFFlags.All)
+    return hit.is_valid() & hit.is_medium_transition() & (flags == int(mi.BSDFFlags.Null))
 
 
 def _enough(covered: Callable[[Any, Any], Any], count: int, enough: float, least: float) -> tuple[Float, Float]:
@@ -80,8 +116,11 @@ def _disc(count: int) -> np.ndarray:
 
 
 @dr.syntax
-def _on_surface(meet: Meet, position: Any, normal: Any, radius: Any, disc: Any, active: Any) -> Any:
-    """Return the fraction of each disc that is on a surface; discs are turned by different angles."""
+def _on_surface(meet: MeetSurface, position: Any, normal: Any, radius: Any, gap: Any, disc: Any, active: Any) -> Any:
+    """Return the fraction of each disc that is on a surface; discs are turned by different angles.
+
+    A boundary of a medium is passed, but not within `gap` of the disc: there it may coincide with the surface.
+    """
     lane = dr.arange(UInt32, dr.width(position))
     sine, cosine = dr.sincos(2 * dr.pi * unit_float(hash32(lane)))
     across, up = perpendicular(normal)
@@ -95,9 +134,9 @@ def _on_surface(meet: Meet, position: Any, normal: Any, radius: Any, disc: Any, 
         start = position + 1e-3 * height * normal
         way = above - start
         length = dr.norm(way)
-        between = meet(start, way / length, active, hash32(lane, point))
+        between = meet(start, way / length, length, active, hash32(lane, point))
         free = ~(between.is_valid() & (between.t < length) & ~transmits(between))
-        below = meet(above, -normal, active, hash32(lane, point))
+        below = meet(above, -normal, height - gap, active, hash32(lane, point))
         offset = Array3f(below.p) - position
         facing = dr.abs(dr.dot(Array3f(below.n), normal))
         there = free & below.is_valid() & (below.t < 2 * height) & (facing > FACING)
