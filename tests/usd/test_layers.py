@@ -1,13 +1,16 @@
 """The layers of a stage: files, MaterialX documents, and the texture limit."""
 
 import os
+import re
 
 import numpy as np
 import pytest
+from pxr import Sdf
 
 from photonbeams.scene import SceneError
 from photonbeams.usd.stage import open_stage, read_scene
 from photonbeams.usd.textures import texture_limit
+from photonbeams.usd.unread import warn_of_unread
 from photonbeams.usd.warnings import Warnings
 
 DOCUMENT = """<?xml version="1.0"?>
@@ -184,3 +187,36 @@ def test_a_broken_value_clip_is_named(tmp_path):
     listed = LISTED.rpartition("\n")[0]  # without a manifest, OpenUSD reads all clips at once
     with pytest.raises(SceneError, match=r"stage\.usda cannot be read: \S+/broken\.usda, line 2: "):
         open_stage(clips(tmp_path, listed % "broken.usda"))
+
+
+def binary(path, text):
+    """Write a text layer as a binary one, and return its bytes."""
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    layer.ImportFromString(text)
+    layer.Export(str(path))
+    return path.read_bytes()
+
+
+def test_a_damaged_binary_layer_does_not_end_the_process(tmp_path, caplog):
+    crate = tmp_path / "a.usdc"
+    prims = "".join(f'def "{name}" {{\n}}\n' for name in "ABCDE")
+    data = binary(crate, f"#usda 1.0\n{prims}")
+    # The root's children: five numbers of tokens. The first becomes token 0, ";-)", which is no name of a prim.
+    damaged, count = re.subn(rb"(\x05\0{7})(.\0\0\0)(?=.\0\0\0)", rb"\1\0\0\0\0", data, flags=re.DOTALL)
+    assert count == 1 and damaged != data
+    crate.write_bytes(damaged)
+    with pytest.raises(SceneError, match=r"a\.usdc is damaged: it lists prims that it does not hold"):
+        open_stage(crate)
+    stage = written(tmp_path / "stage.usda", '#usda 1.0\n(subLayers = [@a.usdc@])\ndef "C" {\n}\n')
+    assert open_stage(stage).GetPrimAtPath("/C")
+    assert "stage.usda refers to a.usdc: " in caplog.text
+    assert "it lists prims that it does not hold; it is left out" in caplog.text
+
+
+def test_a_type_whose_name_is_no_text_is_a_warning(tmp_path, caplog):
+    crate = tmp_path / "a.usdc"
+    data = binary(crate, '#usda 1.0\ndef Oddities "A" {\n    float photonbeams:x = 1\n}\n')
+    assert data.count(b"Oddities") == 1
+    crate.write_bytes(data.replace(b"Oddities", b"Odd\xe7ties"))
+    warn_of_unread(open_stage(crate), Warnings())
+    assert "/A cannot be read; it is not checked" in caplog.text

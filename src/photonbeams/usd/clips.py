@@ -14,13 +14,15 @@ _MOST_CLIPS = 1_000_000  # of a template
 _TIMES = ("templateStartTime", "templateEndTime", "templateStride")
 
 
-def leave_out_clips(layer: Sdf.Layer, problem_of: Callable[[str], str], warnings: Warnings) -> bool:
+def leave_out_clips(
+    layer: Sdf.Layer, prims: Iterable[Sdf.Path], problem_of: Callable[[str], str], warnings: Warnings
+) -> bool:
     """Remove clip sets that name unreadable files from a layer, in memory only, and return whether there are any.
 
     Parameters
     ----------
-    layer
-        A layer; clip sets are metadata of its prims.
+    layer, prims
+        A layer, and the paths of its prims, whose metadata clip sets are.
     problem_of
         Returns why a path cannot be read as a layer; "" if it may be one.
     warnings
@@ -31,12 +33,10 @@ def leave_out_clips(layer: Sdf.Layer, problem_of: Callable[[str], str], warnings
     SceneError
         There are some, and warnings are errors.
     """
-    paths: list[Sdf.Path] = []
-    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
     changed = False
-    for path in paths:
-        spec = None if path.IsPropertyPath() else layer.GetObjectAtPath(path)
-        if not spec or not spec.HasInfo("clips"):
+    for path in prims:
+        spec = layer.GetObjectAtPath(path)
+        if not spec.HasInfo("clips"):
             continue
         sets = spec.GetInfo("clips")
         problems = {name: _problem(layer, clips, problem_of) for name, clips in sets.items()}

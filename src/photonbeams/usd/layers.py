@@ -38,14 +38,15 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> lis
     Raises
     ------
     SceneError
-        A layer names something that cannot be read, or has metadata that make no sense, and warnings are errors.
+        One of the two is damaged; or a layer names something that cannot be read, or has metadata that make no sense,
+        and warnings are errors.
     """
     found = {root.identifier: root, session.identifier: session}
-    waiting: list[tuple[Sdf.Layer, dict[str, Any]]] = [(layer, root.expressionVariables) for layer in found.values()]
+    waiting = [(layer, _prims(layer), root.expressionVariables) for layer in found.values()]
     while waiting:
-        layer, variables = waiting.pop()
+        layer, prims, variables = waiting.pop()
         variables = {**layer.expressionVariables, **variables}
-        if correct_metadata(layer, warnings) | leave_out_clips(layer, why_no_layer, warnings):
+        if correct_metadata(layer, warnings) | leave_out_clips(layer, prims, why_no_layer, warnings):
             _CHANGED.add(layer.identifier)
         for name in layer.GetCompositionAssetDependencies():
             path, arguments = _resolved(layer, name, variables)
@@ -65,10 +66,32 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> lis
                 other = Sdf.Layer.FindOrOpen(identifier)
             except Tf.ErrorException:  # composition reports it, if it needs this layer
                 other = None
-            if other:
+            if not other:
+                continue
+            try:
+                waiting.append((other, _prims(other), variables))
+            except SceneError as error:
+                warnings.give(f"{layer.realPath or layer.identifier} refers to {name}: {error}; it is left out")
+                _change(layer, name, "")
+            else:
                 found[identifier] = other
-                waiting.append((other, variables))
     return list(found.values())
+
+
+def _prims(layer: Sdf.Layer) -> list[Sdf.Path]:
+    """Return the paths of a layer's prims and variants.
+
+    Raises
+    ------
+    SceneError
+        A binary layer lists prims that it does not hold: it is damaged, and OpenUSD would abort the process.
+    """
+    paths: list[Sdf.Path] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    prims = [path for path in paths if path.IsPrimPath() or path.IsPrimVariantSelectionPath()]
+    if not all(paths) or not all(map(layer.GetObjectAtPath, prims)):
+        raise SceneError(f"{layer.realPath or layer.identifier} is damaged: it lists prims that it does not hold")
+    return prims
 
 
 def _resolved(layer: Sdf.Layer, name: str, variables: dict[str, Any]) -> tuple[str, dict[str, str]]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from difflib import get_close_matches
-from functools import cache
+from functools import cache, partial
 from itertools import islice
 
 from .lights import is_light
@@ -24,21 +25,24 @@ def warn_of_unread(stage: Usd.Stage, warnings: Warnings) -> None:
 
 def _warn(reading: Reading) -> None:
     stage = reading.stage
-    prototypes: frozenset[Sdf.Path] | None = None
+    prototypes = cache(lambda: _prototypes(stage))
     for prim in Usd.PrimRange.AllPrims(stage.GetPseudoRoot()):
-        said = [each.GetName() for each in prim.GetAuthoredPropertiesInNamespace("photonbeams")]
-        if not said and not (prim.HasAuthoredMetadata("apiSchemas") and not prim.IsDefined() and _applied(prim)):
-            continue
-        if not prim.IsActive() or prim.IsAbstract():
-            continue
-        if not prim.IsDefined():
-            prototypes = _prototypes(stage) if prototypes is None else prototypes
-            if not any(path in prototypes for path in prim.GetPath().GetPrefixes()):
-                reading.warn(prim, f"is an `over` of a prim that is not there: its values are ignored{_meant(prim)}")
-        elif prim.GetTypeName() != "PhotonBeamsLook":  # looks are checked when they are read
-            for name in said:
-                if name not in _known(prim):
-                    reading.warn_of_unknown(prim, name, _known(prim))
+        reading.attempt(prim, partial(_warn_of, reading, prim, prototypes), None, "it is not checked")
+
+
+def _warn_of(reading: Reading, prim: Usd.Prim, prototypes: Callable[[], frozenset[Sdf.Path]]) -> None:
+    said = [each.GetName() for each in prim.GetAuthoredPropertiesInNamespace("photonbeams")]
+    if not said and not (prim.HasAuthoredMetadata("apiSchemas") and not prim.IsDefined() and _applied(prim)):
+        return
+    if not prim.IsActive() or prim.IsAbstract():
+        return
+    if not prim.IsDefined():
+        if not any(path in prototypes() for path in prim.GetPath().GetPrefixes()):
+            reading.warn(prim, f"is an `over` of a prim that is not there: its values are ignored{_meant(prim)}")
+    elif prim.GetTypeName() != "PhotonBeamsLook":  # looks are checked when they are read
+        for name in said:
+            if name not in _known(prim):
+                reading.warn_of_unknown(prim, name, _known(prim))
 
 
 def _known(prim: Usd.Prim) -> frozenset[str]:
