@@ -391,6 +391,10 @@ def test_a_window_beyond_the_picture_is_overscan(render, stage, out):
     assert all(np.array_equal(joined[name], whole[name]) for name in whole)
     assert render(stage(SIDE + SETTINGS % wide.split("uniform float4")[0], NAMED), "-o", "a.exr", size=())[0] == 0
     assert all(np.array_equal(whole[name][18:54, 32:96], pixels) for name, pixels in read_layers("a.exr").items())
+    flag = "--res", 64, 36, "--crop", -0.5, -0.5, 1.5, 1.5
+    assert render(stage(SIDE, NAMED), "-o", "b.exr", *flag, size=())[0] == 0
+    assert window("b.exr")[:2] == window("wide.exr")[:2]
+    assert all(np.array_equal(whole[name], pixels) for name, pixels in read_layers("b.exr").items())
 
 
 def joined_of(*paths):

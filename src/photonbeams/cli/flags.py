@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -105,13 +106,19 @@ def check_flags(
     bounces: int | None = None,
     checkpoint: float | None = None,
     snapshot: float | None = None,
+    overscan: bool = False,
 ) -> None:
-    """Refuse numbers out of range, before anything heavy is imported; a NaN is never in range."""
+    """Refuse numbers out of range, before anything heavy is imported; a NaN is never in range.
+
+    With `overscan`, a crop may reach beyond the picture.
+    """
     from ..quadrature import MOST_POINTS
     from ..scene import MOST_BEAMS, MOST_PIXELS
 
     x0, y0, x1, y1 = crop or (0.0, 0.0, 1.0, 1.0)
-    inside = 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1
+    least, most = (-sys.float_info.max, sys.float_info.max) if overscan else (0, 1)
+    window = least <= x0 < x1 <= most and least <= y0 < y1 <= most
+    bounds = "x0 < x1 and y0 < y1" if overscan else "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"
     checks = (
         (
             "--res",
@@ -120,7 +127,7 @@ def check_flags(
             f"two numbers from 0 to {MOST_PIXELS}, 0 to follow the aperture",
         ),
         ("--res-scale", res_scale, 0 < res_scale <= 1000, "more than 0 and no more than 1000"),
-        ("--crop", crop, inside, "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"),
+        ("--crop", crop, window, bounds),
         ("--passes", passes, passes is None or 1 <= passes < 2**31, f"1 to {2**31 - 1}"),
         ("--time-limit", time_limit, time_limit is None or time_limit > 0, "a positive number of seconds"),
         ("--error", error, error is None or 0 < error < 1, "more than 0 and less than 1, such as 0.01"),

@@ -20,7 +20,9 @@ Anisotropy = Annotated[float | None, typer.Option(help="Anisotropy of the fog: i
 Crop = Annotated[
     tuple[float, float, float, float] | None,
     typer.Option(
-        metavar="X0 Y0 X1 Y1", help="Render only this part, in fractions of the picture from its top left corner."
+        metavar="X0 Y0 X1 Y1",
+        help="Render only this part, in fractions of the picture from its top left corner; where a "
+        "stage is rendered, numbers beyond 0 to 1 add overscan.",
     ),
 ]
 Frames = Annotated[

@@ -302,9 +302,10 @@ def render(
 
     photonbeams render cornell.xml -o cornell.exr --passes 64 --checkpoint 60
     """
+    is_xml = scene.suffix.lower() == ".xml"
     check_flags(
         res, res_scale, crop, passes, time_limit, error, beams, order, gather_error, anisotropy, exposure, threads,
-        bounces, checkpoint, snapshot,
+        bounces, checkpoint, snapshot, overscan=not is_xml,
     )  # fmt: skip
     _check_plates(holdout, holdout_channel, holdout_depth, holdout_scale, over, over_fog)
     eyes = two_eyes(stereo, interaxial, convergence, view)
@@ -326,7 +327,6 @@ def render(
     if keep_noisy and not denoise:
         raise typer.BadParameter("--keep-noisy keeps the layers before denoising: expected --denoise, too")
     outputs = parse_outputs(output or (), picture or ()) if part is None else part_outputs(output or ())
-    is_xml = scene.suffix.lower() == ".xml"
     if is_xml:
         check_given(context)
     elif group:
