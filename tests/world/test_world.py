@@ -8,6 +8,7 @@ import pytest
 
 from comparison import box, comparison_scene, quad
 from photonbeams import scene
+from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from photonbeams.world import shapes
 from photonbeams.world.scene_world import SceneWorld
@@ -95,6 +96,27 @@ def test_rays_pass_many_clear_layers_to_the_solid_one():
     assert np.isclose(hit.t[0], 21, rtol=1e-5)
     blocked = [world.blocked(Array3f(0.3, 0.2, 0), Array3f(0, 0, -1), Float(t), always, UInt32(1))[0] for t in (20, 22)]
     assert blocked == [False, True]
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5])
+def test_rays_in_fog_meet_the_floor_that_its_box_stands_on(angle):
+    """Rays in a fog's box meet the floor, not the face that the box has in common with it, however both are turned.
+
+    Without a floor in that place they meet the box.
+    """
+    sine, cosine = np.sin(angle), np.cos(angle)
+    turn = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+    corners = np.array([[-2, -1, -2], [-2, -1, 2], [2, -1, 2], [2, -1, -2]])
+    fog = scene.Medium((0.5, 0.5, 0.5), mesh=dataclasses.replace(CUBE, points=CUBE.points @ turn.T))
+    x, z = np.random.default_rng(0).uniform(-0.99, 0.99, (2, 500))
+    origin = to_vectors(np.stack([x, 0 * x, z], axis=1) @ turn.T)
+    down, always = Array3f(*(turn @ [0, -1, 0]).tolist()), dr.full(Bool, True, 500)
+    for depth, transmits in ((0, False), (0.01, True)):
+        floor = quad("/floor", (corners - [0, depth, 0]) @ turn.T)
+        world = StageWorld.build(scene.Scene(meshes=(floor,), media=(fog,)))
+        hit = world.intersect(origin, down, always, UInt32(1))
+        assert np.allclose(hit.t.numpy(), 1, atol=1e-5)
+        assert np.all(hit.is_medium_transition().numpy() == transmits)
 
 
 class Spy:

@@ -22,7 +22,7 @@ from ..estimators.photons import FACING, THICKNESS
 from ..numerics.arrays import to_float
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
-from ..world.interfaces import is_left, transmits
+from ..world.interfaces import is_boundary, is_left, transmits
 from ..world.shadow_rays import gap_at, leaving
 from ..world.warp import perpendicular
 from ..world.world import World
@@ -80,18 +80,12 @@ def _past_boundaries(world: World) -> MeetSurface:
             found = world.intersect(beyond, direction, going, seed)
             found.t += passed
             hit = dr.select(going, found, hit)
-            return hit, layer + 1, going & _is_boundary(hit) & (hit.t < reach)
+            return hit, layer + 1, going & is_boundary(hit) & (hit.t < reach)
 
-        state = hit, UInt32(0), active & _is_boundary(hit) & (hit.t < reach)
+        state = hit, UInt32(0), active & is_boundary(hit) & (hit.t < reach)
         return dr.while_loop(state, lambda *each: each[2] & (each[1] < _LAYERS), further, label="boundaries")[0]
 
     return meet
-
-
-def _is_boundary(hit: Any) -> Bool:
-    """Return which hits are on boundaries of media that are no surfaces: light passes them, and nothing else."""
-    flags = UInt32(hit.bsdf().flags()) & int(mi.BSDFFlags.All)
-    return hit.is_valid() & hit.is_medium_transition() & (flags == int(mi.BSDFFlags.Null))
 
 
 def _enough(covered: Callable[[Any, Any], Any], count: int, enough: float, least: float) -> tuple[Float, Float]:

@@ -85,6 +85,12 @@ def is_left(hit: Any, direction: Any, medium: UInt32) -> Bool:
     return transmits(hit) & hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
 
 
+def is_boundary(hit: Any) -> Bool:
+    """Return which hits are on boundaries of media that are no surfaces: light passes them, and nothing else."""
+    lobes = UInt32(hit.bsdf().flags()) & int(mi.BSDFFlags.All)
+    return hit.is_valid() & hit.is_medium_transition() & (lobes == int(mi.BSDFFlags.Null))
+
+
 def transmits(hit: Any) -> Bool:
     """Return whether light may pass a surface: glass, a translucent one, or a boundary with a null BSDF."""
     return (UInt32(hit.bsdf().flags()) & _TRANSMITS) != 0

@@ -15,17 +15,18 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..numerics.arrays import opaque, to_uint
+from ..numerics.arrays import opaque, to_uint, to_vectors
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, Box, bounding_sphere, endless_length
 from .cylinders import CylinderLamp
 from .gobos import Images, bare, profile_of, projected
-from .interfaces import medium_at, number
+from .interfaces import is_boundary, medium_at, number, transmits
 from .lights import DistantLamp, DomeLamp, EllipsoidLamp, EllipticCylinderLamp, FlatLamp, Light, SphereLamp, source
 from .media import Media
 from .mesh_lamps import MeshLamp
 from .portal_lamps import behind
 from .portals import Portal
+from .shadow_rays import gap_at, size_of
 from .shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
 from .sources import Source
 from .stage_lamps import Lamps, LinkKey, Links, shape_number
@@ -34,6 +35,9 @@ from .visibility import through
 from .world import World, by_link, translucent
 
 mi = mitsuba()
+
+# How many points of each boundary are tested for a surface in the same place.
+_POINTS = 4096
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,8 @@ class StageWorld(World):
         A sphere around everything, including the viewpoints.
     endless
         See `World`.
+    touching
+        Whether a boundary of a medium coincides with a surface somewhere.
     cutouts, glowing, translucent
         Whether any surface is cut out, whether any emits light, and whether any has diffuse or glossy transmission.
     mirrors, narrows, perturbed
@@ -90,6 +96,7 @@ class StageWorld(World):
     bounds: Bounds
     radius: float
     endless: float
+    touching: bool
     cutouts: bool
     glowing: bool
     translucent: bool
@@ -171,6 +178,9 @@ class StageWorld(World):
             images=images,
             bounds=Bounds(center, radius),
             radius=radius,
+            touching=like.touching  # type: ignore[union-attr]
+            if kept
+            else bool(shapes) and _touching(description.media, surfaces, size_of(plugin)),
             cutouts=any(cut_out(each) and not (sharp and is_glass(each)) for each in materials),
             perturbed=any(each.perturbed for each in materials),
             mirrors=sharp and any(is_glass(each) or is_mirror(each) for each in materials),
@@ -269,7 +279,7 @@ class StageWorld(World):
 
     def without_surfaces(self) -> StageWorld:
         """Return the world with its media alone."""
-        return replace(self, plugin=self.around, cutouts=False, mirrors=False)
+        return replace(self, plugin=self.around, touching=False, cutouts=False, mirrors=False)
 
     @cached_property
     def sources(self) -> tuple[Source, ...]:  # type: ignore[override]
@@ -334,6 +344,20 @@ class StageWorld(World):
             return filling + dr.zeros(UInt32, max(dr.width(origin), dr.width(direction)))
         return medium_at(self.around, origin, direction, filling, filling, active, self.size)
 
+    def intersect(self, origin: Any, direction: Any, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
+        """Return the first surface, or boundary of a medium, that rays meet: see `World.intersect`.
+
+        Where an opaque surface and a boundary coincide, rays meet the surface.
+        """
+        hit = super().intersect(origin, direction, active, seed, link)
+        if not self.touching:
+            return hit
+        on_boundary = active & is_boundary(hit)
+        solid = self.solid(origin, direction, on_boundary, seed, link)
+        behind = (solid.t - hit.t) * dr.abs(dr.dot(Array3f(hit.n), direction))
+        met = on_boundary & solid.is_valid() & ~transmits(solid) & (behind <= gap_at(Array3f(hit.p), self.size))
+        return dr.select(met, solid, hit)
+
     def solid(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
         """Return the first surface that rays hit, as a SurfaceInteraction3f; boundaries of media do not count.
 
@@ -382,6 +406,29 @@ def _source(number: int, light: scene.Light, bounces: int | None) -> Source:
         isinstance(light, scene.DomeLight) and light.lights_media,
         endless=not (light.guides or isinstance(light, scene.DistantLight | scene.DomeLight)),
     )  # fmt: skip
+
+
+def _touching(media: Sequence[scene.Medium], surfaces: Any, size: Float) -> bool:
+    """Return whether boundaries of media coincide with surfaces, tested at random points of each boundary."""
+    rng = np.random.default_rng(0)
+    found = []
+    for boundary in (each.boundary for each in media):
+        if boundary is None or not len(boundary.faces):
+            continue
+        corners = np.asarray(boundary.points, dtype=np.float64)[np.asarray(boundary.faces)]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = np.linalg.norm(across, axis=1)
+        if area.sum() > 0:
+            face = rng.choice(len(area), _POINTS, p=area / area.sum())
+            weights = rng.dirichlet([1, 1, 1], _POINTS)
+            found.append((np.einsum("ij,ijk->ik", weights, corners[face]), across[face] / area[face, None]))
+    if not found:
+        return False
+    place, normal = (to_vectors(np.concatenate(each)) for each in zip(*found, strict=True))
+    gap = gap_at(place, size)
+    ray = mi.Ray3f(mi.Point3f(place - gap * normal), mi.Vector3f(normal))
+    ray.maxt = 2 * gap
+    return bool(dr.any(surfaces.ray_test(ray)))
 
 
 def _same(these: Sequence[Any], those: Sequence[Any]) -> bool:
