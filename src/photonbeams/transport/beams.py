@@ -23,7 +23,7 @@ from ..world.sources import Source
 from ..world.world import World
 from .coverage import medium_coverage
 from .radii import Limits
-from .records import Segments
+from .records import Segments, tangent
 
 # A segment is cut at its focus if its radius there is less than this fraction of a straight cone's.
 _WAIST = 0.8
@@ -31,6 +31,9 @@ _WAIST = 0.8
 # Beams continue beyond the boundary of their medium as far as their rim is in it, but at most by this many radii, or
 # one free path. Otherwise the medium would be dark at a boundary that they cross at a slant. Outside they are not seen.
 _BEYOND = 4.0
+
+# A surface this near beyond the end of a segment, in radii, is where the segment ends.
+_FLUSH = 1e-3
 
 # Places along a beam at which a grid's density is looked up, as fractions of its length.
 _DENSITIES = (0.0, 0.5, 1.0)
@@ -62,6 +65,8 @@ class Cutting:
         The greatest radius of beams in a grid, in free paths at the beam.
     box
         The box around the medium, if light straight from lamps also makes beams beside it (see `fringes`).
+    hollow
+        Whether a line may leave the medium and enter it again.
     longest
         Length of straight light from which on the greatest radius grows in proportion (opaque); None: it never does.
     """
@@ -74,6 +79,7 @@ class Cutting:
     short: bool
     free_paths: float = np.inf
     box: Box | None = None
+    hollow: bool = False
     longest: Any = None
 
     def own(self, segments: Segments) -> Bool:
@@ -85,16 +91,16 @@ class Cutting:
     def fitted(self, world: World, segments: Segments) -> Segments:
         """Return segments fitted into the medium: narrower or reflected, with flux corrected for what lies outside."""
         # `narrowing` has already narrowed the light straight from lamps, and `fringes` has what lies beside the medium.
-        whole = self.straight is not self.limits or self.box is not None
+        whole = self.straight is not self.limits or self.box is not None or self.hollow
         tried = segments.depth > 0 if whole else Bool(True)
         result = copy(segments)
         fine = self._fine(segments, tried)
 
         def shape(factor: Any) -> tuple[Any, ...]:
             result.narrow, result.clear = self._narrowed(segments, fine * factor)
-            lead, end = self._reach(result)
+            lead, end, plane = self._reach(result)
             first, last = (self._radius(result, each, result.narrow) for each in (0, segments.length))
-            return first, last, lead, end, dr.select(end > 0, -segments.direction, segments.normal)
+            return first, last, lead, end, plane
 
         factor, covered, shift = medium_coverage(world, segments, shape, self._decay(), tried)
         result.narrow, result.clear = self._narrowed(segments, fine * factor)
@@ -135,7 +141,7 @@ class Cutting:
         at_focus = inside & (waist < _WAIST * dr.lerp(first, last, focus * dr.rcp(length)))
         clear = segments.clear - segments.offset
         at_clear = there & (clear > 0) & (clear < length)
-        lead, end = self._reach(segments)
+        lead, end, plane = self._reach(segments)
         stop = length + end
         cuts = (at_portal | at_focus, dr.select(at_portal, portal * (1 - 1e-5), focus)), (at_clear, clear)
         knots = [dr.select(cut, place, stop) for cut, place in cuts]
@@ -145,16 +151,18 @@ class Cutting:
         for present, begin, until in zip(exists, ends, ends[1:], strict=False):
             narrow = dr.select(clear <= dr.maximum(begin, 0), segments.narrow, 1)
             radii = self._radius(segments, begin, narrow), self._radius(segments, until, narrow)
-            whole = until >= stop
-            plane = dr.select((end > 0) | ~whole, -segments.direction, segments.normal)
-            beams = self._beams(segments, lead, (begin, until), radii, plane)
+            normal = dr.select(until >= stop, plane, -segments.direction)
+            beams = self._beams(segments, lead, (begin, until), radii, normal)
             if not self.named:
                 beams.power = self._left(segments, begin)
             result.append(Piece(present, beams, segments.depth))
         return result
 
-    def _reach(self, segments: Segments) -> tuple[Any, Any]:
-        """Return how far beams extend before their start and beyond their end: as far as their rim is in the medium."""
+    def _reach(self, segments: Segments) -> tuple[Any, Any, Any]:
+        """Return how far beams extend before their start and beyond their end, and the normal of the plane there.
+
+        They reach as far as their rim is in the medium.
+        """
         clear = segments.clear - segments.offset
         first, last = (
             self._radius(segments, s, dr.select(clear <= s, segments.narrow, 1)) for s in (0, segments.length)
@@ -164,16 +172,28 @@ class Cutting:
             dr.minimum(dr.minimum(slant, _BEYOND) * radius, free)
             for slant, radius in ((segments.slant, first), (segments.slant_end, last))
         )
-        if self.box is None:
-            return dr.select(segments.depth == 0, dr.minimum(lead, segments.offset), lead), end
+        plane = dr.select(end > 0, -segments.direction, segments.normal)
+        if self.box is None and not self.hollow:
+            return dr.select(segments.depth == 0, dr.minimum(lead, segments.offset), lead), end, plane
         # Light straight from a lamp, which does not begin before it, and ends at the surface that its axis meets. Along
         # a boundary, beams reach as far as the medium does.
         straight = segments.depth == 0
-        most = dr.opaque(Float, float(np.linalg.norm(self.box[1] - self.box[0])))
-        entering = dr.minimum(dr.minimum(segments.slant * first, most), dr.minimum(free, segments.offset))
-        left = dr.maximum(segments.total - segments.offset - segments.length, 0)
-        leaving = dr.minimum(dr.minimum(segments.slant_end * last, most), left)
-        return dr.select(straight, entering, lead), dr.select(straight, leaving, end)
+        most = segments.room, segments.room_end
+        if self.box is not None:
+            low, high = (opaque(each) for each in self.box)
+            middle = dr.dot(0.5 * (low + high) - segments.origin, segments.direction)
+            extent = 1.001 * dr.dot(0.5 * (high - low), dr.abs(segments.direction))
+            beyond = extent - middle, extent + middle - segments.length
+            most = dr.minimum(most[0], beyond[0]), dr.minimum(most[1], beyond[1])
+        entering = dr.minimum(dr.minimum(segments.slant * first, most[0]), dr.minimum(free, segments.offset))
+        left = segments.total - segments.offset - segments.length
+        leaving = dr.minimum(segments.slant_end * last, most[1])
+        # The surface that stops the axis cuts the rim, too, even where the axis left the medium before.
+        stopped = (leaving + tangent(segments.against, segments.direction) * last > left) & dr.isinf(segments.room_end)
+        leaving = dr.select(stopped & (left > _FLUSH * last), left, dr.minimum(leaving, left))
+        entering, leaving = dr.maximum(entering, 0), dr.maximum(leaving, 0)
+        ahead = dr.select(stopped, segments.against, -segments.direction)
+        return dr.select(straight, entering, lead), dr.select(straight, leaving, end), dr.select(straight, ahead, plane)
 
     def _radius(self, segments: Segments, s: Any, narrow: Any) -> Any:
         radius, straight = segments.width(s), self.straight

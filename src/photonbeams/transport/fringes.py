@@ -18,13 +18,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
+import numpy as np
 
 from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.bounds import Box
 from ..world.interfaces import numbers
 from ..world.shadow_rays import leaving
-from .paths import Tracing, straight
+from ..world.warp import perpendicular
+from .paths import AS_FAR, Tracing, straight
 from .radii import Limits
 from .records import LightPaths, Segments
 
@@ -42,6 +44,12 @@ _STEPS, _LAYERS = 24, 16
 # fills its box only in part.
 _LINES = ((True, 0.4), (False, 0.6), (False, 0.95))
 
+# Places in radii from the axis of further lines, which are tried for hollow media.
+_TURNS = np.arange(8) * (np.pi / 4)
+_MORE_LINES = tuple((float(part * np.cos(each)), float(part * np.sin(each))) for part in (0.75, 0.4) for each in _TURNS)
+
+_SHORT = 1e-3  # length of segments that stand for a whole beam, as a fraction of its length
+
 #: Returns the radius of beams at a distance from their lamps.
 RadiusAt = Callable[[Any], Any]
 
@@ -55,7 +63,7 @@ def unscattered(tracing: Tracing, paths: LightPaths) -> Steps:
 
 
 def fringe(
-    tracing: Tracing, paths: LightPaths, steps: Steps, number: int, box: Box, limits: Limits
+    tracing: Tracing, paths: LightPaths, steps: Steps, number: int, box: Box, limits: Limits, hollow: bool = False
 ) -> Iterator[tuple[Segments, Bool]]:
     """Yield segments of light straight from a lamp that passes beside a medium, and which lanes have one.
 
@@ -67,6 +75,9 @@ def fringe(
         The medium's number, and the box around it.
     limits
         The bounds of radii.
+    hollow
+        Whether a line may leave the medium and enter it again. More lines are tried then, and a beam of which none is
+        in the medium has its light all along.
     """
 
     def radius(s: Any) -> Any:
@@ -76,18 +87,17 @@ def fringe(
     beside = paths.initial > 0
     for segments, there in steps:
         beside &= ~(there & (segments.medium == medium))
-    shifted, beside = _shifted(tracing.world, paths, steps, beside, medium, box, radius)
-    if not bool(dr.any(beside)):
+    shifted, found, grazing = _shifted(tracing.world, paths, steps, beside, medium, box, radius, hollow)
+    if not bool(dr.any(found | grazing)):
         return
-    normal = -paths.direction
-    for segments, there in steps:
-        normal = dr.select(there, segments.normal, normal)
+    if hollow:
+        yield _along(paths, steps, shifted.flux, medium, box), grazing
     for segments, there in unscattered(tracing, shifted):
-        found = there & beside & (segments.medium == medium) & (segments.length > 0)
-        yield _on_axis(paths, segments, normal), found & (segments.offset < paths.total)
+        inside = there & found & (segments.medium == medium) & (segments.length > 0)
+        yield _on_axis(paths, segments), inside & (segments.offset < paths.total)
 
 
-def _on_axis(paths: LightPaths, segments: Segments, normal: Array3f) -> Segments:
+def _on_axis(paths: LightPaths, segments: Segments) -> Segments:
     """Return segments of shifted paths moved back to the axes of the paths, which end at the surfaces there."""
     result = copy(segments)
     start = segments.offset
@@ -95,18 +105,19 @@ def _on_axis(paths: LightPaths, segments: Segments, normal: Array3f) -> Segments
     result.width = paths.width.later(start)
     left = paths.total - start
     result.length = dr.minimum(segments.length, left)
-    ends = segments.length >= left
-    result.normal = dr.select(ends, normal, -paths.direction)
-    result.slant_end = dr.select(ends, 0, segments.slant_end)
-    result.portal, result.total, result.narrow, result.clear = paths.portal, paths.total, paths.narrow, paths.clear
+    for name in ("portal", "total", "against", "narrow", "clear"):
+        setattr(result, name, getattr(paths, name))
     return result
 
 
 def _shifted(
     world: World, paths: LightPaths, steps: Steps, beside: Bool, medium: UInt32, box: Box,
-    radius: RadiusAt,
-) -> tuple[LightPaths, Bool]:  # fmt: skip
-    """Return paths along lines through the parts of beams that are in a medium, and which beams have such a part."""
+    radius: RadiusAt, hollow: bool,
+) -> tuple[LightPaths, Bool, Bool]:  # fmt: skip
+    """Return paths along lines through the parts of beams that are in a medium, and which beams have such a part.
+
+    Also return for which beams near the medium's box no such line is known.
+    """
     low, high = (opaque(each) for each in box)
     center, half = 0.5 * (low + high), 0.5 * (high - low)
     origin, direction = paths.origin, paths.direction
@@ -126,11 +137,15 @@ def _shifted(
     # Just before the box: what lies between the lamp and the medium is met by the axis.
     begin = dr.maximum(dr.minimum(first, s) - 1e-3 * dr.maximum(extent, widest), 0)
     shift, found = Array3f(0), Bool(False)
+    places = []
     for nearest, part in _LINES:
         way = gap if nearest else inward
         inside = dr.dot(half, abs(way))
         covered = dr.minimum(part * (widest - apart), inside) + apart if nearest else dr.minimum(part * widest, depth)
-        aside = way * covered * dr.rcp(dr.maximum(widest, 1e-30))
+        places.append(way * covered * dr.rcp(dr.maximum(widest, 1e-30)))
+    across, up = perpendicular(direction)
+    places += [x * across + y * up for x, y in _MORE_LINES] if hollow else []
+    for aside in places:
         start, along = _line(origin, direction, aside, radius, begin, s)
         tried = beside & ~found
         enters = _enters(world, start, along, medium, tried)
@@ -144,11 +159,25 @@ def _shifted(
         here = there & (segments.offset <= begin) & (endless | (begin < segments.offset + segments.length))
         faded = world.media.absorbed(segments.medium, dr.maximum(begin - segments.offset, 0))
         flux = dr.select(here, segments.flux * faded, flux)
-    result.flux = dr.select(found, flux, 0)
+    result.flux = dr.select(beside, flux, 0)
     result.medium = world.medium_of_view(result.origin, result.direction)
     result.offset, result.reach = Float(begin), paths.reach - begin
     dr.eval(result, found)
-    return result, found & (dr.max(result.flux) > 0)
+    lit = beside & (dr.max(result.flux) > 0)
+    return result, lit & found, lit & ~found
+
+
+def _along(paths: LightPaths, steps: Steps, flux: Array3f, medium: UInt32, box: Box) -> Segments:
+    """Return short segments in the middle of a medium's box, from which beams reach as far as the box does."""
+    result, (low, high) = copy(steps[0][0]), (opaque(each) for each in box)
+    middle = dr.dot(0.5 * (low + high) - paths.origin, paths.direction)
+    result.offset = dr.clip(middle, 0, (1 - _SHORT) * paths.total)
+    result.length = dr.minimum(_SHORT * dr.norm(high - low), paths.total - result.offset)
+    result.origin, result.width = dr.fma(paths.direction, result.offset, paths.origin), paths.width.later(result.offset)
+    result.flux, result.medium = flux, medium + dr.zeros(UInt32, dr.width(paths.number))
+    result.slant, result.slant_end = (dr.full(Float, AS_FAR, dr.width(paths.number)) for _ in range(2))
+    result.room, result.room_end = (dr.full(Float, dr.inf, dr.width(paths.number)) for _ in range(2))
+    return result
 
 
 def _line(

@@ -42,21 +42,21 @@ def narrow(world: StageWorld, paths: LightPaths, scale: Any, halvings: Any, most
     hit = world.solid(paths.origin, paths.direction, alive, hash32(paths.index, paths.key), paths.link)
     met = hit.is_valid()
     paths.total = dr.select(met, hit.t, paths.total)
-    against = dr.select(met, facing(Array3f(hit.n), paths.direction), -paths.direction)
+    paths.against = dr.select(met, facing(Array3f(hit.n), paths.direction), -paths.direction)
     begin = dr.select(paths.portal < paths.total, paths.portal, 0)
     radius = paths.width(paths.total) * scale
-    dr.eval(paths.total, against, begin, radius)
+    dr.eval(paths.total, paths.against, begin, radius)
     least = dr.exp2(-Float(halvings))
     for number in range(2 * most + 1 if most else 0):
         tried = alive & (paths.narrow > least)
         ring, factor = (dr.opaque(Float, each) for each in (_FARTHEST * 2 ** (-number / 2), 2 ** (-number / 2 - 0.25)))
-        clear = _clear(world, paths, begin, against, radius * ring, tried)
+        clear = _clear(world, paths, begin, radius * ring, tried)
         paths.narrow = dr.select(dr.isfinite(clear), dr.maximum(factor, least), paths.narrow)
         paths.clear = dr.minimum(paths.clear, clear)
         dr.eval(paths.narrow, paths.clear)
 
 
-def _clear(world: StageWorld, paths: LightPaths, begin: Float, against: Array3f, at_end: Float, active: Bool) -> Float:
+def _clear(world: StageWorld, paths: LightPaths, begin: Float, at_end: Float, active: Bool) -> Float:
     """Return the distance along beams at which rays to the rim's end first meet a surface that does not stop the axis.
 
     It is infinite where none is met. The rays begin on the axis, not on the rim: beside a portal's edge the rim begins
@@ -72,8 +72,8 @@ def _clear(world: StageWorld, paths: LightPaths, begin: Float, against: Array3f,
         ray = end + at_end * side - start
         length = dr.norm(ray)
         ray *= dr.rcp(length)
-        facing = dr.dot(ray, against)
-        plane = dr.dot(end - start, against) / dr.minimum(facing, -1e-3)
+        facing = dr.dot(ray, paths.against)
+        plane = dr.dot(end - start, paths.against) / dr.minimum(facing, -1e-3)
         reach = dr.minimum(plane, length + at_end) - _SLACK * at_end
         clear = world.clear(start, ray, reach, active & (reach > 0), seed, paths.link)
         result = dr.minimum(result, begin + clear * dr.dot(ray, paths.direction))

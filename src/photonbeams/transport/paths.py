@@ -19,7 +19,7 @@ from ..numerics.arrays import compressed, indices, joined, to_float, unaliased
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.interfaces import is_left, pointers
+from ..world.interfaces import is_left, pointers, resumes
 from ..world.spectra import rgb
 from ..world.stage_world import StageWorld
 from ..world.warp import facing
@@ -42,7 +42,7 @@ from .interactions import (
 )
 from .narrowing import narrow
 from .radii import Width, width
-from .records import LightPaths, PhotonHits, Segments
+from .records import LightPaths, PhotonHits, Segments, tangent
 from .splitting import continued, divisible, split
 
 mi = mitsuba()
@@ -56,6 +56,9 @@ _BRIGHTEST = 8.0
 # Factor on the radius of photons whose paths were scattered at random: see `_photon_hits`.
 _DOZEN = 3.0
 
+# Tangent of the slant of light that reaches on beyond a boundary as far as there is room.
+AS_FAR = 1e6
+
 # Number of steps after which mirrors and lenses end ray differentials: light that is still specular then is faint.
 _COHERENT = 8
 
@@ -66,7 +69,7 @@ _LAST, _TOGETHER, _LATE = 1024, 64, 12
 
 # Fields that identify a path, and fields about its lamp: most steps leave them as they are.
 _NAMES = ("number", "index", "key", "source")
-_STRAIGHT = ("portal", "total", "narrow", "clear")
+_STRAIGHT = ("portal", "total", "against", "narrow", "clear")
 
 
 @dataclass(frozen=True)
@@ -159,6 +162,7 @@ def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
     paths.initial = dr.max(paths.flux)
     # For looks, light ends at the bounds.
     paths.total, paths.reach = paths.reach, tracing.escape(paths, paths.reach)
+    paths.against = -paths.direction
     across = tracing.world.bounds.beyond(paths.origin, paths.direction)
     overlap = dr.opaque(Float, tracing.overlap)
     paths.width = width(paths.differentials, paths.direction, across, paths.count, overlap, paths.portal)
@@ -226,6 +230,8 @@ def _step(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
     """Take one step of all paths; return segments, photons and continued paths, each followed by its mask."""
     stream = hash32(paths.key, dr.opaque(UInt32, step), paths.branch, paths.part)
     segments, in_medium, hits, on_surface, following, going, bent, width_there = _stepped(tracing, paths, stream)
+    if tracing.world.hollow:
+        _reach_on(tracing.world, segments, paths.straight)
     dr.eval(segments, in_medium, hits, on_surface, following, going, bent, width_there)
     if step < _COHERENT:
         _carry(tracing, paths, following, bent, stream)
@@ -312,7 +318,7 @@ def _following(
     following.depth = paths.depth + dr.select(passes, 0, 1)
     following.medium = dr.select(interaction.on_surface, scatter.medium, paths.medium)
     enters = interaction.on_surface & (following.medium != paths.medium)
-    following.slant = dr.select(enters, _tangent(interaction.hit.n, following.direction), 0)
+    following.slant = dr.select(enters, tangent(interaction.hit.n, following.direction), 0)
     following.straight = paths.straight & passes
     following.coherent = paths.coherent & (interaction.tinted | (interaction.on_surface & scatter.delta))
     for name in (*_NAMES, *_STRAIGHT, "count", "part"):
@@ -427,7 +433,8 @@ def _segments(tracing: Tracing, paths: LightPaths, interaction: Interaction) -> 
     ends = interaction.valid & (interaction.on_surface | ~short)
     result.normal = dr.select(ends, facing(normal, paths.direction), -paths.direction)
     leaves = ends & is_left(interaction.hit, paths.direction, paths.medium)
-    result.slant, result.slant_end = paths.slant, dr.select(leaves, _tangent(normal, paths.direction), 0)
+    result.room = result.room_end = dr.full(Float, dr.inf, dr.width(paths.number))
+    result.slant, result.slant_end = paths.slant, dr.select(leaves, tangent(normal, paths.direction), 0)
     result.medium, result.depth, result.offset = paths.medium, paths.depth, paths.offset
     for name in (*_NAMES, *_STRAIGHT):
         setattr(result, name, getattr(paths, name))
@@ -438,10 +445,23 @@ def _segments(tracing: Tracing, paths: LightPaths, interaction: Interaction) -> 
     return result
 
 
-def _tangent(normal: Any, direction: Any) -> Float:
-    """Return the tangent of the angle between a ray and a surface's normal."""
-    cosine2 = dr.square(dr.dot(Array3f(normal), direction))
-    return dr.safe_sqrt((1 - cosine2) * dr.rcp(dr.maximum(cosine2, 1e-6)))
+def _reach_on(world: World, segments: Segments, straight: Bool) -> None:
+    """Let light straight from its lamp reach on beyond its segments in hollow media, up to the middles of the gaps.
+
+    Where the axis of a beam has left such a medium, its rim may still be in it, or may be in it again.
+    """
+    hollow = dr.zeros(Bool, dr.width(segments.length))
+    for each in world.hollow:
+        hollow |= segments.medium == dr.opaque(UInt32, each)
+    tried, plugin = straight & hollow & (segments.length > 0), world.without_surfaces().plugin
+    half = 0.5 * dr.minimum(segments.length, world.radius)
+    for sign, slant, room in ((-1, "slant", "room"), (1, "slant_end", "room_end")):
+        at = half if sign < 0 else segments.length - half
+        begin = dr.fma(segments.direction, at, segments.origin)
+        open_ = tried & (getattr(segments, slant) > 0)
+        gap = resumes(plugin, begin, sign * segments.direction, segments.medium, open_, world.size) - half
+        setattr(segments, room, dr.select(open_, dr.maximum(0.5 * gap, 0), dr.inf))
+        setattr(segments, slant, dr.select(open_, AS_FAR, getattr(segments, slant)))
 
 
 def _photon_hits(paths: LightPaths, interaction: Interaction, across: Width) -> PhotonHits:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import drjit as dr
+
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from .differentials import RayDifferentials
@@ -39,6 +43,8 @@ class LightPaths(Struct):
     offset, portal, total
         For light straight from a lamp: its distance from the lamp; the portal's distance from the lamp, or infinity;
         and the distance from the lamp to the surface that stops it.
+    against
+        The normal of that surface, toward the light, or the direction to the lamp.
     narrow, clear
         A factor on its radius, and the distance from the lamp at which it begins to apply: where the first surface is
         that blocks the rim. Light that was scattered has it all along.
@@ -71,6 +77,7 @@ class LightPaths(Struct):
     offset: Float
     portal: Float
     total: Float
+    against: Array3f
     narrow: Float
     clear: Float
     width: Width
@@ -81,7 +88,8 @@ class Segments(Struct):
     """Segments of light paths, with the `flux` at the start, and the `length`, `width` and `normal` at the end.
 
     `slant_end` is the tangent of the angle to the boundary's normal where light leaves the medium, else 0. Other
-    attributes are those of `LightPaths`.
+    attributes are those of `LightPaths`. `room` and `room_end` say how far light straight from its lamp may reach
+    before the start and beyond the end: no further than where another segment of the path in the medium does.
     """
 
     origin: Array3f
@@ -99,10 +107,13 @@ class Segments(Struct):
     offset: Float
     portal: Float
     total: Float
+    against: Array3f
     narrow: Float
     clear: Float
     slant: Float
     slant_end: Float
+    room: Float
+    room_end: Float
 
 
 class PhotonHits(Struct):
@@ -117,3 +128,9 @@ class PhotonHits(Struct):
     depth: UInt32
     number: UInt32
     source: UInt32
+
+
+def tangent(normal: Any, direction: Any) -> Float:
+    """Return the tangent of the angle between a ray and a surface's normal."""
+    cosine2 = dr.square(dr.dot(Array3f(normal), direction))
+    return dr.safe_sqrt((1 - cosine2) * dr.rcp(dr.maximum(cosine2, 1e-6)))

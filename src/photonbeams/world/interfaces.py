@@ -159,6 +159,26 @@ def _unit(seed: UInt32) -> Array3f:
     return Array3f(across * cosine, across * sine, z)
 
 
+def resumes(plugin: Any, origin: Array3f, direction: Array3f, medium: UInt32, active: Bool, size: Float) -> Float:
+    """Return the distance along rays at which a medium begins again behind a boundary; infinite where it does not.
+
+    `plugin` has boundaries alone, and `size` is the scene's diameter.
+    """
+
+    def further(here: Array3f, distance: Float, layer: UInt32, going: Bool) -> tuple[Any, ...]:
+        hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(here), mi.Vector3f(direction)), going)
+        going = going & hit.is_valid()
+        found = going & (numbers(hit.target_medium(mi.Vector3f(direction))) == medium)
+        distance = dr.select(found, dr.dot(Array3f(hit.p) - origin, direction), distance)
+        going = going & ~found
+        here = dr.select(going, leaving(hit, direction, size), here)
+        return here, distance, layer + 1, going
+
+    width = dr.width(origin)
+    state = Array3f(origin), dr.full(Float, dr.inf, width), dr.zeros(UInt32, width), Bool(active)
+    return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="resumes")[1]
+
+
 def medium_ahead(plugin: Any, origin: Array3f, direction: Array3f, active: Bool, size: Float) -> UInt32:
     """Return the medium that the next interface along rays names on its near side, by number; 0 if there is none.
 

@@ -26,6 +26,8 @@ Part = scene.Medium | scene.Mesh
 _POINTS, _INSIDE = 64, 1e-4
 # A boundary overlaps another medium if more than this fraction of its points lie inside, and more than this outside.
 _OVERLAP = 0.02
+# The fraction of its convex hull that a convex mesh fills at least: faces of round ones may be bent by rounding.
+_CONVEX = 0.999
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,18 @@ def around_glass(
         if found is not None:
             result[each.name] = found
     return result
+
+
+def is_convex(boundary: scene.Mesh | None) -> bool:
+    """Return whether a closed mesh is convex, as all of space is: whether it fills its convex hull."""
+    if boundary is None or len(boundary.points) < 5:
+        return True
+    from scipy.spatial import ConvexHull, QhullError  # takes long to import
+
+    try:
+        return boundary.volume > _CONVEX * float(ConvexHull(boundary.points).volume)
+    except QhullError:  # it is flat
+        return True
 
 
 def _plugin(medium: scene.Medium) -> Any:

@@ -30,7 +30,7 @@ from .shadow_rays import gap_at, size_of
 from .shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
 from .sources import Source
 from .stage_lamps import Lamps, LinkKey, Links, shape_number
-from .stage_media import around_glass, media_of
+from .stage_media import around_glass, is_convex, media_of
 from .visibility import through
 from .world import World, by_link, translucent
 
@@ -90,6 +90,7 @@ class StageWorld(World):
     boundaries: tuple[Any, ...]
     around: Any
     boxes: dict[int, Box]
+    hollow: frozenset[int]
     lights: tuple[Light, ...]
     portals: dict[str, Portal]
     images: Images
@@ -166,6 +167,7 @@ class StageWorld(World):
             boundaries=boundaries,
             around=content.around,
             boxes=content.boxes,
+            hollow=content.hollow,
             glass=glass,
             outside=content.outside,
             blockers=_blockers(description, host, meshes, shapes, like.blockers if like is not None and still else {}),
@@ -489,6 +491,7 @@ class _Media:
     boundaries: tuple[Any, ...]
     around: Any
     boxes: dict[int, Box]
+    hollow: frozenset[int]
     outside: Mapping[str, Any]
 
     @classmethod
@@ -497,7 +500,7 @@ class _Media:
     ) -> _Media:  # fmt: skip
         """Return the media of a scene; those of a world of the same shot if it has the same media and glass."""
         if like is not None and _same(like.description.media, description.media) and _same(like.glass, glass):
-            return cls(like.media, like.boundaries, like.around, like.boxes, like.outside)
+            return cls(like.media, like.boundaries, like.around, like.boxes, like.hollow, like.outside)
         known = {} if like is None else {id(each): like.media.all[place].plugin for place, each in enumerate(
             like.description.media)}  # fmt: skip
         solids = [each.solid() for each in glass]
@@ -520,4 +523,8 @@ class _Media:
         media = Media(
             [each.plugin for each in built], several, filling=filling, clear=True, unfelt=unfelt, emission=emission
         )
-        return cls(media, boundaries, around, boxes, outside)
+        outer = {each.shape.exterior_medium() for each in built if each.shape is not None} | set(outside.values())
+        hollow = frozenset(
+            number(each.plugin) for each in built if each.plugin in outer or not is_convex(each.medium.boundary)
+        )
+        return cls(media, boundaries, around, boxes, hollow, outside)
