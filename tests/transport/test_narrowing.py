@@ -51,14 +51,15 @@ def test_no_line_runs_along_a_shaft_to_a_silhouette(kind, blocker):
 def test_light_beside_a_shadow_is_even_up_to_half_a_radius_from_its_edge():
     """The edge is soft by half of a radius; neither a halo nor a bright line runs along it.
 
-    Eight passes at twelve places give the mean of a point to 2 %. If the radii of beams changed within one radius, the
-    light would be 0.82 to 1.23 of what it should be.
+    Radii that grow from a half to one between two and four radii from the edge make light there 0.96 to 1.05 of what it
+    should be. If all changed in the same steps, it would be 0.92 to 1.08, and within one radius, 0.82 to 1.23. Eight
+    passes at twelve places give the mean of a point to 2 %.
     """
     light, fog, bounds = scene.SphereLight("/l", 1.0, center=LAMP), scene.Medium(1e-6), (np.zeros(3), 6.0)
     towards = EDGE - LAMP
     across = np.cross(towards, [0.0, 0.0, 1.0]) / np.linalg.norm(towards)
     places = [[0, 0, z] for z in np.linspace(-0.6, 0.6, 12)]
-    offsets = np.linspace(-0.3, 0.2, 21)
+    offsets = np.linspace(-0.7, 0.2, 31)
     points = (LAMP + 1.5 * towards + offsets[:, None, None] * across + places).reshape(-1, 3)
 
     def profile(*meshes):
@@ -71,5 +72,5 @@ def test_light_beside_a_shadow_is_even_up_to_half_a_radius_from_its_edge():
 
     radius = 0.16  # of beams at the points
     ratio = profile(GROUND) / profile()
-    assert ratio[offsets < -0.6 * radius] == pytest.approx(1, abs=0.1)
+    assert ratio[offsets < -0.6 * radius] == pytest.approx(1, abs=0.07)
     assert np.all(ratio[offsets > 0.6 * radius] < 0.02)

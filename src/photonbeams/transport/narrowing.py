@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.hashing import hash32
-from ..runtime.device import Array3f, Bool, Float
+from ..numerics.hashing import hash32, unit_float
+from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.stage_world import StageWorld
 from ..world.warp import facing, perpendicular
 
@@ -24,6 +24,9 @@ _RIM = 6  # rays that test a beam's rim for surfaces
 # Beams are narrower the nearer they are to a surface that blocks others, from so many radii on. If their radii changed
 # within one radius, light would be missing beside a shadow's edge, and lie between there and the edge.
 _FARTHEST = 4.0
+# A beam that a surface is within a ring of, but not of the next one, is this part of a quarter of the ring's radius
+# wide. The rings of each beam are others (part of the seed): where all radii changed at once, there would be a line.
+_WITHIN, _RINGS = 2**-0.25, 0x51
 _SLACK = 0.25  # radii by which the rim may stop before the plane where the axis ended: surfaces are curved
 
 
@@ -47,11 +50,12 @@ def narrow(world: StageWorld, paths: LightPaths, scale: Any, halvings: Any, most
     radius = paths.width(paths.total) * scale
     dr.eval(paths.total, paths.against, begin, radius)
     least = dr.exp2(-Float(halvings))
+    nearer = dr.exp2(-0.5 * unit_float(hash32(paths.index, paths.key, UInt32(_RINGS))))
     for number in range(2 * most + 1 if most else 0):
         tried = alive & (paths.narrow > least)
-        ring, factor = (dr.opaque(Float, each) for each in (_FARTHEST * 2 ** (-number / 2), 2 ** (-number / 2 - 0.25)))
-        clear = _clear(world, paths, begin, radius * ring, tried)
-        paths.narrow = dr.select(dr.isfinite(clear), dr.maximum(factor, least), paths.narrow)
+        part = nearer * dr.opaque(Float, 2 ** (-number / 2))
+        clear = _clear(world, paths, begin, radius * _FARTHEST * part, tried)
+        paths.narrow = dr.select(dr.isfinite(clear), dr.maximum(_WITHIN * part, least), paths.narrow)
         paths.clear = dr.minimum(paths.clear, clear)
         dr.eval(paths.narrow, paths.clear)
 
