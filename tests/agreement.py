@@ -20,7 +20,8 @@ def means(pictures: np.ndarray, size: int = 4) -> Means:
     """Return the means over square blocks of pixels, and over all pixels, of pictures (seeds, H, W, 3).
 
     The variance of a block's mean comes from the seeds. Few seeds estimate it badly, so the variance relative to the
-    squared mean is at least its median over all blocks with light.
+    squared mean is at least its median over all blocks with light. Relative to the mean it is at least as for all blocks
+    together: a dim block has light of few beams, whose number varies by its root.
     """
     seeds, height, width, channels = pictures.shape
     cut = pictures[:, : height // size * size, : width // size * size].astype(np.float64)
@@ -30,7 +31,8 @@ def means(pictures: np.ndarray, size: int = 4) -> Means:
     variance = blocks.var(axis=0, ddof=1) / seeds
     relative = np.where(center > 0, variance / np.maximum(center, 1e-12) ** 2, np.nan)
     usual = np.nan_to_num(np.nanmedian(relative, axis=0))
-    errors = np.sqrt(np.maximum(variance, usual * center**2))
+    counted = variance.sum(axis=0) / np.maximum(center.sum(axis=0), 1e-30)
+    errors = np.sqrt(np.maximum(variance, np.maximum(usual * center**2, counted * center)))
     return Means(center, errors, whole.mean(axis=0), whole.std(axis=0, ddof=1) / np.sqrt(seeds))
 
 
