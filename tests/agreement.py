@@ -20,8 +20,8 @@ def means(pictures: np.ndarray, size: int = 4) -> Means:
     """Return the means over square blocks of pixels, and over all pixels, of pictures (seeds, H, W, 3).
 
     The variance of a block's mean comes from the seeds. Few seeds estimate it badly, so the variance relative to the
-    squared mean is at least its median over all blocks with light. Relative to the mean it is at least as for all blocks
-    together: a dim block has light of few beams, whose number varies by its root.
+    squared mean is at least its median over all blocks with light. Relative to the mean it is at least that of all
+    blocks together: a dim block has light of few beams, whose number varies by its root.
     """
     seeds, height, width, channels = pictures.shape
     cut = pictures[:, : height // size * size, : width // size * size].astype(np.float64)
