@@ -26,7 +26,7 @@ from ..world.bounds import Box
 from ..world.interfaces import numbers
 from ..world.shadow_rays import leaving
 from ..world.warp import perpendicular
-from .paths import AS_FAR, Tracing, straight
+from .paths import AS_FAR, Last, Tracing, straight
 from .radii import Limits
 from .records import LightPaths, Segments
 
@@ -57,9 +57,20 @@ RadiusAt = Callable[[Any], Any]
 Steps = Sequence[tuple[Segments, Bool]]
 
 
-def unscattered(tracing: Tracing, paths: LightPaths) -> Steps:
-    """Return the segments of light straight from a lamp, in media and between them."""
-    return list(straight(replace(tracing, max_bounces=0, openings=None), copy(paths)))
+def unscattered(tracing: Tracing, paths: LightPaths, last: Last | None = None) -> Steps:
+    """Return the segments of light straight from a lamp, in media and between them, up to the `last` of each path."""
+    return list(straight(replace(tracing, max_bounces=0, openings=None), copy(paths), last))
+
+
+def entering(medium: int) -> Last:
+    """Return a function that says which segments are in a medium."""
+    own = dr.opaque(UInt32, medium)
+    return lambda segments, following: segments.medium == own
+
+
+def _leaving(medium: UInt32) -> Last:
+    """Return a function that says which segments are the last in a medium."""
+    return lambda segments, following: (segments.medium == medium) & (following.medium != medium)
 
 
 def fringe(
@@ -70,7 +81,7 @@ def fringe(
     Parameters
     ----------
     paths, steps
-        Light paths as they leave their lamps, and their `unscattered` segments.
+        Light paths as they leave their lamps, and their `unscattered` segments; of paths that meet the medium, some.
     number, box
         The medium's number, and the box around it.
     limits
@@ -92,7 +103,8 @@ def fringe(
         return
     if hollow:
         yield _along(paths, steps, shifted.flux, medium, box), grazing
-    for segments, there in unscattered(tracing, shifted):
+    shifted.initial = dr.select(found, shifted.initial, 0)
+    for segments, there in unscattered(tracing, shifted, None if hollow else _leaving(medium)):
         inside = there & found & (segments.medium == medium) & (segments.length > 0)
         yield _on_axis(paths, segments), inside & (segments.offset < paths.total)
 

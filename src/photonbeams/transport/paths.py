@@ -8,7 +8,7 @@ by phase functions and BSDFs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,6 +70,9 @@ _LAST, _TOGETHER, _LATE = 1024, 64, 12
 # Fields that identify a path, and fields about its lamp: most steps leave them as they are.
 _NAMES = ("number", "index", "key", "source")
 _STRAIGHT = ("portal", "total", "against", "narrow", "clear")
+
+#: Returns which segments are the last that matter of their paths, which are given as they go on.
+Last = Callable[[Segments, LightPaths], Bool]
 
 
 @dataclass(frozen=True)
@@ -191,11 +194,11 @@ def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments
         paths = kept(going, following)
 
 
-def straight(tracing: Tracing, paths: LightPaths) -> Iterator[tuple[Segments, Bool]]:
+def straight(tracing: Tracing, paths: LightPaths, last: Last | None = None) -> Iterator[tuple[Segments, Bool]]:
     """Yield segments of light straight from its lamp, step by step, and which lanes have one.
 
     In empty space there are segments, too, whose length is 0 if they end nowhere. Paths keep their lanes, so they can
-    be paired with the same paths at another time. The segments are those of `trace`.
+    be paired with the same paths at another time. The segments are those of `trace`, up to the `last` of each path.
     """
     step, alive = 0, paths.initial > 0
     while True:
@@ -203,6 +206,8 @@ def straight(tracing: Tracing, paths: LightPaths) -> Iterator[tuple[Segments, Bo
         segments, _, _, _, following, going = _step(tracing, paths, step)
         yield segments, alive & (dr.max(paths.flux) > 0)
         alive = alive & going
+        if last is not None:
+            alive &= ~last(segments, following)
         if not bool(dr.any(alive)):
             return
         following.flux = dr.select(alive, following.flux, 0)

@@ -28,7 +28,7 @@ from .beams import Cutting, Moments, moving_sets, sets_of
 from .connections import Connections
 from .emission import Emission, Emitted, Stratum, probed_flux
 from .fitted_portals import Opening, parted
-from .fringes import Steps, fringe, unscattered
+from .fringes import Steps, entering, fringe, unscattered
 from .guiding import GuidingMap
 from .importance import CameraImportance, Sightings
 from .lamps import (
@@ -248,7 +248,8 @@ class Simulation:
         if begun is None or not self.world.boxes:
             return
         tracing = self.tracing(number)
-        straight = unscattered(tracing, begun)
+        only = next(iter(self.world.boxes)) if len(self.world.boxes) == 1 else None
+        straight = unscattered(tracing, begun, None if only is None else entering(only))
         for medium in self.world.boxes:
             for step, (segments, there) in enumerate(self._fringe(tracing, begun, straight, number, medium, medium)):
                 yield (medium, step), paths.kept(there, segments)
