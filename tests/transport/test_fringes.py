@@ -129,7 +129,7 @@ def test_a_lamp_that_moves_has_the_beams_beside_a_fog_of_one_that_stands_still()
     assert all(each.close is not None for each in moving)
 
 
-def hollow(shape, rng, scale, place):
+def reentrant(shape, rng, scale, place):
     """Return a fog that lines leave and enter again, media with it, and points of it, (N, 3)."""
     half = scale * 10 ** rng.uniform(-0.3, 0.3, 3)
     whole = box("/fog", place - half, place + half)
@@ -159,7 +159,7 @@ def test_fluence_is_right_in_fogs_that_lines_leave_and_enter_again(shape):
     for kind in ("point", "rectangle", "disk", "60"):
         scale = 10 ** rng.uniform(-2, 2)
         place = scale * rng.uniform(-30, 30, 3)
-        fog, media, points = hollow(shape, rng, scale, place)
+        fog, media, points = reentrant(shape, rng, scale, place)
         center = place + scale * (4 + 2 * rng.random()) * unit(rng)
         light, fluence_at = lamp(kind, center, 0.5 * scale, rng, place)
         world = StageWorld.build(scene.Scene(lights=[light], media=media))

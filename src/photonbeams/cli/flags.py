@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import typer
@@ -115,9 +115,8 @@ def check_flags(
     from ..quadrature import MOST_POINTS
     from ..scene import MOST_BEAMS, MOST_PIXELS
 
-    x0, y0, x1, y1 = crop or (0.0, 0.0, 1.0, 1.0)
-    least, most = (-sys.float_info.max, sys.float_info.max) if overscan else (0, 1)
-    window = least <= x0 < x1 <= most and least <= y0 < y1 <= most
+    x0, y0, x1, y1 = sides = crop or (0.0, 0.0, 1.0, 1.0)
+    window = x0 < x1 and y0 < y1 and all(isfinite(each) if overscan else 0 <= each <= 1 for each in sides)
     bounds = "x0 < x1 and y0 < y1" if overscan else "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"
     checks = (
         (

@@ -65,7 +65,7 @@ class Cutting:
         The greatest radius of beams in a grid, in free paths at the beam.
     box
         The box around the medium, if light straight from lamps also makes beams beside it (see `fringes`).
-    hollow
+    reentrant
         Whether a line may leave the medium and enter it again.
     longest
         Length of straight light from which on the greatest radius grows in proportion (opaque); None: it never does.
@@ -79,7 +79,7 @@ class Cutting:
     short: bool
     free_paths: float = np.inf
     box: Box | None = None
-    hollow: bool = False
+    reentrant: bool = False
     longest: Any = None
 
     def own(self, segments: Segments) -> Bool:
@@ -91,7 +91,7 @@ class Cutting:
     def fitted(self, world: World, segments: Segments) -> Segments:
         """Return segments fitted into the medium: narrower or reflected, with flux corrected for what lies outside."""
         # `narrowing` has already narrowed the light straight from lamps, and `fringes` has what lies beside the medium.
-        whole = self.straight is not self.limits or self.box is not None or self.hollow
+        whole = self.straight is not self.limits or self.box is not None or self.reentrant
         tried = segments.depth > 0 if whole else Bool(True)
         result = copy(segments)
         fine = self._fine(segments, tried)
@@ -173,7 +173,7 @@ class Cutting:
             for slant, radius in ((segments.slant, first), (segments.slant_end, last))
         )
         plane = dr.select(end > 0, -segments.direction, segments.normal)
-        if self.box is None and not self.hollow:
+        if self.box is None and not self.reentrant:
             return dr.select(segments.depth == 0, dr.minimum(lead, segments.offset), lead), end, plane
         # Light straight from a lamp, which does not begin before it, and ends at the surface that its axis meets. Along
         # a boundary, beams reach as far as the medium does.

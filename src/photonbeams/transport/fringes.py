@@ -21,10 +21,9 @@ import drjit as dr
 import numpy as np
 
 from ..numerics.arrays import opaque
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.bounds import Box
-from ..world.interfaces import numbers
-from ..world.shadow_rays import leaving
+from ..world.interfaces import distance_to_medium
 from ..world.warp import perpendicular
 from .paths import AS_FAR, Last, Tracing, straight
 from .radii import Limits
@@ -33,18 +32,15 @@ from .records import LightPaths, Segments
 if TYPE_CHECKING:
     from ..world.world import World
 
-mi = mitsuba()
-
-# Steps of the bisection that finds the point of a box nearest to an axis, and most boundaries that a line may pass
-# before it enters the medium.
-_STEPS, _LAYERS = 24, 16
+# Steps of the bisection that finds the point of a box nearest to an axis.
+_STEPS = 24
 
 # Lines that are tried one after the other: whether they lie toward the nearest point of the medium's box or toward its
 # center, and how far, as a fraction of the way that the beam covers there. The first suits boxes, the others what
 # fills its box only in part.
 _LINES = ((True, 0.4), (False, 0.6), (False, 0.95))
 
-# Places in radii from the axis of further lines, which are tried for hollow media.
+# Places in radii from the axis of further lines, which are tried for re-entrant media.
 _TURNS = np.arange(8) * (np.pi / 4)
 _MORE_LINES = tuple((float(part * np.cos(each)), float(part * np.sin(each))) for part in (0.75, 0.4) for each in _TURNS)
 
@@ -74,7 +70,7 @@ def _leaving(medium: UInt32) -> Last:
 
 
 def fringe(
-    tracing: Tracing, paths: LightPaths, steps: Steps, number: int, box: Box, limits: Limits, hollow: bool = False
+    tracing: Tracing, paths: LightPaths, steps: Steps, number: int, box: Box, limits: Limits, reentrant: bool = False
 ) -> Iterator[tuple[Segments, Bool]]:
     """Yield segments of light straight from a lamp that passes beside a medium, and which lanes have one.
 
@@ -86,7 +82,7 @@ def fringe(
         The medium's number, and the box around it.
     limits
         The bounds of radii.
-    hollow
+    reentrant
         Whether a line may leave the medium and enter it again. More lines are tried then, and a beam of which none is
         in the medium has its light all along.
     """
@@ -98,13 +94,13 @@ def fringe(
     beside = paths.initial > 0
     for segments, there in steps:
         beside &= ~(there & (segments.medium == medium))
-    shifted, found, grazing = _shifted(tracing.world, paths, steps, beside, medium, box, radius, hollow)
+    shifted, found, grazing = _shifted(tracing.world, paths, steps, beside, medium, box, radius, reentrant)
     if not bool(dr.any(found | grazing)):
         return
-    if hollow:
+    if reentrant:
         yield _along(paths, steps, shifted.flux, medium, box), grazing
     shifted.initial = dr.select(found, shifted.initial, 0)
-    for segments, there in unscattered(tracing, shifted, None if hollow else _leaving(medium)):
+    for segments, there in unscattered(tracing, shifted, None if reentrant else _leaving(medium)):
         inside = there & found & (segments.medium == medium) & (segments.length > 0)
         yield _on_axis(paths, segments), inside & (segments.offset < paths.total)
 
@@ -124,7 +120,7 @@ def _on_axis(paths: LightPaths, segments: Segments) -> Segments:
 
 def _shifted(
     world: World, paths: LightPaths, steps: Steps, beside: Bool, medium: UInt32, box: Box,
-    radius: RadiusAt, hollow: bool,
+    radius: RadiusAt, reentrant: bool,
 ) -> tuple[LightPaths, Bool, Bool]:  # fmt: skip
     """Return paths along lines through the parts of beams that are in a medium, and which beams have such a part.
 
@@ -156,7 +152,7 @@ def _shifted(
         covered = dr.minimum(part * (widest - apart), inside) + apart if nearest else dr.minimum(part * widest, depth)
         places.append(way * covered * dr.rcp(dr.maximum(widest, 1e-30)))
     across, up = perpendicular(direction)
-    places += [x * across + y * up for x, y in _MORE_LINES] if hollow else []
+    places += [x * across + y * up for x, y in _MORE_LINES] if reentrant else []
     for aside in places:
         start, along = _line(origin, direction, aside, radius, begin, s)
         tried = beside & ~found
@@ -219,17 +215,5 @@ def _nearest(origin: Any, direction: Any, low: Any, high: Any, first: Any, last:
 
 def _enters(world: World, origin: Array3f, direction: Array3f, medium: UInt32, active: Bool) -> Bool:
     """Return which rays meet a boundary behind which a medium begins, or before which it ends."""
-    plugin, size = world.without_surfaces().plugin, world.size
-
-    def further(here: Array3f, found: Bool, layer: UInt32, going: Bool) -> tuple[Any, ...]:
-        hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(here), mi.Vector3f(direction)), going)
-        going = going & hit.is_valid()
-        for way in (direction, -direction):
-            found |= going & (numbers(hit.target_medium(mi.Vector3f(way))) == medium)
-        going = going & ~found
-        here = dr.select(going, leaving(hit, direction, size), here)
-        return here, found, layer + 1, going
-
-    width = dr.width(origin)
-    state = Array3f(origin), dr.zeros(Bool, width), dr.zeros(UInt32, width), Bool(active)
-    return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="fringe")[1]
+    plugin = world.without_surfaces().plugin
+    return dr.isfinite(distance_to_medium(plugin, origin, direction, medium, active, world.size, ends=True))

@@ -38,6 +38,9 @@ _ORDERS = (0, 1), (2, 3), (2, 3, 0, 1)
 #: outside the picture cost little. Most strata of a portal are in the picture.
 ENOUGH, ENOUGH_STRAIGHT, ENOUGH_PORTAL = 0.9, 0.4, 0.1
 
+#: The axes, first children and probabilities of a tree's boxes, level by level.
+Levels = tuple[list[Array], list[Array], list[Array]]
+
 
 @dataclass(frozen=True)
 class GuidingMap:
@@ -124,14 +127,18 @@ def learn(points: Array, weights: Array, stopped: Array | None = None, enough: f
     judge, own = points[1::2], weights[1::2] / weights[1::2].sum()
     cells = {}
     uniform = _UNIFORM if enough >= ENOUGH else _UNIFORM[:1]
-    for way in product(_ORDERS, _LEAST, uniform):
-        stretches = _grown(*_with(points[::2], weights[::2], stopped), *way).stretches(judge)
-        cells[way] = stretches[:, 0::2] * stretches[:, 1::2]
-    rooms = {way: float(own @ each.prod(axis=1)) for way, each in cells.items()}
+    for way in product(_ORDERS, _LEAST):
+        tree = _grown(*_with(points[::2], weights[::2], stopped), *way)
+        for fraction in uniform:
+            stretches = _mapped(tree, fraction).stretches(judge)
+            cells[way, fraction] = stretches[:, 0::2] * stretches[:, 1::2]
+    rooms = {each: float(own @ cell.prod(axis=1)) for each, cell in cells.items()}
     best = min(rooms, key=rooms.__getitem__)
     if not rooms[best] < enough:
         return None
-    return replace(_grown(*_with(points, weights, stopped), *best), widths=np.sqrt(own @ cells[best]))
+    way, fraction = best
+    tree = _grown(*_with(points, weights, stopped), *way)
+    return replace(_mapped(tree, fraction), widths=np.sqrt(own @ cells[best]))
 
 
 def _with(points: Array, weights: Array, stopped: Array | None) -> tuple[Array, Array]:
@@ -142,8 +149,8 @@ def _with(points: Array, weights: Array, stopped: Array | None) -> tuple[Array, 
     return np.concatenate([points, stopped]), np.concatenate([weights, more])
 
 
-def _grown(points: Array, weights: Array, order: Sequence[int], least: int, uniform: float) -> GuidingMap:
-    """Return the map of a tree of boxes, halved along axes in this order while they have `least` samples.
+def _grown(points: Array, weights: Array, order: Sequence[int], least: int) -> Levels:
+    """Return a tree of boxes, halved along axes in this order while they have `least` samples, by levels.
 
     The probabilities of halves are those of a Pólya tree (Lavine 1992), as if each half had a few samples more.
     """
@@ -171,11 +178,12 @@ def _grown(points: Array, weights: Array, order: Sequence[int], least: int, unif
         axes.append(np.full(2 * len(parents), -1))
         lower.append(np.full(2 * len(parents), 0.5))
         children.append(np.zeros(2 * len(parents), dtype=np.int64))
-    return _mapped(axes, children, sums, uniform)
+    return axes, children, sums
 
 
-def _mapped(axes: list[Array], children: list[Array], sums: list[Array], uniform: float) -> GuidingMap:
-    """Return the map of a tree, given by levels: axes, children and probabilities; a fraction stays uniform."""
+def _mapped(tree: Levels, uniform: float) -> GuidingMap:
+    """Return the map of a tree, of which a fraction stays uniform."""
+    axes, children, sums = tree
     child = np.concatenate(children)
     part = np.concatenate(
         [(1 - uniform) * own + uniform * 0.5**level for level, own in enumerate(sums)]

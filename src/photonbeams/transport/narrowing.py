@@ -24,9 +24,10 @@ _RIM = 6  # rays that test a beam's rim for surfaces
 # Beams are narrower the nearer they are to a surface that blocks others, from so many radii on. If their radii changed
 # within one radius, light would be missing beside a shadow's edge, and lie between there and the edge.
 _FARTHEST = 4.0
-# A beam that a surface is within a ring of, but not of the next one, is this part of a quarter of the ring's radius
-# wide. The rings of each beam are others (part of the seed): where all radii changed at once, there would be a line.
-_WITHIN, _RINGS = 2**-0.25, 0x51
+# A beam with a surface within a ring, but not within the next one, is this part of a quarter of the ring's radius wide.
+_WITHIN = 2**-0.25
+# Part of the seed of a beam's rings. If all beams had the same, a line would lie where their radii change.
+_RINGS = 0x51
 _SLACK = 0.25  # radii by which the rim may stop before the plane where the axis ended: surfaces are curved
 
 

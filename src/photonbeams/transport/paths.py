@@ -19,7 +19,7 @@ from ..numerics.arrays import compressed, indices, joined, to_float, unaliased
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.interfaces import is_left, pointers, resumes
+from ..world.interfaces import distance_to_medium, is_left, pointers
 from ..world.spectra import rgb
 from ..world.stage_world import StageWorld
 from ..world.warp import facing
@@ -235,7 +235,7 @@ def _step(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
     """Take one step of all paths; return segments, photons and continued paths, each followed by its mask."""
     stream = hash32(paths.key, dr.opaque(UInt32, step), paths.branch, paths.part)
     segments, in_medium, hits, on_surface, following, going, bent, width_there = _stepped(tracing, paths, stream)
-    if tracing.world.hollow:
+    if tracing.world.reentrant:
         _reach_on(tracing.world, segments, paths.straight)
     dr.eval(segments, in_medium, hits, on_surface, following, going, bent, width_there)
     if step < _COHERENT:
@@ -451,20 +451,20 @@ def _segments(tracing: Tracing, paths: LightPaths, interaction: Interaction) -> 
 
 
 def _reach_on(world: World, segments: Segments, straight: Bool) -> None:
-    """Let light straight from its lamp reach on beyond its segments in hollow media, up to the middles of the gaps.
+    """Let light straight from its lamp reach on beyond its segments in re-entrant media, up to the middles of the gaps.
 
     Where the axis of a beam has left such a medium, its rim may still be in it, or may be in it again.
     """
-    hollow = dr.zeros(Bool, dr.width(segments.length))
-    for each in world.hollow:
-        hollow |= segments.medium == dr.opaque(UInt32, each)
-    tried, plugin = straight & hollow & (segments.length > 0), world.without_surfaces().plugin
+    reentrant = dr.zeros(Bool, dr.width(segments.length))
+    for each in world.reentrant:
+        reentrant |= segments.medium == dr.opaque(UInt32, each)
+    tried, plugin = straight & reentrant & (segments.length > 0), world.without_surfaces().plugin
     half = 0.5 * dr.minimum(segments.length, world.radius)
     for sign, slant, room in ((-1, "slant", "room"), (1, "slant_end", "room_end")):
         at = half if sign < 0 else segments.length - half
         begin = dr.fma(segments.direction, at, segments.origin)
         open_ = tried & (getattr(segments, slant) > 0)
-        gap = resumes(plugin, begin, sign * segments.direction, segments.medium, open_, world.size) - half
+        gap = distance_to_medium(plugin, begin, sign * segments.direction, segments.medium, open_, world.size) - half
         setattr(segments, room, dr.select(open_, dr.maximum(0.5 * gap, 0), dr.inf))
         setattr(segments, slant, dr.select(open_, AS_FAR, getattr(segments, slant)))
 

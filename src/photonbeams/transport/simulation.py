@@ -262,8 +262,8 @@ class Simulation:
         if there not in tracing.world.boxes:
             return iter(())
         limits = self._both_limits(number, rendered)[1]
-        hollow = there in tracing.world.hollow
-        return fringe(tracing, begun, straight, there, tracing.world.boxes[there], limits, hollow)
+        reentrant = there in tracing.world.reentrant
+        return fringe(tracing, begun, straight, there, tracing.world.boxes[there], limits, reentrant)
 
     def guide(self, views: Sequence[Projection]) -> list[Found]:
         """Guide emission toward what the views see, and return what is found out about each stratum."""
@@ -316,7 +316,7 @@ class Simulation:
                 self.tuning.short,
                 free_paths,
                 self.world.boxes.get(medium.number),
-                medium.number in self.world.hollow,
+                medium.number in self.world.reentrant,
                 longest,
             )
             for source in self.sources

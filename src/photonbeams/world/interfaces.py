@@ -159,16 +159,21 @@ def _unit(seed: UInt32) -> Array3f:
     return Array3f(across * cosine, across * sine, z)
 
 
-def resumes(plugin: Any, origin: Array3f, direction: Array3f, medium: UInt32, active: Bool, size: Float) -> Float:
-    """Return the distance along rays at which a medium begins again behind a boundary; infinite where it does not.
+def distance_to_medium(
+    plugin: Any, origin: Array3f, direction: Array3f, medium: UInt32, active: Bool, size: Float, ends: bool = False
+) -> Float:
+    """Return the distance along rays to the first boundary behind which a medium begins; infinite if there is none.
 
-    `plugin` has boundaries alone, and `size` is the scene's diameter.
+    With `ends`, boundaries before which it ends count, too. `plugin` has boundaries alone, and `size` is the scene's
+    diameter.
     """
 
     def further(here: Array3f, distance: Float, layer: UInt32, going: Bool) -> tuple[Any, ...]:
         hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(here), mi.Vector3f(direction)), going)
         going = going & hit.is_valid()
         found = going & (numbers(hit.target_medium(mi.Vector3f(direction))) == medium)
+        if ends:
+            found |= going & (numbers(hit.target_medium(mi.Vector3f(-direction))) == medium)
         distance = dr.select(found, dr.dot(Array3f(hit.p) - origin, direction), distance)
         going = going & ~found
         here = dr.select(going, leaving(hit, direction, size), here)
@@ -176,7 +181,7 @@ def resumes(plugin: Any, origin: Array3f, direction: Array3f, medium: UInt32, ac
 
     width = dr.width(origin)
     state = Array3f(origin), dr.full(Float, dr.inf, width), dr.zeros(UInt32, width), Bool(active)
-    return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="resumes")[1]
+    return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="to medium")[1]
 
 
 def medium_ahead(plugin: Any, origin: Array3f, direction: Array3f, active: Bool, size: Float) -> UInt32:

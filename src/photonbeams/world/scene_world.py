@@ -63,7 +63,7 @@ class SceneWorld(World):
         self.perturbed, self.translucent = perturbs(plugin), translucent(plugin)
         self.mirrors = mirrors(plugin)
         self.surroundings = Surroundings(plugin, self.media, places, eye)
-        self.sizes, self.boxes, self.hollow = self.surroundings.sizes, {}, ()
+        self.sizes, self.boxes, self.reentrant = self.surroundings.sizes, {}, ()
         open_ = [each for each in self.media.all if each.number not in self.sizes and each.tracked is None]
         self.extent = max(self.radius, self.bounds.farthest(ends) if open_ else 0.0)
         self.endless = endless_length(self.extent, open_)

@@ -90,7 +90,7 @@ class StageWorld(World):
     boundaries: tuple[Any, ...]
     around: Any
     boxes: dict[int, Box]
-    hollow: frozenset[int]
+    reentrant: frozenset[int]
     lights: tuple[Light, ...]
     portals: dict[str, Portal]
     images: Images
@@ -167,7 +167,7 @@ class StageWorld(World):
             boundaries=boundaries,
             around=content.around,
             boxes=content.boxes,
-            hollow=content.hollow,
+            reentrant=content.reentrant,
             glass=glass,
             outside=content.outside,
             blockers=_blockers(description, host, meshes, shapes, like.blockers if like is not None and still else {}),
@@ -417,7 +417,7 @@ def _touching(media: Sequence[scene.Medium], surfaces: Any, size: Float) -> bool
     for boundary in (each.boundary for each in media):
         if boundary is None or not len(boundary.faces):
             continue
-        corners = np.asarray(boundary.points, dtype=np.float64)[np.asarray(boundary.faces)]
+        corners = boundary.corners
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         area = np.linalg.norm(across, axis=1)
         if area.sum() > 0:
@@ -491,7 +491,7 @@ class _Media:
     boundaries: tuple[Any, ...]
     around: Any
     boxes: dict[int, Box]
-    hollow: frozenset[int]
+    reentrant: frozenset[int]
     outside: Mapping[str, Any]
 
     @classmethod
@@ -500,7 +500,7 @@ class _Media:
     ) -> _Media:  # fmt: skip
         """Return the media of a scene; those of a world of the same shot if it has the same media and glass."""
         if like is not None and _same(like.description.media, description.media) and _same(like.glass, glass):
-            return cls(like.media, like.boundaries, like.around, like.boxes, like.hollow, like.outside)
+            return cls(like.media, like.boundaries, like.around, like.boxes, like.reentrant, like.outside)
         known = {} if like is None else {id(each): like.media.all[place].plugin for place, each in enumerate(
             like.description.media)}  # fmt: skip
         solids = [each.solid() for each in glass]
@@ -524,7 +524,7 @@ class _Media:
             [each.plugin for each in built], several, filling=filling, clear=True, unfelt=unfelt, emission=emission
         )
         outer = {each.shape.exterior_medium() for each in built if each.shape is not None} | set(outside.values())
-        hollow = frozenset(
+        reentrant = frozenset(
             number(each.plugin) for each in built if each.plugin in outer or not is_convex(each.medium.boundary)
         )
-        return cls(media, boundaries, around, boxes, hollow, outside)
+        return cls(media, boundaries, around, boxes, reentrant, outside)

@@ -49,7 +49,7 @@ class World:
         Whether beams straight from a lamp are narrowed where a surface blocks their rim.
     boxes
         Boxes around media, by number, beside which light straight from lamps makes beams: see `transport.fringes`.
-    hollow
+    reentrant
         Numbers of the media that a line may leave and enter again.
     lit_by_domes
         Numbers of the media that domes light without beams.
@@ -67,7 +67,7 @@ class World:
     cutouts: bool
     perturbed: bool
     boxes: Mapping[int, Box]
-    hollow: Collection[int]
+    reentrant: Collection[int]
     translucent: bool
     mirrors: bool
     narrows: bool
