@@ -138,7 +138,6 @@ class FarmAnimation:
     def _save(self, place: int, sums: FrameSums) -> bool:
         """Write a checkpoint; return whether it could be written."""
         checkpoint = Checkpoint(checkpoint_of(self.todo[place].outputs))
-        checkpoint.development = sums.development
         checkpoint.save(sums)
         return checkpoint.passes > 0
 

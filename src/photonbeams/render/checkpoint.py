@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
-from ..scene import Array, SceneError
+from ..scene import SceneError
 from .frame_sums import FrameSums
 from .sums import ADDING
 
@@ -37,8 +36,6 @@ class Checkpoint:
     ----------
     passes
         Number of passes in the file, if this render wrote it; else 0.
-    development
-        What is needed to develop the sums into a picture, as arrays by name; a shot sets it.
     source
         Returns the sums so far, while a frame is rendered; `accumulate` sets it.
     """
@@ -47,7 +44,6 @@ class Checkpoint:
         if every is not None and not (isinstance(every, int | float) and every > 0):
             raise SceneError(f"every is {every!r}: expected a positive number of seconds, or None")
         self.path, self.every, self.resume, self.passes = Path(path), every, resume, 0
-        self.development: Mapping[str, Array] = {}
         self.source: Callable[[], FrameSums] | None = None
         self._written = time.perf_counter()
 
@@ -94,7 +90,7 @@ class Checkpoint:
             return
         self._written = time.perf_counter()
         try:
-            replace(sums, development=self.development).save(self.path)
+            sums.save(self.path)
         except OSError as error:  # a full disk must not end a long render
             logging.getLogger("photonbeams").warning(
                 "%s: %s; the render goes on without this checkpoint", self.path, error.strerror or error

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import drjit as dr
 import numpy as np
 
 if TYPE_CHECKING:
+    from ..scene import Array
     from .checkpoint import Checkpoint
     from .frame_sums import FrameSums
     from .settings import Settings
@@ -74,6 +75,8 @@ class RunOptions:
         Called at the same times, once there is a pass, with a function that returns the sums so far.
     part
         Which passes are rendered; None: all. Passes that the checkpoint has are not rendered again.
+    development
+        What develops the sums into a picture, as arrays by name; checkpoints contain it.
     kept
         The last frame that was begun, by its content and the planned passes: another part of the same frame reuses its
         world. None: no frame is kept.
@@ -83,6 +86,7 @@ class RunOptions:
     checkpoint: Checkpoint | None = None
     snapshot: Callable[[Callable[[], FrameSums]], None] | None = None
     part: PlannedPasses | None = None
+    development: Mapping[str, Array] = field(default_factory=dict)
     kept: dict[tuple[str, int | None], Accumulating] | None = None
 
     @property
@@ -155,7 +159,7 @@ def accumulate(
     if saved is not None:
         frame.restore(saved)
     if checkpoint is not None:
-        checkpoint.source = frame.sums
+        checkpoint.source = lambda: _developable(frame, run)
     there = [] if saved is None else saved.ranges()
     left = _missing(part.numbers, there)
     while left and not (goal is not None and _good_enough(frame, goal)):
@@ -172,7 +176,7 @@ def accumulate(
         if limit is not None and time.perf_counter() - start > limit:
             break
         if checkpoint is not None and checkpoint.due and left:
-            checkpoint.save(frame.sums())
+            checkpoint.save(_developable(frame, run))
     _tell(frame, run)
     frame.statistics.error = known(frame.error())
     return frame
@@ -231,8 +235,13 @@ def _tell(frame: Accumulating, run: RunOptions) -> None:
             run.snapshot(frame.sums)
     except KeyboardInterrupt:
         if run.checkpoint is not None:
-            run.checkpoint.save(frame.sums())
+            run.checkpoint.save(_developable(frame, run))
         raise
+
+
+def _developable(frame: Accumulating, run: RunOptions) -> FrameSums:
+    """Return the sums so far, with what develops them."""
+    return replace(frame.sums(), development=run.development)
 
 
 def known(error: float) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ..runtime.files import PathLike
 from ..usd.export import write_beams
 from ..usd.header import origin
 from ..usd.motion import Exposure
-from ..usd.stereo import split
+from ..usd.stereo import Stereo, check_stereo, split
 from .shot import Shot
 
 
@@ -40,6 +40,21 @@ class BuiltShot(Shot):
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__
+
+    @property
+    def stage(self) -> NoReturn:  # type: ignore[override]
+        """Raise SceneError: there is no stage."""
+        raise scene.SceneError("the scene was built in Python: it has no stage")
+
+    def time(self, frame: float | None = None) -> NoReturn:
+        """Raise SceneError: time codes are a stage's."""
+        raise scene.SceneError("the scene was built in Python: it has no time codes, only numbers of frames")
+
+    def look_through(self, camera: Any, stereo: Stereo | None = None) -> None:
+        """Change the `camera` and its eyes, `stereo`."""
+        check_stereo(stereo)
+        self.camera, self.stereo = camera, stereo
+        self._set_content(self.scene)
 
     def _read(self, frame: float | None, base: float | None) -> tuple[scene.Scene, scene.Camera]:
         return self.scene, self.camera

@@ -129,12 +129,11 @@ class FrameRequest:
 
     def run_options(self, development: Development) -> RunOptions:
         """Return how the frame's passes are rendered."""
-        if self.checkpoint is not None:
-            self.checkpoint.development = development.state()
         snapshot = self.snapshot
 
         def told(sums: Callable[[], FrameSums]) -> None:
             assert snapshot is not None
             snapshot(lambda: development.frame(sums()))
 
-        return RunOptions(self.progress, self.checkpoint, told if snapshot else None, self.part, self.kept)
+        state = {} if self.checkpoint is None else development.state()
+        return RunOptions(self.progress, self.checkpoint, told if snapshot else None, self.part, state, self.kept)

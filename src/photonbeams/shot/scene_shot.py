@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn, Unpack
 
 from .. import scene
 from ..images.frame import pixels_of
@@ -19,9 +19,11 @@ from ..runtime.messages import reason
 from ..scene import SceneError
 from ..scene.cameras import CONFORM_POLICIES
 from ..scene.checks import shortened
+from ..usd.export import write_beams
 from ..usd.header import origin
 from ..usd.reading import LOG
 from ..usd.scene_layers import SceneLayers
+from ..usd.stage import check_not_read
 from ..usd.stereo import EYES, Stereo, check_stereo, split, views_of
 from ..usd.warnings import Warnings
 from .old_scenes import version_of
@@ -30,9 +32,11 @@ from .scene_loading import load
 from .shot import Shot
 
 if TYPE_CHECKING:
+    from ..beams.sets import BeamSet
+    from ..images.plates import Holdout, Plate
     from ..looks import Look
     from ..render.frame import FrameRenderer
-    from ..render.settings import Settings
+    from ..render.settings import Settings, SettingsArguments
     from ..world.cameras import Window
     from .development import Development
     from .request import FrameRequest
@@ -194,6 +198,79 @@ class SceneShot(Shot):
             own = Settings(**depths, hide_emitters=bool(getattr(integrator, "hide_emitters", False)))
             LOG.info("%s: its integrator is not photon_beams: only the depths of its paths are used", self.path)
         return replace(own, passes=int(self.sensor.sampler().sample_count()))
+
+    @property
+    def stage(self) -> NoReturn:  # type: ignore[override]
+        """Raise SceneError: there is no stage."""
+        raise self._refusal("a stage")
+
+    def time(self, frame: float | None = None) -> NoReturn:
+        """Raise SceneError: time codes are a stage's."""
+        raise self._refusal("time codes, only numbers of frames")
+
+    def read(self, frame: float | None = None, base: float | None = None) -> NoReturn:
+        """Raise SceneError: the content is Mitsuba's."""
+        raise self._refusal("content in plain numbers, which read returns of stages and of scenes built in Python")
+
+    def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> NoReturn:
+        """Raise SceneError: nothing moves."""
+        raise self._refusal("a shutter, which exposure needs: nothing in it moves")
+
+    def check(self, content: scene.Scene, frame: float | None = None) -> NoReturn:
+        """Raise SceneError: the content is Mitsuba's."""
+        raise self._refusal("content in plain numbers, which check needs; check_scene checks Mitsuba's")
+
+    def prepared(self, request: FrameRequest) -> NoReturn:
+        """Raise SceneError: frames are prepared as they are rendered."""
+        raise self._refusal("frames that are prepared before they are rendered")
+
+    def _refusal(self, lacking: str) -> SceneError:
+        return SceneError(f"{self.path or 'the scene'} is a Mitsuba scene: it has no {lacking.removeprefix('a ')}")
+
+    def cameras(self, frame: float | None = None) -> tuple[scene.Camera, ...]:
+        """Return the sensor as a camera, or the cameras of two eyes; SceneError for a sensor that is no camera."""
+        self.load(frame)
+        return (*self.eyes(),) or (_camera(self.sensor),)
+
+    def viewers(self) -> list[scene.Camera]:
+        """Return the cameras."""
+        return [replace(camera, lens_radius=0.0) for camera in self.cameras()]
+
+    def look_through(self, camera: str | None, stereo: Stereo | None = None) -> None:
+        """Change the `camera`, the id or number of a sensor, and its eyes, `stereo`."""
+        check_stereo(stereo)
+        self.sensor = self.load().sensors()[self._index(camera)]
+        self.camera, self.stereo = camera, stereo
+
+    def resolution(
+        self, width: int | None = None, height: int | None = None, frame: float | None = None,
+        plates: Sequence[Holdout | Plate] = (), view: str | None = None, pixel_aspect: float = 1.0,
+    ) -> tuple[int, int]:  # fmt: skip
+        """Return the width and height of a frame in pixels, as of a stage; without either the film's."""
+        self.load(frame)
+        return self.size(width, height)
+
+    def beams(
+        self, frame: float | None = None, *, view: str | None = None, settings: Settings | None = None,
+        **given: Unpack[SettingsArguments],
+    ) -> list[BeamSet]:  # fmt: skip
+        """Return the beams of a frame's first pass. The light of all emitters is traced, unless `method` says else."""
+        from ..render.scene_frame import Extras, SceneRenderer
+        from ..render.settings import Settings
+
+        own = self._settings(frame) if settings is None else settings
+        chosen = Settings.of(own, {"method": "beams", **given})
+        eyes = [self.eyes()[EYES.index(each)] for each in views_of(self.stereo, view) if each]
+        extras = Extras(self._beams, eyes)
+        return SceneRenderer(self.plugin, self.sensor, chosen, self._warnings.given, extras).simulated(0).sets
+
+    def _check_target(self, path: PathLike) -> None:
+        """Raise SceneError for a file that the scene's layers are read from."""
+        if self._layers is not None:
+            check_not_read(self._layers.stage, path)
+
+    def _write(self, found: list[scene.DrawnBeams], path: PathLike, frame: float | None) -> None:
+        write_beams(found, path)
 
     def size(self, width: int | None = None, height: int | None = None) -> tuple[int, int]:
         """Return the size in pixels: `width` and `height`; a missing one follows from the film, both are the film's."""
