@@ -7,23 +7,17 @@ set.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import wraps
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
-
-from .runtime.device import DeviceError
 
 if TYPE_CHECKING:
     from .render.passes import RunOptions
     from .render.settings import Settings
 
 NAME = "photon_beams"
-
-_CLASS = "PhotonBeams"  # of the plug-in, in each variant
-
-_LOADERS = ("load_dict", "load_file", "load_string")  # of Mitsuba, by which plug-ins are made
 
 _NO_DERIVATIVES = (
     f"{NAME}: a render has no derivatives by the scene's parameters: expected photonbeams.estimate, "
@@ -156,80 +150,16 @@ def announce(_: Any) -> None:
 
 
 def _register(mitsuba: Any, variant: str) -> None:
-    made: list[Any] = []
-    if not hasattr(mitsuba.render, "gives_sentences"):
-        for name in _LOADERS:
-            setattr(mitsuba, name, _loading(getattr(mitsuba, name)))
-        mitsuba.render = mitsuba.util.render = _rendering(mitsuba)
+    made = cache(partial(_integrator, mitsuba, variant))
 
     def make(properties: Any) -> Any:
         if variant not in VARIANTS:
             raise NotOfferedError(
                 f"{NAME}: the variant is {variant}: expected {', '.join(VARIANTS[:-1])} or {VARIANTS[-1]}"
             )
-        if not made:
-            made.append(_integrator(mitsuba, variant))
-        return made[0](properties)
+        return made()(properties)
 
     mitsuba.register_integrator(NAME, make)
-
-
-def _loading(load: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a loader of Mitsuba's that raises this plug-in's errors as sentences, without the traceback in them."""
-
-    @wraps(load)
-    def wrapped(*positional: Any, **named: Any) -> Any:
-        try:
-            return load(*positional, **named)
-        except RuntimeError as error:
-            from .runtime.messages import own_reason
-
-            sentence = own_reason(str(error), NAME)
-            if sentence is None:
-                raise
-        raise RuntimeError(sentence)
-
-    return wrapped
-
-
-def _rendering(mitsuba: Any) -> Callable[..., Any]:
-    """Return `mi.render` so that it raises what an integrator raises, rather than an error of Dr.Jit for all of them.
-
-    Otherwise, Ctrl-C would be a RuntimeError. Derivatives are refused by this integrator's sentence where the caller
-    names no parameters, too.
-    """
-    render = mitsuba.render
-
-    @wraps(render)
-    def wrapped(
-        scene: Any, params: Any = None, sensor: Any = 0, integrator: Any = None, *more: Any, **named: Any
-    ) -> Any:
-        own = scene.integrator() if integrator is None and isinstance(scene, mitsuba.Scene) else integrator
-        if params is None and type(own).__name__ == _CLASS:
-            params = _with_gradients(mitsuba.traverse(scene))
-        try:
-            return render(scene, params, sensor, integrator, *more, **named)
-        except RuntimeError as error:
-            if error.__cause__ is None or not str(error).startswith("drjit.custom("):
-                raise
-            cause = error.__cause__
-        from .scene import SceneError
-
-        sentence = isinstance(cause, SceneError | NotOfferedError | DeviceError)
-        raise cause.with_traceback(None) if sentence else cause
-
-    wrapped.gives_sentences = True  # type: ignore[attr-defined]
-    return wrapped
-
-
-def _with_gradients(parameters: Any) -> Any:
-    """Return a scene's parameters without those that have no gradients."""
-    import drjit as dr
-
-    from .world.parameters import values_of
-
-    parameters.keep([name for name, value in values_of(parameters) if dr.grad_enabled(value)])
-    return parameters
 
 
 def _settings(properties: Any) -> Any:
@@ -295,59 +225,19 @@ def _integrator(mi: Any, variant: str) -> type:
         __doc__ = _DOCUMENTATION
 
         def __init__(self, properties: Any) -> None:
-            settings = _settings(properties)
-            self._layers = _value(properties, "layers", False)
+            renderer = _Renderer(mi, _settings(properties), _value(properties, "layers", False))
             super().__init__(properties)
-            self.settings = settings
-            self._warned: set[str] = set()
-            self._known: tuple[Any, Any] = (None, None)
+            self.settings, self._renderer = renderer.settings, renderer
 
         def aov_names(self) -> list[str]:
             """Return the names of the layers' channels."""
-            return [f"{layer}.{channel}" for layer in ("beams", "surface") for channel in "RGB"] if self._layers else []
+            return self._renderer.channels
 
         def render(
             self, scene: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0, develop: bool = True, evaluate: bool = True
         ) -> Any:
             """Render the scene; `spp` is the number of passes."""
-            device.check_recording()  # first, since garbage that is collected meanwhile would end the process, too
-            import drjit as dr
-
-            from .render.denoising import check_denoiser, denoised
-            from .render.scene_frame import Extras, render
-            from .world.parameters import Parameters
-
-            sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-            settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
-            if settings.denoise:
-                check_denoiser()
-            with dr.suspend_grad():
-                findings = self._findings(scene, sensor)
-                extras = Extras(depth=False, findings=findings)
-                with _bar(settings) as run:
-                    frame = render(scene, sensor, settings, run, warned=self._warned, extras=extras)
-                # Only now: a render turns parameters that were constants into variables.
-                self._known = Parameters(scene, sensor), findings
-                layers = frame.layers()
-                if settings.denoise:
-                    layers = denoised(layers, frame.sums().views[0], {})
-                film = sensor.film()
-                film.prepare(self.aov_names())
-                film.put_block(_block(mi, film, layers, self._layers))
-                if not develop:
-                    return mi.TensorXf()
-                image = film.develop()
-                if evaluate:
-                    dr.eval(image)
-                return image
-
-        def _findings(self, scene: Any, sensor: Any) -> Any:
-            """Return what the pilots found in the last render; nothing where scene or sensor have changed since."""
-            from .render.scene_light import Findings
-            from .world.parameters import Parameters
-
-            known, findings = self._known
-            return findings if known == Parameters(scene, sensor) else Findings()
+            return self._renderer.render(scene, sensor, seed, spp, develop=develop, evaluate=evaluate)
 
         def sample(self, mode: Any, scene: Any, sampler: Any, ray: Any, *_: Any, active: Any = True, **__: Any) -> Any:
             """Return the radiance along rays, for integrators around this one, such as `aov`.
@@ -355,28 +245,7 @@ def _integrator(mi: Any, variant: str) -> type:
             All rays are expected in one call. Each call traces light anew, with a seed from the sampler, in as many
             passes as the sampler has samples per pixel.
             """
-            device.check_recording()
-            import drjit as dr
-            import numpy as np
-
-            from .render.scene_rays import radiance
-
-            if mode != dr.ADMode.Primal:
-                raise NotOfferedError(_NO_DERIVATIVES)
-            if self.settings.denoise or self.settings.error:
-                raise NotOfferedError(
-                    f"{NAME}: denoise and error need the whole picture: expected neither within another integrator"
-                )
-            if dr.flag(dr.JitFlag.SymbolicScope):
-                raise NotOfferedError(
-                    f"{NAME}: sample was called within a recorded loop: expected one call with all rays"
-                )
-            with dr.suspend_grad():
-                seed = int(np.ravel(sampler.next_1d().numpy())[0] * 2**24)
-                settings = replace(self.settings, passes=int(sampler.sample_count()), seed=seed)
-                found = radiance(scene, ray, active, settings, self._warned)
-                layers = [channel for each in found[:2] for channel in each] if self._layers else []
-                return _spectrum(mi, found.beams + found.surface), found.alpha > 0, layers, None
+            return self._renderer.sample(mode, scene, sampler, ray, active)
 
         def render_forward(self, *_: Any, **__: Any) -> Any:
             """Raise NotOfferedError, as `render_backward` does."""
@@ -390,6 +259,89 @@ def _integrator(mi: Any, variant: str) -> type:
             return f"PhotonBeams[{self.settings}]"
 
     return PhotonBeams
+
+
+class _Renderer:
+    """The plug-in without Mitsuba's base class; `layers` says whether the picture has the layers as channels."""
+
+    def __init__(self, mi: Any, settings: Settings, layers: bool) -> None:
+        self._mi, self.settings, self._layers = mi, settings, layers
+        self._warned: set[str] = set()
+        self._last: tuple[Any, Any] = (None, None)  # parameters of the scene, and the pilots' findings, of a render
+
+    @property
+    def channels(self) -> list[str]:
+        """The names of the layers' channels."""
+        return [f"{layer}.{channel}" for layer in ("beams", "surface") for channel in "RGB"] if self._layers else []
+
+    def render(self, scene: Any, sensor: Any, seed: Any, spp: int, *, develop: bool, evaluate: bool) -> Any:
+        """Return the picture of a sensor, or of the sensor of that index."""
+        from .runtime import device
+
+        device.check_recording()  # first, since garbage that is collected meanwhile would end the process, too
+        import drjit as dr
+
+        from .render.denoising import check_denoiser
+
+        sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+        settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
+        if settings.denoise:
+            check_denoiser()
+        with dr.suspend_grad():
+            picture = self._rendered(scene, sensor, settings)
+            film = sensor.film()
+            film.prepare(self.channels)
+            film.put_block(_block(self._mi, film, picture, self._layers))
+            if not develop:
+                return self._mi.TensorXf()
+            image = film.develop()
+            if evaluate:
+                dr.eval(image)
+            return image
+
+    def _rendered(self, scene: Any, sensor: Any, settings: Settings) -> dict[str, Any]:
+        """Return the layers, with what the pilots found in the last render if neither scene nor sensor has changed."""
+        from .render.denoising import denoised
+        from .render.scene_frame import Extras, render
+        from .render.scene_light import Findings
+        from .world.parameters import Parameters
+
+        parameters, findings = self._last
+        if parameters != Parameters(scene, sensor):
+            findings = Findings()
+        with _bar(settings) as run:
+            frame = render(
+                scene, sensor, settings, run, warned=self._warned, extras=Extras(depth=False, findings=findings)
+            )
+        # Only now: a render turns parameters that were constants into variables.
+        self._last = Parameters(scene, sensor), findings
+        layers = frame.layers()
+        return denoised(layers, frame.sums().views[0], {}) if settings.denoise else layers
+
+    def sample(self, mode: Any, scene: Any, sampler: Any, ray: Any, active: Any) -> Any:
+        """Return the radiance along rays, whether they met something, and the layers' channels."""
+        from .runtime import device
+
+        device.check_recording()
+        import drjit as dr
+        import numpy as np
+
+        from .render.scene_rays import radiance
+
+        if mode != dr.ADMode.Primal:
+            raise NotOfferedError(_NO_DERIVATIVES)
+        if self.settings.denoise or self.settings.error:
+            raise NotOfferedError(
+                f"{NAME}: denoise and error need the whole picture: expected neither within another integrator"
+            )
+        if dr.flag(dr.JitFlag.SymbolicScope):
+            raise NotOfferedError(f"{NAME}: sample was called within a recorded loop: expected one call with all rays")
+        with dr.suspend_grad():
+            seed = int(np.ravel(sampler.next_1d().numpy())[0] * 2**24)
+            settings = replace(self.settings, passes=int(sampler.sample_count()), seed=seed)
+            found = radiance(scene, ray, active, settings, self._warned)
+            layers = [channel for layer in found[:2] for channel in layer] if self._layers else []
+            return _spectrum(self._mi, found.beams + found.surface), found.alpha > 0, layers, None
 
 
 @contextmanager

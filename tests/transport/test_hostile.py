@@ -27,7 +27,7 @@ def test_no_picture_has_numbers_that_are_none(seed, caplog):
     film = scene["sensor"].get("sensor", scene["sensor"])["film"]
     integrator = mi.load_dict(maker.integrator())
     try:
-        found = np.array(mi.render(mi.load_dict(scene), integrator=integrator, spp=2, seed=seed))
+        found = np.array(integrator.render(mi.load_dict(scene), spp=2, seed=seed))
     except SceneError as error:
         said = [str(error)]
     else:
@@ -48,8 +48,8 @@ def refused(match, **parts):
     with pytest.raises(SceneError, match=match) as caught:
         render(scene, scene.sensors()[0], by_beams(passes=1, beams=64))
     assert "\n" not in str(caught.value)
-    with pytest.raises(SceneError) as first:  # not as the cause of an error of Dr.Jit
-        mi.render(scene, integrator=mi.load_dict({"type": "photon_beams", "paths": 64, "method": "beams"}), spp=1)
+    with pytest.raises(SceneError) as first:
+        mi.load_dict({"type": "photon_beams", "paths": 64, "method": "beams"}).render(scene, spp=1)
     assert str(first.value) == str(caught.value)
 
 

@@ -31,8 +31,3 @@ def reason(text: str, path: Path | None = None) -> str:
             return shortened(f"{text[: making.start()]}: {own}{''.join(last[-1:]).removeprefix(own)}")
         text = " ".join((text, *last[-1:]))
     return text[:500].strip()
-
-
-def own_reason(text: str, plugin: str) -> str | None:
-    """Return what a plug-in in Python says in Mitsuba's message, and where it is; None for a message of others."""
-    return reason(text) if f'plugin of type "{plugin}": {_TRACE}' in text else None
