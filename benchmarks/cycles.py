@@ -3,7 +3,7 @@
 Cycles comes as the module `bpy`, which brings its own libraries: it runs in a separate process, with the Python of
 another virtual environment, and nothing else needs it. The reference is known at pixels that are spread over the
 picture, and errors are medians over the lit ones. For single scattering the reference is the deterministic integral of
-`tests.comparison`, for all scattering the radiance of many beams along the pixels' rays.
+`tests.helpers.comparison`, for all scattering the radiance of many beams along the pixels' rays.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ import drjit as dr
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from tests.comparison import EYE, camera, camera_rays, comparison_scene, lit, scattered_along
-from tests.transport.scenes import comparison, volpath
 
 import photonbeams as pb
 from photonbeams.render.scene_rays import radiance
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
+from tests.helpers.comparison import EYE, camera, camera_rays, comparison_scene, lit, scattered_along
+from tests.helpers.mitsuba_scenes import comparison, volpath
 
 mi = mitsuba()
 

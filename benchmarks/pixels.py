@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from tests.transport.scenes import comparison
 
 from photonbeams.render.scene_frame import SceneRenderer
 from photonbeams.render.settings import Settings
+from tests.helpers.mitsuba_scenes import comparison
 
 SIZES = ((320, 180), (1280, 720), (3840, 2160))
 GROWTH = 2.0  # greatest factor from one size to the next

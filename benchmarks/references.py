@@ -16,9 +16,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from scipy.special import ndtr
-from tests.transport.scenes import camera, cloud, cube_of, fog, load, rgb
 
 from photonbeams.runtime.device import mitsuba
+from tests.helpers.mitsuba_scenes import camera, cloud, cube_of, fog, load, rgb
 
 mi = mitsuba()
 T = mi.ScalarTransform4f

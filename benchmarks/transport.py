@@ -17,8 +17,6 @@ import drjit as dr
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from tests.comparison import camera, comparison_scene, lit, single_scattering
-from tests.transport.scenes import comparison, rgb
 
 import photonbeams as pb
 from photonbeams.estimators import image as images
@@ -26,6 +24,8 @@ from photonbeams.render import gathering as gatherings
 from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
+from tests.helpers.comparison import camera, comparison_scene, lit, single_scattering
+from tests.helpers.mitsuba_scenes import comparison, rgb
 
 from . import references, variance
 from .rays import grid_tests

@@ -16,10 +16,10 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from tests.transport.scenes import camera, cloud, comparison, cube_of, fog, load, rgb
 
 from photonbeams.render.choice import noise
 from photonbeams.runtime.device import mitsuba
+from tests.helpers.mitsuba_scenes import camera, cloud, comparison, cube_of, fog, load, rgb
 
 mi = mitsuba()
 T = mi.ScalarTransform4f

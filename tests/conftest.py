@@ -1,4 +1,4 @@
-"""What every test needs: Dr.Jit on the CPU, hypothesis without deadlines, and fixtures for short USD stages."""
+"""What every test needs: Dr.Jit on the CPU, hypothesis without deadlines, and fixtures of stages and of the command."""
 
 import gc
 import os
@@ -135,3 +135,32 @@ def image(tmp_path: Path) -> Callable[..., Path]:
         return path
 
     return written
+
+
+@pytest.fixture
+def call(capfd):
+    """Return a function that calls the command and returns its exit code, its standard output and its error output."""
+
+    from photonbeams import cli
+
+    def called(command, *arguments):
+        with pytest.raises(SystemExit) as stop:
+            cli.main([command, *map(str, arguments)])
+        return (stop.value.code, *capfd.readouterr())
+
+    return called
+
+
+@pytest.fixture
+def render(call):
+    """Return a function that calls `photonbeams render`."""
+    return lambda *arguments: call("render", *arguments)
+
+
+@pytest.fixture
+def out(tmp_path):
+    """Return the output folder, which already holds an old file."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "old.exr").write_bytes(b"yesterday")
+    return folder

@@ -9,7 +9,6 @@ import os
 import numpy as np
 import pytest
 
-import mutations
 from photonbeams.images.files import read_parts, summaries, write_exr, write_png
 from photonbeams.images.tiles import join_tiles
 from photonbeams.render.frame_sums import FrameSums
@@ -23,7 +22,8 @@ from photonbeams.usd.ies import parse
 from photonbeams.usd.stage import default_time, open_stage, read_scene, sample_times
 from photonbeams.usd.warnings import Warnings
 from photonbeams.volumes.vol import HEADER, read_vol
-from usd.test_fuzz import STAGE
+from tests.helpers import mutations
+from tests.helpers.full_stage import STAGE
 
 IES = "IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 5 2 1 2 0 0 0\n1 1 50\n0 22.5 45 67.5 90\n0 90\n" + "9 8 7 6 5\n" * 2
 XML = """<scene version="3.0.0">

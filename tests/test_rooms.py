@@ -1,6 +1,7 @@
-"""The imports between the packages ("rooms") of the program, read from its modules."""
+"""The imports between the packages ("rooms") of the program, and between tests, read from their modules."""
 
 import ast
+import re
 from functools import cache
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 import photonbeams
 
 SOURCE = Path(photonbeams.__file__).parent
+TESTS = Path(__file__).parent
 
 #: Each package may import those before it, and none after it.
 ROOMS = (
@@ -74,3 +76,27 @@ def test_a_library_is_known_where_it_belongs_alone(library):
         known = any(name.split(".")[0] == library for name in names)
         known |= library == "mitsuba" and "photonbeams.runtime.device.mitsuba" in names
         assert not known or room_of(path) in KNOWERS[library], f"{path.relative_to(SOURCE)} knows {library}"
+
+
+def test_the_packages_of_the_architecture_page_are_the_rooms():
+    page = (SOURCE.parents[1] / "docs" / "architecture.md").read_text()
+    table = page.split("| package |")[1].split("\n\n")[0]
+    assert re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE) == list(ROOMS)
+
+
+@pytest.mark.parametrize("path", sorted(TESTS.rglob("*.py")), ids=lambda path: str(path.relative_to(TESTS)))
+def test_no_test_module_is_imported_and_helpers_stay_in_their_room(path):
+    room = path.relative_to(TESTS).parts[0]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        names = [each.name for each in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom):
+            base = "tests." + room if node.level else node.module
+            names = [f"{base}.{each.name}" for each in node.names]
+        for parts in (name.split(".") for name in names if name.startswith("tests.")):
+            assert not any(part.startswith("test_") for part in parts), f"{path.name} imports {'.'.join(parts)}"
+            assert parts[1] in ("helpers", room), f"{path.name} imports {'.'.join(parts)}: move it to tests/helpers"
+
+
+def test_the_folders_of_the_tests_are_the_rooms_and_what_else_is_tested():
+    folders = {each.name for each in TESTS.iterdir() if each.is_dir() and each.name != "__pycache__"}
+    assert folders - {*ROOMS} == {"helpers", "benchmarks", "docs", "examples", "matrix"}

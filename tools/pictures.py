@@ -64,7 +64,7 @@ def depth(bounces: int) -> dict[str, int]:
 
 def rows() -> Iterator[tuple[str, Callable[[], Layers]]]:
     """Yield the rows of the matrix, as stages."""
-    from matrix.rows import MATRIX
+    from tests.matrix.rows import MATRIX
 
     folder = Path(tempfile.mkdtemp())
     for number, row in enumerate(MATRIX):

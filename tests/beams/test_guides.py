@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from kernels import compiled
 from photonbeams import scene
 from photonbeams.beams.guides import Guide, led, pieces_along
 from photonbeams.beams.modify import bend
 from photonbeams.beams.programs import PassContext
 from photonbeams.scene import SceneError
 from photonbeams.world.stage_world import StageWorld
-from transport.stages import trace
+from tests.helpers.kernels import compiled
+from tests.helpers.tracing import trace
 
 QUARTER = np.linspace(0, np.pi / 2, 200)
 #: A quarter of a circle of radius 2 about (0, 2, 0): from the origin along +x to (2, 2, 0) along +y.

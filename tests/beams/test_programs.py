@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from comparison import comparison_scene
-from kernels import compiled
 from photonbeams import scene
 from photonbeams.beams.modify import aim, bend, clamp, recolor, thin
 from photonbeams.beams.programs import PassContext, Program, chain, emitted
@@ -20,7 +18,9 @@ from photonbeams.scene import SceneError
 from photonbeams.world.cameras import Window
 from photonbeams.world.shutter import Moment, Shutter
 from photonbeams.world.stage_world import StageWorld
-from transport.stages import trace
+from tests.helpers.comparison import comparison_scene
+from tests.helpers.kernels import compiled
+from tests.helpers.tracing import trace
 
 EYE = (0.0, 1.5, 1.95)
 CONTEXT = PassContext("/light")

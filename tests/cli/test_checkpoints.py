@@ -6,17 +6,12 @@ import signal
 import numpy as np
 import pytest
 
-from cli.results import fails, untouched
-from cli.test_render import CAMERA, FLOOR, FOG, LAMP, write_stage
 from photonbeams.cli.progress import held_signals
 from photonbeams.images.files import read_layers
 from photonbeams.render import stage_frame as frame
+from tests.helpers.commands import fails, untouched
+from tests.helpers.small_stage import CAMERA, FILL, FLOOR, FOG, KEY, write_stage
 
-KEY = LAMP.replace("}\n", '    token photonbeams:lightGroup = "key"\n}\n')
-FILL = KEY.replace('"Lamp"', '"Fill"').replace('"key"', '"fill"').replace(
-    "float inputs:radius", "double3 xformOp:translate.timeSamples = { 1: (1, 0, 0), 4: (0, 1, 0) }\n"
-    '    uniform token[] xformOpOrder = ["xformOp:translate"]\n    float inputs:radius',
-)  # fmt: skip
 SMALL = ("--res", 24, 0, "--passes", 4, "--beams", 64, "--progress", "none")
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from cli.results import untouched
-from cli.test_checkpoints import FILL, KEY
-from cli.test_render import CAMERA, FLOOR, FOG, write_stage
 from photonbeams.images.files import read_layers
+from tests.helpers.commands import untouched
+from tests.helpers.small_stage import CAMERA, FILL, FLOOR, FOG, KEY, write_stage
 
 SMALL = ("--res", 32, 0, "--passes", 2, "--beams", 64)
 LAYERS = {"rgba", "surface", "beams", "beams_fill", "beams_key", "transmittance", "depth"}

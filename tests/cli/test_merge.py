@@ -7,13 +7,12 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from cli.results import fails
-from cli.test_checkpoints import FILL, KEY
-from cli.test_render import CAMERA, FLOOR, FOG, write_stage
 from photonbeams import Shot
 from photonbeams.images.files import read_layers
 from photonbeams.images.frame import tile_of
 from photonbeams.render import stage_frame as frame
+from tests.helpers.commands import fails, same
+from tests.helpers.small_stage import CAMERA, FILL, FLOOR, FOG, KEY, write_stage
 
 SMALL = ("--res", 40, 48, "--passes", 6, "--beams", 64, "-q")
 
@@ -27,11 +26,6 @@ def stage(tmp_path):
         1,
     )
     return write_stage(tmp_path / "stage.usda", FOG, camera, KEY, FILL, FLOOR, metadata="startTimeCode = 1")
-
-
-def same(first, second, view=None):
-    found, expected = read_layers(first, view), read_layers(second, view)
-    return found.keys() == expected.keys() and all(np.array_equal(found[name], expected[name]) for name in expected)
 
 
 def headers(path):

@@ -13,7 +13,6 @@ import OpenImageIO
 import pytest
 import typer
 
-from cli.results import fails, untouched
 from photonbeams import cli
 from photonbeams.cli.flags import Filter
 from photonbeams.images.files import read_image, read_layers
@@ -21,31 +20,9 @@ from photonbeams.render import stage_frame as frame
 from photonbeams.render.settings import DEFAULT_PATHS, Settings
 from photonbeams.scene import DEFAULT_BEAMS
 from photonbeams.scene.cameras import FILTERS
+from tests.helpers.commands import command, fails, untouched
+from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
 
-FOG = """def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
-    color3f photonbeams:scattering = (0.1, 0.1, 0.1)
-}
-"""
-CAMERA = """def Camera "Camera" {
-    float focalLength = 20
-    float horizontalAperture = 32
-    float verticalAperture = 18
-    double3 xformOp:translate = (0, 0, 5)
-    uniform token[] xformOpOrder = ["xformOp:translate"]
-}
-"""
-LAMP = """def SphereLight "Lamp" {
-    float inputs:radius = 0.1
-    float inputs:intensity = 10
-}
-"""
-FLOOR = """def Mesh "Floor" {
-    int[] faceVertexCounts = [4]
-    int[] faceVertexIndices = [0, 1, 2, 3]
-    point3f[] points = [(-2, -1, 2), (2, -1, 2), (2, -1, -2), (-2, -1, -2)]
-    uniform token subdivisionScheme = "none"
-}
-"""
 PORTAL = """def Mesh "Portal" {
     int[] faceVertexCounts = [4]
     int[] faceVertexIndices = [0, 1, 2, 3]
@@ -74,11 +51,6 @@ def Material "Wood" {
 """
 SMALL = ("--res", 32, 0, "--passes", 1, "--beams", 64)
 LAYERS = ["rgba", "surface", "beams", "transmittance", "depth"]
-
-
-def write_stage(path, *prims, metadata="startTimeCode = 7\n    endTimeCode = 9"):
-    path.write_text(f"#usda 1.0\n(\n    {metadata}\n)\n{''.join(prims)}")
-    return path
 
 
 @pytest.fixture
@@ -565,10 +537,6 @@ def test_an_output_that_cannot_be_written_is_named_before_rendering(render, stag
         fails(render(stage(), "-o", out / "a.exr"), 1, str(out / "a.exr"), "Permission denied")
         out.chmod(0o755)
     assert untouched(out)
-
-
-def command(*arguments):
-    return [sys.executable, "-m", "photonbeams", "render", *map(str, arguments)]
 
 
 def test_ctrl_c_ends_with_130_and_nothing_written(stage, out):

@@ -10,12 +10,12 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from cli.results import fails, untouched
 from photonbeams import cli
 from photonbeams.cli.animation import FrameError
 from photonbeams.images.files import read_image, read_layers
 from photonbeams.render import scene_frame as frame
 from photonbeams.render.checkpoint import Checkpoint
+from tests.helpers.commands import fails, untouched
 
 SENSOR = """<sensor type="perspective" id="{name}">
         <float name="fov" value="40"/>

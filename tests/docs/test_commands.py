@@ -16,8 +16,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from docs.scripts.pages import ROOT, anchors, blocks, commands, links, saved_files
 
+from docs.scripts.pages import ROOT, anchors, blocks, commands, links, saved_files
 from photonbeams import Shot, integrator
 from photonbeams.cli import main
 

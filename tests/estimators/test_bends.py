@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from estimators.test_estimate import (
+from photonbeams.beams.curves import SHARPEST, curved, segments, tangents
+from photonbeams.scene import SceneError
+from tests.estimators.random_beams import (
     CONVERGED,
     EPSILON32,
     LOOKS,
     MEDIUM,
-    Beam,
     as_float32,
     beside_the_twin,
     phase,
@@ -18,8 +19,7 @@ from estimators.test_estimate import (
     random_beam,
     random_rays,
 )
-from photonbeams.beams.curves import SHARPEST, curved, segments, tangents
-from photonbeams.scene import SceneError
+from tests.helpers.beam_twin import Beam
 
 EXTINCTION = np.array(MEDIUM.extinction)
 

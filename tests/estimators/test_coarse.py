@@ -13,7 +13,7 @@ from photonbeams.numerics.arrays import to_float
 from photonbeams.runtime.device import Array2f, Float, mitsuba
 from photonbeams.scene import Camera
 from photonbeams.world.cameras import View, Window
-from transport.scenes import comparison
+from tests.helpers.mitsuba_scenes import comparison
 
 mi = mitsuba()
 

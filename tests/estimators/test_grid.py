@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import photonbeams as pb
-from kernels import compiled
 from photonbeams.beams.curves import curved
 from photonbeams.estimators import cells
 from photonbeams.estimators.estimate import ENDLESS, bind, estimate_rays, sum_over_all
@@ -17,6 +16,7 @@ from photonbeams.estimators.points import Points
 from photonbeams.estimators.records import pack
 from photonbeams.numerics.arrays import to_float, to_vectors
 from photonbeams.runtime.device import Array3f, Float, UInt32
+from tests.helpers.kernels import compiled
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 MEDIUM = pb.Medium((0.3, 0.2, 0.1), (0.05, 0.1, 0.2), 0.4)

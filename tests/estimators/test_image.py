@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from kernels import compiled
 from photonbeams import scene
 from photonbeams.estimators import cells
 from photonbeams.estimators.estimate import ENDLESS
@@ -19,6 +18,7 @@ from photonbeams.numerics.arrays import to_float
 from photonbeams.numerics.hashing import hash32, unit_float
 from photonbeams.runtime.device import Array2f, Float, UInt32
 from photonbeams.world.cameras import View, Window
+from tests.helpers.kernels import compiled
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 MEDIUM = pb.Medium((0.3, 0.2, 0.1), (0.05, 0.1, 0.2), 0.4)

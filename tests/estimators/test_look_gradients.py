@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from estimators.test_gradients import CONVERGED, FOG, RAYS, array, numbers
-from kernels import compiled
 from photonbeams import looks
 from photonbeams.estimators.estimate import bind
 from photonbeams.runtime.device import Array3f, Float
 from photonbeams.scene import SceneError
+from tests.estimators.differentiable import CONVERGED, FOG, RAYS, array, numbers
+from tests.helpers.kernels import compiled
 
 CONTEXT = looks.LightContext(time=0.7)
 COLOURS = [[1.0, 0.2, 0.1], [0.3, 0.9, 0.2], [0.1, 0.3, 1.0]]

@@ -4,10 +4,10 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from kernels import compiled
 from photonbeams.estimators.photons import FACING, THICKNESS, PhotonMap, Photons
 from photonbeams.numerics.arrays import to_float, to_uint, to_vectors
 from photonbeams.runtime.device import Array3f
+from tests.helpers.kernels import compiled
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from cli.test_merge import same
-from cli.test_render import CAMERA, FLOOR, FOG, LAMP, write_stage
+from tests.helpers.commands import same
+from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
 
 TEMPLATE = Path(__file__).parents[2] / "examples" / "farm" / "photonbeams.openjd.yaml"
 

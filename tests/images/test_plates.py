@@ -13,12 +13,12 @@ import pytest
 from scipy.ndimage import binary_dilation
 
 import photonbeams as pb
-from kernels import compiled
 from photonbeams.images.files import read_layers
 from photonbeams.images.plates import Holdout, Plate
 from photonbeams.render.holdouts import HoldoutDepth
 from photonbeams.scene import Camera
 from photonbeams.world.cameras import View, Window
+from tests.helpers.kernels import compiled
 
 ATTIC = Path(__file__).resolve().parents[2] / "examples" / "blender" / "attic.usda"
 PLATE = ATTIC.with_name("plate.exr")

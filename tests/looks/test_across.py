@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from estimators.twin import k1
 from photonbeams.looks.across import AcrossFunction, across
 from photonbeams.runtime.device import Float
+from tests.helpers.beam_twin import k1
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 # A linear table of 1024 entries errs by 1/8 of the second derivative over 1023²; where the profiles below are smooth,

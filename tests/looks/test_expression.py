@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kernels import compiled
-from looks import noise_twin
 from photonbeams.looks import expression, guarded
 from photonbeams.looks.expression import FUNCTIONS, NAMES, ExpressionError, ParsedExpression, parse
 from photonbeams.numerics.arrays import to_float
 from photonbeams.runtime.device import Array3f, Float, UInt32
+from tests.helpers.kernels import compiled
+from tests.looks import noise_twin
 
 EPSILON = float(np.finfo(np.float64).eps)
 EPSILON32 = float(np.finfo(np.float32).eps)

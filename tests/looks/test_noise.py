@@ -4,10 +4,10 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from kernels import compiled
-from looks import noise_twin as twin
 from photonbeams.looks import noise
 from photonbeams.runtime.device import Array2f, Array3f, Float
+from tests.helpers.kernels import compiled
+from tests.looks import noise_twin as twin
 
 EPSILON32 = float(np.finfo(np.float32).eps)
 DIMENSIONS = [1, 2, 3, 4]

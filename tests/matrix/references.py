@@ -1,6 +1,6 @@
 """Reference pictures of `volpath`: means of blocks and their standard errors, in references.json beside this file.
 
-`PYTHONPATH=tests python -m tests.matrix.references [WORD ...]` renders those of the rows whose names contain one of the
+`python -m tests.matrix.references [WORD ...]` renders those of the rows whose names contain one of the
 words, or of all rows, in a few minutes.
 """
 
@@ -13,11 +13,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from tests.agreement import Means, means
 
 import photonbeams as pb
 from photonbeams.runtime.device import helping_thread
 from photonbeams.shot.export import export
+from tests.helpers.agreement import Means, means
 
 from .rows import HEIGHT, MATRIX, WIDTH, Row, mi
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from photonbeams.runtime.device import mitsuba
-from usda import material, prim, quad
+from tests.helpers.usda import material, prim, quad
 
 mi = mitsuba()
 T = mi.ScalarTransform4f

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.agreement import deviations, means, ratio
+
+from tests.helpers.agreement import deviations, means, ratio
 from tests.matrix.page import FILE, page
 from tests.matrix.references import opened, reference, twin
 from tests.matrix.rows import BIAS, BLOCK_BIAS, HEIGHT, MATRIX, WIDTH, mi

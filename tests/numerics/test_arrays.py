@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from kernels import compiled
 from photonbeams.numerics.arrays import to_float, to_numpy, to_uint, to_vectors
 from photonbeams.runtime import device
+from tests.helpers.kernels import compiled
 
 
 @pytest.mark.parametrize("count", [1, 3, 17, 1000])

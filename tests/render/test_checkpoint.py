@@ -18,7 +18,8 @@ from photonbeams.render.stage_frame import render
 from photonbeams.scene import SceneError
 from photonbeams.world.cameras import Window
 from photonbeams.world.shutter import Moment, Shutter
-from render.test_scene_frame import LAMP, camera, cube_of, fog, load
+from tests.helpers.mitsuba_pictures import LAMP
+from tests.helpers.mitsuba_scenes import camera, cube_of, fog, load
 
 CAMERA = scene.Camera(
     "/camera", to_world=np.eye(4), focal_length=1.0, horizontal_aperture=1.2, vertical_aperture=0.8, lens_radius=0.1,

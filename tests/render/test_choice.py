@@ -7,7 +7,7 @@ from photonbeams.render.choice import noise, prefers_walks
 from photonbeams.render.scene_frame import SceneRenderer
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
-from transport.scenes import camera, comparison, cube_of, fog, load, rgb
+from tests.helpers.mitsuba_scenes import camera, comparison, cube_of, fog, load, rgb
 
 mi = mitsuba()
 RAYS = (24, 40)

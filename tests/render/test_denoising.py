@@ -6,8 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cli.test_checkpoints import FILL, KEY
-from cli.test_render import CAMERA, FLOOR, FOG, write_stage
 from photonbeams import Shot
 from photonbeams.render import denoising
 from photonbeams.render.denoising import check_denoiser, denoised
@@ -19,6 +17,7 @@ from photonbeams.render.sums import PassSums
 from photonbeams.scene import SceneError
 from photonbeams.shot import Stereo
 from photonbeams.shot.development import developed
+from tests.helpers.small_stage import CAMERA, FILL, FLOOR, FOG, KEY, write_stage
 
 SHAPE = (64, 64)
 GROUPS = {"key": "beams_key", "fill": "beams_fill"}

@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cli.test_render import CAMERA, FLOOR, FOG, LAMP, write_stage
 from photonbeams import Shot
 from photonbeams.render.passes import PLAIN_RUN, Statistics, accumulate, next_check
 from photonbeams.render.settings import Settings
+from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
 
 SMALL = {"width": 48, "height": 32, "beams": 256}
 

@@ -1,252 +1,253 @@
-"""Motion blur, depth of field and stereo of frames, against pinhole pictures of single instants."""
+"""The film of a view: pixel filters against NumPy and Mitsuba's filters, light groups, errors, saved state."""
 
-import dataclasses
-
+import drjit as dr
 import numpy as np
 import pytest
-from scipy.stats import t as student
 
-import photonbeams as pb
-from comparison import quad
-from kernels import compiled
-from photonbeams import scene
-from photonbeams.render.settings import Settings
-from photonbeams.render.stage_frame import render
-from photonbeams.world.cameras import Window
-from photonbeams.world.shutter import Moment, Shutter, slice_of
+from photonbeams.numerics.arrays import joined, opaque, to_float, to_vectors
+from photonbeams.numerics.samples import Samples
+from photonbeams.render.film import BeamSamples, Film, PassPicture, SeenSums, averaged, reconstruction_filter
+from photonbeams.render.sums import PassSums
+from photonbeams.runtime.device import Array3f, Float, mitsuba
+from photonbeams.scene import SceneError
+from photonbeams.scene.cameras import FILTERS
 
-WIDTH, HEIGHT = 48, 32
-WINDOW = Window.full(WIDTH, HEIGHT)
-FOG = scene.Medium(scattering=(0.2, 0.2, 0.2))
-CAMERA = scene.Camera(
-    "/camera", to_world=np.eye(4), focal_length=1.0, horizontal_aperture=1.2, vertical_aperture=0.8, focus_distance=4.0
-)
-SEEDS = 32
+mi = mitsuba()
+
+HEIGHT, WIDTH = 11, 13
+GROUPS = {"": "beams_default", "key": "beams_key", "off": "beams_off"}
 
 
-def drawn(shift=(0.0, 0.0, 0.0), power=1.0):
-    """Return two beams across the view, one four units away and one six to eight, moved by `shift`."""
-    start = np.array([[-1.0, -0.6, -4.0], [-0.5, 2.0, -8.0]]) + shift
-    end = np.array([[1.2, 0.7, -4.0], [0.4, -2.0, -6.0]]) + shift
-    return scene.DrawnBeams("/beams", start, end, np.full(2, 0.1), np.full(2, 0.15), np.full((2, 3), power))
+def pixels(rng, passes, shape=(HEIGHT, WIDTH)):
+    """Return the surface, two groups of beams, alpha, transmittance and depth of each pass, as NumPy arrays."""
+    return [
+        {name: rng.random((*shape, channels), dtype=np.float32)
+         for name, channels in (("surface", 3), ("", 3), ("key", 3), ("alpha", 1), ("transmittance", 3), ("depth", 1))}
+        for _ in range(passes)
+    ]  # fmt: skip
 
 
-def shot(beams=None, meshes=(), lights=()):
-    return scene.Scene(tuple(meshes), tuple(lights), (beams or drawn(),), (FOG,))
+def picture(one, crop=None):
+    x0, y0, x1, y1 = crop or (0, 0, WIDTH, HEIGHT)
+    part = {name: each[y0:y1, x0:x1].reshape(-1, each.shape[-1]) for name, each in one.items()}
+    scattered = {"key": to_vectors(0.5 * part["key"])}
+    seen = PassPicture(
+        to_vectors(part["surface"]), to_float(part["alpha"]), scattered, to_vectors(part["transmittance"])
+    )
+    return seen, {"key": to_vectors(0.5 * part["key"]), "": to_vectors(part[""])}, {"depth": to_float(part["depth"])}
 
 
-def beams_layer(shutter, view=0, **settings):
-    settings = {"passes": 1} | settings
-    return render(shutter, WINDOW, Settings(**settings)).views()[view]["beams"][..., 0].astype(np.float64)
+def sums_of(film, parts, exposure=1.0):
+    """Return the sums of pictures, which are given with the places of their samples."""
+    pixels = film.shape[0] * film.shape[1]
+    result = SeenSums(film, sum(dr.width(places) for _, places in parts) // pixels, exposure)
+    for each in parts:
+        result.add(*each)
+    return result
 
 
-def through_pixels(lens=(0.0, 0.0), place=(0.5, 0.5)):
-    """Return the origin and directions of rays from a point on the lens to points in focus at a place in each pixel."""
-    x, y = np.meshgrid((np.arange(WIDTH) + place[0]) / WIDTH - 0.5, 0.5 - (np.arange(HEIGHT) + place[1]) / HEIGHT)
-    focus = CAMERA.focus_distance
-    target = np.stack([1.2 * x * focus, 0.8 * y * focus, np.full_like(x, -focus)], axis=-1).reshape(-1, 3)
-    origin = np.array([*lens, 0.0])
-    return origin, target - origin
+def add(result, number, whole, places, exposure=1.0):
+    """Add a pass with one sample in each pixel."""
+    seen, beams, first = whole
+    seen = sums_of(result, [(seen, places)], exposure)
+    result.add(number, seen, BeamSamples(beams, places), exposure, first if number == 0 else None)
 
 
-def instant(beams, lens=(0.0, 0.0), place=(0.5, 0.5)):
-    each = pb.Beams(beams.start, beams.end, beams.radius_start, beams.radius_end, beams.power)
-    origin, direction = through_pixels(lens, place)
-    return pb.estimate(each, origin, direction, medium=FOG).numpy()[:, 0].reshape(HEIGHT, WIDTH).astype(np.float64)
+def film(passes, name=None, crop=None, exposure=1.0, groups=GROUPS):
+    x0, y0, x1, y1 = crop or (0, 0, WIDTH, HEIGHT)
+    result = Film((y1 - y0, x1 - x0), (x0, y0), reconstruction_filter(name), groups)
+    for number, one in enumerate(passes):
+        add(result, number, picture(one, crop), result.places(Samples(0, number)), opaque(exposure))
+    return result
 
 
-def mean_of(instants):
-    """Return the mean of 256 instants, each with its own beams or its own point on the lens.
+def by_passes(values, name):
+    """Return the filtered light of beams: each pass is filtered by itself, unless the filter has negative lobes."""
+    if name in ("mitchell", "catmullrom", "lanczos"):
+        return of_mitsuba(values, name)
+    return np.mean([of_mitsuba([value], name, first=number) for number, value in enumerate(values)], axis=0)
 
-    The instants are seen through different places in the pixels (the R2 sequence, Roberts 2018).
+
+def of_mitsuba(values, name, shares=None, first=0):
+    """Return the mean of the samples around each pixel, weighted one by one by Mitsuba's own filter, in float64.
+
+    `first` is the number of the first pass.
     """
-    places = (np.arange(256)[:, None] / [1.32471795724474602596, 1.32471795724474602596**2]) % 1.0
-    return np.mean([instant(*each, place=place) for each, place in zip(instants, places, strict=True)], axis=0)
+    plugin = mi.load_dict({"type": name})
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    total, weights = np.zeros(values[0].shape), np.zeros((HEIGHT, WIDTH, 1))
+    for number, value in enumerate(values):
+        across, down = Film((HEIGHT, WIDTH)).places(Samples(0, first + number)).numpy().reshape(2, HEIGHT, WIDTH)
+        for row in range(HEIGHT):
+            for column in range(WIDTH):
+                far = [column + across[row, column] - x - 0.5, row + down[row, column] - y - 0.5]
+                w = np.prod([plugin.eval(to_float(each)).numpy().reshape(HEIGHT, WIDTH) for each in far], axis=0)
+                w = np.where(np.max(np.abs(far), axis=0) < plugin.radius(), w, 0)[..., None].astype(np.float64)
+                w = w if shares is None else w * shares[number, row, column]
+                total, weights = total + w * value[row, column], weights + w
+    return total / weights
 
 
-def blocks(picture):
-    """Return means over blocks of 4 × 4 pixels, each pixel of which has its own time and place on the lens."""
-    return picture.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3))
+@pytest.mark.parametrize("name", FILTERS[1:])
+def test_a_pixel_is_the_weighted_mean_of_the_samples_around_it(rng, name):
+    passes = pixels(rng, 3)
+    layers = film(passes, name).layers()
+    for layer, own in (("surface", "surface"), ("transmittance", "transmittance")):
+        expected = of_mitsuba([each[own] for each in passes], name)
+        # float32 sums of some dozens of numbers below 1; with negative lobes, corners divide by weights of 1/3.
+        np.testing.assert_allclose(layers[layer], expected, atol=1e-5)
+    lights = [each["key"] for each in passes]  # half of it by beams, half by camera paths
+    expected = 0.5 * (by_passes(lights, name) + of_mitsuba(lights, name))
+    np.testing.assert_allclose(layers["beams_key"], expected, atol=1e-5)
+    np.testing.assert_allclose(layers["rgba"][..., 3:], of_mitsuba([each["alpha"] for each in passes], name), atol=1e-5)
 
 
-def assert_same_mean(frames, reference):
-    """Assert that the mean of frames of independent seeds is the reference, by Student's t-test of each block."""
-    frames, reference = np.array([blocks(frame) for frame in frames]), blocks(reference)
-    error = frames.std(axis=0, ddof=1) / np.sqrt(len(frames))
-    # Differences below this are rounding and the error of the reference's own 256 samples.
-    floor = 2e-3 * reference.max()
-    score = np.abs(frames.mean(axis=0) - reference) / np.hypot(error, floor)
-    assert score.max() < student.ppf(1 - 1e-4 / (2 * reference.size), len(frames) - 1)
-    # The test has the power to detect an exposure that is wrong by a few percent.
-    totals = frames.mean(axis=(1, 2))
-    assert totals.std(ddof=1) / np.sqrt(len(frames)) < 0.02 * reference.mean()
+@pytest.mark.parametrize("name", [None, "box"])
+def test_the_box_is_the_plain_mean_and_layers_add_up(rng, name):
+    passes = pixels(rng, 3)
+    layers = film(passes, name, exposure=2.0).layers()
+    mean = {own: np.mean([each[own] for each in passes], axis=0) for own in passes[0]}
+    assert list(layers) == ["rgba", "surface", "beams", "beams_default", "beams_key", "beams_off", "transmittance",
+                            "depth"]  # fmt: skip
+    np.testing.assert_allclose(layers["surface"], 2 * mean["surface"], rtol=1e-6)
+    np.testing.assert_allclose(layers["beams_key"], 2 * mean["key"], rtol=1e-6)
+    np.testing.assert_allclose(layers["transmittance"], mean["transmittance"], rtol=1e-6)
+    np.testing.assert_allclose(layers["rgba"][..., 3:], mean["alpha"], rtol=1e-6)
+    assert np.array_equal(layers["beams"], layers["beams_default"] + layers["beams_key"])
+    assert np.array_equal(layers["rgba"][..., :3], layers["surface"] + layers["beams"])
+    assert np.array_equal(layers["depth"], passes[0]["depth"])  # of the first pass
+    assert not layers["beams_off"].any()
 
 
-def test_a_moving_beam_is_the_mean_of_256_instants():
-    shift = np.array([0.5, 0.4, 0.3])
-    ends = shot(drawn()), shot(drawn(shift, 2.0))
-
-    def at(fraction):
-        state = ends[int(fraction)] if fraction in (0, 1) else shot(drawn(fraction * shift, 1 + fraction))
-        return Moment(state, (CAMERA,))
-
-    shutter = Shutter(at, moving=True)
-    frames = [beams_layer(shutter, seed=seed) for seed in range(SEEDS)]
-    times = (np.arange(256) + 0.5) / 256
-    assert_same_mean(frames, mean_of([(drawn(t * shift, 1 + t),) for t in times]))
-
-
-def test_a_lens_is_the_mean_of_pinholes_all_over_it(rng):
-    radius = 0.25
-    lens = dataclasses.replace(CAMERA, lens_radius=radius)
-    frames = [beams_layer(Shutter.still(shot(), lens), seed=seed) for seed in range(SEEDS)]
-    ring, turn = np.meshgrid(radius * np.sqrt((np.arange(16) + 0.5) / 16), (np.arange(16) + 0.5) / 16 * 2 * np.pi)
-    places = np.stack([ring * np.cos(turn), ring * np.sin(turn)], axis=-1).reshape(-1, 2)
-    sharp, reference = instant(drawn()), mean_of([(drawn(), place) for place in rng.permutation(places)])
-    assert_same_mean(frames, reference)
-    # The far beam is blurred over two of its diameters.
-    assert np.abs(reference - sharp).max() > 0.2 * sharp.max()
+@pytest.mark.parametrize("name", ["box", "mitchell"])
+def test_samples_of_surfaces_and_of_edges_count_as_their_shares_say(rng, name):
+    """Pixels are means of four samples of surfaces, added in parts, and at edges of five samples of beams."""
+    passes, count = pixels(rng, 5), HEIGHT * WIDTH
+    whole = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name))
+    seen, beams = zip(*(picture(each)[:2] for each in passes), strict=True)
+    places = [whole.places(Samples(0, number)) for number in range(5)]
+    two = PassPicture(joined([each.surface for each in seen[:2]]), joined([each.alpha for each in seen[:2]]))
+    parts = [(two, joined(places[:2])), *((PassPicture(each.surface, each.alpha), place)
+             for each, place in zip(seen[2:4], places[2:4], strict=True))]  # fmt: skip
+    edge = rng.random(count) < 0.5
+    share = np.concatenate([np.where(edge, 0.2, 1.0), *[np.where(edge, 0.2, 0.0)] * 4])
+    light = joined([each[""] for each in beams]) * to_float(share)
+    whole.add(0, sums_of(whole, parts), BeamSamples({"": light}, joined(places), to_float(share)))
+    layers = whole.layers()
+    expected = of_mitsuba([each["surface"] for each in passes[:4]], name)
+    np.testing.assert_allclose(layers["surface"], expected, atol=1e-5)
+    shares = share.reshape(5, HEIGHT, WIDTH, 1)
+    expected = of_mitsuba([each[""] for each in passes], name, shares)
+    np.testing.assert_allclose(layers["beams"], expected, atol=1e-5)
 
 
-def moved(camera, matrix):
-    return dataclasses.replace(camera, to_world=matrix @ camera.to_world)
+def test_a_film_without_groups_has_no_layers_of_them(rng):
+    layers = film(pixels(rng, 1), groups={}).layers()
+    assert list(layers) == ["rgba", "surface", "beams", "transmittance", "depth"]
 
 
-def test_a_moving_camera_blurs_as_what_it_sees_moving_the_other_way():
-    shift = np.array([0.6, -0.3, 0.2])
-
-    def at(fraction):
-        matrix = np.eye(4)
-        matrix[:3, 3] = fraction * shift
-        return Moment(scene_at_rest, (moved(CAMERA, matrix),))
-
-    scene_at_rest = shot()
-    frames = [beams_layer(Shutter(at, moving=True), seed=seed) for seed in range(SEEDS)]
-    times = (np.arange(256) + 0.5) / 256
-    assert_same_mean(frames, mean_of([(drawn(-t * shift),) for t in times]))
+def places(seed, passes, crop=(0, 0, 32, 32)):
+    """Return the places of samples in their pixels, (passes, H, W, 2)."""
+    x0, y0, x1, y1 = crop
+    own = Film((y1 - y0, x1 - x0), (x0, y0))
+    found = [own.places(Samples(seed, number, 4)).numpy() for number in range(passes)]
+    return np.array(found).reshape(passes, 2, y1 - y0, x1 - x0).transpose(0, 2, 3, 1)
 
 
-def test_a_camera_that_moves_with_the_beams_sees_them_sharp():
-    shift = np.array([0.5, 0.1, 0.0])
-
-    def at(fraction):
-        matrix = np.eye(4)
-        matrix[:3, 3] = fraction * shift
-        return Moment(shot(drawn(fraction * shift)), (moved(CAMERA, matrix),))
-
-    found, expected = beams_layer(Shutter(at, moving=True)), beams_layer(Shutter.still(shot(), CAMERA))
-    assert np.abs(found - expected).max() < 1e-3 * expected.max()  # float32, two units from the world's origin
-
-
-def test_a_turning_camera_sees_beams_and_surfaces_at_the_same_place():
-    """A beam that runs along a glowing rod stays on it while the camera turns."""
-    glow = scene.Material(diffuse=scene.BLACK, emissive=(1.0, 1.0, 1.0))
-    rod = quad("/rod", [[-0.05, -1, -4.2], [0.05, -1, -4.2], [0.05, 1, -4.2], [-0.05, 1, -4.2]], glow)
-    start, end = np.array([[0.0, -1, -4.1]]), np.array([[0.0, 1, -4.1]])
-    beam = scene.DrawnBeams("/beam", start, end, np.array([0.05]), np.array([0.05]), np.ones((1, 3)))
-    state = shot(beam, [rod])
-
-    def at(fraction):
-        angle = 0.2 * (fraction - 0.5)
-        turn = np.array([[np.cos(angle), 0, np.sin(angle), 0], [0, 1, 0, 0], [-np.sin(angle), 0, np.cos(angle), 0]])
-        return Moment(state, (moved(CAMERA, np.vstack([turn, [0, 0, 0, 1]])),))
-
-    layers = render(Shutter(at, moving=True), WINDOW, Settings(passes=64)).layers()
-    beams, surface = (layers[name][..., 0].astype(float) for name in ("beams", "surface"))
-    columns = np.arange(WIDTH) + 0.5
-    for picture in (beams, surface):
-        assert np.count_nonzero(picture[HEIGHT // 2] > 0.02 * picture.max()) > 6  # blurred over the turn
-    middles = [(picture.sum(axis=0) * columns).sum() / picture.sum() for picture in (beams, surface)]
-    assert middles[0] == pytest.approx(middles[1], abs=0.1)
+def test_samples_fill_each_pixel_over_the_passes_and_over_the_seeds():
+    found = places(3, 16)
+    for across, down in ((4, 4), (16, 1), (1, 16)):  # sixteen passes have one sample in each cell of every grid
+        cell = np.floor(found * [across, down]) @ [1, across]
+        assert (np.sort(cell, axis=0) == np.arange(16)[:, None, None]).all()
+    other = places(4, 16)
+    # Within a pass, places differ between pixels, and so do their shifts between seeds; both are uniform: σ = 0.289.
+    for values in (found[0].reshape(-1, 2), (found[0] - other[0]).reshape(-1, 2) % 1.0):
+        assert len(np.unique(values, axis=0)) > 1000
+        assert values.std(axis=0) == pytest.approx([12**-0.5] * 2, rel=5 / np.sqrt(1024))
+    assert np.array_equal(places(3, 2, (5, 3, 20, 30)), found[:2, 3:30, 5:20])
 
 
-def test_a_camera_that_turns_far_within_a_pass_is_warned_of(caplog):
-    state = shot()
-
-    def at(fraction):
-        c, s = np.cos(2 * fraction), np.sin(2 * fraction)
-        return Moment(state, (moved(CAMERA, np.array([[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1]])),))
-
-    render(Shutter(at, moving=True), WINDOW, Settings(passes=2))
-    assert [record.getMessage()[:24] for record in caplog.records] == ["/camera turns by 57 degr"]
-    caplog.clear()
-    render(Shutter(at, moving=True), WINDOW, Settings(passes=4))
-    assert not caplog.records
+@pytest.mark.parametrize(("name", "reach"), [("box", 0), ("gaussian", 2), ("lanczos", 3)])
+def test_a_crop_is_the_part_of_the_whole_where_the_filter_is_inside(rng, name, reach):
+    passes, crop = pixels(rng, 3), (2, 1, 12, 10)
+    whole, part = film(passes, name), film(passes, name, crop)
+    order = whole.order.numpy().reshape(HEIGHT, WIDTH)
+    assert np.array_equal(part.order.numpy().reshape(9, 10), order[1:10, 2:12])
+    for layer, found in part.layers().items():
+        inner = found[reach : 9 - reach, reach : 10 - reach]
+        expected = whole.layers()[layer][1 + reach : 10 - reach, 2 + reach : 12 - reach]
+        assert inner.size and np.array_equal(inner, expected)
 
 
-def test_a_moving_surface_covers_a_pixel_for_its_share_of_the_time():
-    glow = scene.Material(diffuse=scene.BLACK, emissive=(1.0, 1.0, 1.0))
-
-    def at(fraction):
-        x = 2 * fraction - 1
-        corners = [[x - 9, -2, -4], [x, -2, -4], [x, 2, -4], [x - 9, 2, -4]]
-        return Moment(shot(drawn((0, 0, -9)), [quad("/wall", corners, glow)]), (CAMERA,))
-
-    alpha = render(Shutter(at, moving=True), WINDOW, Settings(passes=16)).layers()["rgba"][..., 3]
-    # The edge moves from x = −1 to x = 1 at distance 4; a point is covered once the edge has passed it.
-    edge = ((np.arange(WIDTH) + 0.5) / WIDTH - 0.5) * 1.2 * 4
-    expected = np.clip((1 - edge) / 2, 0, 1)
-    assert np.abs(alpha.mean(axis=0) - expected).max() <= 1 / 16 + 1 / WIDTH
+@pytest.mark.parametrize("name", ["box", "mitchell"])
+def test_a_film_goes_on_from_the_state_of_another(rng, name):
+    passes = pixels(rng, 4)
+    whole, first = film(passes, name), film(passes[:2], name)
+    resumed = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name), GROUPS)
+    resumed.restore(PassSums.restored(first.sums.state()))
+    for number in (2, 3):
+        add(resumed, number, picture(passes[number]), resumed.places(Samples(0, number)), opaque(1.0))
+    assert all(np.array_equal(each, resumed.layers()[layer]) for layer, each in whole.layers().items())
+    assert resumed.error() == whole.error()
 
 
-def test_without_motion_lens_or_eye_distance_nothing_changes():
-    state = shot()
-    still = render(Shutter.still(state, CAMERA), WINDOW, Settings(passes=2)).layers()
-    eyes = render(Shutter.still(state, CAMERA, dataclasses.replace(CAMERA)), WINDOW, Settings(passes=2)).views()
-    for other in eyes:
-        assert all(np.array_equal(other[name], still[name]) for name in still)
-    repeated = render(Shutter.still(shot(), CAMERA), WINDOW, Settings(passes=2)).layers()
-    assert all(np.array_equal(repeated[name], still[name]) for name in still)
+@pytest.mark.parametrize(
+    ("name", "shape"), [("box", (HEIGHT, WIDTH + 1)), ("mitchell", (HEIGHT, WIDTH)), ("box", (1, 3 * HEIGHT * WIDTH))]
+)
+def test_a_state_of_another_picture_is_refused(rng, name, shape):
+    sums = film(pixels(rng, 1)).sums
+    with pytest.raises(SceneError, match="the checkpoint is of another picture"):
+        Film(shape, (0, 0), reconstruction_filter(name)).restore(sums)
 
 
-def test_another_lens_crop_or_aspect_compiles_nothing():
-    """Pictures of the same size in pixels share kernels for any field of view, which a zoom changes in each frame."""
-    crop = Window(3 * WIDTH, 4 * HEIGHT, (48, 45, 48 + WIDTH, 45 + HEIGHT))
-    for first in (CAMERA, dataclasses.replace(CAMERA, lens_radius=0.05)):
-        render(Shutter.still(shot(), first), WINDOW, Settings(passes=1))
-        for focal_length, window in ((1.37, WINDOW), (0.71, WINDOW), (1.0, crop)):
-            camera = dataclasses.replace(first, focal_length=focal_length)
-            assert not compiled(render, Shutter.still(shot(), camera), window, Settings(passes=1))
+def test_the_error_is_that_of_the_mean_of_independent_passes(rng):
+    count, passes = 64, 32
+    samples = [rng.exponential(1.0, (count, count, 1)).astype(np.float32) for _ in range(passes)]
+    result = Film((count, count))
+    for number, each in enumerate(samples):
+        grey = to_vectors(np.repeat(each.reshape(-1, 1), 3, axis=1))
+        assert np.isnan(result.error()) == (number < 2)
+        seen = PassPicture(grey, to_float(np.ones(count * count)))
+        result.add(number, sums_of(result, [(seen, result.centers())]), BeamSamples({}, result.centers()))
+    values = np.array(samples)
+    mean = values.mean(axis=0)
+    relative = (values.std(axis=0, ddof=1) / np.sqrt(passes) / mean).ravel()
+    expected = np.quantile(relative, 0.5, method="inverted_cdf", weights=mean.ravel())
+    assert result.error() == pytest.approx(expected, rel=1e-4)
 
 
-def test_depth_is_that_of_a_pinhole_as_the_shutter_opens():
-    wall = quad("/wall", [[-9, -9, -6], [9, -9, -6], [9, 9, -6], [-9, 9, -6]])
-    lens = dataclasses.replace(CAMERA, lens_radius=0.5)
-    layers = render(Shutter.still(shot(meshes=[wall]), lens), WINDOW, Settings(passes=2)).layers()
-    assert np.allclose(layers["depth"], 6, rtol=1e-5)
+@pytest.mark.parametrize("name", ["box", "gaussian", "lanczos"])
+def test_all_passes_have_the_kernels_of_the_first(rng, name):
+    passes = pixels(rng, 6, (8, 8))
+    result = Film((8, 8), (0, 0), reconstruction_filter(name))
+    new = []
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for number, one in enumerate(passes):
+            seen, beams, first = whole = picture(one, (0, 0, 8, 8))
+            dr.eval(seen.surface, seen.alpha, seen.transmittance, seen.scattered, beams, first)
+            dr.kernel_history_clear()
+            add(result, number, whole, result.places(Samples(0, number)), opaque(1.0))
+            kernels = {each["hash"] for each in dr.kernel_history() if each["type"].name == "JIT"}
+            new.append(kernels)
+    assert all(each <= new[0] for each in new[1:])
 
 
-def test_depth_is_that_at_shutter_open():
-    """The depth of a wall that moves away is that at shutter open, for any number of passes."""
-
-    def at(fraction):
-        z = -4 - 10 * fraction
-        return Moment(shot(meshes=[quad("/wall", [[-99, -99, z], [99, -99, z], [99, 99, z], [-99, 99, z]])]), (CAMERA,))
-
-    for passes in (1, 4):
-        depth = render(Shutter(at, moving=True), WINDOW, Settings(passes=passes)).layers()["depth"]
-        assert np.allclose(depth, 4, rtol=1e-5)
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    # For a tent, ∫f² is 2/3; for a Gaussian of σ = 0.5, (∫f)² / ∫f² is 2 σ √π, less a little for its cut at 4 σ.
+    [("box", 1.0), ("tent", 1.5**2), ("gaussian", np.pi)],
+)
+def test_a_filter_averages_as_many_pixels_as_it_lowers_independent_noise(name, expected):
+    assert averaged(reconstruction_filter(name)) == pytest.approx(expected, rel=0.02)
 
 
-def test_a_time_limit_shows_the_whole_shutter():
-    """If a time limit ends a render after one of many passes, that pass shows the whole shutter interval."""
-
-    def at(fraction):
-        return Moment(shot(drawn(power=1 + 9 * fraction)), (CAMERA,))
-
-    shutter = Shutter(at, moving=True)
-    limited = beams_layer(shutter, passes=1000, time_limit=1e-9)
-    # Some 40 of 192 groups of pixels see the thin beam, each with a power from 1 to 10: the mean errs by a twelfth. The
-    # first thousandth of the shutter interval would have a power of 1 instead of 5.5.
-    assert limited.mean() == pytest.approx(instant(drawn(power=5.5)).mean(), rel=0.25)
-
-
-def test_slices_cover_the_shutter_in_an_order_that_may_be_cut_short():
-    for passes in (1, 2, 7, 16):
-        slices = [slice_of(number, passes) for number in range(passes)]
-        assert np.allclose(sorted(slices), [(k / passes, (k + 1) / passes) for k in range(passes)])
-    assert sorted(slice_of(number, 16)[0] for number in range(4)) == [0, 0.25, 0.5, 0.75]
-    # If the number of passes is unknown, the slices are the whole interval, then halves, then quarters.
-    assert [slice_of(number, None) for number in range(5)] == [(0, 1), (0, 0.5), (0.5, 1), (0, 0.25), (0.5, 0.75)]
-    # So many passes are treated as an unknown number: pass 2³⁰ is the second that covers 2⁻³⁰ of the interval.
-    assert slice_of(2**30, 2**31 - 1) == (0.5, 0.5 + 2**-30)
+@pytest.mark.parametrize("name", ["tent", "gaussian"])
+def test_even_light_of_one_pass_is_even(name):
+    result, count = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name)), HEIGHT * WIDTH
+    black = PassPicture(dr.zeros(Array3f, count), dr.zeros(Float, count))
+    for number, light in enumerate((0.0, 1.0)):
+        places = result.places(Samples(0, number))
+        result.add(
+            number, sums_of(result, [(black, places)]), BeamSamples({"": dr.full(Array3f, light, count)}, places)
+        )
+    np.testing.assert_allclose(result.layers()["beams"], 0.5, rtol=1e-6)

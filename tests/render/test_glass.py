@@ -4,10 +4,10 @@ from functools import partial
 
 import numpy as np
 
-from kernels import compiled
 from photonbeams.render.scene_frame import render
 from photonbeams.runtime.device import mitsuba
-from transport.scenes import T, by_beams, camera, cube_of, fog, load, rgb
+from tests.helpers.kernels import compiled
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
 IOR = 1.5

@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from comparison import quad
-from kernels import compiled
 from photonbeams import scene
 from photonbeams.render.holdouts import HoldoutDepth, slopes
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
 from photonbeams.world.cameras import View, Window
 from photonbeams.world.shutter import Moment, Shutter
+from tests.helpers.comparison import quad
+from tests.helpers.kernels import compiled
 
 WIDTH, HEIGHT = 40, 24
 WINDOW = Window.full(WIDTH, HEIGHT)

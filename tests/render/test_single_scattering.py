@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import expn
 
-from comparison import box
 from photonbeams import Look, Shot, scene
+from tests.helpers.comparison import box
 
 SKY = (1.0, 2.0, 0.5)
 SCATTERING, ABSORPTION = np.array([0.9, 0.3, 0.05]), np.array([0.1, 0.3, 0.05])

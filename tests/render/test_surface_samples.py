@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from tests.transport.scenes import by_beams, camera, comparison, cube_of, fog, load, rgb
 
 from photonbeams.render import scene_light
 from photonbeams.render.costs import surface_samples
@@ -11,6 +10,7 @@ from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.world.parameters import Parameters
+from tests.helpers.mitsuba_scenes import by_beams, camera, comparison, cube_of, fog, load, rgb
 
 mi = mitsuba()
 LAMP = {"type": "sphere", "center": [0, 3, 0], "radius": 0.5, "emitter": {"type": "area", "radiance": rgb(20.0)}}

@@ -6,14 +6,14 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from comparison import box, quad
-from kernels import compiled
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.world.stage_world import StageWorld
-from render.shading import Shaded, shade
-from transport.stages import trace
+from tests.helpers.comparison import box, quad
+from tests.helpers.kernels import compiled
+from tests.helpers.shading import Shaded, shade
+from tests.helpers.tracing import trace
 
 DIFFUSE = scene.Material(diffuse=(0.6, 0.5, 0.4), roughness=1.0, ior=1.001)
 GLOSSY = scene.Material(diffuse=(0.2, 0.3, 0.4), roughness=0.25, metallic=0.3, clearcoat=0.5)

@@ -6,10 +6,10 @@ import socket
 import numpy as np
 import pytest
 
-import mutations
 from photonbeams.runtime import inputs
 from photonbeams.runtime.inputs import arrays, check_size, content, is_special, opened, why_unreadable
 from photonbeams.scene import SceneError
+from tests.helpers import mutations
 
 
 @pytest.fixture(scope="module")

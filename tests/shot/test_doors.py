@@ -14,7 +14,7 @@ from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.shot.old_scenes import converted
 from photonbeams.shot.scene_shot import SceneShot
-from transport.scenes import camera, cube_of, fog, rgb
+from tests.helpers.mitsuba_scenes import camera, cube_of, fog, rgb
 
 pytestmark = pytest.mark.usefixtures("helping_thread")
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from agreement import deviations, means, ratio
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.shot.export import export
-from usda import material, quad
+from tests.helpers.agreement import deviations, means, ratio
+from tests.helpers.usda import material, quad
 
 pytestmark = pytest.mark.usefixtures("helping_thread")
 

@@ -12,7 +12,7 @@ import photonbeams as pb
 from photonbeams import scene
 from photonbeams.scene import SceneError
 from photonbeams.shot import notebook
-from transport.scenes import camera, cube_of, fog, load, rgb
+from tests.helpers.mitsuba_scenes import camera, cube_of, fog, load, rgb
 
 STAGE = """#usda 1.0
 def Camera "Camera"

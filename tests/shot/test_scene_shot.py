@@ -8,7 +8,7 @@ import pytest
 import photonbeams as pb
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import BeamSettings, Gobo, SceneError
-from transport.scenes import T, camera, cube_of, fog, load, rgb
+from tests.helpers.mitsuba_scenes import T, camera, cube_of, fog, load, rgb
 
 pytestmark = pytest.mark.usefixtures("helping_thread")
 

@@ -11,13 +11,13 @@ import pytest
 from pxr import Sdf, UsdGeom
 
 import photonbeams as pb
-from comparison import camera_rays, lit, scattered_along, single_scattering
-from kernels import compiled
 from photonbeams.numerics.samples import Samples
 from photonbeams.render.film import Film
 from photonbeams.usd.header import frame_rate
 from photonbeams.usd.looks import AlongSpec, CurveSpec, LookSpec
 from photonbeams.usd.stage import open_stage, read_scene
+from tests.helpers.comparison import camera_rays, lit, scattered_along, single_scattering
+from tests.helpers.kernels import compiled
 
 STAGE = Path(__file__).parents[1] / "usd" / "data" / "comparison.usda"
 CAMERA = "/World/Camera"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from studio.stages import STAGE
+from tests.studio.sessions import STAGE
 
 
 @pytest.fixture

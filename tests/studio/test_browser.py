@@ -24,7 +24,7 @@ from playwright.sync_api import sync_playwright
 import photonbeams as pb
 from photonbeams.images.files import read_layers
 from photonbeams.images.view_transforms import viewed
-from studio.test_server import TOKEN, Served
+from tests.studio.serving import TOKEN, Served
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM = next((found for name in NAMES if (found := shutil.which(name))), None)

@@ -6,9 +6,8 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 
 from photonbeams.studio import protocol
-from studio.stages import STAGE
-from studio.test_server import Served
-from studio.test_session import INTENSITY, TINT
+from tests.studio.serving import Served
+from tests.studio.sessions import INTENSITY, STAGE, TINT
 
 MESSAGES = 5000
 KINDS = ("set", "apply", "undo", "redo", "revert", "discard", "show", "inspect", "render", "cancel", "sett", 3, None)

@@ -8,9 +8,8 @@ import pytest
 import photonbeams as pb
 from photonbeams.studio.session import Session
 from photonbeams.usd.presets import PRESETS
-from studio.stages import STAGE
-from studio.test_server import TOKEN, Served, asked
-from studio.test_session import TINT, VIEW, Watched, are_equal, rendered
+from tests.studio.serving import TOKEN, Served, asked
+from tests.studio.sessions import STAGE, TINT, VIEW, Watched, are_equal, rendered
 
 LAMP, LOOK = "/World/Lamp", "/World/Look"
 BARE = STAGE.replace("        rel photonbeams:look = </World/Look>\n", "").replace(

@@ -3,7 +3,6 @@
 import gc
 import subprocess
 import sys
-import threading
 import weakref
 from contextlib import nullcontext
 from dataclasses import replace
@@ -18,60 +17,10 @@ from photonbeams.render.passes import PlannedPasses
 from photonbeams.shot.development import Development
 from photonbeams.studio import session as session_module
 from photonbeams.studio.live import Cancelled
-from photonbeams.studio.session import Picture, Problem, Session, SessionView
-from studio.stages import STAGE
+from photonbeams.studio.session import Session, SessionView
+from tests.studio.sessions import INTENSITY, STAGE, TINT, VIEW, Watched, are_equal, rendered
 
-VIEW = SessionView(width=48, height=27, passes=2, denoise=False)
-TINT, INTENSITY = "/World/Look.photonbeams:along:tint", "/World/Lamp.inputs:intensity"
 PLACE = "/World/Ball.xformOp:translate"
-
-
-class Watched:
-    """A session, and a record of what it reports to a listener."""
-
-    def __init__(self, *given, **named):
-        self.session, self.told = Session(*given, **{"view": VIEW, **named}), []
-        self._came = threading.Condition()
-        self.session.listen(self._tell)
-        self.session.show()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.session.close()
-
-    def _tell(self, what):
-        with self._came:
-            self.told.append(what)
-            self._came.notify_all()
-
-    def wait(self, version, wanted):
-        """Return the first report on a version that `wanted` accepts."""
-        with self._came:
-
-            def found():
-                return [each for each in self.told if each.version == version and wanted(each)]
-
-            assert self._came.wait_for(found, timeout=120), self.told[-3:]
-            return found()[0]
-
-    def finished(self, version=None):
-        version = self.session.version if version is None else version
-        found = self.wait(version, lambda each: isinstance(each, Problem) or each.is_finished)
-        assert isinstance(found, Picture), found
-        return found.layers
-
-    def problem(self, version):
-        return self.wait(version, lambda each: isinstance(each, Problem)).text
-
-
-def rendered(stage, *layers, passes=2):
-    return pb.Shot.open(stage, session_layers=layers).render(passes=passes, width=48, height=27).layers
-
-
-def are_equal(some, others):
-    return some.keys() == others.keys() and all(np.array_equal(some[name], others[name]) for name in some)
 
 
 def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tmp_path):

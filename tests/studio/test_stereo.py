@@ -11,9 +11,8 @@ from photonbeams.images.view_transforms import viewed
 from photonbeams.studio.encoding import beside
 from photonbeams.studio.session import Session, SessionView
 from photonbeams.usd.stereo import Stereo
-from studio.stages import STAGE
-from studio.test_server import Served
-from studio.test_session import VIEW, Watched, are_equal
+from tests.studio.serving import Served
+from tests.studio.sessions import STAGE, VIEW, Watched, are_equal
 
 #: The stage with a pair of cameras beside its own.
 PAIR = STAGE.replace(

@@ -21,8 +21,7 @@ from photonbeams.scene import SceneError
 from photonbeams.studio.navigation import moved, orbited
 from photonbeams.studio.session import Picture, Session, SessionView
 from photonbeams.studio.widget import Widget
-from studio.stages import STAGE
-from studio.test_session import INTENSITY
+from tests.studio.sessions import INTENSITY, STAGE
 
 VIEW = SessionView(width=32, height=18, passes=2, denoise=False)
 PAUSED = SessionView(width=32, height=18, passes=2, paused=True, denoise=False)  # tests report in its place

@@ -4,7 +4,6 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from comparison import EYE, HOLE_X, HOLE_Y, HOLE_Z, comparison_scene
 from photonbeams.numerics.arrays import to_float, to_numpy
 from photonbeams.numerics.sampling import pixel_sample
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
@@ -17,8 +16,8 @@ from photonbeams.transport.simulation import StageSimulation, Tuning
 from photonbeams.world.scene_world import SceneWorld
 from photonbeams.world.stage_world import StageWorld
 from photonbeams.world.warp import sphere
-from transport.scenes import T, load, rgb
-from transport.test_normals import bumpy, tilted
+from tests.helpers.comparison import EYE, HOLE_X, HOLE_Y, HOLE_Z, comparison_scene
+from tests.helpers.mitsuba_scenes import T, bumpy, load, rgb, tilted
 
 mi = mitsuba()
 

@@ -11,7 +11,7 @@ from photonbeams.transport.coverage import medium_coverage, surface_coverage
 from photonbeams.transport.records import Segments
 from photonbeams.transport.simulation import FREE_PATHS
 from photonbeams.world.scene_world import SceneWorld
-from transport.scenes import T, by_beams, camera, cube_of, fog, load, rgb
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
 

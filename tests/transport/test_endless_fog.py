@@ -7,7 +7,7 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.runtime.device import mitsuba
-from usda import prim
+from tests.helpers.usda import prim
 
 mi = mitsuba()
 T = mi.ScalarTransform4f

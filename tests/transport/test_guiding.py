@@ -6,8 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import photonbeams as pb
-from comparison import EYE, camera_rays, comparison_scene, lit, single_scattering, wall_distance
-from comparison import camera as stage_camera
 from photonbeams.estimators.estimate import estimate
 from photonbeams.numerics.sampling import pairs, sobol_block, sobol_points
 from photonbeams.render.scene_frame import SceneRenderer, render
@@ -17,7 +15,9 @@ from photonbeams.transport.lamps import LampEmitter
 from photonbeams.transport.simulation import StageSimulation, Tuning
 from photonbeams.world.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
-from transport.scenes import by_beams, camera, comparison, cube_of, fog, frames, load, rgb
+from tests.helpers.comparison import EYE, camera_rays, comparison_scene, lit, single_scattering, wall_distance
+from tests.helpers.comparison import camera as stage_camera
+from tests.helpers.mitsuba_scenes import by_beams, camera, comparison, cube_of, fog, frames, load, rgb
 
 
 def clustered(seed, count=1 << 12):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from comparison import quad
 from photonbeams import scene
 from photonbeams.world.stage_world import StageWorld
-from transport.stages import trace
-from transport.test_fringes import estimated, lamp
+from tests.helpers.comparison import quad
+from tests.helpers.tracing import trace
+from tests.transport.fluences import estimated, lamp
 
 LAMP, EDGE = np.array([0.0, 3.0, 0.0]), np.array([2.0, 0.0, 0.0])
 GROUND = quad("/ground", [[-4, 0, -4], [-4, 0, 4], [2, 0, 4], [2, 0, -4]])

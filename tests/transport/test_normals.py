@@ -6,24 +6,9 @@ import pytest
 from photonbeams.render.scene_frame import render
 from photonbeams.runtime.device import mitsuba
 from photonbeams.world.world import perturbs
-from transport.scenes import T, by_beams, camera, load, rgb, volpath
+from tests.helpers.mitsuba_scenes import T, bumpy, by_beams, camera, load, rgb, tilted, volpath
 
 mi = mitsuba()
-TILT = 0.2
-
-
-def tilted(nested):
-    """Return a BSDF whose normal leans toward −x, away from the wall."""
-    normal = 0.5 + 0.5 * np.array([-np.sin(TILT), 0, np.cos(TILT)], dtype=np.float32)
-    image = {"type": "bitmap", "data": mi.TensorXf(np.tile(normal, (4, 4, 1))), "raw": True}
-    return {"type": "normalmap", "normalmap": image, "nested": nested}
-
-
-def bumpy(nested):
-    """Return a BSDF with a slope that rises toward the wall, and drops where the image repeats."""
-    height = np.tile(np.linspace(0, 1, 64, dtype=np.float32)[None, :, None], (4, 1, 1))
-    image = {"type": "bitmap", "data": mi.TensorXf(height), "raw": True}
-    return {"type": "bumpmap", "height": image, "scale": 2 * TILT, "nested": nested}
 
 
 def floor_and_wall(bsdf, side, floor=None):

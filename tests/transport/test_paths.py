@@ -13,7 +13,7 @@ from photonbeams.transport.scene_emitters import emission_of
 from photonbeams.world.interfaces import number
 from photonbeams.world.media import Media
 from photonbeams.world.scene_world import SceneWorld
-from transport.scenes import T, cube_of, fog, load, rgb
+from tests.helpers.mitsuba_scenes import T, cube_of, fog, load, rgb
 
 mi = mitsuba()
 COUNT, OVERLAP = 4096, 2.0

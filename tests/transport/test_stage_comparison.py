@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from comparison import camera_rays, comparison_scene, lit, single_scattering, wall_distance
 from photonbeams.estimators.estimate import estimate
 from photonbeams.world.stage_world import StageWorld
-from transport.stages import trace
+from tests.helpers.comparison import camera_rays, comparison_scene, lit, single_scattering, wall_distance
+from tests.helpers.tracing import trace
 
 
 @pytest.fixture(scope="module")

@@ -6,14 +6,14 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from comparison import HOLE_X, across_x, box, comparison_scene, quad
-from kernels import compiled
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, UInt32
 from photonbeams.transport.portal_visibility import lights_seen
 from photonbeams.world.stage_world import StageWorld
-from transport.stages import trace
+from tests.helpers.comparison import HOLE_X, across_x, box, comparison_scene, quad
+from tests.helpers.kernels import compiled
+from tests.helpers.tracing import trace
 
 EYE = (0.0, 1.5, 1.95)
 

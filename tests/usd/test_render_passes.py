@@ -7,7 +7,7 @@ import pytest
 from photonbeams.scene import SceneError
 from photonbeams.usd.render_passes import apply_pass
 from photonbeams.usd.stage import read_scene
-from usda import prim
+from tests.helpers.usda import prim
 
 CONTENT = "".join(
     [

@@ -6,7 +6,7 @@ import pytest
 
 from photonbeams.usd.unread import warn_of_unread
 from photonbeams.usd.warnings import Warnings
-from usda import prim
+from tests.helpers.usda import prim
 
 
 @pytest.fixture

@@ -4,13 +4,13 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from comparison import box, quad
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Bool, UInt32
 from photonbeams.world.stage_media import around_glass, media_of
 from photonbeams.world.stage_world import StageWorld
-from render.shading import shade
+from tests.helpers.comparison import box, quad
+from tests.helpers.shading import shade
 
 GLASS = scene.Material(diffuse=(1.0,) * 3, opacity=0.0, ior=1.5, roughness=0.0)
 FOG = scene.Medium((0.3,) * 3, name="/Fog")

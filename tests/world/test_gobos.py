@@ -13,7 +13,7 @@ from photonbeams.runtime.device import Array2f, Array3f, Float, UInt32
 from photonbeams.transport.lamps import emit, emit_through
 from photonbeams.world import gobos
 from photonbeams.world.stage_world import StageWorld
-from transport.stages import trace
+from tests.helpers.tracing import trace
 
 RADIANCE = (3.0, 2.0, 1.0)
 COUNT = 1 << 16

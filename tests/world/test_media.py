@@ -11,7 +11,7 @@ from photonbeams.runtime.device import Array3f, UInt32, mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.world.interfaces import medium_at, number
 from photonbeams.world.media import Media
-from transport.scenes import T, by_beams, camera, cloud, cube_of, fog, load, rgb, volpath
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, cloud, cube_of, fog, load, rgb, volpath
 
 mi = mitsuba()
 

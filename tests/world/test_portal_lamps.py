@@ -13,8 +13,8 @@ from photonbeams.world.portal_lamps import ThroughPortal, behind
 from photonbeams.world.portals import Portal
 from photonbeams.world.shapes import scene_of, shape_of
 from photonbeams.world.stage_world import StageWorld
-from render.shading import shade
-from transport.test_fitted_portals import room
+from tests.helpers.fog_room import room
+from tests.helpers.shading import shade
 
 mi = mitsuba()
 

@@ -7,7 +7,7 @@ import pytest
 from photonbeams.numerics.samples import Samples
 from photonbeams.runtime.device import Array2f, Float, UInt32, mitsuba
 from photonbeams.world.sensors import Sensor
-from transport.scenes import T, camera, load
+from tests.helpers.mitsuba_scenes import T, camera, load
 
 mi = mitsuba()
 WIDE = {"width": 24, "height": 10}

@@ -3,9 +3,7 @@
 import drjit as dr
 import numpy as np
 import pytest
-from tests.comparison import box
 
-from kernels import compiled
 from photonbeams import scene
 from photonbeams.looks import Attenuation
 from photonbeams.render.scene_frame import SceneRenderer, render
@@ -16,7 +14,9 @@ from photonbeams.world.interfaces import number
 from photonbeams.world.media import Media, MediumScattering
 from photonbeams.world.stage_media import media_of
 from photonbeams.world.tracking import Tracked
-from transport.scenes import by_beams, camera, cube_of, fog, load, rgb
+from tests.helpers.comparison import box
+from tests.helpers.kernels import compiled
+from tests.helpers.mitsuba_scenes import by_beams, camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
 AIR = scene.Medium((0.1, 0.2, 0.3), name="/Air")

@@ -9,8 +9,8 @@ from photonbeams.world.interfaces import number
 from photonbeams.world.media import Media
 from photonbeams.world.scene_world import SceneWorld
 from photonbeams.world.surroundings import Surroundings, place_of_sensor, places_of
-from render.test_scene_frame import SMALL, agree, pictures
-from transport.scenes import T, by_beams, camera, cube_of, fog, load, rgb, volpath
+from tests.helpers.mitsuba_pictures import SMALL, agree, pictures
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb, volpath
 
 mi = mitsuba()
 SIZE = 2.0

@@ -9,7 +9,7 @@ from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from photonbeams.world.interfaces import pointers
 from photonbeams.world.media import Media
 from photonbeams.world.tracking import Track, free_flight, walk
-from transport.scenes import cloud
+from tests.helpers.mitsuba_scenes import cloud
 
 mi = mitsuba()
 ORIGIN, DIRECTION, LENGTH = np.array([-2.0, 0.1, 0.2]), np.array([1.0, 0.05, -0.1]), 4.0

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from tests.comparison import box
 
 from photonbeams import scene
 from photonbeams.runtime.device import mitsuba
 from photonbeams.world.cameras import View, Window
 from photonbeams.world.twin import Twin, _closed, sensor_of, twin_of
+from tests.helpers.comparison import box
 
 mi = mitsuba()
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from photonbeams.render.scene_frame import SceneRenderer
 from photonbeams.runtime.device import mitsuba
-from transport.scenes import T, by_beams, camera, cube_of, fog, load, rgb
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
 LIGHT = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb(1.0)}

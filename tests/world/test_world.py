@@ -6,13 +6,13 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from comparison import box, comparison_scene, quad
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from photonbeams.world import shapes
 from photonbeams.world.scene_world import SceneWorld
 from photonbeams.world.stage_world import StageWorld
+from tests.helpers.comparison import box, comparison_scene, quad
 
 mi = mitsuba()
 CUBE = box("/fog", [-1, -1, -1], [1, 1, 1])

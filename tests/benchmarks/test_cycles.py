@@ -4,9 +4,10 @@ from functools import partial
 
 import numpy as np
 import pytest
+
 from benchmarks import cycles
 from benchmarks.cycles_scene import UntranslatedError, cycles_job
-from tests.transport import scenes
+from tests.helpers import mitsuba_scenes as scenes
 
 mi = scenes.mi
 

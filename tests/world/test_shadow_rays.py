@@ -14,7 +14,7 @@ from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Bool, UInt32, mitsuba
 from photonbeams.transport.lamps import LampEmitter
 from photonbeams.world.stage_world import StageWorld
-from render.shading import shade
+from tests.helpers.shading import shade
 
 mi = mitsuba()
 MATTE = scene.Material(diffuse=(0.5, 0.5, 0.5), roughness=1.0, ior=1.0)

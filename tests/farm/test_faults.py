@@ -12,13 +12,11 @@ import time
 import numpy as np
 import pytest
 
-from cli.results import fails
-from cli.test_farm import until
-from cli.test_merge import same
-from cli.test_render import CAMERA, FLOOR, FOG, LAMP, command, write_stage
-from disks import limited
 from photonbeams.images.files import read_layers
 from photonbeams.render import stage_frame as frame
+from tests.helpers.commands import command, fails, same, until
+from tests.helpers.disks import limited
+from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
 
 KILLS = 3
 

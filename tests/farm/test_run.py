@@ -12,10 +12,10 @@ import numpy as np
 import psutil
 import pytest
 
-from cli.results import fails
-from cli.test_render import CAMERA, FLOOR, FOG, LAMP, write_stage
 from photonbeams.farm import cluster
 from photonbeams.images.files import read_layers
+from tests.helpers.commands import fails, same, until
+from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
 
 SMALL = ("--res", 24, 0, "--passes", 4, "--beams", 64)
 MOVING = LAMP.replace(
@@ -44,11 +44,6 @@ def workers_of(process):
         if any("spawn_main" in part for part in with_name):
             found.append(each)
     return found
-
-
-def same(first, second):
-    found, expected = read_layers(first), read_layers(second)
-    return found.keys() == expected.keys() and all(np.array_equal(found[name], expected[name]) for name in expected)
 
 
 def test_frames_of_workers_are_those_of_one_process(render, stage, out):
@@ -112,14 +107,6 @@ def test_killed_and_stopped_workers_cost_no_frame(render, stage, out):
     assert process.returncode == 0, stderr
     assert all(same(out / f"farm.{k}.exr", out / f"serial.{k}.exr") for k in range(1, 7))
     assert stderr.count("is lost; others render its passes again") >= 2
-
-
-def until(ready, seconds=240):
-    """Wait until `ready()` is true; fail after so many seconds."""
-    end = time.monotonic() + seconds
-    while not ready():
-        assert time.monotonic() < end, "nothing happened"
-        time.sleep(0.02)
 
 
 def test_an_interrupted_farm_goes_on_with_another_number_of_workers(render, stage, out):

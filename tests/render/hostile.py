@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from transport.scenes import T, cloud, cube_of, fog, mi, rgb
+from tests.helpers.mitsuba_scenes import T, cloud, cube_of, fog, mi, rgb
 
 # Reconstruction filters; the last three have negative lobes.
 FILTERS = ("box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos")

@@ -5,7 +5,7 @@ import pytest
 
 from photonbeams.render.scene_frame import render
 from photonbeams.runtime.device import Float, UInt32, mitsuba
-from transport.scenes import T, by_beams, camera, fog, frames, load, rgb, volpath
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, fog, frames, load, rgb, volpath
 
 mi = mitsuba()
 SEEDS = 4

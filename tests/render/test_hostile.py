@@ -8,9 +8,9 @@ import pytest
 from photonbeams.render.scene_frame import render
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
-from render.test_scene_frame import INSIDE, LAMP, SMALL, agree, pictures
-from transport.hostile import LOBES, Maker
-from transport.scenes import T, by_beams, camera, cloud, cube_of, fog, frames, load, rgb, volpath
+from tests.helpers.mitsuba_pictures import INSIDE, LAMP, SMALL, agree, pictures
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, cloud, cube_of, fog, frames, load, rgb, volpath
+from tests.render.hostile import LOBES, Maker
 
 mi = mitsuba()
 FLOOR = {"type": "rectangle", "to_world": T().translate([0, -1.2, 0]).rotate([1, 0, 0], -90).scale(4)}

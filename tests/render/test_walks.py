@@ -10,7 +10,7 @@ from photonbeams.render.scene_light import Findings
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import BeamSettings, SceneError
-from transport.scenes import camera, cube_of, fog, frames, load, rgb, volpath
+from tests.helpers.mitsuba_scenes import camera, cube_of, fog, frames, load, rgb, volpath
 
 mi = mitsuba()
 SKY = {"type": "constant", "radiance": rgb([1.0, 0.5, 0.25])}

@@ -13,7 +13,7 @@ from photonbeams.estimators.points import Points
 from photonbeams.runtime.device import Bool, Float, UInt32
 from photonbeams.world.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
-from transport.stages import trace
+from tests.helpers.tracing import trace
 
 STAGE = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
 FRAMES = range(1, 102)

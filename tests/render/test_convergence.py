@@ -5,7 +5,7 @@ import pytest
 
 from photonbeams.render.scene_frame import render
 from photonbeams.runtime.device import mitsuba
-from transport.scenes import T, by_beams, camera, fog, load, rgb
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, fog, load, rgb
 
 mi = mitsuba()
 SEEDS = 24

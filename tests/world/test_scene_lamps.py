@@ -7,7 +7,7 @@ from photonbeams.render.scene_frame import Extras, render
 from photonbeams.scene import BeamSettings, Gobo, Mesh, SceneError
 from photonbeams.transport.scene_emitters import emission_of
 from photonbeams.world.scene_world import SceneWorld
-from transport.scenes import T, by_beams, camera, cube_of, fog, load, rgb
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb
 
 COUNT = 1 << 14
 LIGHT = [3.0, 2.0, 1.0]

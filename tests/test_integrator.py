@@ -16,7 +16,7 @@ from photonbeams import integrator
 from photonbeams.render.scene_frame import render
 from photonbeams.runtime.device import mitsuba
 from photonbeams.runtime.messages import reason
-from transport.scenes import camera, cube_of, fog, load, rgb
+from tests.helpers.mitsuba_scenes import camera, cube_of, fog, grey, load, rgb
 
 mi = mitsuba()
 PLUGIN = {"type": "photon_beams", "paths": 256, "method": "beams"}
@@ -34,12 +34,6 @@ def picture(scene, seed=0, spp=2, **parameters):
 
 def scene(**film):
     return load(fog=cube_of(fog(0.5)), light=LIGHT, wall={"type": "rectangle"}, sensor=camera(size=8, **film))
-
-
-def grey(pixel_format):
-    """Return a scene without colours, which loads in any variant."""
-    parts = {"fog": cube_of(fog(0.5)), "light": {**LIGHT, "intensity": rgb(2.0)}, "wall": {"type": "rectangle"}}
-    return load(**parts, sensor=camera(size=8, pixel_format=pixel_format), integrator=PLUGIN)
 
 
 @pytest.mark.parametrize(
@@ -216,7 +210,7 @@ def test_a_variant_without_colors_has_the_same_picture():
     script = """
 import photonbeams, mitsuba as mi, numpy as np
 mi.set_variant("llvm_ad_mono")
-from transport.test_integrator import grey
+from tests.helpers.mitsuba_scenes import grey
 print(*np.array(mi.render(grey("luminance"), seed=1, spp=2)).ravel())
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=ENVIRONMENT)

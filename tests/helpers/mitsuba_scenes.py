@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from tests.comparison import ABSORPTION, BOX, EYE, HOLE_X, HOLE_Y, HOLE_Z, SCATTERING, comparison_scene
 
 from photonbeams.render.scene_frame import Extras, render
 from photonbeams.render.scene_light import Findings
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
+from tests.helpers.comparison import ABSORPTION, BOX, EYE, HOLE_X, HOLE_Y, HOLE_Z, SCATTERING, comparison_scene
 
 mi = mitsuba()
 T = mi.ScalarTransform4f
@@ -66,7 +66,7 @@ def load(optimize=True, **parts):
 
 
 def comparison(width=160, height=90):
-    """Return the scene of tests/comparison.py in Mitsuba's terms."""
+    """Return the scene of tests/helpers/comparison.py in Mitsuba's terms."""
     low, high = BOX
     light, extinction = comparison_scene().lights[0], SCATTERING + ABSORPTION
     medium = mi.load_dict(fog(extinction, SCATTERING / extinction))
@@ -94,3 +94,28 @@ def volpath(scene, passes, seed=0, plugin="volpath", **parameters):
     """Return Mitsuba's own picture, (H, W, 3)."""
     integrator = mi.load_dict({"type": plugin, "rr_depth": 50, **parameters})
     return np.array(mi.render(scene, integrator=integrator, spp=passes, seed=seed))[..., :3]
+
+
+TILT = 0.2
+
+
+def tilted(nested):
+    """Return a BSDF whose normal leans toward −x, away from the wall."""
+    normal = 0.5 + 0.5 * np.array([-np.sin(TILT), 0, np.cos(TILT)], dtype=np.float32)
+    image = {"type": "bitmap", "data": mi.TensorXf(np.tile(normal, (4, 4, 1))), "raw": True}
+    return {"type": "normalmap", "normalmap": image, "nested": nested}
+
+
+def bumpy(nested):
+    """Return a BSDF with a slope that rises toward the wall, and drops where the image repeats."""
+    height = np.tile(np.linspace(0, 1, 64, dtype=np.float32)[None, :, None], (4, 1, 1))
+    image = {"type": "bitmap", "data": mi.TensorXf(height), "raw": True}
+    return {"type": "bumpmap", "height": image, "scale": 2 * TILT, "nested": nested}
+
+
+def grey(pixel_format):
+    """Return a scene without colours, rendered by the plug-in, which loads in any variant."""
+    lamp = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb(2.0)}
+    integrator = {"type": "photon_beams", "paths": 256, "method": "beams"}
+    sensor = camera(size=8, pixel_format=pixel_format)
+    return load(fog=cube_of(fog(0.5)), light=lamp, wall={"type": "rectangle"}, sensor=sensor, integrator=integrator)

@@ -9,7 +9,6 @@ import OpenEXR
 import pytest
 
 import photonbeams as pb
-from disks import limited
 from photonbeams import scene
 from photonbeams.images import files as images
 from photonbeams.images.tiles import join_tiles
@@ -23,6 +22,7 @@ from photonbeams.usd.layers import write_layer
 from photonbeams.usd.openusd import Gf, Sdf, Vt
 from photonbeams.volumes.writing import write_vdb
 from photonbeams.world.twin import Twin, _grid_of, ply
+from tests.helpers.disks import limited
 
 pytestmark = pytest.mark.usefixtures("helping_thread")
 
