@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 import photonbeams as pb
-from photonbeams.usd.stereo import Stereo
+from photonbeams.usd.cameras.stereo import Stereo
 
 from .keyhole import STAGE
 

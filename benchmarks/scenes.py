@@ -16,7 +16,7 @@ from photonbeams.estimators.image import Estimate, estimate_image
 from photonbeams.estimators.lanes import PixelRays
 from photonbeams.estimators.points import Points
 from photonbeams.runtime.device import Float
-from photonbeams.world.cameras import View, Window
+from photonbeams.world.cameras.cameras import View, Window
 
 WIDTH, HEIGHT = 1280, 720
 RADIUS = 0.003  # a beam is two to three pixels wide

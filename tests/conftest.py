@@ -100,8 +100,8 @@ def usd(tmp_path: Path) -> Opener:
 def scene(usd: Opener) -> Callable[..., object]:
     """Return a function that writes and reads a stage: unreadable parts are errors, as with --strict."""
 
+    from photonbeams.usd.common.warnings import Warnings
     from photonbeams.usd.stage import default_time, read_scene
-    from photonbeams.usd.warnings import Warnings
 
     class Failing(Warnings):
         def give(self, text: str, file: str = "") -> None:

@@ -18,9 +18,9 @@ from photonbeams.scene import SceneError
 from photonbeams.scene.checks import LONGEST
 from photonbeams.shot.development import Development, developed
 from photonbeams.shot.scene_shot import SceneShot
-from photonbeams.usd.ies import parse
+from photonbeams.usd.common.warnings import Warnings
+from photonbeams.usd.lights.ies import parse
 from photonbeams.usd.stage import default_time, open_stage, read_scene, sample_times
-from photonbeams.usd.warnings import Warnings
 from photonbeams.volumes.vol import HEADER, read_vol
 from tests.helpers import mutations
 from tests.helpers.full_stage import STAGE

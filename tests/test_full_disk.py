@@ -10,18 +10,18 @@ import pytest
 
 import photonbeams as pb
 from photonbeams import scene
+from photonbeams.export.scene import Twin, _grid_of, ply
+from photonbeams.export.shot import _write
 from photonbeams.images import files as images
 from photonbeams.images.tiles import join_tiles
 from photonbeams.render.frame_sums import FrameSums
 from photonbeams.render.sums import PassSums
 from photonbeams.runtime import files
 from photonbeams.runtime.device import mitsuba
-from photonbeams.shot.export import _write
 from photonbeams.studio.autosave import Autosave
-from photonbeams.usd.layers import write_layer
-from photonbeams.usd.openusd import Gf, Sdf, Vt
+from photonbeams.usd.common.openusd import Gf, Sdf, Vt
+from photonbeams.usd.layers.writing import write_layer
 from photonbeams.volumes.writing import write_vdb
-from photonbeams.world.twin import Twin, _grid_of, ply
 from tests.helpers.disks import limited
 
 pytestmark = pytest.mark.usefixtures("helping_thread")
@@ -159,7 +159,7 @@ def test_what_a_disk_loses_in_silence_is_noticed_before_the_earlier_file_goes(ol
                 file.truncate(size - 1 if loss == "end" else 0)
 
     monkeypatch.setattr(files, "sync", sync)
-    monkeypatch.setattr("photonbeams.usd.layers.sync", sync)
+    monkeypatch.setattr("photonbeams.usd.layers.writing.sync", sync)
     with pytest.raises(OSError):
         WRITERS[old.name](old, 1 << 14)
     check_untouched(old)
@@ -175,4 +175,4 @@ WRITING = re.compile(
 def test_all_files_are_written_in_one_way():
     paths = [path for path in SOURCE.rglob("*.py") if WRITING.search(path.read_text(encoding="utf-8"))]
     # OpenUSD writes binary layers to a path alone.
-    assert {str(path.relative_to(SOURCE)) for path in paths} == {"runtime/files.py", "usd/layers.py"}
+    assert {str(path.relative_to(SOURCE)) for path in paths} == {"runtime/files.py", "usd/layers/writing.py"}

@@ -14,9 +14,22 @@ TESTS = Path(__file__).parent
 
 #: Each package may import those before it, and none after it.
 ROOMS = (
-    "scene", "runtime", "volumes", "numerics", "quadrature", "beams", "looks", "estimators", "world", "transport",
-    "render", "images", "usd", "shot", "integrator", "farm", "studio", "cli",
+    "scene", "runtime", "volumes", "numerics", "quadrature", "beams", "looks", "estimators", "studies", "world",
+    "transport", "render", "images", "usd", "shot", "export", "integrator", "farm", "studio", "cli",
 )  # fmt: skip
+
+#: Wings of a package, and modules beside them. Each may import those before it; modules that are not listed, all.
+WINGS = {
+    "usd": ("common", "layers", "materials", "geometry", "media", "looks", "lights", "cameras", "authoring"),
+    "world": (
+        "spectra", "warp", "checks", "parameters", "shutter", "bounds", "shadow_rays", "surfaces", "media", "emitters",
+        "cameras",
+    ),
+}  # fmt: skip
+
+#: The most modules of a folder. These have more, and may not grow.
+MOST_MODULES = 20
+TOO_MANY = {"render": 24, "transport": 24, "cli": 23}
 
 #: The packages that may import a library, or ask `runtime` for Mitsuba.
 KNOWERS = {
@@ -27,7 +40,7 @@ KNOWERS = {
     "OpenImageIO": {"images"},
     "anywidget": {"studio"},
     "blosc": {"volumes"},
-    "mitsuba": {"runtime", "world", "transport", "render", "shot", "integrator"},
+    "mitsuba": {"runtime", "world", "transport", "render", "shot", "export", "integrator"},
     "mitsuba_oidn": {"render"},
     "drjit": {*ROOMS} - {"scene", "volumes", "quadrature", "usd", "farm", "cli"},
 }
@@ -67,6 +80,28 @@ def test_a_room_knows_those_before_it_alone(path):
     known = {name.split(".")[1] for name in imports(path) if name.startswith("photonbeams.")}
     below = {each for each in known if each in ROOMS and ROOMS.index(each) > own}
     assert not below, f"{path.name} knows {', '.join(sorted(below))}"
+
+
+def wing_of(room: str, parts: tuple[str, ...]) -> int:
+    """Return the index of the wing that a module is in; behind all wings for modules of the package itself."""
+    wings = WINGS[room]
+    return wings.index(parts[0]) if parts and parts[0] in wings else len(wings)
+
+
+@pytest.mark.parametrize("room", WINGS)
+def test_a_wing_knows_those_before_it_alone(room):
+    for path in (each for each in MODULES if room_of(each) == room):
+        own = wing_of(room, path.relative_to(SOURCE / room).with_suffix("").parts)
+        for name in imports(path):
+            parts = tuple(name.split(".")[1:])
+            if name.startswith("photonbeams.") and parts[0] == room and parts[1:]:
+                assert wing_of(room, parts[1:]) <= own, f"{path.relative_to(SOURCE)} knows {name}"
+
+
+@pytest.mark.parametrize("folder", sorted({path.parent for path in MODULES}), ids=lambda path: path.name)
+def test_a_folder_has_few_modules(folder):
+    modules = [each for each in folder.glob("*.py") if each.stem != "__init__"]
+    assert len(modules) <= TOO_MANY.get(folder.name, MOST_MODULES)
 
 
 @pytest.mark.parametrize("library", KNOWERS)

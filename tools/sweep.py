@@ -26,7 +26,7 @@ import numpy as np
 import OpenImageIO
 from pxr import Usd, UsdGeom, UsdLux, UsdVol
 
-from photonbeams.usd.reading import quiet
+from photonbeams.usd.common.reading import quiet
 
 STAGES = (".usd", ".usda", ".usdc", ".usdz")
 REFERENCES = (

@@ -62,7 +62,7 @@ class Fit:
 
     def __init__(self, shot: pb.Shot, width: int, height: int, beams: int = BEAMS) -> None:
         from photonbeams.runtime.device import Float
-        from photonbeams.world.cameras import View, Window
+        from photonbeams.world.cameras.cameras import View, Window
 
         scene, camera = shot.read()
         self._medium, self._shape = scene.medium, (height, width)

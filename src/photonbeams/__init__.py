@@ -24,7 +24,7 @@ if _TYPE_CHECKING:
     from .quadrature import Rule, gauss_legendre, riemann
     from .scene import DrawnBeams, Medium, SceneError
     from .shot import Holdout, Plate, Shot, Stereo
-    from .world.medium_colors import colors_of_medium, medium_of_colors
+    from .world.media.medium_colors import colors_of_medium, medium_of_colors
 
     __version__: str
 
@@ -75,8 +75,8 @@ _HOMES = {
     "quadrature": ("Rule", "gauss_legendre", "riemann"),
     "scene": ("DrawnBeams", "Medium", "SceneError"),
     "shot": ("Shot",),
-    "usd.stereo": ("Stereo",),
-    "world.medium_colors": ("colors_of_medium", "medium_of_colors"),
+    "usd.cameras.stereo": ("Stereo",),
+    "world.media.medium_colors": ("colors_of_medium", "medium_of_colors"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -15,7 +15,7 @@ from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render, simulate
 from photonbeams.runtime.device import Array3f, Float, UInt32
 from photonbeams.scene import SceneError
-from photonbeams.world.cameras import Window
+from photonbeams.world.cameras.cameras import Window
 from photonbeams.world.shutter import Moment, Shutter
 from photonbeams.world.stage_world import StageWorld
 from tests.helpers.comparison import comparison_scene

@@ -7,8 +7,8 @@ import pytest
 
 import photonbeams as pb
 from photonbeams import cli
-from photonbeams.estimators import convergence
 from photonbeams.looks import Attenuation, ColorRamp, Epanechnikov, Smoothstep, Tabulated, Uniform
+from photonbeams.studies import convergence
 
 LENGTH, RADII, MEDIUM = 4.0, (0.3, 0.9), pb.Medium((0.2, 0.35, 0.6), (0.03, 0.03, 0.03))
 

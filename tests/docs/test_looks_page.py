@@ -8,7 +8,7 @@ import pytest
 
 from photonbeams.looks.expression import FUNCTIONS, NAMES
 from photonbeams.usd import stage as stages
-from photonbeams.usd.looks import LookSpec
+from photonbeams.usd.looks.looks import LookSpec
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "looks.md").read_text()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from photonbeams.usd.openusd import Usd
+from photonbeams.usd.common.openusd import Usd
 
 TESTS = Path(__file__).parents[1]
 PAGE = (TESTS.parent / "docs/usdlux.md").read_text()

@@ -12,7 +12,7 @@ from photonbeams.estimators.points import Points
 from photonbeams.numerics.arrays import to_float
 from photonbeams.runtime.device import Array2f, Float, mitsuba
 from photonbeams.scene import Camera
-from photonbeams.world.cameras import View, Window
+from photonbeams.world.cameras.cameras import View, Window
 from tests.helpers.mitsuba_scenes import comparison
 
 mi = mitsuba()

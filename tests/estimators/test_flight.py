@@ -11,7 +11,7 @@ from photonbeams.estimators.image import estimate_image
 from photonbeams.estimators.lanes import PixelRays
 from photonbeams.estimators.points import Points
 from photonbeams.runtime.device import Bool, Float, UInt32
-from photonbeams.world.cameras import View, Window
+from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
 from tests.helpers.tracing import trace
 

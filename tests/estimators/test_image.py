@@ -17,7 +17,7 @@ from photonbeams.estimators.tiles import TILE, Bins, footprints
 from photonbeams.numerics.arrays import to_float
 from photonbeams.numerics.hashing import hash32, unit_float
 from photonbeams.runtime.device import Array2f, Float, UInt32
-from photonbeams.world.cameras import View, Window
+from photonbeams.world.cameras.cameras import View, Window
 from tests.helpers.kernels import compiled
 
 EPSILON32 = float(np.finfo(np.float32).eps)

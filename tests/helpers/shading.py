@@ -8,7 +8,7 @@ from photonbeams.numerics.samples import Samples
 from photonbeams.render import camera_paths
 from photonbeams.render.stage_lighting import StageLighting
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32
-from photonbeams.world.sensors import PrimaryRays
+from photonbeams.world.cameras.sensors import PrimaryRays
 
 
 class Shaded(NamedTuple):

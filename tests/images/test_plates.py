@@ -17,7 +17,7 @@ from photonbeams.images.files import read_layers
 from photonbeams.images.plates import Holdout, Plate
 from photonbeams.render.holdouts import HoldoutDepth
 from photonbeams.scene import Camera
-from photonbeams.world.cameras import View, Window
+from photonbeams.world.cameras.cameras import View, Window
 from tests.helpers.kernels import compiled
 
 ATTIC = Path(__file__).resolve().parents[2] / "examples" / "blender" / "attic.usda"

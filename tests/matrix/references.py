@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 import photonbeams as pb
+from photonbeams.export.shot import export
 from photonbeams.runtime.device import helping_thread
-from photonbeams.shot.export import export
 from tests.helpers.agreement import Means, means
 
 from .rows import HEIGHT, MATRIX, WIDTH, Row, mi

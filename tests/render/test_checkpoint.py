@@ -16,7 +16,7 @@ from photonbeams.render.passes import RunOptions
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
 from photonbeams.scene import SceneError
-from photonbeams.world.cameras import Window
+from photonbeams.world.cameras.cameras import Window
 from photonbeams.world.shutter import Moment, Shutter
 from tests.helpers.mitsuba_pictures import LAMP
 from tests.helpers.mitsuba_scenes import camera, cube_of, fog, load

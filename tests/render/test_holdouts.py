@@ -9,7 +9,7 @@ from photonbeams import scene
 from photonbeams.render.holdouts import HoldoutDepth, slopes
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
-from photonbeams.world.cameras import View, Window
+from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.shutter import Moment, Shutter
 from tests.helpers.comparison import quad
 from tests.helpers.kernels import compiled

@@ -10,7 +10,7 @@ import photonbeams as pb
 from photonbeams import scene
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
-from photonbeams.world.cameras import Window
+from photonbeams.world.cameras.cameras import Window
 from photonbeams.world.shutter import Moment, Shutter, slice_of
 from tests.helpers.comparison import quad
 from tests.helpers.kernels import compiled

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
+from photonbeams.export.shot import export
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
-from photonbeams.shot.export import export
 from tests.helpers.agreement import deviations, means, ratio
 from tests.helpers.usda import material, quad
 
@@ -286,7 +286,7 @@ def test_all_files_are_whole_or_none_is_there(folder, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("photonbeams.world.twin._write_image", full)
+    monkeypatch.setattr("photonbeams.export.scene._write_image", full)
     with pytest.raises(OSError, match="No space left"):
         export(shot, folder / "twin.xml", width=WIDTH)
     assert sorted(each.name for each in folder.iterdir()) == before

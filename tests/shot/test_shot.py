@@ -13,8 +13,8 @@ from pxr import Sdf, UsdGeom
 import photonbeams as pb
 from photonbeams.numerics.samples import Samples
 from photonbeams.render.film import Film
-from photonbeams.usd.header import frame_rate
-from photonbeams.usd.looks import AlongSpec, CurveSpec, LookSpec
+from photonbeams.usd.layers.header import frame_rate
+from photonbeams.usd.looks.looks import AlongSpec, CurveSpec, LookSpec
 from photonbeams.usd.stage import open_stage, read_scene
 from tests.helpers.comparison import camera_rays, lit, scattered_along, single_scattering
 from tests.helpers.kernels import compiled

@@ -9,7 +9,7 @@ import pytest
 
 from photonbeams.studio import autosave
 from photonbeams.studio.edits import Edits
-from photonbeams.usd.editing import EditLayer
+from photonbeams.usd.authoring.editing import EditLayer
 from photonbeams.usd.stage import open_stage
 
 STAGE = """#usda 1.0

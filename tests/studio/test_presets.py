@@ -7,7 +7,7 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.studio.session import Session
-from photonbeams.usd.presets import PRESETS
+from photonbeams.usd.authoring.presets import PRESETS
 from tests.studio.serving import TOKEN, Served, asked
 from tests.studio.sessions import STAGE, TINT, VIEW, Watched, are_equal, rendered
 

@@ -10,7 +10,7 @@ from photonbeams.images.anaglyph import anaglyph
 from photonbeams.images.view_transforms import viewed
 from photonbeams.studio.encoding import beside
 from photonbeams.studio.session import Session, SessionView
-from photonbeams.usd.stereo import Stereo
+from photonbeams.usd.cameras.stereo import Stereo
 from tests.studio.serving import Served
 from tests.studio.sessions import STAGE, VIEW, Watched, are_equal
 

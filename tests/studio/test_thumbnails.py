@@ -8,7 +8,7 @@ from PIL import Image
 
 from photonbeams.scene import SceneError
 from photonbeams.studio.thumbnails import thumbnail_of
-from photonbeams.usd.presets import PRESETS
+from photonbeams.usd.authoring.presets import PRESETS
 
 
 def test_presets_are_rendered_without_a_warning_and_look_different(caplog):

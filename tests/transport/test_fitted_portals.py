@@ -8,7 +8,7 @@ from photonbeams.transport import pilot
 from photonbeams.transport.fitted_portals import Bundle, fitted
 from photonbeams.transport.lamps import PortalEmitter
 from photonbeams.transport.simulation import StageSimulation, Tuning
-from photonbeams.world.cameras import View, Window
+from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
 from tests.helpers.comparison import EYE, HOLE_X, HOLE_Y, HOLE_Z, comparison_scene
 from tests.helpers.comparison import camera as stage_camera

@@ -13,7 +13,7 @@ from photonbeams.transport.guiding import learn
 from photonbeams.transport.inversion import samples_of
 from photonbeams.transport.lamps import LampEmitter
 from photonbeams.transport.simulation import StageSimulation, Tuning
-from photonbeams.world.cameras import View, Window
+from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
 from tests.helpers.comparison import EYE, camera_rays, comparison_scene, lit, single_scattering, wall_distance
 from tests.helpers.comparison import camera as stage_camera

@@ -11,7 +11,7 @@ from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, Float
 from photonbeams.scene.vectors import ellipsoid_area
 from photonbeams.transport.lamps import emit, emit_through
-from photonbeams.world import lights
+from photonbeams.world.emitters import lights
 from photonbeams.world.stage_world import StageWorld
 
 RADIANCE = (3.0, 2.0, 1.0)

@@ -10,8 +10,8 @@ from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, Float, UInt32, mitsuba
 from photonbeams.transport import paths
 from photonbeams.transport.scene_emitters import emission_of
-from photonbeams.world.interfaces import number
-from photonbeams.world.media import Media
+from photonbeams.world.media.interfaces import number
+from photonbeams.world.media.media import Media
 from photonbeams.world.scene_world import SceneWorld
 from tests.helpers.mitsuba_scenes import T, cube_of, fog, load, rgb
 

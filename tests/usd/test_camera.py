@@ -7,8 +7,8 @@ import pytest
 from pxr import Gf, UsdGeom
 
 from photonbeams.scene import SceneError
+from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.stage import list_cameras, read_camera
-from photonbeams.usd.warnings import Warnings
 
 PLACED = """
     double3 xformOp:translate = (1, 2, 3)

@@ -9,8 +9,8 @@ from scipy.interpolate import BSpline, CubicHermiteSpline
 
 import photonbeams as pb
 from photonbeams.scene import DrawnBeams, SceneError
-from photonbeams.usd.export import write_beams
-from photonbeams.usd.splines import BASES, CHORD_ERROR, MOST_TURN, Spans, varying_counts
+from photonbeams.usd.authoring.beams import write_beams
+from photonbeams.usd.geometry.splines import BASES, CHORD_ERROR, MOST_TURN, Spans, varying_counts
 from photonbeams.usd.stage import open_stage, read_scene
 
 API = '(prepend apiSchemas = ["PhotonBeamsCurvesAPI"])'

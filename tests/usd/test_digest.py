@@ -5,7 +5,7 @@ import shutil
 import pytest
 from pxr import UsdGeom
 
-from photonbeams.usd.digest import stage_digest
+from photonbeams.usd.layers.digest import stage_digest
 from photonbeams.usd.stage import open_stage
 
 PRIMS = """def Mesh "Wall" {

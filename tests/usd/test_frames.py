@@ -3,7 +3,7 @@
 import pytest
 
 from photonbeams.scene import SceneError
-from photonbeams.usd.frames import check_frames, decimals, parse_frames
+from photonbeams.usd.layers.frames import check_frames, decimals, parse_frames
 
 
 @pytest.mark.parametrize(

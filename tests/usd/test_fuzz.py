@@ -12,8 +12,8 @@ from pxr import Gf, Sdf, Usd
 
 from photonbeams.scene import SceneError
 from photonbeams.scene.checks import LONGEST
+from photonbeams.usd.common.reading import quiet
 from photonbeams.usd.groups import groups_at_all_times, makers_at_all_times
-from photonbeams.usd.reading import quiet
 from photonbeams.usd.settings import read_settings
 from photonbeams.usd.stage import default_time, read_camera, read_scene
 from tests.helpers.full_stage import STAGE

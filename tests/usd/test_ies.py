@@ -7,9 +7,9 @@ import pytest
 
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array2f
-from photonbeams.usd.ies import parse
-from photonbeams.world.gobos import projected
-from photonbeams.world.lights import source
+from photonbeams.usd.lights.ies import parse
+from photonbeams.world.emitters.gobos import projected
+from photonbeams.world.emitters.lights import source
 
 HEAD = "IESNA:LM-63-2002\n[TEST] none\nTILT=NONE\n"
 

@@ -8,10 +8,10 @@ import pytest
 from pxr import Sdf
 
 from photonbeams.scene import SceneError
+from photonbeams.usd.common.textures import texture_limit
+from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.stage import open_stage, read_scene
-from photonbeams.usd.textures import texture_limit
 from photonbeams.usd.unread import warn_of_unread
-from photonbeams.usd.warnings import Warnings
 
 DOCUMENT = """<?xml version="1.0"?>
 <materialx version="1.38" colorspace="lin_rec709">

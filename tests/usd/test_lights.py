@@ -15,7 +15,7 @@ from photonbeams.scene import (
     SphereLight,
 )
 from photonbeams.scene.vectors import ellipse_perimeter, ellipsoid_area
-from photonbeams.usd.openusd import Usd
+from photonbeams.usd.common.openusd import Usd
 from photonbeams.usd.stage import read_scene
 
 SCALED = """

@@ -7,10 +7,10 @@ import pytest
 from pxr import Sdf, Usd
 
 from photonbeams.scene import Medium, SceneError
-from photonbeams.usd.looks import AcrossSpec, AngleSpec, CurveSpec, EyeSpec, LookSpec, NoiseSpec, Span
-from photonbeams.usd.reading import Reading
-from photonbeams.usd.schemas import FOLDER
-from photonbeams.usd.shading import build_look
+from photonbeams.usd.common.reading import Reading
+from photonbeams.usd.common.schemas import FOLDER
+from photonbeams.usd.looks.looks import AcrossSpec, AngleSpec, CurveSpec, EyeSpec, LookSpec, NoiseSpec, Span
+from photonbeams.usd.looks.shading import build_look
 
 MEDIUM = Medium((0.1, 0.1, 0.1))
 LIGHT = 'def SphereLight "L" {\nrel photonbeams:look = </Look>\n}\n'

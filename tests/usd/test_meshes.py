@@ -7,8 +7,8 @@ import pytest
 from pxr import Usd, UsdGeom
 
 from photonbeams.scene import SceneError
+from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.stage import read_scene
-from photonbeams.usd.warnings import Warnings
 
 QUAD = """
     int[] faceVertexCounts = [4]

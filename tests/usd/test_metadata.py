@@ -7,7 +7,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from photonbeams import Shot
 from photonbeams.scene import SceneError
-from photonbeams.usd.frames import time_range
+from photonbeams.usd.layers.frames import time_range
 from photonbeams.usd.stage import default_time, open_stage
 
 EXPORT = """#usda 1.0

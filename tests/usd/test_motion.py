@@ -9,9 +9,9 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.scene import SceneError
-from photonbeams.usd import textures
-from photonbeams.usd.motion import equal, followed
-from photonbeams.usd.stereo import Stereo
+from photonbeams.usd.cameras.stereo import Stereo
+from photonbeams.usd.common import textures
+from photonbeams.usd.common.motion import equal, followed
 
 KEYHOLE = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
 SMALL = {"passes": 2, "width": 48, "height": 32, "beams": 64}

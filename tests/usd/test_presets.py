@@ -6,13 +6,14 @@ from pathlib import Path
 import pytest
 
 from photonbeams.scene import SceneError
-from photonbeams.usd.controls import controls_of
-from photonbeams.usd.editing import EditLayer
-from photonbeams.usd.looks import find_looks, read_look
-from photonbeams.usd.presets import PRESETS, apply_preset, preset_look, preset_of
-from photonbeams.usd.reading import Reading
+from photonbeams.usd.authoring.controls import controls_of
+from photonbeams.usd.authoring.editing import EditLayer
+from photonbeams.usd.authoring.presets import PRESETS, apply_preset, preset_look, preset_of
+from photonbeams.usd.common.reading import Reading
+from photonbeams.usd.common.warnings import Warnings
+from photonbeams.usd.look_library import find_looks
+from photonbeams.usd.looks.looks import read_look
 from photonbeams.usd.stage import open_stage
-from photonbeams.usd.warnings import Warnings
 
 LIBRARY = Path(__file__).resolve().parents[2] / "examples" / "looks" / "looks.usda"
 FACTORS = ("along", "across", "eye", "angle", "noise", "variation")
@@ -144,7 +145,7 @@ def test_presets_are_for_lights_and_looks(edited, path):
 def test_a_place_that_the_stage_does_not_show_is_told(tmp_path):
     path = tmp_path / "stage.usda"
     path.write_text('#usda 1.0\ndef Xform "W"\n{\n    def SphereLight "L"\n    {\n    }\n}\n')
-    from photonbeams.usd.selection import Selection
+    from photonbeams.usd.common.selection import Selection
 
     stage = open_stage(path, selection=Selection.of("/W/L", None, (), None))
     with pytest.raises(SceneError, match="does not show it"):

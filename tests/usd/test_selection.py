@@ -4,8 +4,8 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.scene import SceneError
-from photonbeams.usd.digest import stage_digest
-from photonbeams.usd.selection import Selection
+from photonbeams.usd.common.selection import Selection
+from photonbeams.usd.layers.digest import stage_digest
 from photonbeams.usd.stage import open_stage, read_scene
 
 STAGE = """#usda 1.0

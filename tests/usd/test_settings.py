@@ -7,8 +7,8 @@ import pytest
 
 from photonbeams.images.frame import pixels_of
 from photonbeams.scene import SceneError
+from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.settings import RenderProduct, RenderSettings, product_file, read_settings
-from photonbeams.usd.warnings import Warnings
 
 CAMERAS = 'def Camera "A" {\n}\ndef Camera "B" {\n}\n'
 METADATA = 'renderSettingsPrimPath = "/S"'

@@ -3,8 +3,10 @@
 import pytest
 
 from photonbeams.scene import SceneError
-from photonbeams.usd import contents, meshes, sizes
-from photonbeams.usd.sizes import lowered, step_of
+from photonbeams.usd import contents
+from photonbeams.usd.common import sizes
+from photonbeams.usd.common.sizes import lowered, step_of
+from photonbeams.usd.geometry import meshes
 from photonbeams.usd.stage import read_scene
 
 CUBES = """def PointInstancer "Copies" {

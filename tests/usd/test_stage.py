@@ -8,8 +8,8 @@ import pytest
 from pxr import Usd
 
 from photonbeams.scene import SceneError
+from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.stage import default_time, extent_varies, open_stage, read_scene, sample_times
-from photonbeams.usd.warnings import Warnings
 
 LAMP = """#usda 1.0
 def SphereLight "Lamp" {

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from photonbeams.usd.refinement import SHARP, Topology
-from photonbeams.usd.selection import Selection
+from photonbeams.usd.common.selection import Selection
+from photonbeams.usd.geometry.refinement import SHARP, Topology
 from photonbeams.usd.stage import open_stage, read_scene
 
 CUBE_POINTS = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=float)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photonbeams.usd.triangles import polygon_normals, triangulate
+from photonbeams.usd.geometry.triangles import polygon_normals, triangulate
 
 
 def area(points, corners, indices):

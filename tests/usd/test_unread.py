@@ -4,8 +4,8 @@ import logging
 
 import pytest
 
+from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.unread import warn_of_unread
-from photonbeams.usd.warnings import Warnings
 from tests.helpers.usda import prim
 
 

@@ -5,9 +5,9 @@ import pytest
 from photonbeams import Shot
 from photonbeams.scene import SceneError
 from photonbeams.scene.checks import LONGEST
-from photonbeams.usd.reading import Reading
+from photonbeams.usd.common.reading import Reading
+from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.stage import open_stage, read_camera, read_scene
-from photonbeams.usd.warnings import Warnings
 
 
 def test_many_warnings_of_a_kind_are_one_with_their_number(caplog):

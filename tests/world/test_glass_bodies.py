@@ -7,7 +7,7 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Bool, UInt32
-from photonbeams.world.stage_media import around_glass, media_of
+from photonbeams.world.media.stage_media import around_glass, media_of
 from photonbeams.world.stage_world import StageWorld
 from tests.helpers.comparison import box, quad
 from tests.helpers.shading import shade

@@ -11,7 +11,7 @@ from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array2f, Array3f, Float, UInt32
 from photonbeams.transport.lamps import emit, emit_through
-from photonbeams.world import gobos
+from photonbeams.world.emitters import gobos
 from photonbeams.world.stage_world import StageWorld
 from tests.helpers.tracing import trace
 

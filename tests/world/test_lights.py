@@ -9,7 +9,7 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, Float, UInt32
-from photonbeams.world import lights
+from photonbeams.world.emitters import lights
 
 POINTS = 1 << 14
 AXIS = np.array([0.6, 0.0, -0.8])

@@ -9,8 +9,8 @@ from photonbeams.render.scene_frame import render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, UInt32, mitsuba
 from photonbeams.scene import SceneError
-from photonbeams.world.interfaces import medium_at, number
-from photonbeams.world.media import Media
+from photonbeams.world.media.interfaces import medium_at, number
+from photonbeams.world.media.media import Media
 from tests.helpers.mitsuba_scenes import T, by_beams, camera, cloud, cube_of, fog, load, rgb, volpath
 
 mi = mitsuba()

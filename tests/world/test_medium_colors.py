@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import photonbeams as pb
-from photonbeams.world.medium_colors import coefficients
+from photonbeams.world.media.medium_colors import coefficients
 
 NEAR, FAR = (1.0, 0.8, 0.5), (0.6, 0.4, 0.1)
 

@@ -8,8 +8,8 @@ import pytest
 
 from photonbeams import scene
 from photonbeams.runtime.device import Float, mitsuba
-from photonbeams.world.normal_maps import NORMAL_MAP
-from photonbeams.world.shapes import bsdf_of, sharp_bsdf_of
+from photonbeams.world.surfaces.normal_maps import NORMAL_MAP
+from photonbeams.world.surfaces.shapes import bsdf_of, sharp_bsdf_of
 
 mi = mitsuba()
 COUNT = 1 << 16

@@ -9,10 +9,10 @@ from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.render.scene_light import SceneLight
 from photonbeams.runtime.device import Array2f, Array3f, UInt32, mitsuba
-from photonbeams.world.portal_lamps import ThroughPortal, behind
-from photonbeams.world.portals import Portal
-from photonbeams.world.shapes import scene_of, shape_of
+from photonbeams.world.emitters.portal_lamps import ThroughPortal, behind
+from photonbeams.world.emitters.portals import Portal
 from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.surfaces.shapes import scene_of, shape_of
 from tests.helpers.fog_room import room
 from tests.helpers.shading import shade
 

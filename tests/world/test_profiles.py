@@ -8,9 +8,9 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, UInt32
-from photonbeams.world.gobos import pack_projected, projected
-from photonbeams.world.lights import source
-from photonbeams.world.profiles import ProfileTable
+from photonbeams.world.emitters.gobos import pack_projected, projected
+from photonbeams.world.emitters.lights import source
+from photonbeams.world.emitters.profiles import ProfileTable
 
 AROUND = [0, 90, 180, 270, 360]
 VALUES = np.array([[2, 5, 1, 0.5], [2, 3, 0, 0.2], [2, 1, 0, 0.1], [2, 4, 0, 0.6], [2, 5, 1, 0.5]])

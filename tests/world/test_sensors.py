@@ -6,7 +6,7 @@ import pytest
 
 from photonbeams.numerics.samples import Samples
 from photonbeams.runtime.device import Array2f, Float, UInt32, mitsuba
-from photonbeams.world.sensors import Sensor
+from photonbeams.world.cameras.sensors import Sensor
 from tests.helpers.mitsuba_scenes import T, camera, load
 
 mi = mitsuba()

@@ -8,12 +8,12 @@ from photonbeams import scene
 from photonbeams.looks import Attenuation
 from photonbeams.render.scene_frame import SceneRenderer, render
 from photonbeams.runtime.device import Array3f, mitsuba
-from photonbeams.usd.looks import AlongSpec, LookSpec
-from photonbeams.usd.shading import build_look
-from photonbeams.world.interfaces import number
-from photonbeams.world.media import Media, MediumScattering
-from photonbeams.world.stage_media import media_of
-from photonbeams.world.tracking import Tracked
+from photonbeams.usd.looks.looks import AlongSpec, LookSpec
+from photonbeams.usd.looks.shading import build_look
+from photonbeams.world.media.interfaces import number
+from photonbeams.world.media.media import Media, MediumScattering
+from photonbeams.world.media.stage_media import media_of
+from photonbeams.world.media.tracking import Tracked
 from tests.helpers.comparison import box
 from tests.helpers.kernels import compiled
 from tests.helpers.mitsuba_scenes import by_beams, camera, cube_of, fog, load, rgb

@@ -6,9 +6,9 @@ import pytest
 
 from photonbeams.numerics.hashing import hash32
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from photonbeams.world.interfaces import pointers
-from photonbeams.world.media import Media
-from photonbeams.world.tracking import Track, free_flight, walk
+from photonbeams.world.media.interfaces import pointers
+from photonbeams.world.media.media import Media
+from photonbeams.world.media.tracking import Track, free_flight, walk
 from tests.helpers.mitsuba_scenes import cloud
 
 mi = mitsuba()

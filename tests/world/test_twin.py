@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from photonbeams import scene
+from photonbeams.export.scene import Twin, _closed, sensor_of, twin_of
 from photonbeams.runtime.device import mitsuba
-from photonbeams.world.cameras import View, Window
-from photonbeams.world.twin import Twin, _closed, sensor_of, twin_of
+from photonbeams.world.cameras.cameras import View, Window
 from tests.helpers.comparison import box
 
 mi = mitsuba()

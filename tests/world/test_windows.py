@@ -7,7 +7,7 @@ from photonbeams.render.film import Film
 from photonbeams.runtime.device import Array2f
 from photonbeams.scene import Camera
 from photonbeams.scene.cameras import CONFORM_POLICIES
-from photonbeams.world.cameras import View, Window
+from photonbeams.world.cameras.cameras import View, Window
 
 
 def cases(rng, count=40):

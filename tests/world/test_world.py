@@ -9,9 +9,9 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from photonbeams.world import shapes
 from photonbeams.world.scene_world import SceneWorld
 from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.surfaces import shapes
 from tests.helpers.comparison import box, comparison_scene, quad
 
 mi = mitsuba()

@@ -63,7 +63,7 @@ Finish = Callable[[Task, Callable[..., None]], "Statistics"]
 def frame_numbers(text: str | None, outputs: Sequence[Output]) -> list[float | None]:
     """Return the frames that `--frames` asks for, None for the stage's start; check that their outputs differ."""
     from ..scene import SceneError
-    from ..usd.frames import decimals, parse_frames
+    from ..usd.layers.frames import decimals, parse_frames
 
     if text is None:
         return [None]
@@ -83,7 +83,7 @@ def tasks_of(
 
     `anywhere` says whether render products may lie outside the working folder.
     """
-    from ..usd.reading import file_of
+    from ..usd.common.reading import file_of
     from ..usd.settings import product_file
 
     tasks = []

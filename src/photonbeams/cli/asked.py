@@ -14,8 +14,8 @@ from .progress import Progress
 if TYPE_CHECKING:
     from ..farm.cluster import FarmOptions
     from ..images.plates import Holdout, Plate
+    from ..usd.cameras.stereo import Stereo
     from ..usd.settings import RenderProduct
-    from ..usd.stereo import Stereo
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -62,8 +62,8 @@ def beams(
     with messages(quiet, verbose), held_signals() as check:
         start_device(device, threads)
         from ..shot import Shot
-        from ..usd.export import check_path
-        from ..usd.frames import check_frames
+        from ..usd.authoring.beams import check_path
+        from ..usd.layers.frames import check_frames
         from ..usd.stage import check_not_read, open_stage
 
         numbers = frame_numbers(frames, [target])

@@ -50,10 +50,10 @@ def export(
     target = Output(checked_path("--output", output, (".xml",)))
     with messages(quiet, verbose), held_signals() as check:
         start_device(Device.auto, None)
+        from ..export.shot import check_path
+        from ..export.shot import export as written
         from ..shot import Shot
-        from ..shot.export import check_path
-        from ..shot.export import export as written
-        from ..usd.frames import check_frames
+        from ..usd.layers.frames import check_frames
         from ..usd.stage import open_stage
 
         numbers = frame_numbers(frames, [target])

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from ..quadrature import Rule
     from ..render.settings import Settings
     from ..scene import Color, Medium
-    from ..usd.selection import Selection
-    from ..usd.stereo import Stereo
+    from ..usd.cameras.stereo import Stereo
+    from ..usd.common.selection import Selection
 
 MOST_THREADS = 1024
 MOST_BOUNCES = 2**31 - 3  # 2 edges less than `max_depth`
@@ -82,7 +82,7 @@ def two_eyes(
     if not stereo:
         return None
     from ..scene import SceneError
-    from ..usd.stereo import Stereo
+    from ..usd.cameras.stereo import Stereo
 
     try:
         return Stereo(interaxial, convergence)
@@ -262,7 +262,7 @@ class SelectionFlags:
 
     def selection(self) -> Selection:
         """Return the selection; raise SceneError where a flag is not valid in USD."""
-        from ..usd.selection import Selection
+        from ..usd.common.selection import Selection
 
         return Selection.of(self.mask, self.purposes, self.variants, self.complexity and self.complexity.value)
 

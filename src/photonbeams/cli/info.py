@@ -114,8 +114,8 @@ def _text(value: Any) -> str:
 
 def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
     from ..usd import stage as stages
+    from ..usd.common.warnings import Warnings
     from ..usd.unread import warn_of_unread
-    from ..usd.warnings import Warnings
 
     stage = stages.open_stage(path, layers)
     warn_of_unread(stage, Warnings())
@@ -155,8 +155,8 @@ def _hidden_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
 def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
     from pxr import UsdGeom
 
-    from ..usd.frames import time_range
-    from ..world.medium_colors import colors_of_medium
+    from ..usd.layers.frames import time_range
+    from ..world.media.medium_colors import colors_of_medium
 
     yield "up axis", str(UsdGeom.GetStageUpAxis(stage))
     yield "unit", f"{UsdGeom.GetStageMetersPerUnit(stage):g} m"
@@ -190,7 +190,7 @@ def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
 
     from ..scene import SceneError
     from ..usd import stage as stages
-    from ..usd.camera import read_shutter
+    from ..usd.cameras.camera import read_shutter
 
     rows: list[tuple[str, ...]] = []
     to_mm = 1000 * UsdGeom.GetStageMetersPerUnit(stage)
@@ -248,7 +248,7 @@ def _reach_rows(scene: Scene, watching: Mapping[str, Camera]) -> list[tuple[str,
     if not (scene.media and watching and any(light.emits_beams for light in scene.lights)):
         return []
     from ..transport.reach import reach_of_lamps
-    from ..world.cameras import View, Window
+    from ..world.cameras.cameras import View, Window
     from ..world.stage_world import StageWorld
 
     world = StageWorld.build(scene, [np.asarray(camera.to_world)[:3, 3] for camera in watching.values()])

@@ -14,7 +14,7 @@ from .console import standard_output
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..estimators.convergence import Curve
+    from ..studies.convergence import Curve
 
 _COLUMNS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 _WIDE = 150  # terminal columns for rows of one line
@@ -74,7 +74,7 @@ def _study(rays: int, max_order: int, seed: int) -> dict[str, list[Curve]]:
     from rich.console import Console
     from rich.progress import Progress
 
-    from ..estimators import convergence
+    from ..studies import convergence
 
     cases = {
         "Profiles across a beam of physical falloff": convergence.profiles(),
@@ -98,7 +98,7 @@ def table(curves: Sequence[Curve], max_order: int, narrow: bool = False) -> Tabl
     """
     from rich.table import Table
 
-    from ..estimators.convergence import GAUSS_POINTS
+    from ..studies.convergence import GAUSS_POINTS
 
     result = Table(box=None, pad_edge=False, padding=(0, 1 if narrow else 2, 0, 0), header_style="bold")
     for _ in range(1 if narrow else 2):
@@ -124,7 +124,7 @@ def _row(
 
 def claim(curves: Sequence[Curve]) -> str:
     """Return the Talk's claim and what was found for the worst rays, as text."""
-    from ..estimators.convergence import GAUSS_POINTS
+    from ..studies.convergence import GAUSS_POINTS
 
     needed = [curve.gauss_needed() for curve in curves]
     riemann = _range([curve.riemann_needed() for curve in curves])
@@ -158,8 +158,8 @@ def _range(counts: Sequence[int | None]) -> str:
 
 
 def _ratio(count: int | None) -> str:
-    from ..estimators.convergence import GAUSS_POINTS
     from ..quadrature import MOST_POINTS
+    from ..studies.convergence import GAUSS_POINTS
 
     return f"over {MOST_POINTS / GAUSS_POINTS:.0f} times" if count is None else f"{count / GAUSS_POINTS:.2g} times"
 

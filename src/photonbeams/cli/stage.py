@@ -22,9 +22,9 @@ class StageJob(Job):
     _own: RenderSettings
 
     def __init__(self, asked: Asked, check: Callable[[], None]) -> None:
+        from ..usd.common.warnings import Warnings
         from ..usd.render_passes import apply_pass
         from ..usd.stage import enable_domes, open_stage
-        from ..usd.warnings import Warnings
 
         self._asked, self._check = asked, check
         self._numbers = frame_numbers(asked.frames, asked.outputs)
@@ -52,7 +52,7 @@ class StageJob(Job):
         """Return the frames and their files, and set `settings` from the render settings and the flags."""
         from ..render.settings import Settings
         from ..shot import Shot
-        from ..usd.frames import check_frames
+        from ..usd.layers.frames import check_frames
 
         asked = self._asked
         check_frames(self._stage, [number for number in self._numbers if number is not None])

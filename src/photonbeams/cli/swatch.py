@@ -54,14 +54,14 @@ def swatch(
     prepare_output(output)
     check_address_space()
     with messages(quiet=False, verbose=False):
-        from ..usd.looks import find_looks
+        from ..usd.look_library import find_looks
         from ..usd.stage import open_stage
 
         stage = open_stage(scene, session_layer or (), overrides or ())
         found, medium, seconds = find_looks(stage, look or (), frame)
     from ..images.swatches import FOG, Specimen, sheet
     from ..looks import LightContext
-    from ..usd.shading import build_look
+    from ..usd.looks.shading import build_look
 
     specimen = Specimen(medium or FOG, length, *radius, context=LightContext(frame or 0.0, seconds))
     figure = sheet([(spec.name, build_look(spec), specimen) for spec in found])

@@ -29,7 +29,7 @@ from .files import HALF_MAX
 
 if TYPE_CHECKING:
     from ..render.holdouts import HoldoutDepth
-    from ..world.cameras import View
+    from ..world.cameras.cameras import View
 
 KINDS = ("auto", "planar", "distance")
 # Depths from here on mean that there is no surface: Blender writes 1e10.

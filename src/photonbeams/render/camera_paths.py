@@ -17,7 +17,7 @@ from ..numerics.arrays import compressed, joined, unaliased
 from ..numerics.samples import Samples
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.sensors import PrimaryRays
+from ..world.cameras.sensors import PrimaryRays
 from ..world.shadow_rays import leaving, rounding
 from ..world.spectra import rgb
 from ..world.warp import outward

@@ -18,9 +18,9 @@ import numpy as np
 
 from ..runtime.device import Array3f, Float, UInt32, mitsuba
 from ..scene import Array
-from ..world.cameras import View
+from ..world.cameras.cameras import View
+from ..world.cameras.sensors import PrimaryRays
 from ..world.scene_world import SceneWorld
-from ..world.sensors import PrimaryRays
 from ..world.world import World
 from .camera_paths import Lighting
 from .costs import WALK, of_beams

@@ -30,8 +30,8 @@ from ..scene import SceneError
 from ..transport.radii import Limits
 from ..transport.records import PhotonHits
 from ..transport.simulation import Tuning
-from ..world.cameras import Window
-from ..world.sensors import PrimaryRays
+from ..world.cameras.cameras import Window
+from ..world.cameras.sensors import PrimaryRays
 from ..world.world import World
 from . import camera_paths
 from .branches import CameraPaths, add_to_pixels

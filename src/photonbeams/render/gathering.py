@@ -25,8 +25,8 @@ from ..numerics.arrays import compressed, indices, joined
 from ..numerics.structs import Struct
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..scene import SceneError
-from ..world.media import Media, RenderedMedium
-from ..world.sensors import PrimaryRays
+from ..world.cameras.sensors import PrimaryRays
+from ..world.media.media import Media, RenderedMedium
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex
 from .passes import Statistics

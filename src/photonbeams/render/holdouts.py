@@ -17,7 +17,7 @@ import numpy as np
 from .. import scene
 from ..numerics.arrays import to_float
 from ..runtime.device import Array2f, Float
-from ..world.cameras import View, Window
+from ..world.cameras.cameras import View, Window
 
 
 class HoldoutDepth:

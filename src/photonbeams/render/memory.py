@@ -6,7 +6,7 @@ import drjit as dr
 
 from ..runtime import device
 from ..scene import SceneError
-from ..world.cameras import Window
+from ..world.cameras.cameras import Window
 
 # Bytes at the peak of a pass on the CPU, measured as resident memory of renders of 2 to 8 million pixels and 1 to 3
 # million beams.

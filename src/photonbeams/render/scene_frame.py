@@ -9,8 +9,8 @@ from typing import Any
 from .. import scene
 from ..numerics.samples import BITS, Samples
 from ..runtime.device import Array2f
-from ..world.sensors import Sensor, window_of
-from ..world.surroundings import place_of_sensor
+from ..world.cameras.sensors import Sensor, window_of
+from ..world.media.surroundings import place_of_sensor
 from ..world.world import World
 from .checkpoint import identity
 from .choice import Pixels

@@ -24,14 +24,14 @@ from ..transport.fitted_portals import Opening, parted
 from ..transport.guiding import GuidingMap
 from ..transport.scene_emitters import emission_of, power_of, redistribute
 from ..transport.simulation import Simulation, Tuning
-from ..world.cameras import View
-from ..world.gobos import bare
-from ..world.portal_lamps import EnvironmentPortal
-from ..world.scene_lamps import names_of
+from ..world.cameras.cameras import View
+from ..world.emitters.gobos import bare
+from ..world.emitters.portal_lamps import EnvironmentPortal
+from ..world.emitters.scene_lamps import names_of
+from ..world.emitters.sources import Source
+from ..world.media.surroundings import Place
+from ..world.media.warnings import warn
 from ..world.scene_world import SceneWorld
-from ..world.sources import Source
-from ..world.surroundings import Place
-from ..world.warnings import warn
 from ..world.world import World
 from .camera_paths import Lighting
 from .choice import Pixels, is_sharp, preferred

@@ -12,9 +12,9 @@ import drjit as dr
 
 from ..numerics.arrays import indices
 from ..runtime.device import Array3f, Bool, Float, UInt32
-from ..world.interfaces import number
-from ..world.sensors import PrimaryRays, Sensor
-from ..world.surroundings import Place, place_of
+from ..world.cameras.sensors import PrimaryRays, Sensor
+from ..world.media.interfaces import number
+from ..world.media.surroundings import Place, place_of
 from .choice import Pixels
 from .frame import ViewRays
 from .scene_light import ScenePasses, light_of

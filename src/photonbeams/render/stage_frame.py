@@ -21,8 +21,8 @@ from ..numerics.samples import BITS, Samples
 from ..runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
 from ..transport.portal_visibility import lights_seen
 from ..transport.simulation import StageSimulation, renumbering
-from ..world.cameras import CameraRays, View, Window
-from ..world.sensors import PrimaryRays
+from ..world.cameras.cameras import CameraRays, View, Window
+from ..world.cameras.sensors import PrimaryRays
 from ..world.shutter import Moment, Shutter, slice_of, turn, with_lens
 from ..world.stage_world import StageWorld
 from ..world.world import World

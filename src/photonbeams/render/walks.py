@@ -24,13 +24,13 @@ from ..numerics.sampling import power_heuristic
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..transport.interactions import SAMPLED, SCATTERED, flight, survival
-from ..world.interfaces import pointers
-from ..world.portal_lamps import EnvironmentPortal
+from ..world.emitters.portal_lamps import EnvironmentPortal
+from ..world.media.interfaces import pointers
+from ..world.media.tracking import free_flight
+from ..world.media.visibility import through
 from ..world.scene_world import SceneWorld
 from ..world.shadow_rays import leaving, to_point
 from ..world.spectra import rgb
-from ..world.tracking import free_flight
-from ..world.visibility import through
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex
 

@@ -2,7 +2,7 @@
 
 from ..images.frame import Frame
 from ..images.plates import Holdout, Plate
-from ..usd.stereo import Stereo
+from ..usd.cameras.stereo import Stereo
 from .shot import Shot
 
 __all__ = ["Frame", "Holdout", "Plate", "Shot", "Stereo"]

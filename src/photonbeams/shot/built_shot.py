@@ -10,10 +10,10 @@ import numpy as np
 from .. import scene
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
-from ..usd.export import write_beams
-from ..usd.header import origin
-from ..usd.motion import Exposure
-from ..usd.stereo import Stereo, check_stereo, split
+from ..usd.authoring.beams import write_beams
+from ..usd.cameras.stereo import Stereo, check_stereo, split
+from ..usd.common.motion import Exposure
+from ..usd.layers.header import origin
 from .shot import Shot
 
 

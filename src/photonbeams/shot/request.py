@@ -19,7 +19,7 @@ from .development import Development
 if TYPE_CHECKING:
     from ..render.frame_sums import FrameSums
     from ..render.holdouts import HoldoutDepth
-    from ..world.cameras import Window
+    from ..world.cameras.cameras import Window
     from ..world.shutter import Shutter
 
 #: Called after each pass with a function that returns the frame so far.

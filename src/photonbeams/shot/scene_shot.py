@@ -19,13 +19,13 @@ from ..runtime.messages import reason
 from ..scene import SceneError
 from ..scene.cameras import CONFORM_POLICIES
 from ..scene.checks import shortened
-from ..usd.export import write_beams
-from ..usd.header import origin
-from ..usd.reading import LOG
+from ..usd.authoring.beams import write_beams
+from ..usd.cameras.stereo import EYES, Stereo, check_stereo, split, views_of
+from ..usd.common.reading import LOG
+from ..usd.common.warnings import Warnings
+from ..usd.layers.header import origin
 from ..usd.scene_layers import SceneLayers
 from ..usd.stage import check_not_read
-from ..usd.stereo import EYES, Stereo, check_stereo, split, views_of
-from ..usd.warnings import Warnings
 from .old_scenes import version_of
 from .scene_files import check_files
 from .scene_loading import load
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ..looks import Look
     from ..render.frame import FrameRenderer
     from ..render.settings import Settings, SettingsArguments
-    from ..world.cameras import Window
+    from ..world.cameras.cameras import Window
     from .development import Development
     from .request import FrameRequest
 
@@ -129,8 +129,8 @@ class SceneShot(Shot):
 
     def _layer_settings(self, layers: SceneLayers, frame: float | None) -> dict[str, scene.BeamSettings]:
         """Return the beam settings of layers by the ids of emitters; equal looks are built once, and share kernels."""
-        from ..usd.shading import build_look
-        from ..world.scene_lamps import names_of
+        from ..usd.looks.shading import build_look
+        from ..world.emitters.scene_lamps import names_of
 
         names = [name for each in self.plugin.emitters() for name in names_of(each)]
         result = {}
@@ -288,8 +288,8 @@ class SceneShot(Shot):
 
     def _window(self, width: int | None, height: int | None, crop: Sequence[float] | None) -> Window:
         """Return the window to render: the film's own crop window, unless a size or a crop is given."""
-        from ..world.cameras import Window
-        from ..world.sensors import window_of
+        from ..world.cameras.cameras import Window
+        from ..world.cameras.sensors import window_of
 
         if width or height or crop is not None:
             size = self.size(width, height)
@@ -335,7 +335,7 @@ class SceneShot(Shot):
 
     def eyes(self) -> list[scene.Camera]:
         """Return the cameras of two eyes, which replace the sensor; without stereo, none."""
-        from ..world.sensors import camera_of
+        from ..world.cameras.sensors import camera_of
 
         if self.stereo is None:
             return []
@@ -352,8 +352,8 @@ class SceneShot(Shot):
     def _render(self, request: FrameRequest) -> tuple[FrameRenderer, Development]:
         from ..render.film import margin_of
         from ..render.scene_frame import Extras, groups_of, render
-        from ..world.cameras import Window
-        from ..world.sensors import Sensor, camera_of
+        from ..world.cameras.cameras import Window
+        from ..world.cameras.sensors import Sensor, camera_of
 
         frame, settings = request.frame, request.settings
         self.load(frame)
@@ -442,7 +442,7 @@ def _beams(
 
 
 def _camera(sensor: Any) -> scene.Camera:
-    from ..world.sensors import camera_of
+    from ..world.cameras.sensors import camera_of
 
     camera = camera_of(sensor)
     if camera is None:

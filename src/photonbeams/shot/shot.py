@@ -17,19 +17,19 @@ from ..images.plates import Holdout, Plate
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..usd import stage as stages
+from ..usd.authoring.beams import write_beams
+from ..usd.authoring.editing import Extent, extent_of
 from ..usd.bounds import bounds_at_all_times
-from ..usd.camera import read_shutter
-from ..usd.editing import Extent, extent_of
-from ..usd.export import write_beams
-from ..usd.frames import check_frames
+from ..usd.cameras.camera import read_shutter
+from ..usd.cameras.stereo import EYES, Stereo, check_stereo, read_eyes, views_of
+from ..usd.common.motion import Exposure
+from ..usd.common.reading import file_of, frame_number
+from ..usd.common.warnings import Warnings
 from ..usd.groups import groups_at_all_times, makers_at_all_times
-from ..usd.header import header
-from ..usd.looks import LookSpec
-from ..usd.motion import Exposure
-from ..usd.reading import file_of, frame_number
-from ..usd.stereo import EYES, Stereo, check_stereo, read_eyes, views_of
+from ..usd.layers.frames import check_frames
+from ..usd.layers.header import header
+from ..usd.looks.looks import LookSpec
 from ..usd.unread import warn_of_unread
-from ..usd.warnings import Warnings
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -591,7 +591,7 @@ class Shot:
             return spec
         known = self._looks.get(spec.name)
         if known is None or digest(known[0]) != digest(spec):
-            from ..usd.shading import build_look  # starts Dr.Jit, which readers do not need
+            from ..usd.looks.shading import build_look  # starts Dr.Jit, which readers do not need
 
             known = self._looks[spec.name] = (spec, build_look(spec))
         return known[1]
@@ -793,7 +793,7 @@ class Shot:
         """Return everything that the passes of the frame of a `request` need; raises what `render` does."""
         from ..render.film import margin_of, reconstruction_filter
         from ..render.stage_frame import groups_of
-        from ..world.cameras import View, Window
+        from ..world.cameras.cameras import View, Window
         from .request import Prepared
 
         frame, number = request.frame, self._number(request.frame)
@@ -830,7 +830,7 @@ class Shot:
 
     def content(self, frame: float | None = None) -> str:
         """Return a hash of what a `frame` shows: the stage with its files, the time, and the arguments from Python."""
-        from ..usd.digest import stage_digest
+        from ..usd.layers.digest import stage_digest
 
         if self._stage_digest is None:
             self._stage_digest = stage_digest(self.stage)
@@ -862,7 +862,7 @@ class Shot:
         """
         from ..render.settings import Settings
         from ..render.stage_frame import simulate
-        from ..world.cameras import Window
+        from ..world.cameras.cameras import Window
 
         self._check_frame(frame)
         exposure = self.exposure(frame, blur=False, lens=False)

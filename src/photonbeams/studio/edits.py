@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from ..runtime.files import PathLike
 from ..scene import SceneError
-from ..usd.editing import EMPTY, EditLayer
+from ..usd.authoring.editing import EMPTY, EditLayer
 from .autosave import LOG, Autosave, autosave_path
 
 # The most steps that can be undone.

@@ -11,7 +11,7 @@ from PIL import Image
 from ..images.anaglyph import anaglyph
 from ..images.view_transforms import OWN, viewed
 from ..scene import Array
-from ..usd.stereo import EYES
+from ..usd.cameras.stereo import EYES
 from .session import Picture
 
 #: Ways to show both eyes: in one picture for red and cyan glasses, and beside each other at half the size.

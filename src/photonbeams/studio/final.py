@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ..runtime.files import atomic_file, temporary_folder, write_bytes
 from ..scene import SceneError
-from ..usd.stereo import Stereo
+from ..usd.cameras.stereo import Stereo
 
 _PROGRESS = re.compile(rb"openjd_progress: ([\d.]+)")
 

@@ -15,8 +15,8 @@ from ..render.passes import Statistics
 from ..render.settings import as_passes
 from ..render.stage_frame import StageRenderer
 from ..transport.simulation import StageSimulation
-from ..usd.motion import equal
-from ..world.cameras import View
+from ..usd.common.motion import equal
+from ..world.cameras.cameras import View
 from ..world.stage_world import StageWorld
 
 if TYPE_CHECKING:

@@ -31,9 +31,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..images.view_transforms import OWN, view_transforms
 from ..scene import SceneError
-from ..usd.controls import Controls
-from ..usd.presets import PRESETS
-from ..usd.stereo import EYES, Stereo, usual_interaxial
+from ..usd.authoring.controls import Controls
+from ..usd.authoring.presets import PRESETS
+from ..usd.cameras.stereo import EYES, Stereo, usual_interaxial
 from . import protocol
 from .encoding import ANAGLYPH, SHOWN, encoded
 from .final import FinalRender, Wanted

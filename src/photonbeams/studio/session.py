@@ -23,14 +23,14 @@ from ..scene import BLACK, Array, Camera, Scene, SceneError, whole
 from ..shot.development import Development
 from ..shot.request import Prepared
 from ..shot.shot import Shot
-from ..usd.controls import Controls, controls_of
-from ..usd.editing import EditLayer
-from ..usd.frames import time_range
-from ..usd.motion import equal, followed, same
-from ..usd.presets import BEAM, apply_preset, preset_of
+from ..usd.authoring.controls import Controls, controls_of
+from ..usd.authoring.editing import EditLayer
+from ..usd.authoring.presets import BEAM, apply_preset, preset_of
+from ..usd.cameras.stereo import Stereo, check_stereo, is_eye, read_eyes
+from ..usd.common.motion import equal, followed, same
+from ..usd.layers.frames import time_range
 from ..usd.stage import list_cameras, up_axis
-from ..usd.stereo import Stereo, check_stereo, is_eye, read_eyes
-from ..world.cameras import Window
+from ..world.cameras.cameras import Window
 from ..world.shutter import Moment, Shutter
 from .edits import Edits
 from .final import Wanted

@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image
 
 from ..images.swatches import thumbnail
-from ..usd.presets import preset_look, preset_of
-from ..usd.shading import build_look
+from ..usd.authoring.presets import preset_look, preset_of
+from ..usd.looks.shading import build_look
 
 _WIDTH, _HEIGHT = 144, 60
 

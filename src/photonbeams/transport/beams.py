@@ -18,8 +18,8 @@ from ..numerics.hashing import hash32, unit_float
 from ..numerics.structs import Struct
 from ..runtime.device import Bool, Float, UInt32
 from ..world.bounds import Box
-from ..world.media import RenderedMedium, over_mean
-from ..world.sources import Source
+from ..world.emitters.sources import Source
+from ..world.media.media import RenderedMedium, over_mean
 from ..world.world import World
 from .coverage import medium_coverage
 from .radii import Limits

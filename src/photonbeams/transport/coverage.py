@@ -22,7 +22,7 @@ from ..estimators.photons import FACING, THICKNESS
 from ..numerics.arrays import to_float
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
-from ..world.interfaces import is_boundary, is_left, transmits
+from ..world.media.interfaces import is_boundary, is_left, transmits
 from ..world.shadow_rays import gap_at, leaving
 from ..world.warp import perpendicular
 from ..world.world import World

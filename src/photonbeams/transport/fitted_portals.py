@@ -18,9 +18,9 @@ from .. import scene
 from ..numerics.sampling import sobol_block
 from ..runtime.device import Array3f, Float, UInt32, mitsuba
 from ..scene import Array
-from ..world.portals import Portal
-from ..world.shapes import shape_of
-from ..world.visibility import through
+from ..world.emitters.portals import Portal
+from ..world.media.visibility import through
+from ..world.surfaces.shapes import shape_of
 from ..world.world import World
 from .emission import Stratum
 from .lamps import PortalEmitter

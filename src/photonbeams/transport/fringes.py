@@ -23,7 +23,7 @@ import numpy as np
 from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.bounds import Box
-from ..world.interfaces import distance_to_medium
+from ..world.media.interfaces import distance_to_medium
 from ..world.warp import perpendicular
 from .paths import AS_FAR, Last, Tracing, straight
 from .radii import Limits

@@ -14,8 +14,8 @@ from ..numerics.arrays import to_float, to_uint, to_vectors
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
+from ..world.media.visibility import through
 from ..world.shadow_rays import rounding
-from ..world.visibility import through
 from ..world.world import World
 
 if TYPE_CHECKING:

@@ -9,11 +9,11 @@ import drjit as dr
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.interfaces import pointers
-from ..world.media import Media
+from ..world.media.interfaces import pointers
+from ..world.media.media import Media
+from ..world.media.tracking import free_flight
 from ..world.shadow_rays import leaving
 from ..world.spectra import rgb
-from ..world.tracking import free_flight
 from ..world.warp import outward
 
 if TYPE_CHECKING:

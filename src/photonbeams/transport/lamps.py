@@ -20,14 +20,14 @@ from ..numerics.structs import Struct
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..scene import Array
 from ..world.bounds import Bounds
-from ..world.cylinders import CylinderLamp
-from ..world.gobos import ProjectedLight, bare, spread
-from ..world.lights import FlatLamp, SphereLamp
-from ..world.mesh_lamps import MeshLamp
-from ..world.portals import Portal
+from ..world.emitters.cylinders import CylinderLamp
+from ..world.emitters.gobos import ProjectedLight, bare, spread
+from ..world.emitters.lights import FlatLamp, SphereLamp
+from ..world.emitters.mesh_lamps import MeshLamp
+from ..world.emitters.portals import Portal
+from ..world.emitters.stretched import StretchedLamp
 from ..world.shadow_rays import gap_before
 from ..world.stage_world import StageWorld
-from ..world.stretched import StretchedLamp
 from ..world.warp import disk, perpendicular, power_cone, sphere
 from .differentials import RayDifferentials
 from .emission import EmissionSample, Emitter, Stratum

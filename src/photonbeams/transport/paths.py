@@ -19,7 +19,7 @@ from ..numerics.arrays import compressed, indices, joined, to_float, unaliased
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.interfaces import distance_to_medium, is_left, pointers
+from ..world.media.interfaces import distance_to_medium, is_left, pointers
 from ..world.spectra import rgb
 from ..world.stage_world import StageWorld
 from ..world.warp import facing

@@ -16,7 +16,7 @@ from ..numerics.arrays import indices, opaque
 from ..numerics.hashing import hash32
 from ..numerics.sampling import pixel_sample, sobol_block
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
-from ..world.portals import Portal
+from ..world.emitters.portals import Portal
 from ..world.shadow_rays import to_lamp
 
 if TYPE_CHECKING:

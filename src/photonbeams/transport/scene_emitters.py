@@ -11,8 +11,8 @@ import numpy as np
 from ..runtime.device import Array2f, Array3f, Bool, Float, mitsuba
 from ..world.bounds import box_around
 from ..world.checks import check_finite
-from ..world.gobos import ProjectedLight
-from ..world.lights import EmitterSource
+from ..world.emitters.gobos import ProjectedLight
+from ..world.emitters.lights import EmitterSource
 from ..world.scene_world import SceneWorld
 from ..world.shadow_rays import gap_at
 from ..world.spectra import rgb

@@ -17,9 +17,9 @@ from ..beams.sets import BeamSet
 from ..numerics.arrays import compressed, equal_entries, to_float, to_uint
 from ..numerics.hashing import key_of
 from ..runtime.device import Bool, Float, UInt32
-from ..world.media import RenderedMedium
-from ..world.portals import count_candidates
-from ..world.sources import Source
+from ..world.emitters.portals import count_candidates
+from ..world.emitters.sources import Source
+from ..world.media.media import RenderedMedium
 from ..world.stage_world import StageWorld
 from ..world.world import World
 from . import paths

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..scene import Array, Camera, Scene, SceneError
-from .openusd import Usd
+from .common.openusd import Usd
 from .stage import extent_varies, sample_times
 
 T = TypeVar("T")

@@ -10,21 +10,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..scene import Array, DrawnBeams, Light, Medium, Mesh, MeshLight, Scene
-from . import schemas as schemas
-from .curves import guide_paths, is_drawn, read_curves, read_guides
-from .lights import PHYSICAL, bound_look, is_light, portal_paths, read_light
-from .links import linked
-from .medium import is_medium, read_medium
-from .mesh_lights import glowing_power, glows
-from .meshes import is_surface, read_meshes
-from .openusd import Gf, Sdf, Usd, UsdGeom
-from .outlines import read_outline
-from .primvars import Instance
-from .reading import Reading, is_relationship, prims_under, quiet, target_paths, visible
-from .selection import rendered_purposes
-from .sizes import MESH, MOST_INSTANCES, room, step_of, triangles_about
-from .velocities import carried
-from .warnings import Warnings
+from .common import schemas as schemas
+from .common.openusd import Gf, Sdf, Usd, UsdGeom
+from .common.reading import Reading, is_relationship, prims_under, quiet, target_paths, visible
+from .common.selection import rendered_purposes
+from .common.sizes import MESH, MOST_INSTANCES, room, step_of, triangles_about
+from .common.warnings import Warnings
+from .geometry.meshes import is_surface, read_meshes
+from .geometry.outlines import read_outline
+from .geometry.primvars import Instance
+from .geometry.velocities import carried
+from .lights.curves import guide_paths, is_drawn, read_curves, read_guides
+from .lights.lights import PHYSICAL, bound_look, is_light, portal_paths, read_light
+from .lights.links import linked
+from .lights.mesh_lights import glowing_power, glows
+from .media.medium import is_medium, read_medium
 
 _MOST_GLOWING = 8  # lamps that glowing surfaces become: kernels have code for each
 _WITH_ALL_BELOW = "it is skipped with all below it"

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 
+from .common.openusd import Usd, UsdGeom
+from .common.reading import Reading, prims_under, target_paths, visible
 from .contents import PROTOTYPE_PRIMS, shown_in_prototype
-from .curves import is_drawn
-from .lights import is_light, is_sky, makes_beams
-from .links import lights_media
-from .medium import is_lit_by_domes, is_medium
-from .openusd import Usd, UsdGeom
-from .reading import Reading, prims_under, target_paths, visible
+from .lights.curves import is_drawn
+from .lights.lights import is_light, is_sky, makes_beams
+from .lights.links import lights_media
+from .media.medium import is_lit_by_domes, is_medium
 
 
 def groups_at_all_times(stage: Usd.Stage) -> frozenset[str]:

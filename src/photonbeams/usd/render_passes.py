@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..scene import SceneError
-from .lights import is_light
-from .openusd import Sdf, Usd, UsdGeom, UsdRender
-from .reading import Reading, file_of, prims_under
-from .warnings import Warnings
+from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
+from .common.reading import Reading, file_of, prims_under
+from .common.warnings import Warnings
+from .lights.lights import is_light
 
 
 def apply_pass(stage: Usd.Stage, path: str, warnings: Warnings | None = None) -> str | None:

@@ -7,12 +7,12 @@ from collections.abc import Collection, Iterable
 from typing import Any
 
 from ..scene import Mesh
-from .lights import read_beam_settings, read_portal
-from .meshes import is_gprim
-from .openusd import Tf, Usd
-from .reading import Reading
+from .common.openusd import Tf, Usd
+from .common.reading import Reading
+from .common.warnings import Warnings
+from .geometry.meshes import is_gprim
+from .lights.lights import read_beam_settings, read_portal
 from .stage import open_stage
-from .warnings import Warnings
 
 # The properties of PhotonBeamsLightAPI that apply to emitters of Mitsuba scenes, without "photonbeams:".
 _SUPPORTED = ("look", "lightGroup", "enabled", "count", "intensity", "seed", "portal", "gobo", "scattered", "bounces")

@@ -13,9 +13,9 @@ from ..images.frame import fractions_of, pixels_of
 from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
 from ..scene.cameras import CONFORM_POLICIES, FILTERS
-from .openusd import Sdf, Usd, UsdGeom, UsdRender
-from .reading import Reading, file_of, is_relationship, target_paths
-from .warnings import Warnings
+from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
+from .common.reading import Reading, file_of, is_relationship, target_paths
+from .common.warnings import Warnings
 
 SUFFIXES = (".exr", ".png")
 # Names of other renderers' variables, in lower case.

@@ -12,22 +12,22 @@ from typing import Any
 import numpy as np
 
 from ..scene import Array, SceneError, real, shown
-from . import blender
-from . import schemas as schemas
-from .camera import list_cameras, read_camera
-from .composition import warn_of_composition
+from .authoring.editing import override
+from .cameras.camera import list_cameras, read_camera
+from .common import blender
+from .common import schemas as schemas
+from .common.openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel, text_of
+from .common.reading import prims_under, quiet, varying_attributes
+from .common.selection import EVERYTHING, Selection
+from .common.sizes import check_prims
+from .common.textures import limit_textures
+from .common.warnings import Warnings
 from .contents import read_extent, read_scene, with_looks
-from .editing import override
-from .frames import time_range
-from .layers import forget_changes, ready_layers, why_no_layer
-from .lights import is_dome, is_light
-from .metadata import complete_metadata, correct_metadata
-from .openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel, text_of
-from .reading import prims_under, quiet, varying_attributes
-from .selection import EVERYTHING, Selection
-from .sizes import check_prims
-from .textures import limit_textures
-from .warnings import Warnings
+from .layers.composition import warn_of_composition
+from .layers.frames import time_range
+from .layers.metadata import complete_metadata, correct_metadata
+from .layers.writing import forget_changes, ready_layers, why_no_layer
+from .lights.lights import is_dome, is_light
 
 __all__ = [
     "Selection",

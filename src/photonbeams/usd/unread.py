@@ -7,11 +7,11 @@ from difflib import get_close_matches
 from functools import cache, partial
 from itertools import islice
 
-from .lights import is_light
-from .openusd import Sdf, Usd, UsdGeom, UsdRender
-from .reading import Reading, prims_under
+from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
+from .common.reading import Reading, prims_under
+from .common.warnings import Warnings
+from .lights.lights import is_light
 from .settings import PIXEL_FILTER
-from .warnings import Warnings
 
 _MOST_PATHS = 10_000  # among which to look for the intended one
 

@@ -14,11 +14,11 @@ from .. import scene
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
 from .bounds import Bounds, box_around, endless_length
-from .media import Media
-from .scene_lamps import lamps_of
-from .shapes import is_null, scene_of
-from .sources import Source
-from .surroundings import Place, Surroundings, places_of
+from .emitters.scene_lamps import lamps_of
+from .emitters.sources import Source
+from .media.media import Media
+from .media.surroundings import Place, Surroundings, places_of
+from .surfaces.shapes import is_null, scene_of
 from .world import World, mirrors, perturbs, translucent
 
 mi = mitsuba()

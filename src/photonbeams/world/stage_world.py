@@ -18,20 +18,29 @@ from .. import scene
 from ..numerics.arrays import opaque, to_uint, to_vectors
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, Box, bounding_sphere, endless_length
-from .cylinders import CylinderLamp
-from .gobos import Images, bare, profile_of, projected
-from .interfaces import is_boundary, medium_at, number, transmits
-from .lights import DistantLamp, DomeLamp, EllipsoidLamp, EllipticCylinderLamp, FlatLamp, Light, SphereLamp, source
-from .media import Media
-from .mesh_lamps import MeshLamp
-from .portal_lamps import behind
-from .portals import Portal
+from .emitters.cylinders import CylinderLamp
+from .emitters.gobos import Images, bare, profile_of, projected
+from .emitters.lights import (
+    DistantLamp,
+    DomeLamp,
+    EllipsoidLamp,
+    EllipticCylinderLamp,
+    FlatLamp,
+    Light,
+    SphereLamp,
+    source,
+)
+from .emitters.mesh_lamps import MeshLamp
+from .emitters.portal_lamps import behind
+from .emitters.portals import Portal
+from .emitters.sources import Source
+from .emitters.stage_lamps import Lamps, LinkKey, Links, shape_number
+from .media.interfaces import is_boundary, medium_at, number, transmits
+from .media.media import Media
+from .media.stage_media import around_glass, is_convex, media_of
+from .media.visibility import through
 from .shadow_rays import gap_at, size_of
-from .shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
-from .sources import Source
-from .stage_lamps import Lamps, LinkKey, Links, shape_number
-from .stage_media import around_glass, is_convex, media_of
-from .visibility import through
+from .surfaces.shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
 from .world import World, by_link, translucent
 
 mi = mitsuba()

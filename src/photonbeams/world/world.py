@@ -11,10 +11,10 @@ import drjit as dr
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, Box
-from .media import Media, parts
-from .normal_maps import NormalMap
+from .emitters.sources import Source
+from .media.media import Media, parts
 from .shadow_rays import rounding, size_of
-from .sources import Source
+from .surfaces.normal_maps import NormalMap
 
 mi = mitsuba()
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ...scene import Array, Material, UVTexture
-from ..blender import wrote_prim
-from ..openusd import Tf, Usd, UsdShade
-from ..reading import Reading, is_relationship, target_paths
+from ..common.blender import wrote_prim
+from ..common.openusd import Tf, Usd, UsdShade
+from ..common.reading import Reading, is_relationship, target_paths
 from .bumps import BUMPS
 from .images import IMAGES
 from .network import Network, shader_id

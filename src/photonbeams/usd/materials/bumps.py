@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...scene import UVTexture, rgb
-from ..openusd import UsdShade
+from ..common.openusd import UsdShade
 from .network import Network, Node, category, is_output
 from .surface import Surface
 from .values import Image, Value, as_number, mapped

@@ -9,9 +9,9 @@ import numpy as np
 
 from ...images.textures import wrap_modes
 from ...scene import Array, rgb
-from ..openusd import Ar, Sdf, Usd, UsdShade
-from ..reading import Reading
-from ..textures import find_image, image_at, known_space, resolved, texture_limit
+from ..common.openusd import Ar, Sdf, Usd, UsdShade
+from ..common.reading import Reading
+from ..common.textures import find_image, image_at, known_space, resolved, texture_limit
 from .network import Network, Node, category, is_output
 from .values import Image, Value, mapped
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...scene import Array, rgb
 from ...scene.checks import shown
-from ..openusd import UsdShade
+from ..common.openusd import UsdShade
 from .bumps import tilt
 from .network import Network
 from .surface import Reader, Surface, ior_of, mix

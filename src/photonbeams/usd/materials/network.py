@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ...scene import Array
-from ..color_spaces import in_working_space
-from ..openusd import Sdf, Usd, UsdShade
-from ..reading import Reading
+from ..common.color_spaces import in_working_space
+from ..common.openusd import Sdf, Usd, UsdShade
+from ..common.reading import Reading
 from .values import Value, as_color, as_number, channels, combinable, mapped
 
 #: A function that reads a node: it returns the value of an output, or None if there is none.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...scene import Array, rgb
-from ..openusd import UsdShade
+from ..common.openusd import UsdShade
 from .corrections import CORRECTIONS
 from .network import Network, Node
 from .values import PrimvarValue, Value, channels, identity

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...scene import Array
-from ..openusd import UsdShade
+from ..common.openusd import UsdShade
 from .images import affine, coordinates, rotation
 from .network import Network, Node
 from .values import Image, Value

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...scene import Array
-from ..openusd import UsdShade
+from ..common.openusd import UsdShade
 from .network import Network
 from .values import Value
 

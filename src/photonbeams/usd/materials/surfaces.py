@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...scene import Array, rgb
-from ..openusd import UsdShade
+from ..common.openusd import UsdShade
 from .bumps import tilt
 from .images import image_input
 from .layered import OPEN_PBR, STANDARD, layered

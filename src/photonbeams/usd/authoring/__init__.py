@@ -1,0 +1,1 @@
+"""Changes of stages, and stages written."""

@@ -1,0 +1,361 @@
+"""Change values on an open stage: by overrides, which are written as text, and by a layer that is edited."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from enum import IntEnum
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from ...scene import SceneError
+from ..common.openusd import Gf, Sdf, Tf, Usd, UsdGeom
+from ..common.reading import file_of, quiet
+from ..layers.writing import write_layer
+from ..lights.lights import is_light
+
+#: An empty layer, as text.
+EMPTY = "#usda 1.0\n"
+
+# Attributes of lights and cameras that change the extent of the scene.
+_EXTENTS = ("xformOp", "visibility", "inputs:radius", "inputs:width", "inputs:height", "inputs:length")
+
+
+class Extent(IntEnum):
+    """What a change of a stage may have affected; each kind includes those before it."""
+
+    LOOKS = 0
+    VALUES = 1  # values of lights, cameras and media, except their places
+    PLACES = 2  # the extent of the scene
+    SURFACES = 3  # which gprims are surfaces, and which are media
+    ALL = 4
+
+
+def extent_of(notice: Any, stage: Usd.Stage) -> Extent:
+    """Return what a notice `Usd.Notice.ObjectsChanged` may have affected on a stage."""
+    found = Extent.LOOKS
+    for path in notice.GetResyncedPaths():
+        found = max(found, _extent(stage, path) if path.IsPropertyPath() else _extent_of_prim(stage, path))
+    for path in notice.GetChangedInfoOnlyPaths():
+        if path.IsPropertyPath():
+            found = max(found, _extent(stage, path))
+        elif path == Sdf.Path.absoluteRootPath:
+            found = Extent.ALL
+    return found
+
+
+def _extent_of_prim(stage: Usd.Stage, path: Sdf.Path) -> Extent:
+    """Return what a new or recomposed prim may have affected: only looks, if it consists of looks and scopes."""
+    prim = stage.GetPrimAtPath(path)
+    kinds = {str(each.GetTypeName()) for each in Usd.PrimRange(prim, Usd.PrimAllPrimsPredicate)} if prim else {""}
+    return Extent.LOOKS if kinds <= {"Scope", "PhotonBeamsLook"} else Extent.ALL
+
+
+def _extent(stage: Usd.Stage, path: Sdf.Path) -> Extent:
+    prim, name = stage.GetPrimAtPath(path.GetPrimPath()), path.name
+    if not prim:
+        return Extent.ALL
+    if prim.GetTypeName() == "PhotonBeamsLook":
+        return Extent.LOOKS
+    if name.startswith("photonbeams:"):
+        return Extent.SURFACES if prim.IsA(UsdGeom.Gprim) else Extent.VALUES
+    if prim.IsA(UsdGeom.Camera) or (is_light(prim) and not prim.IsA(UsdGeom.Gprim)):
+        return Extent.PLACES if name.startswith(_EXTENTS) else Extent.VALUES
+    return Extent.ALL
+
+
+class EditLayer:
+    """A layer over a stage, stronger than all others, that takes values while the stage is open.
+
+    Parameters
+    ----------
+    stage
+        The stage; the layer becomes a sublayer of its session layer.
+    """
+
+    def __init__(self, stage: Usd.Stage) -> None:
+        self._stage, self._layer = stage, Sdf.Layer.CreateAnonymous("edits.usda")
+        session = stage.GetSessionLayer()
+        self._below = Sdf.Layer.CreateAnonymous("session.usda")  # overrides, which would be stronger than its sublayers
+        self._below.TransferContent(session)
+        with Sdf.ChangeBlock():
+            for prim in list(session.rootPrims):
+                del session.rootPrims[prim.name]
+            session.subLayerPaths = [self._layer.identifier, self._below.identifier]
+
+    def set(self, path: str, value: Any) -> None:
+        """Set an attribute, or the targets of a relationship (a list of paths); None removes the layer's own value.
+
+        Raises
+        ------
+        SceneError
+            There is no such prim or attribute, or the value has another type.
+        """
+        prim, name = self._found(path)
+        if value is None:
+            self._remove(Sdf.Path(path))
+            return
+        if _is_relationship(prim, name):
+            if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
+                raise SceneError(f"{path} is {value!r}: expected a list of paths")
+            targets = _targets(",".join(value), path)
+            with Usd.EditContext(self._stage, self._layer):
+                prim.CreateRelationship(name).SetTargets(targets)
+            return
+        kind = _type_of(prim, name)
+        if kind is None:
+            raise SceneError(f"{prim.GetPath()} has no attribute {name}")
+        converted = _converted(value, kind, path)
+        if isinstance(converted, Sdf.AssetPath):
+            converted = self._anchored(converted)
+        with Usd.EditContext(self._stage, self._layer):
+            prim.CreateAttribute(name, kind).Set(converted)
+
+    def leave(self, path: str) -> None:
+        """Set an attribute to its default, whatever the stage says.
+
+        Raises
+        ------
+        SceneError
+            There is no such prim or attribute.
+        """
+        prim, name = self._found(path)
+        self._remove(Sdf.Path(path))
+        attribute = prim.GetAttribute(name)
+        if attribute and attribute.HasAuthoredValue():  # by a weaker layer
+            with Usd.EditContext(self._stage, self._layer):
+                attribute.Block()
+
+    def define(self, path: str, kind: str) -> None:
+        """Define a prim of a type, and scopes above it where there is no prim yet.
+
+        Raises
+        ------
+        SceneError
+            There is a prim already, or the stage cannot have one at that path.
+        """
+        known = Sdf.Path(path)
+        if self._stage.GetPrimAtPath(known):
+            raise SceneError(f"cannot define {path}: {file_of(self._stage)} has a prim there")
+        with Sdf.ChangeBlock():
+            for each in known.GetPrefixes():
+                prim = self._stage.GetPrimAtPath(each)
+                if not (prim and prim.IsDefined()):
+                    spec = Sdf.CreatePrimInLayer(self._layer, each)
+                    spec.specifier, spec.typeName = Sdf.SpecifierDef, kind if each == known else "Scope"
+        if not self._stage.GetPrimAtPath(known):
+            raise SceneError(f"cannot define {path}: {file_of(self._stage)} cannot have one there, or does not show it")
+
+    def _found(self, path: str) -> tuple[Usd.Prim, str]:
+        """Return the prim and the name of a property that may be edited."""
+        known = Sdf.Path(path) if isinstance(path, str) and Sdf.Path.IsValidPathString(path) else Sdf.Path()
+        if not known.IsPrimPropertyPath():
+            raise SceneError(f"cannot set {path!r}: expected /prim.attribute")
+        prim = self._stage.GetPrimAtPath(known.GetPrimPath())
+        if not prim:
+            raise SceneError(f"cannot set {path}: {file_of(self._stage)} has no prim {known.GetPrimPath()}")
+        if prim.IsInstanceProxy():
+            raise SceneError(f"cannot set {path}: {_instance(prim)}")
+        return prim, known.name
+
+    def _anchored(self, asset: Sdf.AssetPath) -> Sdf.AssetPath:
+        """Return an asset whose relative path is made absolute, because a layer without a file has no folder."""
+        root = Path(self._stage.GetRootLayer().realPath or ".").parent
+        given = asset.path
+        return asset if not given or Path(given).is_absolute() else Sdf.AssetPath(str((root / given).resolve()))
+
+    def _remove(self, path: Sdf.Path) -> None:
+        spec = self._layer.GetPropertyAtPath(path)
+        if spec is not None:
+            edit = Sdf.BatchNamespaceEdit()
+            edit.Add(path, Sdf.Path.emptyPath)
+            self._layer.Apply(edit)
+            self._layer.RemoveInertSceneDescription()
+
+    def paths(self) -> list[str]:
+        """Return the paths of the properties that the layer sets."""
+        found: list[str] = []
+
+        def note(path: Sdf.Path) -> None:
+            if path.IsPrimPropertyPath():
+                found.append(str(path))
+
+        self._layer.Traverse(Sdf.Path.absoluteRootPath, note)
+        return found
+
+    def text(self) -> str:
+        """Return the layer as .usda."""
+        return str(self._layer.ExportToString())
+
+    def replace(self, text: str) -> None:
+        """Replace the content by that of a layer given as .usda text; on a SceneError nothing is changed."""
+        try:
+            with quiet():
+                done = self._layer.ImportFromString(text)
+        except Tf.ErrorException:
+            done = False
+        if not done:
+            raise SceneError("the text is not a USD layer")
+
+    def load(self, path: Path) -> None:
+        """Replace the content by that of a file; SceneError if it is not a USD layer."""
+        try:
+            with quiet():
+                layer = Sdf.Layer.OpenAsAnonymous(str(path))
+        except Tf.ErrorException:
+            layer = None
+        if layer is None:
+            raise SceneError(f"{path} cannot be read: expected a USD layer")
+        self._layer.TransferContent(layer)
+
+    def write(self, path: Path) -> None:
+        """Write the layer to a .usd, .usda or .usdc file, whole or not at all.
+
+        Raises
+        ------
+        SceneError
+            The file has another suffix.
+        OSError
+            The file cannot be written.
+        """
+        if path.suffix not in (".usd", ".usda", ".usdc"):
+            raise SceneError(f"{path}: expected a .usda, .usdc or .usd file")
+        write_layer(self._layer, path)
+
+
+def _converted(value: Any, kind: Sdf.ValueTypeName, path: str) -> Any:
+    """Return a number, a text or a list as a value of a USD type; SceneError if it has another type."""
+    if kind.isArray:
+        if not isinstance(value, list):
+            raise SceneError(f"{path} is {value!r}: expected a list")
+        return [_converted(each, kind.scalarType, path) for each in value]
+    default = kind.defaultValue
+    if isinstance(default, bool):
+        if isinstance(value, bool):
+            return value
+        raise SceneError(f"{path} is {value!r}: expected true or false")
+    if isinstance(default, str):
+        if isinstance(value, str):
+            return value
+        raise SceneError(f"{path} is {value!r}: expected a text")
+    if isinstance(default, Sdf.AssetPath):
+        if isinstance(value, str):
+            return Sdf.AssetPath(value)
+        raise SceneError(f"{path} is {value!r}: expected the path of a file")
+    if isinstance(default, int):
+        if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 1 << 31:
+            return value
+        raise SceneError(f"{path} is {value!r}: expected a whole number")
+    if isinstance(default, float):
+        return _number(value, path)
+    if isinstance(default, Gf.Vec2f | Gf.Vec3f | Gf.Vec4f | Gf.Vec2d | Gf.Vec3d | Gf.Vec4d):
+        if isinstance(value, list) and len(value) == len(default):
+            return type(default)(*(_number(each, path) for each in value))
+        raise SceneError(f"{path} is {value!r}: expected {len(default)} numbers")
+    raise SceneError(f"{path} is of type {kind}: expected one of numbers, text or files, which can be edited here")
+
+
+def _number(value: Any, path: str) -> float:
+    if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value) and abs(value) < 3e38:
+        return float(value)
+    raise SceneError(f"{path} is {value!r}: expected a finite number")
+
+
+def override(stage: Usd.Stage, text: str) -> None:
+    """Set one attribute, or the targets of a relationship, in the session layer, by a text "/prim.attribute=value".
+
+    Raises
+    ------
+    SceneError
+        The text has another form, there is no such prim or attribute, or the value has another type.
+    """
+    target, equals, value = text.partition("=")
+    path = Sdf.Path(target.strip()) if Sdf.Path.IsValidPathString(target.strip()) else Sdf.Path()
+    if not equals or not path.IsPrimPropertyPath():
+        raise SceneError(f"cannot set '{text}': expected /prim.attribute=value")
+    prim = stage.GetPrimAtPath(path.GetPrimPath())
+    if not prim:
+        raise SceneError(f"cannot set '{text}': {file_of(stage)} has no prim {path.GetPrimPath()}")
+    if prim.IsInstanceProxy():
+        raise SceneError(f"cannot set '{text}': {_instance(prim)}")
+    if _is_relationship(prim, path.name):
+        with Usd.EditContext(stage, stage.GetSessionLayer()):
+            prim.CreateRelationship(path.name).SetTargets(_targets(value.strip(), text))
+        return
+    kind = _type_of(prim, path.name)
+    if kind is None:
+        raise SceneError(f"cannot set '{text}': {path.GetPrimPath()} has no attribute {path.name}")
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        prim.CreateAttribute(path.name, kind).Set(_parsed(value.strip(), kind, text))
+
+
+def _instance(prim: Usd.Prim) -> str:
+    """Return the message for a value set inside an instance; it names the prim that all instances repeat."""
+    root = prim
+    while not root.IsInstance():
+        root = root.GetParent()
+    stage = prim.GetStage()
+    layers = stage.GetLayerStack()
+    sources = [each.path for each in prim.GetPrimStack() if each.layer in layers]
+    found = next((path for path in sources if (own := stage.GetPrimAtPath(path)) and not own.IsInstanceProxy()), None)
+    expected = "a prim outside of instances" if found is None else f"{found}, which all its instances repeat"
+    return f"{prim.GetPath()} is inside the instance {root.GetPath()}: expected {expected}"
+
+
+def _type_of(prim: Usd.Prim, name: str) -> Sdf.ValueTypeName | None:
+    """Return an attribute's type, including photonbeams' own attributes if their schema could be applied."""
+    attribute = prim.GetAttribute(name)
+    if attribute:
+        return attribute.GetTypeName()
+    found = (definition.GetAttributeDefinition(name) for definition in _applicable(prim))
+    return next((each.GetTypeName() for each in found if each), None)
+
+
+def _is_relationship(prim: Usd.Prim, name: str) -> bool:
+    """Return whether a prim has a relationship, or a schema of photonbeams that could be applied has it."""
+    return prim.HasRelationship(name) or any(each.GetRelationshipDefinition(name) for each in _applicable(prim))
+
+
+def _applicable(prim: Usd.Prim) -> Iterator[Usd.PrimDefinition]:
+    """Return photonbeams' own API schemas that could be applied to a prim."""
+    registry = Usd.SchemaRegistry()
+    for schema in ("PhotonBeamsLightAPI", "PhotonBeamsCurvesAPI", "PhotonBeamsMediumAPI"):
+        kinds = registry.GetAPISchemaCanOnlyApplyToTypeNames(schema)
+        definition = registry.FindAppliedAPIPrimDefinition(schema)
+        if definition and (not kinds or prim.GetTypeName() in kinds):
+            yield definition
+
+
+def _targets(value: str, text: str) -> list[Sdf.Path]:
+    """Return the paths, separated by commas, that a relationship is to name; none for an empty text."""
+    names = [part.strip().removeprefix("<").removesuffix(">") for part in value.split(",")] if value else []
+    for name in names:
+        if not Sdf.Path.IsValidPathString(name) or not Sdf.Path(name).IsAbsolutePath():
+            raise SceneError(f"cannot set '{text}': expected the paths of prims, such as /Looks/Soft")
+    return [Sdf.Path(name) for name in names]
+
+
+def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
+    """Parse a value written in USD's own notation."""
+    if kind in (Sdf.ValueTypeNames.Token, Sdf.ValueTypeNames.String) and not value.startswith(('"', "'")):
+        value = f'"{value}"'
+    if kind == Sdf.ValueTypeNames.Int and not re.fullmatch(r"[+-]?\d+", value):  # OpenUSD would ignore the rest
+        raise SceneError(f"cannot set '{text}': expected a whole number")
+    if kind == Sdf.ValueTypeNames.Asset and not value.startswith("@"):
+        value = f"@{value}@"
+    if isinstance(kind.defaultValue, (Gf.Vec3f, Gf.Vec3d)) and value[:1] != "(":
+        numbers = value.split(",")
+        value = f"({', '.join(numbers * 3 if len(numbers) == 1 else numbers)})"
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    try:
+        with quiet():
+            parsed = layer.ImportFromString(f'#usda 1.0\ndef "A"\n{{\n    {kind} v = {value}\n}}\n')
+    except Tf.ErrorException:
+        parsed = False
+    spec = layer.GetAttributeAtPath("/A.v") if parsed else None
+    if spec is None or spec.default is None:
+        raise SceneError(f"cannot set '{text}': expected a value of type {kind}")
+    if isinstance(spec.default, float) and not isfinite(spec.default):
+        raise SceneError(f"cannot set '{text}': expected a finite number")
+    return spec.default

@@ -1,0 +1,174 @@
+"""Read a UsdGeomCamera as the renderer's camera."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ...scene import FARTHEST, Array, Camera, SceneError
+from ...scene.vectors import unit
+from ..common.openusd import Usd, UsdGeom, UsdRender
+from ..common.reading import LOG, Reading, file_of, prims_under, quiet, target_paths
+from ..common.warnings import Warnings
+
+# UsdGeomCamera: focal length and apertures are in tenths of a scene unit.
+_TENTH = 0.1
+_RATIO = 1e5  # largest ratio of a camera's lengths to each other
+_BRIGHTEST = 1e12  # largest factor on light: sums over passes stay far below the limit of single precision
+
+
+def list_cameras(stage: Usd.Stage) -> list[str]:
+    """Return the paths of all cameras, in the order of the stage."""
+    return [str(prim.GetPath()) for prim in prims_under(stage.GetPseudoRoot()) if prim.IsA(UsdGeom.Camera)]
+
+
+def read_camera(
+    stage: Usd.Stage, name: str | None = None, time: Any = None, warnings: Warnings | None = None
+) -> Camera:
+    """Return a camera by its path or name; by default the one of the render settings, or else the first.
+
+    `warnings` is the same as for `read_scene`.
+
+    Raises
+    ------
+    SceneError
+        There is no camera, none or several of that name, or its apertures or lens make no picture.
+    """
+    reading = Reading(stage, time, warnings or Warnings())
+    with quiet():
+        return _camera(reading, chosen_camera(stage, name, warnings))
+
+
+def read_shutter(stage: Usd.Stage, name: str | None = None, time: Any = None) -> tuple[float, float]:
+    """Return when a camera's shutter opens and closes, in time codes relative to the frame; raises SceneError."""
+    reading = Reading(stage, time)
+    prim = chosen_camera(stage, name)
+    begin, end = (reading.number(prim, f"shutter:{which}", 0.0) for which in ("open", "close"))
+    if end < begin:
+        text = f"is {end:g} but shutter:open is {begin:g}: expected a shutter that does not close before it opens"
+        raise reading.fail(prim, "shutter:close", text)
+    return begin, end
+
+
+def chosen_camera(stage: Usd.Stage, name: str | None, warnings: Warnings | None = None) -> Usd.Prim:
+    """Return the prim of the camera that `read_camera` reads."""
+    paths = list_cameras(stage)
+    if not paths:
+        raise SceneError(f"{file_of(stage)} has no camera: expected a Camera prim")
+    if name is None:
+        path = _settings_camera(stage)
+        if path and path not in paths:
+            if warnings is not None:
+                text = f"the render settings name {path}, which is not a camera: {paths[0]} is used"
+                warnings.give(text, file_of(stage))
+            path = ""
+        if not path and len(paths) > 1:
+            LOG.info("%s: of %d cameras the first is used: %s", file_of(stage), len(paths), paths[0])
+        return stage.GetPrimAtPath(path or paths[0])
+    found = [path for path in paths if path == name] or [path for path in paths if path.endswith(f"/{name}")]
+    if not found:
+        raise SceneError(f"{file_of(stage)} has no camera '{name}': expected one of {', '.join(paths)}")
+    if len(found) > 1:
+        raise SceneError(f"{file_of(stage)} has several cameras '{name}': expected one of {', '.join(found)}")
+    return stage.GetPrimAtPath(found[0])
+
+
+def _settings_camera(stage: Usd.Stage) -> str:
+    settings = UsdRender.Settings.GetStageRenderSettings(stage)
+    targets = target_paths(settings.GetPrim(), "camera") if settings else []
+    return str(targets[0]) if targets else ""
+
+
+def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
+    def length(name: str, default: float) -> float:
+        value = _TENTH * reading.number(prim, name, default, minimum=0.0)
+        if value == 0:
+            raise reading.fail(prim, name, "is 0: expected a positive number")
+        return value
+
+    orthographic = reading.value(prim, "projection", "perspective") == "orthographic"
+    clipping = reading.attempt(prim, partial(_clipping, reading, prim), (0.0, FARTHEST), "nothing is clipped")
+    radius, focus = 0.0, 0.0
+    if not orthographic:
+        radius, focus = reading.attempt(prim, partial(_lens, reading, prim), (0.0, 0.0), "all is in focus")
+    camera = Camera(
+        name=str(prim.GetPath()),
+        to_world=_rigid(reading, prim),
+        focal_length=_TENTH * reading.number(prim, "focalLength", 50.0) if orthographic else length("focalLength", 50),
+        horizontal_aperture=length("horizontalAperture", 20.955),
+        vertical_aperture=length("verticalAperture", 15.2908),
+        horizontal_offset=_TENTH * reading.number(prim, "horizontalApertureOffset", 0.0),
+        vertical_offset=_TENTH * reading.number(prim, "verticalApertureOffset", 0.0),
+        orthographic=orthographic,
+        clipping=clipping,
+        lens_radius=radius,
+        focus_distance=focus,
+        exposure_scale=reading.attempt(prim, partial(_exposure_scale, reading, prim), 1.0, "its exposure is left out"),
+    )
+    _check_proportions(reading, prim, camera)
+    return camera
+
+
+def _clipping(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:
+    """Return the near and the far clipping distance of a camera."""
+    near, far = reading.vector(prim, "clippingRange", (1.0, 1e6))
+    if not 0 <= near < far < np.inf:
+        raise reading.fail(prim, "clippingRange", f"is ({near:g}, {far:g}): expected a near distance before a far one")
+    return near, far
+
+
+def _lens(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:
+    """Return the radius of a camera's lens and its focus distance; an fStop of 0 is a pinhole."""
+    stop = reading.number(prim, "fStop", 0.0, minimum=0.0)
+    focus = reading.number(prim, "focusDistance", 0.0, minimum=0.0)
+    if stop == 0:
+        return 0.0, focus
+    if focus == 0:
+        raise reading.fail(prim, "focusDistance", f"is 0 but fStop is {stop:g}: expected a positive focus distance")
+    return _TENTH * reading.number(prim, "focalLength", 50.0) / (2 * stop), focus
+
+
+def _exposure_scale(reading: Reading, prim: Usd.Prim) -> float:
+    """Return the factor of a camera's exposure, as UsdGeomCamera defines it: 1 where nothing is authored."""
+    reading.number(prim, "exposure", 0.0, -100.0, 100.0)
+    for name in ("iso", "time", "responsivity"):
+        reading.number(prim, f"exposure:{name}", 1.0, minimum=0.0)
+    if reading.number(prim, "exposure:fStop", 1.0, minimum=0.0) == 0:
+        raise reading.fail(prim, "exposure:fStop", "is 0: expected a positive number")
+    scale = float(UsdGeom.Camera(prim).ComputeLinearExposureScale(reading.time))
+    if scale == 0:
+        dark = [name for name in ("iso", "time", "responsivity") if reading.value(prim, f"exposure:{name}") == 0]
+        name = f"exposure:{dark[0]}" if dark else "exposure"
+        reading.warn(prim, "multiplies all light by 0: the picture is black", name)
+    if not scale <= _BRIGHTEST:
+        text = f"and the other exposure attributes multiply light by {scale:g}: expected at most {_BRIGHTEST:g}"
+        raise reading.fail(prim, "exposure", text)
+    return scale
+
+
+def _check_proportions(reading: Reading, prim: Usd.Prim, camera: Camera) -> None:
+    """Raise SceneError for extreme ratios of focal length and apertures, which single precision cannot resolve."""
+    wide = camera.horizontal_aperture
+    sizes = {"verticalAperture": camera.vertical_aperture}
+    if not camera.orthographic:
+        sizes["focalLength"] = camera.focal_length
+    offsets = {"horizontalApertureOffset": camera.horizontal_offset, "verticalApertureOffset": camera.vertical_offset}
+    for name, value in (sizes | offsets).items():
+        if abs(value) > _RATIO * wide or (name in sizes and value * _RATIO < wide):
+            text = f"is {value / _TENTH:g} with horizontalAperture {wide / _TENTH:g}: expected a ratio below {_RATIO:g}"
+            raise reading.fail(prim, name, text)
+
+
+def _rigid(reading: Reading, prim: Usd.Prim) -> Array:
+    """Return a camera's position and orientation, without scale, shear and mirroring, as a (4, 4) transform."""
+    matrix = reading.to_world(prim)
+    back = unit(matrix[:3, 2])
+    right = unit(np.cross(matrix[:3, 1], back))
+    if not np.any(back) or not np.any(right):
+        raise SceneError(f"{reading.place(prim)} is scaled to zero: expected a transform that can be inverted")
+    result = np.eye(4)
+    result[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
+    result[:3, 3] = matrix[:3, 3]
+    return result

@@ -1,0 +1,87 @@
+"""Corrections for what Blender's exporter writes differently from UsdLux, found by exporting with Blender 5.0.1.
+
+They apply to prims that a layer from Blender defines; Blender signs its layers with `doc = "Blender v..."`. An
+intensity or a transform that another layer overrides is used as it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...scene import Array
+from .openusd import Sdf, Usd, UsdGeom
+from .reading import prims_under
+
+
+def wrote(prim: Usd.Prim) -> bool:
+    """Return whether a light's intensity, or else the light itself, comes from a layer that Blender wrote."""
+    attribute = prim.GetAttribute("inputs:intensity")
+    specs = attribute.GetPropertyStack() if attribute and attribute.HasAuthoredValue() else prim.GetPrimStack()
+    return bool(specs) and _signed(specs[0].layer)
+
+
+def _signed(layer: Sdf.Layer) -> bool:
+    return str(layer.documentation).startswith("Blender v")
+
+
+def sun(angle: float, value: Array) -> tuple[float, Array]:
+    """Return the angle and intensity of a sun in Blender, from those that it exports.
+
+    For a sun of 3 W/m² and 1°, Blender writes a normalized DistantLight of intensity 0.75 and angle 0.5. Its own
+    importer multiplies them by 4 and by 2 again.
+    """
+    return 2 * angle, 4 * value
+
+
+def lost_world_rotation(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
+    """Return whether a dome light is a Blender world that was exported without its orientation.
+
+    Blender turns a DomeLight so that its pole is Z and its middle +X, but 5.0.1 does so only for worlds that have a
+    Mapping node, and writes no rotation for the others.
+    """
+    if not any(_signed(spec.layer) for spec in prim.GetPrimStack() if spec.specifier == Sdf.SpecifierDef):
+        return False
+    order = prim.GetAttribute("xformOpOrder").GetPropertyStack()
+    if order and not _signed(order[0].layer):  # another layer set the orientation
+        return False
+    return np.allclose(np.array(UsdGeom.Xformable(prim).GetLocalTransformation(time)), np.eye(4))
+
+
+def world() -> Array:
+    """Return the rotation (3, 3) of a Blender world: pole from +Y to +Z, the image's middle from +Z to +X."""
+    return np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+def wrote_prim(prim: Usd.Prim) -> bool:
+    """Return whether a material, a volume or an object comes from a layer that Blender wrote."""
+    return any(_signed(spec.layer) for spec in prim.GetPrimStack())
+
+
+def move_properties(stage: Usd.Stage) -> None:
+    """Move photonbeams' attributes of Blender's objects to their lights, volumes and meshes, in the session layer.
+
+    Blender writes an object's custom properties on an Xform above its data, where fog would fill the whole space.
+    """
+    if not any(map(_signed, stage.GetUsedLayers())):
+        return
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for prim in prims_under(stage.GetPseudoRoot()):
+            if prim.GetTypeName() != "Xform" or prim.IsInstanceProxy():
+                continue
+            own = [
+                each for each in prim.GetAuthoredPropertiesInNamespace("photonbeams") if isinstance(each, Usd.Attribute)
+            ]
+            data = [each for each in prim.GetChildren() if each.GetTypeName() not in ("Xform", "Scope", "")]
+            if own and len(data) == 1 and wrote_prim(prim):
+                for each in own:
+                    _move(each, data[0])
+
+
+def _move(attribute: Usd.Attribute, prim: Usd.Prim) -> None:
+    """Move an attribute to another prim, unless that one has its own."""
+    name = attribute.GetName()
+    if attribute.HasAuthoredValue() and not prim.GetAttribute(name).HasAuthoredValue():
+        target = prim.CreateAttribute(name, attribute.GetTypeName())
+        for time in [*attribute.GetTimeSamples()] or [Usd.TimeCode.Default()]:
+            target.Set(attribute.Get(time), time)
+    attribute.Block()

@@ -1,0 +1,167 @@
+"""The scene of a stage at any fraction of the shutter interval; objects at rest are the identical objects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields, is_dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from ...scene import Camera, Scene, SceneError
+
+if TYPE_CHECKING:
+    from ...world.shutter import Shutter
+
+T = TypeVar("T")
+
+_ROUNDING = 1e-9  # relative error of float64 positions between two keys of the same value
+
+
+def followed(first: Scene, later: Scene) -> Scene:
+    """Return a later state of a scene with the prims of the first one, in their order, so that beams can be followed.
+
+    Equal parts are the same object in both, by which the renderer knows what is at rest. A prim that is missing later
+    stays as it was; a new prim has to wait for the next frame.
+    """
+    parts: dict[str, Any] = {
+        name: _matched(getattr(first, name), getattr(later, name)) for name in ("meshes", "lights", "drawn", "media")
+    }
+    return (
+        first
+        if all(parts[name] is getattr(first, name) for name in parts)
+        else replace(later, **parts, bounds=first.bounds)
+    )
+
+
+def _matched(first: Sequence[T], later: Sequence[T]) -> Sequence[T]:
+    by_name = {item.name: item for item in later}  # type: ignore[attr-defined]
+    result = tuple(same(item, by_name.get(item.name, item)) for item in first)  # type: ignore[attr-defined]
+    return first if all(a is b for a, b in zip(first, result, strict=True)) else result
+
+
+def same(first: T, later: T) -> T:
+    """Return the first of two equal values, else the later one, with its equal parts taken from the first."""
+    if equal(first, later):
+        return first
+    if is_dataclass(first) and type(first) is type(later):
+        parts = {each.name: same(getattr(first, each.name), getattr(later, each.name)) for each in fields(first)}
+        return replace(later, **parts)  # type: ignore[type-var]
+    return later
+
+
+def equal(a: Any, b: Any) -> bool:
+    """Return whether two values, which may contain arrays, are equal up to the rounding of interpolated keys."""
+    if a is b:
+        return True
+    if is_dataclass(a) and type(a) is type(b):
+        return all(equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+    if isinstance(a, float | np.ndarray) and isinstance(b, float | np.ndarray):
+        return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=_ROUNDING, atol=0)
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(map(equal, a, b))
+    return bool(type(a) is type(b) and a == b)
+
+
+# Fractions of the shutter at which a scene is checked for motion, besides its end and its time samples: something may
+# be the same at two keys and different in between.
+_PROBES = (0.29, 0.71)
+_MOST_PROBES = 16
+
+
+_KEPT = 8
+
+_NEAREST = 1e-9  # time codes before a sample, where held values are still the old ones
+
+
+class Exposure:
+    """Scene and cameras at fractions of the shutter interval; the last few are cached.
+
+    Parameters
+    ----------
+    read_scene, read_cameras
+        Functions that return the scene, and the cameras, at a time code.
+    start, stop, keys
+        Time codes when the shutter opens and closes, and of the time samples after the first and up to the second.
+
+    Attributes
+    ----------
+    duration
+        How long the shutter is open, in time codes.
+    moving
+        Whether anything moves in that time.
+    """
+
+    def __init__(
+        self,
+        read_scene: Callable[[float], Scene],
+        read_cameras: Callable[[float], tuple[Camera, ...]],
+        start: float,
+        stop: float,
+        keys: Sequence[float] = (),
+    ) -> None:
+        self._read_scene, self._read_cameras = read_scene, read_cameras
+        self._start, self.duration = start, stop - start
+        self._first = read_scene(start), read_cameras(start)
+        self._known = {start: self._first}  # and the last requests: a pass requests three, some of them twice
+        self._keys = np.asarray(keys, dtype=np.float64)
+        # Reading a scene takes long, so what is at rest at these times is assumed to be at rest in between.
+        step = max(1, len(keys) // _MOST_PROBES)
+        probes = [*map(self.code, _PROBES), self._closing(1.0), *(key for key in keys[::step] if key < stop)]
+        self._still = not self.duration or all(self._scene(each) is self._first[0] for each in probes)
+        self.moving = bool(self.duration) and (not self._still or any(self._eyes_moved(each) for each in probes))
+
+    def __call__(self, fraction: float) -> tuple[Scene, tuple[Camera, ...]]:
+        """Return the scene and cameras at a fraction of the shutter interval, 0 to 1."""
+        return self._moment(self.code(fraction))
+
+    def closing(self, fraction: float) -> tuple[Scene, tuple[Camera, ...]]:
+        """Return the scene and cameras at the fraction at which a slice closes.
+
+        If there is a time sample at that time, held values (an asset, a token, a bool, a string) are those before it: a
+        slice is a half-open interval, otherwise its beams, which span it from end to end, would include a part of the
+        next slice.
+        """
+        return self._moment(self._closing(fraction))
+
+    def _closing(self, fraction: float) -> float:
+        code = self.code(fraction)
+        step = max(_NEAREST, 4 * np.spacing(abs(code)))
+        return float(code - step) if np.any(np.abs(self._keys - code) < 0.5 * step) else code
+
+    def _moment(self, code: float) -> tuple[Scene, tuple[Camera, ...]]:
+        if code not in self._known:
+            content = self._first[0] if self._still else self._scene(code)
+            for old in list(self._known)[1 : max(1, len(self._known) - _KEPT + 1)]:
+                del self._known[old]
+            self._known[code] = content, self._eyes(code)
+        return self._known[code]
+
+    def shutter(self, eyes: Sequence[int], rate: float = 1.0) -> Shutter:
+        """Return the renderer's shutter for some of the cameras; `rate` is in time codes per second."""
+        from ...world.shutter import Moment, Shutter
+
+        def seen(moment: tuple[Scene, tuple[Camera, ...]]) -> Moment:
+            return Moment(moment[0], tuple(moment[1][eye] for eye in eyes))
+
+        def clock(fraction: float) -> tuple[float, float]:
+            code = self.code(fraction)
+            return code, code / rate
+
+        return Shutter(lambda at: seen(self(at)), self.moving, clock, lambda at: seen(self.closing(at)))
+
+    def code(self, fraction: float) -> float:
+        """Return the time code of a fraction of the shutter interval."""
+        return self._start + fraction * self.duration
+
+    def _scene(self, code: float) -> Scene:
+        try:
+            return followed(self._first[0], self._read_scene(code))
+        except SceneError as error:
+            raise SceneError(f"{error} (at time {code:g}, while the shutter is open)") from None
+
+    def _eyes(self, code: float) -> tuple[Camera, ...]:
+        return tuple(map(same, self._first[1], self._read_cameras(code)))
+
+    def _eyes_moved(self, code: float) -> bool:
+        return any(a is not b for a, b in zip(self._eyes(code), self._first[1], strict=True))

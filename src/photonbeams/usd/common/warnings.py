@@ -1,0 +1,95 @@
+"""Warnings about a stage: each is given once, those of one kind together; `strict` turns them into errors."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from ...scene import SceneError
+from ...scene.checks import LONGEST, shortened
+
+LOG = logging.getLogger("photonbeams")
+
+_NAMED = 3  # how many prims with the same warning are named
+_DIFFERING = re.compile(r"(?:/\w+)+|-?\d[\w.+-]*")  # paths and numbers: texts that differ only in these are of one kind
+
+
+class Warnings:
+    """The warnings about a stage, shared between all readings of a shot.
+
+    Attributes
+    ----------
+    strict
+        Whether warnings are errors.
+    muted
+        Whether warnings are collected but not logged.
+    given
+        The texts given so far; each is logged once.
+    causes
+        For texts that end with what is done instead, the part before that.
+    """
+
+    def __init__(self, strict: bool = False, muted: bool = False) -> None:
+        self.strict = strict
+        self.muted = muted
+        self.given: set[str] = set()
+        self.causes: dict[str, str] = {}
+        self._held: dict[tuple[str, ...], list[str]] | None = None
+
+    def give(self, text: str, file: str = "", instead: str = "") -> None:
+        """Log a warning, unless it was given before; SceneError if warnings are errors.
+
+        Parameters
+        ----------
+        text, file
+            A sentence; or one that begins with the path of a prim or of its attribute, and the file of these.
+        instead
+            What is done without the unusable part, as the end of the sentence: "it is skipped".
+        """
+        cause = text
+        if instead:
+            text = f"{shortened(text, len(file) + len(instead) + 4)}; {instead}"
+        sentence = f"{file}: {text}" if file else text
+        if self.strict:
+            raise SceneError(sentence)
+        if sentence in self.given:
+            return
+        self.given.add(sentence)
+        if instead:
+            self.causes[sentence] = f"{file}: {cause}" if file else cause
+        if self.muted:
+            return
+        if self._held is None or not file:
+            LOG.warning("%s", shortened(sentence))
+            return
+        place, _, rest = text.partition(" ")
+        kind = (file, _DIFFERING.sub("#", f"{place.partition('.')[2]} {rest}"))
+        self._held.setdefault(kind, []).append(text)
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Log the warnings within this context at its end; those of one kind become one, with the number of prims."""
+        if self._held is not None:
+            yield
+            return
+        self._held = {}
+        try:
+            yield
+        finally:
+            held, self._held = self._held, None
+            for (file, _), texts in held.items():
+                LOG.warning("%s", _joined(file, texts))
+
+
+def _joined(file: str, texts: list[str]) -> str:
+    """Return one warning for several of one kind."""
+    first, *others = texts
+    if not others:
+        return shortened(f"{file}: {first}")
+    names = [text.partition(" ")[0].partition(".")[0] for text in others[:_NAMED]]
+    end = f" (and {len(others):,} more like this: {', '.join(names)}{', …' if len(others) > _NAMED else ''})"
+    if len(file) + len(first) + len(end) + 2 > LONGEST:
+        end = f" (and {len(others):,} more like this)"
+    return shortened(f"{file}: {first}", len(end)) + end

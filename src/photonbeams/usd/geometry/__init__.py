@@ -1,0 +1,1 @@
+"""Geometry of stages, as triangles and polylines."""

@@ -1,0 +1,118 @@
+"""Apply a material to one mesh: images over the mesh's UVs, and values of primvars at its vertices."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...scene import Array, Material, UVTexture, VertexValues
+from ..common.openusd import Usd, UsdGeom
+from ..common.reading import Reading
+from ..materials.bound import Bound, plain, texture_of
+from ..materials.values import Image, constant
+from .primvars import find_primvar, flattened
+
+_MOST_COPIES = 16  # of an image side by side, if it repeats in only one direction
+
+
+def primvars_of(reading: Reading, prim: Usd.Prim, bound: Bound) -> tuple[dict[str, Array], dict[str, UsdGeom.Primvar]]:
+    """Return the primvars of a gprim that a material uses, by its fields: constants (1, C), and those that vary."""
+    constants, varying = {}, {}
+    for name, wanted in bound.primvars.items():
+        found = find_primvar(prim, wanted.name)
+        if found is None:
+            continue
+        values = flattened(reading, prim, found, None)
+        if values is None or not len(values):
+            continue
+        if len(values) == 1 or found.GetInterpolation() == "constant":
+            constants[name] = values[:1]
+        else:
+            varying[name] = found
+    return constants, varying
+
+
+def on_mesh(
+    reading: Reading, prim: Usd.Prim, bound: Bound, uvs: Array | None, primvars: Mapping[str, Array]
+) -> Material:
+    """Return a bound material, completed with what depends on the mesh.
+
+    Parameters
+    ----------
+    uvs
+        (V, 2), or None: images are then replaced by their means.
+    primvars
+        Values by fields of the material: one value, (1, C), or one for each vertex, (V, C).
+    """
+    changes: dict[str, Any] = {}
+    for name, primvar in bound.primvars.items():
+        if name in primvars:
+            own = primvar.function(primvars[name])
+            values = np.clip(own, 0, 1)
+            if not np.allclose(values, own, rtol=0, atol=1e-5):
+                text = f"has {primvar.name} from {own.min():g} to {own.max():g}: expected 0 to 1; the nearest is used"
+                reading.warn(prim, text)
+            columns = 3 if name == "diffuse" else 1
+            values = np.broadcast_to(values[:, :1] if values.shape[1] < columns else values[:, :columns],
+                                     (len(values), columns))  # fmt: skip
+            varies = len(values) > 1 and bool(np.any(values != values[0]))
+            changes[name] = VertexValues(np.ascontiguousarray(values)) if varies else plain(name, values[0])
+            if name == "opacity" and np.any(values < 1):
+                changes["presence"] = True
+    if bound.images and uvs is None:
+        reading.warn(prim, f"has no primvar '{bound.uv_name}' for its textures: their mean colour is used")
+    for name, image in bound.images.items():
+        if uvs is not None:
+            changes[name] = _texture(reading, prim, name, image, uvs)
+    for name in ("diffuse", "emissive", "roughness", "metallic", "opacity"):
+        value = changes.get(name)
+        if isinstance(value, UVTexture) and np.ptp(value.pixels, axis=(0, 1)).max() == 0:
+            changes[name] = plain(name, constant(bound.images[name]))
+    return replace(bound.material, **changes) if changes else bound.material
+
+
+def _texture(reading: Reading, prim: Usd.Prim, name: str, image: Image, uvs: Array) -> UVTexture:
+    """Return an image that matches its two wrap modes on the mesh's UVs; the renderer has one mode for both."""
+    if image.wrap[0] == image.wrap[1] != "black":
+        key = ("texture", name, id(image))
+        if key not in reading.cache:
+            reading.cache[key] = texture_of(name, image, image.wrap[0]), image
+        return reading.cache[key][0]
+    seen = np.c_[uvs, np.ones(len(uvs))] @ image.transform[:2].T
+    low, high = np.floor(seen.min(axis=0) + 1e-6).astype(int), np.ceil(seen.max(axis=0) - 1e-6).astype(int)
+    key = ("texture", name, id(image), *low.tolist(), *high.tolist())
+    if key not in reading.cache:
+        extended, whole = _extended(image, low, np.maximum(high, low + 1))
+        if not whole:
+            text = f"repeats a texture {int((high - low).max())} times in one direction: only {_MOST_COPIES} are shown"
+            reading.warn(prim, text)
+        reading.cache[key] = texture_of(name, extended, "clamp"), image
+    return reading.cache[key][0]
+
+
+def _extended(image: Image, low: Array, high: Array) -> tuple[Image, bool]:
+    """Return an image that covers the squares from `low` to `high`, and whether it covers them all.
+
+    Beyond its own square the image is repeated or mirrored. A clamped image ends there, and one that wraps to black
+    gets an edge with the value that black has after the network.
+    """
+    pixels, transform, whole = image.pixels, np.eye(3), True
+    for axis, wrap in enumerate(image.wrap):
+        direction = 1 - axis  # axis of the array: v goes up along its rows
+        if wrap in ("repeat", "mirror"):
+            first, count = int(low[axis]), int(high[axis] - low[axis])
+            whole &= count <= _MOST_COPIES
+            numbers = range(first, first + min(count, _MOST_COPIES))
+            flipped = np.flip(pixels, direction)
+            copies = [flipped if wrap == "mirror" and number % 2 else pixels for number in numbers]
+            pixels = np.concatenate(copies if axis == 0 else copies[::-1], axis=direction)
+            transform[axis, axis], transform[axis, 2] = 1 / len(copies), -first / len(copies)
+        elif wrap == "black":
+            size = pixels.shape[direction]
+            edge = np.broadcast_to(image.beyond, np.take(pixels, [0], direction).shape).astype(np.float32)
+            pixels = np.concatenate([edge, pixels, edge], axis=direction)
+            transform[axis, axis], transform[axis, 2] = size / (size + 2), 1 / (size + 2)
+    return replace(image, pixels=pixels, wrap=("clamp", "clamp"), transform=transform @ image.transform), whole

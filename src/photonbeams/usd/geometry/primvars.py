@@ -1,0 +1,174 @@
+"""Read primvars as plain arrays: flattened, and as long as their interpolation needs, or left out with a warning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...scene import Array
+from ..common.openusd import Usd, UsdGeom
+from ..common.reading import Reading
+from .polygons import Values
+
+INTERPOLATIONS = ("constant", "uniform", "varying", "vertex", "faceVarying")
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One instance of a point instancer: its prims take the instancer's primvars at this index."""
+
+    instancer: Usd.Prim
+    index: int
+
+
+def find_primvar(prim: Usd.Prim, name: str) -> UsdGeom.Primvar | None:
+    """Return a primvar with a value, of a prim or inherited from an ancestor; or None."""
+    primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
+    return primvar if primvar and primvar.HasValue() else None
+
+
+def read_primvar(
+    reading: Reading,
+    prim: Usd.Prim,
+    primvar: UsdGeom.Primvar,
+    columns: int | None,
+    lengths: Mapping[str, int],
+    any_fitting: bool = False,
+) -> Values | None:
+    """Return as many values of a primvar as its interpolation needs; None, with a warning, if they cannot be used.
+
+    Parameters
+    ----------
+    columns
+        The same as for `flattened`.
+    lengths
+        How many values each interpolation needs; the prim cannot have an interpolation that is not listed.
+    any_fitting
+        Whether the number of values decides the interpolation if it does not fit the declared one: exporters of curves
+        leave that at its fallback.
+    """
+    numbers = flattened(reading, prim, primvar, columns)
+    if numbers is None:
+        return None
+    values, name = Values(numbers, str(primvar.GetInterpolation())), str(primvar.GetName())
+    return _fitted(reading, prim, name, values, lengths, any_fitting)
+
+
+def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, columns: int | None) -> Array | None:
+    """Return a primvar's values with its indices applied, (N, columns); None, with a warning, if there are none.
+
+    `elementSize` only counts if single numbers make up vectors, as in other renderers; exporters write it arbitrarily.
+
+    Parameters
+    ----------
+    columns
+        Numbers per value; longer values are cut. None: as many as there are.
+    """
+    name = str(primvar.GetName())
+    numbers = _numbers(reading, prim, name, primvar.Get(reading.time), columns, primvar.GetElementSize())
+    if numbers is not None and primvar.IsIndexed():
+        indices = np.asarray(primvar.GetIndices(reading.time) or (), dtype=np.int64)
+        wrong = indices[(indices < 0) | (indices >= len(numbers))]
+        if len(wrong):
+            text = f"names value {wrong[0]}: expected values from 0 to {len(numbers) - 1}; {name} is left out"
+            reading.warn(prim, text, f"{name}:indices")
+            return None
+        numbers = numbers[indices]
+    return numbers
+
+
+def read_values(
+    reading: Reading,
+    prim: Usd.Prim,
+    name: str,
+    columns: int,
+    interpolation: str,
+    lengths: Mapping[str, int],
+    any_fitting: bool = False,
+) -> Values | None:
+    """Return the values of a plain attribute that has an interpolation, such as `normals` or `widths`."""
+    numbers = _numbers(reading, prim, name, reading.value(prim, name), columns, 1)
+    if numbers is None:
+        return None
+    return _fitted(reading, prim, name, Values(numbers, interpolation), lengths, any_fitting)
+
+
+def _fitted(
+    reading: Reading, prim: Usd.Prim, name: str, values: Values, lengths: Mapping[str, int], any_fitting: bool
+) -> Values | None:
+    """Return as many values as the interpolation needs: more are cut; with fewer, the primvar is left out."""
+    if any_fitting and lengths.get(values.interpolation) != len(values.values):
+        fitting = [kind for kind, count in lengths.items() if count == len(values.values)]
+        values = Values(values.values, fitting[0] if fitting else values.interpolation)
+    count = lengths.get(values.interpolation)
+    kind = f"of interpolation '{values.interpolation}'"
+    if count is None:
+        reading.warn(prim, f"is {kind}: expected {', '.join(lengths)}; it is left out", name)
+        return None
+    if len(values.values) < count:
+        reading.warn(prim, f"has {len(values.values)} values {kind}: expected {count}; it is left out", name)
+        return None
+    if len(values.values) > count:
+        reading.warn(prim, f"has {len(values.values)} values {kind}: expected {count}; the first are used", name)
+    return Values(values.values[:count], values.interpolation)
+
+
+def read_instanced(
+    reading: Reading, prim: Usd.Prim, name: str, columns: int, instances: Sequence[Instance]
+) -> Array | None:
+    """Return a primvar's value for an instance of a prim, (columns,), from the innermost instancer that has it.
+
+    Return None if no instancer has it, or if the prim below them has one of its own.
+    """
+    if find_primvar(prim, name) is not None:
+        return None
+    for instance in instances:
+        key = ("instanced", instance.instancer.GetPath(), name)
+        if key not in reading.cache:
+            reading.cache[key] = _of_instances(reading, instance.instancer, name, columns)
+        values = reading.cache[key]
+        if values is not None:
+            return values.values[0 if values.interpolation == "constant" else instance.index]
+    return None
+
+
+def _of_instances(reading: Reading, instancer: Usd.Prim, name: str, columns: int) -> Values | None:
+    """Return a primvar of an instancer, with one value for each instance or one for all."""
+    primvar = find_primvar(instancer, name)
+    if primvar is None:
+        return None
+    count = len(reading.integers(instancer, "protoIndices"))
+    lengths = dict.fromkeys(("uniform", "varying", "vertex", "faceVarying"), count) | {"constant": 1}
+    return read_primvar(reading, instancer, primvar, columns, lengths)
+
+
+def _numbers(reading: Reading, prim: Usd.Prim, name: str, raw: Any, columns: int | None, element: int) -> Array | None:
+    """Return raw values as (N, columns) finite numbers, or None if there are none of this kind."""
+    if raw is None:
+        return None
+    try:
+        numbers = np.asarray(raw, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.zeros((1, 0))
+    if not type(raw).__module__.endswith(".Vt"):  # a single value, not an array
+        numbers = numbers.reshape(1, -1)
+    elif not len(numbers):
+        return None
+    if numbers.ndim == 1:
+        size = columns if columns == element and len(numbers) % element == 0 else 1
+        numbers = numbers.reshape(-1, size)
+    if numbers.ndim != 2 or numbers.shape[1] < (columns or 1):
+        text = f"has values of type {type(raw).__name__}: expected {columns or 1} numbers each; it is left out"
+        reading.warn(prim, text.replace("1 numbers", "one number"), name)
+        return None
+    numbers = numbers[:, :columns]
+    finite = np.isfinite(numbers).all(axis=1)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        text = f"is {tuple(numbers[index].tolist())}: expected finite numbers; {name} is left out"
+        reading.warn(prim, text, f"{name}[{index}]")
+        return None
+    return numbers

@@ -1,0 +1,177 @@
+"""Deform meshes by skeletons: blend shapes and skinning by UsdSkel, at the time of a reading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...scene import Array
+from ..common.openusd import Tf, Usd, UsdSkel, Vt
+from ..common.reading import Reading
+from .polygons import Values
+
+
+@dataclass(frozen=True)
+class Deformed:
+    """Deformed points (P, 3) of a mesh, and the matrices (P, 3, 3) that turn its normals, as row vectors."""
+
+    points: Array
+    normal_offsets: Array
+    normal_matrices: Array
+
+    def normals(self, values: Values, indices: Array) -> Values:
+        """Return deformed normals; `indices` are the points of the face vertices."""
+        if values.interpolation in ("vertex", "varying"):
+            point = np.arange(len(self.points))
+        elif values.interpolation == "faceVarying":
+            point = indices
+        else:
+            return values
+        moved = values.values + self.normal_offsets[point]
+        return Values(np.einsum("pi,pij->pj", moved, self.normal_matrices[point]), values.interpolation)
+
+
+def is_skinned(prim: Usd.Prim) -> bool:
+    """Return whether a skeleton may deform a prim."""
+    return prim.HasAPI(UsdSkel.BindingAPI) or any(
+        prim.GetAttribute(name).HasAuthoredValue() for name in ("primvars:skel:jointIndices", "skel:blendShapes")
+    )
+
+
+def deformed(reading: Reading, prim: Usd.Prim, points: Array) -> Deformed | None:
+    """Return a mesh's points, deformed by its skeleton, in its own space; None if it has no skeleton."""
+    if not is_skinned(prim):
+        return None
+    root = prim
+    while root and not root.IsA(UsdSkel.Root):
+        root = root.GetParent()
+    if not root:
+        return None
+    try:
+        skeletons = _skeletons(reading, root)
+        found = skeletons.bound.get(prim.GetPath())
+        return None if found is None else _deformed(reading, skeletons.cache, *found, points)
+    except Tf.ErrorException:
+        reading.warn(prim, "cannot be bound to its skeleton: its points are used as they are", "skel:skeleton")
+        return None
+
+
+@dataclass(frozen=True)
+class _Skeletons:
+    """UsdSkel's cache below a SkelRoot, which keeps queries alive, and (skeleton, query) by the prims' paths."""
+
+    cache: Any
+    bound: dict[Any, tuple[Any, Any]]
+
+
+def _skeletons(reading: Reading, root: Usd.Prim) -> _Skeletons:
+    key = ("skeletons", root.GetPath())
+    if key not in reading.cache:
+        cache = UsdSkel.Cache()
+        prims = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
+        cache.Populate(UsdSkel.Root(root), prims)
+        reading.cache[key] = _Skeletons(
+            cache,
+            {
+                query.GetPrim().GetPath(): (binding.GetSkeleton(), query)
+                for binding in cache.ComputeSkelBindings(UsdSkel.Root(root), prims)
+                for query in binding.GetSkinningTargets()
+            },
+        )
+    return reading.cache[key]
+
+
+def _deformed(reading: Reading, cache: Any, skeleton: Any, query: Any, points: Array) -> Deformed | None:
+    prim, skeleton_query = query.GetPrim(), cache.GetSkelQuery(skeleton)
+    if not skeleton_query:
+        reading.warn(prim, "names a skeleton without joints: its points are used as they are", "skel:skeleton")
+        return None
+    moved = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(points, dtype=np.float32))
+    offsets = np.zeros_like(points)
+    if query.HasBlendShapes():
+        moved, offsets = _blended(reading, skeleton_query, query, moved)
+    if not query.HasJointInfluences():
+        return Deformed(np.asarray(moved, dtype=np.float64), offsets, np.tile(np.eye(3), (len(points), 1, 1)))
+    transforms = skeleton_query.ComputeSkinningTransforms(reading.time)
+    influences = query.ComputeVaryingJointInfluences(len(points), reading.time)
+    mapper = query.GetJointMapper()
+    local = transforms if mapper is None else mapper.RemapTransforms(transforms, transforms, 1)
+    fits = bool(influences) and _fit(influences, len(points), len(local))
+    if not fits or not query.ComputeSkinnedPoints(transforms, moved, reading.time):
+        text = "does not fit its points and its skeleton's joints: its points are used as they are"
+        reading.warn(prim, text, "primvars:skel:jointIndices")
+        return None
+    # UsdSkel's points are in the skeleton's space.
+    to_prim = _row_matrix(reading, skeleton.GetPrim()) @ np.linalg.inv(_row_matrix(reading, prim))
+    bind = np.array(query.GetGeomBindTransform(reading.time))
+    joints = bind @ np.array(local, dtype=np.float64).reshape(-1, 4, 4) @ to_prim
+    return Deformed(
+        np.asarray(moved, dtype=np.float64) @ to_prim[:3, :3] + to_prim[3, :3],
+        offsets,
+        _normal_matrices(influences, joints, len(points)),
+    )
+
+
+def _fit(influences: Any, points: int, joints: int) -> bool:
+    indices = np.asarray(influences[0])
+    return len(indices) % max(points, 1) == 0 and len(indices) > 0 and indices.min() >= 0 and indices.max() < joints
+
+
+def _normal_matrices(influences: Any, joints: Array, points: int) -> Array:
+    """Return the matrices (P, 3, 3) that turn normals: inverse transposes of the joints, blended as in UsdSkel."""
+    indices, weights = (np.asarray(each).reshape(points, -1) for each in influences)
+    turns = _inverse_transposes(joints[:, :3, :3])
+    blended = np.zeros((points, 3, 3))
+    for index, weight in zip(indices.T, weights.T, strict=True):
+        blended += weight[:, None, None] * turns[index]
+    return blended
+
+
+def _inverse_transposes(matrices: Array) -> Array:
+    """Return the inverse transposes of (N, 3, 3), or the cofactors of singular matrices."""
+    x, y, z = matrices[:, 0], matrices[:, 1], matrices[:, 2]
+    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
+    determinants = np.einsum("ni,ni->n", x, cofactors[:, 0])
+    return cofactors / np.where(determinants == 0, 1.0, determinants)[:, None, None]
+
+
+def _row_matrix(reading: Reading, prim: Usd.Prim) -> Array:
+    """Return a prim's transform to world space, for row vectors, as in USD."""
+    return np.array(reading.xforms.GetLocalToWorldTransform(prim), dtype=np.float64)
+
+
+def _blended(reading: Reading, skeleton_query: Any, query: Any, points: Any) -> tuple[Any, Array]:
+    """Return points with blend shapes added, and the offsets of the normals, (P, 3)."""
+    offsets = np.zeros((len(points), 3))
+    animation = skeleton_query.GetAnimQuery()
+    mapper = query.GetBlendShapeMapper()
+    if not animation or mapper is None:
+        return points, offsets
+    weights = mapper.Remap(animation.ComputeBlendShapeWeights(reading.time), Vt.FloatArray())
+    shapes = UsdSkel.BlendShapeQuery(UsdSkel.BindingAPI(query.GetPrim()))
+    if len(weights) != shapes.GetNumBlendShapes():
+        return points, offsets
+    of_points = shapes.ComputeBlendShapePointIndices()
+    numbers = shapes.ComputeSubShapeWeights(weights)
+    for weight, blend, sub in zip(*numbers, strict=True):
+        indices = of_points[blend] if len(of_points[blend]) else None
+        inbetween = shapes.GetInbetween(sub)
+        shape = shapes.GetBlendShape(blend)
+        moves = inbetween.GetOffsets() if inbetween else shape.GetOffsetsAttr().Get()
+        turns = inbetween.GetNormalOffsets() if inbetween else shape.GetNormalOffsetsAttr().Get()
+        points = Vt.Vec3fArray.FromNumpy(_added(np.array(points), moves, indices, weight).astype(np.float32))
+        offsets = _added(offsets, turns, indices, weight)
+    return points, offsets
+
+
+def _added(values: Array, offsets: Any, indices: Any, weight: float) -> Array:
+    """Return values with weighted offsets added at some points, or at all; offsets that do not fit are ignored."""
+    moves = np.asarray(() if offsets is None else offsets, dtype=np.float64).reshape(-1, 3)
+    chosen = np.arange(len(values)) if indices is None else np.asarray(indices, dtype=np.int64)
+    fits = len(moves) == len(chosen) and (not len(chosen) or (chosen.min() >= 0 and chosen.max() < len(values)))
+    result = np.array(values, dtype=np.float64)
+    if fits:
+        result[chosen] += weight * moves
+    return result

@@ -1,0 +1,157 @@
+"""Linear and cubic BasisCurves as spans, and points along these, as many as their curvature needs.
+
+A span is a polynomial in t from 0 to 1, of control points weighted by the basis (UsdGeomBasisCurves; Catmull and Rom
+1974 for `catmullRom`). Values along a curve follow the same basis (vertex) or are linear from span to span (varying).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...scene import Array
+
+# Rows: powers of t from 0 up; columns: control points.
+_BASES = {
+    "linear": np.array([[1.0, 0], [-1, 1]]),
+    "bezier": np.array([[1.0, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]),
+    "bspline": np.array([[1.0, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6,
+    "catmullRom": np.array([[0.0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2,
+}
+BASES = tuple(name for name in _BASES if name != "linear")
+WRAPS = ("nonperiodic", "periodic", "pinned")
+
+# The greatest distance of a piece's chord from its curve, over the radius, and greatest turn of a piece, in degrees.
+CHORD_ERROR, MOST_TURN = 1 / 200, 4.0
+# Places narrower than this fraction of the curve's widest place, such as tips, are not cut more finely than there.
+_NARROWEST = 1 / 8
+_MOST_PIECES = 256  # of a span
+_SAMPLES = 17  # of a span, for its curvature
+
+
+def expected_points(kind: str, wrap: str) -> str:
+    """Return in words how many points a curve may have."""
+    if kind == "linear":
+        return "3 or more" if wrap == "periodic" else "2 or more"
+    if kind == "bezier":
+        return "3, 6, 9 and so on" if wrap == "periodic" else "4, 7, 10 and so on"
+    return {"pinned": "2 or more", "periodic": "3 or more"}.get(wrap, "4 or more")
+
+
+def span_counts(counts: Array, kind: str, wrap: str) -> Array:
+    """Return how many spans curves of `counts` points have: 0 if they may not have so many points."""
+    closed = wrap == "periodic"
+    if kind == "linear":
+        return np.where(counts >= (3 if closed else 2), counts - (0 if closed else 1), 0)
+    if kind == "bezier":
+        return np.where((counts >= 3) & (counts % 3 == (0 if closed else 1)), counts // 3, 0)
+    least, ends = {"pinned": (2, 1), "periodic": (3, 0)}.get(wrap, (4, 3))
+    return np.where(counts >= least, counts - ends, 0)
+
+
+def varying_counts(counts: Array, kind: str, wrap: str) -> Array:
+    """Return how many varying values curves of `counts` points have."""
+    return span_counts(counts, kind, wrap) + (0 if wrap == "periodic" else 1)
+
+
+@dataclass(frozen=True)
+class Spans:
+    """The spans of some curves.
+
+    Attributes
+    ----------
+    matrix
+        (K, K) matrix of the basis.
+    index
+        (S, K) numbers of each span's control points; numbers beyond the points refer to `phantoms`.
+    varying
+        (S, 2) numbers of the varying values at the two ends of each span.
+    phantoms
+        (P, 2) points (a, b); 2a − b are control points, too: a pinned curve has one before and one after it.
+    curve
+        (S,) the curve that each span belongs to.
+    closed
+        Whether curves end where they begin.
+    """
+
+    matrix: Array
+    index: Array
+    varying: Array
+    phantoms: Array
+    curve: Array
+    closed: bool
+
+    @classmethod
+    def of(cls, counts: Array, chosen: Array, kind: str, wrap: str) -> Spans:
+        """Return the spans of the chosen curves; `counts` are the points of all curves."""
+        pinned, closed = wrap == "pinned" and kind in ("bspline", "catmullRom"), wrap == "periodic"
+        size, step = (2, 1) if kind == "linear" else (4, 3 if kind == "bezier" else 1)
+        numbers = np.where(chosen, span_counts(counts, kind, wrap), 0)
+        curve = np.repeat(np.arange(len(counts)), numbers)
+        first = np.arange(len(curve)) - np.repeat(np.cumsum(numbers) - numbers, numbers)  # of its curve
+        begin = np.cumsum(counts) - counts
+        count = counts[curve][:, None]
+        place = first[:, None] * step + np.arange(size) - (1 if pinned else 0)
+        index = begin[curve][:, None] + (place % count if closed else place)
+        values = varying_counts(counts, kind, wrap)
+        varying = np.stack([first, (first + 1) % np.maximum(numbers[curve], 1) if closed else first + 1], axis=1)
+        varying += (np.cumsum(values) - values)[curve][:, None]
+        phantoms = np.empty((0, 2), dtype=np.int64)
+        if pinned:
+            ends = begin + counts - 1
+            pairs = np.stack([begin, np.minimum(begin + 1, ends), ends, np.maximum(ends - 1, begin)], axis=1)
+            phantoms = pairs.reshape(-1, 2)
+            extra = int(counts.sum()) + 2 * curve[:, None]
+            index = np.where(place < 0, extra, np.where(place >= count, extra + 1, index))
+        return cls(_BASES[kind], index, varying, phantoms, curve, closed)
+
+    def at(self, values: Array, span: Array, t: Array, derivative: int = 0) -> Array:
+        """Return vertex values (V, C), or their derivatives by t, at parameters t of spans, (N, C)."""
+        extended = np.concatenate([values, 2 * values[self.phantoms[:, 0]] - values[self.phantoms[:, 1]]])
+        powers = np.arange(len(self.matrix))
+        scale, exponent = np.ones(len(powers)), powers.astype(np.float64)
+        for _ in range(derivative):
+            scale, exponent = scale * exponent, np.maximum(exponent - 1, 0)
+        weights = (scale * t[:, None] ** exponent) @ self.matrix  # (N, K)
+        return np.einsum("nk,nkc->nc", weights, extended[self.index[span]])
+
+    def linear_at(self, values: Array, span: Array, t: Array) -> Array:
+        """Return varying values (V, C) at parameters t of spans, (N, C)."""
+        first, last = (values[self.varying[span, end]] for end in (0, 1))
+        return first + t[:, None] * (last - first)
+
+    def pieces(self, points: Array, radii: Array) -> Array:
+        """Return (S,) how many pieces each span needs, for points (V, 3) and radii (S, SAMPLES) at `samples`."""
+        if len(self.matrix) == 2:
+            return np.ones(len(self.curve), dtype=np.int64)
+        span, t = self.samples()
+        velocity = self.at(points, span, t, 1).reshape(-1, _SAMPLES, 3)
+        change = self.at(points, span, t, 2).reshape(-1, _SAMPLES, 3)
+        speed = np.linalg.norm(velocity, axis=2)
+        direction = velocity / np.maximum(speed, 1e-30)[..., None]
+        across = change - np.sum(change * direction, axis=2)[..., None] * direction
+        widest = np.zeros(int(self.curve.max(initial=-1)) + 1)
+        np.maximum.at(widest, self.curve, radii.max(axis=1))
+        width = np.maximum(radii, _NARROWEST * widest[self.curve][:, None])
+        # A chord lies h² |P''| / 8 from its curve, if the piece is the fraction h of the span.
+        bow = np.linalg.norm(across, axis=2) / (8 * CHORD_ERROR * np.maximum(width, 1e-30))
+        cosine = np.clip(np.sum(direction[:, 1:] * direction[:, :-1], axis=2), -1, 1)
+        turn = np.degrees(np.arccos(cosine)).sum(axis=1) / MOST_TURN
+        wanted = np.ceil(np.maximum(np.sqrt(bow.max(axis=1)), turn) - 1e-6)
+        return np.clip(np.nan_to_num(wanted, nan=1, posinf=_MOST_PIECES), 1, _MOST_PIECES).astype(np.int64)
+
+    def samples(self) -> tuple[Array, Array]:
+        """Return the places on all spans that `pieces` examines: spans and t."""
+        count = len(self.curve)
+        return np.repeat(np.arange(count), _SAMPLES), np.tile(np.linspace(0, 1, _SAMPLES), count)
+
+    def nodes(self, pieces: Array) -> tuple[Array, Array]:
+        """Return the places between pieces, in order, and the ends of open curves: spans and t."""
+        span = np.repeat(np.arange(len(pieces)), pieces)
+        t = (np.arange(len(span)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / np.repeat(pieces, pieces)
+        if self.closed or not len(span):
+            return span, t
+        lasts = np.flatnonzero(np.diff(self.curve, append=-1))  # the last span of each curve
+        where = np.cumsum(pieces)[lasts]
+        return np.insert(span, where, lasts), np.insert(t, where, 1.0)

@@ -1,0 +1,71 @@
+"""Move points by their velocities from a time sample, as UsdGeomPointBased defines it.
+
+Caches whose topology changes from frame to frame can only be blurred by velocities. While a shutter is open, the
+points, and everything that belongs to their topology, come from one sample: the last one at or before the frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...scene import Array
+from ..common.openusd import Usd
+from ..common.reading import Reading
+
+_ROUNDING = 1e-9  # error of sample times after the offset and scale of a layer
+
+
+@dataclass(frozen=True)
+class Carried:
+    """The stage at the time of a sample of points, and the points (N, 3) moved by velocities to the present time."""
+
+    reading: Reading
+    points: Array
+
+
+def carried(reading: Reading, prim: Usd.Prim, name: str = "points") -> Carried | None:
+    """Return the points (or `name`) of a prim, moved by its velocities, or None if it has none that can be used.
+
+    If None is returned, USD interpolates samples of the points. That also happens if there are more or fewer velocities
+    than points.
+    """
+    velocities = prim.GetAttribute("velocities")
+    if not (velocities and velocities.HasAuthoredValue()):
+        return None
+    samples = _samples(prim, name, reading.base)
+    if not samples or not _agree(_samples(prim, "velocities", reading.base), samples):
+        reading.warn(prim, f"is not used: expected the same time samples as those of {name}", "velocities")
+        return None
+    sample = samples[0]
+    at = replace(reading, time=sample)
+    points, velocity = at.array(prim, name, 3), at.array(prim, "velocities", 3)
+    if points is None or velocity is None or len(velocity) != len(points):
+        count = 0 if points is None else len(points)
+        reading.warn(prim, f"is not used: expected {count} values, as {name} has at time {sample:g}", "velocities")
+        return None
+    seconds = _seconds(reading, sample)
+    acceleration = None
+    if _agree(_samples(prim, "accelerations", reading.base), samples):
+        acceleration = at.array(prim, "accelerations", 3)
+    if acceleration is not None and len(acceleration) == len(points):
+        velocity = velocity + 0.5 * seconds * acceleration
+    return Carried(at, points + seconds * velocity)
+
+
+def _seconds(reading: Reading, sample: float) -> float:
+    """Return the seconds from a sample to the time of the reading; 0 for a stage that is read at its first sample."""
+    if reading.time.IsEarliestTime():
+        return 0.0
+    return (float(reading.time.GetValue()) - sample) / reading.stage.GetTimeCodesPerSecond()
+
+
+def _samples(prim: Usd.Prim, name: str, base: Usd.TimeCode) -> tuple[float, ...]:
+    """Return the times of the samples around a time, the same time twice if there is one at it; () without any."""
+    attribute = prim.GetAttribute(name)
+    return tuple(attribute.GetBracketingTimeSamples(base.GetValue())) if attribute else ()
+
+
+def _agree(these: tuple[float, ...], those: tuple[float, ...]) -> bool:
+    return len(these) == len(those) and np.allclose(these, those, rtol=_ROUNDING, atol=_ROUNDING)

@@ -1,0 +1,167 @@
+"""Prepare the layers of a stage before it is composed.
+
+Unreadable files, MaterialX documents and metadata that make no sense are replaced.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ...runtime.files import PathLike, atomic_path, failure_of, sync, write_bytes
+from ...runtime.inputs import why_unreadable
+from ...scene import SceneError
+from ..common.openusd import Ar, Sdf, Tf
+from ..common.reading import quiet
+from ..common.textures import stamp
+from ..common.warnings import Warnings
+from . import materialx
+from .clips import leave_out_clips
+from .metadata import correct_metadata
+
+_MOST_TEXT = 1 << 32  # bytes
+
+#: Layers changed in memory: they differ from their files, and have to be read again.
+_CHANGED: set[str] = set()
+
+
+def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
+    """Return two layers and all layers that they refer to, to be kept alive until the stage is composed.
+
+    OpenUSD opens whatever a layer names, and would wait for ever on a named pipe; such references and value clips are
+    removed in memory, with a warning. OpenUSD's wheels know the nodes of MaterialX, but have no plug-in for its
+    documents; in memory, layers then name a translation.
+
+    Raises
+    ------
+    SceneError
+        One of the two is damaged; or a layer names something that cannot be read, or has metadata that make no sense,
+        and warnings are errors.
+    """
+    found = {root.identifier: root, session.identifier: session}
+    waiting = [(layer, _prims(layer), root.expressionVariables) for layer in found.values()]
+    while waiting:
+        layer, prims, variables = waiting.pop()
+        variables = {**layer.expressionVariables, **variables}
+        if correct_metadata(layer, warnings) | leave_out_clips(layer, prims, why_no_layer, warnings):
+            _CHANGED.add(layer.identifier)
+        for name in layer.GetCompositionAssetDependencies():
+            path, arguments = _resolved(layer, name, variables)
+            identifier = Sdf.Layer.CreateIdentifier(path, arguments)
+            if not path or identifier in found:
+                continue
+            problem = why_no_layer(path)
+            if problem and not os.path.isdir(path):
+                text = f"{layer.realPath or layer.identifier} refers to {name}: expected a file, {problem}"
+                warnings.give(f"{text}; it is left out")
+                _change(layer, name, "")
+                continue
+            if _is_document(path):
+                _change(layer, name, _translated(path, warnings))
+                continue
+            try:
+                other = Sdf.Layer.FindOrOpen(identifier)
+            except Tf.ErrorException:  # composition reports it, if it needs this layer
+                other = None
+            if not other:
+                continue
+            try:
+                waiting.append((other, _prims(other), variables))
+            except SceneError as error:
+                warnings.give(f"{layer.realPath or layer.identifier} refers to {name}: {error}; it is left out")
+                _change(layer, name, "")
+            else:
+                found[identifier] = other
+    return list(found.values())
+
+
+def _prims(layer: Sdf.Layer) -> list[Sdf.Path]:
+    """Return the paths of a layer's prims and variants.
+
+    Raises
+    ------
+    SceneError
+        A binary layer lists prims that it does not hold: it is damaged, and OpenUSD would abort the process.
+    """
+    paths: list[Sdf.Path] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    prims = [path for path in paths if path.IsPrimPath() or path.IsPrimVariantSelectionPath()]
+    if not all(paths) or not all(map(layer.GetObjectAtPath, prims)):
+        raise SceneError(f"{layer.realPath or layer.identifier} is damaged: it lists prims that it does not hold")
+    return prims
+
+
+def _resolved(layer: Sdf.Layer, name: str, variables: dict[str, Any]) -> tuple[str, dict[str, str]]:
+    """Return the path that a layer refers to by a name, "" if there is none, and the arguments of its file format."""
+    if Sdf.VariableExpression.IsExpression(name):
+        value = Sdf.VariableExpression(name).Evaluate(variables).value
+        name = value if isinstance(value, str) else ""
+    name, arguments = Sdf.Layer.SplitIdentifier(name)
+    return str(Ar.GetResolver().Resolve(layer.ComputeAbsolutePath(name))) if name else "", arguments
+
+
+def write_layer(layer: Sdf.Layer, path: PathLike) -> None:
+    """Write a layer to a .usda, .usdc or .usd file, whole or not at all; raise OSError as `atomic_path` does."""
+    if Path(path).suffix == ".usda":
+        write_bytes(path, layer.ExportToString().encode())
+        return
+    with atomic_path(path) as beside:
+        try:
+            with quiet():
+                layer.Export(str(beside))
+                sync(beside)
+                found = Sdf.Layer.OpenAsAnonymous(str(beside))
+        except Tf.ErrorException as error:
+            raise failure_of(beside, str(error).strip().splitlines()[-1]) from None
+        if not found or _text(found) != _text(layer):
+            raise failure_of(beside, "the disk holds another layer")
+
+
+def _text(layer: Sdf.Layer) -> str:
+    """Return a layer as text, without signs of zeros: binary files do not keep those of vectors."""
+    return re.sub(r"(?<![\w.])-0(?![\w.])", "0", layer.ExportToString())
+
+
+def why_no_layer(path: str) -> str:
+    """Return why a path, which may lead into a package, cannot be read as a layer; "" if it may be one."""
+    most = _MOST_TEXT if path.endswith(".usda") else None  # OpenUSD reads all of a text; binary layers, what it needs
+    return why_unreadable(Ar.SplitPackageRelativePathOuter(path)[0], most)
+
+
+def forget_changes() -> None:
+    """Read those layers again from their files that were changed for an earlier stage."""
+    for identifier in list(_CHANGED):
+        layer = Sdf.Layer.Find(identifier)
+        if layer:
+            layer.Reload(force=True)
+    _CHANGED.clear()
+
+
+def _is_document(path: str) -> bool:
+    return path.endswith(".mtlx") and not Sdf.FileFormat.FindByExtension("mtlx")
+
+
+def _translated(path: str, warnings: Warnings) -> str:
+    """Return the identifier of the translation of a MaterialX document, or "", with a warning."""
+    try:
+        return str(_document(path, stamp(path)).identifier)
+    except SceneError as error:
+        warnings.give(f"{error}; it is left out")
+        return ""
+
+
+def _change(layer: Sdf.Layer, name: str, other: str) -> None:
+    """Make a layer name another one, in memory only, or none if `other` is ""."""
+    if layer.permissionToEdit:
+        for _ in range(2):  # of a sublayer that is also referred to, OpenUSD updates one at a time
+            layer.UpdateCompositionAssetDependency(name, other)
+        _CHANGED.add(layer.identifier)
+
+
+# Kept for the life of the process, because layers of other stages may name a translation.
+@cache
+def _document(path: str, _stamp: tuple[int, int]) -> Sdf.Layer:
+    return materialx.layer_of(path)

@@ -1,0 +1,355 @@
+"""Read BasisCurves with `PhotonBeamsCurvesAPI` as drawn, curved beams."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ...beams.curves import directions, lengths, segments, tangents
+from ...scene import Array, DrawnBeams
+from ...scene.vectors import unit
+from ..common.openusd import Sdf, Usd, UsdGeom
+from ..common.reading import Reading, has_photonbeams, target_paths
+from ..geometry.splines import Spans, expected_points, span_counts, varying_counts
+from ..geometry.strands import basis_of, read_points
+from .lights import PHYSICAL, bound_look, check_group
+
+# The most time samples at which a curve's curvature is examined. A curve has the same number of pieces at all times, so
+# that its motion can be followed from shutter open to shutter close.
+_MOST_SHAPES = 9
+_NAMED = 3  # how many curves a warning names
+
+
+def is_drawn(prim: Usd.Prim) -> bool:
+    """Return whether curves are beams."""
+    return has_photonbeams(prim, "PhotonBeamsCurvesAPI", "power")
+
+
+def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> DrawnBeams | None:
+    """Return curves as beams in world space, in as many pieces as their curvature needs; None if none is visible.
+
+    Curves that cannot be rendered are skipped with a warning that names them.
+
+    Raises
+    ------
+    SceneError
+        Counts, widths or powers contradict each other, or are negative.
+    """
+    found = read_points(reading, prim)
+    if found is None:
+        return None
+    sample, points, counts = found
+    source = _CurvesPrim(sample, prim, counts, *basis_of(reading, prim))
+    radii = source.widths()
+    spans = Spans.of(counts, source.drawable() & radii.present(counts), source.kind, source.wrap)
+    radii.warn_of_thin(source)
+    power, colour = source.power(), source.colour()
+    span, t = spans.nodes(_pieces(source, spans))
+    nodes = _Nodes(
+        spans.curve[span] if len(span) else span,
+        spans.at(points, span, t) @ to_world[:3, :3].T + to_world[:3, 3],
+        # Widths are diameters, and scale with the curves.
+        np.maximum(radii.at(spans, span, t)[:, 0], 0) * 0.5 * _scale(to_world),
+        np.maximum(power.at(spans, span, t) * colour.at(spans, span, t), 0),
+    )
+    reading.within_reach(prim, nodes.points)
+    reading.within_reach(prim, nodes.radii)
+    nodes = nodes.without_repetitions(reading, prim, spans.closed)
+    if not len(nodes.curve):
+        return None
+    group = str(reading.value(prim, "photonbeams:lightGroup", ""))
+    check_group(reading, prim, group)
+    look = reading.attempt(prim, partial(bound_look, reading, prim), None, PHYSICAL)
+    beams = _beams(source, nodes, spans.closed, power.graded or colour.graded, to_world)
+    if not len(beams["start"]):
+        return None
+    return DrawnBeams(name=name, group=group, look=look, **beams)  # type: ignore[arg-type]
+
+
+_GUIDE_POINTS = 33  # points for each span of a cubic guide
+
+
+def guide_paths(prim: Usd.Prim) -> set[Sdf.Path]:
+    """Return the paths of the curves that a light names as its guides."""
+    return set(target_paths(prim, "photonbeams:guides"))
+
+
+def read_guides(reading: Reading, light: Usd.Prim) -> tuple[Array, ...]:
+    """Return points along each curve that guides a light's beams, in world space.
+
+    Raises
+    ------
+    SceneError
+        A target is not a BasisCurves prim, or has no curve with a length.
+    """
+    name, found = "photonbeams:guides", []
+    for prim in reading.targets(light, name):
+        kind = prim.GetTypeName() or "prim without a type"
+        if not prim.IsA(UsdGeom.BasisCurves):
+            raise reading.fail(light, name, f"names {prim.GetPath()}, a {kind}: expected BasisCurves")
+        curves = _guides(reading, prim)
+        if not curves:
+            raise reading.fail(light, name, f"names {prim.GetPath()}, which has no curve: expected one with a length")
+        found += curves
+    return tuple(found)
+
+
+def _guides(reading: Reading, prim: Usd.Prim) -> list[Array]:
+    points = reading.array(prim, "points", 3)
+    counts = reading.integers(prim, "curveVertexCounts")
+    if points is None or np.any(counts < 0) or counts.sum() != len(points):
+        return []
+    source = _CurvesPrim(reading, prim, counts, *basis_of(reading, prim))
+    spans = Spans.of(counts, source.drawable(), source.kind, source.wrap)
+    span, t = spans.nodes(np.full(len(spans.curve), 1 if source.kind == "linear" else _GUIDE_POINTS))
+    to_world = reading.to_world(prim)
+    placed = spans.at(points, span, t) @ to_world[:3, :3].T + to_world[:3, 3]
+    reading.within_reach(prim, placed)
+    curves = [placed[spans.curve[span] == curve] for curve in np.unique(spans.curve)]
+    return [curve for curve in curves if np.any(curve != curve[0])]
+
+
+def _scale(to_world: Array) -> float:
+    """Return how much a transform scales lengths, as the mean over the three axes."""
+    return float(np.linalg.norm(to_world[:3, :3], axis=0).mean())
+
+
+@dataclass(frozen=True)
+class _Primvar:
+    """Values on curves: one for all, one for each ("uniform"), or along them ("varying", "vertex")."""
+
+    values: Array  # (V, C)
+    interpolation: str
+
+    @property
+    def graded(self) -> bool:
+        """Whether they change along a curve."""
+        return self.interpolation in ("varying", "vertex")
+
+    def at(self, spans: Spans, span: Array, t: Array) -> Array:
+        """Return (N, C) the values at places t of spans."""
+        if self.interpolation == "vertex":
+            return spans.at(self.values, span, t)
+        if self.interpolation == "varying":
+            return spans.linear_at(self.values, span, t)
+        index = spans.curve[span] if self.interpolation == "uniform" else np.zeros(len(span), dtype=np.int64)
+        return self.values[index]
+
+    def present(self, counts: Array) -> Array:
+        """Return (curves,) whether a curve has a value that is not zero; varying values are assumed to."""
+        if self.interpolation == "vertex":
+            sums = np.concatenate([[0], np.cumsum(self.values[:, 0] > 0)])
+            ends = np.cumsum(counts)
+            return sums[ends] > sums[ends - counts]
+        found = self.values[:, 0] > 0
+        return found if self.interpolation == "uniform" else np.full(len(counts), bool(found.any()))
+
+    def warn_of_thin(self, source: _CurvesPrim) -> None:
+        """Warn about curves without width."""
+        source.warn_of(np.flatnonzero(source.drawable() & ~self.present(source.counts)), "without width", "widths")
+
+
+@dataclass(frozen=True)
+class _CurvesPrim:
+    """Curves on a stage: their prim, the number of points of each, their basis (or "linear") and wrap."""
+
+    reading: Reading
+    prim: Usd.Prim
+    counts: Array
+    kind: str
+    wrap: str
+
+    def drawable(self) -> Array:
+        """Return (curves,) whether each has a number of points that its basis allows; warn about the others."""
+        found: Array = span_counts(self.counts, self.kind, self.wrap) > 0
+        expected = expected_points(self.kind, self.wrap)
+        self.warn_of(np.flatnonzero(~found), f"whose number of points is not {expected}", "curveVertexCounts")
+        return found
+
+    def warn_of(self, curves: Array, text: str, name: str) -> None:
+        """Warn about curves that are skipped, by their numbers."""
+        if len(curves):
+            named = ", ".join(str(curve) for curve in curves[:_NAMED].tolist())
+            more = f" and {len(curves) - _NAMED:,} more" if len(curves) > _NAMED else ""
+            plural = "s" if len(curves) > 1 else ""
+            self.reading.warn(self.prim, f"has curve{plural} {named}{more} {text}: skipped", name)
+
+    def interpolation(self, count: int, declared: str) -> str | None:
+        """Return the interpolation that fits a number of values, or None.
+
+        The number decides where it can, because exporters leave the interpolation at its fallback, "vertex".
+        """
+        if count == 1:
+            return "constant"
+        varying = varying_counts(self.counts, self.kind, self.wrap).sum()
+        sizes = {"vertex": self.counts.sum(), "varying": varying, "uniform": len(self.counts)}
+        fitting = [kind for kind, size in sizes.items() if size == count]
+        return declared if declared in fitting else next(iter(fitting), None)
+
+    def widths(self) -> _Primvar:
+        """Return the widths, which are diameters."""
+        reading, prim = self.reading, self.prim
+        primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("widths")
+        name = "primvars:widths" if primvar and primvar.HasValue() else "widths"
+        flat = primvar.ComputeFlattened(reading.time) if name != "widths" else None
+        widths = reading.array(prim, name, 1, flat)
+        if widths is None:
+            raise reading.fail(prim, "widths", "is empty: expected the diameters of the beams")
+        if np.any(widths < 0):
+            raise reading.fail(prim, name, f"holds {widths.min():g}: expected diameters of 0 or more")
+        declared = primvar.GetInterpolation() if name != "widths" else UsdGeom.Curves(prim).GetWidthsInterpolation()
+        return self._values(widths, str(declared), name)
+
+    def power(self) -> _Primvar:
+        """Return the power: one for all curves, one for each, or values along them."""
+        name = "photonbeams:power"
+        power = self.reading.array(self.prim, name, 3)
+        if power is None:
+            return _Primvar(np.ones((1, 3)), "constant")
+        if np.any(power < 0):
+            index = int(np.argmax(np.any(power < 0, axis=1)))
+            text = f"is {tuple(power[index].tolist())}: expected no negative power"
+            raise self.reading.fail(self.prim, f"{name}[{index}]", text)
+        return self._values(power, "", name)
+
+    def colour(self) -> _Primvar:
+        """Return the display colour if it changes along the curves, else white: it is then for viewports only."""
+        primvar = UsdGeom.PrimvarsAPI(self.prim).GetPrimvar("displayColor")
+        if not primvar or primvar.GetInterpolation() not in ("varying", "vertex"):
+            return _Primvar(np.ones((1, 3)), "constant")
+        name = "primvars:displayColor"
+        colour = self.reading.array(self.prim, name, 3, primvar.ComputeFlattened(self.reading.time))
+        if colour is None:
+            return _Primvar(np.ones((1, 3)), "constant")
+        return self._values(np.maximum(colour, 0), str(primvar.GetInterpolation()), name)
+
+    def _values(self, values: Array, declared: str, name: str) -> _Primvar:
+        found = self.interpolation(len(values), declared)
+        if found is None:
+            kind = f" of interpolation '{declared}'" if declared else ""
+            text = f"has {len(values)} values{kind}: expected 1, {len(self.counts)} or {self.counts.sum()}"
+            raise self.reading.fail(self.prim, name, text)
+        return _Primvar(values, found)
+
+    def each(self, name: str, columns: int) -> Array | None:
+        """Return an attribute of each curve, (curves, columns), or None if it is not authored."""
+        values = self.reading.array(self.prim, name, columns)
+        if values is None:
+            return None
+        if len(values) not in (1, len(self.counts)):
+            text = f"has {len(values)} values: expected 1 or {len(self.counts)}, one for each curve"
+            raise self.reading.fail(self.prim, name, text)
+        return np.broadcast_to(values, (len(self.counts), columns))
+
+
+def _pieces(source: _CurvesPrim, spans: Spans) -> Array:
+    """Return how many pieces each span needs, the most over all times."""
+    if source.kind == "linear" or not len(spans.curve):
+        return np.ones(len(spans.curve), dtype=np.int64)
+    found = np.ones(len(spans.curve), dtype=np.int64)
+    for reading in _shapes(source):
+        shape = _CurvesPrim(reading, source.prim, source.counts, source.kind, source.wrap)
+        points = reading.array(source.prim, "points", 3)
+        if points is not None and len(points) == source.counts.sum():
+            radii = 0.5 * shape.widths().at(spans, *spans.samples()).reshape(len(spans.curve), -1)
+            found = np.maximum(found, spans.pieces(points, radii))
+    return found
+
+
+def _shapes(source: _CurvesPrim) -> list[Reading]:
+    """Return readings at the times at which the curves' shape is examined."""
+    times = source.prim.GetAttribute("points").GetTimeSamples()
+    if len(times) < 2:
+        return [source.reading]
+    chosen = np.unique(np.linspace(0, len(times) - 1, _MOST_SHAPES).round().astype(int))
+    stage, warnings = source.reading.stage, source.reading.warnings
+    return [Reading(stage, Usd.TimeCode(times[index]), warnings) for index in chosen]
+
+
+@dataclass(frozen=True)
+class _Nodes:
+    """The points between pieces, one curve after another."""
+
+    curve: Array
+    points: Array
+    radii: Array
+    power: Array
+
+    def without_repetitions(self, reading: Reading, prim: Usd.Prim, closed: bool) -> _Nodes:
+        """Return the nodes without repetitions of the one before, and without curves that are then only a point."""
+        same = np.zeros(len(self.curve), dtype=bool)
+        same[1:] = (self.curve[1:] == self.curve[:-1]) & np.all(self.points[1:] == self.points[:-1], axis=1)
+        if closed and len(same):
+            first = np.flatnonzero(np.diff(self.curve, prepend=-1))
+            last = np.append(first[1:], len(same)) - 1
+            same[last] |= (last > first) & np.all(self.points[last] == self.points[first], axis=1)
+        if same.any():
+            reading.warn(prim, f"has {np.count_nonzero(same)} segments without length: they are skipped")
+        sizes = np.bincount(self.curve[~same], minlength=int(self.curve.max(initial=-1)) + 1)
+        kept = ~same & (sizes[self.curve] >= 2)
+        return _Nodes(*(each[kept] for each in (self.curve, self.points, self.radii, self.power)))
+
+
+def _beams(source: _CurvesPrim, nodes: _Nodes, closed: bool, graded: bool, to_world: Array) -> dict[str, Any]:
+    """Return the fields of the beams between nodes."""
+    sizes = np.bincount(nodes.curve)
+    first, last, following = segments(sizes[sizes > 0], closed)
+    curve = nodes.curve[first]
+    start, end = nodes.points[first], nodes.points[last]
+    radius_start, radius_end = nodes.radii[first], nodes.radii[last]
+    offset, total = lengths(start, end, np.unique(curve, return_inverse=True)[1])
+    scale = _scale(to_world)
+    lights = {name: source.each(f"photonbeams:{name}", 1) for name in ("offset", "total", "entry")}
+    given = {name: None if value is None else scale * value[curve, 0] for name, value in lights.items()}
+    chained = bool(np.any(following >= 0))
+    fields: dict[str, Any] = {
+        "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end,
+        "power": nodes.power[first], "power_end": nodes.power[last] if graded else None,
+        # A curve is one beam, so all of its pieces give looks the same values.
+        "id": curve.astype(np.float64),
+    }  # fmt: skip
+    if chained or any(value is not None for value in given.values()):
+        begin = 0.0 if given["offset"] is None else given["offset"]
+        fields["offset"] = begin + offset
+        fields["total"] = begin + total if given["total"] is None else given["total"]
+        fields["entry"] = given["entry"]
+    if chained:
+        fields["start_tangent"], fields["end_tangent"] = tangents(directions(start, end), following)
+        _turn_ends(source, fields, curve, following, to_world)
+    for name in ("random", "id", "generation"):
+        known = source.each(f"photonbeams:{name}", 1)
+        if known is not None:
+            fields[name] = known[curve, 0]
+    normals = source.each("photonbeams:endNormals", 3)
+    if normals is not None:
+        fields["end_normal"] = _end_normals(fields, normals[curve], following, to_world)
+    wide = (radius_start > 0) | (radius_end > 0)
+    if not wide.all():
+        text = f"holds 0 at both ends of {np.count_nonzero(~wide)} segments: they are skipped"
+        source.reading.warn(source.prim, text, "widths")
+    return {name: value if value is None else value[wide] for name, value in fields.items()}
+
+
+def _turn_ends(source: _CurvesPrim, fields: dict[str, Any], curve: Array, following: Array, to_world: Array) -> None:
+    """Set the directions of the light at both ends of each curve to the authored ones."""
+    begins = np.ones(len(curve), dtype=bool)
+    begins[following[following >= 0]] = False
+    for name, field, there in (("start", "start_tangent", begins), ("end", "end_tangent", following < 0)):
+        authored = source.each(f"photonbeams:{name}Tangents", 3)
+        if authored is None:
+            continue
+        turned = unit(authored[curve] @ to_world[:3, :3].T)
+        use = there & np.any(turned, axis=1)
+        fields[field][use] = turned[use]
+
+
+def _end_normals(fields: dict[str, Any], normals: Array, following: Array, to_world: Array) -> Array:
+    """Return the normals of the beams' end planes: at a curve's end, that of the surface that stops it."""
+    turned = unit(normals @ np.linalg.inv(to_world[:3, :3]))
+    straight = -directions(fields["start"], fields["end"])
+    inner = -fields["end_tangent"] if "end_tangent" in fields else straight
+    surface = np.where(np.any(turned, axis=1, keepdims=True), turned, straight)
+    return np.where(following[:, None] >= 0, inner, surface)

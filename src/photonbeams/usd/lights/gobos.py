@@ -1,0 +1,104 @@
+"""Gobos: the images of `PhotonBeamsLightAPI` that a light shines through, and the texture of a rectangle light."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...scene import Array, Gobo, Mesh
+from ..common.openusd import Usd, UsdGeom
+from ..common.reading import Reading
+from ..common.textures import read_image
+
+_WRAPS = ("black", "repeat")
+
+
+def read_gobo(reading: Reading, prim: Usd.Prim) -> Gobo | None:
+    """Return the image in front of a light, or None.
+
+    Raises
+    ------
+    SceneError
+        An image cannot be read or has negative pixels, an angle or a width is out of range, or a distant light's image
+        has no width.
+    """
+    name, kind = "photonbeams:gobo", str(prim.GetTypeName())
+    image = _image(reading, prim, name)
+    if image is None:
+        return None
+    if kind.startswith("DomeLight"):
+        reading.warn(prim, "is not rendered on a dome light: expected inputs:texture:file instead", name)
+        return None
+    wrap = str(reading.value(prim, f"{name}:wrap", _WRAPS[0]))
+    if wrap not in _WRAPS:
+        raise reading.fail(prim, f"{name}:wrap", f"is '{wrap}': expected one of {', '.join(_WRAPS)}")
+    return Gobo(image, _positive(reading, prim, f"{name}:angle", 180.0), _width(reading, prim), wrap == "repeat")
+
+
+def read_texture(reading: Reading, prim: Usd.Prim) -> Gobo | None:
+    """Return the texture of a rectangle light, which lies on it as a gobo does, or None."""
+    image = _image(reading, prim, "inputs:texture:file")
+    return None if image is None else Gobo(image)
+
+
+def read_portal_gobo(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> Gobo | None:
+    """Return the image on a light's portal (a mesh, or the name of a Mitsuba shape), or None.
+
+    Raises
+    ------
+    SceneError
+        The image cannot be read or has negative pixels, or the portal is not flat.
+    """
+    name = "photonbeams:portal:gobo"
+    image = _image(reading, prim, name)
+    if image is None:
+        return None
+    if portal is None:
+        reading.warn(prim, "is not rendered: expected a photonbeams:portal for it to lie on", name)
+        return None
+    if isinstance(portal, str):
+        return Gobo(image, up=_up(reading, np.zeros(3)))
+    plane = portal.plane()
+    if plane is None:
+        raise reading.fail(prim, name, f"lies on {portal.name}, which is not flat: expected a portal in one plane")
+    return Gobo(image, up=_up(reading, plane.normal))
+
+
+def _up(reading: Reading, normal: Array) -> Array:
+    """Return the direction of an image's upper edge: the stage's up axis or, for a skylight, the back of the stage."""
+    up, back = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, -1.0])
+    if UsdGeom.GetStageUpAxis(reading.stage) == UsdGeom.Tokens.z:
+        up, back = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    return back if abs(normal @ up) > 0.999 else up
+
+
+def _width(reading: Reading, prim: Usd.Prim) -> float:
+    """Return the width of an image in scene units, which a distant light must have."""
+    name = "photonbeams:gobo:width"
+    width = _positive(reading, prim, name, np.inf)
+    if width is None and prim.GetTypeName() == "DistantLight":
+        raise reading.fail(prim, name, "is not given: expected the image's width in scene units, for a distant light")
+    return width or 1.0
+
+
+def _positive(reading: Reading, prim: Usd.Prim, name: str, below: float) -> float | None:
+    """Return a number above 0, or None if it is not authored."""
+    if reading.value(prim, name) is None:
+        return None
+    value = reading.number(prim, name, 1.0)
+    if not 0 < value < below:
+        bound = "" if np.isinf(below) else f" and less than {below:g}"
+        raise reading.fail(prim, name, f"is {value:g}: expected more than 0{bound}")
+    return value
+
+
+def _image(reading: Reading, prim: Usd.Prim, name: str) -> Array | None:
+    """Return an image that light passes through: negative pixels are an error, all black gives a warning."""
+    image = read_image(reading, prim, name)
+    if image is None:
+        return None
+    colors = image[..., :3] if image.shape[2] >= 3 else image[..., :1]  # the rest is alpha
+    if np.min(colors) < 0:
+        raise reading.fail(prim, name, f"has a pixel of {np.min(colors):g}: expected 0 or more")
+    if not np.any(colors):
+        reading.warn(prim, "is black: no light passes through it", name)
+    return image

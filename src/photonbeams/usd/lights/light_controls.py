@@ -1,0 +1,72 @@
+"""Read the controls that UsdLux has for all lights: shaping, and light and shadows on surfaces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...scene import Shaping
+from ..common.openusd import Usd, UsdLux
+from ..common.reading import Reading, target_paths
+from .ies import read_profile
+
+# Attributes that hide a light from the camera, for which UsdLux has none: of Karma and hdEmbree, Omniverse, Arnold and
+# RenderMan.
+_SEEN = (
+    "inputs:visibility:camera",
+    "visibleInPrimaryRay",
+    "primvars:arnold:camera",
+    "primvars:ri:attributes:visibility:camera",
+)
+
+
+def read_shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
+    """Return a light's cone, focus and profile; None without ShapingAPI and without any of its attributes.
+
+    The API alone is a cone of 90 degrees, the schema's fallback, as in hdEmbree.
+    """
+    names = [name for name in prim.GetAuthoredPropertyNames() if name.startswith("inputs:shaping:")]
+    if not (names or prim.HasAPI(UsdLux.ShapingAPI)):
+        return None
+    result = Shaping(
+        cone_angle=reading.number(prim, "inputs:shaping:cone:angle", 90.0, minimum=0.0),
+        # hdEmbree turns a cone of negative softness inside out; the schema's text clamps it.
+        cone_softness=reading.clipped(prim, "inputs:shaping:cone:softness", 0.0, minimum=0.0),
+        focus=reading.clipped(prim, "inputs:shaping:focus", 0.0, minimum=0.0),
+        focus_tint=reading.color(prim, "inputs:shaping:focusTint", (0, 0, 0)),
+        profile=read_profile(reading, prim),
+    )
+    if not prim.IsA(UsdLux.NonboundableLightBase):
+        return result
+    if result.cone_angle < 90 or result.focus > 0 or result.profile is not None:
+        reading.warn(prim, "has shaping, which is not rendered on a light that is infinitely far away")
+    return None
+
+
+def on_surfaces(reading: Reading, prim: Usd.Prim, beams: bool) -> dict[str, Any]:
+    """Return a light's intensity and shadows on surfaces, as fields; `beams` is whether it makes beams."""
+    diffuse, specular = (reading.number(prim, f"inputs:{key}", 1.0, minimum=0.0) for key in ("diffuse", "specular"))
+    if diffuse != specular:
+        text = f"is {specular:g} but inputs:diffuse is {diffuse:g}: surfaces use the latter for both"
+        reading.warn(prim, text, "inputs:specular")
+    distance = reading.number(prim, "inputs:shadow:distance", -1.0)
+    color = reading.color(prim, "inputs:shadow:color", (0, 0, 0))
+    for name, given in (("distance", distance > 0), ("color", max(color) > 0)):
+        if given and beams:
+            text = "applies to shadows on surfaces only: beams end where a surface stops them"
+            reading.warn(prim, text, f"inputs:shadow:{name}")
+    return {
+        "surface_scale": diffuse,
+        "shadow_distance": distance if distance > 0 else np.inf,
+        "shadow_color": color,
+        "seen": not any(reading.value(prim, name, True) in (False, 0) for name in _SEEN),
+    }
+
+
+def warn_of_what_is_left_out(reading: Reading, prim: Usd.Prim) -> None:
+    """Warn about a light's filters, and about other settings that are not rendered."""
+    if target_paths(prim, "light:filters"):
+        reading.warn(prim, "are not rendered: the light shines without them", "light:filters")
+    if reading.number(prim, "inputs:shadow:falloff", -1.0) > 0:
+        reading.warn(prim, "is not rendered: shadows have the same strength everywhere", "inputs:shadow:falloff")

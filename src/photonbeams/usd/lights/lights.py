@@ -1,0 +1,406 @@
+"""Read UsdLux lights: radiance, size and place, and the settings of `PhotonBeamsLightAPI` for their beams.
+
+The formulas are those of UsdLuxLightAPI's documentation: radiance = intensity · 2^exposure · color · temperature,
+divided by the light's size in world space where `normalize` is on. Blender's power needs no factor: a point, spot or
+area light of W watts is exported with intensity W/π and normalize on, so that an emitter of area A has radiance
+W/(π A) and flux W. A sphere has the radiant intensity W/(4π), also as its radius goes to 0.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ...scene import (
+    MOST_BEAMS,
+    SCATTERED,
+    Array,
+    Color,
+    CylinderLight,
+    DistantLight,
+    DomeLight,
+    FlatLight,
+    Light,
+    Mesh,
+    MeshLight,
+    SphereLight,
+    rgb,
+)
+from ...scene.vectors import ellipse_perimeter, ellipsoid_area, unit
+from ..common import blender
+from ..common.openusd import Sdf, Usd, UsdGeom, UsdLux
+from ..common.reading import Reading, target_paths
+from ..common.textures import read_image
+from ..geometry.meshes import is_gprim, read_solid
+from ..looks.looks import LookSpec, read_look
+from ..media.medium import read_bounces
+from .gobos import read_gobo, read_portal_gobo, read_texture
+from .light_controls import on_surfaces, read_shaping, warn_of_what_is_left_out
+from .mesh_lights import is_asked, read_glow
+
+# UsdLux normalizes its black body to luminance, but documents 6500 K as white. Without a division by its colour at
+# 6500 K, every light from Blender, which writes 6500 K on all of them, would be slightly magenta.
+_WHITE_KELVIN = 6500.0
+_COLDEST, _HOTTEST = 1e3, 1e4  # kelvin: the range of UsdLux, beyond which it takes the ends' colours
+# A normalized sphere of a smaller radius is treated as a point, because its radiance would exceed single precision.
+_POINT = 1e-12
+# Lengths that differ by less than this fraction are equal: transforms are often products of rounded matrices.
+_UNEVEN = 1e-4
+_NO_AREA = "is 0: without inputs:normalize there would be no light; it shines as if that were on"
+_FLATTEST = 1e3  # largest ratio of a stretched light's widths: single precision cannot resolve much more
+# A line is rendered as a cylinder of this radius per length; its light is that of the limit to one part in 10^4.
+_LINE = 1e-4
+
+
+#: What warnings say about a light or drawn beams whose look cannot be read.
+PHYSICAL = "its beams have the physical look"
+
+
+def is_light(prim: Usd.Prim) -> bool:
+    """Return whether a prim is a light, supported or not."""
+    return bool(prim.HasAPI(UsdLux.LightAPI)) or is_asked(prim) or _is_foreign(prim)
+
+
+def is_dome(prim: Usd.Prim) -> bool:
+    """Return whether a light is a dome light, of either version of the schema."""
+    return str(prim.GetTypeName()) in _DOMES
+
+
+def _is_foreign(prim: Usd.Prim) -> bool:
+    """Return whether a prim has a type that is not installed here and whose name ends in Light."""
+    return prim.GetTypeName().endswith("Light") and not prim.GetPrimTypeInfo().GetSchemaType()
+
+
+def read_light(
+    reading: Reading, prim: Usd.Prim, to_world: Array, name: str, meshes: Sequence[Mesh] = ()
+) -> Light | None:
+    """Return a light, or None, with a warning, if its kind or its size cannot be rendered.
+
+    `meshes` are the surfaces of a gprim that is a mesh light.
+    """
+    kind = str(prim.GetTypeName())
+    if not (kind in _READERS or is_gprim(prim)):
+        why = _UNRENDERED.get(kind, f"is a light of kind {kind}, which is not rendered: it is skipped")
+        reading.warn(prim, why)
+        return None
+    if kind not in _DOMES and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
+        reading.warn(prim, "is scaled to zero: it is skipped")
+        return None
+    warn_of_what_is_left_out(reading, prim)
+    portal = reading.attempt(prim, partial(read_portal, reading, prim), None, "the light has no portal")
+    shared = {"name": name, **read_beam_settings(reading, prim, portal)}
+    shared |= {"emits_beams": makes_beams(reading, prim), "shaping": read_shaping(reading, prim)}
+    shared |= on_surfaces(reading, prim, shared["emits_beams"])
+    if kind in _READERS:
+        light: Light | None = _READERS[kind](reading, prim, to_world, shared)
+    else:
+        light = _mesh(reading, prim, to_world, shared, meshes)
+    return None if light is None else replace(light, frame=_frame(to_world, getattr(light, "axis", None)))
+
+
+def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:
+    """Return whether a light's own settings let it make beams: its kind can, and it is switched on.
+
+    A dome light is off unless it is switched on: fog lit from everywhere is haze without shafts, and costs the most
+    beams.
+    """
+    kind = str(prim.GetTypeName())
+    authored = prim.GetAttribute("photonbeams:enabled").HasAuthoredValue()
+    can = (kind in _READERS or is_gprim(prim)) and (kind not in _DOMES or authored)
+    return can and reading.flag(prim, "photonbeams:enabled", True)
+
+
+def is_sky(prim: Usd.Prim) -> bool:
+    """Return whether a light is a dome that does not set whether it makes beams; it then lights volumes without."""
+    return is_dome(prim) and not prim.GetAttribute("photonbeams:enabled").HasAuthoredValue()
+
+
+def portal_paths(prim: Usd.Prim) -> list[Sdf.Path]:
+    """Return the paths of a light's portals, which are not surfaces."""
+    return target_paths(prim, "photonbeams:portal")
+
+
+def _value(reading: Reading, prim: Usd.Prim) -> Array:
+    """Return intensity · 2^exposure · color · temperature, (3,)."""
+    intensity = reading.number(prim, "inputs:intensity", 1.0, minimum=0.0)
+    exposure = reading.number(prim, "inputs:exposure", 0.0, -100.0, 100.0)
+    result = intensity * 2.0**exposure * np.asarray(reading.color(prim, "inputs:color", (1, 1, 1)))
+    if reading.flag(prim, "inputs:enableColorTemperature", False):
+        kelvin = reading.clipped(prim, "inputs:colorTemperature", _WHITE_KELVIN, _COLDEST, _HOTTEST)
+        black_body, white = (np.array(UsdLux.BlackbodyTemperatureAsRgb(k)) for k in (kelvin, _WHITE_KELVIN))
+        result = result * black_body / white
+    return np.asarray(result)
+
+
+def _rgb(value: Array) -> Color:
+    return (float(value[0]), float(value[1]), float(value[2]))
+
+
+def _normalized(reading: Reading, prim: Usd.Prim) -> bool:
+    return reading.flag(prim, "inputs:normalize", False)
+
+
+def _sphere(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
+    linear = to_world[:3, :3]
+    own = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
+    axes = own * np.linalg.svd(linear, compute_uv=False)
+    reading.within_reach(prim, axes)
+    uneven = axes[0] > axes[2] * (1 + _UNEVEN)
+    radius = float(np.sqrt(ellipsoid_area(axes) / (4 * np.pi))) if uneven else own * _mean_scale(linear)
+    normalized = _normalized(reading, prim) or radius == 0
+    radiance = value = _value(reading, prim)
+    as_point = reading.flag(prim, "treatAsPoint", False)
+    if radius == 0 and not (as_point or _normalized(reading, prim)):
+        reading.warn(prim, _NO_AREA, "inputs:radius")
+    if as_point or radius == 0 or (normalized and radius < _POINT):
+        # A convex body of area A shows A/4 on average, so that a point of its power has the intensity L A/4.
+        radiance = value / 4 * (1.0 if normalized else 4 * np.pi * radius**2)
+        radius = 0.0
+    elif normalized:
+        radiance = value / (4 * np.pi * radius**2)
+    shape = own * linear if uneven and radius > 0 else None
+    if shape is not None and axes[0] > _FLATTEST * axes[2]:
+        text = " x ".join(f"{2 * each:.4g}" for each in axes)
+        reading.warn(prim, f"is scaled to {text}: it is rendered as a sphere of the same power, {2 * radius:.4g} wide")
+        shape = None
+    return SphereLight(
+        **shared, radiance=_rgb(radiance), center=to_world[:3, 3], radius=radius, shape=shape,
+        axis=unit(linear @ [0.0, 0.0, -1.0]),
+    )  # fmt: skip
+
+
+def _mean_scale(linear: Array) -> float:
+    """Return the mean length of the columns of a matrix."""
+    return float(np.linalg.norm(linear, axis=0).mean())
+
+
+def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
+    disk = prim.GetTypeName() == "DiskLight"
+    sides = (("radius", 0.5, 1.0),) * 2 if disk else (("width", 1.0, 0.5), ("height", 1.0, 0.5))
+    half = [scale * reading.number(prim, f"inputs:{key}", default, 0.0) for key, default, scale in sides]
+    for size, (key, _, _) in zip(half, sides, strict=True):
+        if size == 0:
+            raise reading.fail(prim, f"inputs:{key}", "is 0: expected a positive number")
+    if not disk and shared["gobo"] is None:
+        shared["gobo"] = reading.attempt(prim, partial(read_texture, reading, prim), None, "the light has one colour")
+    linear = to_world[:3, :3]
+    half_x, half_y = linear[:, 0] * half[0], linear[:, 1] * half[1]
+    reading.within_reach(prim, [half_x, half_y])
+    # Normals transform by the inverse transpose, and so stay perpendicular to a sheared light.
+    axis = unit(np.linalg.solve(linear.T, [0.0, 0.0, -1.0]))
+    if np.cross(half_x, half_y) @ axis > 0:  # mirrored: the rectangle is the same with half_x reversed
+        half_x = -half_x
+    light = FlatLight(
+        **shared, radiance=(0, 0, 0), center=to_world[:3, 3], half_x=half_x, half_y=half_y, axis=axis, disk=disk
+    )
+    radiance = _value(reading, prim) / (light.area if _normalized(reading, prim) else 1.0)
+    return replace(light, radiance=_rgb(radiance))
+
+
+def _cylinder(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
+    linear = to_world[:3, :3]
+    length = reading.number(prim, "inputs:length", 1.0, minimum=0.0)
+    if length == 0:
+        raise reading.fail(prim, "inputs:length", "is 0: expected a positive number")
+    half = 0.5 * length * linear[:, 0]
+    whole = 2 * float(np.linalg.norm(half))
+    own = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
+    columns = linear[:, 1:]
+    oblique = float(np.abs(unit(half) @ columns).max()) > _UNEVEN * _mean_scale(columns)
+    # What is seen along the axis: a circle, or an ellipse if the cylinder is sheared, or scaled unevenly across.
+    ring = columns - np.outer(half, half @ columns) / (half @ half) if oblique else columns
+    wide, narrow = own * np.linalg.svd(ring, compute_uv=False)
+    uneven = wide > narrow * (1 + _UNEVEN)
+    radius = ellipse_perimeter(wide, narrow) / (2 * np.pi) if uneven else own * _mean_scale(ring)
+    reading.within_reach(prim, [*half, radius])
+    shape = np.column_stack([half, own * columns]) if (uneven or oblique) and radius > _LINE * whole else None
+    if shape is not None and wide > _FLATTEST * narrow:
+        text = f"is {2 * wide:.4g} x {2 * narrow:.4g} across: it is rendered as a round cylinder of the same power"
+        reading.warn(prim, f"{text}, {2 * radius:.4g} wide")
+        shape = None
+    if radius == 0 and not (reading.flag(prim, "treatAsLine", False) or _normalized(reading, prim)):
+        reading.warn(prim, _NO_AREA, "inputs:radius")
+    normalized = _normalized(reading, prim) or radius == 0
+    radius = max(radius, _LINE * whole) if normalized else radius
+    light = CylinderLight(
+        **shared, radiance=(0, 0, 0), center=to_world[:3, 3], half=half, radius=radius, shape=shape,
+        axis=unit(linear @ [0.0, 0.0, -1.0]),
+    )  # fmt: skip
+    return replace(light, radiance=_rgb(_value(reading, prim) / (light.area if normalized else 1.0)))
+
+
+def _mesh(
+    reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any], meshes: Sequence[Mesh]
+) -> Light | None:
+    glow = read_glow(reading, prim, meshes)
+    if glow is None:
+        return None
+    radiance = np.asarray(glow.tint)
+    if prim.HasAPI(UsdLux.LightAPI):
+        radiance = radiance * _value(reading, prim) / (glow.mesh.area if _normalized(reading, prim) else 1.0)
+    return MeshLight(
+        **shared, radiance=_rgb(radiance), mesh=glow.mesh, image=glow.image, surface=glow.surface,
+        both_sides=glow.both_sides, axis=unit(to_world[:3, :3] @ [0.0, 0.0, -1.0]),
+    )  # fmt: skip
+
+
+def _distant(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
+    angle = reading.clipped(prim, "inputs:angle", 0.53, 0.0, 360.0)
+    value = _value(reading, prim)
+    if blender.wrote(prim):
+        angle, value = blender.sun(angle, value)
+    half = np.radians(angle / 2)
+    if angle > 0 and _normalized(reading, prim):
+        square = np.sin(half) ** 2
+        value = value / (np.pi * (square if half <= np.pi / 2 else 2 - square))
+    axis = unit(to_world[:3, :3] @ [0.0, 0.0, -1.0])
+    return DistantLight(**shared, radiance=_rgb(value), axis=axis, angle=angle)
+
+
+def _dome(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
+    form = str(reading.value(prim, "inputs:texture:format", "automatic"))
+    image = None
+    if form in ("automatic", "latlong"):
+        read = partial(read_image, reading, prim, "inputs:texture:file")
+        image = reading.attempt(prim, read, None, "the light has one colour")
+    else:
+        reading.warn(prim, f"is '{form}', which is not rendered: the light has one colour", "inputs:texture:format")
+    if image is not None:
+        image = rgb(image)
+    rotation = _rotation(to_world) @ _pole(reading, prim)
+    return DomeLight(
+        **shared, radiance=_rgb(_value(reading, prim)), image=image, to_world=rotation, lights_media=is_sky(prim)
+    )
+
+
+def _pole(reading: Reading, prim: Usd.Prim) -> Array:
+    """Return the rotation from the image's pole, +Y, to the pole of the light's kind."""
+    # UsdLuxDomeLight_1: with the pole on Z, the image's middle looks along −Y.
+    y_to_z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    if prim.GetTypeName() == "DomeLight_1":
+        axis = str(reading.value(prim, "poleAxis", "scene"))
+        axis = str(UsdGeom.GetStageUpAxis(reading.stage)) if axis == "scene" else axis
+        return y_to_z if axis == "Z" else np.eye(3)
+    return blender.world() if blender.lost_world_rotation(prim, reading.time) else np.eye(3)
+
+
+def _frame(to_world: Array, axis: Array | None) -> Array:
+    """Return a light's frame: −Z is `axis`, where it shines (None: local −Z), and +Y is close to the light's +Y."""
+    linear = to_world[:3, :3]
+    if abs(np.linalg.det(linear)) < 1e-30:  # only for a dome: other lights are skipped
+        return np.eye(4)
+    back = -unit(linear @ [0.0, 0.0, -1.0] if axis is None else axis)
+    up = unit(linear[:, 1] - (linear[:, 1] @ back) * back)
+    side = np.cross(up, back) * np.sign(np.linalg.det(linear))
+    result = np.eye(4)
+    result[:3] = np.column_stack([side, up, back, to_world[:3, 3]])
+    return result
+
+
+def _rotation(to_world: Array) -> Array:
+    """Return the nearest rotation (or mirrored rotation) to a transform's linear part."""
+    left, _, right = np.linalg.svd(to_world[:3, :3])
+    return np.asarray(left @ right)
+
+
+def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> dict[str, Any]:
+    """Return the fields of `BeamSettings` that PhotonBeamsLightAPI sets, with looks as specs.
+
+    The API need not be applied. A value that cannot be used is replaced by its default, with a warning.
+    """
+
+    def own(read: Callable[..., Any], *given: Any, default: Any = None, instead: str = "its default is used") -> Any:
+        return reading.attempt(prim, partial(read, reading, prim, *given), default, instead)
+
+    number = Reading.number
+    return {
+        "group": own(_group, default="", instead="the light is in no group"),
+        "emits_beams": reading.flag(prim, "photonbeams:enabled", True),
+        "beam_count": own(_count),
+        "beam_scale": own(number, "photonbeams:intensity", 1.0, 0.0, default=1.0),
+        "seed": int(own(number, "photonbeams:seed", 0, default=0)),
+        "portal": portal,
+        "gobo": own(read_gobo, instead="the light has no gobo"),
+        "portal_gobo": own(read_portal_gobo, portal, instead="the portal has no gobo"),
+        "look": own(bound_look, instead=PHYSICAL),
+        "scattered": own(_scattered, default="physical"),
+        "bounces": own(read_bounces),
+    }
+
+
+def bound_look(reading: Reading, prim: Usd.Prim) -> LookSpec | None:
+    """Return the look that a light or a curves prim names, or None."""
+    looks = reading.targets(prim, "photonbeams:look")
+    return read_look(reading, prim, looks[0]) if looks else None
+
+
+def _count(reading: Reading, prim: Usd.Prim) -> int | None:
+    count = reading.value(prim, "photonbeams:count")
+    if count is not None and not (isinstance(count, int) and 1 <= count <= MOST_BEAMS):
+        raise reading.fail(prim, "photonbeams:count", f"is {count}: expected a number from 1 to {MOST_BEAMS:,}")
+    return None if count is None else int(count)
+
+
+def _group(reading: Reading, prim: Usd.Prim) -> str:
+    group = str(reading.value(prim, "photonbeams:lightGroup", ""))
+    check_group(reading, prim, group)
+    return group
+
+
+def _scattered(reading: Reading, prim: Usd.Prim) -> str:
+    value = str(reading.value(prim, "photonbeams:scattered", "physical"))
+    if value not in SCATTERED:
+        expected = f"{', '.join(SCATTERED[:-1])} or {SCATTERED[-1]}"
+        raise reading.fail(prim, "photonbeams:scattered", f"is '{value}': expected {expected}")
+    return value
+
+
+def check_group(reading: Reading, prim: Usd.Prim, group: str) -> None:
+    """Raise SceneError for a light group that cannot name a layer."""
+    if not re.fullmatch(r"[A-Za-z0-9_-]*", group):
+        raise reading.fail(prim, "photonbeams:lightGroup", f"is '{group}': expected letters, digits, _ and - alone")
+
+
+def read_portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
+    """Return the gprims through which the light reaches the shot, as one mesh."""
+    name = "photonbeams:portal"
+    meshes = []
+    for target in reading.targets(prim, name):
+        if not is_gprim(target):
+            kind = target.GetTypeName() or "prim without a type"
+            raise reading.fail(prim, name, f"names {target.GetPath()}, a {kind}: expected a mesh or another gprim")
+        mesh = read_solid(reading, target, reading.to_world(target))
+        if mesh.area <= 0:
+            raise reading.fail(prim, name, f"names {target.GetPath()}, which has no area: expected a surface")
+        meshes.append(mesh)
+    if len(meshes) < 2:
+        return meshes[0] if meshes else None
+    starts = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
+    return Mesh(
+        name=" ".join(mesh.name for mesh in meshes),
+        points=np.concatenate([mesh.points for mesh in meshes]),
+        faces=np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]),
+    )
+
+
+_DOMES = ("DomeLight", "DomeLight_1")
+_UNRENDERED = {
+    "PortalLight": "is skipped: the light of a dome is sampled by its brightness, without portals",
+    "PluginLight": "is a light of one renderer only, which is not rendered: it is skipped",
+    "GeometryLight": "is deprecated and not rendered: expected MeshLightAPI on the geometry; it is skipped",
+    "Volume": "is a volume light (VolumeLightAPI), which is not rendered: it does not shine",
+}
+_READERS: dict[str, Callable[[Reading, Usd.Prim, Array, dict[str, Any]], Light]] = {
+    "SphereLight": _sphere,
+    "DiskLight": _flat,
+    "RectLight": _flat,
+    "CylinderLight": _cylinder,
+    "DistantLight": _distant,
+    "DomeLight": _dome,
+    "DomeLight_1": _dome,
+}

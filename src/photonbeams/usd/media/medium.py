@@ -1,0 +1,178 @@
+"""Read media, by `PhotonBeamsMediumAPI` or materials: in closed gprims, in volumes of fields, and in all of space."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from ...scene import Array, Color, DensityGrid, Medium, SceneError
+from ...scene.checks import shown
+from ...world.media.medium_colors import BRIGHTEST, DARKEST, coefficients
+from ..common.openusd import Usd, UsdGeom, UsdLux, UsdVol
+from ..common.reading import Reading, has_photonbeams
+from ..geometry.meshes import is_closed, is_gprim, read_solid
+from ..materials.bound import bound_to
+from .volume_shaders import VolumeEmission, VolumeShading, read_shading
+from .volumes import field_of, fields_of, read_density, read_field
+
+# The radiance of a black body over T⁴, as in Blender's volumes: the Stefan-Boltzmann constant, in 1e6 W / m², over π.
+_RADIANCE = 5.670374e-14 / np.pi
+_COLDEST, _HOTTEST = 1000, 10000  # kelvin: the range for which OpenUSD knows the colours
+
+
+def is_lit_by_domes(reading: Reading, prim: Usd.Prim) -> bool:
+    """Return whether domes light a medium without making beams: smoke, as other renderers know it, too."""
+    return is_medium(reading, prim) and (prim.IsA(UsdVol.Volume) or not _has_medium(prim))
+
+
+def is_medium(reading: Reading, prim: Usd.Prim) -> bool:
+    """Return whether a prim is fog: by photonbeams' attributes, as a volume of fields, or by its volume material."""
+    return _has_medium(prim) or (prim.IsA(UsdVol.Volume) and bool(fields_of(prim))) or _is_filled(reading, prim)
+
+
+def _is_filled(reading: Reading, prim: Usd.Prim) -> bool:
+    """Return whether a gprim has a material with a volume and no surface."""
+    material = bound_to(reading, prim) if is_gprim(prim) else None
+    if material is None or any(each.HasConnectedSource() for each in material.GetSurfaceOutputs()):
+        return False
+    return any(each.HasConnectedSource() for each in material.GetVolumeOutputs())
+
+
+def _has_medium(prim: Usd.Prim) -> bool:
+    return has_photonbeams(prim, "PhotonBeamsMediumAPI", "scattering", "absorption", "nearColor", "farColor")
+
+
+def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
+    """Return the medium of a prim, which fills a closed gprim or a grid; that of any other prim fills all of space."""
+    if prim.IsA(UsdVol.Volume):
+        return _read_volume(reading, prim, to_world, name)
+    if not _has_medium(prim):
+        return _read_filled(reading, prim, to_world, name)
+    mesh = None
+    if is_gprim(prim) and is_closed(reading, prim):
+        mesh = read_solid(reading, prim, to_world)
+    elif is_gprim(prim):
+        reading.warn(prim, "is not closed: its fog fills the whole space")
+    elif prim.IsA(UsdGeom.Gprim):
+        reading.warn(prim, f"is a {prim.GetTypeName()}, which holds no fog: it fills the whole space")
+    scattering, absorption = _coefficients(reading, prim)
+    return Medium(
+        scattering=scattering,
+        absorption=absorption,
+        anisotropy=reading.number(prim, "photonbeams:anisotropy", 0.0, -0.99, 0.99),
+        mesh=mesh,
+        surfaces=reading.flag(prim, "photonbeams:surfaces", True),
+        name=name,
+        bounces=read_bounces(reading, prim),
+    )
+
+
+def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
+    """Return the medium of a volume, by photonbeams' attributes or by its material's shader."""
+    own = _has_medium(prim)
+    shading = VolumeShading(*_coefficients(reading, prim)) if own else read_shading(reading, prim)
+    colors = reading.attempt(prim, partial(_colors, reading, prim, to_world, shading), None, "its colour is even")
+    emission = reading.attempt(prim, partial(_glow, reading, prim, to_world, shading), None, "it emits no light")
+    return Medium(
+        scattering=shading.scattering,
+        absorption=shading.absorption,
+        anisotropy=reading.number(prim, "photonbeams:anisotropy", shading.anisotropy, -0.99, 0.99),
+        surfaces=reading.flag(prim, "photonbeams:surfaces", True),
+        name=name,
+        grid=read_density(reading, prim, to_world, shading.density),
+        bounces=read_bounces(reading, prim),
+        scattering_color=colors,
+        emission=emission,
+        lit_by_domes=True,
+    )
+
+
+def _read_filled(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
+    """Return the homogeneous medium of a gprim with a volume material."""
+    if not is_closed(reading, prim):
+        raise SceneError(f"{reading.place(prim)} has a volume material: expected a closed mesh")
+    shading = read_shading(reading, prim)
+    if shading.emission is not None and not shading.emission.kelvin:
+        reading.warn(prim, "emits light without a field, which is not rendered: the emission is ignored")
+    return Medium(
+        scattering=shading.scattering,
+        absorption=shading.absorption,
+        anisotropy=shading.anisotropy,
+        mesh=read_solid(reading, prim, to_world),
+        name=name,
+        lit_by_domes=True,
+    )
+
+
+def _colors(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> DensityGrid | None:
+    """Return factors on a volume's scattering, from the field that its shader names; None if there is none."""
+    field = field_of(reading, prim, shading.color) if shading.color else None
+    if field is None:
+        return None
+    found = read_field(reading, prim, field, to_world)
+    if (most := float(found.values.max())) > 1 + 1e-3:
+        reading.warn(field, f"holds colours up to {most:g}: those above 1 count as 1")
+    return DensityGrid(np.minimum(found.values, 1), found.to_world)
+
+
+def _glow(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> DensityGrid | None:
+    """Return what a volume emits, or None; a shader may name a temperature field that the volume lacks."""
+    field = None if shading.emission is None else field_of(reading, prim, shading.emission.field)
+    if shading.emission is None or field is None:
+        return None
+    result = _emitted(read_field(reading, prim, field, to_world), shading.emission)
+    reading.warn(prim, "emits light that only cameras see: it lights no surfaces and makes no beams")
+    return result
+
+
+def _emitted(field: DensityGrid, emission: VolumeEmission) -> DensityGrid:
+    """Return the radiance that a volume emits per scene unit."""
+    values = field.values if field.values.ndim == 4 else field.values[..., None]
+    if emission.kelvin:
+        kelvin = values.mean(axis=-1).astype(np.float64) * emission.kelvin
+        known = np.linspace(_COLDEST, _HOTTEST, 181)
+        colors = np.array([UsdLux.BlackbodyTemperatureAsRgb(float(each)) for each in known])
+        chroma = np.stack([np.interp(kelvin, known, colors[:, each]) for each in range(3)], axis=-1)
+        values = chroma * (_RADIANCE * kelvin**4)[..., None]
+    return DensityGrid((values * np.array(emission.color)).astype(np.float32), field.to_world)
+
+
+def read_bounces(reading: Reading, prim: Usd.Prim) -> int | None:
+    """Return how often light is scattered, as set on a medium or a light; None if it is not set."""
+    value = reading.value(prim, "photonbeams:bounces")
+    if value is None:
+        return None
+    if not isinstance(value, int) or value < 0:
+        raise reading.fail(prim, "photonbeams:bounces", f"is {value}: expected a whole number, 0 or more")
+    return int(value)
+
+
+def _coefficients(reading: Reading, prim: Usd.Prim) -> tuple[Color, Color]:
+    """Return scattering and absorption: as given, or computed from the two colours."""
+    names = ("photonbeams:nearColor", "photonbeams:farColor")
+    given = [reading.value(prim, name) is not None for name in names]
+    physical = ("photonbeams:scattering", "photonbeams:absorption")
+    if not any(given):
+        return reading.color(prim, physical[0], 0.0), reading.color(prim, physical[1], 0.0)
+    if not all(given):
+        missing, there = names[given.index(False)], names[given.index(True)]
+        raise reading.fail(prim, missing, f"is not given: expected a colour, to go with {there}")
+    if any(prim.GetAttribute(name).HasAuthoredValue() for name in physical):
+        reading.warn(prim, "and farColor make the fog: scattering and absorption are not used", names[0])
+    near, far = (reading.color(prim, name, 0.0) for name in names)
+    ratios = [last / first for first, last in zip(near, far, strict=True) if first > 0]
+    if any(not DARKEST * (1 - 1e-5) <= ratio <= 1 + 1e-5 for ratio in ratios):
+        text = (
+            f"is {shown(far)}: expected {DARKEST:g} to {BRIGHTEST:g} of nearColor in each channel; the nearest is used"
+        )
+        reading.warn(prim, text, names[1])
+    try:
+        return coefficients(
+            near,
+            far,
+            reading.color(prim, "photonbeams:albedo", 1.0),
+            reading.number(prim, "photonbeams:farDistance", 1.0),
+        )
+    except SceneError as error:
+        raise SceneError(f"{reading.place(prim)}: {error}") from None

@@ -1,0 +1,156 @@
+"""Read the fields of UsdVol volumes: grids in OpenVDB's .vdb files, or Mitsuba's .vol files."""
+
+from __future__ import annotations
+
+import io
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from ...runtime.inputs import opened
+from ...scene import Array, DensityGrid, SceneError
+from ...volumes.dense import MOST_VALUES, Voxels, voxels_of
+from ...volumes.vdb import VDBGrid, read_grids
+from ...volumes.vol import read_vol
+from ..common.openusd import Ar, Sdf, Usd
+from ..common.reading import Reading
+from ..common.textures import asset_content, resolved, stamp
+
+_FIELD = "field:"
+DENSITY = "density"
+_KINDS = (".vdb", ".vol")
+_KEPT = 1 << 30  # bytes of grids to keep
+
+
+class _Cache:
+    """The grids read last: a shutter is read at many times, and grids then stay the same objects."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[Any, Voxels] = OrderedDict()
+
+    def __call__(self, key: Any, read: Callable[[], Voxels]) -> Voxels:
+        """Return the grid of a key, read at most once while it is kept."""
+        if key not in self._kept:
+            self._kept[key] = read()
+            while len(self._kept) > 1 and sum(each.values.nbytes for each in self._kept.values()) > _KEPT:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key]
+
+
+_CACHE = _Cache()
+
+
+def fields_of(prim: Usd.Prim) -> list[str]:
+    """Return the names of a volume's fields: "density" for the relationship field:density."""
+    names = (each.GetName() for each in prim.GetPropertiesInNamespace("field"))
+    return [name.removeprefix(_FIELD) for name in names if prim.GetRelationship(name)]
+
+
+def field_of(reading: Reading, prim: Usd.Prim, name: str) -> Usd.Prim | None:
+    """Return the prim of a volume's field, by the name of its relationship or of the grid that it reads; or None."""
+    found = [(each, reading.targets(prim, f"{_FIELD}{each}")) for each in fields_of(prim)]
+    for own, targets in found:
+        if own == name and targets:
+            return targets[0]
+    for _, targets in found:
+        if targets and str(reading.value(targets[0], "fieldName", "")) == name:
+            return targets[0]
+    return None
+
+
+def read_density(reading: Reading, prim: Usd.Prim, to_world: Array, name: str = DENSITY) -> DensityGrid:
+    """Return the density of a volume: its field of this name, or its only field.
+
+    Raises
+    ------
+    SceneError
+        The volume has no such field, a file does not exist or cannot be read, or the values are not densities.
+    """
+    field = field_of(reading, prim, name)
+    names = fields_of(prim)
+    if field is None and len(names) == 1:
+        field = next(iter(reading.targets(prim, f"{_FIELD}{names[0]}")), None)
+    if field is None:
+        known = f" (the volume has {', '.join(names)})" if names else ""
+        raise reading.fail(prim, f"{_FIELD}{name}", f"names no field: expected a prim with a filePath{known}")
+    return read_field(reading, prim, field, to_world)
+
+
+def read_field(reading: Reading, prim: Usd.Prim, field: Usd.Prim, to_world: Array) -> DensityGrid:
+    """Return a field of a volume, with one or three channels, 0 or more, in world space.
+
+    Raises
+    ------
+    SceneError
+        The same as for `read_density`.
+    """
+    path, shown = _file(reading, field)
+    name, index = str(reading.value(field, "fieldName", "") or ""), reading.value(field, "fieldIndex", 0)
+    try:
+        voxels = _CACHE((path, stamp(path), name, index, MOST_VALUES), lambda: _read(path, name, index))
+        if voxels.step > 1:
+            cells = " x ".join(str(each) for each in voxels.values.shape[2::-1])
+            reading.warn(
+                field, f"has too many voxels: every {voxels.step} along an axis become one, {cells} in all", "filePath"
+            )
+        local = np.linalg.inv(reading.to_world(prim)) @ reading.to_world(field)
+        return DensityGrid(_positive(reading, field, voxels), to_world @ local @ voxels.to_file)
+    except (SceneError, ValueError, OSError, np.linalg.LinAlgError) as error:
+        raise reading.fail(field, "filePath", f"names {shown}: expected a grid that can be read ({error})") from None
+
+
+def _file(reading: Reading, field: Usd.Prim) -> tuple[str, str]:
+    """Return the path of a field's file, and its name for messages."""
+    asset = reading.value(field, "filePath")
+    if not isinstance(asset, Sdf.AssetPath) or not asset.path:
+        raise reading.fail(field, "filePath", "names no file: expected a grid, @name.vdb@ or @name.vol@")
+    shown = asset.path if len(asset.path) <= 60 else f"…{asset.path[-60:]}"
+    if Path(asset.path).suffix.lower() not in _KINDS:
+        raise reading.fail(field, "filePath", f"names {shown}: expected a .vdb or .vol file")
+    path = resolved(reading, asset)
+    if not path:
+        raise reading.fail(field, "filePath", f"names {shown}: expected a .vdb or .vol file, but there is none")
+    return path, shown
+
+
+def _read(path: str, name: str, index: int) -> Voxels:
+    with _opened(path) as file:
+        if Path(Ar.SplitPackageRelativePathInner(path)[1] or path).suffix.lower() == ".vol":
+            return read_vol(file)
+        return voxels_of(_grid(read_grids(file), name, index))
+
+
+def _opened(path: str) -> BinaryIO:
+    """Open a file, which may be in a package."""
+    if not Ar.IsPackageRelativePath(path):
+        return opened(path)
+    return io.BytesIO(asset_content(path))
+
+
+def _grid(grids: list[VDBGrid], name: str, index: int) -> VDBGrid:
+    """Return a grid by its name, and its index among those of this name; without a name, the density."""
+    named = [each for each in grids if each.name == (name or DENSITY)]
+    if not named and not name:
+        named = grids[:1]
+    if not named:
+        known = ", ".join(dict.fromkeys(each.name for each in grids)) or "none at all"
+        raise SceneError(f"it has no grid {name or DENSITY}, but {known}")
+    if not 0 <= index < len(named):
+        raise SceneError(f"it has no grid {named[0].name} with fieldIndex {index}: expected 0 to {len(named) - 1}")
+    return named[index]
+
+
+def _positive(reading: Reading, field: Usd.Prim, voxels: Voxels) -> Array:
+    """Return values with those below 0, which simulations have where fog thins out, set to 0, with a warning."""
+    least = float(voxels.values.min())
+    if not least < 0:
+        return voxels.values
+    reading.warn(field, f"has a grid with values down to {least:g}: those below 0 count as 0", "filePath")
+    key = ("positive", id(voxels))
+    if key not in reading.cache:
+        reading.cache[key] = voxels, np.maximum(voxels.values, 0)
+    return reading.cache[key][1]

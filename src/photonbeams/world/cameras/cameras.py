@@ -1,0 +1,311 @@
+"""Perspective and orthographic cameras after UsdGeomCamera: their rays, and the screen on which tiles lie."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+
+from ... import scene
+from ...estimators.lanes import lane_of, lanes, whole_group
+from ...estimators.tiles import TILE, Pose, Projection
+from ...numerics.arrays import opaque
+from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32
+from ...scene.cameras import CONFORM_POLICIES
+from ..warp import disk
+
+
+@dataclass(frozen=True)
+class Window:
+    """The picture: its full size in pixels, and the part (x0, y0, x1, y1) of it that is rendered.
+
+    The part may reach beyond the picture, which is overscan. `pixel_aspect` is a pixel's width over its height, and
+    `conform` one of `scene.cameras.CONFORM_POLICIES`.
+    """
+
+    width: int
+    height: int
+    crop: tuple[int, int, int, int]
+    pixel_aspect: float = 1.0
+    conform: str = CONFORM_POLICIES[0]
+
+    @classmethod
+    def full(cls, width: int, height: int) -> Window:
+        """Return the window of a whole picture."""
+        return cls(width, height, (0, 0, width, height))
+
+    def whole(self) -> Window:
+        """Return the window of the whole picture, without overscan."""
+        return replace(self, crop=(0, 0, self.width, self.height))
+
+    def grown(self, margin: int) -> Window:
+        """Return the window with `margin` more pixels on each side, as far as the picture goes; overscan has no end.
+
+        The result begins at a corner of one of the picture's tiles. Pixels of a tile share places on the lens and
+        times, so the window then has the pixels of the whole picture.
+        """
+        first = [each - margin if each < 0 else max(each - margin, 0) for each in self.crop[:2]]
+        last = [
+            each + margin if each > size else min(each + margin, size)
+            for each, size in zip(self.crop[2:], (self.width, self.height), strict=True)
+        ]
+        return replace(self, crop=(first[0] // TILE * TILE, first[1] // TILE * TILE, last[0], last[1]))
+
+    def inside(self) -> tuple[int, int, int, int]:
+        """Return the part of the window that is inside the picture, in pixels of the window."""
+        x0, y0, x1, y1 = self.crop
+        return max(-x0, 0), max(-y0, 0), min(x1, self.width) - x0, min(y1, self.height) - y0
+
+    def aperture(self, camera: scene.Camera) -> tuple[float, float]:
+        """Return the width and height of the film that the picture shows, in scene units."""
+        width, height = camera.horizontal_aperture, camera.vertical_aperture
+        aspect = self.pixel_aspect * self.width / self.height
+        if self.conform == "adjustPixelAspectRatio":
+            return width, height
+        conformed = {
+            "expandAperture": max(width, height * aspect), "cropAperture": min(width, height * aspect),
+            "adjustApertureWidth": height * aspect, "adjustApertureHeight": width,
+        }[self.conform]  # fmt: skip
+        return conformed, conformed / aspect
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the rendered part."""
+        return self.crop[3] - self.crop[1], self.crop[2] - self.crop[0]
+
+    def header(self) -> dict[str, Any]:
+        """Return displayWindow and dataWindow as in EXR headers, with the last pixels included."""
+        x0, y0, x1, y1 = self.crop
+        return {"displayWindow": (0, 0, self.width - 1, self.height - 1), "dataWindow": (x0, y0, x1 - 1, y1 - 1)}
+
+
+class CameraRays(NamedTuple):
+    """One ray for each pixel: origins (1 or W · H), unit directions, and planar depth per unit of distance.
+
+    With a lens or a moving camera, `origins` are those that groups of pixels share (`estimators.lanes.lane_of`). If
+    anything moves, `times` are those of the groups.
+    """
+
+    origin: Any
+    direction: Any
+    facing: Any
+    origins: Any = None
+    times: Any = None
+
+
+class View:
+    """A camera and its window: rays and projection. All its numbers are opaque to kernels.
+
+    Parameters
+    ----------
+    camera, window
+        The camera, and the picture's size.
+    close
+        A moving camera at the end of the pass's time slice; its lens is that of `camera`. In between, the transform
+        from world to camera space is interpolated linearly, so that objects at rest move linearly in the picture's
+        space, where tiles can bound them.
+    """
+
+    def __init__(self, camera: scene.Camera, window: Window, close: scene.Camera | None = None) -> None:
+        self.camera, self.window = camera, window
+        self.aperture = np.array(window.aperture(camera))
+        depth = 1.0 if camera.orthographic else camera.focal_length
+        scale = np.array([window.width, window.height]) * depth / self.aperture
+        offset = np.array([camera.horizontal_offset, camera.vertical_offset]) / depth * scale
+        center = np.array([window.width, window.height]) / 2 + np.array([-1, 1]) * offset
+        # Rays are made in the whole picture. In single precision, those of a crop window would round differently.
+        self._center = [dr.opaque(Float, each) for each in center]
+        self._corner = [dr.opaque(Int32, each) for each in window.crop[:2]]
+        center = center - np.array(window.crop[:2])
+        height, width = window.shape
+        corners = np.abs(np.array([[0, 0], [width, height]]) - center) / scale
+        edge_x, edge_y = corners.max(axis=0).tolist()
+        self.projection = Projection(
+            poses=tuple(_pose(each) for each in (camera, close) if each is not None),
+            scale=(dr.opaque(Float, scale[0]), dr.opaque(Float, scale[1])),
+            center=(dr.opaque(Float, center[0]), dr.opaque(Float, center[1])),
+            width=width,
+            height=height,
+            orthographic=camera.orthographic,
+            edge_x=dr.opaque(Float, edge_x),
+            edge_y=dr.opaque(Float, edge_y),
+            lens=_lens(camera),
+        )
+
+    def whole(self) -> View:
+        """Return the same camera with a window of the whole picture."""
+        return View(self.camera, self.window.whole())
+
+    @property
+    def film(self) -> bool:
+        """Whether rays have their own origins, on a lens or along the camera's path."""
+        return self.projection.lens is not None or len(self.projection.poses) > 1
+
+    def rays(self, places: Any, sample: Callable[[Any], tuple[Any, Any]] | None = None) -> CameraRays:
+        """Return a ray through each pixel, at its place in [0, 1)², or at one place (x, y) for all.
+
+        `sample` returns, for the numbers of groups of pixels, places in the unit square for the lens and times in
+        [0, 1]. It is given where there is a lens or motion, of the camera or of anything else. The rays of a pinhole at
+        rest are the same with and without it.
+        """
+        (column, row), view = self.pixels(), self.projection
+        x, y = self._on_film(places)
+        square: Any = None
+        time: Any = None
+        if sample is not None:
+            square, time = sample(self._whole(dr.arange(UInt32, lanes(view))))
+        if sample is None or not self.film:
+            origin, direction = self._through(x, y)
+            dr.eval(time)
+            return CameraRays(origin, direction, self._facing(direction), times=time)
+        own, _, _ = self._film(Float(self._center[0]), Float(self._center[1]), square, time)
+        own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
+        group = lane_of(column, row, dr.opaque(UInt32, view.columns))
+        origin, direction, facing = self._film(x, y, *sample(self._whole(group)))
+        dr.eval(own, time, origin, direction, facing)
+        return CameraRays(origin, direction, facing, own, time)
+
+    def _whole(self, group: Any) -> Any:
+        """Return the numbers in the whole picture of groups of pixels, by which samples are drawn."""
+        # Numbers below 0 wrap, so that groups beyond an edge have the numbers of groups at the opposite edge.
+        (left, top), whole = self.window.crop[:2], -(-self.window.width // TILE)
+        return whole_group(group, *(dr.opaque(UInt32, each & 0xFFFFFFFF) for each in
+                                    (self.projection.columns, left // TILE, top // TILE, whole)))  # fmt: skip
+
+    def _film(self, x: Any, y: Any, square: Any, time: Any) -> tuple[Any, Any, Any]:
+        """Return origin, direction and planar depth per unit of distance of rays at places on the lens and at times."""
+        view = self.projection
+        right, up = (x - self._center[0]) / view.scale[0], (self._center[1] - y) / view.scale[1]
+        place, toward = Array3f(0), Array3f(right, up, 1)
+        if view.orthographic:
+            place, toward = Array3f(right, up, 0), Array3f(0, 0, 1)
+        elif view.lens is not None:
+            radius, focus = view.lens
+            on_lens = disk(Array2f(square)) * radius
+            place = Array3f(on_lens.x, on_lens.y, 0)
+            toward -= place / focus
+        origin, columns = _inverse(view.poses, time)
+        origin = origin + columns[0] * place.x + columns[1] * place.y + columns[2] * place.z
+        direction = columns[0] * toward.x + columns[1] * toward.y + columns[2] * toward.z
+        inv = dr.rsqrt(dr.squared_norm(direction))
+        return origin, direction * inv, inv
+
+    def on_lens(self, sample: Callable[[Any], tuple[Any, Any]] | None) -> tuple[Any, Any] | None:
+        """Return where on the lens the rays of `rays` begin, to the right and up; None without a lens."""
+        lens = self.projection.lens
+        if lens is None or sample is None:
+            return None
+        group = lane_of(*self.pixels(), dr.opaque(UInt32, self.projection.columns))
+        place = disk(Array2f(sample(self._whole(group))[0])) * lens[0]
+        return place.x, place.y
+
+    def pixels(self) -> tuple[Any, Any]:
+        """Return column and row of each pixel of the window, row by row."""
+        height, width = self.window.shape
+        index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
+        return index % columns, index // columns
+
+    def _on_film(self, places: Any) -> tuple[Any, Any]:
+        """Return where rays through `places` in the window's pixels cross the whole picture, in pixels."""
+        (column, row), (left, top) = self.pixels(), self._corner
+        across, down = (dr.opaque(Float, each) if isinstance(each, float) else each for each in places)
+        return Float(Int32(column) + left) + across, Float(Int32(row) + top) + down
+
+    def coarse_rays(self, columns: int, rows: int, overscan: bool = False) -> tuple[Any, Any]:
+        """Return a coarse grid of rays over the whole picture; crop windows have the same one, so the same beams.
+
+        With `overscan`, the grid is over the window.
+        """
+        left, top, right, bottom = (self.window if overscan else self.window.whole()).crop
+        index, across = dr.arange(UInt32, columns * rows), dr.opaque(UInt32, columns)
+        x = (Float(index % across) + 0.5) * dr.opaque(Float, (right - left) / columns) + dr.opaque(Float, left)
+        y = (Float(index // across) + 0.5) * dr.opaque(Float, (bottom - top) / rows) + dr.opaque(Float, top)
+        return self._through(x, y)
+
+    def _through(self, x: Any, y: Any) -> tuple[Any, Any]:
+        view, pose = self.projection, self.projection.poses[0]
+        right = (x - self._center[0]) / view.scale[0]
+        up = (self._center[1] - y) / view.scale[1]
+        if view.orthographic:
+            origin = pose.origin + pose.right * right + pose.up * up
+            direction = pose.forward + 0 * origin
+        else:
+            origin, direction = pose.origin, dr.normalize(pose.right * right + pose.up * up + pose.forward)
+        dr.eval(origin, direction)
+        return origin, direction
+
+    def _facing(self, direction: Any) -> Any:
+        facing = dr.dot(direction, self.projection.poses[0].forward)
+        dr.eval(facing)
+        return facing
+
+    def cosines(self, place: tuple[float, float]) -> np.ndarray:
+        """Return planar depth per unit of distance from the camera, (H, W), at a `place` in [0, 1)² of each pixel."""
+        _, direction = self._through(*self._on_film(place))
+        result: np.ndarray = self._facing(direction).numpy().reshape(self.window.shape)
+        return result
+
+    def header(self) -> dict[str, Any]:
+        """Return what EXR headers say of a camera: pixelAspectRatio, and worldToCamera and worldToNDC for row vectors.
+
+        For a perspective camera also screenWindowCenter and screenWindowWidth, at the depth 1; x is to the left.
+        """
+        world = np.linalg.inv(np.asarray(self.camera.to_world, dtype=np.float64))
+        near, far = self.camera.clipping
+        (w, h), camera = self.aperture, self.camera
+        depth = 1.0 if camera.orthographic else camera.focal_length
+        shift = 2 * np.array([camera.horizontal_offset, camera.vertical_offset]) / np.array([w, h])
+        project = np.zeros((4, 4))
+        project[0, 0], project[1, 1] = 2 * depth / w, 2 * depth / h
+        if camera.orthographic:
+            project[2, 2], project[2, 3], project[3, 3] = -2 / (far - near), -(far + near) / (far - near), 1
+            project[0, 3], project[1, 3] = -shift
+        else:
+            project[0, 2], project[1, 2] = shift
+            project[2, 2], project[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
+            project[3, 2] = -1
+        screen = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
+        ratio = self.window.pixel_aspect
+        if self.window.conform == "adjustPixelAspectRatio":
+            ratio = w / h * self.window.height / self.window.width
+        result = {
+            "worldToCamera": world.T,
+            "worldToNDC": (screen @ project @ world).T,
+            "pixelAspectRatio": float(ratio),
+        }
+        if not camera.orthographic:
+            center = np.array([-camera.horizontal_offset, camera.vertical_offset]) / depth
+            result |= {"screenWindowCenter": center, "screenWindowWidth": float(w / depth)}
+        return result
+
+
+def _pose(camera: scene.Camera) -> Pose:
+    matrix = np.asarray(camera.to_world, dtype=np.float64)
+    return Pose(opaque(matrix[:3, 3]), opaque(matrix[:3, 0]), opaque(matrix[:3, 1]), opaque(-matrix[:3, 2]))
+
+
+def _lens(camera: scene.Camera) -> tuple[Any, Any] | None:
+    if camera.orthographic or camera.lens_radius == 0:
+        return None
+    return dr.opaque(Float, camera.lens_radius), dr.opaque(Float, camera.focus_distance)
+
+
+def _inverse(poses: tuple[Pose, ...], time: Any) -> tuple[Any, list[Any]]:
+    """Return the position of the camera at a time, and the columns of its transform from camera to world space."""
+    first = poses[0]
+    if len(poses) == 1:
+        return first.origin, [first.right, first.up, first.forward]
+    last = poses[1]
+    rows = [
+        dr.lerp(a, b, time) for a, b in ((first.right, last.right), (first.up, last.up), (first.forward, last.forward))
+    ]
+    # Camera space of a world point p is rows · (p − first origin) − shift.
+    shift = last.origin - first.origin
+    moved = [dr.dot(row, shift) * time for row in (last.right, last.up, last.forward)]
+    crossed = [dr.cross(rows[1], rows[2]), dr.cross(rows[2], rows[0]), dr.cross(rows[0], rows[1])]
+    inv = dr.rcp(dr.dot(rows[0], crossed[0]))
+    columns = [column * inv for column in crossed]
+    return first.origin + columns[0] * moved[0] + columns[1] * moved[1] + columns[2] * moved[2], columns

@@ -1,0 +1,203 @@
+"""Mitsuba's sensors as cameras, so that beams can be gathered along their rays by tiles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ... import scene
+from ...numerics.arrays import joined, taken
+from ...numerics.samples import Samples
+from ...runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
+from ..spectra import rgb
+from .cameras import View, Window
+
+mi = mitsuba()
+
+_PINHOLES = ("PerspectiveCamera", "ThinLensCamera")
+_LENS = 101  # stream of samples
+
+
+@dataclass(frozen=True)
+class PrimaryRays:
+    """Primary rays of a pass, one for each pixel of the crop window, row by row.
+
+    `near` and `far` bound the rays, and `weight` is their initial throughput. `facing` is planar depth per unit of
+    distance, and `origins` and `times` are those of groups of pixels (`world.cameras.CameraRays`). All three are None
+    if the sensor has no projection.
+    """
+
+    origin: Any
+    direction: Any
+    near: Any
+    far: Any
+    weight: Any
+    facing: Any = None
+    origins: Any = None
+    times: Any = None
+
+    @classmethod
+    def joined(cls, each: Sequence[PrimaryRays]) -> PrimaryRays:
+        """Return the rays of several passes as one, for estimates without tiles."""
+        count = dr.width(each[0].direction)
+
+        def all_of(name: str) -> Any:
+            return joined([type(own)(own + dr.zeros(type(own), count)) for own in (getattr(one, name) for one in each)])
+
+        return cls(
+            all_of("origin"), all_of("direction"), all_of("near"), all_of("far"), all_of("weight"),
+            None if each[0].facing is None else all_of("facing"),
+        )  # fmt: skip
+
+    def taken(self, index: Any) -> PrimaryRays:
+        """Return the rays at an index."""
+        return PrimaryRays(
+            taken(self.origin, index), taken(self.direction, index), taken(self.near, index), taken(self.far, index),
+            taken(self.weight, index), taken(self.facing, index),
+        )  # fmt: skip
+
+    def with_more(self, more: PrimaryRays) -> PrimaryRays:
+        """Return these rays followed by more of them; if there is one origin for all, both must share it."""
+        count = dr.width(self.direction)
+
+        def both(own: Any, other: Any) -> Any:
+            return joined([type(own)(own + dr.zeros(type(own), count)), type(own)(other)])
+
+        return PrimaryRays(
+            self.origin if dr.width(self.origin) == 1 else both(self.origin, more.origin),
+            both(self.direction, more.direction), both(self.near, more.near), both(self.far, more.far),
+            both(self.weight, more.weight), both(self.facing, more.facing), times=self.times,
+        )  # fmt: skip
+
+
+class Sensor:
+    """A sensor of a Mitsuba scene.
+
+    Attributes
+    ----------
+    plugin, film
+        Mitsuba's sensor and its film.
+    window
+        The film's size and its crop window.
+    view
+        The camera that is given instead of the sensor, or else the sensor as a camera; None if that is neither
+        perspective nor orthographic.
+    """
+
+    def __init__(self, plugin: Any, camera: scene.Camera | None = None) -> None:
+        self.plugin, self.film = plugin, plugin.film()
+        self.window = window_of(self.film)
+        camera = camera or camera_of(plugin)
+        self.view = None if camera is None else View(camera, self.window)
+        self._clipping = None if camera is None else tuple(dr.opaque(Float, each) for each in camera.clipping)
+
+    def rays(self, places: Array2f, order: Any, samples: Samples, sharp: bool = False) -> PrimaryRays:
+        """Return a ray through each pixel, at its place in [0, 1)².
+
+        `order` has the pixels' numbers for their samples. If `sharp`, the camera is a pinhole.
+        """
+        if self.view is None:
+            return self._sampled(places, order, samples)
+
+        def place(groups: Any) -> tuple[Any, Any]:
+            return samples.pair(groups, _LENS), dr.zeros(Float, dr.width(groups))
+
+        view = self.view
+        if sharp and view.film:
+            view = View(replace(view.camera, lens_radius=0.0), view.window)
+        rays = view.rays(places, place if view.film else None)
+        near, far = self._clipping  # type: ignore[misc]
+        ones = dr.ones(Array3f, dr.width(rays.direction))
+        return PrimaryRays(
+            rays.origin, rays.direction, near / rays.facing, far / rays.facing, ones, rays.facing, rays.origins,
+            rays.times,
+        )  # fmt: skip
+
+    def on_lens(self, samples: Samples) -> tuple[Any, Any] | None:
+        """Return the points on the lens where the rays of `rays` begin, to the right and up; None without a lens."""
+        if self.view is None or not self.view.film:
+            return None
+        return self.view.on_lens(lambda groups: (samples.pair(groups, _LENS), dr.zeros(Float, dr.width(groups))))
+
+    def _sampled(self, places: Array2f, order: Any, samples: Samples) -> PrimaryRays:
+        """Return rays as the sensor itself samples them."""
+        height, width = self.window.shape
+        index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
+        x = (Float(index % columns) + places.x) / dr.opaque(Float, width)
+        y = (Float(index // columns) + places.y) / dr.opaque(Float, height)
+        aperture = samples.pair(order, _LENS)
+        ray, weight = self.plugin.sample_ray_differential(  # some sensors have no others, such as `irradiancemeter`
+            Float(self.plugin.shutter_open()), Float(0.5), mi.Point2f(x, y), mi.Point2f(aperture), True
+        )
+        wide = dr.zeros(Array3f, width * height)
+        far = dr.minimum(ray.maxt, dr.largest(Float)) + wide.x
+        return PrimaryRays(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, rgb(weight) + wide)
+
+
+def window_of(film: Any) -> Window:
+    """Return the size of Mitsuba's film and its crop window."""
+    (width, height), (left, top), (columns, rows) = (
+        map(int, each) for each in (film.size(), film.crop_offset(), film.crop_size())
+    )
+    return Window(width, height, (left, top, left + columns, top + rows))
+
+
+def camera_of(plugin: Any) -> scene.Camera | None:
+    """Return a sensor as a camera with its whole film; None if it is neither perspective nor orthographic.
+
+    The camera is measured by rays through the edges of the film.
+    """
+    window = window_of(plugin.film())
+    width, height = window.width, window.height
+    kind = plugin.class_name()
+    orthographic = kind == "OrthographicCamera"
+    if kind not in _PINHOLES and not orthographic:
+        return None
+    parameters = mi.traverse(plugin)
+    near, far = (float(parameters[name]) for name in ("near_clip", "far_clip"))
+    world = np.asarray(plugin.world_transform().matrix, dtype=np.float64).reshape(4, 4, -1)[..., 0]
+    forward, center = world[:3, 2] / np.linalg.norm(world[:3, 2]), world[:3, 3]
+    across = _slopes(plugin, forward, window, (0, 0.5), (1, 0.5))
+    down = _slopes(plugin, forward, window, (0.5, 0), (0.5, 1))
+    if not np.all(np.isfinite([across, down])):
+        name = plugin.id() or kind
+        raise scene.SceneError(
+            f"sensor {name}: its rays are not finite: expected another transform, field of view or near_clip"
+        )
+    size_x, size_y = np.linalg.norm(across[1] - across[0]), np.linalg.norm(down[1] - down[0])
+    right, up = (across[1] - across[0]) / size_x, (down[0] - down[1]) / size_y
+    middle = across[0] + across[1]  # twice the place of the film's middle
+    to_world = np.eye(4)
+    to_world[:3, 0], to_world[:3, 1], to_world[:3, 2], to_world[:3, 3] = right, up, -forward, center
+    if orthographic:
+        to_world[:3, 3] = 0.5 * (across[0] + across[1])
+        to_world[:3, 3] += forward * (forward @ (center - to_world[:3, 3]))
+        middle = np.zeros(3)
+    lens = float(np.ravel(parameters["aperture_radius"])[0]) if kind == "ThinLensCamera" else 0.0
+    focus = float(np.ravel(parameters["focus_distance"])[0]) if kind == "ThinLensCamera" else 0.0
+    return scene.Camera(
+        name=plugin.id() or kind, to_world=to_world, focal_length=1.0,
+        horizontal_aperture=float(size_x), vertical_aperture=float(size_x * height / width),
+        horizontal_offset=float(0.5 * middle @ right), vertical_offset=float(0.5 * middle @ up),
+        orthographic=orthographic, clipping=(near, far), lens_radius=lens, focus_distance=focus,
+    )  # fmt: skip
+
+
+def _slopes(plugin: Any, forward: np.ndarray, window: Window, *places: tuple[float, float]) -> list[np.ndarray]:
+    """Return points of rays through places of the film: offsets at depth 1, or origins of an orthographic camera."""
+    (rows, columns), (left, top, _, _) = window.shape, window.crop
+    result = []
+    for across, down in places:
+        # Mitsuba's coordinates are relative to the crop window.
+        x, y = (across * window.width - left) / columns, (down * window.height - top) / rows
+        ray, _ = plugin.sample_ray(Float(0), Float(0.5), mi.Point2f(x, y), mi.Point2f(0.5), True)
+        origin, direction = (np.ravel(np.asarray(each, dtype=np.float64)) for each in (ray.o, ray.d))
+        if plugin.class_name() == "OrthographicCamera":
+            result.append(origin)
+        else:
+            result.append(direction / (direction @ forward) - forward)
+    return result

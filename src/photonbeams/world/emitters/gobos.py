@@ -1,0 +1,341 @@
+"""Gobos: images that a light shines through, and images on its portal.
+
+A gobo is a rectangle in a plane, and a light path takes the colour of the image where its line crosses that plane.
+Where the rectangle lies depends on the light. Before a point, a spot or a sphere it is a slide, projected from the
+light's centre. On a rectangle or a disc it is the light's own face. Before a distant light it is a slide square to the
+light, of a given width. On a portal it is the portal's bounding rectangle.
+
+A light with images is a source of its own class, which wraps the bare light; so lights without images cost no more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import drjit as dr
+import numpy as np
+
+from ... import scene
+from ...numerics.arrays import opaque, to_uint, to_vectors
+from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32
+from .illumination import Illumination, LightHit
+from .lights import pack
+from .profiles import ProfileSampler, ProfileTable
+
+if TYPE_CHECKING:
+    from .portals import Portal
+
+_WIDEST_CONE = 85.0  # degrees from the axis: a wider cone has no slide that covers it
+_WIDE_SLIDE = 90.0  # degrees: the width of a slide before a light with a wider cone, or none
+
+#: Device images by the `id` of the host's images, which are kept with them, so that no other image gets that `id`.
+Images = dict[int, tuple[Any, Any]]
+
+
+class Slide:
+    """An image in a rectangle; `first` is the index of its first pixel in an array of the pixels of many images.
+
+    A place q has the coordinates u = (q − center) · dual_x + ½, and v likewise. They go from 0 to 1 over the image, and
+    its first row is at v = 1. `normal` is the direction in which light passes the slide.
+    """
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
+        "center": Array3f, "dual_x": Array3f, "dual_y": Array3f, "normal": Array3f, "first": UInt32, "columns": Float,
+        "rows": Float, "repeat": Float,
+    }  # fmt: skip
+
+    center: Any
+    dual_x: Any
+    dual_y: Any
+    normal: Any
+    first: Any
+    columns: Any
+    rows: Any
+    repeat: Any
+
+    @classmethod
+    def of(cls, gobo: scene.Gobo, center: Any, edge_x: Any, edge_y: Any, normal: Any) -> Slide:
+        """Return a slide whose image goes along `edge_x` and, upward, along `edge_y`."""
+        result = cls()
+        dual = np.linalg.pinv(np.array([edge_x, edge_y], dtype=np.float64))
+        result.center, result.normal = opaque(center), opaque(normal)
+        result.dual_x, result.dual_y = opaque(dual[:, 0]), opaque(dual[:, 1])
+        rows, columns = np.shape(gobo.image)[:2]
+        result.first = dr.opaque(UInt32, 0)
+        result.columns, result.rows = opaque(columns), opaque(rows)
+        result.repeat = opaque(1.0 if gobo.repeat else 0.0)
+        return result
+
+    def crossing(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array2f]:
+        """Return the distance along a line to the slide's plane, and the coordinates at the crossing."""
+        cosine = dr.dot(direction, self.normal)
+        cosine = dr.copysign(dr.maximum(dr.abs(cosine), 1e-9), cosine)
+        distance = dr.dot(self.center - origin, self.normal) / cosine
+        offset = origin + distance * direction - self.center
+        return distance, Array2f(dr.dot(offset, self.dual_x) + 0.5, dr.dot(offset, self.dual_y) + 0.5)
+
+    def within(self, place: Array2f) -> Bool:
+        """Return whether coordinates are on the image."""
+        return (dr.minimum(place.x, place.y) >= 0) & (dr.maximum(place.x, place.y) <= 1)
+
+    def color(self, place: Array2f, pixels: Array3f) -> Array3f:
+        """Return the image at coordinates, interpolated bilinearly; it is black around the image, or repeats."""
+        again = self.repeat > 0
+        u = dr.select(again, place.x - dr.floor(place.x), dr.clip(place.x, 0, 1))
+        v = dr.select(again, place.y - dr.floor(place.y), dr.clip(place.y, 0, 1))
+        x, y = u * self.columns - 0.5, (1 - v) * self.rows - 0.5
+        left, top = dr.floor(x), dr.floor(y)
+
+        def pixel(column: Float, row: Float) -> Array3f:
+            index = self._wrapped(row, self.rows) * UInt32(self.columns) + self._wrapped(column, self.columns)
+            return dr.gather(Array3f, pixels, self.first + index, self.within(place) | again)
+
+        upper = dr.lerp(pixel(left, top), pixel(left + 1, top), x - left)
+        lower = dr.lerp(pixel(left, top + 1), pixel(left + 1, top + 1), x - left)
+        return dr.lerp(upper, lower, y - top)
+
+    def _wrapped(self, index: Float, count: Float) -> UInt32:
+        around = dr.select(index < 0, index + count, dr.select(index >= count, index - count, index))
+        return UInt32(dr.select(self.repeat > 0, around, dr.clip(index, 0, count - 1)))
+
+
+class ProjectedLight:
+    """A light with a slide, an image on its portal, or a profile; `projected` makes a class for each combination.
+
+    Attributes
+    ----------
+    bare
+        The light without images.
+    slide, portal_gobo, profile
+        The images' places. An attribute exists only if the light has that image: see `has`.
+    pixels
+        The pixels of the images. They are not part of the struct, because all lights of a kind share them.
+    images
+        The scene's images, by the same names.
+    lit
+        The fraction of the light's paths that passes the images, once it is known: by whether the paths go through the
+        portal.
+    """
+
+    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {}
+    has: ClassVar[frozenset[str]] = frozenset()
+
+    bare: Any
+    slide: Any
+    portal_gobo: Any
+    profile: Any
+    sampler: ProfileSampler | None
+    pixels: dict[str, Any]
+    images: dict[str, scene.Gobo | scene.Profile]
+    lit: dict[bool, float]
+
+    def with_pixels(self, pixels: dict[str, Any]) -> ProjectedLight:
+        """Set the pixels of the images, and return the light itself."""
+        self.pixels = pixels
+        return self
+
+    def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
+        """Return a sample of the light, in the colours of the images that it passes."""
+        sample = self.without_portal_gobo(point, u)
+        sample.weight = sample.weight * self._passing(point, sample.direction, sample.distance)
+        return sample
+
+    def without_portal_gobo(self, point: Array3f, u: Array2f) -> Illumination:
+        """Return a sample of the light as if there were no image on its portal."""
+        sample = self.bare.illuminate(point, u)
+        sample.weight = sample.weight * self.tint(point, -sample.direction)
+        return sample
+
+    def see(self, origin: Array3f, direction: Array3f) -> LightHit:
+        """Return what a ray sees of the light through its images."""
+        hit = self.bare.see(origin, direction)
+        hit.radiance = hit.radiance * self.colors(origin, direction, hit.distance)
+        return hit
+
+    def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
+        """Return the colours of the images between a point and the light, `distance` away along `direction`."""
+        return self.tint(point, -direction) * self._passing(point, direction, distance)
+
+    def tint(self, point: Array3f, direction: Array3f) -> Array3f:
+        """Return the colour of slide and profile for the light that passes a point along a direction."""
+        color = Array3f(1)
+        if "profile" in self.has:
+            color *= self.profile.factor(direction, self.pixels["profile"])
+        return color * self._slide_color(point, direction) if "slide" in self.has else color
+
+    def _slide_color(self, point: Array3f, direction: Array3f) -> Array3f:
+        if self.bare.central:
+            point = self.bare.center  # light from beside the centre has the colour of that from the centre
+        _, place = self.slide.crossing(point, direction)
+        color = self.slide.color(place, self.pixels["slide"])
+        return dr.select(dr.dot(direction, self.slide.normal) > 0, color, 0)
+
+    def portal_color(self, point: Array3f) -> Array3f:
+        """Return the colour of the image on the portal at a point of it."""
+        if "portal_gobo" not in self.has:
+            return Array3f(1)
+        _, place = self.portal_gobo.crossing(point, self.portal_gobo.normal)
+        return self.portal_gobo.color(place, self.pixels["portal_gobo"])
+
+    def _passing(self, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
+        """Return the colour of the image on the portal where segments cross it, else 1."""
+        if "portal_gobo" not in self.has:
+            return Array3f(1)
+        crossing, place = self.portal_gobo.crossing(origin, direction)
+        passes = (crossing > 0) & (crossing < distance) & self.portal_gobo.within(place)
+        return dr.select(passes, self.portal_gobo.color(place, self.pixels["portal_gobo"]), 1)
+
+
+@cache
+def _kind(bare: type, has: frozenset[str]) -> type[ProjectedLight]:
+    """Return the class for lights of class `bare` with the images `has`."""
+    kinds = {"slide": Slide, "portal_gobo": Slide, "profile": ProfileTable}
+    parts = {"bare": bare} | {name: kind for name, kind in kinds.items() if name in has}
+    name = "".join(each.title().replace("_", "") for each in kinds if each in has) + bare.__name__
+    return type(name, (ProjectedLight,), {"DRJIT_STRUCT": parts, "has": has})
+
+
+def projected(bare: Any, light: scene.Light, portal: Portal | None, images: Images) -> Any:
+    """Return a light's source behind its images, or the bare source where it has none.
+
+    Parameters
+    ----------
+    bare, portal
+        The light's source and its portal in Dr.Jit.
+    images
+        Images that are already on the device; new ones are added.
+
+    Raises
+    ------
+    SceneError
+        There is an image on a portal that is not flat.
+    """
+    slide = None if isinstance(light, scene.DomeLight) else light.gobo
+    portal_gobo = light.portal_gobo if portal is not None else None
+    profile = profile_of(light)
+    images_of = {"slide": slide, "portal_gobo": portal_gobo, "profile": profile}
+    there = {name: image for name, image in images_of.items() if image is not None}
+    if not there:
+        return bare
+    kind: Any = type(bare)
+    result = _kind(kind, frozenset(there))()
+    result.bare, result.lit, result.sampler = bare, {}, None
+    result.images = there
+    result.pixels = {name: _on_device(image, images) for name, image in there.items()}
+    if slide is not None:
+        result.slide = _slide(light, slide)
+    if portal_gobo is not None and portal is not None:
+        result.portal_gobo = _portal_gobo(light, portal_gobo, portal)
+    if profile is not None and light.shaping is not None:
+        result.profile = ProfileTable.of(profile, light.frame)
+        result.sampler = ProfileSampler(result.profile, light.shaping, isinstance(light, scene.FlatLight))
+    return result
+
+
+def profile_of(light: scene.Light) -> scene.Profile | None:
+    """Return the profile of a light; None where it has none, or is a dome or a distant light."""
+    if light.shaping is None or isinstance(light, scene.DomeLight | scene.DistantLight):
+        return None
+    return light.shaping.profile
+
+
+def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
+    """Return lights of one kind with gobos as one struct of arrays, and their images, concatenated."""
+    packed = pack(sources)
+    if len(sources) == 1:
+        return packed, sources[0].pixels
+    pixels = {}
+    for name in sources[0].pixels:
+        keys = [id(source.images[name].image) for source in sources]
+        images = {key: _padded(source.images[name]) for key, source in zip(keys, sources, strict=True)}
+        starts = np.cumsum([0] + [len(image) for image in images.values()])
+        first = dict(zip(images, starts[:-1], strict=True))
+        getattr(packed, name).first = to_uint(
+            [first[key] for key in [*keys, keys[-1]]]
+        )  # `pack` repeats the last light
+        pixels[name] = to_vectors(np.concatenate(list(images.values())))
+    return packed, pixels
+
+
+def bare(source: Any) -> Any:
+    """Return a light without its images."""
+    return source.bare if isinstance(source, ProjectedLight) else source
+
+
+def _on_device(gobo: scene.Gobo | scene.Profile, images: Images) -> Any:
+    key = id(gobo.image)
+    if key not in images:
+        images[key] = gobo.image, to_vectors(_padded(gobo))
+    return images[key][1]
+
+
+def _padded(gobo: scene.Gobo | scene.Profile) -> Any:
+    """Return an image's pixels, (N, 3), with the last one repeated: a gather from an array of one is another kernel."""
+    flat = gobo.colors.reshape(-1, 3)
+    return np.concatenate([flat, flat[-1:]])
+
+
+def slide_angle(light: scene.Light) -> float:
+    """Return the angle that the width of a light's slide covers, in degrees: the slide's own, or the light's cone."""
+    if light.gobo is not None and light.gobo.angle is not None:
+        return light.gobo.angle
+    cone = light.shaping.cone_angle if light.shaping is not None else np.inf
+    return 2 * cone if 0 < cone < _WIDEST_CONE else _WIDE_SLIDE
+
+
+def spread(light: scene.Light) -> float:
+    """Return the angle from the axis, in radians, beyond which a light's slide is black."""
+    if light.gobo is None:
+        return np.pi
+    if light.gobo.repeat:
+        return np.pi / 2
+    half = np.tan(np.radians(slide_angle(light)) / 2)
+    return float(np.arctan(half * np.hypot(1.0, light.gobo.aspect)))
+
+
+def _slide(light: scene.Light, gobo: scene.Gobo) -> Slide:
+    """Return the slide of a light's own image."""
+    side, up, ahead = _axes(light)
+    if isinstance(light, scene.FlatLight):
+        # UsdLuxRectLight puts the image's first pixel at (+X, +Y) and its last at (-X, -Y): it is upright as seen from
+        # the front of the light. Arnold does the same from usdlux_version 25.05 on, and mirrored it before.
+        x = light.half_x if np.dot(light.half_x, side) < 0 else -np.asarray(light.half_x)
+        y = light.half_y if np.dot(light.half_y, up) > 0 else -np.asarray(light.half_y)
+        return Slide.of(gobo, light.center, 2 * x, 2 * y, ahead)
+    if isinstance(light, scene.DistantLight):
+        return Slide.of(gobo, light.frame[:3, 3], gobo.width * side, gobo.width * gobo.aspect * up, ahead)
+    assert isinstance(light, scene.SphereLight)
+    width = 2 * np.tan(np.radians(slide_angle(light)) / 2)
+    return Slide.of(gobo, light.center + ahead, width * side, width * gobo.aspect * up, ahead)
+
+
+def _axes(light: Any) -> tuple[Any, Any, Any]:
+    """Return the side, up and ahead vectors of a light: those of its frame, made square to its axis."""
+    ahead = np.asarray(light.axis, dtype=np.float64) / np.linalg.norm(light.axis)
+    frame = np.asarray(light.frame, dtype=np.float64)[:3, :3]
+    up = frame[:, 1] - (frame[:, 1] @ ahead) * ahead
+    if np.linalg.norm(up) < 1e-6:
+        up = -frame[:, 2] + (frame[:, 2] @ ahead) * ahead
+    up /= np.linalg.norm(up)
+    return np.cross(ahead, up) * np.sign(np.linalg.det(frame)), up, ahead
+
+
+def _portal_gobo(light: scene.Light, gobo: scene.Gobo, portal: Portal) -> Slide:
+    """Return the slide over a portal's bounding rectangle, upright as seen when facing the light."""
+    if portal.sides is None:
+        text = f"{light.name}: the portal is not flat: expected a planar one to hold the image photonbeams:portal:gobo"
+        raise scene.SceneError(text)
+    corner, *edges = portal.sides
+    center = corner + 0.5 * (edges[0] + edges[1])
+    steep = [abs(edge @ gobo.up) / np.linalg.norm(edge) for edge in edges]
+    y, x = (edges[0], edges[1]) if steep[0] > steep[1] else (edges[1], edges[0])
+    y = y if y @ gobo.up >= 0 else -y
+    normal = np.cross(x, y) / np.linalg.norm(np.cross(x, y))
+    place = getattr(light, "center", None)
+    axis = getattr(light, "axis", None)
+    ahead = center - place if place is not None else np.asarray(axis) if axis is not None else normal
+    if normal @ ahead < 0:  # with x to the right and y up, x × y points at the viewer, as the light does
+        x, normal = -x, -normal
+    return Slide.of(gobo, center, x, y, normal)

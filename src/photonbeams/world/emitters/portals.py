@@ -1,0 +1,126 @@
+"""Portals: the openings through which light reaches a shot, and points on them.
+
+Nearly all portals are planar. Stratified points are sampled in the tight bounding rectangle of such a portal, and those
+that miss the portal are dropped: an outline such as a keyhole's costs candidates, but not stratification.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ... import scene
+from ...numerics.arrays import opaque
+from ...runtime.device import Array2f, Array3f, Bool, mitsuba
+from ...scene.vectors import FLAT
+from ..surfaces.shapes import scene_of, shape_of
+
+mi = mitsuba()
+
+# How much wider than the portal its surround is on each side, as a fraction of the portal's width.
+_SURROUND = 0.3
+
+_TWO_TRIANGLES = [[0, 1, 2], [0, 2, 3]]
+
+
+@dataclass(frozen=True)
+class _Rectangle:
+    corner: Any
+    edge_x: Any
+    edge_y: Any
+    normal: Any
+    lift: Any  # distance from the rectangle at which rays that look for the portal begin
+
+
+class Portal:
+    """An opening, as a small Mitsuba scene of its own; `host` is explained in `scene_of`.
+
+    Attributes
+    ----------
+    area
+        The area over which sampled points are uniform: that of the bounding rectangle; if not planar, of the portal.
+    fill
+        The fraction of candidates that lie on the portal.
+    sides
+        A corner of the bounding rectangle and the two edges from it, float64; None if the portal is not planar.
+    """
+
+    def __init__(self, mesh: scene.Mesh, shape: Any, host: Any) -> None:
+        area = mesh.area
+        if not area > 0:
+            raise scene.SceneError(f"{mesh.name}: the portal has no area, so no light passes it")
+        self.shape, self._host = shape, host
+        self.scene = scene_of([shape], host)
+        self.rectangle, rectangle_area, self.sides = _bounding_rectangle(mesh)
+        self.area = rectangle_area if self.rectangle else area
+        self.fill = min(1.0, area / self.area)
+
+    @cached_property
+    def surround(self) -> Portal | None:
+        """The bounding rectangle, widened on each side, to include the edges of the hole around the portal.
+
+        None if the portal is not planar.
+        """
+        if self.sides is None:
+            return None
+        corner, *edges = self.sides
+        x, y = ((1 + 2 * _SURROUND) * each for each in edges)
+        corner = corner - _SURROUND * sum(edges)
+        points = np.array([corner, corner + x, corner + x + y, corner + y])
+        mesh = scene.Mesh("portal", points, np.array(_TWO_TRIANGLES))
+        return Portal(mesh, shape_of(mesh), self._host)
+
+    def sample(self, u: Array2f) -> tuple[Array3f, Array3f, Bool]:
+        """Return points uniform over `area`, the unit normals there, and which of the points lie on the portal."""
+        if self.rectangle is None:
+            sample = self.shape.sample_position(0.0, mi.Point2f(u))
+            return Array3f(sample.p), Array3f(sample.n), dr.full(Bool, True, dr.width(u))
+        box = self.rectangle
+        point = box.corner + u.x * box.edge_x + u.y * box.edge_y
+        normal = box.normal + 0 * u.x
+        ray = mi.Ray3f(mi.Point3f(point - box.lift * normal), mi.Vector3f(normal))
+        ray.maxt = 2 * box.lift
+        return point, normal, self.scene.ray_test(ray)
+
+    def crosses(self, origin: Array3f, direction: Array3f, distance: Any = None) -> Bool:
+        """Return which rays pass the portal within `distance`."""
+        ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+        if distance is not None:
+            ray.maxt = distance
+        return self.scene.ray_test(ray)
+
+
+def _bounding_rectangle(mesh: scene.Mesh) -> tuple[_Rectangle | None, float, Any]:
+    """Return a planar portal's bounding rectangle, its area, and its corner and edges; None, 0, None if not planar.
+
+    It is the smallest one that is parallel to one of the portal's edges.
+    """
+    plane = mesh.plane()
+    if plane is None:
+        return None, 0.0, None
+    center, normal = plane.center, plane.normal
+    points, corners = mesh.used_points, mesh.corners
+    edges = (corners - np.roll(corners, 1, axis=1)).reshape(-1, 3)
+    edges = edges[np.linalg.norm(edges, axis=1) > 1e-9 * plane.extent]
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    best: tuple[float, Any] | None = None
+    for x in edges:
+        y = np.cross(normal, x)
+        local = (points - center) @ np.array([x, y]).T
+        low, size = local.min(axis=0), np.ptp(local, axis=0)
+        if best is None or size[0] * size[1] < best[0] * (1 - 1e-9):
+            best = float(size[0] * size[1]), (center + low[0] * x + low[1] * y, size[0] * x, size[1] * y)
+    assert best is not None
+    corner, edge_x, edge_y = best[1]
+    lift = 2 * FLAT * plane.extent
+    rectangle = _Rectangle(opaque(corner), opaque(edge_x), opaque(edge_y), opaque(normal), opaque(lift))
+    return rectangle, best[0], (corner, edge_x, edge_y)
+
+
+def count_candidates(fill: float, count: int) -> int:
+    """Return how many candidates are needed to keep about `count`, if the fraction `fill` of them is kept."""
+    return max(1, round(count / fill))

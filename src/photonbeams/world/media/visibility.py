@@ -1,0 +1,84 @@
+"""Transmittance along rays, through media and through surfaces with null lobes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+from ...numerics.hashing import hash32
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..shadow_rays import leaving, size_of
+from ..spectra import rgb
+from .media import Media
+
+mi = mitsuba()
+
+
+# Most surfaces with a null lobe that a ray may pass.
+_LAYERS = 64
+
+
+def through(
+    plugin: Any, media: Media, ray: Any, medium: UInt32, seed: UInt32, active: Bool, coarse: bool = False,
+    size: Float | None = None,
+) -> tuple[Array3f, Any]:  # fmt: skip
+    """Return the transmittance along rays up to their ends, and the surface that each meets there, if any.
+
+    Surfaces transmit light by their null lobes alone.
+
+    Parameters
+    ----------
+    plugin, media
+        The Mitsuba scene and its media.
+    ray, medium
+        Mitsuba's rays, and the numbers of the media in which they begin.
+    seed, active
+        Seeds for tracking heterogeneous media, and which rays are wanted.
+    coarse
+        As in `Media.transmittance`.
+    size
+        The scene's diameter, if it is known: see `shadow_rays`.
+    """
+    diameter = size_of(plugin) if size is None else size
+    end = dr.minimum(ray.maxt, dr.largest(Float))
+
+    def further(place: Any, along: Any, left: Float, medium: UInt32, passed: Array3f, layer: UInt32, going: Bool,
+                hit: Any) -> tuple[Any, ...]:  # fmt: skip
+        step = mi.Ray3f(place, along)
+        step.maxt = left
+        found = plugin.ray_intersect(step, going)
+        distance = dr.select(found.is_valid(), found.t, left)
+        dimmed = media.transmittance(
+            medium, Array3f(place), Array3f(along), distance, hash32(seed, layer), going, coarse
+        )
+        passed = dr.select(going, passed * media.felt(medium, dimmed), passed)
+        hit = dr.select(going, found, hit)
+        going = going & found.is_valid()
+        clear = rgb(found.bsdf().eval_null_transmission(found, going))
+        endless = left >= dr.largest(Float)
+        # A ray without an end stops at the surface itself; one toward a lamp is blocked by it.
+        solid = going & (dr.max(clear) <= 0)
+        passed = dr.select(solid & ~endless, 0, passed)
+        going = going & ~solid
+        passed = dr.select(going, passed * clear, passed)
+        medium = dr.select(going, media.beyond(found, along, medium, going), medium)
+        beyond = mi.Point3f(leaving(found, along, diameter))
+        # The ray still ends where it did, though it begins beside its line; it may end before that.
+        to = place + dr.select(endless, 1, left) * along - beyond
+        going &= endless | (dr.dot(to, along) > 0)
+        on = going & ~endless
+        left = dr.select(on, dr.norm(to), left)
+        along = dr.select(on, to * dr.rcp(dr.maximum(left, 1e-30)), along)
+        place = dr.select(going, beyond, place)
+        return place, along, left, medium, passed, layer + 1, going & (dr.max(passed) > 0), hit
+
+    width = dr.width(ray.o)
+    nothing = dr.zeros(mi.SurfaceInteraction3f, width)
+    nothing.t = dr.full(Float, dr.inf, width)
+    state = (
+        mi.Point3f(ray.o), ray.d + dr.zeros(mi.Vector3f, width), end + dr.zeros(Float, width), UInt32(medium),
+        dr.ones(Array3f, width), dr.zeros(UInt32, width), Bool(active), nothing,
+    )  # fmt: skip
+    result = dr.while_loop(state, lambda *each: each[6] & (each[5] < _LAYERS), further, label="through")
+    return result[4], result[7]
