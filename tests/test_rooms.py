@@ -14,8 +14,8 @@ TESTS = Path(__file__).parent
 
 #: Each package may import those before it, and none after it.
 ROOMS = (
-    "scene", "runtime", "volumes", "numerics", "quadrature", "beams", "looks", "estimators", "studies", "world",
-    "transport", "render", "images", "usd", "shot", "export", "integrator", "farm", "studio", "cli",
+    "constants", "scene", "setting", "runtime", "volumes", "numerics", "quadrature", "beams", "looks", "estimators",
+    "studies", "world", "transport", "render", "images", "usd", "shot", "export", "integrator", "farm", "studio", "cli",
 )  # fmt: skip
 
 #: Wings of a package, and modules beside them. Each may import those before it; modules that are not listed, all.
@@ -42,7 +42,7 @@ KNOWERS = {
     "blosc": {"volumes"},
     "mitsuba": {"runtime", "world", "transport", "render", "shot", "export", "integrator"},
     "mitsuba_oidn": {"render"},
-    "drjit": {*ROOMS} - {"scene", "volumes", "quadrature", "usd", "farm", "cli"},
+    "drjit": {*ROOMS} - {"constants", "scene", "setting", "volumes", "quadrature", "usd", "farm", "cli"},
 }
 
 MODULES = sorted(path for path in SOURCE.rglob("*.py") if path.parent != SOURCE or path.stem in ROOMS)
@@ -134,4 +134,4 @@ def test_no_test_module_is_imported_and_helpers_stay_in_their_room(path):
 
 def test_the_folders_of_the_tests_are_the_rooms_and_what_else_is_tested():
     folders = {each.name for each in TESTS.iterdir() if each.is_dir() and each.name != "__pycache__"}
-    assert folders - {*ROOMS} == {"helpers", "benchmarks", "docs", "examples", "matrix", "tools"}
+    assert folders - {*ROOMS} == {"helpers", "benchmarks", "docs", "examples", "matrix"}

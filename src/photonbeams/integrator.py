@@ -7,15 +7,18 @@ set.
 from __future__ import annotations
 
 import sys
+import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
+from .render.settings import Settings, parameters
+from .setting import Setting
+
 if TYPE_CHECKING:
     from .render.passes import RunOptions
-    from .render.settings import Settings
 
 NAME = "photon_beams"
 
@@ -29,9 +32,14 @@ class NotOfferedError(NotImplementedError):
     """Something that Mitsuba's own integrators can do and this one cannot; the text is one sentence for the user."""
 
 
+#: The one parameter that is no setting.
+LAYERS = Setting(
+    name="layers", kind=bool, default=False, help="Add the layers `beams` and `surface`, whose sum is the image."
+)
+
 VARIANTS = ("llvm_ad_rgb", "llvm_ad_mono", "cuda_ad_rgb", "cuda_ad_mono")
 
-_DOCUMENTATION = r"""
+_MANUAL = r"""
 .. _integrator-photon_beams:
 
 Photon beams (:monosp:`photon_beams`)
@@ -39,83 +47,9 @@ Photon beams (:monosp:`photon_beams`)
 
 .. pluginparameters::
 
- * - max_depth
-   - |int|
-   - Longest path in the image, in edges; -1 is no limit. 1 shows only emitters that the camera sees directly, 2 adds
-     light that is scattered once, and so on. (Default: -1)
-
- * - rr_depth
-   - |int|
-   - Bounces after which paths may end by Russian roulette. (Default: 5)
-
- * - hide_emitters
-   - |bool|
-   - Hide directly visible emitters. (Default: no, i.e. |false|)
-
- * - paths
-   - |int|
-   - Light paths in each pass. There are as many passes as samples per pixel; in each pass, a pixel has one sample of
-     beams and up to 16 samples of surfaces. (Default: 16384)
-
- * - radius
-   - |float|
-   - Radius of all beams in the first pass, in scene units; 0 takes the radii from photon differentials. (Default: 0)
-
- * - min_radius, max_radius
-   - |float|
-   - Bounds of the radii from photon differentials, in scene units. With 0, they are 0.0001 and 0.05 of the radius of
-     the medium, and at most a quarter of a mean free path; for photons, 0.0001 and 0.05 of the radius of the scene.
-     (Default: 0)
-
- * - overlap
-   - |float|
-   - Width of a beam, in spacings of its neighbours. (Default: 2.2)
-
- * - alpha
-   - |float|
-   - How fast radii shrink from pass to pass: above 0, and at most 1, which keeps them as they are. (Default: 0.7)
-
- * - guiding
-   - |bool|
-   - Run a pilot pass that learns which light the camera sees, and send more light paths there.
-     (Default: yes, i.e. |true|)
-
- * - method
-   - |string|
-   - How the light of emitters is found: "beams" traces light paths from them; "paths" traces paths from the camera,
-     except for emitters that have a look, a portal, a gobo or settings of their beams; "auto" runs a pilot and takes
-     whichever has less noise. (Default: "auto")
-
- * - beams
-   - |string|
-   - "long" beams reach to the next surface, "short" ones end where their light is scattered. (Default: "long")
-
- * - estimator
-   - |string|
-   - "billboard" (beam x beam 1D), "frustum" (beam x beam 2D, by quadrature), or "auto", which blends the two.
-     (Default: "auto")
-
- * - order
-   - |int|
-   - Number of points of the Gauss-Legendre quadrature. (Default: 6)
-
- * - gather_error
-   - |float|
-   - Approximate relative error that is allowed where fewer rays than pixels see the beams; 0 is exact.
-     (Default: 0.002)
-
- * - error
-   - |float|
-   - Relative error at which the render stops: half of the light is in pixels with a smaller error. There are at most as
-     many passes as samples per pixel; with 0, there are exactly as many. (Default: 0)
-
- * - denoise
-   - |bool|
-   - Denoise surfaces, and beams where they need it, by Open Image Denoise. (Default: no, i.e. |false|)
-
- * - layers
-   - |bool|
-   - Add the layers `beams` and `surface`, whose sum is the image. (Default: no, i.e. |false|)
+{parameters}
+Numbers with the default 0 are chosen by the integrator. With an `error`, there are at most as many passes as samples
+per pixel; otherwise, there are exactly as many.
 
 This integrator traces light into photon beams (Jarosz et al. 2011) and gathers them along camera rays, with the
 estimators of "Gaussian Quadrature for Photon Beams in Tangled" (Johnson et al. 2011). Radii shrink from pass to pass
@@ -162,45 +96,30 @@ def _register(mitsuba: Any, variant: str) -> None:
     mitsuba.register_integrator(NAME, make)
 
 
-def _settings(properties: Any) -> Any:
-    """Return the plug-in's parameters as settings. Mitsuba reports those that nothing here reads as unknown."""
-    from .quadrature import MOST_POINTS, gauss_legendre
-    from .render.settings import DEFAULT_PATHS, DEFAULTS, Settings
-    from .scene import MOST_BEAMS
-
-    given: dict[str, Any] = {
-        name: _value(properties, name, getattr(DEFAULTS, name))
-        for name in (
-            "rr_depth",
-            "hide_emitters",
-            "overlap",
-            "alpha",
-            "estimator",
-            "method",
-            "gather_error",
-            "denoise",
-        )
-    }
-    paths = _value(properties, "paths", DEFAULT_PATHS)
-    if not 1 <= paths <= MOST_BEAMS:  # `Settings` would call them beams
-        raise ValueError(f"paths is {paths}: expected 1 to {MOST_BEAMS}")
-    kind = _value(properties, "beams", "long")
-    if kind not in ("long", "short"):
-        raise ValueError(f'{NAME}: beams is "{kind}": expected "long" or "short"')
-    numbers: dict[str, Any] = {
-        name: _value(properties, name, 0.0) or None for name in ("radius", "min_radius", "max_radius", "error")
-    }
-    order = _value(properties, "order", 6)
-    if not 1 <= order <= MOST_POINTS:
-        raise ValueError(f"{NAME}: order is {order}: expected 1 to {MOST_POINTS} points")
-    return Settings(
-        **given, **numbers, beams=paths, max_depth=_value(properties, "max_depth", -1), short=kind == "short",
-        guiding=_value(properties, "guiding", True), rule=gauss_legendre(order),
-    )  # fmt: skip
+def _manual() -> str:
+    """Return the plug-in's page of a manual, in the form of those of Mitsuba's own plug-ins."""
+    rows = []
+    for each in [*(found for _, found in parameters()), LAYERS]:
+        default = "0" if each.default is None else _shown(each.default).lower()
+        meaning = textwrap.fill(f"{each.help} (Default: {default})", 115, subsequent_indent="     ")
+        rows.append(f" * - {each.name}\n   - |{each.type_name}|\n   - {meaning}\n")
+    return _MANUAL.replace("{parameters}", "\n".join(rows))
 
 
-def _value(properties: Any, name: str, default: Any) -> Any:
-    """Return a parameter; raise ValueError where its type is not that of its default, which Mitsuba does not check."""
+def _settings(properties: Any) -> Settings:
+    """Return the plug-in's parameters as settings. Mitsuba reports parameters that are never read as unknown."""
+    from .quadrature import gauss_legendre
+
+    given = {name: _value(properties, each) for name, each in parameters()}
+    return Settings(**{**given, "rule": gauss_legendre(given["rule"]), "short": given["short"] == "short"})
+
+
+def _value(properties: Any, parameter: Setting) -> Any:
+    """Return a parameter, or None for a 0 that leaves the choice to the integrator.
+
+    ValueError is raised for a value whose type is not that of the default, which Mitsuba does not check.
+    """
+    name, default = parameter.name, 0.0 if parameter.default is None else parameter.default
     value, kind = properties.get(name, default), type(default)
     exact = type(value) is kind  # not isinstance, for a bool is an int
     if not exact and kind in (int, float) and type(value) in (int, float):
@@ -208,7 +127,8 @@ def _value(properties: Any, name: str, default: Any) -> Any:
     if not exact:
         expected = {bool: "true or false", int: "a whole number", float: "a number", str: "a string"}[kind]
         raise ValueError(f"{NAME}: {name} is {_shown(value)}: expected {expected}")
-    return kind(value)
+    value = kind(value)
+    return None if parameter.default is None and not value else parameter.checked(value, name)
 
 
 def _shown(value: Any) -> str:
@@ -222,10 +142,10 @@ def _integrator(mi: Any, variant: str) -> type:
     device.select("cuda" if variant.startswith("cuda") else "cpu")
 
     class PhotonBeams(mi.ad.integrators.common.ADIntegrator):  # type: ignore[misc]
-        __doc__ = _DOCUMENTATION
+        __doc__ = _manual()
 
         def __init__(self, properties: Any) -> None:
-            renderer = _Renderer(mi, _settings(properties), _value(properties, "layers", False))
+            renderer = _Renderer(mi, _settings(properties), _value(properties, LAYERS))
             super().__init__(properties)
             self.settings, self._renderer = renderer.settings, renderer
 

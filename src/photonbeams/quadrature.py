@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["MOST_POINTS", "Rule", "gauss_legendre", "riemann"]
+from .constants import MOST_POINTS
 
-#: A rule is unrolled into the kernel that uses it, so its size is limited; 64 Gauss points already count as converged.
-MOST_POINTS = 256
+__all__ = ["MOST_POINTS", "Rule", "gauss_legendre", "riemann"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -15,11 +15,11 @@ import typer
 
 from photonbeams import cli
 from photonbeams.cli.flags import Filter
+from photonbeams.constants import FILTERS
 from photonbeams.images.files import read_image, read_layers
 from photonbeams.render import stage_frame as frame
 from photonbeams.render.settings import DEFAULT_PATHS, Settings
 from photonbeams.scene import DEFAULT_BEAMS
-from photonbeams.scene.cameras import FILTERS
 from tests.helpers.commands import command, fails, untouched
 from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
 

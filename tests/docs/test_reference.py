@@ -14,6 +14,7 @@ from numpydoc.docscrape import NumpyDocString
 
 import photonbeams as pb
 import photonbeams.studio.widget
+from docs.scripts.settings import pages
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "index.md"
 NAMES = re.findall(r"^   ([\w.]+)$", PAGE.read_text(), re.MULTILINE)
@@ -82,6 +83,11 @@ def test_a_public_name_describes_what_it_takes(name):
             named = documented(getattr(subject, method)) | set(re.findall(r"`(\w+)`", text))
             assert text, f"{name}.{method}"
             assert taken - named == set(), f"{name}.{method}"
+
+
+def test_the_tables_of_settings_say_what_the_settings_say():
+    for path, text in pages().items():
+        assert path.read_text() == text, "run docs/scripts/settings.py"
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,13 +1,15 @@
 """Settings: the values that they accept, and the error messages for others."""
 
-from dataclasses import fields
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
+from photonbeams.constants import FILTERS
+from photonbeams.render import settings
 from photonbeams.render.settings import Settings, SettingsArguments
 from photonbeams.scene import SceneError
-from photonbeams.scene.cameras import FILTERS
 
 
 @pytest.mark.parametrize(
@@ -62,4 +64,17 @@ def test_a_depth_is_the_scenes_own_or_any():
 
 
 def test_everything_but_passes_may_be_given_by_name():
-    assert SettingsArguments.__annotations__.keys() == {each.name for each in fields(Settings)} - {"passes"}
+    own = {name: kind for name, kind in Settings.__annotations__.items() if name != "passes"}
+    assert {name: kind.__forward_arg__ for name, kind in SettingsArguments.__annotations__.items()} == own
+
+
+def test_settings_are_described_without_heavy_libraries():
+    script = "import sys, photonbeams.render.settings as s; list(s.flags()); list(s.parameters()); "
+    script += "print({'numpy', 'drjit', 'mitsuba'} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout == "set()\n"
+
+
+@pytest.mark.parametrize("named", [*settings.described(), *settings.parameters()], ids=lambda each: each[0])
+def test_what_sets_a_setting_takes_its_default(named):
+    name, own = named
+    assert own.default is None or own.kind is object or own.checked(own.default, name) == own.default

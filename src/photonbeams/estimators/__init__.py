@@ -1,5 +1,6 @@
 """The radiance of beams along camera rays: billboard (1D), frustum (2D) and their blend, for rays and images."""
 
-from .estimate import ESTIMATORS, estimate
+from ..constants import ESTIMATORS
+from .estimate import estimate
 
 __all__ = ["ESTIMATORS", "estimate"]

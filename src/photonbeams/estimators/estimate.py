@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from types import NoneType
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 import drjit as dr
 import numpy as np
 
 from ..beams import Beams
+from ..constants import DEFAULT_POINTS, ESTIMATORS
 from ..looks import BoundLook, Fog, LightContext, Look
 from ..numerics.arrays import to_float, to_uint
 from ..numerics.given import LARGEST, Numbers, given
@@ -29,10 +30,8 @@ if TYPE_CHECKING:
 
 #: How a beam's radiance is estimated: as a flat billboard (1D), in its frustum (2D), or by a blend of both.
 Estimator = Literal["auto", "billboard", "frustum"]
-ESTIMATORS: tuple[str, ...] = get_args(Estimator)
 
-#: Points that a production needed at most (Talk, section 3).
-DEFAULT_RULE = gauss_legendre(6)
+DEFAULT_RULE = gauss_legendre(DEFAULT_POINTS)
 
 #: Pairs of beams and rays up to which testing all pairs is as fast as a grid. On two cores a grid of few beams takes
 #: 10 ms, the time of 3 million tests.

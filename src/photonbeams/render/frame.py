@@ -48,6 +48,8 @@ from .single_scattering import SingleScattering
 from .sums import ALBEDO, DEPTH, MEAN_NORMAL, NORMAL, PassSums
 from .walks import Walking
 
+DEFAULTS = Settings()
+
 # A pixel has an edge if one of its rays reaches this many times as far as another.
 _EDGE = 1.1
 # Most extra samples of such a pixel: half of a small picture may be edges. Their number depends on nothing in the pass;

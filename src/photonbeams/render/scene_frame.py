@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from .. import scene
+from ..constants import DEFAULT_PATHS
 from ..numerics.samples import BITS, Samples
 from ..runtime.device import Array2f
 from ..world.cameras.sensors import Sensor, window_of
@@ -16,12 +17,12 @@ from .checkpoint import identity
 from .choice import Pixels
 from .costs import power_below
 from .film import Film, averaged, group_layers, reconstruction_filter
-from .frame import FrameRenderer, ViewRays
+from .frame import DEFAULTS, FrameRenderer, ViewRays
 from .holdouts import HoldoutDepth
 from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, accumulate
 from .scene_light import EmitterSettings, Findings, ScenePasses, light_of
-from .settings import DEFAULT_PATHS, DEFAULTS, Settings, as_passes
+from .settings import Settings, as_passes
 
 
 class SceneRenderer(ScenePasses, FrameRenderer):

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import scene
+from ..constants import DEFAULT_PATHS
 from ..runtime.device import mitsuba
 from ..transport.emission import Stratum
 from ..transport.fitted_portals import Opening, parted
@@ -38,7 +39,7 @@ from .choice import Pixels, is_sharp, preferred
 from .frame import PassRenderer, Simulated
 from .passes import Statistics
 from .scene_lighting import SceneLighting
-from .settings import DEFAULT_PATHS, Settings
+from .settings import Settings
 from .walks import WalkedEmitters, Walking
 
 mi = mitsuba()

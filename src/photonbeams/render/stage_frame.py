@@ -30,11 +30,11 @@ from .camera_paths import Lighting
 from .checkpoint import identity
 from .film import Film, group_layers, reconstruction_filter
 from .film import layer_names as names_of
-from .frame import FrameRenderer, Simulated, ViewRays
+from .frame import DEFAULTS, FrameRenderer, Simulated, ViewRays
 from .holdouts import HoldoutDepth
 from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, accumulate
-from .settings import DEFAULTS, Settings, as_passes
+from .settings import Settings, as_passes
 from .single_scattering import SingleScattering
 from .stage_lighting import StageLighting
 

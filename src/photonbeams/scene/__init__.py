@@ -5,15 +5,13 @@ colours are scene-linear Rec. 709 unless the stage says otherwise. Every class c
 reaches a kernel is finite and in range. Messages name the field; the reader adds file and prim.
 """
 
+from ..constants import DEFAULT_BEAMS, MOST_BEAMS, MOST_PIXELS
 from .beams import DrawnBeams
 from .cameras import Camera
 from .checks import (
     BLACK,
-    DEFAULT_BEAMS,
     ESCAPE,
     FARTHEST,
-    MOST_BEAMS,
-    MOST_PIXELS,
     WHITE,
     Array,
     Color,

@@ -1,4 +1,4 @@
-"""Cameras, and the names of pixel filters."""
+"""Cameras."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ import numpy as np
 
 from .checks import Array, SceneError
 from .vectors import unit
-
-#: The pixel filters, named as Mitsuba's plug-ins.
-FILTERS = ("box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos")
 
 #: How the aperture and the picture are made to fit each other, named as by UsdRenderSettings: the first is the default.
 CONFORM_POLICIES = (

@@ -24,15 +24,6 @@ Color = tuple[float, float, float]
 ColorLike: TypeAlias = float | Sequence[float] | Array
 
 
-DEFAULT_BEAMS = 4096  # per pass, for each light that does not set a number
-
-
-MOST_BEAMS = 100_000_000  # that a light may ask for
-
-
-MOST_PIXELS = 65536  # of a picture, along each side
-
-
 # In scene units, from the origin. Kernels square distances in single precision, which ends at 1e38.
 FARTHEST = 1e12
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import BLACK, MOST_BEAMS, Array, Color, SceneError, color, number, rgb, shown, whole
+from ..constants import MOST_BEAMS
+from .checks import BLACK, Array, Color, SceneError, color, number, rgb, shown, whole
 from .profiles import Profile
 from .surfaces import Mesh, UVTexture
 

@@ -9,10 +9,11 @@ from math import ceil, isfinite
 from pathlib import Path
 from typing import Any
 
+from ..constants import FILTERS
 from ..images.frame import fractions_of, pixels_of
 from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
-from ..scene.cameras import CONFORM_POLICIES, FILTERS
+from ..scene.cameras import CONFORM_POLICIES
 from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
 from .common.reading import Reading, file_of, is_relationship, target_paths
 from .common.warnings import Warnings
@@ -62,7 +63,7 @@ class RenderSettings:
         Whether to render without motion blur, at the frame's own time (formerly instantaneousShutter), and without
         depth of field.
     pixel_filter
-        One of `scene.cameras.FILTERS`, from photonbeams:pixelFilter.
+        One of `constants.FILTERS`, from photonbeams:pixelFilter.
     products
         The raster products.
     """
