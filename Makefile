@@ -18,7 +18,7 @@ FLIGHT := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda -cam Flig
 ARGS :=
 PROCESSES := --numprocesses logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help keyhole flight studio test lint bench docs pictures
+.PHONY: help keyhole flight studio test lint page wheel bench docs pictures
 
 help:
 	@echo 'make keyhole  render the example shot to out/: a layered EXR, a picture, and the beams alone'
@@ -26,6 +26,8 @@ help:
 	@echo 'make studio   open the example shot in the browser, live, with every control beside it'
 	@echo 'make test     run the tests (make test ARGS="-k quadrature" for some of them)'
 	@echo 'make lint     check the code with ruff and mypy, words and prose with codespell and proselint'
+	@echo 'make page     build and test the page of the studio, and check that the committed one is the same (needs npm)'
+	@echo 'make wheel    build a wheel, and check that it contains the files of src/'
 	@echo 'make bench    measure, each figure beside its yardstick'
 	@echo 'make docs     build the documentation'"'"'s site, warnings are errors'
 	@echo 'make pictures render the pictures of docs/, and execute its notebooks (an hour)'
@@ -52,6 +54,12 @@ lint: $(READY)
 	$(VENV)/bin/codespell
 	$(PYTHON_BIN) tools/prose.py
 	$(VENV)/bin/mypy
+
+page:
+	tools/page.sh
+
+wheel: $(READY)
+	$(PYTHON_BIN) tools/wheel.py
 
 bench: $(READY)
 	$(PYTHON_BIN) -m benchmarks

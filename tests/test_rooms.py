@@ -134,4 +134,4 @@ def test_no_test_module_is_imported_and_helpers_stay_in_their_room(path):
 
 def test_the_folders_of_the_tests_are_the_rooms_and_what_else_is_tested():
     folders = {each.name for each in TESTS.iterdir() if each.is_dir() and each.name != "__pycache__"}
-    assert folders - {*ROOMS} == {"helpers", "benchmarks", "docs", "examples", "matrix"}
+    assert folders - {*ROOMS} == {"helpers", "benchmarks", "docs", "examples", "matrix", "tools"}

@@ -268,4 +268,3 @@ def test_the_version_without_a_tag_is_the_newest_of_the_change_log():
     newest = re.search(r"^## \[(\d.*?)\]", page("CHANGELOG.md"), re.MULTILINE)[1]
     assert tomllib.loads(page("pyproject.toml"))["tool"]["setuptools_scm"]["fallback_version"] == newest
     assert f"version: {newest}\n" in page("CITATION.cff")
-    assert f'version: "{newest}"\n' in page("packaging/conda/recipe.yaml")
