@@ -10,7 +10,7 @@ from photonbeams.scene import UVTexture
 from photonbeams.usd.materials.corrections import from_hsv, to_hsv
 from photonbeams.usd.materials.ramps import CATMULL_ROM, CONSTANT, LINEAR, MONOTONE, ramp
 from photonbeams.usd.stage import read_scene
-from tests.usd.networks import PIXELS, STANDARD, material, shader
+from tests.usd.materials.networks import PIXELS, STANDARD, material, shader
 
 AT, KNOTS = [0.1, 0.3, 0.4, 0.8, 0.9], np.array([[0.0], [2.0], [2.5], [1.0], [4.0]])
 X = np.linspace(0, 1, 97)[:, None]

@@ -5,7 +5,7 @@ import pytest
 
 from photonbeams.scene import UVTexture
 from photonbeams.usd.stage import read_scene
-from tests.usd.networks import PIXELS, STANDARD, material, shader
+from tests.usd.materials.networks import PIXELS, STANDARD, material, shader
 
 OPEN = ["ND_open_pbr_surface_surfaceshader", "arnold:openpbr_surface"]
 

@@ -15,7 +15,7 @@ from photonbeams.usd.look_library import find_looks
 from photonbeams.usd.looks.looks import read_look
 from photonbeams.usd.stage import open_stage
 
-LIBRARY = Path(__file__).resolve().parents[2] / "examples" / "looks" / "looks.usda"
+LIBRARY = Path(__file__).resolve().parents[3] / "examples" / "looks" / "looks.usda"
 FACTORS = ("along", "across", "eye", "angle", "noise", "variation")
 
 #: A stage with a look that sets every factor, so that presets have something to replace.

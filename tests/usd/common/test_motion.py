@@ -13,7 +13,7 @@ from photonbeams.usd.cameras.stereo import Stereo
 from photonbeams.usd.common import textures
 from photonbeams.usd.common.motion import equal, followed
 
-KEYHOLE = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
+KEYHOLE = Path(__file__).parents[3] / "examples" / "keyhole" / "keyhole.usda"
 SMALL = {"passes": 2, "width": 48, "height": 32, "beams": 64}
 
 METADATA = "startTimeCode = 1\nendTimeCode = 9\ntimeCodesPerSecond = 24\nframesPerSecond = 24"
