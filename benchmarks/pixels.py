@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from photonbeams.render.scene_frame import SceneRenderer
+from photonbeams.render.scene_frame import begin
 from photonbeams.render.settings import Settings
 from tests.helpers.mitsuba_scenes import comparison
 
@@ -31,7 +31,7 @@ class Measured:
         """Measure the second pass, because the first one compiles kernels."""
         scene = comparison(*size)
         settings = Settings(beams=_PATHS, max_depth=depth, method="beams", gather_error=error)
-        frame = SceneRenderer(scene, scene.sensors()[0], settings)
+        frame = begin(scene, scene.sensors()[0], settings)
         frame.add_pass(0)
         frame.clear()
         frame.add_pass(1)

@@ -21,7 +21,7 @@ from rich.table import Table
 import photonbeams as pb
 from photonbeams.estimators import image as images
 from photonbeams.render import gathering as gatherings
-from photonbeams.render.scene_frame import SceneRenderer, render
+from photonbeams.render.scene_frame import begin, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from tests.helpers.comparison import camera, comparison_scene, lit, single_scattering
@@ -133,10 +133,10 @@ def timed(run: Callable[[], Any], rounds: int = 0) -> tuple[float, Any]:
     spent, result = [], None
     for _ in range(rounds + 1):
         dr.sync_thread()
-        begin = perf_counter()
+        start = perf_counter()
         result = run()
         dr.sync_thread()
-        spent.append(perf_counter() - begin)
+        spent.append(perf_counter() - start)
     return min(spent), result
 
 
@@ -149,14 +149,14 @@ def beside_the_peer(console: Console) -> None:
     settings = Settings(passes=1, beams=1 << 14, radius=0.01, alpha=1.0, guiding=False, method="beams")
     found = render(scene, scene.sensors()[0], settings).statistics.beams
     settings = replace(settings, beams=round(settings.beams * PEER_BEAMS / found))
-    frame = SceneRenderer(scene, scene.sensors()[0], settings)
+    frame = begin(scene, scene.sensors()[0], settings)
     frame.add_pass(0)
     spent = []
     for number in (1, 2):
-        begin = perf_counter()
+        start = perf_counter()
         frame.add_pass(number)
         dr.sync_thread()
-        spent.append(perf_counter() - begin)
+        spent.append(perf_counter() - start)
     beams = frame.statistics.beams / frame.statistics.passes
     table = Table(title="Comparison scene, 1280 × 720, radius 0.01, all scattering, neither portal nor guiding")
     for name in ("", "beams", "seconds a pass", "goal"):
@@ -197,18 +197,18 @@ def mirrors(console: Console) -> None:
     """Print the tests per second of a picture that is seen in a mirror."""
     scene = mirror_scene()
     settings = Settings(passes=1, beams=4096, surfaces=False, method="beams")
-    frame = SceneRenderer(scene, scene.sensors()[0], settings)
+    frame = begin(scene, scene.sensors()[0], settings)
     seconds, tests = [], 0
 
     def counted(beams: Any, rays: Any, **given: Any) -> Any:
         nonlocal tests
         tests = grid_tests(beams, rays)
         dr.sync_thread()
-        begin = perf_counter()
+        start = perf_counter()
         result = plain(beams, rays, **given)
         dr.eval(result)
         dr.sync_thread()
-        seconds.append(perf_counter() - begin)
+        seconds.append(perf_counter() - start)
         return result
 
     plain, gatherings.estimate_rays = gatherings.estimate_rays, counted
@@ -263,7 +263,7 @@ def measure() -> dict[str, float]:
     scene = comparison(*SIZE)
     sample = render(scene, scene.sensors()[0], Settings(passes=1, beams=1 << 14, method="beams")).statistics.beams
     paths = round(MILLION / sample * (1 << 14))
-    frame = SceneRenderer(scene, scene.sensors()[0], Settings(beams=paths, method="beams"))
+    frame = begin(scene, scene.sensors()[0], Settings(beams=paths, method="beams"))
     frame.add_pass(0)
     gathering, spent = 0.0, 0.0
 
@@ -271,11 +271,11 @@ def measure() -> dict[str, float]:
         def run(*arguments: Any, **given: Any) -> Any:
             nonlocal gathering
             dr.sync_thread()
-            begin = perf_counter()
+            start = perf_counter()
             result = plain(*arguments, **given)
             dr.eval(result)
             dr.sync_thread()
-            gathering += perf_counter() - begin
+            gathering += perf_counter() - start
             return result
 
         return run
@@ -283,10 +283,10 @@ def measure() -> dict[str, float]:
     plain = images._ImageGather._sum
     images._ImageGather._sum = kernel(plain)  # type: ignore[method-assign]
     try:
-        begin = perf_counter()
+        start = perf_counter()
         frame.add_pass(1)
         dr.sync_thread()
-        spent = perf_counter() - begin
+        spent = perf_counter() - start
     finally:
         images._ImageGather._sum = plain  # type: ignore[method-assign]
     unit = 1 if sys.platform == "darwin" else 1024

@@ -8,7 +8,7 @@ import pytest
 
 from photonbeams.cli.progress import held_signals
 from photonbeams.images.files import read_layers
-from photonbeams.render import stage_frame as frame
+from photonbeams.render.frame import FrameRenderer
 from tests.helpers.commands import fails, untouched
 from tests.helpers.small_stage import CAMERA, FILL, FLOOR, FOG, KEY, write_stage
 
@@ -24,7 +24,7 @@ def stage(tmp_path):
 
 def interrupted(monkeypatch, after, sent=signal.SIGINT):
     """Send the signal of Ctrl-C, or another one, when so many passes of all frames are done."""
-    add_pass, done = frame.StageRenderer.add_pass, []
+    add_pass, done = FrameRenderer.add_pass, []
 
     def pressed(self, number):
         add_pass(self, number)
@@ -32,7 +32,7 @@ def interrupted(monkeypatch, after, sent=signal.SIGINT):
         if len(done) == after:
             os.kill(os.getpid(), sent)
 
-    monkeypatch.setattr(frame.StageRenderer, "add_pass", pressed)
+    monkeypatch.setattr(FrameRenderer, "add_pass", pressed)
 
 
 def test_frames_of_two_eyes_go_on_where_ctrl_c_ended_them(render, stage, out, monkeypatch):

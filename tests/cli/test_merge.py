@@ -10,7 +10,7 @@ import pytest
 from photonbeams import Shot
 from photonbeams.images.files import read_layers
 from photonbeams.images.frame import tile_of
-from photonbeams.render import stage_frame as frame
+from photonbeams.render.frame import FrameRenderer
 from tests.helpers.commands import fails, same
 from tests.helpers.small_stage import CAMERA, FILL, FLOOR, FOG, KEY, write_stage
 
@@ -146,7 +146,7 @@ def test_tiles_that_do_not_belong_together_are_refused(call, render, stage, out)
 
 def test_snapshots_show_what_is_done_and_go_when_the_frame_is_there(render, stage, out, monkeypatch):
     seen = []
-    add_pass = frame.StageRenderer.add_pass
+    add_pass = FrameRenderer.add_pass
 
     def signalled(self, number):
         add_pass(self, number)
@@ -155,7 +155,7 @@ def test_snapshots_show_what_is_done_and_go_when_the_frame_is_there(render, stag
         kept = out / "a.snapshot.exr"
         seen.append(int(OpenEXR.File(str(kept)).header()["passes"]) if kept.exists() else 0)
 
-    monkeypatch.setattr(frame.StageRenderer, "add_pass", signalled)
+    monkeypatch.setattr(FrameRenderer, "add_pass", signalled)
     assert render(stage, "-o", out / "a.exr", *SMALL)[0] == 0
     assert seen == [0, 0, 0, 3, 3, 3]
     seen.clear()

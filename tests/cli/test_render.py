@@ -18,6 +18,7 @@ from photonbeams.cli.flags import Filter
 from photonbeams.constants import FILTERS
 from photonbeams.images.files import read_image, read_layers
 from photonbeams.render import stage_frame as frame
+from photonbeams.render.frame import FrameRenderer
 from photonbeams.render.settings import DEFAULT_PATHS, Settings
 from photonbeams.scene import DEFAULT_BEAMS
 from tests.helpers.commands import command, fails, untouched
@@ -302,7 +303,7 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
 def test_a_wrong_flag_is_refused_before_rendering(render, stage, tmp_path, monkeypatch, flags, parts):
     path = stage()
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(frame, "StageRenderer", None)  # an error if anything is rendered
+    monkeypatch.setattr(frame, "begin", None)  # an error if anything is rendered
     fails(render(path, "-o", "a.exr", *SMALL, *flags, small=False), 2, *parts)
     assert [each.name for each in tmp_path.iterdir()] == ["stage.usda"]
 
@@ -524,7 +525,7 @@ def test_odd_names_and_values_render(render, stage, out, tmp_path):
 
 
 def test_an_output_that_cannot_be_written_is_named_before_rendering(render, stage, out, monkeypatch):
-    monkeypatch.setattr(frame, "StageRenderer", None)  # an error if anything is rendered
+    monkeypatch.setattr(frame, "begin", None)  # an error if anything is rendered
     (out / "folder.exr").mkdir()
     fails(render(stage(), "-o", out / "folder.exr"), 1, str(out / "folder.exr"), "Is a directory")
     (out / "folder.exr").rmdir()
@@ -573,7 +574,7 @@ def test_an_interrupt_is_one_also_where_it_is_wrapped(render, stage, out, monkey
         except KeyboardInterrupt as interrupt:
             raise RuntimeError("dr.while_loop(): encountered an exception (see above).") from interrupt
 
-    monkeypatch.setattr(frame.StageRenderer, "add_pass", interrupted)
+    monkeypatch.setattr(FrameRenderer, "add_pass", interrupted)
     code, stdout, stderr = render(stage(), "-o", out / "old.exr", "--progress", "none")
     assert (code, stdout, stderr) == (130, "", "Interrupted; nothing was written\n")
     assert untouched(out)

@@ -15,6 +15,7 @@ from photonbeams.cli.animation import FrameError
 from photonbeams.images.files import read_image, read_layers
 from photonbeams.render import scene_frame as frame
 from photonbeams.render.checkpoint import Checkpoint
+from photonbeams.render.frame import FrameRenderer
 from tests.helpers.commands import fails, untouched
 
 SENSOR = """<sensor type="perspective" id="{name}">
@@ -157,7 +158,7 @@ def test_parameters_of_the_file_are_set(render, scene, out):
 
 def test_flags_are_over_the_integrator_and_the_rest_is_its_own(render, scene, out, monkeypatch):
     seen = []
-    monkeypatch.setattr(frame, "SceneRenderer", lambda *given: seen.append(given[2]) or 1 / 0)
+    monkeypatch.setattr(frame, "begin", lambda *given: seen.append(given[2]) or 1 / 0)
     text = ('<integrator type="photon_beams"><integer name="paths" value="77"/><integer name="order" value="3"/>'
             '<integer name="max_depth" value="5"/><string name="estimator" value="frustum"/></integrator>')  # fmt: skip
     flags = ("--passes", 9, "--beams", 50, "--seed", 4, "--estimator", "billboard", "--order", 2, "--time-limit", 60,
@@ -206,14 +207,14 @@ def test_layers_are_chosen_and_files_that_are_there_skipped(render, scene, out):
 
 def interrupted(monkeypatch, after):
     """Send the signal of Ctrl-C when so many passes are done."""
-    add_pass = frame.SceneRenderer.add_pass
+    add_pass = FrameRenderer.add_pass
 
     def pressed(self, number):
         add_pass(self, number)
         if number + 1 == after:
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(frame.SceneRenderer, "add_pass", pressed)
+    monkeypatch.setattr(FrameRenderer, "add_pass", pressed)
 
 
 def test_ctrl_c_keeps_a_checkpoint_from_which_the_render_goes_on(render, scene, out, monkeypatch):

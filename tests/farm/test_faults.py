@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from photonbeams.images.files import read_layers
-from photonbeams.render import stage_frame as frame
+from photonbeams.render.frame import FrameRenderer
 from tests.helpers.commands import command, fails, same, until
 from tests.helpers.disks import limited
 from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
@@ -115,14 +115,14 @@ def test_a_full_disk_leaves_pictures_and_what_they_are_made_of(call, render, sta
 
 
 def test_a_folder_that_goes_is_made_again(render, stage, out, monkeypatch):
-    add_pass = frame.StageRenderer.add_pass
+    add_pass = FrameRenderer.add_pass
 
     def gone(self, number):
         add_pass(self, number)
         if number == 2:
             shutil.rmtree(out)
 
-    monkeypatch.setattr(frame.StageRenderer, "add_pass", gone)
+    monkeypatch.setattr(FrameRenderer, "add_pass", gone)
     flags = ("--res", 32, 0, "--passes", 4, "--beams", 64, "--checkpoint", 1e-9, "-q")
     assert render(stage, "-o", out / "a.exr", *flags) == (0, "", "")
     assert [each.name for each in out.iterdir()] == ["a.exr"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photonbeams.render.choice import noise, prefers_walks
-from photonbeams.render.scene_frame import SceneRenderer
+from photonbeams.render.scene_frame import begin
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from tests.helpers.mitsuba_scenes import camera, comparison, cube_of, fog, load, rgb
@@ -46,7 +46,7 @@ def test_nothing_is_noise_where_nothing_shines():
 
 def walked(scene, **settings):
     """Return the number of emitters that walks meet, and the names of those that emit light paths."""
-    light = SceneRenderer(scene, scene.sensors()[0], Settings(beams=1024, **settings)).light
+    light = begin(scene, scene.sensors()[0], Settings(beams=1024, **settings)).light
     known = [each.name for each in (stratum.emitter for stratum in light.simulation.emission.strata)]
     return sum(len(each.emitters) for each in light.walks.values()), known
 

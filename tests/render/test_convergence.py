@@ -58,9 +58,9 @@ def test_the_mean_of_passes_converges_while_radii_shrink(scene):
 
 def test_radii_shrink_by_the_schedule(scene):
     """From the first pass on, radii shrink by R_{i+1} / R_i = (i + α) / (i + 1)."""
-    from photonbeams.render.scene_frame import SceneRenderer
+    from photonbeams.render.scene_frame import begin
 
-    frame = SceneRenderer(scene, scene.sensors()[0], by_beams(beams=64, radius=0.1, alpha=0.7, max_depth=2))
+    frame = begin(scene, scene.sensors()[0], by_beams(beams=64, radius=0.1, alpha=0.7, max_depth=2))
     radii = []
     for number in range(5):
         (light,) = frame.simulated(number).sets

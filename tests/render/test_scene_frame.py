@@ -4,7 +4,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.render.scene_frame import SceneRenderer, render
+from photonbeams.render.scene_frame import begin, render
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.transport.simulation import CEILING, FREE_PATHS
@@ -144,7 +144,7 @@ def test_a_checkpoint_of_another_picture_is_refused():
     state = render(scene, scene.sensors()[0], by_beams(passes=1, beams=64)).sums()
     other = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera(size=8))
     with pytest.raises(SceneError, match="checkpoint is of another picture"):
-        SceneRenderer(other, other.sensors()[0], by_beams()).restore(state)
+        begin(other, other.sensors()[0], by_beams()).restore(state)
 
 
 def test_the_error_is_told_by_the_passes():
@@ -184,8 +184,8 @@ def test_light_that_is_scattered_by_nothing_is_a_plain_picture():
 
 def test_kernels_do_not_leave_derivatives_on():
     scene = load(fog=cube_of(fog(0.5)), light=LAMP, sensor=camera())
-    frame = SceneRenderer(scene, scene.sensors()[0], by_beams(beams=64))
-    for each in frame.simulated(0).sets:
+    frame = begin(scene, scene.sensors()[0], by_beams(beams=64))
+    for each in frame.light.traced(0, lambda: None).sets:
         assert not dr.grad_enabled(each.beams.start, each.beams.radius_end)
 
 
@@ -224,7 +224,7 @@ def test_radii_are_of_the_medium_whatever_lies_around_it(extinction):
         below = {"type": "rectangle", "to_world": T().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(ground)}
         light = {"type": "point", "position": [0, 3, 0], "intensity": rgb(1.0)}
         both = load(fog=cube_of(fog(extinction)), below=below, light=light, sensor=camera())
-        beams = SceneRenderer(both, both.sensors()[0], by_beams(beams=512, guiding=False)).simulated(0).sets
+        beams = begin(both, both.sensors()[0], by_beams(beams=512, guiding=False)).light.traced(0, lambda: None).sets
         return np.concatenate([each.beams.radius_end.numpy() for each in beams])
 
     near, far = radii(2.0), radii(10_000.0)

@@ -5,7 +5,7 @@ from copy import copy
 import numpy as np
 import pytest
 
-from photonbeams.render.scene_frame import Extras, SceneRenderer
+from photonbeams.render.scene_frame import Extras, begin
 from photonbeams.render.scene_light import Findings
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
@@ -95,7 +95,7 @@ def parts_of(scene, passes, **settings):
     known = Extras(findings=Findings())  # found by the pilot of the first seed
     for seed in range(4):
         own = Settings(method="paths", seed=seed, passes=passes, **settings)
-        frame = SceneRenderer(scene, scene.sensors()[0], own, extras=known)
+        frame = begin(scene, scene.sensors()[0], own, extras=known)
         light, lights = frame.light, {}
         lights["both"], lights["walks"] = light, light.with_paths([])
         lights["caustics"], lights["neither"] = copy(light), light.with_paths([])

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 
 import photonbeams as pb
-from photonbeams.render.scene_frame import SceneRenderer
+from photonbeams.render.scene_frame import begin
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.scene.checks import LONGEST
@@ -99,7 +99,7 @@ def test_a_scene_that_is_wrong_in_one_place_is_built_or_refused(tmp_path, caplog
         path.write_bytes(ElementTree.tostring(root))
         try:
             shot = pb.Shot.open(path)
-            SceneRenderer(shot.plugin, shot.sensor, shot.settings())
+            begin(shot.plugin, shot.sensor, shot.settings())
             if built < RENDERED:
                 assert np.isfinite(shot.render(passes=1).layers["rgba"]).all(), (seed, what)
             built += 1

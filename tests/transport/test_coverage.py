@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from photonbeams.numerics.arrays import to_vectors
-from photonbeams.render.scene_frame import SceneRenderer
+from photonbeams.render.scene_frame import begin
 from photonbeams.runtime.device import Bool, Float, UInt32, mitsuba
 from photonbeams.transport.coverage import medium_coverage, surface_coverage
 from photonbeams.transport.records import Segments
@@ -121,7 +121,7 @@ def test_wide_beams_lose_no_light_at_the_boundary_of_a_ball():
     ball = {"type": "sphere", "bsdf": {"type": "null"}, "interior": fog(1.0, 1.0)}
     scene = load(ball=ball, sky={"type": "constant", "radiance": rgb(1.0)}, sensor=camera())
     settings = by_beams(max_depth=2, max_radius=0.2, guiding=False)
-    sets, _ = SceneRenderer(scene, scene.sensors()[0], settings).light.simulation.simulated(0)
+    sets, _ = begin(scene, scene.sensors()[0], settings).light.simulation.simulated(0)
     found = sum(scattered(each.beams, 1.0, np.random.default_rng(0)) for each in sets)
     a = 2.0
     # 5,500 of 16,384 stratified paths meet the ball, which gives the sum to 0.1 %. Eight lines give the fraction of a
@@ -143,7 +143,7 @@ def test_beams_in_a_grid_keep_their_light_and_are_as_fine_as_the_grid_is_dense()
 
     def beams(**given):
         settings = by_beams(max_depth=2, guiding=False, beams=1 << 17, **given)
-        return SceneRenderer(scene, scene.sensors()[0], settings).light.simulation.simulated(0)[0]
+        return begin(scene, scene.sensors()[0], settings).light.simulation.simulated(0)[0]
 
     found = sum(scattered(each.beams, 2.0, np.random.default_rng(0), fades=0) for each in beams(max_radius=0.2))
     a = 4.0

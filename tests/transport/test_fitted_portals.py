@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photonbeams.render.scene_frame import SceneRenderer
+from photonbeams.render.scene_frame import begin
 from photonbeams.transport import pilot
 from photonbeams.transport.fitted_portals import Bundle, fitted
 from photonbeams.transport.lamps import PortalEmitter
@@ -21,7 +21,7 @@ WINDOW = np.array([[-2, 1.2, -0.8], [-2, 2.0, -0.3]])
 
 def portals(scene):
     """Return the portals that the emitters of a scene get, by the names of the emitters."""
-    strata = SceneRenderer(scene, scene.sensors()[0], by_beams(beams=4096)).light.simulation.emission.strata
+    strata = begin(scene, scene.sensors()[0], by_beams(beams=4096)).light.simulation.emission.strata
     return {each.emitter.name: each.emitter.portal for each in strata if isinstance(each.emitter, PortalEmitter)}
 
 

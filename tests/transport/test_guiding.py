@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import photonbeams as pb
 from photonbeams.estimators.estimate import estimate
 from photonbeams.numerics.sampling import pairs, sobol_block, sobol_points
-from photonbeams.render.scene_frame import SceneRenderer, render
+from photonbeams.render.scene_frame import begin, render
 from photonbeams.transport.guiding import learn
 from photonbeams.transport.inversion import samples_of
 from photonbeams.transport.lamps import LampEmitter
@@ -108,7 +108,7 @@ def test_lights_that_are_not_seen_get_fewer_paths():
         for name, place in (("seen", [0, 0, 0]), ("behind", [0, 0, 50]))
     }
     scene = load(fog=cube_of(fog(0.5)), sensor=camera(), **lights)
-    frame = SceneRenderer(scene, scene.sensors()[0], by_beams())
+    frame = begin(scene, scene.sensors()[0], by_beams())
     counts = {
         tuple(np.round(np.array(scene.emitters()[number].bbox().center()).ravel())): stratum.count
         for number, stratum in enumerate(frame.light.simulation.emission.strata)

@@ -9,7 +9,7 @@ The cost is computed from counts, not measured by a clock: the same scene has th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -24,9 +24,9 @@ from ..world.scene_world import SceneWorld
 from ..world.world import World
 from .camera_paths import Lighting
 from .costs import WALK, of_beams
-from .frame import NoLighting, PassRenderer, Simulated, ViewRays
+from .light import NoLighting, TracedLight
+from .ray_passes import PassRenderer, ViewRays
 from .settings import Settings
-from .walks import Walking
 
 if TYPE_CHECKING:
     from .scene_light import SceneLight
@@ -149,7 +149,27 @@ def noise(found: Array, mean: Array, block: int = _BLOCK) -> float:
     return float((variance / np.maximum(light, max(_DARK * light.mean(), 1e-30))).sum() / max(light.sum(), 1e-30))
 
 
-class _Pilot(PassRenderer):
+class _Indirect:
+    """The light of a scene except what comes straight from emitters; it counts the `beams` and `photons` of passes."""
+
+    def __init__(self, light: SceneLight) -> None:
+        self._light, self.world, self.paths, self.varies = light, light.world, light.paths, light.varies
+        self.walks, self.single_scattering, self.clock = light.walks, light.single_scattering, light.clock
+        self.beams = self.photons = 0
+
+    def lighting(self, world: World) -> Lighting:
+        """Return the lighting of a world in which emitters are black."""
+        return NoLighting()
+
+    def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
+        """Return the beams and photons of pass `number`."""
+        result = self._light.traced(number, step)
+        self.beams += sum(len(each.beams) for each in result.sets)
+        self.photons += sum(dr.width(each.number) for each in result.hits)
+        return result
+
+
+class _Pilot:
     """Passes over some of a camera's rays, with a scene's light except what comes straight from emitters.
 
     Attributes
@@ -159,18 +179,17 @@ class _Pilot(PassRenderer):
     """
 
     def __init__(self, light: SceneLight, settings: Settings, max_depth: int | None, camera: View) -> None:
-        super().__init__(settings, max_depth)
         emission = light.simulation.emission
         fewer = [replace(each, count=max(each.count // _FEWER, min(each.count, _FEWEST))) for each in emission.strata]
-        self._light, self._camera = light.with_paths(fewer), camera
-        self._beams = self._photons = 0
+        self._light, self._camera = _Indirect(light.with_paths(fewer)), camera
+        self._passes = PassRenderer(settings, self._light, max_depth)
         self._portion = sum(each.count for each in fewer) / max(emission.count, 1)
         self.found: Array = np.zeros((0, _ROWS, _COLUMNS), dtype=np.float32)
 
     @property
     def traces(self) -> bool:
         """Whether light paths are traced."""
-        return bool(self._light.simulation.emission.strata)
+        return self._light.varies
 
     def noise(self) -> float:
         """Return the noise of the radiance so far."""
@@ -179,23 +198,10 @@ class _Pilot(PassRenderer):
     def cost(self, pixels: int) -> float:
         """Return the cost of a pass over this many pixels, with all of the scene's light paths."""
         scale = 1 / (max(self._portion, 1e-30) * len(self.found))
-        beams, photons = scale * self._beams, scale * self._photons
+        beams, photons = scale * self._light.beams, scale * self._light.photons
         return (of_beams(beams + photons, beams, pixels) if self.traces else 0.0) + (
             WALK * pixels if self._light.walks else 0.0
         )
-
-    def _lighting(self, world: World) -> Lighting:
-        return NoLighting()
-
-    def _walkings(self, world: World) -> Mapping[str, Walking]:
-        return self._light.walks
-
-    def simulated(self, number: int) -> Simulated:
-        """Return the beams and photons of pass `number`."""
-        result = self._light.simulated(number)
-        self._beams += sum(len(each.beams) for each in result.sets)
-        self._photons += sum(dr.width(each.number) for each in result.hits)
-        return result
 
     def add(self, passes: int) -> None:
         """Add passes."""
@@ -208,15 +214,15 @@ class _Pilot(PassRenderer):
         # Without beams and photons, all passes are rendered at once.
         together = 1 if self.traces else passes
         bits = (together - 1).bit_length()
-        order = self._samples(0, bits).indices(dr.arange(UInt32, count))
+        order = self._passes.samples(0, bits).indices(dr.arange(UInt32, count))
         rays = PrimaryRays.joined([rays] * together)
         dr.eval(order)
         first = len(self.found)
         for number in range(first, first + passes, together):
-            light, photons = self._lit(number)
-            samples = self._samples(number, bits)
-            seen = self._seen(light, ViewRays(rays, None), order, samples, photons)
-            gathered = self._gathered(number, light, ViewRays(rays, None), order, samples)
+            light, photons = self._passes.lit(number)
+            samples = self._passes.samples(number, bits)
+            seen = self._passes.seen(light, ViewRays(rays, None), order, samples, photons)
+            gathered = self._passes.gathered(number, light, ViewRays(rays, None), order, samples)
             whole = sum((*seen.scattered.values(), *gathered.values()), seen.surface)
             radiance = np.asarray(dr.mean(whole).numpy()).reshape(together, _ROWS, _COLUMNS)
             self.found = np.concatenate([self.found, radiance])

@@ -23,7 +23,8 @@ class Statistics:
     """Statistics of a frame: passes, beams, ray–beam tests, and seconds by phase.
 
     `error` is the relative standard error of the pixels, or None if it is not known. For a resumed frame, passes, beams
-    and tests are those of the whole frame, and seconds are those since the resumption.
+    and tests are those of the whole frame, and seconds are those since the resumption. `interrupt` is called between
+    phases and their parts; an exception from it ends the frame.
     """
 
     passes: int = 0
@@ -31,17 +32,26 @@ class Statistics:
     tests: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
     error: float | None = None
+    interrupt: Callable[[], None] | None = field(default=None, repr=False, compare=False)
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
         """Add the time that is spent within the context to the phase `name`."""
+        self.step()
         begin = time.perf_counter()
         yield
         dr.sync_thread()
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
 
     def step(self) -> None:
-        """Do nothing; called between the parts of a phase. Frames that can be cancelled override it, to end there."""
+        """Give the caller an opportunity to end the frame, once its kernels are done: the next frame need not wait."""
+        if self.interrupt is not None:
+            dr.sync_thread()
+            self.interrupt()
+
+    def fresh(self) -> Statistics:
+        """Return the statistics of a frame without passes."""
+        return Statistics(interrupt=self.interrupt)
 
 
 #: Called with the number of passes done and with the statistics so far.

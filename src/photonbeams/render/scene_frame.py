@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from .. import scene
 from ..constants import DEFAULT_PATHS
-from ..numerics.samples import BITS, Samples
-from ..runtime.device import Array2f
 from ..world.cameras.sensors import Sensor, window_of
 from ..world.media.surroundings import place_of_sensor
-from ..world.world import World
 from .checkpoint import identity
 from .choice import Pixels
-from .costs import power_below
 from .film import Film, averaged, group_layers, reconstruction_filter
-from .frame import DEFAULTS, FrameRenderer, ViewRays
+from .frame import DEFAULTS, FrameRenderer
 from .holdouts import HoldoutDepth
 from .memory import check_memory
-from .passes import PLAIN_RUN, RunOptions, accumulate
-from .scene_light import EmitterSettings, Findings, ScenePasses, light_of
+from .passes import PLAIN_RUN, RunOptions, Statistics, accumulate
+from .scene_light import EmitterSettings, Findings, light_of
 from .settings import Settings, as_passes
+from .views import CameraMotion, FrameView
 
 
-class SceneRenderer(ScenePasses, FrameRenderer):
-    """A frame of a Mitsuba scene.
+def begin(
+    plugin: Any, sensor: Any, settings: Settings = DEFAULTS, warned: set[str] | None = None,
+    extras: Extras | None = None,
+) -> FrameRenderer:  # fmt: skip
+    """Return a frame of a Mitsuba scene without passes.
 
     Parameters
     ----------
@@ -44,58 +44,30 @@ class SceneRenderer(ScenePasses, FrameRenderer):
     SceneError
         If something in the scene cannot be rendered, or beams are set for an emitter that does not exist.
     """
+    extras, statistics = extras or Extras(), Statistics()
+    sensors = [Sensor(sensor, eye) for eye in extras.eyes or (None,)]
+    window = sensors[0].window
+    check_memory(window, settings.beams or DEFAULT_PATHS)
+    holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(sensors)
+    cameras = [each.view for each in sensors if each.view is not None]
+    reconstruction = reconstruction_filter(settings.filter_name, sensor.film().rfilter())
+    light = light_of(
+        plugin, place_of_sensor(sensor), settings, extras.beams, cameras if len(cameras) == len(sensors) else (),
+        Pixels(len(sensors) * window.width * window.height, averaged(reconstruction)), warned, statistics,
+        extras.findings,
+    )  # fmt: skip
+    layers = groups_of(plugin, extras.beams)
+    films = [Film(window.shape, window.crop[:2], reconstruction, layers, settings.denoise) for _ in sensors]
+    views = [view_of(each, holdout) for each, holdout in zip(sensors, holdouts, strict=True)]
+    return FrameRenderer(settings, light, views, films, settings.depth(), statistics, depth=extras.depth)
 
-    def __init__(
-        self, plugin: Any, sensor: Any, settings: Settings, warned: set[str] | None = None,
-        extras: Extras | None = None,
-    ) -> None:  # fmt: skip
-        super().__init__(settings, settings.depth(), None)
-        extras = extras or Extras()
-        self._sensors = [Sensor(sensor, eye) for eye in extras.eyes or (None,)]
-        check_memory(self._sensors[0].window, settings.beams or DEFAULT_PATHS)
-        self._has_depth = extras.depth
-        self._holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(self._sensors)
-        cameras = [each.view for each in self._sensors if each.view is not None]
-        window = self._sensors[0].window
-        reconstruction = reconstruction_filter(settings.filter_name, sensor.film().rfilter())
-        pixels = Pixels(len(self._sensors) * window.width * window.height, averaged(reconstruction))
-        self.light = light_of(
-            plugin, place_of_sensor(sensor), settings, self._tuning, extras.beams,
-            cameras if len(cameras) == len(self._sensors) else (), pixels, warned,
-            self.statistics, self._max_depth, extras.findings,
-        )  # fmt: skip
-        layers = groups_of(plugin, extras.beams)
-        self._films = [
-            Film(window.shape, window.crop[:2], reconstruction, layers, settings.denoise) for _ in self._sensors
-        ]
-        self._plan(window)
 
-    def _light_paths(self) -> int:
-        return self.light.simulation.emission.count
-
-    def together(self, number: int) -> int:
-        """Return how many passes from `number` on are best rendered at once."""
-        if self.light.simulation.emission.strata or self._holdouts[0] is not None:
-            return 1
-        # Sample sequences begin again after 2^BITS passes.
-        return power_below(min(self._wide, (1 << BITS) - number % (1 << BITS)))
-
-    def _view_rays(
-        self, number: int, view: int, places: Array2f, samples: Samples, moving: bool = False
-    ) -> ViewRays:  # fmt: skip
-        sensor, holdout = self._sensors[view], self._holdouts[view]
-        primary = sensor.rays(places, self._films[view].order, samples)
-        if sensor.view is None or holdout is None:
-            return ViewRays(primary, None if sensor.view is None else sensor.view.projection)
-        far = holdout.distances(sensor.view, primary.facing, places, sensor.on_lens(samples))
-        return ViewRays(replace(primary, far=far), sensor.view.projection, holdout=far)
-
-    def _pinhole(self, view: int) -> tuple[World, ViewRays] | None:
-        if not self._has_depth:
-            return None
-        film, holdout = self._films[view], self._holdouts[view]
-        primary = self._sensors[view].rays(film.centers(), film.order, self._samples(0), sharp=True)
-        return self.light.world, ViewRays(primary, None, holdout=None if holdout is None else holdout.depth)
+def view_of(sensor: Sensor, holdout: HoldoutDepth | None = None) -> FrameView:
+    """Return the view of a sensor, which is at rest."""
+    if sensor.view is None:
+        return FrameView(sensor.window, None, None, sensor.plugin)
+    camera = sensor.view.camera
+    return FrameView(sensor.window, lambda _: CameraMotion(camera, camera, camera), holdout, clips=True)
 
 
 @dataclass(frozen=True)
@@ -136,7 +108,7 @@ def render(
     content: str = "",
     warned: set[str] | None = None,
     extras: Extras | None = None,
-) -> SceneRenderer:
+) -> FrameRenderer:
     """Render a Mitsuba scene from one of its sensors.
 
     Parameters
@@ -165,7 +137,4 @@ def render(
         own.eyes, [each.depth for each in own.holdouts],
     )  # fmt: skip
 
-    def begin(_: int | None) -> SceneRenderer:
-        return SceneRenderer(plugin, sensor, settings, warned, extras)
-
-    return accumulate(begin, settings, run, about)
+    return accumulate(lambda _: begin(plugin, sensor, settings, warned, extras), settings, run, about)

@@ -9,7 +9,7 @@ glass as well as anywhere else.
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -19,6 +19,7 @@ import numpy as np
 
 from .. import scene
 from ..constants import DEFAULT_PATHS
+from ..numerics.samples import Samples
 from ..runtime.device import mitsuba
 from ..transport.emission import Stratum
 from ..transport.fitted_portals import Opening, parted
@@ -36,7 +37,7 @@ from ..world.scene_world import SceneWorld
 from ..world.world import World
 from .camera_paths import Lighting
 from .choice import Pixels, is_sharp, preferred
-from .frame import PassRenderer, Simulated
+from .light import TracedLight, tuning_of
 from .passes import Statistics
 from .scene_lighting import SceneLighting
 from .settings import Settings
@@ -208,10 +209,32 @@ class SceneLight:
         emission = self.simulation.emission
         self.simulation = replace(self.simulation, emission=replace(emission, strata=strata))
 
-    def simulated(self, number: int) -> Simulated:
-        """Return the beams and photons of pass `number`."""
+    @property
+    def paths(self) -> int:
+        """The number of light paths in a pass."""
+        return self.simulation.emission.count
+
+    @property
+    def varies(self) -> bool:
+        """Whether passes differ in more than the samples of camera paths."""
+        return bool(self.simulation.emission.strata)
+
+    def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
+        """Return the beams and photons of pass `number`; `step` is called between parts of the pass."""
         limits = self.simulation.tuning.limits(number, self.world.radius)
-        return Simulated(self.world, *self.simulation.simulated(number), limits)
+        return TracedLight(self.world, *replace(self.simulation, step=step).simulated(number), limits)
+
+    def lighting(self, world: World) -> Lighting:
+        """Return the lighting of a world."""
+        assert isinstance(world, SceneWorld)
+        return SceneLighting(world, self.portal)
+
+    def single_scattering(self, world: World, count: int, samples: Samples) -> None:
+        """Return None: walks find the light of skies."""
+
+    def clock(self, number: int) -> tuple[float, float]:
+        """Return (0, 0): nothing changes with time."""
+        return 0.0, 0.0
 
 
 def _placed_portal(world: SceneWorld) -> EnvironmentPortal | None:
@@ -224,9 +247,8 @@ def _placed_portal(world: SceneWorld) -> EnvironmentPortal | None:
 
 
 def light_of(
-    plugin: Any, eye: Place, settings: Settings, tuning: Tuning, beams: Mapping[str, scene.BeamSettings],
-    cameras: Sequence[View], pixels: Pixels, warned: set[str] | None, statistics: Statistics, max_depth: int | None,
-    findings: Findings | None = None,
+    plugin: Any, eye: Place, settings: Settings, beams: Mapping[str, scene.BeamSettings], cameras: Sequence[View],
+    pixels: Pixels, warned: set[str] | None, statistics: Statistics, findings: Findings | None = None,
 ) -> SceneLight:  # fmt: skip
     """Return the light of a Mitsuba scene.
 
@@ -234,8 +256,8 @@ def light_of(
     ----------
     plugin, eye
         The scene, and the place where camera paths begin.
-    settings, tuning
-        How it is rendered, and how its light paths are traced.
+    settings
+        How it is rendered.
     beams
         As in `scene_frame.Extras`.
     cameras
@@ -246,8 +268,6 @@ def light_of(
         Texts of warnings that have been given already.
     statistics
         Statistics to which the time for this is added.
-    max_depth
-        The longest path in edges; None: any length.
     findings
         Results of pilots that are known already; new ones are added.
 
@@ -256,7 +276,8 @@ def light_of(
     SceneError
         If something in the scene cannot be rendered, or beams are set for an emitter that does not exist.
     """
-    findings = Findings() if findings is None else findings
+    findings, max_depth = Findings() if findings is None else findings, settings.depth()
+    tuning = tuning_of(settings, max_depth)
     with statistics.phase("build"):
         own = EmitterSettings.of(plugin, beams)
         world = SceneWorld(plugin, eye, own.sources, own.beams)
@@ -298,20 +319,3 @@ def light_of(
                 piloted(*asked)
             result.follow(findings.guides[asked])
         return result
-
-
-class ScenePasses(PassRenderer):
-    """Passes over a Mitsuba scene with the light `light`."""
-
-    light: SceneLight
-
-    def _lighting(self, world: World) -> Lighting:
-        assert isinstance(world, SceneWorld)
-        return SceneLighting(world, self.light.portal)
-
-    def _walkings(self, world: World) -> Mapping[str, Walking]:
-        return self.light.walks
-
-    def simulated(self, number: int) -> Simulated:
-        """Return the beams and photons of pass `number`."""
-        return self.light.simulated(number)

@@ -14,10 +14,11 @@ from ..numerics.arrays import indices
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.cameras.sensors import PrimaryRays, Sensor
 from ..world.media.interfaces import number
-from ..world.media.surroundings import Place, place_of
+from ..world.media.surroundings import place_of
 from .choice import Pixels
-from .frame import ViewRays
-from .scene_light import ScenePasses, light_of
+from .passes import Statistics
+from .ray_passes import PassRenderer, ViewRays
+from .scene_light import light_of
 from .settings import Settings
 
 
@@ -29,57 +30,29 @@ class RayRadiance(NamedTuple):
     alpha: Any
 
 
-class SceneRays(ScenePasses):
-    """Passes over single rays of a Mitsuba scene.
-
-    Parameters
-    ----------
-    plugin, eye
-        The scene, and the place where the rays begin.
-    settings
-        How it is rendered; `passes` is the number of passes to which the rays are distributed.
-    pixels
-        How many rays a pass has.
-    warned
-        Texts of warnings that have been given already.
-
-    Raises
-    ------
-    SceneError
-        If something in the scene cannot be rendered.
-    """
-
-    def __init__(self, plugin: Any, eye: Place, settings: Settings, pixels: int, warned: set[str]) -> None:
-        super().__init__(settings, settings.depth())
-        cameras = [Sensor(each).view for each in plugin.sensors()]
-        self.light = light_of(
-            plugin, eye, settings, self._tuning, {}, [each for each in cameras if each is not None], Pixels(pixels),
-            warned, self.statistics, self._max_depth,
+def _radiance(passes: PassRenderer, origin: Array3f, direction: Array3f, far: Float) -> RayRadiance:
+    """Return what rays see up to the distances `far`."""
+    count = dr.width(direction)
+    result = RayRadiance(dr.zeros(Array3f, count), dr.zeros(Array3f, count), dr.zeros(Float, count))
+    number = min(passes.settings.passes, count)
+    for each in range(number):
+        own = len(range(each, count, number))
+        order = dr.arange(UInt32, own) + dr.opaque(UInt32, 0)
+        lanes = order * dr.opaque(UInt32, number) + dr.opaque(UInt32, each)
+        rays = PrimaryRays(
+            dr.gather(Array3f, origin, lanes), dr.gather(Array3f, direction, lanes), dr.zeros(Float, own),
+            dr.gather(Float, far, lanes), dr.ones(Array3f, own),
         )  # fmt: skip
-
-    def radiance(self, origin: Array3f, direction: Array3f, far: Float) -> RayRadiance:
-        """Return what rays see up to the distances `far`."""
-        count = dr.width(direction)
-        result = RayRadiance(dr.zeros(Array3f, count), dr.zeros(Array3f, count), dr.zeros(Float, count))
-        passes = min(self.settings.passes, count)
-        for each in range(passes):
-            own = len(range(each, count, passes))
-            order = dr.arange(UInt32, own) + dr.opaque(UInt32, 0)
-            lanes = order * dr.opaque(UInt32, passes) + dr.opaque(UInt32, each)
-            rays = PrimaryRays(
-                dr.gather(Array3f, origin, lanes), dr.gather(Array3f, direction, lanes), dr.zeros(Float, own),
-                dr.gather(Float, far, lanes), dr.ones(Array3f, own),
-            )  # fmt: skip
-            dr.eval(rays.origin, rays.direction, rays.far, order)
-            light, photons = self._lit(each)
-            view, samples = ViewRays(rays, None), self._samples(each)
-            picture = self._seen(light, view, order, samples, photons)
-            gathered = self._gathered(each, light, view, order, samples)
-            beams = sum((*picture.scattered.values(), *gathered.values()), dr.zeros(Array3f, own))
-            for whole, part in zip(result, (beams, picture.surface, picture.alpha), strict=True):
-                dr.scatter(whole, part, lanes)
-            dr.eval(result)
-        return result
+        dr.eval(rays.origin, rays.direction, rays.far, order)
+        light, photons = passes.lit(each)
+        view, samples = ViewRays(rays, None), passes.samples(each)
+        picture = passes.seen(light, view, order, samples, photons)
+        gathered = passes.gathered(each, light, view, order, samples)
+        beams = sum((*picture.scattered.values(), *gathered.values()), dr.zeros(Array3f, own))
+        for whole, part in zip(result, (beams, picture.surface, picture.alpha), strict=True):
+            dr.scatter(whole, part, lanes)
+        dr.eval(result)
+    return result
 
 
 def radiance(plugin: Any, ray: Any, active: Any, settings: Settings, warned: set[str]) -> RayRadiance:
@@ -98,7 +71,10 @@ def radiance(plugin: Any, ray: Any, active: Any, settings: Settings, warned: set
     # Mitsuba does not pass the medium to integrators within others: it is that of the sensors, if all name the same.
     named = {number(each.get_medium()): each.get_medium() for each in plugin.sensors()}
     eye = place_of("sensor", origin, direction, next(iter(named.values())) if len(named) == 1 else None)
-    found = SceneRays(plugin, eye, settings, -(-len(lanes) // settings.passes), warned).radiance(origin, direction, far)
+    cameras = [view for each in plugin.sensors() if (view := Sensor(each).view) is not None]
+    statistics, pixels = Statistics(), Pixels(-(-len(lanes) // settings.passes))
+    light = light_of(plugin, eye, settings, {}, cameras, pixels, warned, statistics)
+    found = _radiance(PassRenderer(settings, light, settings.depth(), statistics), origin, direction, far)
     for whole, part in zip(result, found, strict=True):
         dr.scatter(whole, part, lanes)
     dr.eval(result)

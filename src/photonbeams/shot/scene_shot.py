@@ -255,14 +255,14 @@ class SceneShot(Shot):
         **given: Unpack[SettingsArguments],
     ) -> list[BeamSet]:  # fmt: skip
         """Return the beams of a frame's first pass. The light of all emitters is traced, unless `method` says else."""
-        from ..render.scene_frame import Extras, SceneRenderer
+        from ..render.scene_frame import Extras, begin
         from ..render.settings import Settings
 
         own = self._settings(frame) if settings is None else settings
         chosen = Settings.of(own, {"method": "beams", **given})
         eyes = [self.eyes()[EYES.index(each)] for each in views_of(self.stereo, view) if each]
         extras = Extras(self._beams, eyes)
-        return SceneRenderer(self.plugin, self.sensor, chosen, self._warnings.given, extras).simulated(0).sets
+        return begin(self.plugin, self.sensor, chosen, self._warnings.given, extras).light.traced(0, lambda: None).sets
 
     def _check_target(self, path: PathLike) -> None:
         """Raise SceneError for a file that the scene's layers are read from."""
@@ -322,9 +322,9 @@ class SceneShot(Shot):
 
     def check_scene(self, settings: Settings) -> None:
         """Raise SceneError if something in the scene cannot be rendered with these `settings`."""
-        from ..render.scene_frame import Extras, SceneRenderer
+        from ..render.scene_frame import Extras, begin
 
-        SceneRenderer(self.plugin, self.sensor, replace(settings, guiding=False), None, Extras(self._beams))
+        begin(self.plugin, self.sensor, replace(settings, guiding=False), None, Extras(self._beams))
 
     def layer_names(self) -> list[str]:
         """Return the names of a frame's layers, in order."""

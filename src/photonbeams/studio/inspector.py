@@ -20,7 +20,7 @@ from ..transport.importance import Views
 
 if TYPE_CHECKING:
     from ..beams.sets import BeamSet
-    from .live import LiveRenderer
+    from .live import LiveFrame
 
 # Samples of the integrand's curve, the rule that serves as exact, and the numbers of points that are compared.
 _CURVE, _EXACT, _ORDERS = 96, gauss_legendre(32), range(1, 7)
@@ -36,7 +36,7 @@ class _Ray:
     length: float
 
 
-def inspected(frame: LiveRenderer, at: tuple[float, float], depth: float | None) -> dict[str, Any]:
+def inspected(frame: LiveFrame, at: tuple[float, float], depth: float | None) -> dict[str, Any]:
     """Return the beams of a pixel's ray by light, and the integrand of the brightest beam, as the page expects them.
 
     Parameters
@@ -70,7 +70,7 @@ def inspected(frame: LiveRenderer, at: tuple[float, float], depth: float | None)
     return {"beams": [each for each in beams if each["share"] > 0], "ray": drawn}
 
 
-def _ray(frame: LiveRenderer, at: tuple[float, float], depth: float | None) -> _Ray:
+def _ray(frame: LiveFrame, at: tuple[float, float], depth: float | None) -> _Ray:
     view = Views([frame.projection()])(UInt32(0))
     origin, direction = view.ray(Array2f(*(dr.opaque(Float, float(each)) for each in at)))
     start, way, ahead = (np.ravel(each.numpy()).astype(np.float64)[:3] for each in (origin, direction, view.forward))

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any
-
-import drjit as dr
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any, cast
 
 from .. import scene
-from ..render.frame import Simulated, ViewRays
 from ..render.passes import Statistics
-from ..render.settings import as_passes
-from ..render.stage_frame import StageRenderer
+from ..render.settings import Settings, as_passes
+from ..render.stage_frame import begin
 from ..transport.simulation import StageSimulation
 from ..usd.common.motion import equal
 from ..world.cameras.cameras import View
@@ -21,8 +17,10 @@ from ..world.stage_world import StageWorld
 
 if TYPE_CHECKING:
     from ..estimators.tiles import Projection
-    from ..render.film import Film
-    from ..render.photons import PhotonLighting
+    from ..render.frame import Lit, Seen
+    from ..render.frame_sums import FrameSums
+    from ..render.light import TracedLight
+    from ..render.stage_light import StageLight
     from ..shot.request import Prepared
 
 # The number of passes whose light and surfaces are kept, for the first pictures after an edit.
@@ -33,30 +31,10 @@ class Cancelled(Exception):  # noqa: N818 - not an error: another picture is wan
     """The frame is no longer wanted."""
 
 
-@dataclass
-class _Cancellable(Statistics):
-    """Statistics that cancel a frame between two phases, or parts of a phase, once it is `unwanted`."""
-
-    unwanted: Callable[[], bool] = field(default=lambda: False, repr=False)
-
-    @contextmanager
-    def phase(self, name: str) -> Iterator[None]:
-        """Add the time within the context to a phase; before it, raise Cancelled if the frame is unwanted."""
-        self.step()
-        with super().phase(name):
-            yield
-
-    def step(self) -> None:
-        """Wait for the frame's kernels, so that the next frame need not; then raise Cancelled if it is unwanted."""
-        dr.sync_thread()
-        if self.unwanted():
-            raise Cancelled
-
-
-class LiveRenderer(StageRenderer):
+class LiveFrame:
     """A frame of a stage that reuses the unchanged parts of an earlier frame.
 
-    Its passes have the bits of those of `StageRenderer`, unless `keeps_guides` is set.
+    Its passes have the bits of those of `stage_frame.render`, unless `keeps_guides` is set.
 
     Parameters
     ----------
@@ -76,84 +54,72 @@ class LiveRenderer(StageRenderer):
 
     def __init__(
         self, ready: Prepared, viewers: Callable[[], Sequence[scene.Camera]], planned: int | None,
-        like: LiveRenderer | None = None, keeps_guides: bool = False, unwanted: Callable[[], bool] = lambda: False,
+        like: LiveFrame | None = None, keeps_guides: bool = False, unwanted: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip
-        self._like, self._keeps_guides, self._unwanted = like, keeps_guides, unwanted
         self._ready, self._viewers = ready, tuple(viewers())
-        self._lights: dict[int, tuple[Simulated, PhotonLighting | None]] = {}
-        self._pictures: dict[tuple[int, int], Any] = {}
-        super().__init__(ready.shutter, ready.window, ready.settings, ready.holdouts, lambda: self._viewers, planned)
-        if like is not None and self._lit_like(like) and planned == like.planned:
+        self._lights: dict[int, Lit] = {}
+        self._pictures: dict[tuple[int, int], Seen] = {}
+
+        def interrupt() -> None:
+            if unwanted():
+                raise Cancelled
+
+        earlier = None if like is None else _Earlier(like, self, keeps_guides)
+        self._frame = begin(
+            ready.shutter, ready.window, ready.settings, ready.holdouts, lambda: self._viewers, planned,
+            earlier=earlier, memory=self, interrupt=interrupt,
+        )  # fmt: skip
+        self._emission = cast("StageLight", self._frame.light)
+        if like is not None and self._lit_like(like) and planned == like._frame.planned:
             self._lights = dict(like._lights)
             if equal(ready.shutter.at(0.0).cameras, like._ready.shutter.at(0.0).cameras):
                 self._pictures = dict(like._pictures)
-        self._like = None  # a chain of references would keep all earlier frames
 
-    def first_light(self) -> Simulated | None:
+    @property
+    def statistics(self) -> Statistics:
+        """The statistics so far."""
+        return self._frame.statistics
+
+    def add_pass(self, number: int) -> None:
+        """Add pass `number`."""
+        self._frame.add_pass(number)
+
+    def sums(self) -> FrameSums:
+        """Return the sums of the passes so far."""
+        return self._frame.sums()
+
+    def first_light(self) -> TracedLight | None:
         """Return the light of the first pass; None if it was not traced yet, or if anything moves."""
         return self._with_looks(self._lights[0][0]) if 0 in self._lights else None
 
-    def _with_looks(self, light: Simulated) -> Simulated:
+    def _with_looks(self, light: TracedLight) -> TracedLight:
         """Return the light of an earlier frame with the looks of this one."""
-        looks = self._shutter.at(0.0).scene.looks()
+        looks = self._ready.shutter.at(0.0).scene.looks()
         return replace(light, sets=[each._replace(look=looks.get(each.name)) for each in light.sets])
 
     def described_media(self) -> dict[int, scene.Medium]:
         """Return the media by the numbers by which beams refer to them."""
-        world = self._worlds[-1]
+        world = self._emission.worlds[-1]
         both = zip(world.description.media, world.media.all, strict=True)
         return {rendered.number: described for described, rendered in both}
 
     def projection(self) -> Projection:
         """Return how the whole picture is projected."""
-        return View(self._ready.shutter.at(0.0).cameras[0], self._window.whole()).projection
+        return View(self._ready.shutter.at(0.0).cameras[0], self._ready.window.whole()).projection
 
-    def _no_statistics(self) -> Statistics:
-        return _Cancellable(unwanted=self._unwanted)
-
-    def _known_worlds(self) -> list[StageWorld]:
-        return [] if self._like is None else self._like._worlds[-1:]
-
-    def _seen_past_portals(self, world: StageWorld, view: View) -> frozenset[str]:
-        if self._keeps_guides and self._like is not None:
-            return frozenset(self._like._simulation.light_side)
-        return super()._seen_past_portals(world, view)
-
-    def _guided(self, simulation: StageSimulation, world: StageWorld, views: Sequence[Projection]) -> StageSimulation:
-        like = self._like
-        if like is None:
-            return super()._guided(simulation, world, views)
-        own, other = self._window, like._window  # guides depend on the size of the whole picture, not on the crop
-        same_views = (own.width, own.height) == (other.width, other.height) and equal(self._viewers, like._viewers)
-        if self._keeps_guides or (same_views and self._has_light_of(like, world)):
-            known = like._simulation
-            return replace(simulation, guides=known.guides, openings=known.openings, counts=known.counts)
-        return super()._guided(simulation, world, views)
-
-    def _lit_like(self, like: LiveRenderer) -> bool:
+    def _lit_like(self, like: LiveFrame) -> bool:
         """Return whether each pass has the same light paths as in an earlier frame."""
-        if self._ready.shutter.moving or self.settings.program is not None:
+        own, other = self._emission, like._emission
+        if self._ready.shutter.moving or own.settings.program is not None or self._ready.window != like._ready.window:
             return False
-        own, other = self._simulation, like._simulation
-        same_guides = own.guides is other.guides and own.light_side == other.light_side
-        return same_guides and self._has_light_of(like, self._worlds[-1]) and self._window == like._window
+        guided = own.simulation.guides is other.simulation.guides
+        same_side = own.simulation.light_side == other.simulation.light_side
+        return guided and same_side and _same_light(own.settings, own.worlds[-1], other)
 
-    def _has_light_of(self, like: LiveRenderer, world: StageWorld) -> bool:
-        """Return whether an earlier frame has the same lights, media, surfaces and settings; looks may differ."""
-        if as_passes(self.settings) != as_passes(like.settings):
-            return False
-        own, other = world.description, like._worlds[-1].description
-        if own is other:
-            return True
-        rest = [each.name for each in fields(own) if each.name not in ("lights", "drawn")]
-        makers = (own.lights, other.lights), (own.drawn, other.drawn)
-        return all(equal(getattr(own, name), getattr(other, name)) for name in rest) and all(
-            len(mine) == len(theirs) and all(map(_but_for_looks, mine, theirs)) for mine, theirs in makers
-        )
-
-    def _lit(self, number: int) -> tuple[Simulated, PhotonLighting | None]:
+    def light(self, number: int, trace: Callable[[], Lit]) -> Lit:
+        """Return the light of pass `number`: that which is kept, or else what `trace` returns."""
         if number not in self._lights:
-            found = super()._lit(number)
+            found = trace()
             if number < _KEPT:
                 self._lights[number] = found
             return found
@@ -162,16 +128,50 @@ class LiveRenderer(StageRenderer):
         self.statistics.beams += sum(len(each.beams) for each in light.sets)
         return light, photons
 
-    def _seen_in(
-        self, numbers: range, view: int, film: Film, light: Simulated, photons: PhotonLighting | None
-    ) -> tuple[list[Any], ViewRays]:
+    def picture(self, numbers: range, view: int, see: Callable[[], Seen]) -> Seen:
+        """Return what a view sees in passes, except beams: what is kept, or else what `see` returns."""
         key = numbers.start, view
-        if key not in self._pictures:
-            found = super()._seen_in(numbers, view, film, light, photons)
-            if numbers.stop <= _KEPT:
-                self._pictures[key] = found
-            return found
-        return self._pictures[key]  # type: ignore[no-any-return]
+        if key in self._pictures:
+            return self._pictures[key]
+        found = see()
+        if numbers.stop <= _KEPT:
+            self._pictures[key] = found
+        return found
+
+
+class _Earlier:
+    """What a frame takes over from an earlier one: see `render.stage_light.Earlier`."""
+
+    def __init__(self, like: LiveFrame, frame: LiveFrame, keeps_guides: bool) -> None:
+        known = like._emission
+        self.worlds = known.worlds[-1:]
+        self.light_side = frozenset(known.simulation.light_side) if keeps_guides else None
+        self._known, self._keeps_guides, self._settings = known, keeps_guides, frame._ready.settings
+        own, other = frame._ready.window, like._ready.window
+        # Guides depend on the size of the whole picture, not on the crop.
+        same_size = (own.width, own.height) == (other.width, other.height)
+        self._same_views = same_size and equal(frame._viewers, like._viewers)
+
+    def guided(self, simulation: StageSimulation, world: StageWorld) -> StageSimulation | None:
+        """Return a simulation with the earlier frame's guides; None if these have to be found again."""
+        if not self._keeps_guides and not (self._same_views and _same_light(self._settings, world, self._known)):
+            return None
+        known = self._known.simulation
+        return replace(simulation, guides=known.guides, openings=known.openings, counts=known.counts)
+
+
+def _same_light(settings: Settings, world: StageWorld, like: StageLight) -> bool:
+    """Return whether a world and an earlier one have the same lights, media, surfaces and settings but for looks."""
+    if as_passes(settings) != as_passes(like.settings):
+        return False
+    own, other = world.description, like.worlds[-1].description
+    if own is other:
+        return True
+    rest = [each.name for each in fields(own) if each.name not in ("lights", "drawn")]
+    makers = (own.lights, other.lights), (own.drawn, other.drawn)
+    return all(equal(getattr(own, name), getattr(other, name)) for name in rest) and all(
+        len(mine) == len(theirs) and all(map(_but_for_looks, mine, theirs)) for mine, theirs in makers
+    )
 
 
 def _but_for_looks(one: Any, other: Any) -> bool:

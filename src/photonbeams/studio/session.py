@@ -35,7 +35,7 @@ from ..world.shutter import Moment, Shutter
 from .edits import Edits
 from .final import Wanted
 from .inspector import inspected
-from .live import Cancelled, LiveRenderer
+from .live import Cancelled, LiveFrame
 
 if TYPE_CHECKING:
     from ..render.passes import Statistics
@@ -180,7 +180,7 @@ class _Chain:
     `whole` are the layers of the last whole picture by views; the view "" is that of the picture's own layers.
     """
 
-    frame: LiveRenderer | None = None
+    frame: LiveFrame | None = None
     moment: Moment | None = None
     filtered: dict[str, Any] = field(default_factory=dict)
     whole: dict[str, Mapping[str, Array]] = field(default_factory=dict)
@@ -555,7 +555,7 @@ class Session:
             frame, ready = self._begun(view, scale, first, unwanted)
             passes = 1 if first else view.passes
             for number in range(passes):
-                frame.add_passes(range(number, number + 1))
+                frame.add_pass(number)
                 if unwanted():
                     raise Cancelled
                 development, done = self._development(ready, first, number, view), number + 1
@@ -584,14 +584,14 @@ class Session:
 
     def _begun(
         self, view: SessionView, scale: float, first: bool, unwanted: Callable[[], bool]
-    ) -> tuple[LiveRenderer, Prepared]:  # fmt: skip
+    ) -> tuple[LiveFrame, Prepared]:  # fmt: skip
         """Return the frame of a view, which has no passes yet."""
         chain = self._chains[first]
         with self._lock:
             ready, viewers = self._ready(view, scale, first, chain)
         planned = None if first else view.passes
         before = chain.frame
-        frame = LiveRenderer(ready, viewers, planned, before, first and before is not None, unwanted)
+        frame = LiveFrame(ready, viewers, planned, before, first and before is not None, unwanted)
         chain.frame, chain.moment = frame, ready.shutter.at(0.0)
         return frame, ready
 

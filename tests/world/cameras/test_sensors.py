@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from photonbeams.numerics.samples import Samples
+from photonbeams.render.scene_frame import view_of
 from photonbeams.runtime.device import Array2f, Float, UInt32, mitsuba
-from photonbeams.world.cameras.sensors import Sensor
+from photonbeams.world.cameras.sensors import Sensor, window_of
 from tests.helpers.mitsuba_scenes import T, camera, load
 
 mi = mitsuba()
@@ -17,11 +18,11 @@ OFFSET = (0.3, 0.6)
 def rays(given):
     """Return a sensor, the origins and directions of our rays, (H, W, 3), and the rays themselves."""
     sensor = load(sensor=given).sensors()[0]
-    own = Sensor(sensor)
-    height, width = own.window.shape
+    window = window_of(sensor.film())
+    height, width = window.shape
     count = width * height
     places = Array2f(*OFFSET) + dr.zeros(Float, count)
-    found = own.rays(places, dr.arange(UInt32, count), Samples(0, 0))
+    found = view_of(Sensor(sensor)).rays(0, places, dr.arange(UInt32, count), Samples(0, 0)).primary
     shape = (3, height, width)
     origin, direction = (each.numpy() * np.ones((1, count)) for each in (found.origin, found.direction))
     return sensor, origin.reshape(shape).transpose(1, 2, 0), direction.reshape(shape).transpose(1, 2, 0), found

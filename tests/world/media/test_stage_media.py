@@ -6,7 +6,7 @@ import pytest
 
 from photonbeams import scene
 from photonbeams.looks import Attenuation
-from photonbeams.render.scene_frame import SceneRenderer, render
+from photonbeams.render.scene_frame import begin, render
 from photonbeams.runtime.device import Array3f, mitsuba
 from photonbeams.usd.looks.looks import AlongSpec, LookSpec
 from photonbeams.usd.looks.shading import build_look
@@ -132,7 +132,7 @@ def test_a_second_frame_of_other_media_compiles_nothing():
 def test_a_frame_knows_how_large_media_of_a_scene_are():
     air, drop = media_of([AIR, solid("/Drop", [-1] * 3, [1] * 3)])
     built = load(drop=drop.shape, light={**LIGHT, "medium": air.plugin}, sensor=camera(medium=air.plugin))
-    frame = SceneRenderer(built, built.sensors()[0], by_beams(beams=64, guiding=False))
+    frame = begin(built, built.sensors()[0], by_beams(beams=64, guiding=False))
     simulation = frame.light.simulation
     sizes = {each.number: simulation.size(each) for each in simulation.world.media.all}
     assert sizes[number(drop.plugin)] == pytest.approx(np.sqrt(3), rel=1e-5)

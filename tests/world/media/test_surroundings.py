@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photonbeams.render.scene_frame import SceneRenderer, render
+from photonbeams.render.scene_frame import begin, render
 from photonbeams.runtime.device import Array3f, mitsuba
 from photonbeams.world.media.interfaces import number
 from photonbeams.world.media.media import Media
@@ -165,7 +165,7 @@ def test_fog_that_a_lamp_names_in_the_open_fills_the_space():
     assert found.everywhere == number(medium) and around(scene) == (number(medium),) * 2
     # A medium without a size is as large as the scene.
     assert not found.sizes
-    frame = SceneRenderer(scene, scene.sensors()[0], by_beams(beams=64, guiding=False))
+    frame = begin(scene, scene.sensors()[0], by_beams(beams=64, guiding=False))
     assert frame.light.simulation.size(frame.light.simulation.world.media.all[0]) == pytest.approx(
         9 * np.sqrt(2), rel=0.02
     )

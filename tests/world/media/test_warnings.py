@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from photonbeams.render.scene_frame import SceneRenderer
+from photonbeams.render.scene_frame import begin
 from photonbeams.runtime.device import mitsuba
 from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb
 
@@ -13,7 +13,7 @@ LIGHT = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb(1.0)}
 def warnings(caplog, **parts):
     caplog.clear()
     scene = load(**{"light": LIGHT, **parts})
-    SceneRenderer(scene, scene.sensors()[0], by_beams(beams=64, guiding=False))
+    begin(scene, scene.sensors()[0], by_beams(beams=64, guiding=False))
     return [each.getMessage() for each in caplog.records if each.name == "photonbeams"]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -79,63 +79,35 @@ class Sensor:
 
     Attributes
     ----------
-    plugin, film
-        Mitsuba's sensor and its film.
-    window
-        The film's size and its crop window.
+    plugin, window
+        Mitsuba's sensor, and its film's size and crop window.
     view
         The camera that is given instead of the sensor, or else the sensor as a camera; None if that is neither
         perspective nor orthographic.
     """
 
     def __init__(self, plugin: Any, camera: scene.Camera | None = None) -> None:
-        self.plugin, self.film = plugin, plugin.film()
-        self.window = window_of(self.film)
+        self.plugin, self.window = plugin, window_of(plugin.film())
         camera = camera or camera_of(plugin)
         self.view = None if camera is None else View(camera, self.window)
-        self._clipping = None if camera is None else tuple(dr.opaque(Float, each) for each in camera.clipping)
 
-    def rays(self, places: Array2f, order: Any, samples: Samples, sharp: bool = False) -> PrimaryRays:
-        """Return a ray through each pixel, at its place in [0, 1)².
 
-        `order` has the pixels' numbers for their samples. If `sharp`, the camera is a pinhole.
-        """
-        if self.view is None:
-            return self._sampled(places, order, samples)
+def sampled_rays(sensor: Any, window: Window, places: Array2f, order: Any, samples: Samples) -> PrimaryRays:
+    """Return a ray through each pixel, at its place in [0, 1)², as a sensor of Mitsuba's samples them.
 
-        def place(groups: Any) -> tuple[Any, Any]:
-            return samples.pair(groups, _LENS), dr.zeros(Float, dr.width(groups))
-
-        view = self.view
-        if sharp and view.film:
-            view = View(replace(view.camera, lens_radius=0.0), view.window)
-        rays = view.rays(places, place if view.film else None)
-        near, far = self._clipping  # type: ignore[misc]
-        ones = dr.ones(Array3f, dr.width(rays.direction))
-        return PrimaryRays(
-            rays.origin, rays.direction, near / rays.facing, far / rays.facing, ones, rays.facing, rays.origins,
-            rays.times,
-        )  # fmt: skip
-
-    def on_lens(self, samples: Samples) -> tuple[Any, Any] | None:
-        """Return the points on the lens where the rays of `rays` begin, to the right and up; None without a lens."""
-        if self.view is None or not self.view.film:
-            return None
-        return self.view.on_lens(lambda groups: (samples.pair(groups, _LENS), dr.zeros(Float, dr.width(groups))))
-
-    def _sampled(self, places: Array2f, order: Any, samples: Samples) -> PrimaryRays:
-        """Return rays as the sensor itself samples them."""
-        height, width = self.window.shape
-        index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
-        x = (Float(index % columns) + places.x) / dr.opaque(Float, width)
-        y = (Float(index // columns) + places.y) / dr.opaque(Float, height)
-        aperture = samples.pair(order, _LENS)
-        ray, weight = self.plugin.sample_ray_differential(  # some sensors have no others, such as `irradiancemeter`
-            Float(self.plugin.shutter_open()), Float(0.5), mi.Point2f(x, y), mi.Point2f(aperture), True
-        )
-        wide = dr.zeros(Array3f, width * height)
-        far = dr.minimum(ray.maxt, dr.largest(Float)) + wide.x
-        return PrimaryRays(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, rgb(weight) + wide)
+    `order` has the pixels' numbers for their samples.
+    """
+    height, width = window.shape
+    index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
+    x = (Float(index % columns) + places.x) / dr.opaque(Float, width)
+    y = (Float(index // columns) + places.y) / dr.opaque(Float, height)
+    aperture = samples.pair(order, _LENS)
+    ray, weight = sensor.sample_ray_differential(  # some sensors have no others, such as `irradiancemeter`
+        Float(sensor.shutter_open()), Float(0.5), mi.Point2f(x, y), mi.Point2f(aperture), True
+    )
+    wide = dr.zeros(Array3f, width * height)
+    far = dr.minimum(ray.maxt, dr.largest(Float)) + wide.x
+    return PrimaryRays(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, rgb(weight) + wide)
 
 
 def window_of(film: Any) -> Window:

@@ -1,0 +1,105 @@
+"""The light of a frame, pass by pass, as a pass renderer asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import drjit as dr
+
+from ..beams.sets import BeamSet
+from ..numerics.samples import Samples
+from ..runtime.device import Array3f, Bool, Float
+from ..transport.radii import Limits
+from ..transport.records import PhotonHits
+from ..transport.simulation import Tuning
+from ..world.world import World
+from . import camera_paths
+from .camera_paths import Lighting
+from .settings import Settings
+from .single_scattering import SingleScattering
+from .walks import Walking
+
+
+@dataclass(frozen=True)
+class TracedLight:
+    """The result of tracing light in a pass: beams, and photon hits with the bounds of their radii.
+
+    `world` is the world that the pass's camera paths meet.
+    """
+
+    world: World
+    sets: list[BeamSet]
+    hits: list[PhotonHits]
+    limits: Limits
+
+
+class FrameLight(Protocol):
+    """The light of a frame: its beams and photons pass by pass, and what camera paths meet.
+
+    Attributes
+    ----------
+    world
+        The world when the shutter opens.
+    paths
+        The number of light paths in a pass.
+    varies
+        Whether passes differ in more than the samples of camera paths.
+    walks
+        By light groups, the walks that meet the light of emitters which send no light paths.
+    """
+
+    @property
+    def world(self) -> World: ...  # noqa: D102
+
+    @property
+    def paths(self) -> int: ...  # noqa: D102
+
+    @property
+    def varies(self) -> bool: ...  # noqa: D102
+
+    @property
+    def walks(self) -> Mapping[str, Walking]: ...  # noqa: D102
+
+    def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
+        """Return the beams and photons of pass `number`; `step` is called between parts of the pass."""
+
+    def lighting(self, world: World) -> Lighting:
+        """Return the lighting of a world."""
+
+    def single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
+        """Return the light that media scatter toward `count` pixels without beams, or None."""
+
+    def clock(self, number: int) -> tuple[float, float]:
+        """Return the frame number and the time in seconds of a pass, for looks that change with time."""
+
+
+def tuning_of(settings: Settings, max_depth: int | None, all_beams: bool = False) -> Tuning:
+    """Return how light paths are traced; with `all_beams`, also beams that no medium and no look shows."""
+    return Tuning(
+        settings.seed, max_bounces(max_depth), settings.rr_depth, settings.overlap, settings.alpha, settings.radius,
+        settings.min_radius, settings.max_radius, settings.short, settings.surfaces, settings.max_depth is None,
+        visible=settings.program is None and not all_beams,
+    )  # fmt: skip
+
+
+def max_bounces(max_depth: int | None) -> int | None:
+    """Return the most bounces of light before it is scattered toward the camera: the longest path has 2 edges more."""
+    return None if max_depth is None else max_depth - 2
+
+
+class NoLighting:
+    """The lighting of a world in which nothing emits light or is lit directly."""
+
+    def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> None:
+        """Return None."""
+        return
+
+    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
+        """Return black."""
+        return dr.zeros(Array3f, dr.width(hit.t))
+
+    def direct(self, point: camera_paths.ShadingPoint, active: Bool) -> Array3f:
+        """Return black."""
+        return dr.zeros(Array3f, dr.width(point.hit.t))

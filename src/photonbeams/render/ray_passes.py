@@ -1,0 +1,240 @@
+"""Passes over camera rays: light first, then what the rays see of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..estimators.lanes import Lattice, MoreSamples
+from ..estimators.points import Points
+from ..estimators.tiles import Projection
+from ..looks import LightContext
+from ..numerics.arrays import joined, taken, to_uint
+from ..numerics.samples import BITS, Samples
+from ..runtime.device import Array3f, Bool, Float, UInt32, check_recording
+from ..world.cameras.sensors import PrimaryRays
+from ..world.world import World
+from . import camera_paths
+from .branches import CameraPaths, add_to_pixels
+from .camera_paths import CameraTracing
+from .film import Groups, PassPicture
+from .gathering import EstimatorOptions, Gathering
+from .light import FrameLight, NoLighting, TracedLight, max_bounces
+from .passes import Statistics
+from .photons import PhotonLighting
+from .settings import Settings
+from .sums import ALBEDO, MEAN_NORMAL
+
+
+@dataclass(frozen=True)
+class ViewRays:
+    """A view's camera rays in a pass, their projection (or None), and the exposure.
+
+    With a `holdout` rays see no surfaces, and these are the distances at which they end; else it is None. `lattice`
+    tells which rays are evenly spaced. If there is also overscan, `inside` has the indices of the rays inside the
+    picture, and these as rays of their own.
+    """
+
+    primary: PrimaryRays
+    view: Projection | None
+    exposure: float = 1.0
+    holdout: Any = None
+    lattice: Lattice | None = None
+    inside: tuple[UInt32, ViewRays] | None = None
+
+    @property
+    def shared_origin(self) -> bool:
+        """Whether all rays begin at one point, or on the film of a parallel projection."""
+        return self.view is not None and self.primary.origins is None
+
+
+class PassRenderer:
+    """Renders passes: light first, then what camera rays see of it.
+
+    Parameters
+    ----------
+    settings, light
+        How passes are rendered, and their light.
+    max_depth
+        The longest path in edges, as in Mitsuba's integrators; None: no limit.
+    statistics
+        Statistics to which those of the passes are added.
+    planned
+        How many passes share each pixel's sample sequence; further passes begin it again. None: any number.
+
+    Raises
+    ------
+    DeviceError
+        Within a function that `drjit.freeze` records.
+    """
+
+    def __init__(
+        self, settings: Settings, light: FrameLight, max_depth: int | None, statistics: Statistics | None = None,
+        planned: int | None = None,
+    ) -> None:  # fmt: skip
+        check_recording()
+        self.settings, self.light, self.planned = settings, light, planned
+        self.statistics = statistics or Statistics()
+        self._max_depth = max_depth
+        self._points = Points(settings.rule)
+
+    def samples(self, number: int, together: int = 0, each: int = 1, other: int = 0) -> Samples:
+        """Return the samples of pass `number`, or of sample `number` if pixels have `each` samples in a pass.
+
+        Another value of `other` gives independent samples.
+        """
+        bits = BITS if self.planned is None else min((each * self.planned - 1).bit_length(), BITS)
+        return Samples(self.settings.seed + other, number, bits, together)
+
+    def lit(self, number: int) -> tuple[TracedLight, PhotonLighting | None]:
+        """Return the beams and photons of pass `number`, and photon maps, if there are photons."""
+        with self.statistics.phase("simulate"):
+            light = self.light.traced(number, self.statistics.step)
+            photons = None
+            if light.hits:
+                photons = PhotonLighting(light.world, light.hits, light.limits, max_bounces(self._max_depth))
+        self.statistics.beams += sum(len(each.beams) for each in light.sets)
+        return light, photons
+
+    def seen(
+        self, light: TracedLight, rays: ViewRays, order: UInt32, samples: Samples, photons: PhotonLighting | None
+    ) -> PassPicture:  # fmt: skip
+        """Return what camera rays see, except beams; `order` are their numbers in the sample sequences."""
+        statistics, count = self.statistics, dr.width(rays.primary.direction)
+        tracing = self.camera_tracing(light.world, rays)
+        walkings, picture = self.light.walks, CameraImage(count, tracing.albedo)
+        sky = self.light.single_scattering(light.world, count, samples)
+        scattered = {group: dr.zeros(Array3f, count) for group in walkings}
+        with statistics.phase("surfaces"):
+            begun = camera_paths.begin(tracing, rays.primary, order)
+            for step in camera_paths.follow(tracing, begun, samples, photons):
+                statistics.step()
+                picture.add(*step)
+                if sky is not None:
+                    sky.add(*step)
+                for group, walking in walkings.items():
+                    walking.add(*step, samples, scattered[group], picture.surface)
+        for group, found in ({} if sky is None else sky.radiance).items():
+            scattered[group] = scattered.get(group, 0) + found
+        guides = {ALBEDO: picture.albedo} if tracing.albedo else {}
+        if self.settings.denoise:
+            guides[MEAN_NORMAL] = picture.normal
+        return PassPicture(picture.surface, picture.alpha, scattered, picture.transmittance, picture.reach, guides)
+
+    def gathered(
+        self, number: int, light: TracedLight, rays: ViewRays, order: UInt32, samples: Samples,
+        more: MoreSamples | None = None,
+    ) -> Groups:  # fmt: skip
+        """Return the light of the beams of pass `number` along camera rays; with `more`, some pixels have several."""
+        if not light.sets:
+            return {}
+        if rays.inside is not None:
+            return self._gathered_apart(number, light, rays, rays.inside, order, samples, more)
+        clock, statistics = self.light.clock(number), self.statistics
+        tracing = unshaded(self.camera_tracing(light.world, rays))
+        options = EstimatorOptions(
+            self.settings.estimator, self._points, self._max_depth,
+            lambda each: LightContext(*clock, each.light, each.to_world), self.settings.gather_error,
+        )  # fmt: skip
+        with statistics.phase("beams"):
+            gathering = Gathering(
+                rays.view, rays.primary, light.world.media, light.sets, options, statistics, more, rays.lattice
+            )
+            begun = camera_paths.begin(tracing, rays.primary, order)
+            for step in camera_paths.follow(tracing, begun, samples, None):
+                gathering.add(*step)
+            gathering.finish()
+        return gathering.radiance
+
+    def _gathered_apart(
+        self, number: int, light: TracedLight, rays: ViewRays, inside: tuple[UInt32, ViewRays], order: UInt32,
+        samples: Samples, more: MoreSamples | None,
+    ) -> Groups:  # fmt: skip
+        """Return what `_gathered` returns, gathered apart for the picture and for overscan.
+
+        Where some rays of the picture stand for others, which ones do must not depend on overscan.
+        """
+        index, own = inside
+        if more is not None:
+            index, own, own_more = _more_inside(rays, index, own, more)
+        else:
+            own_more = None
+        beyond = dr.full(Bool, True, dr.width(rays.primary.direction))
+        dr.scatter(beyond, Bool(False), index)
+        far = dr.select(beyond, rays.primary.far, 0)
+        dr.eval(far)
+        rest = replace(rays, primary=replace(rays.primary, far=far), lattice=None, inside=None)
+        result = dict(self.gathered(number, light, rest, order, samples, more))
+        for group, radiance in self.gathered(number, light, own, taken(order, index), samples, own_more).items():
+            dr.scatter(result[group], radiance, index)
+        return result
+
+    def camera_tracing(self, world: World, rays: ViewRays) -> CameraTracing:
+        """Return how camera paths are traced in a world."""
+        settings = self.settings
+        if rays.holdout is not None:
+            world = world.without_surfaces()
+            return CameraTracing(world, NoLighting(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
+        return CameraTracing(
+            world, self.light.lighting(world), self._max_depth, settings.rr_depth, settings.hide_emitters,
+            settings.surfaces, world.sharp, walks=settings.surfaces and bool(self.light.walks),
+            normals=settings.denoise, albedo=settings.denoise or settings.albedo,
+        )  # fmt: skip
+
+
+def _more_inside(
+    rays: ViewRays, index: UInt32, own: ViewRays, more: MoreSamples
+) -> tuple[UInt32, ViewRays, MoreSamples | None]:
+    """Return indices, rays and further samples of the pixels inside the picture, with their further rays."""
+    edges, pixels = more.pixels.numpy(), dr.width(rays.primary.direction) - more.each * dr.width(more.pixels)
+    place = np.full(pixels, -1, np.int64)
+    place[index.numpy()] = np.arange(dr.width(index))
+    chosen = np.flatnonzero(place[edges] >= 0)
+    if not len(chosen):
+        return index, own, None
+    lanes = to_uint((pixels + np.arange(more.each)[:, None] * len(edges) + chosen).ravel())
+    further = PrimaryRays.joined([rays.primary]).taken(lanes)
+    own = replace(own, primary=own.primary.with_more(further))
+    return joined([index, lanes]), own, MoreSamples(to_uint(place[edges[chosen]]), more.each)
+
+
+def unshaded(tracing: CameraTracing) -> CameraTracing:
+    """Return the same tracing for paths that only find where surfaces are."""
+    return replace(tracing, surfaces=False, walks=False, shining=False, normals=False, albedo=False)
+
+
+class CameraImage:
+    """The surfaces that camera paths see in a pass, by pixels.
+
+    Normals are those of surfaces straight ahead. With `guides`, normals and albedos are those of the first surfaces
+    that do more than mirror and refract.
+    """
+
+    def __init__(self, count: int, guides: bool = False) -> None:
+        self.surface, self.transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
+        self.alpha, self.distance = dr.zeros(Float, count), dr.full(Float, dr.inf, count)
+        self.normal, self.reach = dr.zeros(Array3f, count), dr.zeros(Float, count)
+        self._unmet = dr.full(Bool, True, count) if guides else None
+        self.albedo = dr.zeros(Array3f, count if guides else 1)
+
+    def add(self, step: CameraPaths, vertex: camera_paths.CameraVertex) -> None:
+        """Add one step of camera paths."""
+        add_to_pixels(self.surface, vertex.radiance, step.pixel, step.branch, step.alive)
+        own = step.alive & step.primary
+        dr.scatter(self.transmittance, vertex.transmittance, step.pixel, own)
+        dr.scatter(self.reach, vertex.end, step.pixel, own)
+        first = own & vertex.solid
+        dr.scatter(self.alpha, Float(1), step.pixel, first)
+        dr.scatter(self.distance, vertex.end, step.pixel, first)
+        if self._unmet is not None:
+            # Only one branch of a pixel counts: several may arrive at the same step.
+            first = step.alive & (step.branch == 0) & vertex.rough & dr.gather(Bool, self._unmet, step.pixel)
+            dr.scatter(self._unmet, Bool(False), step.pixel, first)
+            dr.scatter(self.albedo, vertex.albedo, step.pixel, first)
+            dr.eval(self._unmet, self.albedo)
+        if dr.width(vertex.normal) > 1:
+            dr.scatter(self.normal, vertex.normal, step.pixel, first)
+        dr.eval(self.surface, self.transmittance, self.alpha, self.distance, self.normal, self.reach)
