@@ -16,8 +16,8 @@ from rich.table import Table
 
 from photonbeams.farm.cluster import FarmOptions, connected
 from photonbeams.farm.run import Farm, FarmFrame, FarmWork
-from photonbeams.render.frame_sums import FrameSums
-from photonbeams.render.sums import PassSums
+from photonbeams.render.films.frame_sums import FrameSums
+from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime.device import processors
 
 KEYHOLE = Path(__file__).parents[1] / "examples" / "keyhole" / "keyhole.usda"

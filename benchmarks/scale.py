@@ -17,7 +17,7 @@ from rich.table import Table
 
 import photonbeams as pb
 from photonbeams.farm.dispatch import Dispatcher, FramePart, most_passes, parts_of
-from photonbeams.render.sums import BLOCK
+from photonbeams.render.films.sums import BLOCK
 
 
 @dataclass(frozen=True)

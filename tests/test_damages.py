@@ -11,8 +11,8 @@ import pytest
 
 from photonbeams.images.files import read_parts, summaries, write_exr, write_png
 from photonbeams.images.tiles import join_tiles
-from photonbeams.render.frame_sums import FrameSums
-from photonbeams.render.sums import PassSums
+from photonbeams.render.films.frame_sums import FrameSums
+from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime.inputs import arrays, opened
 from photonbeams.scene import SceneError
 from photonbeams.scene.checks import LONGEST

@@ -14,8 +14,8 @@ from photonbeams.export.scene import Twin, _grid_of, ply
 from photonbeams.export.shot import _write
 from photonbeams.images import files as images
 from photonbeams.images.tiles import join_tiles
-from photonbeams.render.frame_sums import FrameSums
-from photonbeams.render.sums import PassSums
+from photonbeams.render.films.frame_sums import FrameSums
+from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime import files
 from photonbeams.runtime.device import mitsuba
 from photonbeams.studio.autosave import Autosave

@@ -20,6 +20,7 @@ ROOMS = (
 
 #: Wings of a package, and modules beside them. Each may import those before it; modules that are not listed, all.
 WINGS = {
+    "render": ("films", "settings", "passes", "costs", "memory", "paths"),
     "usd": ("common", "layers", "materials", "geometry", "media", "looks", "lights", "cameras", "authoring"),
     "world": (
         "spectra", "warp", "checks", "parameters", "shutter", "bounds", "shadow_rays", "surfaces", "media", "emitters",
@@ -29,7 +30,7 @@ WINGS = {
 
 #: The most modules of a folder. These have more, and may not grow.
 MOST_MODULES = 20
-TOO_MANY = {"render": 24, "transport": 24, "cli": 23}
+TOO_MANY = {"transport": 24, "cli": 23}
 
 #: The packages that may import a library, or ask `runtime` for Mitsuba.
 KNOWERS = {

@@ -201,7 +201,7 @@ class _Renderer:
         device.check_recording()  # first, since garbage that is collected meanwhile would end the process, too
         import drjit as dr
 
-        from .render.denoising import check_denoiser
+        from .render.films.denoising import check_denoiser
 
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
@@ -221,7 +221,7 @@ class _Renderer:
 
     def _rendered(self, scene: Any, sensor: Any, settings: Settings) -> dict[str, Any]:
         """Return the layers, with what the pilots found in the last render if neither scene nor sensor has changed."""
-        from .render.denoising import denoised
+        from .render.films.denoising import denoised
         from .render.scene_frame import Extras, render
         from .render.scene_light import Findings
         from .world.parameters import Parameters

@@ -12,8 +12,8 @@ import pytest
 
 from photonbeams.cli.progress import held_signals
 from photonbeams.render.checkpoint import Checkpoint
-from photonbeams.render.frame_sums import FrameSums
-from photonbeams.render.sums import ADDING, PassSums
+from photonbeams.render.films.frame_sums import FrameSums
+from photonbeams.render.films.sums import ADDING, PassSums
 
 # `libc.poll` stands for a kernel: it returns to Python, but to no check. The main thread is never asked.
 STUCK = """

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from photonbeams.numerics.samples import Samples
-from photonbeams.render import camera_paths
-from photonbeams.render.stage_lighting import StageLighting
+from photonbeams.render.paths import camera_paths
+from photonbeams.render.paths.stage_lighting import StageLighting
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32
 from photonbeams.world.cameras.sensors import PrimaryRays
 

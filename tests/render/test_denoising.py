@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from photonbeams import Shot
-from photonbeams.render import denoising
-from photonbeams.render.denoising import check_denoiser, denoised
-from photonbeams.render.film import develop
-from photonbeams.render.frame_sums import FrameSums
+from photonbeams.render.films import denoising
+from photonbeams.render.films.denoising import check_denoiser, denoised
+from photonbeams.render.films.film import develop
+from photonbeams.render.films.frame_sums import FrameSums
+from photonbeams.render.films.sums import PassSums
 from photonbeams.render.passes import PlannedPasses
 from photonbeams.render.settings import Settings
-from photonbeams.render.sums import PassSums
 from photonbeams.scene import SceneError
 from photonbeams.shot import Stereo
 from photonbeams.shot.development import developed

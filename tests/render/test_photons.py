@@ -4,8 +4,8 @@ import drjit as dr
 import numpy as np
 
 from photonbeams.numerics.arrays import to_float, to_vectors
-from photonbeams.render import photons
-from photonbeams.render.photons import _NEIGHBOURS
+from photonbeams.render.paths import photons
+from photonbeams.render.paths.photons import _NEIGHBOURS
 from photonbeams.runtime.device import Array3f, Bool, Float
 from photonbeams.transport.records import PhotonHits
 

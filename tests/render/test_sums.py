@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photonbeams.render.frame_sums import FrameSums
-from photonbeams.render.sums import BLOCK, PassSums
+from photonbeams.render.films.frame_sums import FrameSums
+from photonbeams.render.films.sums import BLOCK, PassSums
 from photonbeams.scene import SceneError
 
 

@@ -107,7 +107,7 @@ def test_without_the_denoiser_the_picture_has_grain_but_is_there(stage, monkeypa
     def missing():
         raise SceneError("no denoiser")
 
-    monkeypatch.setattr("photonbeams.render.denoising.check_denoiser", missing)
+    monkeypatch.setattr("photonbeams.render.films.denoising.check_denoiser", missing)
     assert pixels_of(shown(pb.Shot.open(stage))).max() > 0
 
 

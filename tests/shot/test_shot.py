@@ -12,7 +12,7 @@ from pxr import Sdf, UsdGeom
 
 import photonbeams as pb
 from photonbeams.numerics.samples import Samples
-from photonbeams.render.film import Film
+from photonbeams.render.films.film import Film
 from photonbeams.usd.layers.header import frame_rate
 from photonbeams.usd.looks.looks import AlongSpec, CurveSpec, LookSpec
 from photonbeams.usd.stage import open_stage, read_scene

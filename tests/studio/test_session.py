@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.render import denoising, gathering
+from photonbeams.render import gathering
+from photonbeams.render.films import denoising
 from photonbeams.render.passes import PlannedPasses
 from photonbeams.shot.development import Development
 from photonbeams.studio import session as session_module

@@ -16,7 +16,7 @@ from ..farm.cluster import FarmOptions, connected, dashboard
 from ..farm.run import Farm, FarmFrame, FarmState, FarmWork
 from ..farm.work import threads_here
 from ..render.checkpoint import Checkpoint, check_passes
-from ..render.frame_sums import FrameSums
+from ..render.films.frame_sums import FrameSums
 from ..scene import SceneError
 from .animation import FrameError, Task, report_line
 from .asked import Asked

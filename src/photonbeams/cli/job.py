@@ -17,7 +17,7 @@ from .progress import HeldSignals, counted, error_note, held_signals, messages, 
 
 if TYPE_CHECKING:
     from ..images.frame import Frame
-    from ..render.frame_sums import FrameSums
+    from ..render.films.frame_sums import FrameSums
     from ..render.passes import PlannedPasses, Progress, Statistics
     from ..render.settings import Settings
     from ..shot import Shot
@@ -84,7 +84,7 @@ class Job(ABC):
 
 def layers_with(names: Sequence[str], settings: Settings) -> list[str]:
     """Return the names of a frame's layers: `names`, and those that the settings add."""
-    from ..render.sums import NOISY
+    from ..render.films.sums import NOISY
 
     more = {"normal": settings.normals, "albedo": settings.albedo}
     noisy = [NOISY + name for name in names if name.startswith(("surface", "beams"))] if settings.keep_noisy else []
@@ -109,7 +109,7 @@ def opened(asked: Asked, check: Callable[[], None]) -> Job:
 
 def run(asked: Asked) -> None:
     """Render what the flags ask for."""
-    from ..render.denoising import check_denoiser
+    from ..render.films.denoising import check_denoiser
 
     with messages(asked.quiet, asked.verbose), held_signals() as check, snapshots(asked.snapshot) as due:
         asked.start_device()

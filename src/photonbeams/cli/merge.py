@@ -18,7 +18,7 @@ from .outputs import Output, chosen_layers, parse_outputs, prepare_outputs, writ
 from .progress import counted, messages
 
 if TYPE_CHECKING:
-    from ..render.frame_sums import FrameSums
+    from ..render.films.frame_sums import FrameSums
 
 
 def merge(
@@ -115,7 +115,7 @@ def _found(given: Sequence[Path], number: float | None) -> list[Path]:
 
 def joined(paths: Sequence[Path]) -> FrameSums:
     """Return the sums of all passes in some checkpoints; raise SceneError if they are not of one picture."""
-    from ..render.frame_sums import FrameSums
+    from ..render.films.frame_sums import FrameSums
     from ..scene import SceneError
 
     result = FrameSums.load(paths[0])

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..render.frame_sums import FrameSums
+from ..render.films.frame_sums import FrameSums
 from ..scene import SceneError
 from .cluster import MEMORY, FarmError
 from .dispatch import Dispatcher, FramePart, LostError, most_passes, parts_of

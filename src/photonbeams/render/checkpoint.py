@@ -12,8 +12,8 @@ from typing import Any
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..scene import SceneError
-from .frame_sums import FrameSums
-from .sums import ADDING
+from .films.frame_sums import FrameSums
+from .films.sums import ADDING
 
 _PATIENCE = 5.0  # seconds; adding a pass to the sums takes less
 

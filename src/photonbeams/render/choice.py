@@ -22,9 +22,9 @@ from ..world.cameras.cameras import View
 from ..world.cameras.sensors import PrimaryRays
 from ..world.scene_world import SceneWorld
 from ..world.world import World
-from .camera_paths import Lighting
 from .costs import WALK, of_beams
 from .light import NoLighting, TracedLight
+from .paths.camera_paths import Lighting
 from .ray_passes import PassRenderer, ViewRays
 from .settings import Settings
 

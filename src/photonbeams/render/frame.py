@@ -23,17 +23,17 @@ from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..scene import SceneError
 from ..world.cameras.cameras import Window
 from ..world.cameras.sensors import PrimaryRays
-from . import camera_paths
 from .costs import LANES, power_below, surface_samples
-from .film import BeamSamples, Film, SeenSums
-from .frame_sums import FrameSums
+from .films.film import BeamSamples, Film, SeenSums
+from .films.frame_sums import FrameSums
+from .films.sums import DEPTH, NORMAL, PassSums
 from .light import FrameLight, TracedLight
 from .memory import release_memory
 from .passes import Statistics
-from .photons import PhotonLighting
+from .paths import camera_paths
+from .paths.photons import PhotonLighting
 from .ray_passes import CameraImage, PassRenderer, ViewRays, unshaded
 from .settings import Settings
-from .sums import DEPTH, NORMAL, PassSums
 from .views import FrameView
 
 DEFAULTS = Settings()

@@ -27,9 +27,9 @@ from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..scene import SceneError
 from ..world.cameras.sensors import PrimaryRays
 from ..world.media.media import Media, RenderedMedium
-from .branches import CameraPaths, add_to_pixels
-from .camera_paths import CameraVertex
 from .passes import Statistics
+from .paths.branches import CameraPaths, add_to_pixels
+from .paths.camera_paths import CameraVertex
 
 # Segments that are collected for one query of the grid; building the grid takes as long as the query.
 _MOST = 1 << 22

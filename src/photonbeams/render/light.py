@@ -15,11 +15,11 @@ from ..transport.radii import Limits
 from ..transport.records import PhotonHits
 from ..transport.simulation import Tuning
 from ..world.world import World
-from . import camera_paths
-from .camera_paths import Lighting
+from .paths import camera_paths
+from .paths.camera_paths import Lighting
+from .paths.single_scattering import SingleScattering
+from .paths.walks import Walking
 from .settings import Settings
-from .single_scattering import SingleScattering
-from .walks import Walking
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 if TYPE_CHECKING:
     from ..scene import Array
     from .checkpoint import Checkpoint
-    from .frame_sums import FrameSums
+    from .films.frame_sums import FrameSums
     from .settings import Settings
 
 

@@ -17,16 +17,16 @@ from ..numerics.samples import BITS, Samples
 from ..runtime.device import Array3f, Bool, Float, UInt32, check_recording
 from ..world.cameras.sensors import PrimaryRays
 from ..world.world import World
-from . import camera_paths
-from .branches import CameraPaths, add_to_pixels
-from .camera_paths import CameraTracing
-from .film import Groups, PassPicture
+from .films.film import Groups, PassPicture
+from .films.sums import ALBEDO, MEAN_NORMAL
 from .gathering import EstimatorOptions, Gathering
 from .light import FrameLight, NoLighting, TracedLight, max_bounces
 from .passes import Statistics
-from .photons import PhotonLighting
+from .paths import camera_paths
+from .paths.branches import CameraPaths, add_to_pixels
+from .paths.camera_paths import CameraTracing
+from .paths.photons import PhotonLighting
 from .settings import Settings
-from .sums import ALBEDO, MEAN_NORMAL
 
 
 @dataclass(frozen=True)

@@ -35,13 +35,13 @@ from ..world.media.surroundings import Place
 from ..world.media.warnings import warn
 from ..world.scene_world import SceneWorld
 from ..world.world import World
-from .camera_paths import Lighting
 from .choice import Pixels, is_sharp, preferred
 from .light import TracedLight, tuning_of
 from .passes import Statistics
-from .scene_lighting import SceneLighting
+from .paths.camera_paths import Lighting
+from .paths.scene_lighting import SceneLighting
+from .paths.walks import WalkedEmitters, Walking
 from .settings import Settings
-from .walks import WalkedEmitters, Walking
 
 mi = mitsuba()
 

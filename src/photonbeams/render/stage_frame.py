@@ -16,8 +16,8 @@ from ..runtime.device import mitsuba
 from ..world.cameras.cameras import Window
 from ..world.shutter import Moment, Shutter
 from .checkpoint import identity
-from .film import Film, group_layers, reconstruction_filter
-from .film import layer_names as names_of
+from .films.film import Film, group_layers, reconstruction_filter
+from .films.film import layer_names as names_of
 from .frame import DEFAULTS, FrameRenderer, PassMemory
 from .holdouts import HoldoutDepth
 from .memory import check_memory

@@ -18,14 +18,14 @@ from ..world.cameras.cameras import View, Window
 from ..world.shutter import Moment, Shutter, slice_of
 from ..world.stage_world import StageWorld
 from ..world.world import World
-from .camera_paths import Lighting
 from .light import TracedLight, tuning_of
 from .passes import Statistics
+from .paths.camera_paths import Lighting
+from .paths.single_scattering import SingleScattering
+from .paths.stage_lighting import StageLighting
+from .paths.walks import Walking
 from .settings import Settings
-from .single_scattering import SingleScattering
-from .stage_lighting import StageLighting
 from .views import CameraMotion
-from .walks import Walking
 
 LOG = logging.getLogger("photonbeams")
 

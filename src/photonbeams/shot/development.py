@@ -13,11 +13,11 @@ import numpy as np
 
 from ..images.frame import Frame
 from ..images.plates import Plate
-from ..render.denoising import Filtered, denoised
-from ..render.film import develop
-from ..render.frame_sums import FrameSums
+from ..render.films.denoising import Filtered, denoised
+from ..render.films.film import develop
+from ..render.films.frame_sums import FrameSums
+from ..render.films.sums import ALBEDO, PassSums
 from ..render.passes import Statistics, known
-from ..render.sums import ALBEDO, PassSums
 from ..scene import MOST_PIXELS, Array, SceneError
 from ..scene import shown as shown_value
 

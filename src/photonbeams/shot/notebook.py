@@ -43,7 +43,7 @@ def shown(shot: Shot, include: Collection[str] | None = None, exclude: Collectio
 
 def quick_frame(shot: Shot) -> Frame:
     """Return a small picture of a shot's first frame, denoised if this machine can; raises what `render` does."""
-    from ..render.denoising import lacking_denoiser
+    from ..render.films.denoising import lacking_denoiser
 
     width, height = shot._own_size()
     scale = min(1.0, LONGEST / max(width, height))

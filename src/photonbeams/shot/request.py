@@ -17,7 +17,7 @@ from ..scene.cameras import CONFORM_POLICIES
 from .development import Development
 
 if TYPE_CHECKING:
-    from ..render.frame_sums import FrameSums
+    from ..render.films.frame_sums import FrameSums
     from ..render.holdouts import HoldoutDepth
     from ..world.cameras.cameras import Window
     from ..world.shutter import Shutter

@@ -328,7 +328,7 @@ class SceneShot(Shot):
 
     def layer_names(self) -> list[str]:
         """Return the names of a frame's layers, in order."""
-        from ..render.film import layer_names
+        from ..render.films.film import layer_names
         from ..render.scene_frame import groups_of
 
         return layer_names(groups_of(self.plugin, self._beams))
@@ -350,7 +350,7 @@ class SceneShot(Shot):
         return self.settings()
 
     def _render(self, request: FrameRequest) -> tuple[FrameRenderer, Development]:
-        from ..render.film import margin_of
+        from ..render.films.film import margin_of
         from ..render.scene_frame import Extras, groups_of, render
         from ..world.cameras.cameras import Window
         from ..world.cameras.sensors import Sensor, camera_of
@@ -398,7 +398,7 @@ class SceneShot(Shot):
 
     def _filter(self, settings: Settings) -> Any:
         """Return the pixel filter; None is the box filter."""
-        from ..render.film import reconstruction_filter
+        from ..render.films.film import reconstruction_filter
 
         return reconstruction_filter(settings.filter_name, self.sensor.film().rfilter())
 

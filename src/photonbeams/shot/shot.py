@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from ..beams.sets import BeamSet
     from ..looks import Look
     from ..render.checkpoint import Checkpoint
+    from ..render.films.frame_sums import FrameSums
     from ..render.frame import FrameRenderer
-    from ..render.frame_sums import FrameSums
     from ..render.passes import PlannedPasses, Progress
     from ..render.settings import Settings, SettingsArguments
     from ..scene import Array
@@ -760,7 +760,7 @@ class Shot:
         **own
             All other arguments of `render`.
         """
-        from ..render.denoising import check_denoiser
+        from ..render.films.denoising import check_denoiser
         from ..render.settings import Settings
         from .request import FrameRequest
 
@@ -791,7 +791,7 @@ class Shot:
 
     def prepared(self, request: FrameRequest) -> Prepared:
         """Return everything that the passes of the frame of a `request` need; raises what `render` does."""
-        from ..render.film import margin_of, reconstruction_filter
+        from ..render.films.film import margin_of, reconstruction_filter
         from ..render.stage_frame import groups_of
         from ..world.cameras.cameras import View, Window
         from .request import Prepared

@@ -17,8 +17,8 @@ from ..world.stage_world import StageWorld
 
 if TYPE_CHECKING:
     from ..estimators.tiles import Projection
+    from ..render.films.frame_sums import FrameSums
     from ..render.frame import Lit, Seen
-    from ..render.frame_sums import FrameSums
     from ..render.light import TracedLight
     from ..render.stage_light import StageLight
     from ..shot.request import Prepared

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..images.frame import pixels_of
-from ..render.denoising import lacking_denoiser
+from ..render.films.denoising import lacking_denoiser
 from ..runtime.files import PathLike
 from ..scene import BLACK, Array, Camera, Scene, SceneError, whole
 from ..shot.development import Development

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photonbeams.render.film import Film
+from photonbeams.render.films.film import Film
 from photonbeams.runtime.device import Array2f
 from photonbeams.scene import Camera
 from photonbeams.scene.cameras import CONFORM_POLICIES

@@ -12,14 +12,14 @@ from typing import Any
 
 import drjit as dr
 
-from ..estimators.estimate import ENDLESS
-from ..numerics.hashing import hash32
-from ..numerics.samples import Samples
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.emitters.stage_lamps import Links
-from ..world.media.interfaces import pointers
-from ..world.shadow_rays import ShadowRay, to_lamp
-from ..world.stage_world import StageWorld
+from ...estimators.estimate import ENDLESS
+from ...numerics.hashing import hash32
+from ...numerics.samples import Samples
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.emitters.stage_lamps import Links
+from ...world.media.interfaces import pointers
+from ...world.shadow_rays import ShadowRay, to_lamp
+from ...world.stage_world import StageWorld
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex, ShadingPoint
 from .stage_lighting import scattered

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..runtime.files import PathLike, atomic_file
-from ..runtime.inputs import arrays
-from ..scene import Array, SceneError
+from ...runtime.files import PathLike, atomic_file
+from ...runtime.inputs import arrays
+from ...scene import Array, SceneError
 from .sums import PassSums
 
 _FORMAT = 4  # version of the file's format; stored in the state's "counts"

@@ -10,13 +10,13 @@ from typing import Any
 
 import drjit as dr
 
-from ..numerics.sampling import power_heuristic
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.emitters.portal_lamps import EnvironmentPortal
-from ..world.media.visibility import through
-from ..world.scene_world import SceneWorld
-from ..world.shadow_rays import leaving, to_point
-from ..world.spectra import rgb
+from ...numerics.sampling import power_heuristic
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.emitters.portal_lamps import EnvironmentPortal
+from ...world.media.visibility import through
+from ...world.scene_world import SceneWorld
+from ...world.shadow_rays import leaving, to_point
+from ...world.spectra import rgb
 from .branches import IDEAL
 from .camera_paths import ShadingPoint
 

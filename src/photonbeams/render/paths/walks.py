@@ -17,20 +17,20 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..estimators.estimate import ENDLESS
-from ..numerics.arrays import compressed, to_float, to_uint
-from ..numerics.samples import Samples
-from ..numerics.sampling import power_heuristic
-from ..numerics.structs import Struct
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..transport.interactions import SAMPLED, SCATTERED, flight, survival
-from ..world.emitters.portal_lamps import EnvironmentPortal
-from ..world.media.interfaces import pointers
-from ..world.media.tracking import free_flight
-from ..world.media.visibility import through
-from ..world.scene_world import SceneWorld
-from ..world.shadow_rays import leaving, to_point
-from ..world.spectra import rgb
+from ...estimators.estimate import ENDLESS
+from ...numerics.arrays import compressed, to_float, to_uint
+from ...numerics.samples import Samples
+from ...numerics.sampling import power_heuristic
+from ...numerics.structs import Struct
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...transport.interactions import SAMPLED, SCATTERED, flight, survival
+from ...world.emitters.portal_lamps import EnvironmentPortal
+from ...world.media.interfaces import pointers
+from ...world.media.tracking import free_flight
+from ...world.media.visibility import through
+from ...world.scene_world import SceneWorld
+from ...world.shadow_rays import leaving, to_point
+from ...world.spectra import rgb
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex
 

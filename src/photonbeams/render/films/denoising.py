@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import convolve, uniform_filter
 
-from ..runtime.device import backend
-from ..scene import Array, SceneError
+from ...runtime.device import backend
+from ...scene import Array, SceneError
 from .sums import ALBEDO, MEAN_NORMAL, NOISY, PassSums
 
 # Side of the square of pixels over which errors are averaged: the variance of one pixel over few passes is a guess.

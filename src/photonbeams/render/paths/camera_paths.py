@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import drjit as dr
 
-from ..numerics.arrays import compressed, joined, unaliased
-from ..numerics.samples import Samples
-from ..numerics.structs import Struct
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.cameras.sensors import PrimaryRays
-from ..world.shadow_rays import leaving, rounding
-from ..world.spectra import rgb
-from ..world.warp import outward
-from ..world.world import World
+from ...numerics.arrays import compressed, joined, unaliased
+from ...numerics.samples import Samples
+from ...numerics.structs import Struct
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.cameras.sensors import PrimaryRays
+from ...world.shadow_rays import leaving, rounding
+from ...world.spectra import rgb
+from ...world.warp import outward
+from ...world.world import World
 from .branches import IDEAL, STEPS, CameraPaths, onward, several
 
 if TYPE_CHECKING:

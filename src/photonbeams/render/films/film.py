@@ -15,12 +15,12 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..estimators.lanes import Lattice
-from ..numerics.arrays import taken
-from ..numerics.samples import Samples
-from ..numerics.sampling import z_order
-from ..runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
-from ..scene import SceneError
+from ...estimators.lanes import Lattice
+from ...numerics.arrays import taken
+from ...numerics.samples import Samples
+from ...numerics.sampling import z_order
+from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
+from ...scene import SceneError
 from .sums import ALBEDO, DEPTH, LIGHT, MEAN_NORMAL, NORMAL, SQUARES, PassSums
 
 mi = mitsuba()

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
 
-from ..numerics.arrays import joined
-from ..numerics.samples import Samples
-from ..numerics.structs import Struct
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.shadow_rays import leaving
-from ..world.spectra import rgb
+from ...numerics.arrays import joined
+from ...numerics.samples import Samples
+from ...numerics.structs import Struct
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.shadow_rays import leaving
+from ...world.spectra import rgb
 
 if TYPE_CHECKING:
     from .camera_paths import CameraTracing

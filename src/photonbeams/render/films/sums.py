@@ -14,7 +14,7 @@ from threading import Lock
 
 import numpy as np
 
-from ..scene import SceneError
+from ...scene import SceneError
 
 #: Passes in a block. With larger blocks partial sums take more memory; with smaller ones more sums are sent.
 BLOCK = 16

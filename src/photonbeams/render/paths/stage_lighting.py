@@ -12,13 +12,13 @@ from typing import Any, Protocol
 
 import drjit as dr
 
-from ..numerics.hashing import hash32
-from ..numerics.sampling import power_heuristic
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.emitters.gobos import bare
-from ..world.emitters.stage_lamps import Lamps, Links
-from ..world.shadow_rays import ShadowRay, leaving, to_lamp
-from ..world.stage_world import StageWorld
+from ...numerics.hashing import hash32
+from ...numerics.sampling import power_heuristic
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.emitters.gobos import bare
+from ...world.emitters.stage_lamps import Lamps, Links
+from ...world.shadow_rays import ShadowRay, leaving, to_lamp
+from ...world.stage_world import StageWorld
 from .camera_paths import NearestLamp, ShadingPoint
 
 mi = mitsuba()

@@ -1,0 +1,1 @@
+"""Films: sums over passes, and layers."""
