@@ -14,8 +14,6 @@ import pytest
 import typer
 
 from photonbeams import cli
-from photonbeams.cli.flags import Filter
-from photonbeams.constants import FILTERS
 from photonbeams.images.files import read_image, read_layers
 from photonbeams.render import stage_frame as frame
 from photonbeams.render.frame import FrameRenderer
@@ -590,7 +588,6 @@ def test_the_defaults_that_help_tells_hold():
     assert f"default: {len(settings.rule)}, " in told["order"]
     assert settings.rule.name == "gauss_legendre" and told["rule"].endswith("default: gauss.")
     assert told["seed"].endswith(f"default: {settings.seed}.")
-    assert tuple(Filter) == FILTERS
 
 
 def test_help_is_fast_and_has_examples():

@@ -303,7 +303,7 @@ def test_an_output_is_asked_for(render, scene):
         ('value="300"', 'value="-1"',
          ("scene.xml: line 3, col 6: photon_beams: paths is -1: expected 1 to 100000000",)),
         ('<integer name="paths" value="300"/>', '<string name="beams" value="medium"/>',
-         ('beams is "medium": expected "long" or "short"',)),
+         ("beams is 'medium': expected one of long, short",)),
         ('<integer name="paths" value="300"/>', '<float name="paths" value="2048.5"/>',
          ("paths is 2048.5: expected a whole number",)),
         ('<integer name="paths" value="300"/>', '<string name="guiding" value="false"/>',

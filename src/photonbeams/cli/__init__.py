@@ -60,9 +60,11 @@ class _Ended(Exception):  # noqa: N818 (no error: a signal)
 
 def _command(name: str) -> Any:
     """Return the function `name` of the module `name` as a command."""
+    from .groups import with_groups
+
     module = import_module(f"{__name__}.{name}")
     single = typer.Typer(add_completion=False)
-    single.command(name)(getattr(module, name))
+    single.command(name)(with_groups(getattr(module, name)))
     return typer.main.get_command(single)
 
 
@@ -145,9 +147,8 @@ def _usage(error: TyperException) -> str:
         expected = str(found["msg"]).removeprefix("Input should be ").partition(", unable")[0].rstrip(".")
         before, choices, names = expected.partition(" is not one of ")
         return f"{parameter.opts[0]} is {found['input']}: expected {'one of ' + names if choices else before}"
-    own = (
-        isinstance(error, typer.BadParameter) and parameter is None
-    )  # raised by one of our commands, as a whole sentence
+    # One that our commands raise is a whole sentence.
+    own = isinstance(error, typer.BadParameter) and (parameter is None or error.message.startswith(parameter.opts[0]))
     return error.message if own else " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
 
 

@@ -8,12 +8,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from .flags import ContentFlags
 from .outputs import Output, check_placeholders, check_product
-from .progress import Progress, bar, counted, frame_line, report_line, summary_lines
+from .progress import bar, counted, frame_line, report_line, summary_lines
 
 if TYPE_CHECKING:
     from ..render.passes import Statistics
@@ -110,6 +111,22 @@ def tasks_of(
     return tasks
 
 
+def opened_frames(
+    scene: Path, camera: str | None, target: Output, content: ContentFlags, **programs: Any
+) -> tuple[Shot, list[Task]]:
+    """Return the shot of a stage from which other files are written, and its frames; `programs` are those of `Shot`."""
+    from ..shot import Shot
+    from ..usd.layers.frames import check_frames
+    from ..usd.stage import open_stage
+
+    numbers = frame_numbers(content.frames, [target])
+    layers, selection = content.layers, content.selection.selection()
+    stage = open_stage(scene, layers.session_layer or (), layers.overrides or (), selection=selection)
+    check_frames(stage, [each for each in numbers if each is not None])
+    shot = Shot(stage, camera, medium=content.fog.over, **programs)
+    return shot, tasks_of(shot, numbers, [target], ())
+
+
 @dataclass(frozen=True)
 class Animation:
     """The frames of a render, and how to go through them. Each has `passes` passes, None if that is not known yet."""
@@ -117,7 +134,7 @@ class Animation:
     tasks: Sequence[Task]
     passes: int | None
     skip_existing: bool = False
-    progress: Progress | None = None
+    progress: str | None = None
     quiet: bool = False
 
     def todo(self) -> list[Task]:

@@ -19,9 +19,9 @@ from ..render.checkpoint import Checkpoint, check_passes
 from ..render.films.frame_sums import FrameSums
 from ..scene import SceneError
 from .animation import FrameError, Task, report_line
-from .asked import Asked
 from .outputs import checkpoint_of, finish_frame, snapshots_of, write_frame
 from .progress import farm_bar, frame_line
+from .request import RenderRequest
 
 if TYPE_CHECKING:
     from ..farm.work import Opened
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """What a worker receives: the flags, the place of the first frame to render, and its number of threads."""
+    """What a worker receives: the flags, the index of the first frame to render, and its number of threads."""
 
-    asked: Asked
+    render: RenderRequest
     first: int
     threads: int | None
 
@@ -43,10 +43,10 @@ def open_scene(request: Request) -> Opened:
     from .job import opened
 
     # The command has checked where render products go; this worker may run in another folder.
-    asked = replace(request.asked, threads=request.threads or threads_here(), allow_paths=True)
+    wanted = replace(request.render, stage=replace(request.render.stage, allow_paths=True))
     try:
-        asked.start_device()
-        job = opened(asked, lambda: None)
+        replace(wanted.device, threads=request.threads or threads_here()).start()
+        job = opened(wanted, lambda: None)
         tasks = job.tasks()
         job.check(tasks[request.first], [])
     except typer.BadParameter as error:
@@ -63,7 +63,7 @@ class FarmAnimation:
     """The frames of a render on a farm, and where they go."""
 
     job: Job
-    asked: Asked
+    request: RenderRequest
     tasks: Sequence[Task]
     todo: Sequence[Task]
     layers: Sequence[str]
@@ -82,7 +82,7 @@ class FarmAnimation:
                 self._run(options)
         except (Exception, KeyboardInterrupt) as error:
             raise FrameError("", self._written, self._keep()) from error
-        if not self.asked.quiet:
+        if not self.request.shown.quiet:
             skipped = len(self.tasks) - len(self.todo)
             seconds = time.perf_counter() - self._begun
             print(report_line(self._written, skipped, self._files, seconds), file=sys.stderr)
@@ -91,7 +91,7 @@ class FarmAnimation:
         """Return a frame, with the passes of its checkpoint if it resumes one."""
         passes = self.job.settings.passes
         path = checkpoint_of(task.outputs)
-        if not (self.asked.resume and path.exists()):
+        if not (self.request.passes.resume and path.exists()):
             return FarmFrame(passes, passes)
         sums = FrameSums.load(path)
         check_passes(path, sums, passes)
@@ -101,15 +101,15 @@ class FarmAnimation:
         return FarmFrame(passes, sums.planned, left, path)
 
     def _run(self, options: FarmOptions) -> None:
-        asked = self.asked
+        shown = self.request.shown
         with ExitStack() as stack:
             client = stack.enter_context(connected(options))
-            if not asked.quiet and (address := dashboard(client)) is not None:
+            if not shown.quiet and (address := dashboard(client)) is not None:
                 print(f"Dask's dashboard: {address}", file=sys.stderr)
-            show = stack.enter_context(farm_bar(asked.progress, asked.quiet))
+            show = stack.enter_context(farm_bar(shown.progress, shown.quiet))
             numbers = {task: number for number, task in enumerate(self.tasks)}
             places = [numbers[task] for task in self.todo]
-            request = Request(asked.anywhere(), places[0], options.threads_each())
+            request = Request(self.request.anywhere(), places[0], options.threads_each())
             work = FarmWork(
                 open_scene,
                 request,
@@ -130,7 +130,7 @@ class FarmAnimation:
 
     def _joined(self, place: int) -> None:
         """Write a checkpoint of the passes that have come in, if one is due."""
-        now, every, sums = time.perf_counter(), self.asked.checkpoint, self._frames[place].sums
+        now, every, sums = time.perf_counter(), self.request.passes.checkpoint, self._frames[place].sums
         if every is not None and sums is not None and now - self._saved[place] >= every:
             self._save(place, sums)
             self._saved[place] = now
@@ -150,12 +150,12 @@ class FarmAnimation:
         task, sums = self.todo[place], self._frames[place].sums
         if sums is None:
             raise SceneError(f"frame {task.name} has no passes")
-        if self.asked.skip_existing and task.exists():
+        if self.request.files.skip_existing and task.exists():
             return
         frame = developed(sums)
-        finish_frame(frame, task.outputs, self.asked, self.layers)
+        finish_frame(frame, task.outputs, self.request, self.layers)
         self._written, self._files = self._written + 1, self._files + len(task.outputs)
-        if not self.asked.quiet:
+        if not self.request.shown.quiet:
             line = frame_line(task.name, frame.statistics, task.files, time.perf_counter() - self._begun)
             print(line, file=sys.stderr)
 
@@ -165,11 +165,11 @@ class FarmAnimation:
 
         for task, frame in zip(self.todo, self._frames, strict=True):
             if frame.sums is not None:
-                write_frame(developed(frame.sums), snapshots_of(task.outputs), self.asked, self.layers)
+                write_frame(developed(frame.sums), snapshots_of(task.outputs), self.request, self.layers)
 
     def _keep(self) -> str | None:
         """Write checkpoints of unfinished frames, if `--checkpoint` is given; return a message about them."""
-        if self.asked.checkpoint is None:
+        if self.request.passes.checkpoint is None:
             return None
         kept = 0
         for place, frame in enumerate(getattr(self, "_frames", ())):

@@ -1,14 +1,22 @@
-"""Flags that several commands or both kinds of scenes share: their ranges, and the objects made from them."""
+"""The groups of flags that several commands share, and those of the settings and passes of `render`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from enum import StrEnum
+from functools import cached_property
+from inspect import Parameter
 from math import isfinite
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+
+from ..constants import MOST_PIXELS
+from ..render.settings import flags
+from ..setting import Setting
+from .groups import Flags, checked, option
+from .programs import load_function
 
 if TYPE_CHECKING:
     from ..quadrature import Rule
@@ -17,189 +25,236 @@ if TYPE_CHECKING:
     from ..usd.cameras.stereo import Stereo
     from ..usd.common.selection import Selection
 
-MOST_THREADS = 1024
-MOST_BOUNCES = 2**31 - 3  # 2 edges less than `max_depth`
+SECONDS: dict[str, Any] = {"above": 0.0, "expected": "a positive number of seconds"}
 
 
-class Estimator(StrEnum):
-    """How a beam's light along a ray is estimated."""
-
-    auto = "auto"
-    billboard = "billboard"
-    frustum = "frustum"
-
-
-class Gather(StrEnum):
-    """Whether beams are gathered along every ray, or along fewer where they look smooth."""
-
-    adaptive = "adaptive"
-    exact = "exact"
+def _check_size(value: tuple[int, int]) -> tuple[int, int]:
+    if not (min(value) >= 0 and max(value) <= MOST_PIXELS):
+        text = f"two numbers from 0 to {MOST_PIXELS}, 0 to follow the aperture"
+        raise typer.BadParameter(f"--res is {value[0]} {value[1]}: expected {text}")
+    return value
 
 
-class RuleName(StrEnum):
-    """A quadrature rule."""
-
-    gauss = "gauss"
-    riemann = "riemann"
+Crop = tuple[float, float, float, float]
 
 
-class Filter(StrEnum):
-    """A pixel filter, by Mitsuba's name."""
-
-    box = "box"
-    tent = "tent"
-    gaussian = "gaussian"
-    mitchell = "mitchell"
-    catmullrom = "catmullrom"
-    lanczos = "lanczos"
-
-
-class Complexity(StrEnum):
-    """How finely subdivision surfaces are refined."""
-
-    low = "low"
-    medium = "medium"
-    high = "high"
-    veryhigh = "veryhigh"
+def check_crop(crop: Crop | None, overscan: bool) -> None:
+    """Refuse a crop without pixels or, without `overscan`, one that reaches beyond the picture."""
+    if crop is None:
+        return
+    x0, y0, x1, y1 = crop
+    if not (x0 < x1 and y0 < y1 and all(isfinite(each) if overscan else 0 <= each <= 1 for each in crop)):
+        bounds = "x0 < x1 and y0 < y1" if overscan else "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"
+        raise typer.BadParameter(f"--crop is {' '.join(f'{each:g}' for each in crop)}: expected {bounds}")
 
 
-class Device(StrEnum):
-    """The processor to compute on."""
+# -- options of several commands ---------------------------------------------------------------------------------------
 
-    auto = "auto"
-    cpu = "cpu"
-    cuda = "cuda"
-
-
-def two_eyes(
-    stereo: bool, interaxial: float | None, convergence: float | None, view: str | None = None
-) -> Stereo | None:  # fmt: skip
-    """Return how the camera is split into two eyes, or None for one eye."""
-    flags = {"--interaxial": interaxial, "--convergence": convergence, "--view": view}
-    for flag, value in flags.items():
-        if value is not None and not stereo:
-            raise typer.BadParameter(f"{flag} is for two eyes: expected --stereo, too")
-    if not stereo:
-        return None
-    from ..scene import SceneError
-    from ..usd.cameras.stereo import Stereo
-
-    try:
-        return Stereo(interaxial, convergence)
-    except SceneError as error:
-        raise typer.BadParameter(f"--{error}") from None
+Camera = Annotated[str | None, typer.Option("--camera", "-cam", help="Path or name of the camera.")]
+CropOption = Annotated[
+    Crop | None,
+    typer.Option(
+        metavar="X0 Y0 X1 Y1",
+        help="Render only this part, in fractions of the picture from its top left corner; where a "
+        "stage is rendered, numbers beyond 0 to 1 add overscan.",
+    ),
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors.")]
+Resolution = Annotated[
+    tuple[int, int],
+    typer.Option(
+        metavar="W H", help="Width and height in pixels; a 0 follows from the camera's aperture.", callback=_check_size
+    ),
+]
+SessionLayers = Annotated[
+    list[Path] | None,
+    typer.Option(metavar="FILE", help="A USD layer over the stage; may be repeated, the first is the strongest."),
+]
+Stage = Annotated[Path, typer.Argument(help="A .usd, .usda, .usdc or .usdz stage.")]
 
 
-def check_flags(
-    res: tuple[int, int] = (0, 0),
-    res_scale: float = 1.0,
-    crop: tuple[float, float, float, float] | None = None,
-    passes: int | None = None,
-    time_limit: float | None = None,
-    error: float | None = None,
-    beams: int | None = None,
-    order: int | None = None,
-    gather_error: float | None = None,
-    anisotropy: float | None = None,
-    exposure: float = 0.0,
-    threads: int | None = None,
-    bounces: int | None = None,
-    checkpoint: float | None = None,
-    snapshot: float | None = None,
-    overscan: bool = False,
-) -> None:
-    """Refuse numbers out of range, before anything heavy is imported; a NaN is never in range.
+_FRAMES = "Frames, such as 101, 101:105, 105:101, 101:109x2, or several with commas; default: the stage's start."
 
-    With `overscan`, a crop may reach beyond the picture.
-    """
-    from ..quadrature import MOST_POINTS
-    from ..scene import MOST_BEAMS, MOST_PIXELS
-
-    x0, y0, x1, y1 = sides = crop or (0.0, 0.0, 1.0, 1.0)
-    window = x0 < x1 and y0 < y1 and all(isfinite(each) if overscan else 0 <= each <= 1 for each in sides)
-    bounds = "x0 < x1 and y0 < y1" if overscan else "0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1"
-    checks = (
-        (
-            "--res",
-            res,
-            min(res) >= 0 and max(res) <= MOST_PIXELS,
-            f"two numbers from 0 to {MOST_PIXELS}, 0 to follow the aperture",
-        ),
-        ("--res-scale", res_scale, 0 < res_scale <= 1000, "more than 0 and no more than 1000"),
-        ("--crop", crop, window, bounds),
-        ("--passes", passes, passes is None or 1 <= passes < 2**31, f"1 to {2**31 - 1}"),
-        ("--time-limit", time_limit, time_limit is None or time_limit > 0, "a positive number of seconds"),
-        ("--error", error, error is None or 0 < error < 1, "more than 0 and less than 1, such as 0.01"),
-        (
-            "--beams",
-            beams,
-            beams is None or 1 <= beams <= MOST_BEAMS,
-            f"1 to {MOST_BEAMS} beams for each pass and light",
-        ),
-        ("--order", order, order is None or 1 <= order <= MOST_POINTS, f"1 to {MOST_POINTS} points"),
-        ("--gather-error", gather_error, gather_error is None or 0 <= gather_error < 1, "0 (exact) to less than 1"),
-        ("--anisotropy", anisotropy, anisotropy is None or -0.99 <= anisotropy <= 0.99, "-0.99 to 0.99"),
-        ("--exposure", exposure, -100 <= exposure <= 100, "-100 to 100 stops"),
-        (
-            "--bounces",
-            bounces,
-            bounces is None or -1 <= bounces <= MOST_BOUNCES,
-            f"0 to {MOST_BOUNCES}, or -1 for no limit",
-        ),
-        ("--checkpoint", checkpoint, checkpoint is None or checkpoint > 0, "a positive number of seconds"),
-        ("--snapshot", snapshot, snapshot is None or snapshot > 0, "a positive number of seconds"),
-        ("--threads", threads, threads is None or 1 <= threads <= MOST_THREADS, f"1 to {MOST_THREADS}"),
-    )
-    for flag, value, right, expected in checks:
-        if not right:
-            text = " ".join(f"{each:g}" for each in value) if isinstance(value, tuple) else value
-            raise typer.BadParameter(f"{flag} is {text}: expected {expected}")
+# -- groups ----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quality:
-    """The flags of quality; None where they leave the choice to the scene, or to its kind."""
+class PictureFlags(Flags):
+    """The frames, and the pictures and layers that are written of them."""
 
-    passes: int | None = None
-    time_limit: float | None = None
-    error: float | None = None
-    denoise: bool = False
-    keep_noisy: bool = False
-    beams: int | None = None
-    bounces: int | None = None
-    estimator: Estimator | None = None
-    rule: RuleName | None = None
-    order: int | None = None
-    gather: Gather | None = None
-    gather_error: float | None = None
-    pixel_filter: Filter | None = None
-    seed: int | None = None
+    picture: list[str] | None = option(None, "Write one layer as a picture; may be repeated.", metavar="LAYER=FILE.png")
+    layers: str | None = option(
+        None, "Layers to write into an .exr; default: all except normal and albedo.", metavar="NAME,NAME"
+    )
+    frames: str | None = option(None, _FRAMES, "--frames", "-f", metavar="FRAMES")
+    skip_existing: bool = option(False, "Skip frames whose files all exist.")
+    exposure: float = option(
+        0.0, "Exposure of .png pictures in stops; an .exr stays as it is.",
+        least=-100.0, most=100.0, expected="-100 to 100 stops",
+    )  # fmt: skip
 
-    def _max_depth(self) -> int | None:
-        if self.bounces is None:
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramFlags(Flags):
+    """Functions in Python that change or make beams."""
+
+    simulate: str | None = option(
+        None, "A Python function that changes the beams of each pass.", metavar="FILE.py:NAME"
+    )
+    emit: str | None = option(None, "A Python function that makes beams of its own.", metavar="FILE.py:NAME")
+
+    def loaded(self) -> dict[str, Any]:
+        """Return the functions, as arguments of `Shot`."""
+        return {name: load_function(f"--{name}", getattr(self, name)) for name in ("simulate", "emit")}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MessageFlags(Flags):
+    """Which messages are printed."""
+
+    quiet: Quiet = False
+    verbose: bool = option(False, "Print more, such as OpenUSD's own messages.", "--verbose", "-v")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceFlags(Flags):
+    """The processor, and how many of its threads."""
+
+    threads: int | None = option(None, "Number of processor threads; default: all.", kind=int, least=1, most=1024)
+    device: Literal["auto", "cpu", "cuda"] = option("auto", "Processor to render on.")
+
+    def start(self) -> None:
+        """Start the device."""
+        from ..runtime.limits import check_address_space
+
+        check_address_space()
+        from ..runtime import device
+
+        device.select(self.device)
+        if self.threads is not None:
+            device.set_threads(self.threads)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EyeFlags(Flags):
+    """Whether there are two eyes, and how far apart."""
+
+    stereo: bool = option(False, "Render two eyes: a pair of cameras with stereoRole, or the one camera split in two.")
+    interaxial: float | None = option(None, "Distance between the eyes in scene units; default: 65 mm.")
+    convergence: float | None = option(
+        None, "Distance, in scene units, at which both eyes see the same; default: the focus distance, or infinity."
+    )
+
+    def __post_init__(self) -> None:
+        self.eyes()
+
+    def eyes(self) -> Stereo | None:
+        """Return how the camera is split into two eyes, or None for one eye."""
+        for name, value in vars(self).items():
+            if value is not None and not self.stereo and name != "stereo":
+                raise typer.BadParameter(f"--{name} is for two eyes: expected --stereo, too")
+        if not self.stereo:
             return None
-        return -1 if self.bounces < 0 else self.bounces + 2
+        from ..scene import SceneError
+        from ..usd.cameras.stereo import Stereo
 
-    def over(self, own: Settings) -> Settings:
-        """Return a scene's settings with the given flags; without `--order`, a rule keeps their number of points."""
-        from ..render.settings import Settings
+        try:
+            return Stereo(self.interaxial, self.convergence)
+        except SceneError as error:
+            raise typer.BadParameter(f"--{error}") from None
 
-        given = {
-            "passes": self.passes, "time_limit": self.time_limit, "error": self.error, "denoise": self.denoise or None,
-            "keep_noisy": self.keep_noisy or None, "seed": self.seed, "beams": self.beams,
-            "max_depth": self._max_depth(),
-            "estimator": self.estimator and self.estimator.value, "rule": self._rule(len(own.rule)),
-            "gather_error": 0.0 if self.gather is Gather.exact else self.gather_error,
-            "pixel_filter": self.pixel_filter and self.pixel_filter.value,
-        }  # fmt: skip
-        return Settings.of(own, {name: value for name, value in given.items() if value is not None})
 
-    def _rule(self, points: int) -> Rule | None:
-        from ..quadrature import gauss_legendre, riemann
+@dataclass(frozen=True, kw_only=True)
+class LayerFlags(Flags):
+    """What is changed of a stage."""
 
-        if self.rule is None and self.order is None:
-            return None
-        return (riemann if self.rule is RuleName.riemann else gauss_legendre)(self.order or points)
+    overrides: list[str] | None = option(
+        None, "Override a value of the stage; may be repeated.", "--set", metavar="/prim.attr=value"
+    )
+    session_layer: SessionLayers = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelectionFlags(Flags):
+    """What of a stage is read."""
+
+    variant: list[str] | None = option(None, "Select a variant; may be repeated.", metavar="/prim{set=choice}")
+    mask: str | None = option(
+        None, "Read only these prims, their ancestors and descendants, and what they refer to.", metavar="PATH,PATH"
+    )
+    purposes: str | None = option(
+        None, "Purposes to render, in addition to `default`; default: render.", metavar="NAME,NAME"
+    )
+    complexity: Literal["low", "medium", "high", "veryhigh"] | None = option(
+        None, "How finely subdivision surfaces are refined; default: high for meshes that declare subdivision, else "
+        "low.",
+    )  # fmt: skip
+
+    def selection(self) -> Selection:
+        """Return the selection; raise SceneError where a flag is not valid in USD."""
+        from ..usd.common.selection import Selection
+
+        return Selection.of(self.mask, self.purposes, self.variant or (), self.complexity)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FogFlags(Flags):
+    """The fog that the flags describe; None where they leave a value to the stage's fog."""
+
+    scattering: str | None = option(
+        None, "Scattering of the fog per scene unit: adds a fog, or changes the stage's.", metavar="S|R,G,B"
+    )
+    absorption: str | None = option(None, "Absorption of the fog per scene unit.", metavar="S|R,G,B")
+    anisotropy: float | None = option(
+        None, "Anisotropy of the fog: its mean cosine, -0.99 to 0.99.", least=-0.99, most=0.99
+    )
+
+    def __post_init__(self) -> None:
+        self._given()
+
+    def _given(self) -> dict[str, Any]:
+        """Return the fields of a medium that flags set; raise BadParameter where a colour is not valid."""
+        colors = {name: parse_color(f"--{name}", getattr(self, name)) for name in ("scattering", "absorption")}
+        given = {**colors, "anisotropy": self.anisotropy}
+        return {name: value for name, value in given.items() if value is not None}
+
+    def over(self, own: Medium | None) -> Medium | None:
+        """Return this fog, with missing values taken from the stage's `own`."""
+        given = self._given()
+        if not given:
+            return own
+        from ..scene import BLACK, Medium
+
+        if own is None and self.scattering is None:
+            raise typer.BadParameter(
+                "--absorption, --anisotropy and --beams-only-fog change a fog, but the stage has none: "
+                "expected --scattering, too"
+            )
+        return replace(own or Medium(scattering=BLACK), **given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContentFlags(Flags):
+    """What is read of a stage for a file of another kind, and what is printed."""
+
+    frames: str | None = option(None, _FRAMES, "--frames", "-f", metavar="FRAMES")
+    fog: FogFlags
+    layers: LayerFlags
+    selection: SelectionFlags
+    shown: MessageFlags
+
+
+def parse_color(flag: str, text: str | None) -> Color | None:
+    """Return the colour that a flag gives as one number, or as three separated by commas."""
+    if text is None:
+        return None
+    from ..scene import color
+
+    try:
+        return color([float(part) for part in text.split(",")], flag)
+    except ValueError:  # a SceneError is one, too
+        expected = "one number, or three separated by commas, finite and at least 0"
+        raise typer.BadParameter(f"{flag} is {text}: expected {expected}") from None
 
 
 @dataclass(frozen=True)
@@ -238,74 +293,80 @@ class PassRange:
         return found
 
 
-def parse_color(flag: str, text: str | None) -> Color | None:
-    """Return the colour that a flag gives as one number, or as three separated by commas."""
-    from ..scene import color
+@dataclass(frozen=True, kw_only=True)
+class PassFlags(Flags):
+    """Which passes are rendered, and what is kept of them on the way."""
 
-    if text is None:
-        return None
-    try:
-        return color([float(part) for part in text.split(",")], flag)
-    except ValueError:  # a SceneError is one, too
-        expected = "one number, or three separated by commas, finite and at least 0"
-        raise typer.BadParameter(f"{flag} is {text}: expected {expected}") from None
+    checkpoint: float | None = option(
+        None, "Save the passes so far to a checkpoint every S seconds and on Ctrl-C.", metavar="S", **SECONDS
+    )
+    resume: bool = option(False, "Continue from checkpoints that exist.")
+    snapshot: float | None = option(
+        None, "Write the picture so far, as *.snapshot.exr, every S seconds and on the signal SIGUSR1.", metavar="S",
+        **SECONDS,
+    )  # fmt: skip
+    pass_range: str | None = option(
+        None, "Render only passes A to B, or the I-th of N equal parts of all passes, into a .checkpoint for "
+        "`photonbeams merge`.", metavar="A:B|I/N",
+    )  # fmt: skip
 
-
-@dataclass(frozen=True)
-class SelectionFlags:
-    """The flags that say what of a stage is read, as text."""
-
-    mask: str | None = None
-    purposes: str | None = None
-    variants: Sequence[str] = ()
-    complexity: Complexity | None = None
-
-    def selection(self) -> Selection:
-        """Return the selection; raise SceneError where a flag is not valid in USD."""
-        from ..usd.common.selection import Selection
-
-        return Selection.of(self.mask, self.purposes, self.variants, self.complexity and self.complexity.value)
+    @cached_property
+    def part(self) -> PassRange | None:
+        """The range of passes, or None for all."""
+        return PassRange.parse(self.pass_range)
 
 
 @dataclass(frozen=True)
-class FogFlags:
-    """The fog that the flags describe; None where they leave a value to the stage's fog."""
+class SettingsFlags(Flags):
+    """The flags of `Settings`; their options are made from what its fields say of themselves.
 
-    scattering: Color | None
-    absorption: Color | None
-    anisotropy: float | None
-    surfaces: bool | None
+    Attributes
+    ----------
+    values
+        The flags that are given, by the names of their parameters: "bounces" for --bounces.
+    """
+
+    values: Mapping[str, Any]
 
     @classmethod
-    def parse(
-        cls, scattering: str | None, absorption: str | None, anisotropy: float | None, beams_only: bool = False
-    ) -> FogFlags:
-        """Return the fog that the flags describe; raise BadParameter where a colour is not valid."""
-        colors = parse_color("--scattering", scattering), parse_color("--absorption", absorption)
-        return cls(*colors, anisotropy, False if beams_only else None)
+    def options(cls) -> Iterator[Parameter]:
+        """Yield an option for each flag that sets a field."""
+        for _, flag in flags():
+            kind: Any = Literal[flag.choices] if flag.choices else flag.kind
+            made = typer.Option(flag.name, help=flag.help, metavar=flag.metavar, callback=checked(flag))
+            boolean = kind is bool
+            yield Parameter(
+                _name(flag), Parameter.KEYWORD_ONLY, default=False if boolean else None,
+                annotation=Annotated[kind if boolean else kind | None, made],
+            )  # fmt: skip
 
-    def over(self, own: Medium | None) -> Medium | None:
-        """Return this fog, with missing values taken from the stage's `own`."""
-        from ..scene import BLACK, Medium
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> SettingsFlags:
+        """Return the flags that are given among the `values` of a command line."""
+        names = [_name(flag) for _, flag in flags()]
+        return cls({name: values[name] for name in names if values[name] not in (None, False)})
 
-        given = {name: value for name, value in vars(self).items() if value is not None}
-        if not given:
-            return own
-        if own is None and self.scattering is None:
-            raise typer.BadParameter(
-                "--absorption, --anisotropy and --beams-only-fog change a fog, but the stage has none: "
-                "expected --scattering, too"
-            )
-        return replace(own or Medium(scattering=BLACK), **given)
+    def over(self, own: Settings) -> Settings:
+        """Return a scene's settings with the given flags; without `--order`, a rule keeps their number of points."""
+        from ..render.settings import Settings
+
+        found = {field: self.values[_name(flag)] for field, flag in flags() if _name(flag) in self.values}
+        if "max_depth" in found:
+            found["max_depth"] = -1 if found["max_depth"] < 0 else found["max_depth"] + 2
+        if "rule" in found:
+            found["rule"] = self._rule(len(own.rule))
+        if self.values.get("gather") == "exact":
+            found["gather_error"] = 0.0
+        elif found.get("gather_error") == "adaptive":
+            del found["gather_error"]
+        return Settings.of(own, found)
+
+    def _rule(self, points: int) -> Rule:
+        from ..quadrature import gauss_legendre, riemann
+
+        kind = riemann if self.values.get("rule") == "riemann" else gauss_legendre
+        return kind(self.values.get("order", points))
 
 
-def start_device(device: Device, threads: int | None) -> None:
-    """Start the device with this number of threads, None for its default."""
-    from ..runtime.limits import check_address_space
-
-    check_address_space()
-    from ..runtime import device as devices
-
-    devices.select(device.value)
-    if threads is not None:
-        devices.set_threads(threads)
+def _name(flag: Setting) -> str:
+    return flag.name.removeprefix("--").replace("-", "_")

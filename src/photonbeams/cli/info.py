@@ -12,9 +12,8 @@ import numpy as np
 import typer
 
 from ..runtime.limits import check_address_space
-from . import options
-from .console import standard_output
-from .progress import messages
+from .flags import SessionLayers
+from .progress import messages, standard_output
 from .volumes import COLUMNS, VOLUMES, triple, volume_rows
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ _NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "scre
 
 def info(
     path: Annotated[Path, typer.Argument(help="A stage, an image, or a volume file.")],
-    session_layer: options.SessionLayers = None,
+    session_layer: SessionLayers = None,
 ) -> None:
     """Show what a USD stage, an image or a volume file holds.
 

@@ -11,9 +11,9 @@ import typer
 
 from ..runtime.limits import check_address_space
 from .animation import Animation, Task, print_plan
-from .asked import Asked
 from .outputs import checkpoint_of, chosen_layers, finish_frame, prepare_outputs, snapshots_of, write_frame
 from .progress import HeldSignals, counted, error_note, held_signals, messages, snapshots
+from .request import RenderRequest
 
 if TYPE_CHECKING:
     from ..images.frame import Frame
@@ -31,7 +31,7 @@ class Job(ABC):
     """An open scene and what the flags ask of it. Methods raise SceneError or BadParameter."""
 
     settings: Settings
-    _asked: Asked
+    _request: RenderRequest
     _shot: Shot
     _size: tuple[int, int]
 
@@ -77,7 +77,7 @@ class Job(ABC):
         from ..images.frame import pixels_of
         from ..render.memory import PIXEL_BYTES
 
-        views = 2 if self._asked.stereo and self._asked.view is None else 1
+        views = 2 if self._request.eyes.stereo and self._request.eyes.eye is None else 1
         left, top, right, bottom = pixels_of(self._given["crop"], *self._size, overscan=True)
         return (right - left) * (bottom - top) * (PIXEL_BYTES + views * _SUMS_BYTES)
 
@@ -99,61 +99,68 @@ class Kept(KeyboardInterrupt):
         self.done = done
 
 
-def opened(asked: Asked, check: Callable[[], None]) -> Job:
+def opened(request: RenderRequest, check: Callable[[], None]) -> Job:
     """Open the scene of a request; `check` raises KeyboardInterrupt for a delayed Ctrl-C."""
     from .stage import StageJob
     from .xml import MitsubaJob
 
-    return MitsubaJob(asked, check) if asked.path.suffix.lower() == ".xml" else StageJob(asked, check)
+    return MitsubaJob(request, check) if request.is_mitsuba else StageJob(request, check)
 
 
-def run(asked: Asked) -> None:
+def run(request: RenderRequest) -> None:
     """Render what the flags ask for."""
-    from ..render.films.denoising import check_denoiser
-
-    with messages(asked.quiet, asked.verbose), held_signals() as check, snapshots(asked.snapshot) as due:
-        asked.start_device()
+    shown, passes = request.shown, request.passes
+    with messages(shown.quiet, shown.verbose), held_signals() as check, snapshots(passes.snapshot) as due:
+        request.device.start()
         with check.forced():
-            job = opened(asked, check)
-        if asked.list_cameras:
+            job = opened(request, check)
+        if request.views.list_cameras:
             typer.echo("\n".join(job.cameras()))
             return
         tasks = job.tasks()
-        part = None if asked.part is None else asked.part.of(job.settings.passes)
-        passes = None if job.settings.error else job.settings.passes
-        if part is not None:
-            passes = len(part)
-        animation = Animation(tasks, passes, asked.skip_existing, asked.progress, asked.quiet)
+        part = None if passes.part is None else passes.part.of(job.settings.passes)
+        count = len(part) if part is not None else None if job.settings.error else job.settings.passes
+        animation = Animation(tasks, count, request.files.skip_existing, shown.progress, shown.quiet)
         todo = animation.todo()
-        first = (todo or tasks)[0]
-        with check.forced():
-            kept = chosen_layers(asked.layers, first.outputs, job.layers(first))
-            job.check(first, todo)
-        check_address_space(job.picture_memory())
-        for task in todo:
-            prepare_outputs(task.outputs)
-        if job.settings.denoise:
-            check_denoiser()
-        check()
-        if asked.dry_run:
-            if not asked.quiet:
-                print_plan(job.seen(first), tasks, todo, kept)
+        kept = _ready(job, request, tasks, todo, check)
+        if shown.dry_run:
+            if not shown.quiet:
+                print_plan(job.seen((todo or tasks)[0]), tasks, todo, kept)
             return
-
-        if asked.farm is not None:
+        farm = request.farm.options_of(request.device.threads)
+        if farm is not None:
             from .farm import FarmAnimation
 
-            FarmAnimation(job, asked, tasks, todo, kept, check, due).render(asked.farm)
+            FarmAnimation(job, request, tasks, todo, kept, check, due).render(farm)
             return
 
         def finish(task: Task, advance: Callable[[int, str], None]) -> Statistics:
             if part is not None:
                 return _part_written(job, part, task, advance, check)
-            frame = _rendered(job, asked, task, advance, kept, due, check, several=len(tasks) > 1)
-            finish_frame(frame, task.outputs, asked, kept)
+            frame = _rendered(job, request, task, advance, kept, due, check, several=len(tasks) > 1)
+            finish_frame(frame, task.outputs, request, kept)
             return frame.statistics
 
         animation.render(finish, check)
+
+
+def _ready(
+    job: Job, request: RenderRequest, tasks: Sequence[Task], todo: Sequence[Task], check: HeldSignals
+) -> Sequence[str]:
+    """Check all that can be checked before the first pass; return the layers that files keep."""
+    from ..render.films.denoising import check_denoiser
+
+    first = (todo or tasks)[0]
+    with check.forced():
+        kept = chosen_layers(request.files.layers, first.outputs, job.layers(first))
+        job.check(first, todo)
+    check_address_space(job.picture_memory())
+    for task in todo:
+        prepare_outputs(task.outputs)
+    if job.settings.denoise:
+        check_denoiser()
+    check()
+    return kept
 
 
 def _part_written(
@@ -172,29 +179,30 @@ def _part_written(
 
 
 def _rendered(
-    job: Job, asked: Asked, task: Task, advance: Callable[[int, str], None], kept: Sequence[str],
+    job: Job, request: RenderRequest, task: Task, advance: Callable[[int, str], None], kept: Sequence[str],
     due: Callable[[], bool], check: HeldSignals, *, several: bool,
 ) -> Frame:  # fmt: skip
     """Render a frame, writing checkpoints and snapshots on the way, and a checkpoint if a signal ends it."""
     from ..render.checkpoint import Checkpoint
 
     checkpoint = None
-    if asked.checkpoint is not None or asked.resume:
-        checkpoint = Checkpoint(checkpoint_of(task.outputs), asked.checkpoint, asked.resume)
+    passes = request.passes
+    if passes.checkpoint is not None or passes.resume:
+        checkpoint = Checkpoint(checkpoint_of(task.outputs), passes.checkpoint, passes.resume)
 
     def progress(done: int, statistics: Statistics) -> None:
         advance(done, error_note(statistics.error, job.settings.error))
 
     def snapshot(frame: Callable[[], Frame]) -> None:
         if due():
-            write_frame(frame(), snapshots_of(task.outputs), asked, kept)
+            write_frame(frame(), snapshots_of(task.outputs), request, kept)
 
     def kept_passes() -> str | None:
         if checkpoint is None or not checkpoint.passes:
             return None
-        passes = counted(checkpoint.passes, "pass", "passes")
+        done = counted(checkpoint.passes, "pass", "passes")
         flags = "--skip-existing --resume go" if several else "--resume goes"
-        return f"{checkpoint.path} has {passes}: {flags} on from there"
+        return f"{checkpoint.path} has {done}: {flags} on from there"
 
     def rescue() -> str | None:
         if checkpoint is not None:

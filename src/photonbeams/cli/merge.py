@@ -12,8 +12,8 @@ import typer
 
 from ..images.numbering import numbered
 from ..runtime.limits import check_address_space
-from . import options
 from .animation import frame_numbers
+from .flags import PictureFlags, Quiet
 from .outputs import Output, chosen_layers, parse_outputs, prepare_outputs, write_outputs
 from .progress import counted, messages
 
@@ -33,16 +33,12 @@ def merge(
         list[Path],
         typer.Option("--output", "-o", help="File to write: .exr (layered) or .png (tone-mapped); may be repeated."),
     ],
-    picture: options.Picture = None,
-    layers: options.Layers = None,
-    frames: options.Frames = None,
-    exposure: options.Exposure = 0.0,
+    pictures: PictureFlags,
     remove: Annotated[
         bool, typer.Option("--remove", help="Remove the checkpoints once their frame is written.")
     ] = False,
     partial: Annotated[bool, typer.Option("--partial", help="Also write frames that lack passes or tiles.")] = False,
-    skip_existing: options.SkipExisting = False,
-    quiet: options.Quiet = False,
+    quiet: Quiet = False,
 ) -> None:
     """Join passes from checkpoints, or tiles, into frames, bit for bit as if one machine had rendered all of them.
 
@@ -58,11 +54,11 @@ def merge(
     from ..scene import SceneError
     from ..shot.development import developed
 
-    outputs = parse_outputs(output, picture or ())
+    outputs, layers = parse_outputs(output, pictures.picture or ()), pictures.layers
     with messages(quiet, verbose=False):
-        for number in frame_numbers(frames, outputs):
+        for number in frame_numbers(pictures.frames, outputs):
             files = [each if number is None else each.numbered(number) for each in outputs]
-            if skip_existing and all(each.exists() for each in files):
+            if pictures.skip_existing and all(each.exists() for each in files):
                 continue
             prepare_outputs(files)
             paths = _found(checkpoints, number)
@@ -74,7 +70,7 @@ def merge(
             try:
                 frame = developed(sums)
                 kept = chosen_layers(layers, files, [*frame.layers])
-                write_outputs(frame, files, kept, exposure, options.command_line(), chosen=layers is not None)
+                write_outputs(frame, files, kept, pictures.exposure, chosen=layers is not None)
             except ValueError as error:  # also of what no header can hold
                 raise SceneError(f"{paths[0]}: {error}") from None
             for path in paths if remove else ():

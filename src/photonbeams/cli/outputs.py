@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
+import shlex
+import sys
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -17,7 +19,7 @@ from ..images.numbering import PLACEHOLDER, numbered
 if TYPE_CHECKING:
     from ..scene import Array
     from ..shot.shot import Frame
-    from .asked import Asked
+    from .request import RenderRequest
 
 
 _PICTURES = (b"\x76\x2f\x31\x01", b"\x89PNG")  # what an .exr and a .png begin with
@@ -192,10 +194,9 @@ def prepare_outputs(outputs: Iterable[Output]) -> None:
 
 
 def write_outputs(
-    frame: Frame, outputs: Iterable[Output], layers: Sequence[str], exposure: float, command: str,
-    *, chosen: bool = False,
+    frame: Frame, outputs: Iterable[Output], layers: Sequence[str], exposure: float, *, chosen: bool = False
 ) -> None:  # fmt: skip
-    """Write all files, with the command in their headers; if one cannot be written, write none.
+    """Write all files, with the command line in their headers; if one cannot be written, write none.
 
     An .exr holds `layers` and, unless the user has `chosen` them, the frame's other layers. A render product holds only
     the layers that it asks for.
@@ -203,6 +204,8 @@ def write_outputs(
     from ..runtime.files import atomic_path, write_bytes
 
     names = layers if chosen else [*dict.fromkeys([*layers, *frame.layers])]
+    # The command line's text is UTF-8, whatever the encoding of file names.
+    command = shlex.join(["photonbeams", *sys.argv[1:]]).encode("utf-8", "replace").decode("utf-8")
     for metadata in [frame.metadata, *(each for _, each in frame.views.values())]:
         metadata["commandLine"] = command
     with ExitStack() as stack:
@@ -230,16 +233,16 @@ def _holding(frame: Frame, names: Sequence[str]) -> Frame:
     return replace(frame, layers=chosen(frame.layers), views=views)
 
 
-def write_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Sequence[str]) -> None:
+def write_frame(frame: Frame, outputs: Sequence[Output], request: RenderRequest, kept: Sequence[str]) -> None:
     """Write the files of a frame, as the flags ask."""
-    exposure = asked.exposure.of(frame.layers["rgba"], quiet=asked.quiet)
-    write_outputs(frame, outputs, kept, exposure, asked.command, chosen=asked.layers is not None)
+    exposure = request.files.exposures.of(frame.layers["rgba"], quiet=request.shown.quiet)
+    write_outputs(frame, outputs, kept, exposure, chosen=request.files.layers is not None)
 
 
-def finish_frame(frame: Frame, outputs: Sequence[Output], asked: Asked, kept: Sequence[str]) -> None:
+def finish_frame(frame: Frame, outputs: Sequence[Output], request: RenderRequest, kept: Sequence[str]) -> None:
     """Write the files of a finished frame; remove its snapshots and the checkpoint that it used."""
-    write_frame(frame, outputs, asked, kept)
-    used = [checkpoint_of(outputs)] if asked.resume or asked.checkpoint is not None else []
+    write_frame(frame, outputs, request, kept)
+    used = [checkpoint_of(outputs)] if request.passes.resume or request.passes.checkpoint is not None else []
     for path in [*used, *(each.path for each in snapshots_of(outputs))]:
         path.unlink(missing_ok=True)
 

@@ -11,13 +11,14 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..runtime.bars import Update, drawn, terminal
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from ..farm.run import FarmState
     from ..render.passes import Statistics
 
@@ -28,15 +29,6 @@ NOTHING = "nothing was written"
 
 # Signals that end a render. Windows has no SIGHUP.
 _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-
-
-class Progress(StrEnum):
-    """How progress is shown."""
-
-    rich = "rich"
-    plain = "plain"
-    openjd = "openjd"
-    none = "none"
 
 
 @contextmanager
@@ -196,50 +188,64 @@ Show = Callable[[int, str, int, str], None]
 
 
 @contextmanager
-def bar(kind: Progress | None, quiet: bool, frames: int, passes: int | None) -> Iterator[Show]:
+def bar(kind: str | None, quiet: bool, frames: int, passes: int | None) -> Iterator[Show]:
     """Yield a function that updates the progress bar of a render.
 
-    Its arguments are the place of the frame, from 0, its name, the number of its passes that are done, and a note.
-    `passes` is the number of passes of a frame, None if it is not known yet.
+    Its arguments are the index of the frame, its name, the number of its passes that are done, and a note. `passes` is
+    the number of passes of a frame, None if it is not known yet.
     """
     with _drawn(kind, quiet) as update:
-        if update is None:
-            openjd = kind is Progress.openjd
-            yield _plain_unknown(frames, openjd) if passes is None else _plain(frames, passes, openjd)
-            return
+        lines = _ProgressLines(kind == "openjd")
 
         def show(index: int, name: str, done: int, note: str) -> None:
-            description = f"frame {name} ({index + 1} of {frames}), passes" if frames > 1 else "passes"
+            several = frames > 1
+            if update is not None:
+                text = f"{note} frame {name} ({index + 1} of {frames}), passes" if several else f"{note} passes"
+                before, total = (0, None) if passes is None else (index * passes, frames * passes)
+                update(before + done, total, text.strip())
+                return
+            frame, tail = f"frame {name}: " if several else "", note and f", {note}"
             if passes is None:
-                update(done, None, f"{note} {description}".strip())
-            else:
-                update(index * passes + done, frames * passes, f"{note} {description}".strip())
+                text = f"{frame}pass {done}{tail}"
+                lines.show((index, done.bit_length()), index / frames, text, text)
+                return
+            total, overall = frames * passes, index * passes + done
+            # Many passes may be done at once, and a frame begins where the one before it ended.
+            part = overall // max(1, total // 20) + (overall == total)
+            text = f"{frame}pass {done} of {passes}"
+            lines.show(part, overall / total, text + tail, text)
 
         yield show
 
 
 @contextmanager
-def farm_bar(kind: Progress | None, quiet: bool) -> Iterator[Callable[[FarmState], None]]:
+def farm_bar(kind: str | None, quiet: bool) -> Iterator[Callable[[FarmState], None]]:
     """Yield a function that updates the progress bar of a farm."""
     with _drawn(kind, quiet) as update:
-        if update is None:
-            yield _plain_farm(openjd=kind is Progress.openjd)
-            return
+        lines = _ProgressLines(kind == "openjd")
 
         def show(state: FarmState) -> None:
-            frames = f"frame {state.frames} of {state.all_frames}, {counted(state.workers, 'worker')}, passes"
-            update(state.passes, state.all_passes, frames)
+            workers = counted(state.workers, "worker")
+            if update is not None:
+                text = f"frame {state.frames} of {state.all_frames}, {workers}, passes"
+                update(state.passes, state.all_passes, text)
+                return
+            total = max(state.all_passes, 1)
+            frames = f"{state.frames:,} of {counted(state.all_frames, 'frame')}, {workers}"
+            text = f"pass {state.passes:,} of {state.all_passes:,}, {frames}"
+            status = f"{state.frames} of {state.all_frames} frames"
+            lines.show(20 * state.passes // total, state.passes / total, text, status)
 
         yield show
 
 
 @contextmanager
-def _drawn(kind: Progress | None, quiet: bool) -> Iterator[Update | None]:
+def _drawn(kind: str | None, quiet: bool) -> Iterator[Update | None]:
     """Yield a function that draws a bar, of passes done, all passes and a description; None to print lines instead."""
-    if quiet or kind is Progress.none:
+    if quiet or kind == "none":
         yield lambda done, total, description: None
         return
-    console = None if kind in (Progress.plain, Progress.openjd) else terminal(always=kind is Progress.rich)
+    console = None if kind in ("plain", "openjd") else terminal(always=kind == "rich")
     if console is None:
         yield None
         return
@@ -247,69 +253,24 @@ def _drawn(kind: Progress | None, quiet: bool) -> Iterator[Update | None]:
         yield update
 
 
-def _plain_farm(openjd: bool) -> Callable[[FarmState], None]:
-    """Return a function that prints a line about every twentieth of all passes."""
-    last = -1
+class _ProgressLines:
+    """Prints progress as lines, for a log: one about every twentieth of all passes.
 
-    def show(state: FarmState) -> None:
-        nonlocal last
-        twentieth = 20 * state.passes // max(state.all_passes, 1)
-        if twentieth == last:
+    With `openjd`, lines are on standard output, in the form that Open Job Description reads.
+    """
+
+    def __init__(self, openjd: bool) -> None:
+        self._openjd, self._last = openjd, None
+
+    def show(self, part: Any, fraction: float, line: str, status: str) -> None:
+        """Print a line, unless the last one was about the same part."""
+        if part == self._last:
             return
-        last = twentieth
-        if openjd:
-            _openjd(state.passes / max(state.all_passes, 1), f"{state.frames} of {state.all_frames} frames")
-            return
-        frames = f"{state.frames:,} of {counted(state.all_frames, 'frame')}, {counted(state.workers, 'worker')}"
-        print(f"pass {state.passes:,} of {state.all_passes:,}, {frames}", file=sys.stderr, flush=True)
-
-    return show
-
-
-def _openjd(fraction: float, status: str) -> None:
-    """Print progress on standard output, in the form that Open Job Description reads."""
-    print(f"openjd_progress: {100 * fraction:.1f}\nopenjd_status: {status}", flush=True)
-
-
-def _plain(frames: int, passes: int, openjd: bool) -> Show:
-    """Return a function that prints a line about every twentieth of all passes, for a log."""
-    total = frames * passes
-    step = max(1, total // 20)
-    last = -1
-
-    def show(index: int, name: str, done: int, note: str) -> None:
-        nonlocal last
-        overall = index * passes + done
-        # Many passes may be done at once, and a frame begins where the one before it ended.
-        part = overall // step + (overall == total)
-        if part > last:
-            last = part
-            frame = f"frame {name}: " if frames > 1 else ""
-            if openjd:
-                _openjd(overall / total, f"{frame}pass {done} of {passes}")
-                return
-            print(f"{frame}pass {done} of {passes}{note and f', {note}'}", file=sys.stderr, flush=True)
-
-    return show
-
-
-def _plain_unknown(frames: int, openjd: bool) -> Show:
-    """Return a function that prints a line whenever the number of passes doubles, for an unknown total."""
-    last = (-1, -1)
-
-    def show(index: int, name: str, done: int, note: str) -> None:
-        nonlocal last
-        if (index, done.bit_length()) == last:
-            return
-        last = index, done.bit_length()
-        frame = f"frame {name}: " if frames > 1 else ""
-        text = f"{frame}pass {done}{note and f', {note}'}"
-        if openjd:
-            _openjd(index / frames, text)
-            return
-        print(text, file=sys.stderr, flush=True)
-
-    return show
+        self._last = part
+        if self._openjd:
+            print(f"openjd_progress: {100 * fraction:.1f}\nopenjd_status: {status}", flush=True)
+        else:
+            print(line, file=sys.stderr, flush=True)
 
 
 def summary_lines(
@@ -353,3 +314,13 @@ def _passes(statistics: Statistics) -> str:
 def counted(count: int, noun: str, several: str | None = None) -> str:
     """Return a count with its noun, "1 frame" or "5 frames"; `several` is the plural, if not with s."""
     return f"{count:,} {noun if count == 1 else several or noun + 's'}"
+
+
+def standard_output() -> Console:
+    """Return the console for tables and the text around them."""
+    from rich.console import Console
+
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = 240  # in a pipe or a file, lines stay whole
+    return console

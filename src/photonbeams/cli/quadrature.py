@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..scene.extras import needs
-from .console import standard_output
+from .progress import standard_output
 
 if TYPE_CHECKING:
     from rich.table import Table

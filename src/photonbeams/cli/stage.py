@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .animation import Task, frame_numbers, tasks_of
-from .asked import Asked
 from .job import Job, layers_with
 from .outputs import check_outputs
-from .programs import load_function, load_looks
+from .programs import load_looks
+from .request import RenderRequest
 
 if TYPE_CHECKING:
     from ..images.plates import Holdout, Plate
@@ -21,26 +21,25 @@ class StageJob(Job):
 
     _own: RenderSettings
 
-    def __init__(self, asked: Asked, check: Callable[[], None]) -> None:
+    def __init__(self, request: RenderRequest, check: Callable[[], None]) -> None:
         from ..usd.common.warnings import Warnings
         from ..usd.render_passes import apply_pass
         from ..usd.stage import enable_domes, open_stage
 
-        self._asked, self._check = asked, check
-        self._numbers = frame_numbers(asked.frames, asked.outputs)
+        self._request, self._check = request, check
+        self._numbers = frame_numbers(request.files.frames, request.outputs)
         check()
-        self._warnings = Warnings(asked.strict)
-        self._stage = open_stage(
-            asked.path, asked.session_layers, asked.overrides, self._warnings, asked.texture_limit,
-            asked.selection.selection(),
-        )  # fmt: skip
-        if asked.dome_beams:
+        self._warnings = Warnings(request.stage.strict)
+        layers = request.looks.session_layer or (), request.looks.overrides or ()
+        limit, selection = request.stage.texture_limit, request.stage.selection.selection()
+        self._stage = open_stage(request.scene, *layers, self._warnings, limit, selection)
+        if request.stage.dome_beams:
             enable_domes(self._stage)
-        self._settings_path = asked.render_settings
-        if asked.render_pass is not None:
-            own = apply_pass(self._stage, asked.render_pass, self._warnings)
-            self._settings_path = asked.render_settings or own
-        self._end, self._plate = asked.plates.end(), asked.plates.plate()
+        self._settings_path = request.stage.render_settings
+        if request.stage.render_pass is not None:
+            own = apply_pass(self._stage, request.stage.render_pass, self._warnings)
+            self._settings_path = request.stage.render_settings or own
+        self._end, self._plate = request.plates.end(), request.plates.plate()
 
     def cameras(self) -> list[str]:
         """Return the paths of all cameras."""
@@ -54,30 +53,30 @@ class StageJob(Job):
         from ..shot import Shot
         from ..usd.layers.frames import check_frames
 
-        asked = self._asked
+        request = self._request
         check_frames(self._stage, [number for number in self._numbers if number is not None])
         self._check()
         own = self._own = self._render_settings()
-        if not asked.dry_run:
-            check_outputs(asked.outputs or own.products)
+        if not request.shown.dry_run:
+            check_outputs(request.outputs or own.products)
         self._shot = Shot(
-            self._stage, asked.camera or own.camera, medium=asked.fog.over, stereo=asked.stereo,
-            simulate=load_function("--simulate", asked.simulate), emit=load_function("--emit", asked.emit),
-            looks=load_looks("--look", asked.looks), strict=asked.strict,
+            self._stage, request.views.camera or own.camera, medium=request.stage.fog.over, stereo=request.eyes.eyes(),
+            **request.stage.programs.loaded(),
+            looks=load_looks("--look", request.looks.look or ()), strict=request.stage.strict,
         )  # fmt: skip
-        normals, albedo = (asked.wants(layer, own.products) for layer in ("normal", "albedo"))
-        self.settings = asked.quality.over(Settings(pixel_filter=own.pixel_filter, normals=normals, albedo=albedo))
-        anywhere = bool(asked.render_settings) or asked.allow_paths
-        return tasks_of(self._shot, self._numbers, asked.outputs, own.products, anywhere=anywhere)
+        normals, albedo = (request.wants(layer, own.products) for layer in ("normal", "albedo"))
+        self.settings = request.settings.over(Settings(pixel_filter=own.pixel_filter, normals=normals, albedo=albedo))
+        anywhere = bool(request.stage.render_settings) or request.stage.allow_paths
+        return tasks_of(self._shot, self._numbers, request.outputs, own.products, anywhere=anywhere)
 
     def _render_settings(self) -> RenderSettings:
         """Return the stage's render settings, without warnings about values that flags replace."""
         from ..usd.settings import PIXEL_FILTER, read_settings
 
-        asked = self._asked
+        request = self._request
         flags = {
-            "camera": asked.camera, "resolution": any(asked.res), "dataWindowNDC": asked.crop,
-            "products": asked.outputs, PIXEL_FILTER: asked.quality.pixel_filter,
+            "camera": request.views.camera, "resolution": any(request.views.res), "dataWindowNDC": request.views.crop,
+            "products": request.outputs, PIXEL_FILTER: "filter" in request.settings.values,
         }  # fmt: skip
         given = [name for name, value in flags.items() if value]
         return read_settings(self._stage, self._settings_path, given, self._warnings)
@@ -93,31 +92,31 @@ class StageJob(Job):
         plates = [each for each in (self._end, self._plate) if each is not None]
         self._size = self._resolution(first.number, plates)
         for task in todo:
-            self._shot.check_plates(plates, task.number, *self._size, self._asked.view)
+            self._shot.check_plates(plates, task.number, *self._size, self._request.eyes.eye)
 
     def _resolution(self, number: float | None, plates: Sequence[Holdout | Plate]) -> tuple[int, int]:
         """Return width and height in pixels."""
-        asked, shot = self._asked, self._shot
-        wanted = asked.res if any(asked.res) else self._own.resolution or asked.res
+        request, shot = self._request, self._shot
+        wanted = request.views.res if any(request.views.res) else self._own.resolution or request.views.res
         aspect = self._own.pixel_aspect
-        width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates, asked.view, aspect)
-        scale = asked.res_scale
+        width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates, request.eyes.eye, aspect)
+        scale = request.views.res_scale
         return shot.resolution(max(1, round(scale * width)), max(1, round(scale * height)), number)
 
     def seen(self, first: Task) -> str:
         """Return a description of the picture: scene, camera and size."""
         width, height = self._size
         seen_by = " and ".join(dict.fromkeys(each.name for each in self._shot.cameras(first.number)))
-        return f"{self._asked.path} seen by {seen_by}, {width} x {height} pixels"
+        return f"{self._request.scene} seen by {seen_by}, {width} x {height} pixels"
 
     @property
     def _given(self) -> dict[str, Any]:
         """The arguments of `Shot.render` for all frames."""
-        (width, height), asked, own = self._size, self._asked, self._own
+        (width, height), request, own = self._size, self._request, self._own
         return {
             "settings": self.settings, "width": width, "height": height,
-            "crop": asked.crop_of(width, height, own.crop(width, height)),
+            "crop": request.views.crop_of(width, height, own.crop(width, height)),
             "pixel_aspect": own.pixel_aspect, "conform": own.conform,
-            "view": asked.view, "holdout": self._end, "over": self._plate, "blur": not own.disable_motion_blur,
+            "view": request.eyes.eye, "holdout": self._end, "over": self._plate, "blur": not own.disable_motion_blur,
             "lens": not own.disable_depth_of_field,
         }  # fmt: skip

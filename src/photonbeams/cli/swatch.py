@@ -7,13 +7,14 @@ from typing import Annotated
 
 import typer
 
-from . import options
+from .flags import LayerFlags
 from .progress import messages
 
 
 def swatch(
     scene: Annotated[Path, typer.Argument(metavar="STAGE", help="A stage or a layer with looks.")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.png", help="The picture to write.")],
+    layers: LayerFlags,
     look: Annotated[
         list[str] | None,
         typer.Option(metavar="PATH|NAME", help="A look to draw; may be repeated. Default: all of them."),
@@ -31,8 +32,6 @@ def swatch(
         0.15,
         0.4,
     ),
-    session_layer: options.SessionLayers = None,
-    overrides: options.Overrides = None,
 ) -> None:
     """Draw looks: a beam from the side, its cross-section, and the curves of its factors.
 
@@ -57,7 +56,7 @@ def swatch(
         from ..usd.look_library import find_looks
         from ..usd.stage import open_stage
 
-        stage = open_stage(scene, session_layer or (), overrides or ())
+        stage = open_stage(scene, layers.session_layer or (), layers.overrides or ())
         found, medium, seconds = find_looks(stage, look or (), frame)
     from ..images.swatches import FOG, Specimen, sheet
     from ..looks import LightContext

@@ -149,7 +149,7 @@ class Settings:
                          "default: auto, or the Mitsuba integrator's."}},
         {"estimator": {}}, choices=ESTIMATORS,
     )  # fmt: skip
-    rule: Rule = setting(  # noqa: RUF009 (a field)
+    rule: Rule = setting(
         None, f"Quadrature rule of the frustum; default: gauss_legendre({DEFAULT_POINTS}).",
         {"--rule": {"choices": ("gauss", "riemann"), "help": "Quadrature rule of the frustum; default: gauss."},
          "--order": {**_ORDER, "help": f"Points of the quadrature rule; default: {DEFAULT_POINTS}, or the Mitsuba "
@@ -183,7 +183,7 @@ class Settings:
         None, "Pixel filter; default: that of the render settings, or box; for a Mitsuba scene, its film's.",
         {"--filter": {}}, choices=FILTERS,
     )  # fmt: skip
-    program: Program | None = setting(  # noqa: RUF009 (a field)
+    program: Program | None = setting(
         None, "A program that changes the beams of each pass.", kind=object, reader="stage"
     )
 

@@ -1,0 +1,110 @@
+"""Options of commands in groups: each group is a record, and its fields are options of the commands that take it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import MISSING, Field, field, fields
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from typing import Annotated, Any, TypeVar, get_type_hints
+
+import typer
+
+from ..setting import Setting
+
+_F = TypeVar("_F", bound="Flags")
+
+
+class Flags:
+    """A group of flags, made from the values of a command line. Subclasses are dataclasses, and may hold groups."""
+
+    @classmethod
+    def options(cls) -> Iterator[Parameter]:
+        """Yield the parameters that a command has for this group."""
+        hints = get_type_hints(cls, include_extras=True)
+        for each in fields(cls):  # type: ignore[arg-type]
+            if _is_group(hints[each.name]):
+                yield from hints[each.name].options()
+            else:
+                yield _parameter(each, hints[each.name])
+
+    @classmethod
+    def of(cls: type[_F], values: dict[str, Any]) -> _F:
+        """Return the group with the `values` of a command line, by the names of its parameters."""
+        hints = get_type_hints(cls)
+        names = [each.name for each in fields(cls)]  # type: ignore[arg-type]
+        return cls(**{name: hints[name].of(values) if _is_group(hints[name]) else values[name] for name in names})
+
+    def given(self) -> Iterator[str]:
+        """Yield the flags that are given: those whose values are not their defaults."""
+        for each in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, each.name)
+            if isinstance(value, Flags):
+                yield from value.given()
+            elif value != each.default and value != []:
+                yield (each.metadata["option"].param_decls or (_flag(each.name),))[0]
+
+
+def _is_group(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Flags)
+
+
+def _flag(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+def _parameter(own: Field[Any], kind: Any) -> Parameter:
+    """Return the parameter for an option, which is described by the metadata of its field, or by its type."""
+    option = own.metadata.get("option")
+    if option is not None:
+        if kind is bool and not option.param_decls:  # otherwise, it would have a second flag, --no-...
+            option.param_decls = (_flag(own.name),)
+        kind = Annotated[kind, option]
+    default = Parameter.empty if own.default is MISSING else own.default
+    return Parameter(own.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+
+
+def option(default: Any, help: str, *names: str, metavar: str | None = None, **values: Any) -> Any:
+    """Return a field of a group: an option with the flags `names`, by default the field's name.
+
+    `values` are attributes of the `Setting` whose values the option may have; without them, its type decides.
+    """
+    callback = checked(Setting(**values)) if values else None
+    return field(
+        default=default,
+        metadata={"option": typer.Option(..., *names, help=help, metavar=metavar, callback=callback)},
+    )
+
+
+def checked(own: Setting) -> Callable[[typer.CallbackParam, Any], Any]:
+    """Return a callback for an option, which refuses values that the setting may not have."""
+
+    def check(parameter: typer.CallbackParam, value: Any) -> Any:
+        if value is None:
+            return None
+        from ..scene import SceneError
+
+        try:
+            return own.checked(value, parameter.opts[0])
+        except SceneError as error:
+            raise typer.BadParameter(str(error)) from None
+
+    return check
+
+
+def with_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command with options in place of the groups that it takes, for Typer."""
+    own = signature(command, eval_str=True).parameters
+    groups = {name: each.annotation for name, each in own.items() if _is_group(each.annotation)}
+    options: list[Parameter] = []
+    for name, each in own.items():
+        options += groups[name].options() if name in groups else [each.replace(kind=Parameter.KEYWORD_ONLY)]
+
+    @wraps(command)
+    def called(**values: Any) -> None:
+        plain = {name: values[name] for name in own if name not in groups}
+        command(**plain, **{name: group.of(values) for name, group in groups.items()})
+
+    called.__signature__ = Signature(options)  # type: ignore[attr-defined]
+    called.__annotations__ = {each.name: each.annotation for each in options}
+    return called
