@@ -1,7 +1,7 @@
 import react from "@vitejs/plugin-react";
 import { defineConfig } from "vite";
 
-const MOCK = "http://127.0.0.1:8765";
+const STUDIO = "http://127.0.0.1:8765";
 
 export default defineConfig({
   plugins: [react()],
@@ -18,7 +18,7 @@ export default defineConfig({
     modulePreload: { polyfill: false },
   },
   server: {
-    // `npm run dev` beside a studio, or the mock, that listens on port 8765.
-    proxy: { "/session": { target: "ws://127.0.0.1:8765", ws: true }, "/result": MOCK, "/presets": MOCK },
+    // `npm run dev` beside a studio that listens on port 8765.
+    proxy: { "/session": { target: "ws://127.0.0.1:8765", ws: true }, "/result": STUDIO, "/presets": STUDIO },
   },
 });

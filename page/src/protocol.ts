@@ -1,70 +1,147 @@
-/** The messages between page and server, as types. */
+/** The messages between page and server, as types. Written by tools/protocol.py: do not edit. */
 
 export type Triple = [number, number, number];
 
-export interface RampValue {
+export type Eyes = [number | null, number | null];
+
+export type Area = [number, number, number, number];
+
+/** A value that can be edited, as in JSON. */
+export type Value = null | boolean | number | string | number[] | string[] | number[][] | Ramp;
+
+export type Values = Record<string, Value>;
+
+/** Set values by their paths; None leaves one to the stage. Edits in a row with one `step` are undone together. */
+export interface Set {
+  type: "set";
+  values: Values;
+  step?: string | null;
+}
+
+/** Apply a preset to the look at a path, or give the light at a path a new look with it. */
+export interface Apply {
+  type: "apply";
+  preset: string;
+  path: string;
+}
+
+/** Undo the last step. */
+export interface Undo {
+  type: "undo";
+}
+
+/** Redo the step that was undone last. */
+export interface Redo {
+  type: "redo";
+}
+
+/** Remove all edits. */
+export interface Revert {
+  type: "revert";
+}
+
+/** Go back to the edits that were saved last. */
+export interface Discard {
+  type: "discard";
+}
+
+/** Write the edits to their file. */
+export interface Save {
+  type: "save";
+}
+
+/**
+ * Change what is shown: the view, which all pages share, and this page's layer, eye, exposure and view transform.
+ *
+ * `stereo` holds the distance between the eyes and the distance at which they converge; each may be None: see
+ * `usd.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right".
+ */
+export interface Show {
+  type: "show";
+  size?: [number, number];
+  camera?: string | null;
+  pose?: number[] | null;
+  frame?: number | null;
+  area?: Area | null;
+  lens?: boolean;
+  blur?: boolean;
+  denoise?: boolean;
+  stereo?: Eyes | null;
+  solo?: string[];
+  paused?: boolean;
+  eye?: string;
+  layer?: string;
+  exposure?: number;
+  display?: string;
+}
+
+/** Ask what is in the pixel at a place, in fractions of the picture from the top left. */
+export interface Inspect {
+  type: "inspect";
+  at: [number, number];
+}
+
+/** Render the final picture, or those from the first to the last of `frames`. */
+export interface Render {
+  type: "render";
+  passes: number;
+  frames?: [number, number] | null;
+}
+
+/** End the final render. */
+export interface Cancel {
+  type: "cancel";
+}
+
+/** The value of a ramp; it is stored as three attributes, whose paths are the `parts` of its control. */
+export interface Ramp {
   knots: number[];
   colors: Triple[];
   interpolation: string;
 }
 
-export type Value = null | boolean | number | string | number[] | string[] | number[][] | RampValue;
-export type Values = Record<string, Value>;
-
-interface ControlBase {
+/** A value that can be edited: see `usd.authoring.controls.Control`. */
+export interface ControlItem {
   path: string;
   label: string;
   section: string;
-  authored: boolean;
-  doc: string;
-  unit: string;
+  kind: "number" | "integer" | "bool" | "color" | "choice" | "text" | "expression" | "numbers" | "paths" | "asset" | "ramp";
   value: Value;
   default: Value;
+  authored: boolean;
   min: number | null;
   max: number | null;
   soft: [number, number] | null;
-  choices: string[] | null;
+  choices: string[];
+  unit: string;
+  doc: string;
+  parts: Record<string, string>;
 }
 
-export interface PlainControl extends ControlBase {
-  kind: "number" | "integer" | "bool" | "color" | "choice" | "text" | "expression" | "numbers" | "paths" | "asset";
-}
-
-/** A ramp is edited as one thing, but stored as three attributes. */
-export interface RampControl extends ControlBase {
-  kind: "ramp";
-  parts: { knots: string; colors: string; interpolation: string };
-}
-
-export type Control = PlainControl | RampControl;
-
+/** The controls of a prim, and the paths of the looks that it uses. */
 export interface ControlGroup {
   path: string;
   kind: "light" | "medium" | "look";
   label: string;
   type: string;
-  controls: Control[];
-  uses?: string[];
-  soloed?: boolean;
+  controls: ControlItem[];
+  uses: string[];
 }
 
-/** A look to start from, or a factor of one. */
-export interface Preset {
+/** A look to start from, or a factor of one: "look", or the section of its controls in small letters. */
+export interface PresetItem {
   name: string;
   label: string;
-  /** "look" for a whole look, else the section of a look's controls in small letters. */
   factor: string;
 }
 
-/** How a camera becomes two eyes: their distance, and the distance where they converge; null: the usual one. */
-export type Stereo = [interaxial: number | null, convergence: number | null];
-
-export type Eye = "anaglyph" | "side-by-side" | "left" | "right";
-
-/** A camera-to-world matrix: 16 numbers, row by row, for column vectors; it looks along −z with +y up. */
-export type Pose = number[];
-
-export interface Scene {
+/**
+ * What can be shown and edited. `focal` is the focal length in widths of the picture.
+ *
+ * `pose` is a camera-to-world matrix: 16 numbers, row by row, for column vectors; it looks along −z with +y up. With
+ * `pair` the camera is one of a pair on the stage, which cannot be moved apart; `interaxial` is the usual distance.
+ */
+export interface SceneMessage {
   type: "scene";
   name: string;
   cameras: string[];
@@ -73,18 +150,16 @@ export interface Scene {
   layers: string[];
   displays: string[];
   controls: ControlGroup[];
-  pose: Pose | null;
-  /** The focal length in widths of the picture. */
+  pose: number[] | null;
   focal: number;
   up: "Y" | "Z";
-  stereo: Stereo | null;
-  /** Whether the camera is one of a pair of eyes on the stage, which cannot be moved apart. */
+  stereo: Eyes | null;
   pair: boolean;
-  /** The usual distance of eyes. */
   interaxial: number;
-  presets: Preset[];
+  presets: PresetItem[];
 }
 
+/** Values that changed; `restored` edits are those that an earlier studio did not save. */
 export interface ValuesMessage {
   type: "values";
   values: Values;
@@ -92,31 +167,33 @@ export interface ValuesMessage {
   canUndo: boolean;
   canRedo: boolean;
   saved: boolean;
-  /** Whether there are edits that an earlier studio did not save. */
   restored: boolean;
 }
 
-/** A preset was applied for this page. */
-export interface Applied {
-  type: "applied";
-  path: string;
-  look: string;
-}
-
-export interface Problem {
+/** Why there is no picture: the attribute, and the column of its text, if they are known. */
+export interface ProblemText {
   text: string;
   path: string | null;
   column: number | null;
 }
 
-export interface RenderState {
+/** How far the picture is. */
+export interface StateMessage {
   type: "state";
   version: number;
   passes: number;
   planned: number;
   seconds: number;
   busy: boolean;
-  problem: Problem | null;
+  problem: ProblemText | null;
+}
+
+/** The radiance of a light's beams in a pixel, and its fraction of that of all beams. */
+export interface BeamPart {
+  light: string;
+  group: string;
+  radiance: Triple;
+  fraction: number;
 }
 
 /** What one kind of quadrature gives for each number of points in `n`. */
@@ -127,7 +204,8 @@ export interface RuleCurves {
   error: number[];
 }
 
-export interface Ray {
+/** How the light of the brightest beam is integrated along a pixel's ray. */
+export interface RayIntegral {
   estimator: "1D" | "2D";
   interval: [number, number];
   radius: [number, number];
@@ -138,80 +216,49 @@ export interface Ray {
   riemann: RuleCurves;
 }
 
-export interface BeamShare {
-  light: string;
-  group: string;
-  radiance: Triple;
-  share: number;
-}
-
-export interface Pixel {
+/** What is in a pixel. */
+export interface PixelMessage {
   type: "pixel";
   at: [number, number];
   layers: Record<string, number[]>;
-  beams: BeamShare[];
-  ray: Ray | null;
+  beams: BeamPart[];
+  ray: RayIntegral | null;
 }
 
-export interface RenderProgress {
+/** How far the final picture is; then the address of its file. */
+export interface RenderMessage {
   type: "render";
   done: number;
   of: number;
   file: string | null;
-  problem: string | Problem | null;
+  problem: string | null;
 }
 
+/** A preset was applied for this page. */
+export interface Applied {
+  type: "applied";
+  path: string;
+  look: string;
+}
+
+/** What a page asked for was refused. */
 export interface Refused {
   type: "refused";
   text: string;
 }
 
-export type ServerMessage = Scene | ValuesMessage | RenderState | Pixel | RenderProgress | Applied | Refused;
-
-export type Area = [x0: number, y0: number, x1: number, y1: number];
-
-/** What the page asks the server to draw. */
-export interface Show {
-  size: [number, number];
-  camera: string;
-  pose: Pose | null;
-  frame: number;
-  layer: string;
-  exposure: number;
-  display: string;
-  area: Area | null;
-  lens: boolean;
-  blur: boolean;
-  denoise: boolean;
-  stereo: Stereo | null;
-  eye: Eye;
-  solo: string[];
-  paused: boolean;
-}
-
-export type PageMessage =
-  | { type: "set"; values: Values; step: string | null }
-  | { type: "apply"; preset: string; path: string }
-  | { type: "undo" | "redo" | "revert" | "discard" | "save" | "cancel" }
-  | ({ type: "show" } & Partial<Show>)
-  | { type: "inspect"; at: [number, number] }
-  | { type: "render"; passes: number; frames: [number, number] | null };
-
+/** What precedes a picture; with a `scale` below 1 it is a preview, to be drawn as large as the full picture. */
 export interface PictureHeader {
   version: number;
   passes: number;
   planned: number;
+  layer: string;
   width: number;
   height: number;
-  layer: string;
-  /** Below 1: a preview at reduced resolution, to be drawn as large as the full picture. */
   scale: number;
   mime: string;
 }
 
-/** Split a binary message into its header and the encoded picture. */
-export function readPicture(message: ArrayBuffer): { header: PictureHeader; picture: Blob } {
-  const length = new DataView(message).getUint32(0, true);
-  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(message, 4, length))) as PictureHeader;
-  return { header, picture: new Blob([new Uint8Array(message, 4 + length)], { type: header.mime }) };
-}
+export type PageMessage = Set | Apply | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel;
+
+export type ServerMessage = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Refused;

@@ -184,19 +184,18 @@ def test_a_pixel_tells_of_the_beams_in_it_and_how_the_brightest_is_integrated(st
         layers = shown.wait(shown.session.version, lambda each: each.scale == 1).layers
         row, column = np.unravel_index(np.argmax(layers["beams"][:, :20].mean(axis=2)), (27, 20))
         at = ((column + 0.5) / 48, (row + 0.5) / 27)
-        found = shown.session.inspect(at, float(layers["depth"][row, column].ravel()[0]))
+        beams, ray = shown.session.inspect(at, float(layers["depth"][row, column].ravel()[0]))
         nothing = shown.session.inspect((2.0, 0.0))
-    (light,) = found["beams"]
-    assert light["light"] == "/World/Lamp" and light["share"] == 1
+    (light,) = beams
+    assert light.light == "/World/Lamp" and light.fraction == 1
     # The picture's ray passes through another place in the pixel, and the beam is only a few pixels wide.
-    np.testing.assert_allclose(light["radiance"], layers["beams"][row, column], rtol=0.5)
-    ray = found["ray"]
-    assert ray["interval"][0] < ray["interval"][1] and len(ray["s"]) == len(ray["integrand"])
-    gauss, riemann = (np.abs(ray[name]["error"]) for name in ("gauss", "riemann"))
+    np.testing.assert_allclose(light.radiance, layers["beams"][row, column], rtol=0.5)
+    assert ray.interval[0] < ray.interval[1] and len(ray.s) == len(ray.integrand)
+    gauss, riemann = (np.abs(each.error) for each in (ray.gauss, ray.riemann))
     # Along a chord the kernel is a polynomial of degree two, and all else is smooth: six points leave only rounding.
     assert gauss[5] < 1e-4 < riemann[5]
-    assert [len(each) for each in ray["gauss"]["points"]] == [1, 2, 3, 4, 5, 6]
-    assert nothing == {"beams": [], "ray": None}
+    assert [len(each) for each in ray.gauss.points] == [1, 2, 3, 4, 5, 6]
+    assert nothing == ([], None)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import { useDeferredValue, useEffect } from "react";
 import { SearchIcon } from "../common/icons";
 import { format } from "../common/numbers";
 import { ownUndo } from "../keep/shortcuts";
-import type { Control, ControlGroup, Value } from "../protocol";
+import type { ControlItem, ControlGroup, Value } from "../protocol";
 import { session } from "../session/session";
 import { useStore } from "../session/store";
 import styles from "./controls.module.css";
@@ -29,7 +29,7 @@ function short(value: Value): string {
 }
 
 /** Says what the control under the pointer, or with the focus, is for. */
-function Explanation({ control }: { control: Control | null }) {
+function Explanation({ control }: { control: ControlItem | null }) {
   return (
     <div className={styles.explanation} role="region" aria-label="Explanation of the control" tabIndex={0}>
       {control ? (

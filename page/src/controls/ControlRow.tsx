@@ -3,7 +3,8 @@
 import { ActionIcon } from "@mantine/core";
 import { type ComponentType, memo, useId } from "react";
 import { ResetIcon } from "../common/icons";
-import type { Control } from "../protocol";
+import type { ControlItem } from "../protocol";
+import { isRamp } from "../session/ramp";
 import { RampEditor } from "../ramp/RampEditor";
 import { type EditorProps, reset, useAuthored, useProblem } from "./attribute";
 import { ColorEditor } from "./ColorEditor";
@@ -13,7 +14,7 @@ import { NumberEditor } from "./NumberEditor";
 import { panel } from "./panel";
 import { BoolEditor, ChoiceEditor, NumbersEditor, PathsEditor, TextEditor } from "./SmallEditors";
 
-const EDITORS: Record<Exclude<Control["kind"], "ramp">, ComponentType<EditorProps>> = {
+const EDITORS: Record<Exclude<ControlItem["kind"], "ramp">, ComponentType<EditorProps>> = {
   number: NumberEditor,
   integer: NumberEditor,
   bool: BoolEditor,
@@ -29,7 +30,7 @@ const EDITORS: Record<Exclude<Control["kind"], "ramp">, ComponentType<EditorProp
 /** Editors that need the panel's whole width, below their label. */
 const WIDE: ReadonlySet<string> = new Set(["expression", "ramp", "paths"]);
 
-export const ControlRow = memo(function ControlRow({ control }: { control: Control }) {
+export const ControlRow = memo(function ControlRow({ control }: { control: ControlItem }) {
   const id = useId();
   const authored = useAuthored(control);
   const problem = useProblem(control);
@@ -50,7 +51,7 @@ export const ControlRow = memo(function ControlRow({ control }: { control: Contr
         {control.unit && <span className={styles.unit}> {control.unit}</span>}
       </span>
       <div className={styles.editor}>
-        {control.kind === "ramp" ? (
+        {isRamp(control) ? (
           <RampEditor control={control} describedBy={id} />
         ) : (
           Editor && <Editor control={control} describedBy={id} />

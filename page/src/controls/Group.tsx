@@ -4,7 +4,7 @@ import { ActionIcon, Switch } from "@mantine/core";
 import { memo } from "react";
 import { ChevronIcon, SoloIcon, WarningIcon } from "../common/icons";
 import { lastName } from "../common/numbers";
-import type { Control, ControlGroup } from "../protocol";
+import type { ControlItem, ControlGroup } from "../protocol";
 import { session, setValues, show } from "../session/session";
 import { useStore } from "../session/store";
 import { useValue } from "./attribute";
@@ -14,14 +14,14 @@ import { Presets } from "./Presets";
 import { goToGroup, groupId, panel, toggleGroup, toggleSection } from "./panel";
 
 /** The control that turns a light off: its visibility, or a switch of its own. */
-function onOffControl(group: ControlGroup): Control | undefined {
+function onOffControl(group: ControlGroup): ControlItem | undefined {
   return group.controls.find(
     ({ path, kind }) =>
       /\.visibility$/.test(path) || (kind === "bool" && /[.:](on|enabled?|enabledLight)$/i.test(path)),
   );
 }
 
-function OnOff({ group, control }: { group: ControlGroup; control: Control }) {
+function OnOff({ group, control }: { group: ControlGroup; control: ControlItem }) {
   const value = useValue(control.path);
   const on = value === true || (value !== false && value !== "invisible");
   return (
@@ -108,7 +108,7 @@ function Section({ name, owner, controls, forced, look }: SectionProps) {
 interface SectionProps {
   name: string;
   owner: string;
-  controls: Control[];
+  controls: ControlItem[];
   /** Open because of a search. */
   forced: boolean;
   /** The name of the look that it is a part of, null where it is of something else. */
@@ -117,7 +117,7 @@ interface SectionProps {
 
 interface GroupProps {
   group: ControlGroup;
-  controls: Control[];
+  controls: ControlItem[];
   searching: boolean;
 }
 
@@ -154,7 +154,7 @@ export const Group = memo(function Group({ group, controls, searching }: GroupPr
       </div>
       {open && (
         <div className={styles.groupBody}>
-          {group.kind === "light" && <Uses group={group} paths={group.uses ?? []} />}
+          {group.kind === "light" && <Uses group={group} paths={group.uses} />}
           {group.kind === "look" && !searching && (
             <div className={styles.uses}>
               All factors

@@ -1,24 +1,25 @@
 /** An attribute as its editor sees it. */
 
-import type { Control, Problem, Value } from "../protocol";
+import type { ControlItem, ProblemText, Value } from "../protocol";
+import { isRamp } from "../session/ramp";
 import { session, setValues } from "../session/session";
 import { useStore } from "../session/store";
 
 /** The attributes that a control edits: three for a ramp, else one. */
-export function paths(control: Control): string[] {
-  return control.kind === "ramp" ? Object.values(control.parts) : [control.path];
+export function paths(control: ControlItem): string[] {
+  return isRamp(control) ? Object.values(control.parts) : [control.path];
 }
 
 export function useValue(path: string): Value {
   return useStore(session, (state) => state.values[path] ?? null);
 }
 
-export function useAuthored(control: Control): boolean {
+export function useAuthored(control: ControlItem): boolean {
   return useStore(session, (state) => paths(control).some((path) => state.authored[path]));
 }
 
 /** The scene's problem, if it is about this control. */
-export function useProblem(control: Control): Problem | null {
+export function useProblem(control: ControlItem): ProblemText | null {
   return useStore(session, (state) => {
     const problem = state.state?.problem ?? null;
     const own = problem?.path && (problem.path === control.path || paths(control).includes(problem.path));
@@ -26,17 +27,17 @@ export function useProblem(control: Control): Problem | null {
   });
 }
 
-export function reset(control: Control): void {
+export function reset(control: ControlItem): void {
   setValues(Object.fromEntries(paths(control).map((path) => [path, null])));
 }
 
 /** What every editor is given. `describedBy` is the id of the control's description. */
-export interface EditorProps<Kind extends Control = Control> {
+export interface EditorProps<Kind extends ControlItem = ControlItem> {
   control: Kind;
   describedBy: string;
 }
 
 /** What a screen reader calls the control: labels repeat from light to light, so the prim comes with it. */
-export function spokenLabel(control: Control): string {
+export function spokenLabel(control: ControlItem): string {
   return control.unit ? `${control.label} in ${control.unit}` : control.label;
 }

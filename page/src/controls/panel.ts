@@ -1,6 +1,6 @@
 /** What is open in the list of controls, what is searched for, and which control is explained. */
 
-import type { Control, ControlGroup } from "../protocol";
+import type { ControlItem, ControlGroup } from "../protocol";
 import { Store } from "../session/store";
 
 interface Panel {
@@ -8,7 +8,7 @@ interface Panel {
   openGroups: ReadonlySet<string>;
   /** Sections by group path and name. They are open unless they are named here. */
   closedSections: ReadonlySet<string>;
-  explained: Control | null;
+  explained: ControlItem | null;
 }
 
 export const panel = new Store<Panel>({
@@ -47,7 +47,7 @@ export function groupId(path: string): string {
 }
 
 /** The group's controls in which every searched word occurs, in their own names or the group's. */
-export function matching(group: ControlGroup, search: string): Control[] {
+export function matching(group: ControlGroup, search: string): ControlItem[] {
   const words = search.toLowerCase().split(/\s+/).filter(Boolean);
   if (words.length === 0) return group.controls;
   const context = `${group.label} ${group.type} ${group.path}`.toLowerCase();

@@ -42,7 +42,7 @@ function FinalPicture() {
   const render = useStore(session, (state) => state.render);
   const open = useStore(session, (state) => state.open);
   const [dialog, setDialog] = useState(false);
-  const problem = typeof render?.problem === "string" ? render.problem : (render?.problem?.text ?? null);
+  const problem = render?.problem ?? null;
   const running = render !== null && render.file === null && problem === null;
   return (
     <div className={styles.group}>

@@ -1,6 +1,6 @@
 /** The errors of Gauss's and Riemann's rules by the number of points, on a logarithmic scale. */
 
-import type { Ray, RuleCurves } from "../protocol";
+import type { RayIntegral, RuleCurves } from "../protocol";
 import styles from "./quadrature.module.css";
 
 const WIDTH = 340;
@@ -10,7 +10,7 @@ const MARGIN = { left: 44, right: 14, top: 8, bottom: 22 };
 /** Smaller errors are rounding errors; they are drawn at this size. */
 const LEAST = 1e-9;
 
-export function ErrorChart({ ray, n }: { ray: Ray; n: number }) {
+export function ErrorChart({ ray, n }: { ray: RayIntegral; n: number }) {
   const { gauss, riemann } = ray;
   const size = (error: number): number => Math.log10(Math.max(Math.abs(error), LEAST));
   const all = [...gauss.error, ...riemann.error].map(size);

@@ -4,7 +4,7 @@ import { Button } from "@mantine/core";
 import { useEffect } from "react";
 import { hex } from "../common/color";
 import { format, lastName } from "../common/numbers";
-import type { BeamShare } from "../protocol";
+import type { BeamPart } from "../protocol";
 import { inspect, picture, session } from "../session/session";
 import { useStore } from "../session/store";
 import { view } from "../viewport/view";
@@ -62,7 +62,7 @@ function Layers({ layers }: { layers: Record<string, number[]> }) {
   );
 }
 
-function Beams({ beams }: { beams: BeamShare[] }) {
+function Beams({ beams }: { beams: BeamPart[] }) {
   if (beams.length === 0) return <p className={styles.note}>No beam reaches this pixel.</p>;
   return (
     <ol className={styles.beams}>
@@ -72,8 +72,8 @@ function Beams({ beams }: { beams: BeamShare[] }) {
           <span className={styles.light}>{lastName(beam.light)}</span>
           <span className={styles.lightGroup}>{beam.group}</span>
           <span className={styles.radiance}>{beam.radiance.map((each) => format(each, 3)).join(" ")}</span>
-          <span className={styles.share}>{(100 * beam.share).toFixed(1)} %</span>
-          <span className={styles.bar} style={{ width: `${Math.min(100 * beam.share, 100)}%` }} />
+          <span className={styles.share}>{(100 * beam.fraction).toFixed(1)} %</span>
+          <span className={styles.bar} style={{ width: `${Math.min(100 * beam.fraction, 100)}%` }} />
         </li>
       ))}
     </ol>

@@ -3,7 +3,7 @@
 import { SegmentedControl } from "@mantine/core";
 import { useState } from "react";
 import { format } from "../common/numbers";
-import type { Ray, RuleCurves } from "../protocol";
+import type { RayIntegral, RuleCurves } from "../protocol";
 import { ErrorChart } from "./ErrorChart";
 import styles from "./quadrature.module.css";
 
@@ -13,7 +13,7 @@ const MARGIN = { left: 8, right: 8, top: 10, bottom: 20 };
 const TRACK = 12;
 
 /** The lit part of the ray, from the camera at the left to its end. */
-function Interval({ ray }: { ray: Ray }) {
+function Interval({ ray }: { ray: RayIntegral }) {
   const [a, b] = ray.interval;
   const length = Math.max(ray.length, b, 1e-9);
   const start = Math.max(a, 0);
@@ -23,7 +23,7 @@ function Interval({ ray }: { ray: Ray }) {
       className={styles.svg}
       viewBox={`0 0 ${WIDTH} 34`}
       role="img"
-      aria-label={`Ray, ${format(length, 4)} long, in the beam from ${format(a, 4)} to ${format(b, 4)}`}
+      aria-label={`RayIntegral, ${format(length, 4)} long, in the beam from ${format(a, 4)} to ${format(b, 4)}`}
     >
       <line className={styles.ray} x1={x(0)} x2={x(length)} y1={TRACK} y2={TRACK} />
       <rect className={styles.interval} x={x(start)} width={Math.max(x(b) - x(start), 2)} y={TRACK - 5} height={10} rx={2} />
@@ -38,7 +38,7 @@ function Interval({ ray }: { ray: Ray }) {
   );
 }
 
-function Integrand({ ray, n }: { ray: Ray; n: number }) {
+function Integrand({ ray, n }: { ray: RayIntegral; n: number }) {
   const [a, b] = ray.interval;
   const at = (rule: RuleCurves): { points: number[]; values: number[] } => {
     const index = rule.n.indexOf(n);
@@ -103,7 +103,7 @@ function inWords(rule: RuleCurves, n: number): string {
   return error === undefined ? "unknown" : error === 0 ? "0" : Math.abs(error).toExponential(1);
 }
 
-export function QuadratureDrawing({ ray }: { ray: Ray }) {
+export function QuadratureDrawing({ ray }: { ray: RayIntegral }) {
   const [n, setN] = useState(2);
   const sizes = ray.gauss.n;
   const chosen = sizes.includes(n) ? n : (sizes[0] ?? 1);

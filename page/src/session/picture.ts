@@ -1,6 +1,6 @@
 /** The newest picture, decoded; and snapshots of earlier ones to compare it with. */
 
-import { type PictureHeader, readPicture } from "../protocol";
+import type { PictureHeader } from "../protocol";
 import { Store } from "./store";
 
 /** A picture takes megabytes, so the number of snapshots is limited. */
@@ -14,6 +14,13 @@ export interface ShownPicture {
 export interface Snapshot extends ShownPicture {
   id: number;
   label: string;
+}
+
+/** Split a binary message into its header and the encoded picture. */
+function readPicture(message: ArrayBuffer): { header: PictureHeader; picture: Blob } {
+  const length = new DataView(message).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(message, 4, length))) as PictureHeader;
+  return { header, picture: new Blob([new Uint8Array(message, 4 + length)], { type: header.mime }) };
 }
 
 interface PictureState {

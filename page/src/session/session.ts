@@ -2,13 +2,13 @@
 
 import type {
   Applied,
-  Control,
+  ControlItem,
   PageMessage,
-  Pixel,
-  RampValue,
-  RenderProgress,
-  RenderState,
-  Scene,
+  PixelMessage,
+  Ramp,
+  RenderMessage,
+  StateMessage,
+  SceneMessage,
   ServerMessage,
   Show,
   Value,
@@ -17,15 +17,26 @@ import type {
 import { Connection } from "./connection";
 import { Edits } from "./edits";
 import { Picture } from "./picture";
+import { isRamp } from "./ramp";
 import { Store } from "./store";
 import { Throttle } from "./throttle";
+
+/** How two eyes are shown, or which one. */
+export type Eye = "anaglyph" | "side-by-side" | "left" | "right";
+
+/** All that a page chooses to show; camera and frame are those of the first scene until they are chosen. */
+export interface Shown extends Required<Omit<Show, "type">> {
+  camera: string;
+  frame: number;
+  eye: Eye;
+}
 
 export interface SessionState {
   open: boolean;
   /** False until the first scene has come: before that, nothing was lost. */
   everOpen: boolean;
   retryAt: number | null;
-  scene: Scene | null;
+  scene: SceneMessage | null;
   /** The value that the page shows for each attribute: the server's, or an edit that is on its way. */
   values: Values;
   authored: Record<string, boolean>;
@@ -34,14 +45,14 @@ export interface SessionState {
   saved: boolean;
   restored: boolean;
   applied: Applied | null;
-  state: RenderState | null;
-  pixel: Pixel | null;
-  render: RenderProgress | null;
+  state: StateMessage | null;
+  pixel: PixelMessage | null;
+  render: RenderMessage | null;
   refused: string[];
-  show: Show;
+  show: Shown;
 }
 
-const NOTHING_SHOWN: Show = {
+const NOTHING_SHOWN: Shown = {
   size: [960, 540],
   camera: "",
   pose: null,
@@ -59,7 +70,7 @@ const NOTHING_SHOWN: Show = {
   paused: false,
 };
 
-const NO_RAMP: RampValue = { knots: [], colors: [], interpolation: "linear" };
+const NO_RAMP: Ramp = { knots: [], colors: [], interpolation: "linear" };
 
 export const session = new Store<SessionState>({
   open: false,
@@ -89,7 +100,7 @@ let defaults: Values = {};
 let cancelled = false;
 /** Whether the server knows nothing yet of what this page shows. */
 let unknown = true;
-let unsentShow: Partial<Show> = {};
+let unsentShow: Partial<Shown> = {};
 
 const connection = new Connection({
   message: receive,
@@ -106,10 +117,10 @@ const showing = new Throttle(() => {
 });
 
 /** The attributes of a control with what it says about each; a ramp has three. */
-function attributes(control: Control): [path: string, value: Value, fallback: Value][] {
-  if (control.kind !== "ramp") return [[control.path, control.value, control.default]];
-  const value = (control.value as RampValue | null) ?? NO_RAMP;
-  const fallback = (control.default as RampValue | null) ?? NO_RAMP;
+function attributes(control: ControlItem): [path: string, value: Value, fallback: Value][] {
+  if (!isRamp(control)) return [[control.path, control.value, control.default]];
+  const value = (control.value as Ramp | null) ?? NO_RAMP;
+  const fallback = (control.default as Ramp | null) ?? NO_RAMP;
   return [
     [control.parts.knots, value.knots, fallback.knots],
     [control.parts.colors, value.colors, fallback.colors],
@@ -135,7 +146,7 @@ function unlessSame(old: Value | undefined, value: Value): Value {
   return Array.isArray(old) && JSON.stringify(old) === JSON.stringify(value) ? old : value;
 }
 
-function receiveScene(scene: Scene): void {
+function receiveScene(scene: SceneMessage): void {
   served = {};
   servedAuthored = {};
   defaults = {};
@@ -156,9 +167,7 @@ function receiveScene(scene: Scene): void {
   show.display = kept(show.display, scene.displays);
   if (scene.frames) show.frame = Math.min(Math.max(show.frame, scene.frames[0]), scene.frames[1]);
   const groups = scene.controls;
-  show.solo = before.scene
-    ? show.solo.filter((path) => groups.some((group) => group.path === path))
-    : groups.filter((group) => group.soloed).map((group) => group.path);
+  show.solo = show.solo.filter((path) => groups.some((group) => group.path === path));
   if (!before.scene && scene.stereo) Object.assign(show, { stereo: scene.stereo, eye: "anaglyph" });
   session.set({ scene, show, everOpen: true });
   mergeValues();
@@ -169,7 +178,7 @@ function receiveScene(scene: Scene): void {
 }
 
 /** Send those choices that a new scene has changed. */
-function sendChanges(before: Show): void {
+function sendChanges(before: Shown): void {
   const { show } = session.get();
   for (const name of ["camera", "layer", "display", "frame", "solo"] as const) {
     if (JSON.stringify(show[name]) !== JSON.stringify(before[name])) Object.assign(unsentShow, { [name]: show[name] });
@@ -231,7 +240,7 @@ export function connect(): void {
 }
 
 /** Change what is shown. The newest state wins: what was not sent yet is overwritten. */
-export function show(change: Partial<Show>): void {
+export function show(change: Partial<Shown>): void {
   session.set({ show: { ...session.get().show, ...change } });
   Object.assign(unsentShow, change);
   showing.request();

@@ -6,8 +6,7 @@ import { Choice } from "../common/Choice";
 import { AreaIcon, CameraIcon, CloseIcon, InspectIcon, MoveIcon, ResetIcon } from "../common/icons";
 import { NumberField } from "../common/NumberField";
 import { lastName } from "../common/numbers";
-import type { Eye, Show } from "../protocol";
-import { picture, session, show } from "../session/session";
+import { type Eye, picture, type Shown, session, show } from "../session/session";
 import { useStore } from "../session/store";
 import { orbitDistance, throughTheCamera, type Tool, view } from "../viewport/view";
 import styles from "./toolbar.module.css";
@@ -171,7 +170,7 @@ function LayerAndDisplay() {
   );
 }
 
-/** Effects that can be turned off, by the names of `Show`. */
+/** Effects that can be turned off, by the names of `Shown`. */
 const SWITCHES = [
   { name: "lens", label: "Lens", title: "Depth of field" },
   { name: "blur", label: "Blur", title: "Motion blur" },
@@ -189,7 +188,7 @@ function Switches() {
           label={label}
           title={title}
           checked={shown[name]}
-          onChange={(event) => show({ [name]: event.currentTarget.checked } as Partial<Show>)}
+          onChange={(event) => show({ [name]: event.currentTarget.checked } as Partial<Shown>)}
         />
       ))}
     </div>

@@ -1,6 +1,5 @@
 import { expect, test } from "vitest";
-import type { Pose } from "../protocol";
-import { move, orbit, pivotDistance, turn, upward } from "./pose";
+import { move, orbit, type Pose, pivotDistance, turn, upward } from "./pose";
 
 /** Six units behind the origin, one above it, looking along −z. */
 const START: Pose = [1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 6, 0, 0, 0, 1];

@@ -1,6 +1,9 @@
 /** Moving a camera about: orbit, pan, dolly, turn, fly. Poses are camera-to-world matrices, row by row. */
 
-import type { Pose, Triple } from "../protocol";
+import type { Triple } from "../protocol";
+
+/** 16 numbers. */
+export type Pose = number[];
 
 const add = (a: Triple, b: Triple, factor = 1): Triple => [
   a[0] + factor * b[0],

@@ -1,9 +1,9 @@
 /** The state of the viewport: tool, wipe, inspected pixel, free camera. */
 
-import type { Pose, Triple } from "../protocol";
+import type { Triple } from "../protocol";
 import { inspect, session, show } from "../session/session";
 import { Store } from "../session/store";
-import { pivotDistance, upward } from "./pose";
+import { type Pose, pivotDistance, upward } from "./pose";
 
 export type Tool = "navigate" | "inspect" | "area";
 

@@ -5,7 +5,6 @@ The integrand is measured with the renderer's own frustum estimator, as the diff
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from ..quadrature import gauss_legendre, riemann
 from ..runtime.device import Array2f, Float, UInt32
 from ..scene import Array
 from ..transport.importance import Views
+from .protocol import BeamPart, RayIntegral, RuleCurves
 
 if TYPE_CHECKING:
     from ..beams.sets import BeamSet
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 # Samples of the integrand's curve, the rule that serves as exact, and the numbers of points that are compared.
 _CURVE, _EXACT, _ORDERS = 96, gauss_legendre(32), range(1, 7)
 _LIGHTS = 12  # the most that are listed, the brightest first
+
+
+Inspected = tuple[list[BeamPart], RayIntegral | None]
 
 
 @dataclass(frozen=True)
@@ -36,8 +39,8 @@ class _Ray:
     length: float
 
 
-def inspected(frame: LiveFrame, at: tuple[float, float], depth: float | None) -> dict[str, Any]:
-    """Return the beams of a pixel's ray by light, and the integrand of the brightest beam, as the page expects them.
+def inspected(frame: LiveFrame, at: tuple[float, float], depth: float | None) -> Inspected:
+    """Return the beams of a pixel's ray by light, the brightest first, and the integrand of the brightest beam.
 
     Parameters
     ----------
@@ -50,24 +53,24 @@ def inspected(frame: LiveFrame, at: tuple[float, float], depth: float | None) ->
     """
     light, ray = frame.first_light(), _ray(frame, at, depth)
     if light is None or not light.sets:
-        return {"beams": [], "ray": None}
+        return [], None
     media = frame.described_media()
-    found: dict[str, dict[str, Any]] = {}
+    groups: dict[str, str] = {}
+    found: dict[str, Array] = {}
     brightest: tuple[float, BeamSet | None] = 0.0, None
     for each in light.sets:
         radiance = _radiance(each, ray, media)
-        own = found.setdefault(each.name, {"light": each.name, "group": each.group, "radiance": np.zeros(3)})
-        own["radiance"] = own["radiance"] + radiance
+        groups.setdefault(each.name, each.group)
+        found[each.name] = found.get(each.name, 0.0) + radiance
         if radiance.mean() > brightest[0]:
             brightest = float(radiance.mean()), each
-    whole = max(sum(each["radiance"].mean() for each in found.values()), 1e-30)
-    told = sorted(found.values(), key=lambda each: -each["radiance"].mean())[:_LIGHTS]
+    whole = max(sum(each.mean() for each in found.values()), 1e-30)
     beams = [
-        {**each, "radiance": each["radiance"].tolist(), "share": float(each["radiance"].mean() / whole)}
-        for each in told
+        BeamPart(name, groups[name], tuple(radiance.tolist()), float(radiance.mean() / whole))
+        for name, radiance in sorted(found.items(), key=lambda item: -item[1].mean())[:_LIGHTS]
     ]
     drawn = None if brightest[1] is None else _integrated(brightest[1], ray, media)
-    return {"beams": [each for each in beams if each["share"] > 0], "ray": drawn}
+    return [each for each in beams if each.fraction > 0], drawn
 
 
 def _ray(frame: LiveFrame, at: tuple[float, float], depth: float | None) -> _Ray:
@@ -89,7 +92,7 @@ def _radiance(each: BeamSet, ray: _Ray, media: dict[int, Any], **given: Any) -> 
     return found[0] if count == 1 else found
 
 
-def _integrated(each: BeamSet, ray: _Ray, media: dict[int, Any]) -> dict[str, Any] | None:
+def _integrated(each: BeamSet, ray: _Ray, media: dict[int, Any]) -> RayIntegral | None:
     """Return how the light of a set's brightest beam is integrated along a ray; None if the ray meets no beam."""
     number = _brightest(each, ray)
     if number is None:
@@ -115,26 +118,26 @@ def _integrated(each: BeamSet, ray: _Ray, media: dict[int, Any]) -> dict[str, An
         float(_radiance(single, ray, media, estimator=kind).mean()) for kind in ("billboard", "frustum", "auto")
     )
     nearer = abs(chosen - flat) < abs(chosen - conical)
-    return {
-        "estimator": "1D" if nearer else "2D", "interval": [low, high], "radius": radii, "length": length,
-        "s": middle.tolist(), "integrand": integrand.tolist(),
-        "gauss": _rules(gauss_legendre, low, high, middle, integrand, lambda rule: up_to(whole, rule), true),
-        "riemann": _rules(riemann, low, high, middle, integrand, lambda rule: up_to(whole, rule), true),
-    }  # fmt: skip
+    return RayIntegral(
+        estimator="1D" if nearer else "2D", interval=(low, high), radius=radii, length=length,
+        s=middle.tolist(), integrand=integrand.tolist(),
+        gauss=_rules(gauss_legendre, low, high, middle, integrand, lambda rule: up_to(whole, rule), true),
+        riemann=_rules(riemann, low, high, middle, integrand, lambda rule: up_to(whole, rule), true),
+    )  # fmt: skip
 
 
 def _rules(
     kind: Any, low: float, high: float, middle: Array, integrand: Array, measured: Any, true: float
-) -> dict[str, list[Any]]:  # fmt: skip
+) -> RuleCurves:  # fmt: skip
     """Return the points, the integrand there, and the relative error of a rule for each number of points."""
-    result: dict[str, list[Any]] = {"n": [], "points": [], "values": [], "error": []}
+    result = RuleCurves([], [], [], [])
     for order in _ORDERS:
         rule = kind(order)
         points = 0.5 * (low + high) + 0.5 * (high - low) * rule.points
-        result["n"].append(order)
-        result["points"].append(points.tolist())
-        result["values"].append(np.interp(points, middle, integrand).tolist())
-        result["error"].append(float(measured(rule).sum() / true - 1) if true > 0 else 0.0)
+        result.n.append(order)
+        result.points.append(points.tolist())
+        result.values.append(np.interp(points, middle, integrand).tolist())
+        result.error.append(float(measured(rule).sum() / true - 1) if true > 0 else 0.0)
     return result
 
 
@@ -160,7 +163,7 @@ def _brightest(each: BeamSet, ray: _Ray) -> int | None:
     return int(np.argmax(weight)) if weight.max(initial=0.0) > 0 else None
 
 
-def _crossed(single: BeamSet, ray: _Ray) -> tuple[tuple[float, float] | None, Sequence[float], float]:
+def _crossed(single: BeamSet, ray: _Ray) -> tuple[tuple[float, float] | None, tuple[float, float], float]:
     """Return the interval of distances in which a ray is inside a beam, or None, and the beam's radii and length."""
     beams = single.beams
     start, end = (np.ravel(state.numpy()).astype(np.float64) for state in (beams.start, beams.end))

@@ -1,16 +1,23 @@
 """The messages between a page and the studio: JSON texts, and pictures that follow a JSON header.
 
-Types in the page's messages are checked here, their content by the session.
+Types in the page's messages are checked here, their content by the session. The page has the same types in
+page/src/protocol.ts, which tools/protocol.py writes.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
 #: Limits: bytes in a message of a page, its messages per second, and values in an edit.
 LONGEST, PER_SECOND, MOST_VALUES = 1 << 16, 240, 256
+
+
+#: A colour or a point; two eyes, by their distance and the distance where they converge, None: the usual; a rectangle.
+Triple = tuple[float, float, float]
+Eyes = tuple[float | None, float | None]
+Area = tuple[float, float, float, float]
 
 
 class Message(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
@@ -62,11 +69,11 @@ class Show(Message, tag="show"):
     camera: str | msgspec.UnsetType | None = msgspec.UNSET
     pose: list[float] | msgspec.UnsetType | None = msgspec.UNSET
     frame: float | msgspec.UnsetType | None = msgspec.UNSET
-    area: tuple[float, float, float, float] | msgspec.UnsetType | None = msgspec.UNSET
+    area: Area | msgspec.UnsetType | None = msgspec.UNSET
     lens: bool | msgspec.UnsetType = msgspec.UNSET
     blur: bool | msgspec.UnsetType = msgspec.UNSET
     denoise: bool | msgspec.UnsetType = msgspec.UNSET
-    stereo: tuple[float | None, float | None] | msgspec.UnsetType | None = msgspec.UNSET
+    stereo: Eyes | msgspec.UnsetType | None = msgspec.UNSET
     solo: list[str] | msgspec.UnsetType = msgspec.UNSET
     paused: bool | msgspec.UnsetType = msgspec.UNSET
     eye: str | msgspec.UnsetType = msgspec.UNSET
@@ -94,6 +101,190 @@ class Cancel(Message, tag="cancel"):
 
 Messages = Set | Apply | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel
 
+
+class Answer(msgspec.Struct, tag_field="type"):
+    """A message to pages."""
+
+
+class Ramp(msgspec.Struct):
+    """The value of a ramp; it is stored as three attributes, whose paths are the `parts` of its control."""
+
+    knots: list[float]
+    colors: list[Triple]
+    interpolation: str
+
+
+class ControlItem(msgspec.Struct):
+    """A value that can be edited: see `usd.authoring.controls.Control`."""
+
+    path: str
+    label: str
+    section: str
+    kind: Literal[
+        "number", "integer", "bool", "color", "choice", "text", "expression", "numbers", "paths", "asset", "ramp"
+    ]
+    value: Any
+    default: Any
+    authored: bool
+    min: float | None
+    max: float | None
+    soft: tuple[float, float] | None
+    choices: tuple[str, ...]
+    unit: str
+    doc: str
+    parts: dict[str, str]
+
+
+class ControlGroup(msgspec.Struct):
+    """The controls of a prim, and the paths of the looks that it uses."""
+
+    path: str
+    kind: Literal["light", "medium", "look"]
+    label: str
+    type: str
+    controls: list[ControlItem]
+    uses: tuple[str, ...]
+
+
+class PresetItem(msgspec.Struct):
+    """A look to start from, or a factor of one: "look", or the section of its controls in small letters."""
+
+    name: str
+    label: str
+    factor: str
+
+
+class SceneMessage(Answer, tag="scene"):
+    """What can be shown and edited. `focal` is the focal length in widths of the picture.
+
+    `pose` is a camera-to-world matrix: 16 numbers, row by row, for column vectors; it looks along −z with +y up. With
+    `pair` the camera is one of a pair on the stage, which cannot be moved apart; `interaxial` is the usual distance.
+    """
+
+    name: str
+    cameras: list[str]
+    frames: tuple[float, float] | None
+    fps: float
+    layers: list[str]
+    displays: list[str]
+    controls: list[ControlGroup]
+    pose: list[float] | None
+    focal: float
+    up: Literal["Y", "Z"]
+    stereo: Eyes | None
+    pair: bool
+    interaxial: float
+    presets: list[PresetItem]
+
+
+class ValuesMessage(Answer, tag="values"):
+    """Values that changed; `restored` edits are those that an earlier studio did not save."""
+
+    values: dict[str, Any]
+    authored: dict[str, bool]
+    canUndo: bool  # noqa: N815 - a name of JavaScript
+    canRedo: bool  # noqa: N815
+    saved: bool
+    restored: bool
+
+
+class ProblemText(msgspec.Struct):
+    """Why there is no picture: the attribute, and the column of its text, if they are known."""
+
+    text: str
+    path: str | None
+    column: int | None
+
+
+class StateMessage(Answer, tag="state"):
+    """How far the picture is."""
+
+    version: int
+    passes: int
+    planned: int
+    seconds: float
+    busy: bool
+    problem: ProblemText | None
+
+
+class BeamPart(msgspec.Struct):
+    """The radiance of a light's beams in a pixel, and its fraction of that of all beams."""
+
+    light: str
+    group: str
+    radiance: Triple
+    fraction: float
+
+
+class RuleCurves(msgspec.Struct):
+    """What one kind of quadrature gives for each number of points in `n`."""
+
+    n: list[int]
+    points: list[list[float]]
+    values: list[list[float]]
+    error: list[float]
+
+
+class RayIntegral(msgspec.Struct):
+    """How the light of the brightest beam is integrated along a pixel's ray."""
+
+    estimator: Literal["1D", "2D"]
+    interval: tuple[float, float]
+    radius: tuple[float, float]
+    length: float
+    s: list[float]
+    integrand: list[float]
+    gauss: RuleCurves
+    riemann: RuleCurves
+
+
+class PixelMessage(Answer, tag="pixel"):
+    """What is in a pixel."""
+
+    at: tuple[float, float]
+    layers: dict[str, list[float]]
+    beams: list[BeamPart]
+    ray: RayIntegral | None
+
+
+class RenderMessage(Answer, tag="render"):
+    """How far the final picture is; then the address of its file."""
+
+    done: int
+    of: int
+    file: str | None
+    problem: str | None
+
+
+class Applied(Answer, tag="applied"):
+    """A preset was applied for this page."""
+
+    path: str
+    look: str
+
+
+class Refused(Answer, tag="refused"):
+    """What a page asked for was refused."""
+
+    text: str
+
+
+Answers = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Refused
+
+
+class PictureHeader(msgspec.Struct):
+    """What precedes a picture; with a `scale` below 1 it is a preview, to be drawn as large as the full picture."""
+
+    version: int
+    passes: int
+    planned: int
+    layer: str
+    width: int
+    height: int
+    scale: float
+    mime: str
+
+
 _DECODER: msgspec.json.Decoder[Messages] = msgspec.json.Decoder(Messages)
 
 
@@ -114,12 +305,12 @@ def decoded(text: str | bytes) -> Messages:
     return message
 
 
-def encoded(kind: str, **content: Any) -> str:
+def encoded(message: Answers) -> str:
     """Return a message to pages as JSON; infinite numbers and NaN become null."""
-    return msgspec.json.encode({"type": kind, **content}).decode()
+    return msgspec.json.encode(message).decode()
 
 
-def framed(header: dict[str, Any], payload: bytes) -> bytes:
+def framed(header: PictureHeader, payload: bytes) -> bytes:
     """Return a picture with its header: 4 bytes of the header's length, the header, and the picture's bytes."""
     text = msgspec.json.encode(header)
     return len(text).to_bytes(4, "little") + text + payload

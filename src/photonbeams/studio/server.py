@@ -15,9 +15,9 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -31,7 +31,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..images.view_transforms import OWN, view_transforms
 from ..scene import SceneError
-from ..usd.authoring.controls import Controls
+from ..usd.authoring.controls import Control, Controls
 from ..usd.authoring.presets import PRESETS
 from ..usd.cameras.stereo import EYES, Stereo, usual_interaxial
 from . import protocol
@@ -57,7 +57,7 @@ _TYPES = {".js": "text/javascript", ".css": "text/css"}  # as the system may map
 
 
 #: Presets as pages get them.
-_PRESETS = [{"name": each.name, "label": each.label, "factor": each.factor} for each in PRESETS]
+_PRESETS = [protocol.PresetItem(each.name, each.label, each.factor) for each in PRESETS]
 
 
 class Guard:
@@ -143,7 +143,7 @@ class Studio:
         self._watchers: set[_Watcher] = set()
         self._last: Picture | None = None
         self._problem: Problem | None = None
-        self._groups: list[dict[str, Any]] = []
+        self._groups: list[protocol.ControlGroup] = []
         # One thread runs everything that waits for the session, so that edits keep their order. Pictures have another,
         # and so have thumbnails, whose kernels are compiled on first use.
         self._commands, self._encoders, self._painters = (ThreadPoolExecutor(1) for _ in range(3))
@@ -225,12 +225,10 @@ class Studio:
         told = None
         if problem is not None:  # without the file's name, which the page shows anyway
             text = problem.text[max(problem.text.find(problem.path or ""), 0) :]
-            told = {"text": text, "path": problem.path, "column": problem.column}
+            told = protocol.ProblemText(text, problem.path, problem.column)
         version = self.session.version
         busy = problem is None and (last is None or last.version != version or done < planned)
-        return protocol.encoded(
-            "state", version=version, passes=done, planned=planned, seconds=round(seconds, 3), busy=busy, problem=told
-        )
+        return protocol.encoded(protocol.StateMessage(version, done, planned, round(seconds, 3), busy, told))
 
     async def _command(self, work: Callable[..., Any], *given: Any, **named: Any) -> Any:
         """Run a method of the session, which may wait until the stage is read, and return its result."""
@@ -249,13 +247,13 @@ class Studio:
             camera = session.camera()
             pose = np.asarray(camera.to_world).ravel().tolist()
             focal = 1.0 if camera.orthographic else camera.focal_length / camera.horizontal_aperture
-        return protocol.encoded(
-            "scene", name=session.name, cameras=session.cameras(), frames=session.frames(), fps=session.rate(),
+        return protocol.encoded(protocol.SceneMessage(
+            name=session.name, cameras=session.cameras(), frames=session.frames(), fps=session.rate(),
             layers=["rgba"] if last is None else list(last.layers), displays=view_transforms(),
             controls=self._groups, pose=pose, up=session.up(), focal=focal,
-            stereo=None if stereo is None else [stereo.interaxial, stereo.convergence], pair=session.has_pair(),
+            stereo=None if stereo is None else (stereo.interaxial, stereo.convergence), pair=session.has_pair(),
             interaxial=usual_interaxial(session.shot.stage), presets=_PRESETS,
-        )  # fmt: skip
+        ))  # fmt: skip
 
     async def _watch(self, socket: WebSocket) -> None:
         await socket.accept()
@@ -290,11 +288,11 @@ class Studio:
         try:
             await self._do(watcher, asked)
         except (SceneError, OSError) as error:
-            watcher.tell(protocol.encoded("refused", text=str(error)[:300]))
+            watcher.tell(protocol.encoded(protocol.Refused(str(error)[:300])))
 
     async def _refuse(self, watcher: _Watcher, text: str, code: int) -> None:
         with suppress(RuntimeError, WebSocketDisconnect):
-            await watcher.socket.send_text(protocol.encoded("refused", text=text))
+            await watcher.socket.send_text(protocol.encoded(protocol.Refused(text)))
             await watcher.socket.close(code, text[:120])
 
     async def _do(self, watcher: _Watcher, asked: protocol.Messages) -> None:
@@ -307,7 +305,7 @@ class Studio:
             case protocol.Apply(preset=preset, path=path):
                 look = await self._command(session.apply, preset, path)
                 await self._tell_edited(None)
-                watcher.tell(protocol.encoded("applied", path=path, look=look))
+                watcher.tell(protocol.encoded(protocol.Applied(path, look)))
             case protocol.Undo() | protocol.Redo() | protocol.Revert() | protocol.Discard():
                 moves: dict[type, Callable[[], object]] = {
                     protocol.Undo: session.undo, protocol.Redo: session.redo, protocol.Revert: session.revert,
@@ -323,8 +321,8 @@ class Studio:
             case protocol.Inspect(at=at):
                 layers = _pixel(at, self._last)
                 depth = layers.get("depth", [None])[0]
-                found = await self._command(session.inspect, at, depth)
-                watcher.tell(protocol.encoded("pixel", at=at, layers=layers, **found))
+                beams, ray = await self._command(session.inspect, at, depth)
+                watcher.tell(protocol.encoded(protocol.PixelMessage(at, layers, beams, ray)))
             case protocol.Render(passes=passes, frames=frames):
                 wanted = await self._command(session.wanted, passes, frames)
                 self._later(self._render(wanted))
@@ -363,12 +361,12 @@ class Studio:
     async def _render(self, wanted: Wanted) -> None:
         async def told(done: int, file: Path | None, problem: str | None) -> None:
             link = None if file is None else f"/result/{file.name}?token={self.token}"
-            self._tell_all(protocol.encoded("render", done=done, of=100, file=link, problem=problem))
+            self._tell_all(protocol.encoded(protocol.RenderMessage(done, 100, link, problem)))
 
         try:
             await self._final.run(wanted, told)
         except (SceneError, OSError) as error:
-            self._tell_all(protocol.encoded("refused", text=str(error)[:300]))
+            self._tell_all(protocol.encoded(protocol.Refused(str(error)[:300])))
 
     async def _result(self, request: Request) -> Response:
         return _file_of(self._final.folder, request, download=True)
@@ -398,10 +396,10 @@ class Studio:
         else:
             values, authored = dict(edited), dict.fromkeys(edited, True)
             _note(self._groups, edited)
-        return protocol.encoded(
-            "values", values=values, authored=authored, canUndo=edits.can_undo, canRedo=edits.can_redo,
+        return protocol.encoded(protocol.ValuesMessage(
+            values=values, authored=authored, canUndo=edits.can_undo, canRedo=edits.can_redo,
             saved=edits.is_saved, restored=edits.restored and not edits.is_saved,
-        )  # fmt: skip
+        ))  # fmt: skip
 
     def _tell_all(self, text: str) -> None:
         for each in self._watchers:
@@ -424,10 +422,10 @@ class Studio:
 def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
     """Return a picture as a page shows it, after its header."""
     found = encoded(picture, watcher.layer, watcher.exposure, watcher.display, watcher.eye)
-    header = {
-        "version": picture.version, "passes": picture.passes, "planned": picture.planned, "layer": found.layer,
-        "width": found.width, "height": found.height, "scale": picture.scale, "mime": found.mime,
-    }  # fmt: skip
+    header = protocol.PictureHeader(
+        version=picture.version, passes=picture.passes, planned=picture.planned, layer=found.layer,
+        width=found.width, height=found.height, scale=picture.scale, mime=found.mime,
+    )  # fmt: skip
     return protocol.framed(header, found.data)
 
 
@@ -452,43 +450,46 @@ def _pixel(at: tuple[float, float], picture: Picture | None) -> dict[str, list[f
     return found
 
 
-def _described(found: Sequence[Controls]) -> list[dict[str, Any]]:
+def _described(found: Sequence[Controls]) -> list[protocol.ControlGroup]:
     """Return controls as pages get them."""
-    groups = [asdict(each) for each in found]
-    for group in groups:
-        for control in group["controls"]:
-            for own, name in (("least", "min"), ("most", "max"), ("slider", "soft")):
-                control[name] = control.pop(own)
-    return groups
-
-
-def _shape(groups: list[dict[str, Any]]) -> list[Any]:
-    """Return the parts of controls that only the message about the scene carries."""
     return [
-        (group["path"], group["uses"], [(each["path"], each["choices"]) for each in group["controls"]])
-        for group in groups
-    ]
+        protocol.ControlGroup(
+            group.path, cast(Any, group.kind), group.label, group.type, [_item(each) for each in group.controls],
+            group.uses,
+        )
+        for group in found
+    ]  # fmt: skip
 
 
-def _flat(groups: list[dict[str, Any]]) -> dict[str, tuple[Any, bool]]:
+def _item(control: Control) -> protocol.ControlItem:
+    return protocol.ControlItem(
+        path=control.path, label=control.label, section=control.section, kind=cast(Any, control.kind),
+        value=control.value, default=control.default, authored=control.authored, min=control.least, max=control.most,
+        soft=control.slider, choices=control.choices, unit=control.unit, doc=control.doc, parts=dict(control.parts),
+    )  # fmt: skip
+
+
+def _shape(groups: list[protocol.ControlGroup]) -> list[Any]:
+    """Return the parts of controls that only the message about the scene carries."""
+    return [(group.path, group.uses, [(each.path, each.choices) for each in group.controls]) for group in groups]
+
+
+def _flat(groups: list[protocol.ControlGroup]) -> dict[str, tuple[Any, bool]]:
     """Return the values of controls by path, and whether they are authored; ramps have a path for each part."""
-    found = {}
-    for group in groups:
-        for control in group["controls"]:
-            if control["kind"] == "ramp":
-                for part, path in control["parts"].items():
-                    found[path] = (control["value"][part], control["authored"])
-            else:
-                found[control["path"]] = (control["value"], control["authored"])
+    found: dict[str, tuple[Any, bool]] = {}
+    for control in (each for group in groups for each in group.controls):
+        if control.kind == "ramp":
+            found |= {path: (control.value[part], control.authored) for part, path in control.parts.items()}
+        else:
+            found[control.path] = (control.value, control.authored)
     return found
 
 
-def _note(groups: list[dict[str, Any]], edited: dict[str, Any]) -> None:
+def _note(groups: list[protocol.ControlGroup], edited: dict[str, Any]) -> None:
     """Change the values of controls to edited ones."""
-    for group in groups:
-        for control in group["controls"]:
-            for part, path in control["parts"].items():
-                if path in edited:
-                    control["value"], control["authored"] = {**control["value"], part: edited[path]}, True
-            if control["path"] in edited:
-                control["value"], control["authored"] = edited[control["path"]], True
+    for control in (each for group in groups for each in group.controls):
+        for part, path in control.parts.items():
+            if path in edited:
+                control.value, control.authored = {**control.value, part: edited[path]}, True
+        if control.path in edited:
+            control.value, control.authored = edited[control.path], True

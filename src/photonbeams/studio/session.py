@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from ..world.cameras.cameras import Window
 from ..world.shutter import Moment, Shutter
 from .edits import Edits
 from .final import Wanted
-from .inspector import inspected
+from .inspector import Inspected, inspected
 from .live import Cancelled, LiveFrame
 
 if TYPE_CHECKING:
@@ -412,7 +412,7 @@ class Session:
         with self._lock:
             return controls_of(self.shot.stage, self.shot.time(self.view.frame))
 
-    def inspect(self, at: tuple[float, float], depth: float | None = None) -> dict[str, Any]:
+    def inspect(self, at: tuple[float, float], depth: float | None = None) -> Inspected:
         """Return the beams in a pixel by light, and how the brightest one is integrated: see `inspector.inspected`.
 
         Parameters
@@ -425,7 +425,7 @@ class Session:
         with self._lock:
             frame = self._chains[False].frame or self._chains[True].frame
             if frame is None or not all(0 <= each <= 1 for each in at):
-                return {"beams": [], "ray": None}
+                return [], None
             return inspected(frame, at, depth)
 
     def wanted(self, passes: int, frames: tuple[float, float] | None = None) -> Wanted:
@@ -472,7 +472,7 @@ class Session:
         """Return the number of frames per second."""
         return float(self.shot.stage.GetFramesPerSecond())
 
-    def up(self) -> str:
+    def up(self) -> Literal["Y", "Z"]:
         """Return the stage's up axis, "Y" or "Z"."""
         return "Z" if up_axis(self.shot.stage)[2] else "Y"
 
