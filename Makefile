@@ -18,13 +18,14 @@ FLIGHT := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda -cam Flig
 ARGS :=
 PROCESSES := --numprocesses logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help keyhole flight studio test lint page wheel bench docs pictures
+.PHONY: help keyhole flight studio test quick lint page wheel bench docs pictures
 
 help:
 	@echo 'make keyhole  render the example shot to out/: a layered EXR, a picture, and the beams alone'
 	@echo 'make flight   render the flight through the beams (a quarter of an hour), as a film and a contact sheet'
 	@echo 'make studio   open the example shot in the browser, live, with every control beside it'
 	@echo 'make test     run the tests (make test ARGS="-k quadrature" for some of them)'
+	@echo 'make quick    run the tests that a change most likely breaks: a minute and a half'
 	@echo 'make lint     check the code with ruff and mypy, words and prose with codespell and proselint'
 	@echo 'make page     build and test the page of the studio, and check that the committed one is the same (needs npm)'
 	@echo 'make wheel    build a wheel, and check that it contains the files of src/'
@@ -47,6 +48,9 @@ studio: $(READY)
 
 test: $(READY)
 	$(PYTHON_BIN) -m pytest $(or $(ARGS),$(PROCESSES))
+
+quick: $(READY)
+	$(PYTHON_BIN) -m pytest $(PROCESSES) @tests/quick.txt
 
 lint: $(READY)
 	$(VENV)/bin/ruff check

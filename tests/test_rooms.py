@@ -138,3 +138,14 @@ def test_the_folders_of_the_tests_are_the_rooms_and_what_else_is_tested():
     others = {"benchmarks", "docs", "examples", "matrix", "tools"}
     for path in sorted(folders):
         assert (SOURCE / path).is_dir() or str(path) in {".", *others}, f"there is no {path} in src/, but in tests/"
+
+
+def test_the_quick_tests_are_there_and_of_every_room():
+    quick = (TESTS / "quick.txt").read_text().split()
+    assert quick == sorted(quick)
+    for path, _, name in (each.partition("::") for each in quick):
+        file = TESTS.parent / path
+        assert file.exists(), path
+        assert not name or f"def {name}(" in file.read_text(encoding="utf-8"), f"{path} has no {name}"
+    rooms = {each.name for each in TESTS.iterdir() if any(each.glob("**/test_*.py"))}
+    assert rooms - {each.split("/")[1] for each in quick} <= {"benchmarks", "examples", "matrix"}  # minutes each
