@@ -14,7 +14,7 @@ import photonbeams as pb
 from photonbeams.numerics.samples import Samples
 from photonbeams.render.films.film import Film
 from photonbeams.usd.layers.header import frame_rate
-from photonbeams.usd.looks.looks import AlongSpec, CurveSpec, LookSpec
+from photonbeams.usd.looks.look import AlongSpec, CurveSpec, LookSpec
 from photonbeams.usd.stage import open_stage, read_scene
 from tests.helpers.comparison import camera_rays, lit, scattered_along, single_scattering
 from tests.helpers.kernels import compiled

@@ -28,7 +28,7 @@ from ..usd.common.warnings import Warnings
 from ..usd.groups import groups_at_all_times, makers_at_all_times
 from ..usd.layers.frames import check_frames
 from ..usd.layers.header import header
-from ..usd.looks.looks import LookSpec
+from ..usd.looks.look import LookSpec
 from ..usd.unread import warn_of_unread
 
 if TYPE_CHECKING:

@@ -20,8 +20,9 @@ from .geometry.meshes import is_surface, read_meshes
 from .geometry.outlines import read_outline
 from .geometry.primvars import Instance
 from .geometry.velocities import carried
+from .lights.beam_settings import PHYSICAL, bound_look
 from .lights.curves import guide_paths, is_drawn, read_curves, read_guides
-from .lights.lights import PHYSICAL, bound_look, is_light, portal_paths, read_light
+from .lights.light import is_light, portal_paths, read_light
 from .lights.links import linked
 from .lights.mesh_lights import glowing_power, glows
 from .media.medium import is_medium, read_medium

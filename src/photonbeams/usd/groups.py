@@ -10,7 +10,7 @@ from .common.openusd import Usd, UsdGeom
 from .common.reading import Reading, prims_under, target_paths, visible
 from .contents import PROTOTYPE_PRIMS, shown_in_prototype
 from .lights.curves import is_drawn
-from .lights.lights import is_light, is_sky, makes_beams
+from .lights.light import is_light, is_sky, makes_beams
 from .lights.links import lights_media
 from .media.medium import is_lit_by_domes, is_medium
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 from ..scene import Medium, SceneError
 from .common.openusd import Usd
 from .common.reading import Reading, file_of, frame_number
-from .looks.looks import LookSpec, read_look
+from .looks.look import LookSpec, read_look
 from .stage import default_time, read_scene
 
 

@@ -8,7 +8,7 @@ from ..scene import SceneError
 from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
 from .common.reading import Reading, file_of, prims_under
 from .common.warnings import Warnings
-from .lights.lights import is_light
+from .lights.light import is_light
 
 
 def apply_pass(stage: Usd.Stage, path: str, warnings: Warnings | None = None) -> str | None:

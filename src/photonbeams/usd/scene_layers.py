@@ -11,7 +11,7 @@ from .common.openusd import Tf, Usd
 from .common.reading import Reading
 from .common.warnings import Warnings
 from .geometry.meshes import is_gprim
-from .lights.lights import read_beam_settings, read_portal
+from .lights.beam_settings import read_beam_settings, read_portal
 from .stage import open_stage
 
 # The properties of PhotonBeamsLightAPI that apply to emitters of Mitsuba scenes, without "photonbeams:".

@@ -27,7 +27,7 @@ from .layers.composition import warn_of_composition
 from .layers.frames import time_range
 from .layers.metadata import complete_metadata, correct_metadata
 from .layers.writing import forget_changes, ready_layers, why_no_layer
-from .lights.lights import is_dome, is_light
+from .lights.light import is_dome, is_light
 
 __all__ = [
     "Selection",

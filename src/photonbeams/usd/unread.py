@@ -7,10 +7,11 @@ from difflib import get_close_matches
 from functools import cache, partial
 from itertools import islice
 
+from .common.definitions import CURVES, LIGHT, LOOK, MEDIUM, definitions
 from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
 from .common.reading import Reading, prims_under
 from .common.warnings import Warnings
-from .lights.lights import is_light
+from .lights.light import is_light
 from .settings import PIXEL_FILTER
 
 _MOST_PATHS = 10_000  # among which to look for the intended one
@@ -39,7 +40,7 @@ def _warn_of(reading: Reading, prim: Usd.Prim, prototypes: Callable[[], frozense
     if not prim.IsDefined():
         if not any(path in prototypes() for path in prim.GetPath().GetPrefixes()):
             reading.warn(prim, f"is an `over` of a prim that is not there: its values are ignored{_meant(prim)}")
-    elif prim.GetTypeName() != "PhotonBeamsLook":  # looks are checked when they are read
+    elif prim.GetTypeName() != LOOK:  # looks are checked when they are read
         for name in said:
             if name not in _known(prim):
                 reading.warn_of_unknown(prim, name, _known(prim))
@@ -49,18 +50,12 @@ def _known(prim: Usd.Prim) -> frozenset[str]:
     """Return the names of photonbeams' attributes that a prim may have."""
     if prim.IsA(UsdRender.Settings) or prim.IsA(UsdRender.Product):
         return frozenset({PIXEL_FILTER})
-    names = _of_schema("PhotonBeamsMediumAPI")
+    names = {*definitions(MEDIUM)}
     if is_light(prim):
-        names |= _of_schema("PhotonBeamsLightAPI")
+        names |= {*definitions(LIGHT)}
     if prim.IsA(UsdGeom.Curves):
-        names |= _of_schema("PhotonBeamsCurvesAPI")
-    return names
-
-
-@cache
-def _of_schema(name: str) -> frozenset[str]:
-    definition = Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(name)
-    return frozenset(each for each in definition.GetPropertyNames() if each.startswith("photonbeams:"))
+        names |= {*definitions(CURVES)}
+    return frozenset(names)
 
 
 def _applied(prim: Usd.Prim) -> bool:

@@ -12,7 +12,7 @@ from photonbeams.usd.authoring.presets import PRESETS, apply_preset, preset_look
 from photonbeams.usd.common.reading import Reading
 from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.look_library import find_looks
-from photonbeams.usd.looks.looks import read_look
+from photonbeams.usd.looks.look import read_look
 from photonbeams.usd.stage import open_stage
 
 LIBRARY = Path(__file__).resolve().parents[3] / "examples" / "looks" / "looks.usda"

@@ -10,7 +10,7 @@ from photonbeams.scene import SceneError
 from photonbeams.scene.checks import LONGEST
 from photonbeams.usd.common.reading import Reading
 from photonbeams.usd.common.warnings import Warnings
-from photonbeams.usd.lights.lights import read_light
+from photonbeams.usd.lights.light import read_light
 
 SEED, CHANGES = 11, 25  # changed files of each kind; for some, the decoder's message quotes bytes that are no text
 

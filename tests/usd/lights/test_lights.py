@@ -545,7 +545,7 @@ def test_a_portal_that_lets_no_light_through_is_an_error(scene, target, message)
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ("int photonbeams:count = 0", r"/L\.photonbeams:count is 0: expected a number from 1 to 100,000,000"),
+        ("int photonbeams:count = 0", r"/L\.photonbeams:count is 0: expected a whole number from 1 to 100,000,000"),
         ("int photonbeams:count = -5", r"/L\.photonbeams:count is -5: expected"),
         ("int photonbeams:count = 200000000", r"/L\.photonbeams:count is 200000000: expected"),
         ("int64 photonbeams:count = 10000000000", r"/L\.photonbeams:count is 10000000000: expected"),
@@ -757,9 +757,9 @@ def test_a_light_says_what_becomes_of_scattered_light(scene):
 @pytest.mark.parametrize(
     ("attribute", "message"),
     [
-        ('token photonbeams:scattered = "some"', r"scattered is 'some': expected physical, look or off"),
+        ('token photonbeams:scattered = "some"', r"scattered is 'some': expected one of physical, look, off"),
         ("int photonbeams:bounces = -2", r"bounces is -2: expected a whole number, 0 or more"),
-        ('string photonbeams:bounces = "many"', r"bounces is many: expected a whole number, 0 or more"),
+        ('string photonbeams:bounces = "many"', r"bounces is 'many': expected a whole number, 0 or more"),
     ],
 )
 def test_what_cannot_be_scattered_light_is_an_error(scene, attribute, message):

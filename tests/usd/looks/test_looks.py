@@ -4,12 +4,11 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd
+from pxr import Usd
 
 from photonbeams.scene import Medium, SceneError
 from photonbeams.usd.common.reading import Reading
-from photonbeams.usd.common.schemas import FOLDER
-from photonbeams.usd.looks.looks import AcrossSpec, AngleSpec, CurveSpec, EyeSpec, LookSpec, NoiseSpec, Span
+from photonbeams.usd.looks.look import AcrossSpec, AngleSpec, CurveSpec, EyeSpec, LookSpec, NoiseSpec, Span
 from photonbeams.usd.looks.shading import build_look
 
 MEDIUM = Medium((0.1, 0.1, 0.1))
@@ -72,7 +71,7 @@ def test_a_ramp_is_read(read):
         color3f photonbeams:along:tint = (0.5, 1, 1)""").along
     assert spec.curve.knots == (0, 0.5, 2)
     assert spec.curve.colors == ((1, 1, 1), (1, 0.5, 0), (0.25, 0, 0))
-    assert spec.curve.interpolation == "catmull-rom"
+    assert spec.curve.interpolation == "catmullRom"
     assert spec.curve.span == Span("distance", 1, 3)
     assert not spec.physical
     assert spec.tint == (0.5, 1, 1)
@@ -203,7 +202,7 @@ def test_a_misspelt_attribute_is_named(read, caplog):
     [
         (
             "float[] photonbeams:along:ramp:knots = [0, 1]",
-            r"along:ramp:knots has 2 values but along:ramp:colors has 0: expected as many of each",
+            r"along:ramp:knots has 2 values but ramp:colors has 0: expected as many of each",
         ),
         (
             "float[] photonbeams:along:ramp:knots = [1, 0]\n"
@@ -228,8 +227,8 @@ def test_a_misspelt_attribute_is_named(read, caplog):
             r"along:falloff is 'steep': expected one of physical, none",
         ),
         ('uniform token photonbeams:along:falloff = "polynomial"', r"along:coefficients is empty"),
-        ("float photonbeams:along:length = 0", r"along:length is 0: expected a positive number"),
-        ("float photonbeams:along:end = -1", r"along:end is -1: expected more than along:begin, 0"),
+        ("float photonbeams:along:length = 0", r"along:length is 0: expected more than 0"),
+        ("float photonbeams:along:end = -1", r"along:end is -1: expected more than begin, 0"),
         (
             'uniform token photonbeams:across:profile = "tabulated"',
             r"across:values is \[\]: a tabulated profile expects",
@@ -246,7 +245,7 @@ def test_a_misspelt_attribute_is_named(read, caplog):
             "float photonbeams:along:inner = 2\nfloat photonbeams:along:outer = 1",
             r"along:outer is 1: expected more than",
         ),
-        ("float photonbeams:eye:begin = 2", r"eye:end is 1: expected more than eye:begin, 2"),
+        ("float photonbeams:eye:begin = 2", r"eye:end is 1: expected more than begin, 2"),
         (
             'string photonbeams:across:expression = "1 - rr"',
             r'across:expression is wrong: expression "1 - rr", column 5: ',
@@ -254,10 +253,10 @@ def test_a_misspelt_attribute_is_named(read, caplog):
         ("""string photonbeams:eye:expression = "__import__('os')" """, r"eye:expression is wrong: expression .*"),
         ("float photonbeams:along:ramp:knots = 1", r"along:ramp:knots is 1\.0: expected a list of values"),
         ("color3f[] photonbeams:along:tint = [(1, 1, 1)]", r"along:tint is .*: expected a colour"),
-        ("float[] photonbeams:noise:drift = [1, 2]", r"noise:drift has 2 values: expected three"),
+        ("float[] photonbeams:noise:drift = [1, 2]", r"noise:drift has 2 values: expected 3"),
         ('string photonbeams:along:texture = "a.png"', r"along:texture names a\.png: expected an image file"),
         ("int photonbeams:noise:octaves = 9", r"noise:octaves is 9: expected a whole number from 1 to 8"),
-        ("float photonbeams:noise:scale = 0", r"noise:scale is 0: expected a positive number"),
+        ("float photonbeams:noise:scale = 0", r"noise:scale is 0: expected more than 0"),
         ("float photonbeams:variation = 2", r"variation is 2.*: expected a finite number at least 0 at most 1"),
         ("float photonbeams:angle:anisotropy = 1", r"angle:anisotropy is 1.*: expected"),
         ("color3f photonbeams:along:tint = (nan, 1, 1)", r"along:tint is .*: expected one or three finite numbers"),
@@ -267,35 +266,6 @@ def test_a_misspelt_attribute_is_named(read, caplog):
 def test_what_cannot_be_a_look_is_an_error_that_names_prim_and_attribute(read, body, message):
     with pytest.raises(SceneError, match=rf"stage\.usda: /Look\.photonbeams:{message}"):
         read(body)
-
-
-def test_every_attribute_of_the_schemas_is_documented():
-    registry = Usd.SchemaRegistry()
-    definitions = [registry.FindConcretePrimDefinition("PhotonBeamsLook")]
-    for name in ("PhotonBeamsLightAPI", "PhotonBeamsCurvesAPI", "PhotonBeamsMediumAPI"):
-        definitions.append(registry.FindAppliedAPIPrimDefinition(name))
-    for definition in definitions:
-        names = definition.GetPropertyNames()
-        assert names
-        for name in names:
-            assert definition.GetPropertyDocumentation(name), name
-
-
-def test_the_generated_schema_is_the_schema():
-    """The two files agree: they are kept so by hand, because the pip build of OpenUSD has no usdGenSchema."""
-    source, generated = (Sdf.Layer.FindOrOpen(str(FOLDER / name)) for name in ("schema.usda", "generatedSchema.usda"))
-    names = {spec.name for spec in source.rootPrims} - {"GLOBAL"}
-    assert names == {spec.name for spec in generated.rootPrims}
-    for name in names:
-        ours, theirs = source.GetPrimAtPath(f"/{name}"), generated.GetPrimAtPath(f"/{name}")
-        assert ours.documentation == theirs.documentation
-        assert [str(spec) for spec in ours.properties] == [
-            str(spec).replace("generatedS", "s") for spec in theirs.properties
-        ]
-        for one, other in zip(ours.properties, theirs.properties, strict=True):
-            assert {key: one.GetInfo(key) for key in one.ListInfoKeys()} == {
-                key: other.GetInfo(key) for key in other.ListInfoKeys()
-            }
 
 
 def test_a_schema_can_be_applied_and_a_look_defined():

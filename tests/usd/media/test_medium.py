@@ -121,7 +121,7 @@ def test_colors_win_over_coefficients_with_a_warning(scene, caplog):
         ("color3f photonbeams:nearColor = (1, 1, 1)", r"/F\.photonbeams:farColor is not given: expected a colour"),
         ("color3f photonbeams:farColor = (1, 1, 1)", r"/F\.photonbeams:nearColor is not given: expected a colour"),
         (COLORS + "color3f photonbeams:albedo = (0, 1, 1)", r"/F: albedo is \(0.0, 1.0, 1.0\): expected"),
-        (COLORS + "float photonbeams:farDistance = 0", r"/F: far distance is 0.0: expected"),
+        (COLORS + "float photonbeams:farDistance = 0", r"/F\.photonbeams:farDistance is 0: expected"),
     ],
 )
 def test_colors_that_make_no_fog_are_errors(scene, body, message):

@@ -8,7 +8,7 @@ from photonbeams import scene
 from photonbeams.looks import Attenuation
 from photonbeams.render.scene_frame import begin, render
 from photonbeams.runtime.device import Array3f, mitsuba
-from photonbeams.usd.looks.looks import AlongSpec, LookSpec
+from photonbeams.usd.looks.look import AlongSpec, LookSpec
 from photonbeams.usd.looks.shading import build_look
 from photonbeams.world.media.interfaces import number
 from photonbeams.world.media.media import Media, MediumScattering

@@ -13,7 +13,7 @@ from ...scene import SceneError
 from ..common.openusd import Gf, Sdf, Tf, Usd, UsdGeom
 from ..common.reading import file_of, quiet
 from ..layers.writing import write_layer
-from ..lights.lights import is_light
+from ..lights.light import is_light
 
 #: An empty layer, as text.
 EMPTY = "#usda 1.0\n"

@@ -8,15 +8,13 @@ from functools import cache
 from typing import Any
 
 from ...scene import SceneError
-from ..common import schemas as schemas
+from ..common.definitions import LOOK, PREFIX, definitions
 from ..common.openusd import Sdf, Usd
 from ..common.reading import Reading, file_of, prims_under, target_paths
 from ..common.warnings import Warnings
-from ..lights.lights import is_dome, is_light
-from ..looks.looks import LookSpec, read_look
+from ..lights.light import is_dome, is_light
+from ..looks.look import LookSpec, read_look
 from .editing import EditLayer
-
-_PREFIX, _TYPE = "photonbeams:", "PhotonBeamsLook"
 
 #: Length, in scene units, of the beam that the lengths of presets are made for: the beam of `images.swatches`.
 BEAM = 4.0
@@ -72,7 +70,7 @@ class Preset:
     def attributes(self, unit: float = 1.0) -> dict[str, Any]:
         """Return values by the names of attributes, with lengths multiplied by `unit` and rounded to two digits."""
         lengths = {name: _scaled(value, unit) for name, value in self.lengths.items()}
-        return {f"{_PREFIX}{name}": value for name, value in {**self.values, **lengths}.items()}
+        return {f"{PREFIX}{name}": value for name, value in {**self.values, **lengths}.items()}
 
 
 def _scaled(value: Any, unit: float) -> Any:
@@ -174,7 +172,7 @@ def preset_of(name: str) -> Preset:
 def preset_look(name: str) -> LookSpec:
     """Return the look of a preset applied to an empty look, for a beam that is `BEAM` long."""
     stage = Usd.Stage.CreateInMemory()
-    prim = stage.DefinePrim("/Look", _TYPE)
+    prim = stage.DefinePrim("/Look", LOOK)
     layer = EditLayer(stage)
     for attribute, value in preset_of(name).attributes().items():
         layer.set(str(prim.GetPath().AppendProperty(attribute)), value)
@@ -201,11 +199,11 @@ def apply_preset(stage: Usd.Stage, layer: EditLayer, preset: Preset, path: str, 
         The prim is neither, or cannot have a look.
     """
     prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
-    if prim and prim.GetTypeName() == _TYPE:
+    if prim and prim.GetTypeName() == LOOK:
         look = path
     elif prim and is_light(prim):
         look = str(_free_path(stage, prim, preset))
-        layer.define(look, _TYPE)
+        layer.define(look, LOOK)
         layer.set(f"{path}.photonbeams:look", [look])
         enabled = prim.GetAttribute("photonbeams:enabled")
         authored = enabled.HasAuthoredValue()
@@ -224,8 +222,7 @@ def apply_preset(stage: Usd.Stage, layer: EditLayer, preset: Preset, path: str, 
 
 def _attributes(factor: str) -> list[str]:
     """Return the names of a factor's attributes, or of all attributes of looks."""
-    names = Usd.SchemaRegistry().FindConcretePrimDefinition(_TYPE).GetPropertyNames()
-    return [name for name in names if name.startswith(_PREFIX if factor == "look" else f"{_PREFIX}{factor}:")]
+    return [name for name in definitions(LOOK) if name.startswith(PREFIX if factor == "look" else f"{PREFIX}{factor}:")]
 
 
 def _free_path(stage: Usd.Stage, light: Usd.Prim, preset: Preset) -> Sdf.Path:
@@ -240,7 +237,7 @@ def _free_path(stage: Usd.Stage, light: Usd.Prim, preset: Preset) -> Sdf.Path:
 def _folders(stage: Usd.Stage, light: Usd.Prim) -> Iterator[Sdf.Path]:
     own = [stage.GetPrimAtPath(each) for each in target_paths(light, "photonbeams:look")]
     for look in (*own, *prims_under(stage.GetPseudoRoot())):
-        if look and look.GetTypeName() == _TYPE and not look.IsInstanceProxy():
+        if look and look.GetTypeName() == LOOK and not look.IsInstanceProxy():
             yield look.GetPath().GetParentPath()
     world = light.GetPath().GetPrefixes()[0]
     yield (Sdf.Path("/") if world == light.GetPath() else world).AppendChild("Looks")

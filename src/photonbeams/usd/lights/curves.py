@@ -15,7 +15,7 @@ from ..common.openusd import Sdf, Usd, UsdGeom
 from ..common.reading import Reading, has_photonbeams, target_paths
 from ..geometry.splines import Spans, expected_points, span_counts, varying_counts
 from ..geometry.strands import basis_of, read_points
-from .lights import PHYSICAL, bound_look, check_group
+from .beam_settings import PHYSICAL, bound_look, read_group
 
 # The most time samples at which a curve's curvature is examined. A curve has the same number of pieces at all times, so
 # that its motion can be followed from shutter open to shutter close.
@@ -60,8 +60,7 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     nodes = nodes.without_repetitions(reading, prim, spans.closed)
     if not len(nodes.curve):
         return None
-    group = str(reading.value(prim, "photonbeams:lightGroup", ""))
-    check_group(reading, prim, group)
+    group = read_group(reading, prim)
     look = reading.attempt(prim, partial(bound_look, reading, prim), None, PHYSICAL)
     beams = _beams(source, nodes, spans.closed, power.graded or colour.graded, to_world)
     if not len(beams["start"]):

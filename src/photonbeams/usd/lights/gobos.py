@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ...scene import Array, Gobo, Mesh
+from ..common.definitions import LIGHT, read_attribute
 from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 from ..common.textures import read_image
-
-_WRAPS = ("black", "repeat")
 
 
 def read_gobo(reading: Reading, prim: Usd.Prim) -> Gobo | None:
@@ -28,10 +27,11 @@ def read_gobo(reading: Reading, prim: Usd.Prim) -> Gobo | None:
     if kind.startswith("DomeLight"):
         reading.warn(prim, "is not rendered on a dome light: expected inputs:texture:file instead", name)
         return None
-    wrap = str(reading.value(prim, f"{name}:wrap", _WRAPS[0]))
-    if wrap not in _WRAPS:
-        raise reading.fail(prim, f"{name}:wrap", f"is '{wrap}': expected one of {', '.join(_WRAPS)}")
-    return Gobo(image, _positive(reading, prim, f"{name}:angle", 180.0), _width(reading, prim), wrap == "repeat")
+    wrap, angle, width = (read_attribute(reading, prim, LIGHT, f"gobo:{each}") for each in ("wrap", "angle", "width"))
+    if width is None and kind == "DistantLight":
+        text = "is not given: expected the image's width in scene units, for a distant light"
+        raise reading.fail(prim, f"{name}:width", text)
+    return Gobo(image, angle, 1.0 if width is None else width, wrap == "repeat")
 
 
 def read_texture(reading: Reading, prim: Usd.Prim) -> Gobo | None:
@@ -69,26 +69,6 @@ def _up(reading: Reading, normal: Array) -> Array:
     if UsdGeom.GetStageUpAxis(reading.stage) == UsdGeom.Tokens.z:
         up, back = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
     return back if abs(normal @ up) > 0.999 else up
-
-
-def _width(reading: Reading, prim: Usd.Prim) -> float:
-    """Return the width of an image in scene units, which a distant light must have."""
-    name = "photonbeams:gobo:width"
-    width = _positive(reading, prim, name, np.inf)
-    if width is None and prim.GetTypeName() == "DistantLight":
-        raise reading.fail(prim, name, "is not given: expected the image's width in scene units, for a distant light")
-    return width or 1.0
-
-
-def _positive(reading: Reading, prim: Usd.Prim, name: str, below: float) -> float | None:
-    """Return a number above 0, or None if it is not authored."""
-    if reading.value(prim, name) is None:
-        return None
-    value = reading.number(prim, name, 1.0)
-    if not 0 < value < below:
-        bound = "" if np.isinf(below) else f" and less than {below:g}"
-        raise reading.fail(prim, name, f"is {value:g}: expected more than 0{bound}")
-    return value
 
 
 def _image(reading: Reading, prim: Usd.Prim, name: str) -> Array | None:

@@ -62,7 +62,7 @@ def _read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> Mesh
         reading.warn(prim, "is to make beams, but its material emits no light: it makes none", "photonbeams:enabled")
         return None
     if mode != _TINTED or not glowing:
-        return MeshGlow(_joined(own), (1.0, 1.0, 1.0), None, mode != _ALONE)
+        return MeshGlow(joined(own, own[0].name), (1.0, 1.0, 1.0), None, mode != _ALONE)
     if len(glowing) == 1:
         emissive = glowing[0].material.emissive
         if isinstance(emissive, UVTexture):
@@ -71,7 +71,7 @@ def _read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> Mesh
     mean = areas @ np.array([_mean(mesh) for mesh in glowing]) / areas.sum()
     if len({tuple(_mean(mesh)) for mesh in glowing}) > 1:
         reading.warn(prim, "has parts that glow differently: as a light it has their mean colour")
-    return MeshGlow(_joined(glowing), (float(mean[0]), float(mean[1]), float(mean[2])), None, True)
+    return MeshGlow(joined(glowing, glowing[0].name), (float(mean[0]), float(mean[1]), float(mean[2])), None, True)
 
 
 def glows(mesh: Mesh) -> bool:
@@ -93,11 +93,11 @@ def _mean(mesh: Mesh) -> Array:
     return np.broadcast_to(np.asarray(emissive, dtype=np.float64), 3)
 
 
-def _joined(meshes: Sequence[Mesh]) -> Mesh:
+def joined(meshes: Sequence[Mesh], name: str) -> Mesh:
     """Join meshes into one, without what only surfaces need."""
     starts = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
     return Mesh(
-        name=meshes[0].name,
+        name=name,
         points=np.concatenate([mesh.points for mesh in meshes]),
         faces=np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]),
     )

@@ -6,7 +6,9 @@ from typing import Any
 
 from ... import looks
 from ...looks import Factor, Look
-from .looks import AlongSpec, CurveSpec, LookSpec
+from .look import AlongSpec, CurveSpec, LookSpec
+
+_INTERPOLATIONS: dict[str, Any] = {"catmullRom": "catmull-rom"}  # the tokens that are not the names in Python
 
 
 def build_look(spec: LookSpec) -> Look:
@@ -52,7 +54,7 @@ def _alongs(along: AlongSpec) -> list[Factor]:
     parts: list[Factor] = [falloff()] if falloff else []
     parts += _curves(along.curve)
     if along.outer > 0:
-        parts.append(looks.Fade(along.inner, along.outer, along.fade))  # type: ignore[arg-type]
+        parts.append(looks.Fade(along.inner, along.outer, _INTERPOLATIONS.get(along.fade, along.fade)))
     if along.physical:
         parts.append(looks.Attenuation())
     if along.tint != (1.0, 1.0, 1.0) or not parts:
@@ -65,7 +67,8 @@ def _curves(curve: CurveSpec) -> list[Factor]:
     place: dict[str, Any] = {"space": curve.span.space, "begin": curve.span.begin, "end": curve.span.end}
     parts: list[Factor] = []
     if curve.knots:
-        parts.append(looks.ColorRamp(curve.knots, curve.colors, curve.interpolation, **place))  # type: ignore[arg-type]
+        named = _INTERPOLATIONS.get(curve.interpolation, curve.interpolation)
+        parts.append(looks.ColorRamp(curve.knots, curve.colors, named, **place))
     if curve.texture is not None:
         parts.append(looks.Texture(curve.texture, **place))
     if curve.expression:

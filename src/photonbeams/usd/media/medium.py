@@ -9,6 +9,7 @@ import numpy as np
 from ...scene import Array, Color, DensityGrid, Medium, SceneError
 from ...scene.checks import shown
 from ...world.media.medium_colors import BRIGHTEST, DARKEST, coefficients
+from ..common.definitions import MEDIUM, read_attribute
 from ..common.openusd import Usd, UsdGeom, UsdLux, UsdVol
 from ..common.reading import Reading, has_photonbeams
 from ..geometry.meshes import is_closed, is_gprim, read_solid
@@ -40,7 +41,7 @@ def _is_filled(reading: Reading, prim: Usd.Prim) -> bool:
 
 
 def _has_medium(prim: Usd.Prim) -> bool:
-    return has_photonbeams(prim, "PhotonBeamsMediumAPI", "scattering", "absorption", "nearColor", "farColor")
+    return has_photonbeams(prim, MEDIUM, "scattering", "absorption", "nearColor", "farColor")
 
 
 def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
@@ -60,11 +61,11 @@ def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     return Medium(
         scattering=scattering,
         absorption=absorption,
-        anisotropy=reading.number(prim, "photonbeams:anisotropy", 0.0, -0.99, 0.99),
+        anisotropy=read_attribute(reading, prim, MEDIUM, "anisotropy"),
         mesh=mesh,
-        surfaces=reading.flag(prim, "photonbeams:surfaces", True),
+        surfaces=read_attribute(reading, prim, MEDIUM, "surfaces"),
         name=name,
-        bounces=read_bounces(reading, prim),
+        bounces=read_attribute(reading, prim, MEDIUM, "bounces"),
     )
 
 
@@ -77,11 +78,11 @@ def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
     return Medium(
         scattering=shading.scattering,
         absorption=shading.absorption,
-        anisotropy=reading.number(prim, "photonbeams:anisotropy", shading.anisotropy, -0.99, 0.99),
-        surfaces=reading.flag(prim, "photonbeams:surfaces", True),
+        anisotropy=read_attribute(reading, prim, MEDIUM, "anisotropy", shading.anisotropy),
+        surfaces=read_attribute(reading, prim, MEDIUM, "surfaces"),
         name=name,
         grid=read_density(reading, prim, to_world, shading.density),
-        bounces=read_bounces(reading, prim),
+        bounces=read_attribute(reading, prim, MEDIUM, "bounces"),
         scattering_color=colors,
         emission=emission,
         lit_by_domes=True,
@@ -138,23 +139,13 @@ def _emitted(field: DensityGrid, emission: VolumeEmission) -> DensityGrid:
     return DensityGrid((values * np.array(emission.color)).astype(np.float32), field.to_world)
 
 
-def read_bounces(reading: Reading, prim: Usd.Prim) -> int | None:
-    """Return how often light is scattered, as set on a medium or a light; None if it is not set."""
-    value = reading.value(prim, "photonbeams:bounces")
-    if value is None:
-        return None
-    if not isinstance(value, int) or value < 0:
-        raise reading.fail(prim, "photonbeams:bounces", f"is {value}: expected a whole number, 0 or more")
-    return int(value)
-
-
 def _coefficients(reading: Reading, prim: Usd.Prim) -> tuple[Color, Color]:
     """Return scattering and absorption: as given, or computed from the two colours."""
     names = ("photonbeams:nearColor", "photonbeams:farColor")
     given = [reading.value(prim, name) is not None for name in names]
     physical = ("photonbeams:scattering", "photonbeams:absorption")
     if not any(given):
-        return reading.color(prim, physical[0], 0.0), reading.color(prim, physical[1], 0.0)
+        return tuple(read_attribute(reading, prim, MEDIUM, name) for name in ("scattering", "absorption"))
     if not all(given):
         missing, there = names[given.index(False)], names[given.index(True)]
         raise reading.fail(prim, missing, f"is not given: expected a colour, to go with {there}")
@@ -167,12 +158,8 @@ def _coefficients(reading: Reading, prim: Usd.Prim) -> tuple[Color, Color]:
             f"is {shown(far)}: expected {DARKEST:g} to {BRIGHTEST:g} of nearColor in each channel; the nearest is used"
         )
         reading.warn(prim, text, names[1])
+    albedo, distance = (read_attribute(reading, prim, MEDIUM, name) for name in ("albedo", "farDistance"))
     try:
-        return coefficients(
-            near,
-            far,
-            reading.color(prim, "photonbeams:albedo", 1.0),
-            reading.number(prim, "photonbeams:farDistance", 1.0),
-        )
+        return coefficients(near, far, albedo, distance)
     except SceneError as error:
         raise SceneError(f"{reading.place(prim)}: {error}") from None

@@ -8,7 +8,6 @@ W/(π A) and flux W. A sphere has the radiant intensity W/(4π), also as its rad
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -17,8 +16,6 @@ from typing import Any
 import numpy as np
 
 from ...scene import (
-    MOST_BEAMS,
-    SCATTERED,
     Array,
     Color,
     CylinderLight,
@@ -36,10 +33,9 @@ from ..common import blender
 from ..common.openusd import Sdf, Usd, UsdGeom, UsdLux
 from ..common.reading import Reading, target_paths
 from ..common.textures import read_image
-from ..geometry.meshes import is_gprim, read_solid
-from ..looks.looks import LookSpec, read_look
-from ..media.medium import read_bounces
-from .gobos import read_gobo, read_portal_gobo, read_texture
+from ..geometry.meshes import is_gprim
+from .beam_settings import read_beam_settings, read_portal
+from .gobos import read_texture
 from .light_controls import on_surfaces, read_shaping, warn_of_what_is_left_out
 from .mesh_lights import is_asked, read_glow
 
@@ -55,10 +51,6 @@ _NO_AREA = "is 0: without inputs:normalize there would be no light; it shines as
 _FLATTEST = 1e3  # largest ratio of a stretched light's widths: single precision cannot resolve much more
 # A line is rendered as a cylinder of this radius per length; its light is that of the limit to one part in 10^4.
 _LINE = 1e-4
-
-
-#: What warnings say about a light or drawn beams whose look cannot be read.
-PHYSICAL = "its beams have the physical look"
 
 
 def is_light(prim: Usd.Prim) -> bool:
@@ -306,86 +298,6 @@ def _rotation(to_world: Array) -> Array:
     """Return the nearest rotation (or mirrored rotation) to a transform's linear part."""
     left, _, right = np.linalg.svd(to_world[:3, :3])
     return np.asarray(left @ right)
-
-
-def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None) -> dict[str, Any]:
-    """Return the fields of `BeamSettings` that PhotonBeamsLightAPI sets, with looks as specs.
-
-    The API need not be applied. A value that cannot be used is replaced by its default, with a warning.
-    """
-
-    def own(read: Callable[..., Any], *given: Any, default: Any = None, instead: str = "its default is used") -> Any:
-        return reading.attempt(prim, partial(read, reading, prim, *given), default, instead)
-
-    number = Reading.number
-    return {
-        "group": own(_group, default="", instead="the light is in no group"),
-        "emits_beams": reading.flag(prim, "photonbeams:enabled", True),
-        "beam_count": own(_count),
-        "beam_scale": own(number, "photonbeams:intensity", 1.0, 0.0, default=1.0),
-        "seed": int(own(number, "photonbeams:seed", 0, default=0)),
-        "portal": portal,
-        "gobo": own(read_gobo, instead="the light has no gobo"),
-        "portal_gobo": own(read_portal_gobo, portal, instead="the portal has no gobo"),
-        "look": own(bound_look, instead=PHYSICAL),
-        "scattered": own(_scattered, default="physical"),
-        "bounces": own(read_bounces),
-    }
-
-
-def bound_look(reading: Reading, prim: Usd.Prim) -> LookSpec | None:
-    """Return the look that a light or a curves prim names, or None."""
-    looks = reading.targets(prim, "photonbeams:look")
-    return read_look(reading, prim, looks[0]) if looks else None
-
-
-def _count(reading: Reading, prim: Usd.Prim) -> int | None:
-    count = reading.value(prim, "photonbeams:count")
-    if count is not None and not (isinstance(count, int) and 1 <= count <= MOST_BEAMS):
-        raise reading.fail(prim, "photonbeams:count", f"is {count}: expected a number from 1 to {MOST_BEAMS:,}")
-    return None if count is None else int(count)
-
-
-def _group(reading: Reading, prim: Usd.Prim) -> str:
-    group = str(reading.value(prim, "photonbeams:lightGroup", ""))
-    check_group(reading, prim, group)
-    return group
-
-
-def _scattered(reading: Reading, prim: Usd.Prim) -> str:
-    value = str(reading.value(prim, "photonbeams:scattered", "physical"))
-    if value not in SCATTERED:
-        expected = f"{', '.join(SCATTERED[:-1])} or {SCATTERED[-1]}"
-        raise reading.fail(prim, "photonbeams:scattered", f"is '{value}': expected {expected}")
-    return value
-
-
-def check_group(reading: Reading, prim: Usd.Prim, group: str) -> None:
-    """Raise SceneError for a light group that cannot name a layer."""
-    if not re.fullmatch(r"[A-Za-z0-9_-]*", group):
-        raise reading.fail(prim, "photonbeams:lightGroup", f"is '{group}': expected letters, digits, _ and - alone")
-
-
-def read_portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
-    """Return the gprims through which the light reaches the shot, as one mesh."""
-    name = "photonbeams:portal"
-    meshes = []
-    for target in reading.targets(prim, name):
-        if not is_gprim(target):
-            kind = target.GetTypeName() or "prim without a type"
-            raise reading.fail(prim, name, f"names {target.GetPath()}, a {kind}: expected a mesh or another gprim")
-        mesh = read_solid(reading, target, reading.to_world(target))
-        if mesh.area <= 0:
-            raise reading.fail(prim, name, f"names {target.GetPath()}, which has no area: expected a surface")
-        meshes.append(mesh)
-    if len(meshes) < 2:
-        return meshes[0] if meshes else None
-    starts = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
-    return Mesh(
-        name=" ".join(mesh.name for mesh in meshes),
-        points=np.concatenate([mesh.points for mesh in meshes]),
-        faces=np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]),
-    )
 
 
 _DOMES = ("DomeLight", "DomeLight_1")

@@ -1,0 +1,221 @@
+"""Attributes of our own schemas: their types, fallbacks, ranges, allowed tokens and texts, and how they are read.
+
+All of these are written once, in `schema/schema.usda`: ranges as OpenUSD's `limits`, whose soft ones are those of
+sliders, and as `customData` whether the ends of a range are outside of it (`open`), and a unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ...scene import color
+from ...scene.checks import shown
+from .openusd import Sdf, Usd
+from .reading import Reading
+from .schemas import FOLDER
+from .textures import read_image
+
+PREFIX = "photonbeams:"
+LIGHT, LOOK = "PhotonBeamsLightAPI", "PhotonBeamsLook"
+CURVES, MEDIUM = "PhotonBeamsCurvesAPI", "PhotonBeamsMediumAPI"
+
+
+@dataclass(frozen=True)
+class Definition:
+    """What a schema says about an attribute or a relationship.
+
+    Attributes
+    ----------
+    kind
+        One of number, integer, bool, color, numbers (a list), choice, text, expression, asset or paths.
+    default
+        The fallback in plain numbers, or None.
+    columns, length
+        How many numbers each value of a list has, and how many values it has; None: any number.
+    least, most
+        The range of a number; None: no bound. The ends of an `open` range are outside of it.
+    slider
+        The usual range, if it is another.
+    """
+
+    name: str
+    kind: str
+    default: Any = None
+    columns: int = 1
+    length: int | None = None
+    choices: tuple[str, ...] = ()
+    least: float | None = None
+    most: float | None = None
+    open: bool = False
+    slider: tuple[float, float] | None = None
+    unit: str = ""
+    doc: str = ""
+
+    @classmethod
+    def of(cls, own: Any) -> Definition:
+        """Return the definition of a property in a layer of schemas (Sdf), or in OpenUSD's registry of schemas."""
+        in_layer = isinstance(own, Sdf.Spec)
+        name, info = (own.name, own.GetInfo) if in_layer else (own.GetName(), own.GetMetadata)
+        doc = " ".join((own.documentation if in_layer else own.GetDocumentation()).split())
+        if not info("typeName"):
+            return cls(name, "paths", [], doc=doc)
+        value_type = Sdf.ValueTypeNames.Find(str(info("typeName")))
+        choices = tuple(map(str, info("allowedTokens") or ()))
+        limits, custom = info("limits") or {}, info("customData") or {}
+        hard, soft = ({end: plain(each) for end, each in limits.get(which, {}).items()} for which in ("hard", "soft"))
+        size = getattr(value_type.scalarType.defaultValue, "dimension", 1)
+        return cls(
+            name,
+            "choice" if choices else "expression" if name.endswith("expression") else _kind_of(value_type),
+            plain(info("default")),
+            columns=size if value_type.isArray else 1,
+            length=None if value_type.isArray else size,
+            choices=choices,
+            least=hard.get("minimum"),
+            most=hard.get("maximum"),
+            open=bool(custom.get("open")),
+            slider=(soft["minimum"], soft["maximum"]) if soft else None,
+            unit=custom.get("unit", ""),
+            doc=doc,
+        )
+
+    def read(self, reading: Reading, prim: Usd.Prim, default: Any = None) -> Any:
+        """Return the value on a prim in plain numbers, texts and tuples, or the pixels of an image; None: no value.
+
+        `default` is used instead of the schema's where the prim has no value.
+
+        Raises
+        ------
+        SceneError
+            The value has another type, is not finite or is out of range, or its image cannot be read.
+        """
+        value = reading.value(prim, self.name, self.default if default is None else default)
+        if value is None:
+            return None
+        match self.kind:
+            case "bool":
+                return bool(value)
+            case "text" | "expression":
+                return str(value).strip() if self.kind == "expression" else str(value)
+            case "asset":
+                return read_image(reading, prim, self.name)
+            case "color":
+                return reading.color(prim, self.name, value)
+            case "choice" if str(value) not in self.choices:
+                raise reading.fail(prim, self.name, f"is '{value}': expected one of {', '.join(self.choices)}")
+            case "choice":
+                return str(value)
+            case "numbers":
+                return self._list(reading, prim)
+        return self._number(reading, prim, value)
+
+    def _number(self, reading: Reading, prim: Usd.Prim, value: Any) -> float:
+        """Return a number; whole ones, and those of open ranges, have messages of their own."""
+        least, most = -np.inf if self.least is None else self.least, np.inf if self.most is None else self.most
+        if self.kind == "integer":
+            if isinstance(value, int) and least <= value <= most:
+                return int(value)
+            ends = f", {least:,} or more" if most == np.inf else f" from {least:,} to {most:,}"
+            text = f"is {shown(value)}: expected a whole number{ends if least > -np.inf else ''}"
+            raise reading.fail(prim, self.name, text)
+        if not self.open:
+            return reading.number(prim, self.name, value, least, most)
+        number = reading.number(prim, self.name, value)
+        if not least < number < most:
+            text = f"is {number:g}: expected more than {least:g}{'' if most == np.inf else f' and less than {most:g}'}"
+            raise reading.fail(prim, self.name, text)
+        return number
+
+    def _list(self, reading: Reading, prim: Usd.Prim) -> tuple[Any, ...]:
+        """Return numbers, or colours, which are 0 or more."""
+        values = reading.array(prim, self.name, self.columns)
+        count = 0 if values is None else len(values)
+        if self.length is not None and count != self.length:
+            raise reading.fail(prim, self.name, f"has {count} values: expected {self.length}")
+        if values is None or self.columns == 1:
+            return () if values is None else tuple(values[:, 0].tolist())
+        place = reading.place(prim, self.name)
+        return tuple(color(each, f"{place}[{index}]") for index, each in enumerate(values))
+
+
+@cache
+def definitions(schema: str) -> Mapping[str, Definition]:
+    """Return the definitions of a schema's own properties by name, in the order of the schema.
+
+    They do not come from OpenUSD's registry, which lacks them if a program opened a stage before it imported this
+    package.
+    """
+    layer = Sdf.Layer.FindOrOpen(str(FOLDER / "schema.usda"))
+    return {each.name: Definition.of(each) for each in layer.GetPrimAtPath(f"/{schema}").properties}
+
+
+def read_attribute(reading: Reading, prim: Usd.Prim, schema: str, name: str, default: Any = None) -> Any:
+    """Return the value of an attribute, named without its prefix, as `Definition.read` does."""
+    return definitions(schema)[PREFIX + name].read(reading, prim, default)
+
+
+class Struct:
+    """A dataclass whose fields are attributes of a schema."""
+
+    def problems(self) -> Iterable[tuple[str, str]]:
+        """Return what does not go together, as names of attributes and texts such as "is empty: expected ..."."""
+        return ()
+
+
+S = TypeVar("S", bound=Struct)
+
+
+def read_struct(reading: Reading, prim: Usd.Prim, schema: str, default: S, within: str = "") -> S:
+    """Return a dataclass whose fields have the values of a prim's attributes, checked as their schema defines them.
+
+    A field is the attribute of the same name, or of the `name` in its metadata, in the namespace `within`; a dataclass
+    in a field has the attributes in the namespace of that name, or in the same one if the name is "". What is no
+    attribute of the schema is as in `default`. A `convert` in the metadata is applied to a value.
+
+    Raises
+    ------
+    SceneError
+        A value cannot be used, or values do not go together.
+    """
+    known = definitions(schema)
+    found: dict[str, Any] = {}
+    for each in fields(default):  # type: ignore[arg-type]
+        name, value = each.metadata.get("name", each.name), getattr(default, each.name)
+        if isinstance(value, Struct):
+            found[each.name] = read_struct(reading, prim, schema, value, f"{within}{name}:" if name else within)
+        elif own := known.get(f"{PREFIX}{within}{name}"):
+            value = own.read(reading, prim)
+            convert = each.metadata.get("convert")
+            found[each.name] = convert(value) if convert and value is not None else value
+    result = replace(default, **found)  # type: ignore[type-var]
+    for name, text in result.problems():
+        raise reading.fail(prim, f"{PREFIX}{within}{name}", text)
+    return result
+
+
+def _kind_of(value_type: Sdf.ValueTypeName) -> str:
+    default = value_type.defaultValue
+    if value_type.role == "Color" and not value_type.isArray:
+        return "color"
+    if value_type.isArray or hasattr(default, "dimension"):
+        return "numbers"
+    kinds = ((bool, "bool"), (int, "integer"), (float, "number"), (Sdf.AssetPath, "asset"))
+    return next((kind for each, kind in kinds if isinstance(default, each)), "text")
+
+
+def plain(value: Any) -> Any:
+    """Return a USD value as JSON represents it."""
+    if isinstance(value, float):  # most are 32-bit floats: show them as they were written
+        return float(str(np.float32(value))) if np.float32(value) == value else value
+    if value is None or isinstance(value, bool | int):
+        return value
+    if isinstance(value, str):
+        return str(value)
+    if isinstance(value, Sdf.AssetPath):
+        return value.path
+    return [plain(each) for each in value]
