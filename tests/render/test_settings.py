@@ -54,7 +54,7 @@ def test_what_is_given_is_over_what_there_is():
     own = Settings(passes=3, seed=5)
     assert Settings.of(own, {"seed": 6}) == Settings(passes=3, seed=6)
     assert Settings.of(None, {}) == Settings()
-    with pytest.raises(SceneError, match="zzz is not a setting: expected one of passes, time_limit, "):
+    with pytest.raises(SceneError, match="zzz is not a setting"):
         Settings.of(own, {"zzz": 1})
 
 

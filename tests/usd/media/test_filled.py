@@ -57,7 +57,7 @@ def test_a_material_with_a_surface_is_one(scene):
 
 
 def test_an_open_mesh_holds_no_fog(scene):
-    with pytest.raises(SceneError, match="/Box has a volume material: expected a closed mesh"):
+    with pytest.raises(SceneError, match="/Box has a volume material"):
         scene(stage("Plane"))
 
 

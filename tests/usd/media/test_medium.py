@@ -64,7 +64,7 @@ def test_of_two_media_of_the_whole_space_the_first_is_kept(scene, caplog):
 def test_a_medium_may_say_how_often_light_is_scattered(scene):
     assert scene(f'def Scope "F" {{\n{FOG}\n}}').medium.bounces is None
     assert scene(f'def Scope "F" {{\n{FOG}\nint photonbeams:bounces = 3\n}}').medium.bounces == 3
-    with pytest.raises(SceneError, match=r"stage\.usda: /F\.photonbeams:bounces is -1: expected a whole number, 0"):
+    with pytest.raises(SceneError, match=r"stage\.usda: /F\.photonbeams:bounces is -1"):
         scene(f'def Scope "F" {{\n{FOG}\nint photonbeams:bounces = -1\n}}')
 
 
@@ -77,15 +77,15 @@ def test_hidden_fog_is_not_there(scene):
     [
         (
             "color3f photonbeams:scattering = (nan, 0, 0)",
-            r"/F\.photonbeams:scattering is .*: expected one or three finite",
+            r"/F\.photonbeams:scattering is .*",
         ),
         (
             "color3f photonbeams:absorption = (0, -1, 0)",
-            r"/F\.photonbeams:absorption is .*: expected one or three finite",
+            r"/F\.photonbeams:absorption is .*",
         ),
         (
             "float photonbeams:anisotropy = 1",
-            r"/F\.photonbeams:anisotropy is 1.*: expected a finite number at least -0.99",
+            r"/F\.photonbeams:anisotropy is 1.*",
         ),
     ],
 )
@@ -118,10 +118,10 @@ def test_colors_win_over_coefficients_with_a_warning(scene, caplog):
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ("color3f photonbeams:nearColor = (1, 1, 1)", r"/F\.photonbeams:farColor is not given: expected a colour"),
-        ("color3f photonbeams:farColor = (1, 1, 1)", r"/F\.photonbeams:nearColor is not given: expected a colour"),
-        (COLORS + "color3f photonbeams:albedo = (0, 1, 1)", r"/F: albedo is \(0.0, 1.0, 1.0\): expected"),
-        (COLORS + "float photonbeams:farDistance = 0", r"/F\.photonbeams:farDistance is 0: expected"),
+        ("color3f photonbeams:nearColor = (1, 1, 1)", r"/F\.photonbeams:farColor is not given"),
+        ("color3f photonbeams:farColor = (1, 1, 1)", r"/F\.photonbeams:nearColor is not given"),
+        (COLORS + "color3f photonbeams:albedo = (0, 1, 1)", r"/F: albedo is \(0.0, 1.0, 1.0\)"),
+        (COLORS + "float photonbeams:farDistance = 0", r"/F\.photonbeams:farDistance is 0"),
     ],
 )
 def test_colors_that_make_no_fog_are_errors(scene, body, message):

