@@ -9,6 +9,7 @@ import os
 import numpy as np
 import pytest
 
+import photonbeams as pb
 from photonbeams.images.files import read_parts, summaries, write_exr, write_png
 from photonbeams.images.tiles import join_tiles
 from photonbeams.render.films.frame_sums import FrameSums
@@ -17,7 +18,6 @@ from photonbeams.runtime.inputs import arrays, opened
 from photonbeams.scene import SceneError
 from photonbeams.scene.checks import LONGEST
 from photonbeams.shot.development import Development, developed
-from photonbeams.shot.scene_shot import SceneShot
 from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.lights.ies import parse
 from photonbeams.usd.stage import default_time, open_stage, read_scene, sample_times
@@ -80,7 +80,7 @@ READERS = {
     ".ies": (100, lambda path: parse(path.read_bytes().decode("latin-1"))),
     ".png": (40, read_parts),
     ".exr": (80, read_exr),
-    ".xml": (30, lambda path: SceneShot(path)),
+    ".xml": (30, lambda path: pb.Shot.open(path)),
     ".usda": (30, read_stage),
 }
 

@@ -43,33 +43,34 @@ SCENE = """<scene version="3.0.0">
 """
 
 
-def of_stage(folder):
+def of_stage(folder, **given):
     (folder / "x.usda").write_text(STAGE)
-    return pb.Shot.open(folder / "x.usda")
+    return pb.Shot.open(folder / "x.usda", **given)
 
 
-def of_file(folder):
+def of_file(folder, **given):
     (folder / "x.xml").write_text(SCENE)
-    return pb.Shot.open(folder / "x.xml")
+    return pb.Shot.open(folder / "x.xml", **given)
 
 
-def of_mitsuba(folder):
-    return pb.Shot(mitsuba().load_string(SCENE))
+def of_mitsuba(folder, **given):
+    return pb.Shot(mitsuba().load_string(SCENE), **given)
 
 
-def of_python(folder):
+def of_python(folder, **given):
     lamp = pb.scene.SphereLight("/Lamp", 1.0, center=(0.5, 1, 0), radius=0.25)
     content = pb.scene.Scene(lights=lamp, media=pb.Medium(0.1))
-    return pb.Shot(content, pb.scene.Camera.look_at((0, 0, 5), (0, 0, 0), aspect=4 / 3))
+    return pb.Shot(content, pb.scene.Camera.look_at((0, 0, 5), (0, 0, 0), aspect=4 / 3), **given)
 
 
 SUBJECTS = (of_stage, of_file, of_mitsuba, of_python)
 
 #: How each public name of a shot is used, and what is true of the result.
 USES = {
-    "open": (lambda shot: None, lambda found: True),
     "stage": (lambda shot: shot.stage, lambda found: found.GetPrimAtPath("/Eye")),
     "warnings": (lambda shot: shot.warnings.given, lambda found: isinstance(found, set)),
+    "viewpoint": (lambda shot: shot.viewpoint, lambda found: found.stereo is None),
+    "settings": (lambda shot: shot.settings(), lambda found: found.passes > 0),
     "time": (lambda shot: shot.time(3), lambda found: found.GetValue() == 3),
     "read": (lambda shot: shot.read(), lambda found: len(found[0].lights) == 1 and found[1].focal_length > 0),
     "exposure": (lambda shot: shot.exposure(), lambda found: len(found(0.0)[0].lights) == 1 and not found.moving),
@@ -82,17 +83,6 @@ USES = {
     "beams": (lambda shot: shot.beams(**FEW), lambda found: sum(len(each.beams) for each in found) >= 50),
     "drawn_beams": (lambda shot: shot.drawn_beams(**FEW), lambda found: sum(len(each.start) for each in found) >= 50),
 }  # fmt: skip
-
-#: Public for the command and the studio.
-INNER = {"check", "check_plates", "content", "look_through", "prepared", "request", "viewers"} | {
-    "load",
-    "settings",
-    "size",
-    "check_scene",
-    "layer_names",
-    "eyes",
-    "camera",
-}
 
 #: What these subjects do not have, and say so.
 LACKING = {
@@ -119,8 +109,8 @@ def test_what_a_shot_offers_works_or_says_why_not(subject, name):
 
 
 def test_the_contract_is_of_all_public_names(subject):
-    public = {name for name in dir(type(subject[1])) if not name.startswith("_")}
-    assert public - INNER | {"stage"} == {*USES, "write_beams"}
+    public = {name for name in dir(pb.Shot) if not name.startswith("_")}
+    assert public == {*USES, "open", "write_beams"} and type(subject[1]) is pb.Shot
 
 
 def test_beams_are_written_and_read(subject, tmp_path):
@@ -139,14 +129,29 @@ def of_stage_with(folder, file):
     return folder / "y.usda"
 
 
+@pytest.mark.parametrize(
+    ("kind", "given"),
+    [
+        (of_stage, {"groups": {"Lamp": "key"}}),
+        (of_python, {"beams": {"Lamp": pb.scene.BeamSettings()}}),
+        (of_python, {"session_layers": ["a.usda"]}),
+        (of_file, {"medium": pb.Medium(0.1)}),
+        (of_mitsuba, {"emit": len}),
+    ],
+)
+def test_what_a_subject_has_no_use_for_is_refused(kind, given, tmp_path):
+    (name,) = given
+    with pytest.raises(pb.SceneError, match=f"^{name} is for (stages|Mitsuba scenes): "):
+        kind(tmp_path, **given)
+
+
 def test_the_picture_of_a_mitsuba_scene_is_as_large_as_its_film(tmp_path):
     assert of_file(tmp_path).resolution() == (16, 12)
 
 
 def test_two_eyes_have_two_cameras(subject, tmp_path):
     kind, _ = subject
-    shot = kind(tmp_path)
-    shot.look_through(shot.camera, pb.Stereo(interaxial=0.2, convergence=4))
+    shot = kind(tmp_path, stereo=pb.Stereo(interaxial=0.2, convergence=4))
     left, right = shot.cameras()
     assert np.isclose(right.to_world[0][3] - left.to_world[0][3], 0.2)
     assert len(shot.beams(view="left", **FEW)) == 1

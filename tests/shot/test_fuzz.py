@@ -99,7 +99,7 @@ def test_a_scene_that_is_wrong_in_one_place_is_built_or_refused(tmp_path, caplog
         path.write_bytes(ElementTree.tostring(root))
         try:
             shot = pb.Shot.open(path)
-            begin(shot.plugin, shot.sensor, shot.settings())
+            begin(shot.subject.load(), shot.subject.sensor(shot.viewpoint)[1], shot.settings())
             if built < RENDERED:
                 assert np.isfinite(shot.render(passes=1).layers["rgba"]).all(), (seed, what)
             built += 1

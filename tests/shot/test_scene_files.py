@@ -7,10 +7,10 @@ import zlib
 import numpy as np
 import pytest
 
+import photonbeams as pb
 from photonbeams.images import files
 from photonbeams.images.files import write_png
 from photonbeams.scene import SceneError
-from photonbeams.shot.scene_shot import SceneShot
 
 SCENE = '<scene version="3.0.0">%s<default name="own" value="a file"/><sensor type="perspective"/></scene>'
 SHAPE = '<shape type="%s"><string name="filename" value="%s"/></shape>'
@@ -31,7 +31,7 @@ def refusal(tmp_path, content, text=SCENE):
     path = tmp_path / "scene.xml"
     path.write_text(text % content)
     with pytest.raises(SceneError) as error:
-        SceneShot(path)
+        pb.Shot.open(path)
     assert str(error.value).startswith(str(path))
     return str(error.value)
 
@@ -53,7 +53,7 @@ def test_an_included_file_is_looked_into(tmp_path):
 
 def test_what_is_commented_out_is_not_named(tmp_path):
     (tmp_path / "scene.xml").write_text(SCENE % "<!-- <include filename='/dev/zero'/> -->")
-    assert len(SceneShot(tmp_path / "scene.xml").names) == 1
+    assert len(pb.Shot.open(tmp_path / "scene.xml").cameras()) == 1
 
 
 PLY = (
@@ -96,4 +96,4 @@ def test_bytes_that_are_no_text_are_quoted_in_a_sentence(tmp_path):
     path = tmp_path / "scene.xml"
     path.write_bytes((SCENE % "<shape type='x\xff'/>").encode("latin-1"))
     with pytest.raises(SceneError, match=r"scene\.xml: "):
-        SceneShot(path)
+        pb.Shot.open(path)

@@ -123,7 +123,7 @@ def test_a_layer_that_does_not_fit_is_refused_in_a_sentence(lit, tmp_path, old, 
 def test_a_render_leaves_the_film_as_it_was(shot):
     small = shot.render(passes=1, beams=100, width=12, crop=CROP)
     assert small.layers["rgba"].shape == (4, 6, 4)
-    assert shot.size() == (SIZE["width"], SIZE["height"])
+    assert shot.resolution() == (SIZE["width"], SIZE["height"])
     assert shot.render(passes=1, beams=100).layers["rgba"].shape == (16, 24, 4)
 
 

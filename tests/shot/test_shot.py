@@ -36,7 +36,7 @@ def test_looks_that_differ_in_one_of_a_thousand_numbers_are_two(usd):
     changed[1000] = 0.5  # NumPy leaves this one out when it prints
 
     def look(texture):
-        return shot._look("/Lamp", LookSpec("/Look", AlongSpec(curve=CurveSpec(texture=texture))))
+        return shot.subject._look("/Lamp", LookSpec("/Look", AlongSpec(curve=CurveSpec(texture=texture))))
 
     first = look(row)
     assert look(row.copy()) is first and look(changed) is not first
@@ -143,9 +143,9 @@ def test_a_change_of_the_stage_is_rendered(own):
 
 def test_a_shot_that_is_used_no_more_is_forgotten_though_its_stage_is_kept(own, capfd):
     shot = own()
-    stage, gone = shot.stage, weakref.ref(shot)
+    stage, gone = shot.stage, [weakref.ref(shot), weakref.ref(shot.subject)]
     del shot
-    assert gone() is None
+    assert [each() for each in gone] == [None, None]
     stage.GetPrimAtPath("/World/Light").GetAttribute("inputs:intensity").Set(3)
     assert capfd.readouterr().err == ""
 

@@ -83,16 +83,20 @@ class StageJob(Job):
 
     def layers(self, first: Task) -> list[str]:
         """Return the names of the layers that a frame has."""
-        content, _ = self._shot.read(first.number)
+        names = self._shot.subject.layers(self._shot.viewpoint, first.number)
         self._check()
-        return layers_with(self._shot.check(content, first.number), self.settings)
+        return layers_with(names, self.settings)
 
     def check(self, first: Task, todo: Sequence[Task]) -> None:
         """Raise what rendering these frames would raise about the size of the picture and about plates."""
+        from ..usd.cameras.stereo import views_of
+
         plates = [each for each in (self._end, self._plate) if each is not None]
         self._size = self._resolution(first.number, plates)
+        views = views_of(self._shot.stereo, self._request.eyes.eye)
         for task in todo:
-            self._shot.check_plates(plates, task.number, *self._size, self._request.eyes.eye)
+            for plate in plates:
+                plate.check(self._shot.subject.number(task.number), views, self._size)
 
     def _resolution(self, number: float | None, plates: Sequence[Holdout | Plate]) -> tuple[int, int]:
         """Return width and height in pixels."""

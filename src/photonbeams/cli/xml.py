@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
@@ -15,17 +15,13 @@ from .outputs import check_outputs
 from .programs import load_looks
 from .request import RenderRequest
 
-if TYPE_CHECKING:
-    from ..shot.scene_shot import SceneShot
-
 
 class MitsubaJob(Job):
     """A Mitsuba scene, and what the flags ask of it."""
 
-    _shot: SceneShot
-
     def __init__(self, request: RenderRequest, check: Callable[[], None]) -> None:
-        from ..shot.scene_shot import SceneShot
+        from ..shot import Shot
+        from ..shot.scene_subject import SceneSubject
 
         self._request = request
         self._numbers = frame_numbers(request.files.frames, request.outputs)
@@ -33,16 +29,16 @@ class MitsubaJob(Job):
             raise typer.BadParameter(
                 f"--frames is {request.files.frames}: expected one run of # in {request.scene.name}, too"
             )
-        self._shot = SceneShot(
-            request.scene, request.views.camera or None, request.eyes.eyes(),
-            load_looks("--look", request.looks.look or ()), _pairs("--group", request.looks.group or ()),
+        self._scene = SceneSubject(
+            request.scene, load_looks("--look", request.looks.look or ()), _pairs("--group", request.looks.group or ()),
             parameters=_pairs("--set", request.looks.overrides or ()), session_layers=request.looks.session_layer or (),
         )  # fmt: skip
-        self._shot.load(self._numbers[0])
+        self._shot = Shot(self._scene, request.views.camera or None, stereo=request.eyes.eyes())
+        self._camera, _ = self._scene.sensor(self._shot.viewpoint, self._numbers[0])
 
     def cameras(self) -> list[str]:
         """Return the names of all sensors."""
-        return self._shot.names
+        return [*self._scene.sensors(self._numbers[0])]
 
     def tasks(self) -> list[Task]:
         """Return the frames and their files, and set `settings`."""
@@ -51,7 +47,7 @@ class MitsubaJob(Job):
             check_outputs(request.outputs)
         self._size = self._resolution()
         self.settings = replace(
-            request.settings.over(self._shot.settings()),
+            request.settings.over(self._shot.settings(self._numbers[0])),
             normals=request.wants("normal"),
             albedo=request.wants("albedo"),
         )
@@ -63,22 +59,23 @@ class MitsubaJob(Job):
 
     def _resolution(self) -> tuple[int, int]:
         request = self._request
-        width, height = self._shot.size(request.views.res[0] or None, request.views.res[1] or None)
+        size = request.views.res
+        width, height = self._shot.resolution(size[0] or None, size[1] or None, self._numbers[0])
         return max(1, round(request.views.res_scale * width)), max(1, round(request.views.res_scale * height))
 
     def layers(self, first: Task) -> Sequence[str]:
         """Return the names of the layers that a frame has."""
-        return layers_with(self._shot.layer_names(), self.settings)
+        return layers_with(self._scene.layers(self._shot.viewpoint, first.number), self.settings)
 
     def check(self, first: Task, todo: Sequence[Task]) -> None:
         """In a dry run, raise what rendering would raise; otherwise rendering itself raises it early enough."""
         if self._request.shown.dry_run:
-            self._shot.check_scene(self.settings)
+            self._scene.check(self._shot.viewpoint, first.number, self.settings)
 
     def seen(self, first: Task) -> str:
         """Return a description of the picture: scene, sensor and size."""
-        (width, height), shot = self._size, self._shot
-        return f"{self._request.scene} seen by {shot.sensor.id() or shot.names[0]}, {width} x {height} pixels"
+        width, height = self._size
+        return f"{self._request.scene} seen by {self._camera}, {width} x {height} pixels"
 
     @property
     def _given(self) -> dict[str, Any]:

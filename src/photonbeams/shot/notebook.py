@@ -45,7 +45,7 @@ def quick_frame(shot: Shot) -> Frame:
     """Return a small picture of a shot's first frame, denoised if this machine can; raises what `render` does."""
     from ..render.films.denoising import lacking_denoiser
 
-    width, height = shot._own_size()
+    width, height = shot.resolution()
     scale = min(1.0, LONGEST / max(width, height))
     return shot.render(
         passes=PASSES, time_limit=SECONDS, width=max(1, round(scale * width)), height=max(1, round(scale * height)),

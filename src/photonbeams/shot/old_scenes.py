@@ -8,8 +8,9 @@ Mitsuba if it is unknown to it.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -54,6 +55,25 @@ def converted(path: Path) -> str | None:
             _convert(element)
     above = start.string[: start.start()].count(b"\n")  # lines, so that messages name the file's own
     return "\n" * above + ElementTree.tostring(root, encoding="unicode")
+
+
+class Parsed(NamedTuple):
+    """Mitsuba's parsed form of a scene, and the text in which its messages count lines: it must live as long."""
+
+    state: Any
+    text: str | None
+
+
+def parse(path: Path, parameters: Mapping[str, str]) -> Parsed:
+    """Return a file as Mitsuba has parsed it; RuntimeError if Mitsuba cannot."""
+    from ..runtime.device import mitsuba
+
+    parser, variant = mitsuba().parser, mitsuba().variant()
+    text = converted(path)
+    config = parser.ParserConfig(variant)
+    if text is None:
+        return Parsed(parser.parse_file(config, str(path), **parameters), None)
+    return Parsed(parser.parse_string(config, text, **parameters), text)
 
 
 def _tree(path: Path) -> Element | None:

@@ -1,48 +1,31 @@
-"""Requests for frames: the arguments of `Shot.render`, checked, for all kinds of shots."""
+"""Requests for frames, the checked arguments of `Shot.render`, and what the passes of a frame need."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from ..images.frame import Frame
-from ..images.plates import Depth, Holdout, Plate
+from ..images.plates import Holdout, Plate
 from ..render.checkpoint import Checkpoint
+from ..render.films.denoising import check_denoiser
 from ..render.passes import PlannedPasses, Progress, RunOptions
 from ..render.settings import Settings
-from ..runtime.files import PathLike
-from ..scene import Array, SceneError, real
+from ..scene import SceneError, real
 from ..scene.cameras import CONFORM_POLICIES
+from ..usd.cameras.stereo import views_of
 from .development import Development
+from .subject import FrameContent, Subject, Viewpoint
 
 if TYPE_CHECKING:
     from ..render.films.frame_sums import FrameSums
+    from ..render.frame import FrameRenderer
     from ..render.holdouts import HoldoutDepth
-    from ..world.cameras.cameras import Window
-    from ..world.shutter import Shutter
+    from ..world.cameras.cameras import View, Window
 
 #: Called after each pass with a function that returns the frame so far.
 Snapshot = Callable[[Callable[[], Frame]], None]
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """What the passes of a stage's frame need.
-
-    Attributes
-    ----------
-    shutter, window, settings, holdouts
-        As `render.stage_frame.render` takes them.
-    development
-        How the sums of the passes become a picture.
-    """
-
-    shutter: Shutter
-    window: Window
-    settings: Settings
-    holdouts: Sequence[HoldoutDepth]
-    development: Development
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,20 +55,24 @@ class FrameRequest:
 
     @classmethod
     def of(
-        cls,
-        frame: float | None,
-        settings: Settings,
-        *,
-        checkpoint: PathLike | Checkpoint | None = None,
-        holdout: PathLike | Array | Holdout | None = None,
-        over: PathLike | Array | Plate | None = None,
-        **given: Any,
-    ) -> FrameRequest:
-        """Return the request for these arguments of `Shot.render`."""
-        return cls(
-            frame=frame, settings=settings, checkpoint=Checkpoint.of(checkpoint), holdout=Holdout.of(holdout),
-            over=Plate.of(over), **given,
-        )  # fmt: skip
+        cls, subject: Subject, viewpoint: Viewpoint, frame: float | None, passes: int | None,
+        settings: Settings | None, given: Mapping[str, Any],
+    ) -> FrameRequest:  # fmt: skip
+        """Return the request for arguments of `Shot.render`; `given` are the rest of them, and fields of `Settings`."""
+        names = {each.name for each in fields(cls)}
+        own = {name: value for name, value in given.items() if name in names}
+        by_name = {name: value for name, value in given.items() if name not in names}
+        if passes is not None:
+            by_name["passes"] = passes
+        chosen = Settings.of(subject.settings(viewpoint, frame) if settings is None else settings, by_name)
+        if chosen.denoise:  # checked before hours of rendering
+            check_denoiser()
+            if chosen.filter_name != "box":
+                text = f"the pixel filter {chosen.filter_name} makes noise alike in neighbouring pixels, and much stays"
+                subject.warnings.give(f"denoise: {text}: expected box")
+        own["checkpoint"] = Checkpoint.of(own.get("checkpoint"))
+        own["holdout"], own["over"] = Holdout.of(own.get("holdout")), Plate.of(own.get("over"))
+        return cls(frame=frame, settings=chosen, **own)
 
     def __post_init__(self) -> None:
         if not 1e-3 <= real(self.pixel_aspect, "pixel_aspect") <= 1e3:
@@ -93,47 +80,90 @@ class FrameRequest:
         if self.conform not in CONFORM_POLICIES:
             raise SceneError(f"conform is {self.conform!r}: expected one of {', '.join(CONFORM_POLICIES)}")
 
-    def read_plates(
-        self, number: float, views: Sequence[str], window: Window, grown: Window, warn: Callable[[str], None]
-    ) -> tuple[list[Depth], list[Array]]:
-        """Return the holdout's depths and the plate's pixels of each view; empty lists where there is none.
 
-        `window` and `grown` are what is shown, and what is rendered.
-        """
-        size, (shown, rendered) = (window.width, window.height), (window.crop, grown.crop)
-        depths = [] if self.holdout is None else self.holdout.read(number, views, size, warn, rendered)
-        return depths, [] if self.over is None else self.over.read_whole(number, views, size, warn, shown)
+@dataclass(frozen=True)
+class Prepared:
+    """What the passes of a frame need.
 
-    def development(
-        self, groups: Mapping[str, str], views: Mapping[str, Mapping[str, Any]], pixels: Sequence[Array],
-        window: Window, grown: Window,
-    ) -> Development:  # fmt: skip
-        """Return how the frame's sums become a picture.
+    Attributes
+    ----------
+    content
+        What the subject shows.
+    window, settings, holdouts, run
+        What is rendered, more than is shown; how; and for each view, the depth at which beams end.
+    digest
+        A hash of the content, where passes are saved.
+    development
+        How the sums of the passes become a picture.
+    """
 
-        Parameters
-        ----------
-        groups, views
-            As in `Development`.
-        pixels
-            The pixels of the plate for each view, as far as they are shown; empty without a plate.
-        window, grown
-            What is shown, and what is rendered: the pixel filter needs more around it.
-        """
-        (x0, y0), (x1, y1) = grown.crop[:2], window.crop[:2]
-        shown = (y1 - y0, x1 - x0, *window.shape)
-        own = self.settings
-        return Development(
-            grown.shape, groups, views, pixels, self.over is not None and self.over.fog, shown, own.albedo, own.denoise,
-            own.keep_noisy,
-        )  # fmt: skip
+    content: FrameContent
+    window: Window
+    settings: Settings
+    holdouts: Sequence[HoldoutDepth]
+    run: RunOptions
+    digest: str
+    development: Development
 
-    def run_options(self, development: Development) -> RunOptions:
-        """Return how the frame's passes are rendered."""
-        snapshot = self.snapshot
+    def render(self) -> FrameRenderer:
+        """Return the frame with its passes."""
+        return self.content.render(self)
 
-        def told(sums: Callable[[], FrameSums]) -> None:
-            assert snapshot is not None
-            snapshot(lambda: development.frame(sums()))
 
-        state = {} if self.checkpoint is None else development.state()
-        return RunOptions(self.progress, self.checkpoint, told if snapshot else None, self.part, state, self.kept)
+def prepare(
+    subject: Subject, viewpoint: Viewpoint, frame: float | None, passes: int | None, settings: Settings | None,
+    given: Mapping[str, Any],
+) -> Prepared:  # fmt: skip
+    """Return everything that the passes of a frame need; raises what `Shot.render` does.
+
+    Parameters
+    ----------
+    subject, viewpoint
+        What is rendered, seen from where.
+    frame, passes, settings, given
+        As for `FrameRequest.of`.
+    """
+    request = FrameRequest.of(subject, viewpoint, frame, passes, settings, given)
+    names, number, warn = views_of(viewpoint.stereo, request.view), subject.number(frame), subject.warnings.give
+    window, grown = subject.windows(viewpoint, request)
+    size, holdout, over = (window.width, window.height), request.holdout, request.over
+    depths = [] if holdout is None else holdout.read(number, names, size, warn, grown.crop)
+    pixels = [] if over is None else over.read_whole(number, names, size, warn, window.crop)
+    content = subject.content(viewpoint, request, grown, names)
+    chosen = request.settings
+    if chosen.program is None:
+        chosen = replace(chosen, program=content.program)
+    facts = {"seed": chosen.seed, **window.header()}
+    headers = {
+        name: {**({} if view is None else view.header()), **about, **facts}
+        for name, view, about in zip(names, content.views, content.headers, strict=True)
+    }
+    top, left = (window.crop[k] - grown.crop[k] for k in (1, 0))
+    development = Development(
+        grown.shape, content.groups, headers, pixels, over is not None and over.fog, (top, left, *window.shape),
+        chosen.albedo, chosen.denoise, chosen.keep_noisy,
+    )  # fmt: skip
+    run = _run_options(request, development)
+    holdouts = [depth.seen_by(_camera(view)) for depth, view in zip(depths, content.views, strict=False)]
+    digest = subject.digest(viewpoint, frame) if run.named else ""
+    return Prepared(content, grown, chosen, holdouts, run, digest, development)
+
+
+def _run_options(request: FrameRequest, development: Development) -> RunOptions:
+    """Return how the passes of a frame are rendered."""
+    snapshot = request.snapshot
+
+    def report(sums: Callable[[], FrameSums]) -> None:
+        assert snapshot is not None
+        snapshot(lambda: development.frame(sums()))
+
+    state = {} if request.checkpoint is None else development.state()
+    return RunOptions(
+        request.progress, request.checkpoint, report if snapshot else None, request.part, state, request.kept
+    )
+
+
+def _camera(view: View | None) -> View:
+    if view is None:
+        raise SceneError("the sensor is no camera: expected a perspective or an orthographic one for a holdout")
+    return view

@@ -21,7 +21,7 @@ from ..images.files import opened as opened_image
 from ..runtime.inputs import MOST_TEXT, check_size, content, is_special, opened
 from ..scene import SceneError
 from ..volumes.vol import vol_shape
-from .scene_loading import parsed
+from .old_scenes import parse
 
 _ATTRIBUTE = re.compile(r"""([\w:.-]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 _ELEMENT = re.compile(r"<\s*(\w+)((?:[^<>\"']|\"[^\"]*\"|'[^']*')*)>")
@@ -55,7 +55,7 @@ def check_files(path: Path, parameters: Mapping[str, str]) -> None:
         From Mitsuba: a scene that cannot be parsed.
     """
     folders = [path.parent, *_check_paths(path, parameters)]
-    own = parsed(path, parameters)
+    own = parse(path, parameters)
     for node in own.state.nodes:
         properties = node.props
         if properties.plugin_name() == "bitmap" and not any(each in properties for each in _OF_BITMAPS):

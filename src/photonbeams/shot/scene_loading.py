@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from .old_scenes import converted
+from ..runtime.messages import reason
+from ..scene import SceneError
+from ..scene.checks import shortened
+from .old_scenes import parse, version_of
+from .scene_files import check_files
 
 # What replaces plugins that Mitsuba lacks, and the properties that remain. A render uses nothing else of these two.
 _REPLACED = {
@@ -19,7 +24,7 @@ _MISSING = re.compile(rf'({"|".join(_REPLACED)}) plugin of type "([^"]*)": \[Plu
 
 
 def load(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
-    """Return what Mitsuba makes of a file, as `mi.load_file` does.
+    """Return the Mitsuba scene of a file.
 
     Parameters
     ----------
@@ -32,9 +37,46 @@ def load(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
 
     Raises
     ------
-    RuntimeError
-        From Mitsuba: something that it cannot read or make.
+    SceneError
+        A file that is not there, that Mitsuba cannot read, or that holds something else.
     """
+    from ..runtime.device import helping_thread, mitsuba
+
+    mi = mitsuba()
+    if not os.path.lexists(path):
+        raise SceneError(f"{path}: no such file")
+    try:
+        check_files(path, parameters)
+        with helping_thread():
+            plugin = _load_file(path, parameters, merge)
+    except (RuntimeError, UnicodeDecodeError) as error:
+        version = version_of(path)
+        old = "" if version is None else f"; the scene is of Mitsuba {version}: expected one of Mitsuba 3"
+        text = shortened(reason(_message(error), path), len(str(path)) + len(old) + 2)
+        raise SceneError(f"{path}: {text}{old}") from None
+    if not isinstance(plugin, mi.Scene):
+        raise SceneError(f"{path}: holds a {type(plugin).__name__}: expected a scene")
+    return plugin
+
+
+def check_scene(source: Any) -> Any:
+    """Return a scene of Mitsuba's, made from a dictionary if it is one; SceneError for anything else."""
+    from ..runtime.device import helping_thread, mitsuba
+
+    mi = mitsuba()
+    if isinstance(source, Mapping):
+        try:
+            with helping_thread():
+                source = mi.load_dict(dict(source))
+        except (RuntimeError, TypeError) as error:
+            raise SceneError(f"a scene's dictionary: {reason(str(error))}") from None
+    if not isinstance(source, mi.Scene):
+        raise SceneError(f"stage is a {type(source).__name__} of Mitsuba's: expected a Scene")
+    return source
+
+
+def _load_file(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
+    """Return what Mitsuba makes of a file, as `mi.load_file` does; RuntimeError from Mitsuba."""
     from ..runtime.device import mitsuba
 
     mi = mitsuba()
@@ -43,7 +85,7 @@ def load(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
     missing: set[str] = set()
     with _folder(path.parent):
         while True:
-            own = parsed(path, parameters)
+            own = parse(path, parameters)
             for node in own.state.nodes:
                 if node.props.plugin_name() in missing:
                     _replace(node)
@@ -57,25 +99,6 @@ def load(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
                 missing.add(found[2])
 
 
-class Parsed(NamedTuple):
-    """Mitsuba's parsed form of a scene, and the text in which its messages count lines: it must live as long."""
-
-    state: Any
-    text: str | None
-
-
-def parsed(path: Path, parameters: Mapping[str, str]) -> Parsed:
-    """Return a file as Mitsuba has parsed it; RuntimeError if Mitsuba cannot."""
-    from ..runtime.device import mitsuba
-
-    parser, variant = mitsuba().parser, mitsuba().variant()
-    text = converted(path)
-    config = parser.ParserConfig(variant)
-    if text is None:
-        return Parsed(parser.parse_file(config, str(path), **parameters), None)
-    return Parsed(parser.parse_string(config, text, **parameters), text)
-
-
 def _replace(node: Any) -> None:
     """Replace a plugin that Mitsuba lacks."""
     name, kept = _REPLACED[node.type.name.lower()]
@@ -83,6 +106,24 @@ def _replace(node: Any) -> None:
     for each in [*node.props.keys()]:
         if each not in kept:
             del node.props[each]
+
+
+def contents_of(path: Path, more: Iterable[str]) -> list[bytes]:
+    """Return the bytes of a scene's file, and of the files that it names: textures, volumes, meshes, other scenes."""
+    todo, found = [path, *(path.parent / each for each in sorted(more))], dict[Path, bytes]()
+    for place in todo:  # which grows meanwhile
+        if place in found or not os.path.isfile(place):  # Path.is_file raises an error for some strings
+            continue
+        found[place] = place.read_bytes()
+        if place.suffix == ".xml":
+            names = re.findall(rb'"([^"<>]+)"', found[place])
+            todo += [path.parent / name.decode("utf-8", "replace") for name in names]
+    return [*found.values()]
+
+
+def _message(error: RuntimeError | UnicodeDecodeError) -> str:
+    """Return Mitsuba's message, which may quote bytes of a broken file that are no valid text."""
+    return error.object.decode(errors="replace") if isinstance(error, UnicodeDecodeError) else str(error)
 
 
 @contextmanager

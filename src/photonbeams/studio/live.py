@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import weakref
+from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -40,8 +41,6 @@ class LiveFrame:
     ----------
     ready
         What its passes need.
-    viewers
-        Returns the cameras for which emission is guided.
     planned
         The number of passes for which samples are chosen.
     like
@@ -53,10 +52,11 @@ class LiveFrame:
     """
 
     def __init__(
-        self, ready: Prepared, viewers: Callable[[], Sequence[scene.Camera]], planned: int | None,
-        like: LiveFrame | None = None, keeps_guides: bool = False, unwanted: Callable[[], bool] = lambda: False,
+        self, ready: Prepared, planned: int | None, like: LiveFrame | None = None, keeps_guides: bool = False,
+        unwanted: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip
-        self._ready, self._viewers = ready, tuple(viewers())
+        self._ready, self._shutter = ready, ready.content.shutter
+        viewers = self._viewers = tuple(ready.content.viewers())
         self._lights: dict[int, Lit] = {}
         self._pictures: dict[tuple[int, int], Seen] = {}
 
@@ -66,13 +66,13 @@ class LiveFrame:
 
         earlier = None if like is None else _Earlier(like, self, keeps_guides)
         self._frame = begin(
-            ready.shutter, ready.window, ready.settings, ready.holdouts, lambda: self._viewers, planned,
-            earlier=earlier, memory=self, interrupt=interrupt,
+            self._shutter, ready.window, ready.settings, ready.holdouts, lambda: viewers, planned,
+            earlier=earlier, memory=weakref.proxy(self), interrupt=interrupt,
         )  # fmt: skip
         self._emission = cast("StageLight", self._frame.light)
         if like is not None and self._lit_like(like) and planned == like._frame.planned:
             self._lights = dict(like._lights)
-            if equal(ready.shutter.at(0.0).cameras, like._ready.shutter.at(0.0).cameras):
+            if equal(self._shutter.at(0.0).cameras, like._shutter.at(0.0).cameras):
                 self._pictures = dict(like._pictures)
 
     @property
@@ -94,7 +94,7 @@ class LiveFrame:
 
     def _with_looks(self, light: TracedLight) -> TracedLight:
         """Return the light of an earlier frame with the looks of this one."""
-        looks = self._ready.shutter.at(0.0).scene.looks()
+        looks = self._shutter.at(0.0).scene.looks()
         return replace(light, sets=[each._replace(look=looks.get(each.name)) for each in light.sets])
 
     def described_media(self) -> dict[int, scene.Medium]:
@@ -105,12 +105,12 @@ class LiveFrame:
 
     def projection(self) -> Projection:
         """Return how the whole picture is projected."""
-        return View(self._ready.shutter.at(0.0).cameras[0], self._ready.window.whole()).projection
+        return View(self._shutter.at(0.0).cameras[0], self._ready.window.whole()).projection
 
     def _lit_like(self, like: LiveFrame) -> bool:
         """Return whether each pass has the same light paths as in an earlier frame."""
         own, other = self._emission, like._emission
-        if self._ready.shutter.moving or own.settings.program is not None or self._ready.window != like._ready.window:
+        if self._shutter.moving or own.settings.program is not None or self._ready.window != like._ready.window:
             return False
         guided = own.simulation.guides is other.simulation.guides
         same_side = own.simulation.light_side == other.simulation.light_side

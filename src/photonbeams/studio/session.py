@@ -21,12 +21,13 @@ from ..render.films.denoising import lacking_denoiser
 from ..runtime.files import PathLike
 from ..scene import BLACK, Array, Camera, Scene, SceneError, whole
 from ..shot.development import Development
-from ..shot.request import Prepared
+from ..shot.request import Prepared, prepare
 from ..shot.shot import Shot
+from ..shot.subject import Viewpoint
 from ..usd.authoring.controls import Controls, controls_of
 from ..usd.authoring.editing import EditLayer
 from ..usd.authoring.presets import BEAM, apply_preset, preset_of
-from ..usd.cameras.stereo import Stereo, check_stereo, is_eye, read_eyes
+from ..usd.cameras.stereo import Stereo, check_stereo, is_eye
 from ..usd.common.motion import equal, followed, same
 from ..usd.layers.frames import time_range
 from ..usd.stage import list_cameras, up_axis
@@ -336,7 +337,8 @@ class Session:
         moments = (chain.moment for chain in self._chains.values())
         found = next((each.scene for each in moments if each is not None), None)
         if found is None:  # there is no picture yet
-            found = self.shot.exposure(self.view.frame, blur=False)(0.0)[0]
+            exposure = self.shot.subject.exposure(self._viewpoint(self.view), self.view.frame, blur=False, lens=True)
+            found = exposure(0.0)[0]
         return BEAM if found.bounds is None else float(found.bounds[1])
 
     def undo(self) -> bool:
@@ -392,8 +394,7 @@ class Session:
             raise SceneError(f"there is no camera {view.camera!r}: expected one of {', '.join(self.cameras())}")
         check_stereo(view.stereo)
         if view.stereo is not None:
-            camera, time = self._camera_of(view), self.shot.time(view.frame)
-            read_eyes(self.shot.stage, camera, view.stereo, time, self.shot.warnings)
+            self.shot.subject.cameras(self._viewpoint(view), view.frame)
         self.shot.resolution(view.width, view.height)
         pixels_of(view.area, view.width, view.height)
         frames = self.frames()
@@ -455,8 +456,8 @@ class Session:
         with self._lock:
             text = self.edits.text()
         return Wanted(
-            self._path, self._layers, self._overrides, text, self._camera_of(view), view.width, view.height, passes,
-            number, view.stereo,
+            self._path, self._layers, self._overrides, text, self._viewpoint(view).camera, view.width, view.height,
+            passes, number, view.stereo,
         )  # fmt: skip
 
     def cameras(self) -> list[str]:
@@ -479,17 +480,16 @@ class Session:
     def camera(self) -> Camera:
         """Return the camera as the stage has it at the view's frame; for two eyes, the camera between them."""
         with self._lock:
-            self.shot.look_through(self._camera_of(self.view), self.view.stereo)
-            return _between(self.shot.cameras(self.view.frame))
+            return _between(self.shot.subject.cameras(self._viewpoint(self.view), self.view.frame))
 
     def has_pair(self) -> bool:
         """Return whether the camera is one of a pair of eyes that are both prims of the stage."""
         with self._lock:
-            return is_eye(self.shot.stage, self._camera_of(self.view))
+            return is_eye(self.shot.stage, self._viewpoint(self.view).camera)
 
-    def _camera_of(self, view: SessionView) -> str | None:
-        """Return the name of a view's camera; None is the stage's own choice."""
-        return view.camera or self._camera
+    def _viewpoint(self, view: SessionView) -> Viewpoint:
+        """Return a view's camera, or else the session's; None is the stage's own choice."""
+        return Viewpoint(view.camera or self._camera, view.stereo)
 
     def close(self) -> None:
         """End the session: its thread, its pictures, and its autosave of edits that are not saved."""
@@ -588,29 +588,27 @@ class Session:
         """Return the frame of a view, which has no passes yet."""
         chain = self._chains[first]
         with self._lock:
-            ready, viewers = self._ready(view, scale, first, chain)
+            ready = self._ready(view, scale, first, chain)
         planned = None if first else view.passes
         before = chain.frame
-        frame = LiveFrame(ready, viewers, planned, before, first and before is not None, unwanted)
-        chain.frame, chain.moment = frame, ready.shutter.at(0.0)
+        frame = LiveFrame(ready, planned, before, first and before is not None, unwanted)
+        chain.frame, chain.moment = frame, ready.content.shutter.at(0.0)
         return frame, ready
 
-    def _ready(
-        self, view: SessionView, scale: float, first: bool, chain: _Chain
-    ) -> tuple[Prepared, Callable[[], Sequence[Camera]]]:  # fmt: skip
+    def _ready(self, view: SessionView, scale: float, first: bool, chain: _Chain) -> Prepared:
         """Return what a frame needs; what did not change since the last frame are the same objects."""
-        shot, before = self.shot, chain.moment
-        shot.look_through(self._camera_of(view), view.stereo)
+        before = chain.moment
         width, height = (max(1, round(scale * each)) for each in (view.width, view.height))
         # `denoise` leaves the passes' bits as they are; whether pictures are denoised is up to `Development.denoise`.
         settings = {"denoise": view.denoise and _can_denoise(), **({"beams": _FIRST_PATHS} if first else {})}
-        request = shot.request(
-            view.frame, 1 if first else view.passes, None, settings, width=width, height=height, crop=view.area,
-            blur=view.blur and not first, lens=view.lens,
+        picture = {"width": width, "height": height, "crop": view.area, "blur": view.blur and not first}
+        ready = prepare(
+            self.shot.subject, self._viewpoint(view), view.frame, 1 if first else view.passes, None,
+            {**settings, **picture, "lens": view.lens},
         )  # fmt: skip
-        ready = shot.prepared(request)
         self._check_edits()
-        moment = ready.shutter.at(0.0)
+        shutter, viewers = ready.content.shutter, ready.content.viewers
+        moment = shutter.at(0.0)
 
         def seen(content: Scene) -> Scene:
             content = _with_fewer_paths(content) if first else content
@@ -625,9 +623,9 @@ class Session:
             cameras = _placed(cameras, view.pose)
         if before is not None and len(before.cameras) == len(cameras):
             cameras = tuple(map(same, before.cameras, cameras))
-        seen_from = shot.viewers() if view.pose is None else cameras
-        shutter = self._beginning(ready.shutter, Moment(content, cameras), seen, view.pose is not None)
-        return replace(ready, shutter=shutter), lambda: seen_from
+        seen_from = viewers() if view.pose is None else cameras
+        shutter = self._beginning(shutter, Moment(content, cameras), seen, view.pose is not None)
+        return replace(ready, content=replace(ready.content, shutter=shutter, viewers=lambda: seen_from))
 
     def _beginning(self, shutter: Shutter, moment: Moment, seen: Callable[[Scene], Scene], free: bool) -> Shutter:
         """Return a shutter that begins with the given moment; the scenes of later ones go through `seen`.

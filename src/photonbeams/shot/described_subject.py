@@ -1,0 +1,336 @@
+"""Subjects in plain numbers, `scene.Scene`: stages and scenes built in Python, with what arguments of a shot add."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import scene
+from ..images.frame import pixels_of
+from ..images.plates import Holdout, Plate
+from ..runtime.digest import digest
+from ..runtime.files import PathLike
+from ..usd.authoring.beams import write_beams
+from ..usd.cameras.stereo import EYES, split, views_of
+from ..usd.common.motion import Exposure
+from ..usd.common.warnings import Warnings
+from ..usd.layers.header import origin
+from ..usd.looks.look import LookSpec
+from .diagnostics import check_content, warn_of_darkness, warn_of_dim_suns
+from .subject import FrameContent, Subject, Viewpoint, size_of
+
+if TYPE_CHECKING:
+    from ..beams.programs import Emitter, Modifier, Program
+    from ..beams.sets import BeamSet
+    from ..looks import Look
+    from ..render.frame import FrameRenderer
+    from ..render.settings import Settings
+    from ..world.cameras.cameras import Window
+    from .request import FrameRequest, Prepared
+
+DEFAULT_WIDTH = 1280
+
+#: A function that makes a medium from the subject's own, or from None if it has none.
+MediumOverride = Callable[[scene.Medium | None], scene.Medium | None]
+
+
+class DescribedSubject(Subject):
+    """A subject in plain numbers.
+
+    Parameters
+    ----------
+    medium, simulate, emit, looks
+        As for `Shot`.
+    strict
+        Whether warnings are errors.
+    """
+
+    #: Time codes in a second.
+    rate = 1.0
+
+    def __init__(
+        self, medium: scene.Medium | MediumOverride | None, simulate: Modifier | None, emit: Emitter | None,
+        looks: Look | Mapping[str, Look] | None, strict: bool,
+    ) -> None:  # fmt: skip
+        if not (looks is None or isinstance(looks, Mapping) or hasattr(looks, "bind")):
+            raise scene.SceneError(f"looks is {looks!r}: expected a Look, or a dict of Looks by the names of lights")
+        if not (medium is None or callable(medium) or isinstance(medium, scene.Medium)):
+            raise scene.SceneError(f"medium is {medium!r}: expected a Medium, or a function of the stage's Medium")
+        for name, function in (("simulate", simulate), ("emit", emit)):
+            if function is not None and not callable(function):
+                raise scene.SceneError(f"{name} is {function!r}: expected a function")
+        self.medium, self.simulate, self.emit, self.looks = medium, simulate, emit, looks or {}
+        self.warnings = Warnings(strict)
+        self._looks: dict[str, Any] = {}  # (spec, look) by the names of owners or of looks
+
+    @abstractmethod
+    def _content(self, frame: float | None, base: float | None) -> scene.Scene:
+        """Return the subject's own scene; velocities move things away from where they are at the frame `base`."""
+
+    @abstractmethod
+    def _camera(self, viewpoint: Viewpoint, frame: float | None) -> scene.Camera:
+        """Return the camera before it is split into eyes."""
+
+    @abstractmethod
+    def _header(self, frame: float | None, duration: float) -> dict[str, Any]:
+        """Return the metadata of an EXR's header about a frame's time; the shutter is open for `duration`."""
+
+    def _groups(self, content: scene.Scene) -> frozenset[str]:
+        """Return the light groups of all frames, so that all have the same layers."""
+        return content.groups
+
+    def _makers(self) -> set[str]:
+        """Return the names of everything that makes beams at another time, and of its looks."""
+        return set()
+
+    def _viewers(self, viewpoint: Viewpoint) -> Sequence[scene.Camera]:
+        """Return cameras at times all over the shot, to guide emission: guided frame by frame, films would flicker."""
+        return self.cameras(viewpoint, None)
+
+    def check_target(self, path: PathLike) -> None:
+        """Raise SceneError for a file that the subject is read from."""
+
+    def _check_frame(self, frame: float | None) -> None:
+        """Raise SceneError for a frame that the subject does not have."""
+
+    def read(
+        self, viewpoint: Viewpoint, frame: float | None, base: float | None
+    ) -> tuple[scene.Scene, scene.Camera]:  # fmt: skip
+        """Return the scene at a frame, with its looks built, and the camera."""
+        camera = self._camera(viewpoint, frame)
+        content = self._with_arguments(self._content(frame, base), frame)
+        content = replace(
+            content,
+            groups=self._groups(content),
+            lights=tuple(replace(light, look=self._look(light.name, light.look)) for light in content.lights),
+            drawn=tuple(replace(beams, look=self._look(beams.name, beams.look)) for beams in content.drawn),
+        )
+        self._check_looks(content)
+        return content, camera
+
+    def _with_arguments(self, content: scene.Scene, frame: float | None) -> scene.Scene:
+        """Return a scene with the medium and the beams that were given in Python."""
+        content = replace(content, media=self._media(content))
+        if self.emit is None:
+            return content
+        from ..beams.programs import PassContext, emitted
+
+        made = emitted(self.emit, PassContext(frame=frame, time=self.number(frame), medium=content.medium))
+        return replace(content, drawn=(*content.drawn, *made))
+
+    def _media(self, content: scene.Scene) -> tuple[scene.Medium, ...]:
+        """Return the scene's media, or the shot's instead; a function replaces only the first homogeneous medium."""
+        if not callable(self.medium):
+            return content.media if self.medium is None else (self.medium,)
+        own = content.medium
+        chosen = self.medium(own)
+        rest = tuple(each for each in content.media if each is not own)
+        return rest if chosen is None else content.media if chosen is own else (chosen, *rest)
+
+    def _look(self, owner: str, spec: Any) -> Any:
+        """Return the look of a light or of curves: the one given in Python, else the one that a spec describes.
+
+        Specs of one prim are built once: their beams share the look, and so its kernels.
+        """
+        if not isinstance(self.looks, Mapping):
+            return self.looks
+        for name in (owner, getattr(spec, "name", "")):
+            mine = self.looks.get(name) or self.looks.get(name.rpartition("/")[2])
+            if mine is not None:
+                self._looks.setdefault(name, (None, mine))
+                return mine
+        if not isinstance(spec, LookSpec):
+            return spec
+        built = self._looks.get(spec.name)
+        if built is None or digest(built[0]) != digest(spec):
+            from ..usd.looks.shading import build_look  # starts Dr.Jit, which readers do not need
+
+            built = self._looks[spec.name] = (spec, build_look(spec))
+        return built[1]
+
+    def _check_looks(self, content: scene.Scene) -> None:
+        """Raise SceneError if a name in `looks` is that of no beams and of no look."""
+        if not isinstance(self.looks, Mapping):
+            return
+        named = {light.name for light in content.lights} | {drawn.name for drawn in content.drawn} | set(self._looks)
+        if not _with_ends(named).issuperset(self.looks):
+            named |= self._makers()  # looks may also be for lights that are hidden now
+        for name in self.looks:
+            if name not in _with_ends(named):
+                beams = ", ".join(sorted(named)) or "none"
+                raise scene.SceneError(f"{self.name}: no beams are named {name}: expected one of {beams}")
+
+    def settings(self, viewpoint: Viewpoint, frame: float | None) -> Settings:
+        """Return the defaults."""
+        from ..render.settings import Settings
+
+        return Settings()
+
+    def resolution(
+        self, viewpoint: Viewpoint, frame: float | None, width: int | None, height: int | None,
+        plates: Sequence[Holdout | Plate], view: str | None, pixel_aspect: float,
+    ) -> tuple[int, int]:  # fmt: skip
+        """Return the width and height of a frame in pixels."""
+        if width is None and height is None and plates:
+            width, height = plates[0].size(self.number(frame), views_of(viewpoint.stereo, view))
+        camera = self.cameras(viewpoint, frame)[0]
+        aspect = camera.horizontal_aperture / (camera.vertical_aperture * pixel_aspect)
+        return size_of(width, height, aspect, DEFAULT_WIDTH)
+
+    def layers(self, viewpoint: Viewpoint, frame: float | None) -> list[str]:
+        """Return the names of a frame's layers; SceneError if there is nothing to render."""
+        from ..render.stage_frame import layer_names
+
+        content, _ = self.read(viewpoint, frame, None)
+        self._check(content, frame)
+        return layer_names(content)
+
+    def _check(self, content: scene.Scene, frame: float | None) -> None:
+        check_content(content, self.name)
+        warn_of_darkness(content, self.name, self.number(frame), self.warnings)
+
+    def windows(self, viewpoint: Viewpoint, request: FrameRequest) -> tuple[Window, Window]:
+        """Return what is shown of a frame, and what is rendered."""
+        from ..render.films.film import margin_of, reconstruction_filter
+        from ..world.cameras.cameras import Window
+
+        self._check_frame(request.frame)
+        plates = [each for each in (request.holdout, request.over) if each is not None]
+        size = self.resolution(
+            viewpoint, request.frame, request.width, request.height, plates, request.view, request.pixel_aspect
+        )
+        crop = pixels_of(request.crop, *size, overscan=True)
+        window = Window(*size, crop, request.pixel_aspect, request.conform)
+        return window, window.grown(margin_of(reconstruction_filter(request.settings.filter_name)))
+
+    def content(
+        self, viewpoint: Viewpoint, request: FrameRequest, window: Window, views: Sequence[str]
+    ) -> FrameContent:
+        """Return what a frame shows, and warn if that is black."""
+        from ..render.stage_frame import groups_of, render
+        from ..world.cameras.cameras import View
+
+        frame = request.frame
+        exposure = self.exposure(viewpoint, frame, request.blur, request.lens)
+        content, cameras = exposure(0.0)
+        self._check(content, frame)
+        warn_of_dim_suns(content, cameras, self.name, self.warnings)
+        eyes = _eyes(views)
+        time = self._header(frame, exposure.duration)
+        shutter = exposure.shutter(eyes, self.rate)
+
+        def viewers() -> Sequence[scene.Camera]:
+            return self._viewers(viewpoint)
+
+        def rendered(ready: Prepared) -> FrameRenderer:
+            return render(shutter, ready.window, ready.settings, ready.run, ready.holdouts, ready.digest, viewers)
+
+        return FrameContent(
+            groups_of(content), [View(cameras[eye], window) for eye in eyes],
+            [{**time, "camera": cameras[eye].name} for eye in eyes], rendered, shutter, viewers,
+            self._program(frame, exposure),
+        )  # fmt: skip
+
+    def _program(self, frame: float | None, exposure: Exposure) -> Program | None:
+        from ..beams.programs import Program
+
+        return None if self.simulate is None else Program(self.simulate, frame, exposure.code)
+
+    def beams(
+        self, viewpoint: Viewpoint, frame: float | None, views: Sequence[str], settings: Settings | None,
+        given: Mapping[str, Any],
+    ) -> list[BeamSet]:  # fmt: skip
+        """Return the beams of a frame's first pass: a set for each light, and for each set of drawn beams."""
+        from ..render.settings import Settings
+        from ..render.stage_frame import simulate
+        from ..world.cameras.cameras import Window
+
+        self._check_frame(frame)
+        exposure = self.exposure(viewpoint, frame, blur=False, lens=False)
+        warn_of_darkness(exposure(0.0)[0], self.name, self.number(frame), self.warnings)
+        size = self.resolution(viewpoint, frame, 128, None, (), None, 1.0)
+        chosen = Settings.of(settings, given)
+        if chosen.program is None:
+            chosen = replace(chosen, program=self._program(frame, exposure))
+        shutter = exposure.shutter(_eyes(views))
+        return simulate(shutter, Window.full(*size), chosen, viewers=lambda: self._viewers(viewpoint))
+
+    def _arguments(self, viewpoint: Viewpoint) -> tuple[Any, ...]:
+        """Return what was given in Python beside the content."""
+        return viewpoint.camera, self.medium, viewpoint.stereo, self.simulate, self.emit, self.looks
+
+
+class BuiltSubject(DescribedSubject):
+    """A `scene.Scene`, and the parameters of `DescribedSubject`. Its camera is a `scene.Camera`.
+
+    The frame number is used in file names, by `emit`, and by looks that change with time.
+    """
+
+    name = "the scene"
+
+    def __init__(self, content: scene.Scene, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.scene = content
+
+    def __repr__(self) -> str:
+        return f"a scene of {len(self.scene.meshes)} meshes and {len(self.scene.lights)} lights"
+
+    def check_viewpoint(self, viewpoint: Viewpoint) -> None:
+        """Raise SceneError for a camera that is no `scene.Camera`."""
+        if not isinstance(viewpoint.camera, scene.Camera):
+            text = "expected a scene.Camera, such as Camera.look_at(...)"
+            raise scene.SceneError(f"camera is {viewpoint.camera!r}: {text}")
+
+    def number(self, frame: float | None) -> float:
+        """Return the number of a frame."""
+        return 0.0 if frame is None else scene.real(frame, "frame")
+
+    def cameras(self, viewpoint: Viewpoint, frame: float | None) -> tuple[scene.Camera, ...]:
+        """Return the camera, or those of the left and the right eye."""
+        camera, stereo = viewpoint
+        return (camera,) if stereo is None else split(camera, stereo, 1.0, f"camera {camera.name}")
+
+    def exposure(self, viewpoint: Viewpoint, frame: float | None, blur: bool, lens: bool) -> Exposure:
+        """Return the scene and the cameras, which do not move; if `lens` is False, everything is in focus."""
+        from ..world.bounds import bounding_sphere
+
+        cameras = self.cameras(viewpoint, frame)
+        if not lens:
+            cameras = tuple(replace(each, lens_radius=0.0) for each in cameras)
+        content, _ = self.read(viewpoint, frame, None)
+        eyes = [np.asarray(each.to_world)[:3, 3] for each in cameras]
+        content = replace(content, bounds=content.bounds or bounding_sphere([content], eyes))
+        number = self.number(frame)
+        return Exposure(lambda _: content, lambda _: cameras, number, number)
+
+    def digest(self, viewpoint: Viewpoint, frame: float | None) -> str:
+        """Return a hash of what a frame shows."""
+        return digest(self.scene, self.number(frame), self._arguments(viewpoint))
+
+    def write_beams(self, beams: Sequence[scene.DrawnBeams], path: PathLike, frame: float | None) -> None:
+        """Write beams, in no particular units."""
+        write_beams(beams, path)
+
+    def _content(self, frame: float | None, base: float | None) -> scene.Scene:
+        return self.scene
+
+    def _camera(self, viewpoint: Viewpoint, frame: float | None) -> scene.Camera:
+        camera: scene.Camera = viewpoint.camera
+        return camera
+
+    def _header(self, frame: float | None, duration: float) -> dict[str, Any]:
+        return origin("", frame)
+
+
+def _eyes(views: Sequence[str]) -> list[int]:
+    """Return the numbers of the cameras of views."""
+    return [EYES.index(name) if name else 0 for name in views]
+
+
+def _with_ends(paths: set[str]) -> set[str]:
+    """Return paths and the names at their ends: users may name a prim by either."""
+    return paths | {path.rpartition("/")[2] for path in paths}

@@ -1,0 +1,343 @@
+"""Scenes in Mitsuba's own format as subjects of shots; their frames are like those of stages."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import scene
+from ..images.frame import pixels_of
+from ..images.numbering import PLACEHOLDER, numbered
+from ..images.plates import Holdout, Plate
+from ..runtime.digest import digest
+from ..runtime.files import PathLike
+from ..scene import SceneError
+from ..scene.cameras import CONFORM_POLICIES
+from ..usd.authoring.beams import write_beams
+from ..usd.cameras.stereo import EYES, split
+from ..usd.common.reading import LOG
+from ..usd.common.warnings import Warnings
+from ..usd.layers.header import origin
+from ..usd.scene_layers import SceneLayers
+from ..usd.stage import check_not_read
+from .scene_loading import check_scene, contents_of, load
+from .subject import FrameContent, Subject, Viewpoint, size_of
+
+if TYPE_CHECKING:
+    from ..beams.sets import BeamSet
+    from ..looks import Look
+    from ..render.frame import FrameRenderer
+    from ..render.settings import Settings
+    from ..world.cameras.cameras import Window
+    from .request import FrameRequest, Prepared
+
+# The max_depth of Mitsuba's integrators that do not limit the length of paths.
+_ANY_DEPTH = 0xFFFFFFFF
+
+
+class SceneSubject(Subject):
+    """A Mitsuba scene; its cameras are ids or numbers of sensors, None is the first.
+
+    Parameters
+    ----------
+    source
+        A scene that Mitsuba has loaded, a dictionary for `mi.load_dict`, or an .xml file; a run of # in its name is the
+        frame number.
+    looks, groups
+        Looks by the ids of emitters or of their shapes, or one look for all; light groups by the same ids.
+    beams
+        All settings of beams, by the same ids: see `scene.BeamSettings`.
+    parameters
+        Values of the file's own parameters ($name).
+    session_layers
+        USD layers with the same settings, on prims that are named by these ids; arguments are stronger.
+    """
+
+    def __init__(
+        self,
+        source: Any,
+        looks: Look | Mapping[str, Look] | None = None,
+        groups: Mapping[str, str] | None = None,
+        beams: Mapping[str, scene.BeamSettings] | None = None,
+        parameters: Mapping[str, str] | None = None,
+        session_layers: PathLike | Iterable[PathLike] = (),
+    ) -> None:
+        self.path = Path(source) if isinstance(source, str | os.PathLike) else None
+        self.name = str(self.path or "the scene")
+        self.warnings = Warnings()
+        self._source = source if self.path or isinstance(source, Mapping) else None  # from which it can be loaded
+        self._parameters = dict(parameters or {})
+        self._arguments = looks, groups or {}, beams or {}
+        self._beams = _beams(*self._arguments)
+        self._session_layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else [*session_layers]
+        self._layers = SceneLayers(self._session_layers) if self._session_layers else None
+        self._layered: tuple[Path | None, float | None] | None = None  # file and frame for which the layers were read
+        self._looks: dict[str, Look] = {}
+        self._open: tuple[Path | None, Any] = (None, None if self.path else check_scene(source))
+
+    def __repr__(self) -> str:
+        return repr(str(self.path or "a Mitsuba scene"))
+
+    def __reduce__(self) -> Any:
+        """Return how a copy is made: by loading the scene again. SceneError for one that only Mitsuba has."""
+        if self._source is None:
+            raise SceneError("a scene that Mitsuba has loaded cannot be pickled: expected Shot.open of its file")
+        return type(self), (self._source, *self._arguments, self._parameters, self._session_layers)
+
+    def load(self, frame: float | None = None) -> Any:
+        """Return Mitsuba's scene of a frame."""
+        path = self.path and numbered(self.path, self.number(frame))
+        if self._open[1] is None or self._open[0] != path:
+            assert path is not None
+            # Mitsuba's optimization merges meshes, which then lose their ids.
+            named = self._layers is not None or any(isinstance(each.portal, str) for each in self._beams.values())
+            self._open = path, load(path, self._parameters, merge=not named)
+        plugin = self._open[1]
+        if self._layers is not None and self._layered != (path, frame):
+            self._beams = _beams(*self._arguments, self._layer_settings(plugin, self._layers, frame))
+            self._layered = path, frame
+        return plugin
+
+    def _layer_settings(
+        self, plugin: Any, layers: SceneLayers, frame: float | None
+    ) -> dict[str, scene.BeamSettings]:  # fmt: skip
+        """Return the beam settings of layers by the ids of emitters; equal looks are built once, and share kernels."""
+        from ..usd.looks.shading import build_look
+        from ..world.emitters.scene_lamps import names_of
+
+        names = [name for each in plugin.emitters() for name in names_of(each)]
+        result = {}
+        for name, fields in layers.read(frame, names, [each.id() for each in plugin.shapes()]).items():
+            spec = fields.pop("look")
+            key = digest(spec)
+            if spec is not None and key not in self._looks:
+                self._looks[key] = build_look(spec)
+            result[name] = scene.BeamSettings(**fields, look=self._looks.get(key))
+        return result
+
+    def sensors(self, frame: float | None = None) -> dict[str, Any]:
+        """Return the sensors by their ids."""
+        sensors = self.load(frame).sensors()
+        return {sensor.id() or f"sensor {index}": sensor for index, sensor in enumerate(sensors)}
+
+    def sensor(self, viewpoint: Viewpoint, frame: float | None = None) -> tuple[str, Any]:
+        """Return the sensor of a viewpoint, and its id."""
+        sensors, name = self.sensors(frame), viewpoint.camera
+        ids = [*sensors]
+        if not ids:
+            raise SceneError(f"{self.name}: has no sensor: expected one")
+        if name is None:
+            return ids[0], sensors[ids[0]]
+        by_name = {**{str(index): each for index, each in enumerate(ids)}, **{each: each for each in ids}}
+        if name not in by_name:
+            numbers = " or its number, 0" + (f" to {len(ids) - 1}" if ids[1:] else "")
+            expected = f"{'one of ' if ids[1:] else ''}{', '.join(ids)},{numbers}"
+            raise SceneError(f"{self.name}: has no sensor '{name}': expected {expected}")
+        return by_name[name], sensors[by_name[name]]
+
+    def check_viewpoint(self, viewpoint: Viewpoint) -> None:
+        """Load the scene, unless its file depends on the frame, and find the sensor."""
+        if self.path is None or not PLACEHOLDER.search(self.path.name):
+            self.sensor(viewpoint)
+
+    def number(self, frame: float | None) -> float:
+        """Return the number of a frame."""
+        return 0.0 if frame is None else float(frame)
+
+    def settings(self, viewpoint: Viewpoint, frame: float | None) -> Settings:
+        """Return the settings of the scene's integrator, with its sampler's passes.
+
+        If it is not `photon_beams`, or is nested in `aov` or `moment`, only the depths are taken, from its text form.
+        """
+        from ..render.settings import Settings
+
+        _, sensor = self.sensor(viewpoint, frame)
+        integrator = self.load(frame).integrator()
+        own = getattr(integrator, "settings", None)
+        if own is None:
+            shown = re.findall(r"\b(max_depth|rr_depth) = (\d+)", str(integrator))
+            depths: dict[str, Any] = {name: -1 if int(number) == _ANY_DEPTH else int(number) for name, number in shown}
+            own = Settings(**depths, hide_emitters=bool(getattr(integrator, "hide_emitters", False)))
+            LOG.info("%s: its integrator is not photon_beams: only the depths of its paths are used", self.path)
+        return replace(own, passes=int(sensor.sampler().sample_count()))
+
+    def cameras(self, viewpoint: Viewpoint, frame: float | None) -> tuple[scene.Camera, ...]:
+        """Return the sensor as a camera, or the cameras of two eyes; SceneError for a sensor that is no camera."""
+        from ..world.cameras.sensors import camera_of
+
+        name, sensor = self.sensor(viewpoint, frame)
+        camera = camera_of(sensor)
+        if camera is None:
+            raise SceneError(f"sensor {name}: is no camera: expected a perspective one")
+        if viewpoint.stereo is None:
+            return (camera,)
+        return split(camera, viewpoint.stereo, 1.0, f"sensor {camera.name}")
+
+    def resolution(
+        self, viewpoint: Viewpoint, frame: float | None, width: int | None, height: int | None,
+        plates: Sequence[Holdout | Plate], view: str | None, pixel_aspect: float,
+    ) -> tuple[int, int]:  # fmt: skip
+        """Return the size in pixels; a missing one follows from the film, both are the film's."""
+        columns, rows = (int(each) for each in self.sensor(viewpoint, frame)[1].film().size())
+        return size_of(width, height, Fraction(columns, rows), columns)
+
+    def layers(self, viewpoint: Viewpoint, frame: float | None) -> list[str]:
+        """Return the names of a frame's layers."""
+        from ..render.films.film import layer_names
+        from ..render.scene_frame import groups_of
+
+        return layer_names(groups_of(self.load(frame), self._beams))
+
+    def windows(self, viewpoint: Viewpoint, request: FrameRequest) -> tuple[Window, Window]:
+        """Return the film's own crop window, unless a size or a crop is asked for, and what is rendered for that."""
+        from ..render.films.film import margin_of, reconstruction_filter
+        from ..world.cameras.cameras import Window
+        from ..world.cameras.sensors import window_of
+
+        if (request.pixel_aspect, request.conform) != (1.0, CONFORM_POLICIES[0]):
+            raise SceneError("pixel_aspect and conform are for stages: a Mitsuba scene (.xml) has square pixels")
+        _, sensor = self.sensor(viewpoint, request.frame)
+        if not (request.width or request.height or request.crop is not None):
+            window = window_of(sensor.film())
+            return window, window
+        size = self.resolution(viewpoint, request.frame, request.width, request.height, (), None, 1.0)
+        window = Window(*size, pixels_of(request.crop, *size))
+        if request.crop is None:
+            return window, window
+        reconstruction = reconstruction_filter(request.settings.filter_name, sensor.film().rfilter())
+        return window, window.grown(margin_of(reconstruction))
+
+    def content(
+        self, viewpoint: Viewpoint, request: FrameRequest, window: Window, views: Sequence[str]
+    ) -> FrameContent:  # fmt: skip
+        """Return what a frame shows in the rendered window."""
+        from ..render.scene_frame import Extras, groups_of, render
+        from ..world.cameras.cameras import Window
+        from ..world.cameras.sensors import Sensor, camera_of
+        from ..world.shutter import Shutter
+
+        plugin, (name, sensor) = self.load(request.frame), self.sensor(viewpoint, request.frame)
+        cameras: Sequence[scene.Camera] = ()  # which replace the sensor
+        with _resized(sensor, Window.full(window.width, window.height)):  # a camera's aperture is that of a whole film
+            if viewpoint.stereo or not request.lens or camera_of(sensor):
+                both = self.cameras(viewpoint, request.frame)
+                cameras = [both[EYES.index(view) if view else 0] for view in views]
+        if not request.lens:
+            cameras = [replace(camera, lens_radius=0.0) for camera in cameras]
+        with _resized(sensor, window):
+            seen = [Sensor(sensor, camera).view for camera in cameras] or [Sensor(sensor).view]
+        beams, warned = self._beams, self.warnings.given
+
+        def rendered(ready: Prepared) -> FrameRenderer:
+            extras = Extras(beams, cameras, ready.holdouts)
+            with _resized(sensor, ready.window):
+                return render(plugin, sensor, ready.settings, ready.run, ready.digest, warned, extras)
+
+        header = {**origin(self.path.name if self.path else "", request.frame), "camera": name}
+        still = Shutter.still(scene.Scene(), *cameras)
+        return FrameContent(groups_of(plugin, beams), seen, [header] * len(views), rendered, still, lambda: cameras)
+
+    def beams(
+        self, viewpoint: Viewpoint, frame: float | None, views: Sequence[str], settings: Settings | None,
+        given: Mapping[str, Any],
+    ) -> list[BeamSet]:  # fmt: skip
+        """Return the beams of a frame's first pass. The light of all emitters is traced, unless `method` says else."""
+        from ..render.settings import Settings
+
+        own = self.settings(viewpoint, frame) if settings is None else settings
+        eyes = [self.cameras(viewpoint, frame)[EYES.index(view)] for view in views if view]
+        begun = self._begun(viewpoint, frame, Settings.of(own, {"method": "beams", **given}), eyes)
+        return begun.light.traced(0, lambda: None).sets
+
+    def check(self, viewpoint: Viewpoint, frame: float | None, settings: Settings) -> None:
+        """Raise SceneError if something in the scene cannot be rendered with these settings."""
+        self._begun(viewpoint, frame, replace(settings, guiding=False))
+
+    def _begun(
+        self, viewpoint: Viewpoint, frame: float | None, settings: Settings, eyes: Sequence[scene.Camera] = ()
+    ) -> FrameRenderer:  # fmt: skip
+        """Return a frame without passes."""
+        from ..render.scene_frame import Extras, begin
+
+        _, sensor = self.sensor(viewpoint, frame)
+        return begin(self.load(frame), sensor, settings, self.warnings.given, Extras(self._beams, eyes))
+
+    def digest(self, viewpoint: Viewpoint, frame: float | None) -> str:
+        """Return a hash of the file of a frame, its parameters, and the files that they name; "" without a file."""
+        if self.path is None:
+            return ""
+        path = numbered(self.path, self.number(frame))
+        return digest(self._parameters, contents_of(path, self._parameters.values()))
+
+    def check_target(self, path: PathLike) -> None:
+        """Raise SceneError for a file that the scene's layers are read from."""
+        if self._layers is not None:
+            check_not_read(self._layers.stage, path)
+
+    def write_beams(self, beams: Sequence[scene.DrawnBeams], path: PathLike, frame: float | None) -> None:
+        """Write beams, in no particular units."""
+        write_beams(beams, path)
+
+
+@contextmanager
+def _resized(sensor: Any, window: Window) -> Iterator[None]:
+    """Change the size of a sensor's film in pixels, and which part of it is rendered, within the context."""
+    from ..runtime.device import mitsuba
+
+    parameters = mitsuba().traverse(sensor)
+    names = "film.size", "film.crop_size", "film.crop_offset"
+    own = [list(map(int, parameters[name])) for name in names]
+    wanted = [[window.width, window.height], [*window.shape[::-1]], [*window.crop[:2]]]
+
+    def change(values: Sequence[Sequence[int]]) -> None:
+        for name, value in zip(names, values, strict=True):
+            parameters[name] = list(value)
+        parameters.update()
+
+    if wanted == own:
+        yield
+        return
+    try:
+        change(wanted)
+        yield
+    finally:
+        change(own)
+
+
+def _beams(
+    looks: Look | Mapping[str, Look] | None,
+    groups: Mapping[str, str],
+    beams: Mapping[str, scene.BeamSettings],
+    layers: Mapping[str, scene.BeamSettings] | None = None,
+) -> dict[str, scene.BeamSettings]:
+    """Return the beam settings by the ids of emitters; those given in Python are stronger than those of layers."""
+    by_name = looks if isinstance(looks, Mapping) else {} if looks is None else {"": looks}
+    for name, look in by_name.items():
+        if not hasattr(look, "bind"):
+            raise SceneError(f"looks is {look!r}{f' for {name}' if name else ''}: expected a Look")
+    for name, said in beams.items():
+        if not isinstance(said, scene.BeamSettings):
+            raise SceneError(f"beams of {name or 'all'} are {said!r}: expected BeamSettings")
+    result = {**(layers or {}), **beams}
+    for name in {*by_name, *groups, *result}:
+        own = result.get(name, scene.BeamSettings())
+        chosen = by_name.get(name) or own.look or by_name.get("")
+        result[name] = replace(own, look=chosen, group=groups.get(name, own.group))
+    return result
+
+
+def overridden(overrides: Iterable[str]) -> dict[str, str]:
+    """Return the parameters of an .xml file by name."""
+    parameters = {}
+    for text in overrides:
+        name, equals, value = text.partition("=")
+        if not name or not equals:
+            raise SceneError(f"cannot set '{text}': expected NAME=VALUE, a parameter of the .xml")
+        parameters[name] = value
+    return parameters

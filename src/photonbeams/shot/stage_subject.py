@@ -1,0 +1,211 @@
+"""Stages as subjects of shots: read once for each time, and again as far as an edit of the stage demands."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import scene
+from ..runtime.digest import digest
+from ..runtime.files import PathLike
+from ..usd import stage as stages
+from ..usd.authoring.beams import write_beams
+from ..usd.authoring.editing import Extent, extent_of
+from ..usd.bounds import bounds_at_all_times
+from ..usd.cameras.camera import read_shutter
+from ..usd.cameras.stereo import read_eyes
+from ..usd.common.motion import Exposure
+from ..usd.common.reading import file_of, frame_number
+from ..usd.groups import groups_at_all_times, makers_at_all_times
+from ..usd.layers.frames import check_frames
+from ..usd.layers.header import header
+from ..usd.unread import warn_of_unread
+from .described_subject import DescribedSubject
+from .subject import Viewpoint
+
+if TYPE_CHECKING:
+    from pxr import Usd
+
+    from ..scene import Array
+
+# The most time samples of a stage that are searched for those within the shutter interval.
+_MOST_KEYS = 10_000
+
+# The most times on a stage at which emission is guided toward what the camera sees.
+_VIEWERS = 9
+
+# The number of times for which the content of the stage is cached until the stage changes.
+_CONTENTS = 4
+
+
+class StageSubject(DescribedSubject):
+    """A `Usd.Stage`, and the parameters of `DescribedSubject`. Its camera is the path or the name of a prim."""
+
+    def __init__(self, stage: Any, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        stages.check_stage(stage)
+        self._stage: Usd.Stage = stage
+        warn_of_unread(stage, self.warnings)
+        self._stage_digest: str | None = None
+        self._all_groups: frozenset[str] | None = None
+        self._spheres: dict[Viewpoint, tuple[Array, float]] = {}  # around everything at all times
+        self._lasting: dict[Any, Any] = {}  # what does not change with time on the stage
+        self._edited = False  # whether the stage was: until then no time is read twice, and scenes are not cached
+        self._contents: dict[Any, scene.Scene] = {}  # scenes that were read last, by times; their looks may be outdated
+        self._surfaces: dict[Any, dict[str, Any]] = {}  # the surfaces that were read last, by time
+        self._listener = self._listening()
+
+    def _listening(self) -> Any:
+        """Return a listener that clears the caches, as far as necessary, when the stage changes."""
+        own = weakref.ref(self)  # the subject keeps the listener, which must not keep the subject
+
+        def forget(notice: Any, stage: Any) -> None:
+            subject, extent = own(), extent_of(notice, stage)
+            if subject is None:
+                return
+            subject._stage_digest, subject._edited = None, True
+            if extent >= Extent.VALUES:
+                subject._all_groups = None
+                subject._contents.clear()
+            if extent >= Extent.PLACES:
+                subject._spheres.clear()
+            if extent >= Extent.SURFACES:
+                subject._surfaces = {}
+            if extent >= Extent.ALL:
+                subject._lasting.clear()
+
+        return forget, stages.listener(self.stage, forget)  # which does not keep `forget`
+
+    def __repr__(self) -> str:
+        return repr(Path(self.name).name)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Raise SceneError: OpenUSD's stages cannot be pickled or copied."""
+        raise scene.SceneError(f"{self!r} cannot be pickled: expected Shot.open with its arguments where it is needed")
+
+    @property
+    def stage(self) -> Usd.Stage:
+        """The OpenUSD stage."""
+        return self._stage
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The name of the stage's file, with its folder."""
+        return file_of(self.stage)
+
+    @property
+    def rate(self) -> float:  # type: ignore[override]
+        """Time codes in a second."""
+        return float(self.stage.GetTimeCodesPerSecond())
+
+    def check_viewpoint(self, viewpoint: Viewpoint) -> None:
+        """Raise SceneError for a camera that is no name."""
+        if not (viewpoint.camera is None or isinstance(viewpoint.camera, str)):
+            text = "expected the path or the name of a camera of the stage"
+            raise scene.SceneError(f"camera is {viewpoint.camera!r}: {text}")
+
+    def time(self, frame: float | None) -> Usd.TimeCode:
+        """Return the time code of a frame."""
+        return stages.default_time(self.stage) if frame is None else stages.time_code(frame)
+
+    def number(self, frame: float | None) -> float:
+        """Return the number of a frame, as it appears in file names."""
+        return frame_number(self.time(frame))
+
+    def cameras(self, viewpoint: Viewpoint, frame: float | None) -> tuple[scene.Camera, ...]:
+        """Return the camera, or those of the left and the right eye."""
+        if viewpoint.stereo is None:
+            return (self._camera(viewpoint, frame),)
+        return read_eyes(self.stage, viewpoint.camera, viewpoint.stereo, self.time(frame), self.warnings)
+
+    def exposure(self, viewpoint: Viewpoint, frame: float | None, blur: bool, lens: bool) -> Exposure:
+        """Return the scene and the cameras over the shutter interval of a frame."""
+        time = self.time(frame)
+        begin, end = read_shutter(self.stage, viewpoint.camera, time)
+        base = frame_number(time)
+
+        def read(code: float) -> scene.Scene:
+            content, _ = self.read(viewpoint, None, None) if time.IsDefault() else self.read(viewpoint, code, base)
+            return replace(content, bounds=self._bounds(viewpoint, content))
+
+        def cameras(code: float) -> tuple[scene.Camera, ...]:
+            found = self.cameras(viewpoint, None if time.IsDefault() else code)
+            return found if lens else tuple(replace(camera, lens_radius=0.0) for camera in found)
+
+        # Without blur the shutter is the interval [0, 0], as UsdRenderSettings has it.
+        start, stop = (base + begin, base + end) if blur else (base, base)
+        keys = stages.sample_times(self.stage, _MOST_KEYS) if start < stop else []
+        keys = [code for code in keys if start < code <= stop]
+        return Exposure(read, cameras, start, stop, keys)
+
+    def digest(self, viewpoint: Viewpoint, frame: float | None) -> str:
+        """Return a hash of what a frame shows: the stage with its files, the time, and the arguments from Python."""
+        from ..usd.layers.digest import stage_digest
+
+        if self._stage_digest is None:
+            self._stage_digest = stage_digest(self.stage)
+        return digest(self._stage_digest, str(self.time(frame)), self._arguments(viewpoint))
+
+    def check_target(self, path: PathLike) -> None:
+        """Raise SceneError for a file that the stage is read from."""
+        stages.check_not_read(self.stage, path)
+
+    def write_beams(self, beams: Sequence[scene.DrawnBeams], path: PathLike, frame: float | None) -> None:
+        """Write beams, with the units and the looks of the stage."""
+        names = {id(look): name for name, (_, look) in self._looks.items()}
+        looks = {each.name: names[id(each.look)] for each in beams if id(each.look) in names}
+        write_beams(beams, path, like=self.stage, looks=looks, time=self.time(frame))
+
+    def _content(self, frame: float | None, base: float | None) -> scene.Scene:
+        time = self.time(frame)
+        if not self._edited:
+            return stages.read_scene(self.stage, time, self.warnings, base, self._lasting)
+        key = (None if time.IsDefault() else time.GetValue(), base)  # as text, times that differ little would be one
+        last, content = self._contents.get(key), None
+        if last is not None:  # at most looks were edited since it was read
+            content = stages.with_looks(self.stage, time, last, self.warnings)
+        if content is None:
+            if key not in self._surfaces:
+                self._surfaces = {key: {}}
+            surfaces = self._surfaces[key]
+            content = stages.read_scene(self.stage, time, self.warnings, base, self._lasting, surfaces)
+        self._contents = {**dict([*self._contents.items()][-_CONTENTS:]), key: content}
+        return content
+
+    def _camera(self, viewpoint: Viewpoint, frame: float | None) -> scene.Camera:
+        return stages.read_camera(self.stage, viewpoint.camera, self.time(frame), self.warnings)
+
+    def _bounds(self, viewpoint: Viewpoint, content: scene.Scene) -> tuple[Array, float]:
+        if viewpoint not in self._spheres:
+            # Computed once, so that beams do not change when something moves elsewhere.
+            self._spheres[viewpoint] = bounds_at_all_times(
+                self.stage, content, self._extent, lambda frame: self.cameras(viewpoint, frame),
+                emits=self.emit is not None,
+            )  # fmt: skip
+        return self._spheres[viewpoint]
+
+    def _extent(self, frame: float | None) -> scene.Scene:
+        """Return a scene that is as large as the one at a frame, but is faster to read."""
+        return self._with_arguments(stages.read_extent(self.stage, self.time(frame), self._lasting), frame)
+
+    def _groups(self, content: scene.Scene) -> frozenset[str]:
+        if self._all_groups is None:
+            self._all_groups = groups_at_all_times(self.stage)
+        return self._all_groups
+
+    def _makers(self) -> set[str]:
+        return makers_at_all_times(self.stage)
+
+    def _viewers(self, viewpoint: Viewpoint) -> list[scene.Camera]:
+        times: list[float | None] = [*stages.sample_times(self.stage, _VIEWERS)] or [None]
+        return [replace(camera, lens_radius=0.0) for time in times for camera in self.cameras(viewpoint, time)]
+
+    def _check_frame(self, frame: float | None) -> None:
+        if frame is not None and not self.time(frame).IsDefault():
+            check_frames(self.stage, [self.number(frame)])
+
+    def _header(self, frame: float | None, duration: float) -> dict[str, Any]:
+        return header(self.stage, self.time(frame), duration)
