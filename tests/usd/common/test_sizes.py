@@ -3,10 +3,9 @@
 import pytest
 
 from photonbeams.scene import SceneError
-from photonbeams.usd import contents
 from photonbeams.usd.common import sizes
 from photonbeams.usd.common.sizes import lowered, step_of
-from photonbeams.usd.geometry import meshes
+from photonbeams.usd.geometry import instancers, meshes
 from photonbeams.usd.stage import read_scene
 
 CUBES = """def PointInstancer "Copies" {
@@ -34,13 +33,13 @@ def test_the_level_of_subdivision_is_what_fits():
 
 def test_instancers_are_thinned_out_to_what_memory_holds(usd, monkeypatch, caplog):
     stage = usd(CUBES)
-    monkeypatch.setattr(contents, "room", lambda: 4 * (sizes.MESH + 6))
+    monkeypatch.setattr(instancers, "room", lambda: 4 * (sizes.MESH + 6))
     assert [mesh.name for mesh in read_scene(stage).meshes] == [f"/Copies[{index}]" for index in (0, 2, 4, 6)]
     assert "/Copies.protoIndices has 8 instances: one in 2 is rendered, to limit memory" in caplog.text
     monkeypatch.setattr(meshes, "room", lambda: 5)
     assert len(read_scene(stage).meshes) == 2
     assert "more triangles than fit into memory" in caplog.text
-    monkeypatch.setattr(contents, "MOST_INSTANCES", 7)
+    monkeypatch.setattr(instancers, "MOST_INSTANCES", 7)
     assert not read_scene(stage).meshes
     assert "has 8 values: expected no more than 7" in caplog.text
 
@@ -53,8 +52,8 @@ def test_instancers_of_instancers_are_counted_before_they_are_expanded(usd, capl
         inner = "/Leaf" if level == 1 else f"/I{level - 1}"
         text += f'def PointInstancer "I{level}" {{\n{tens}\nrel prototypes = <{inner}>\n}}\n'
     stage = usd(text)
-    reading = contents.Reading(stage)
-    copies = contents._triangles_in(reading, stage.GetPrimAtPath("/I9"), ())
+    reading = instancers.Reading(stage)
+    copies = instancers._triangles_in(reading, stage.GetPrimAtPath("/I9"), ())
     assert copies == 10**9 * (sizes.MESH + sizes.triangles_about(reading, stage.GetPrimAtPath("/Leaf")))
 
 
