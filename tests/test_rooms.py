@@ -30,7 +30,7 @@ WINGS = {
 
 #: The most modules of a folder. These have more, and may not grow.
 MOST_MODULES = 20
-TOO_MANY = {"transport": 24, "cli": 23}
+TOO_MANY = {"transport": 24}
 
 #: The packages that may import a library, or ask `runtime` for Mitsuba.
 KNOWERS = {

@@ -90,9 +90,10 @@ def tasks_of(
     tasks = []
     owners: dict[Path, str] = {}
     for number in numbers:
-        code = shot.time(number)
-        frame = 0.0 if code.IsDefault() else float(code.GetValue())
-        files = outputs or [Output(product_file(shot.stage, each, code), variables=each.variables) for each in products]
+        frame = shot.subject.number(number)
+        files = outputs or [
+            Output(product_file(shot.stage, each, shot.time(number)), variables=each.variables) for each in products
+        ]
         task = Task(number, f"{frame:.10g}", tuple(each.numbered(frame) for each in files))
         for product, path in zip([] if outputs else products, task.files, strict=False):
             check_product(path, f"{file_of(shot.stage)}: {product.path}.productName", anywhere=anywhere)

@@ -25,7 +25,7 @@ from .request import RenderRequest
 
 if TYPE_CHECKING:
     from ..farm.work import Opened
-    from .job import Job
+    from .render import Job
 
 
 @dataclass(frozen=True)
@@ -40,20 +40,19 @@ class Request:
 def open_scene(request: Request) -> Opened:
     """Open the scene of a request on a worker; return a function that renders passes of it."""
     from ..render.passes import PlannedPasses
-    from .job import opened
+    from .render import Job
 
     # The command has checked where render products go; this worker may run in another folder.
     wanted = replace(request.render, stage=replace(request.render.stage, allow_paths=True))
     try:
         replace(wanted.device, threads=request.threads or threads_here()).start()
-        job = opened(wanted, lambda: None)
-        tasks = job.tasks()
-        job.check(tasks[request.first], [])
+        job = Job.open(wanted, lambda: None)
+        job = job.ready(job.tasks[request.first], [])
     except typer.BadParameter as error:
         raise SceneError(error.message) from None
 
     def render(frame: int, numbers: range, planned: int | None) -> dict[str, Any]:
-        return job.part(tasks[frame], PlannedPasses(numbers, planned)).state()
+        return job.part(job.tasks[frame], PlannedPasses(numbers, planned)).state()
 
     return render
 
@@ -63,8 +62,6 @@ class FarmAnimation:
     """The frames of a render on a farm, and where they go."""
 
     job: Job
-    request: RenderRequest
-    tasks: Sequence[Task]
     todo: Sequence[Task]
     layers: Sequence[str]
     check: Callable[[], None]
@@ -82,8 +79,8 @@ class FarmAnimation:
                 self._run(options)
         except (Exception, KeyboardInterrupt) as error:
             raise FrameError("", self._written, self._keep()) from error
-        if not self.request.shown.quiet:
-            skipped = len(self.tasks) - len(self.todo)
+        if not self.job.request.shown.quiet:
+            skipped = len(self.job.tasks) - len(self.todo)
             seconds = time.perf_counter() - self._begun
             print(report_line(self._written, skipped, self._files, seconds), file=sys.stderr)
 
@@ -91,7 +88,7 @@ class FarmAnimation:
         """Return a frame, with the passes of its checkpoint if it resumes one."""
         passes = self.job.settings.passes
         path = checkpoint_of(task.outputs)
-        if not (self.request.passes.resume and path.exists()):
+        if not (self.job.request.passes.resume and path.exists()):
             return FarmFrame(passes, passes)
         sums = FrameSums.load(path)
         check_passes(path, sums, passes)
@@ -101,15 +98,15 @@ class FarmAnimation:
         return FarmFrame(passes, sums.planned, left, path)
 
     def _run(self, options: FarmOptions) -> None:
-        shown = self.request.shown
+        shown = self.job.request.shown
         with ExitStack() as stack:
             client = stack.enter_context(connected(options))
             if not shown.quiet and (address := dashboard(client)) is not None:
                 print(f"Dask's dashboard: {address}", file=sys.stderr)
             show = stack.enter_context(farm_bar(shown.progress, shown.quiet))
-            numbers = {task: number for number, task in enumerate(self.tasks)}
+            numbers = {task: number for number, task in enumerate(self.job.tasks)}
             places = [numbers[task] for task in self.todo]
-            request = Request(self.request.anywhere(), places[0], options.threads_each())
+            request = Request(self.job.request.anywhere(), places[0], options.threads_each())
             work = FarmWork(
                 open_scene,
                 request,
@@ -130,7 +127,7 @@ class FarmAnimation:
 
     def _joined(self, place: int) -> None:
         """Write a checkpoint of the passes that have come in, if one is due."""
-        now, every, sums = time.perf_counter(), self.request.passes.checkpoint, self._frames[place].sums
+        now, every, sums = time.perf_counter(), self.job.request.passes.checkpoint, self._frames[place].sums
         if every is not None and sums is not None and now - self._saved[place] >= every:
             self._save(place, sums)
             self._saved[place] = now
@@ -150,12 +147,12 @@ class FarmAnimation:
         task, sums = self.todo[place], self._frames[place].sums
         if sums is None:
             raise SceneError(f"frame {task.name} has no passes")
-        if self.request.files.skip_existing and task.exists():
+        if self.job.request.files.skip_existing and task.exists():
             return
         frame = developed(sums)
-        finish_frame(frame, task.outputs, self.request, self.layers)
+        finish_frame(frame, task.outputs, self.job.request, self.layers)
         self._written, self._files = self._written + 1, self._files + len(task.outputs)
-        if not self.request.shown.quiet:
+        if not self.job.request.shown.quiet:
             line = frame_line(task.name, frame.statistics, task.files, time.perf_counter() - self._begun)
             print(line, file=sys.stderr)
 
@@ -165,11 +162,11 @@ class FarmAnimation:
 
         for task, frame in zip(self.todo, self._frames, strict=True):
             if frame.sums is not None:
-                write_frame(developed(frame.sums), snapshots_of(task.outputs), self.request, self.layers)
+                write_frame(developed(frame.sums), snapshots_of(task.outputs), self.job.request, self.layers)
 
     def _keep(self) -> str | None:
         """Write checkpoints of unfinished frames, if `--checkpoint` is given; return a message about them."""
-        if self.request.passes.checkpoint is None:
+        if self.job.request.passes.checkpoint is None:
             return None
         kept = 0
         for place, frame in enumerate(getattr(self, "_frames", ())):

@@ -1,9 +1,162 @@
-"""`photonbeams render`: frames of a stage or a Mitsuba scene, as layered EXRs and pictures."""
+"""Render frames of a stage or a Mitsuba scene, with outputs, checkpoints and progress."""
 
 from __future__ import annotations
 
-from .job import run
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from ..runtime.limits import check_address_space
+from .animation import Animation, Task, frame_numbers, print_plan, tasks_of
+from .outputs import (
+    check_outputs,
+    checkpoint_of,
+    chosen_layers,
+    finish_frame,
+    prepare_outputs,
+    snapshots_of,
+    write_frame,
+)  # fmt: skip
+from .progress import HeldSignals, counted, error_note, held_signals, messages, snapshots
 from .request import RenderRequest
+from .scenes import camera_names, opened
+
+if TYPE_CHECKING:
+    from ..images.frame import Frame
+    from ..images.plates import Holdout, Plate
+    from ..render.films.frame_sums import FrameSums
+    from ..render.passes import PlannedPasses, Progress, Statistics
+    from ..render.settings import Settings
+    from ..shot import Shot
+    from ..usd.settings import RenderSettings
+
+
+# Bytes of a pixel's sums in a view, and of the program with a scene.
+_SUMS_BYTES, _PROGRAM_BYTES = 300, 1 << 30
+
+
+@dataclass(frozen=True)
+class Job:
+    """An open scene, and what is asked of it. Methods raise SceneError or BadParameter.
+
+    Attributes
+    ----------
+    request, shot
+        What the user asks, and the shot.
+    own
+        The render settings that the stage has; flags are stronger.
+    settings, tasks
+        How frames are rendered, and which.
+    size
+        Width and height of all frames in pixels; `ready` finds it.
+    """
+
+    request: RenderRequest
+    shot: Shot
+    own: RenderSettings
+    settings: Settings
+    tasks: Sequence[Task]
+    size: tuple[int, int] = (0, 0)
+
+    @classmethod
+    def open(cls, request: RenderRequest, check: Callable[[], None]) -> Job:
+        """Open the scene of a request; `check` raises KeyboardInterrupt for a delayed Ctrl-C."""
+        numbers = frame_numbers(request.files.frames, request.outputs)
+        shot, own = opened(request, numbers, check)
+        if not request.shown.dry_run:
+            check_outputs(request.outputs or own.products)
+        first = shot.settings(numbers[0])
+        normals, albedo = (request.wants(layer, own.products) for layer in ("normal", "albedo"))
+        pixel_filter = own.pixel_filter or first.pixel_filter
+        settings = request.settings.over(replace(first, pixel_filter=pixel_filter, normals=normals, albedo=albedo))
+        anywhere = bool(request.stage.render_settings) or request.stage.allow_paths
+        tasks = tasks_of(shot, numbers, request.outputs, own.products, anywhere=anywhere)
+        return cls(request, shot, own, settings, tasks)
+
+    def layers(self, first: Task) -> list[str]:
+        """Return the names of the layers that a frame has."""
+        from ..render.films.sums import NOISY
+
+        names = self.shot.subject.layers(self.shot.viewpoint, first.number)
+        more = {"normal": self.settings.normals, "albedo": self.settings.albedo}
+        noisy = [NOISY + name for name in names if name.startswith(("surface", "beams")) and self.settings.keep_noisy]
+        return [*names, *(name for name, wanted in more.items() if wanted), *noisy]
+
+    def ready(self, first: Task, todo: Sequence[Task]) -> Job:
+        """Return the job with the size of its frames.
+
+        Raises what rendering these frames would raise about their size and about plates; in a dry run, also what it
+        would raise about a Mitsuba scene, which rendering itself raises early enough.
+        """
+        from ..usd.cameras.stereo import views_of
+
+        request, subject = self.request, self.shot.subject
+        plates = [each for each in (request.plates.end(), request.plates.plate()) if each is not None]
+        size = self._resolution(first.number, plates)
+        for task in todo:
+            for plate in plates:
+                plate.check(subject.number(task.number), views_of(self.shot.stereo, request.eyes.eye), size)
+        if request.shown.dry_run:
+            subject.check(self.shot.viewpoint, first.number, self.settings)
+        return replace(self, size=size)
+
+    def _resolution(self, number: float | None, plates: Sequence[Holdout | Plate]) -> tuple[int, int]:
+        """Return width and height in pixels."""
+        views, shot = self.request.views, self.shot
+        wanted = views.res if any(views.res) else self.own.resolution or views.res
+        aspect, eye = self.own.pixel_aspect, self.request.eyes.eye
+        width, height = shot.resolution(wanted[0] or None, wanted[1] or None, number, plates, eye, aspect)
+        scaled = max(1, round(views.res_scale * width)), max(1, round(views.res_scale * height))
+        return shot.resolution(*scaled, number)
+
+    def seen(self, first: Task) -> str:
+        """Return a description of the picture: scene, camera and size."""
+        seen_by = " and ".join(self.shot.subject.camera_names(self.shot.viewpoint, first.number))
+        return f"{self.request.scene} seen by {seen_by}, {self.size[0]} x {self.size[1]} pixels"
+
+    @property
+    def _given(self) -> dict[str, Any]:
+        """The arguments of `Shot.render` for all frames."""
+        (width, height), request, own = self.size, self.request, self.own
+        return {
+            "settings": self.settings, "width": width, "height": height,
+            "crop": request.views.crop_of(width, height, own.crop(width, height)), "pixel_aspect": own.pixel_aspect,
+            "conform": own.conform, "view": request.eyes.eye, "holdout": request.plates.end(),
+            "over": request.plates.plate(), "blur": not own.disable_motion_blur,
+            "lens": not own.disable_depth_of_field,
+        }  # fmt: skip
+
+    def render(self, task: Task, progress: Progress | None, **kept: Any) -> Frame:
+        """Return a rendered frame; `kept` are further arguments of `Shot.render`."""
+        return self.shot.render(task.number, progress=progress, **kept, **self._given)
+
+    def part(self, task: Task, part: PlannedPasses, progress: Progress | None = None) -> FrameSums:
+        """Return the sums of some passes of a frame."""
+        return self.shot.render_part(part, task.number, progress=progress, **self._given)
+
+    def memory(self) -> int:
+        """Return about how many bytes a pass needs; a large stage or many beams need more."""
+        return _PROGRAM_BYTES + self.picture_memory()
+
+    def picture_memory(self) -> int:
+        """Return about how many bytes the picture needs."""
+        from ..images.frame import pixels_of
+        from ..render.memory import PIXEL_BYTES
+
+        views = 2 if self.shot.stereo and self.request.eyes.eye is None else 1
+        left, top, right, bottom = pixels_of(self._given["crop"], *self.size, overscan=True)
+        return (right - left) * (bottom - top) * (PIXEL_BYTES + views * _SUMS_BYTES)
+
+
+class Kept(KeyboardInterrupt):
+    """A signal that ended a render after a checkpoint was written; `done` says so."""
+
+    def __init__(self, done: str) -> None:
+        super().__init__(done)
+        self.done = done
 
 
 def render(request: RenderRequest) -> None:
@@ -17,4 +170,109 @@ def render(request: RenderRequest) -> None:
 
     photonbeams render cornell.xml -o cornell.exr --passes 64 --checkpoint 60
     """
-    run(request)
+    shown, passes = request.shown, request.passes
+    with messages(shown.quiet, shown.verbose), held_signals() as check, snapshots(passes.snapshot) as due:
+        request.device.start()
+        if request.views.list_cameras:
+            with check.forced():
+                typer.echo("\n".join(camera_names(request)))
+            return
+        with check.forced():
+            job = Job.open(request, check)
+        part = None if passes.part is None else passes.part.of(job.settings.passes)
+        count = len(part) if part is not None else None if job.settings.error else job.settings.passes
+        animation = Animation(job.tasks, count, request.files.skip_existing, shown.progress, shown.quiet)
+        todo = animation.todo()
+        job, kept = _ready(job, todo, check)
+        if shown.dry_run:
+            if not shown.quiet:
+                print_plan(job.seen((todo or job.tasks)[0]), job.tasks, todo, kept)
+            return
+        farm = request.farm.options_of(request.device.threads)
+        if farm is not None:
+            from .farm import FarmAnimation
+
+            FarmAnimation(job, todo, kept, check, due).render(farm)
+            return
+
+        def finish(task: Task, advance: Callable[[int, str], None]) -> Statistics:
+            if part is not None:
+                return _part_written(job, part, task, advance, check)
+            frame = _rendered(job, task, advance, kept, due, check)
+            finish_frame(frame, task.outputs, request, kept)
+            return frame.statistics
+
+        animation.render(finish, check)
+
+
+def _ready(job: Job, todo: Sequence[Task], check: HeldSignals) -> tuple[Job, Sequence[str]]:
+    """Check all that can be checked before the first pass; return the job, and the layers that files keep."""
+    from ..render.films.denoising import check_denoiser
+
+    first = (todo or job.tasks)[0]
+    with check.forced():
+        kept = chosen_layers(job.request.files.layers, first.outputs, job.layers(first))
+        check()
+        job = job.ready(first, todo)
+    check_address_space(job.picture_memory())
+    for task in todo:
+        prepare_outputs(task.outputs)
+    if job.settings.denoise:
+        check_denoiser()
+    check()
+    return job, kept
+
+
+def _part_written(
+    job: Job, numbers: range, task: Task, advance: Callable[[int, str], None], check: HeldSignals
+) -> Statistics:
+    """Render some passes of a frame, and write their sums."""
+    from ..render.passes import PlannedPasses, Statistics
+
+    begun, start = numbers.start, time.perf_counter()
+    part = PlannedPasses(numbers, job.settings.passes)
+    with check.forced():
+        sums = job.part(task, part, lambda done, _: advance(done, f"from {begun}"))
+    for output in task.outputs:
+        sums.save(output.path)
+    return Statistics(len(sums), sums.beams, sums.tests, {"passes": time.perf_counter() - start})
+
+
+def _rendered(
+    job: Job, task: Task, advance: Callable[[int, str], None], kept: Sequence[str], due: Callable[[], bool],
+    check: HeldSignals,
+) -> Frame:  # fmt: skip
+    """Render a frame, writing checkpoints and snapshots on the way, and a checkpoint if a signal ends it."""
+    from ..render.checkpoint import Checkpoint
+
+    checkpoint = None
+    request, passes = job.request, job.request.passes
+    if passes.checkpoint is not None or passes.resume:
+        checkpoint = Checkpoint(checkpoint_of(task.outputs), passes.checkpoint, passes.resume)
+
+    def progress(done: int, statistics: Statistics) -> None:
+        advance(done, error_note(statistics.error, job.settings.error))
+
+    def snapshot(frame: Callable[[], Frame]) -> None:
+        if due():
+            write_frame(frame(), snapshots_of(task.outputs), request, kept)
+
+    def kept_passes() -> str | None:
+        if checkpoint is None or not checkpoint.passes:
+            return None
+        done = counted(checkpoint.passes, "pass", "passes")
+        flags = "--skip-existing --resume go" if len(job.tasks) > 1 else "--resume goes"
+        return f"{checkpoint.path} has {done}: {flags} on from there"
+
+    def rescue() -> str | None:
+        if checkpoint is not None:
+            checkpoint.rescue()
+        return kept_passes()
+
+    try:
+        with check.forced(rescue):
+            return job.render(task, progress, checkpoint=checkpoint, snapshot=snapshot)
+    except KeyboardInterrupt as interrupt:
+        if (text := kept_passes()) is None:
+            raise
+        raise Kept(text) from interrupt

@@ -179,6 +179,10 @@ class SceneSubject(Subject):
             return (camera,)
         return split(camera, viewpoint.stereo, 1.0, f"sensor {camera.name}")
 
+    def camera_names(self, viewpoint: Viewpoint, frame: float | None) -> list[str]:
+        """Return the id of the sensor."""
+        return [self.sensor(viewpoint, frame)[0]]
+
     def resolution(
         self, viewpoint: Viewpoint, frame: float | None, width: int | None, height: int | None,
         plates: Sequence[Holdout | Plate], view: str | None, pixel_aspect: float,

@@ -103,6 +103,15 @@ class Subject(ABC):
     def cameras(self, viewpoint: Viewpoint, frame: float | None) -> tuple[scene.Camera, ...]:
         """Return the camera, or those of the left and the right eye."""
 
+    def camera_names(self, viewpoint: Viewpoint, frame: float | None) -> list[str]:
+        """Return the name of the camera, or the different names of two eyes."""
+        return [*dict.fromkeys(each.name for each in self.cameras(viewpoint, frame))]
+
+    def check(  # noqa: B027 (most subjects have nothing to check)
+        self, viewpoint: Viewpoint, frame: float | None, settings: Settings
+    ) -> None:  # fmt: skip
+        """Raise SceneError if something cannot be rendered with these settings, as far as a quick look can tell."""
+
     @abstractmethod
     def resolution(
         self, viewpoint: Viewpoint, frame: float | None, width: int | None, height: int | None,
