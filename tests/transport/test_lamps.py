@@ -10,8 +10,8 @@ from photonbeams import scene
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, Float
 from photonbeams.scene.vectors import ellipsoid_area
-from photonbeams.transport.lamps import emit, emit_through
-from photonbeams.world.emitters import lights
+from photonbeams.world.emitters.build import lamp_of
+from photonbeams.world.emitters.portals import emit_through
 from photonbeams.world.stage_world import StageWorld
 
 RADIANCE = (3.0, 2.0, 1.0)
@@ -99,18 +99,18 @@ def world(light):
 
 def emission(light, count=COUNT, block=0):
     built = world(light)
-    return emit(light, built.lights[0], built.bounds, *sobol_block(count, block, (1,)), count), built
+    return built.lights[0].emit(*sobol_block(count, block, (1,)), built.bounds), built
 
 
 def through(light, count=COUNT):
     built = world(light)
     hole = built.portals[light.name]
-    return emit_through(built.lights[0], hole, built.bounds, *sobol_block(count, 0, (2,)), count), built
+    return emit_through(built.lights[0], hole, built.bounds, *sobol_block(count, 0, (2,))), built
 
 
 def flux(paths, where=None):
     """Return the total flux of paths, (3,), and its standard error if they were independent."""
-    value = paths.flux.numpy().astype(np.float64) * paths.valid.numpy()
+    value = paths.flux.numpy().astype(np.float64) * paths.valid.numpy() / dr.width(paths.origin)
     if where is not None:
         value = value * where
     count = value.shape[1]
@@ -176,7 +176,7 @@ def test_paths_follow_a_profile_and_carry_its_integral(scale):
     for light, flat_light in ((sphere(radius=0.0, shaping=shaping), False), (flat(shaping=shaping), True)):
         if flat_light and scale < 0:  # all its light goes up, behind the rectangle
             continue
-        value = emission(light)[0].flux.numpy().astype(np.float64)
+        value = emission(light)[0].flux.numpy().astype(np.float64) / COUNT
         expected = mean_of_profile(profile, flat_light) * (0.08 if flat_light else 1)
         total, error = value.sum(axis=1), np.sqrt(COUNT) * value.std(axis=1)
         assert np.all(np.abs(total - np.multiply(expected, RADIANCE)) < error + 2e-3 * total)
@@ -296,4 +296,4 @@ def test_a_portal_of_no_area_is_refused():
 
 def test_a_light_of_an_unknown_kind_is_refused():
     with pytest.raises(scene.SceneError, match="/light: a Light cannot be sampled"):
-        lights.source(scene.Light("/light", RADIANCE))
+        lamp_of(scene.Light("/light", RADIANCE))

@@ -14,8 +14,9 @@ import numpy as np
 
 from .. import scene
 from ..numerics.arrays import to_vectors
-from ..world.emitters.gobos import profile_of, projected, spread
-from ..world.emitters.lights import source, unit
+from ..world.emitters.build import lamp_of
+from ..world.emitters.gobos import projected
+from ..world.emitters.lamp import unit
 from ..world.surfaces.shapes import radiance_of
 from .scene import Twin, matrix, mi, ply, rgb, scaled
 
@@ -131,7 +132,7 @@ def _cone(light: scene.SphereLight | scene.FlatLight) -> float:
     """Return the angle from its axis, in degrees, beyond which a light is dark; 180 if it is nowhere dark."""
     cone = light.shaping.cone_angle if light.shaping is not None else 180.0
     if isinstance(light, scene.SphereLight) and light.gobo is not None:
-        cone = min(cone, float(np.degrees(spread(light))))
+        cone = min(cone, float(np.degrees(light.spread)))
     return cone
 
 
@@ -170,10 +171,10 @@ def _image(light: scene.SphereLight | scene.FlatLight, cone: float, to_world: np
     local = np.stack([x * inner, y * inner, np.ones_like(x)], axis=-1).reshape(-1, 3)
     local /= np.linalg.norm(local, axis=-1, keepdims=True)
     direction = to_vectors(local @ to_world[:3, :3].T)
-    bare = source(light)
-    value = bare.emitted(direction)  # type: ignore[union-attr]
+    bare: Any = lamp_of(light)
+    value = bare.emitted(direction)
     if isinstance(light, scene.FlatLight):
-        value *= dr.dot(direction, bare.axis)  # type: ignore[union-attr]
+        value *= dr.dot(direction, bare.axis)
     elif light.gobo is not None:
         value *= projected(bare, light, None, {}).tint(to_vectors(_place(light)[None]), direction)
     return np.array(value).T.reshape(_PIXELS, _PIXELS, 3)
@@ -191,7 +192,7 @@ def _face(twin: Twin, light: scene.FlatLight, name: str) -> dict[str, Any]:
     to_world = np.array(_flat(twin, light)["to_world"].matrix, dtype=np.float64)
     local = np.stack([2 * u - 1, 2 * v - 1, 0 * u, 1 + 0 * u], axis=-1).reshape(-1, 4)
     places = to_vectors((local @ to_world.T)[:, :3])
-    color = projected(source(light), light, None, {}).tint(places, to_vectors(unit(light.axis)[None]))
+    color = projected(lamp_of(light), light, None, {}).tint(places, to_vectors(unit(light.axis)[None]))
     pixels = np.array(color).T.reshape(rows, columns, 3) * np.array(light.radiance)
     image = mi.Bitmap(np.ascontiguousarray(pixels, dtype=np.float32))
     radiance = {"type": "bitmap", "bitmap": image, "raw": True, "wrap_mode": "clamp"}
@@ -259,7 +260,7 @@ def _warn(twin: Twin, light: scene.Light, endless: bool) -> None:
     own = "photonbeams:"
     off = not (light.emits_beams or (isinstance(light, scene.DomeLight) and light.lights_media))
     lost = {
-        "inputs:shaping:ies:file is left out: Mitsuba has no light profiles": profile_of(light) is not None,
+        "inputs:shaping:ies:file is left out: Mitsuba has no light profiles": light.profile is not None,
         f"{own}portal is left out: photon_beams itself finds where light comes in": light.portal is not None,
         f"{own}portal:gobo is left out: Mitsuba's emitters shine through no image": light.portal_gobo is not None,
         f"{own}look is left out: beams are physical in Mitsuba": light.look is not None,

@@ -27,7 +27,6 @@ from ..transport.guiding import GuidingMap
 from ..transport.scene_emitters import emission_of, power_of, redistribute
 from ..transport.simulation import Simulation, Tuning
 from ..world.cameras.cameras import View
-from ..world.emitters.gobos import bare
 from ..world.emitters.portal_lamps import EnvironmentPortal
 from ..world.emitters.scene_lamps import names_of
 from ..world.emitters.sources import Source
@@ -79,13 +78,12 @@ class EmitterSettings:
             sources.append(replace(own, bounces=each.bounces))
         return cls(beams, sources, numbers)
 
-    def free(self, world: SceneWorld, settings: Settings) -> list[int]:
+    def free(self, settings: Settings) -> list[int]:
         """Return the numbers of the emitters whose light walks may meet: those without settings of their own."""
         if settings.method == "beams" or settings.program is not None or settings.short or not settings.surfaces:
             return []
         return [
-            number for number, (own, lamp) in enumerate(zip(self.beams, world.lamps, strict=True))
-            if own == scene.BeamSettings(group=own.group) and lamp is None
+            number for number, own in enumerate(self.beams) if own == scene.BeamSettings(group=own.group)
         ]  # fmt: skip
 
     def as_caustics(self, emitters: Collection[int]) -> EmitterSettings:
@@ -188,7 +186,7 @@ class SceneLight:
         # For whole pictures; otherwise a crop would differ from the same part of the whole picture.
         found = self.simulation.guide([each.whole().projection for each in cameras])
         for stratum, each in zip(strata, found, strict=True):
-            if each.opening is not None and bare(stratum.emitter.lamp).emitter == self.world.plugin.environment():
+            if each.opening is not None and stratum.emitter.lamp.bare.emitter == self.world.plugin.environment():
                 self._findings.portal = EnvironmentPortal(self.world.plugin, each.opening.portal)
         self._sent([stratum for each in found for stratum in each.strata])
         redistribute(self.simulation.emission.strata, np.array([own for each in found for own in each.light]))
@@ -296,7 +294,7 @@ def light_of(
             findings.guides[walked, dark] = result.guide(cameras)
         return result
 
-    walked = own.free(world, settings)
+    walked = own.free(settings)
     if settings.method == "auto" and walked:
         if findings.walked is None:
             with statistics.phase("choose"):

@@ -6,6 +6,7 @@ reaches a kernel is finite and in range. Messages name the field; the reader add
 """
 
 from ..constants import DEFAULT_BEAMS, MOST_BEAMS, MOST_PIXELS
+from .beam_settings import SCATTERED, BeamSettings
 from .beams import DrawnBeams
 from .cameras import Camera
 from .checks import (
@@ -28,22 +29,19 @@ from .checks import (
     shown,
     whole,
 )  # fmt: skip
+from .light import Light, SlidePlace
 from .lights import (
-    SCATTERED,
-    BeamSettings,
     CylinderLight,
     DistantLight,
     DomeLight,
     FlatLight,
-    Gobo,
-    Light,
     MeshLight,
-    Shaping,
     SphereLight,
 )
 from .media import DensityGrid, Medium
 from .profiles import Profile
 from .scene import Scene
+from .shaping import Gobo, Shaping
 from .surfaces import Material, Mesh, UVTexture, VertexValues
 
 __all__ = [
@@ -75,6 +73,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "Shaping",
+    "SlidePlace",
     "SphereLight",
     "UVTexture",
     "VertexValues",

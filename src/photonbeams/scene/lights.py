@@ -1,282 +1,19 @@
-"""Lights as UsdLux defines them, with the settings of their beams."""
+"""Lights as UsdLux defines them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import ClassVar
 
 import numpy as np
 
-from ..constants import MOST_BEAMS
-from .checks import BLACK, Array, Color, SceneError, color, number, rgb, shown, whole
-from .profiles import Profile
+from .checks import Array, SceneError, number
+from .light import Light, SlidePlace
+from .shaping import Gobo
 from .surfaces import Mesh, UVTexture
 
-if TYPE_CHECKING:
-    from ..looks import Look
-
-#: How beams of light that was scattered before may look.
-SCATTERED = ("physical", "look", "off")
-
-
-@dataclass(frozen=True)
-class Shaping:
-    """A light's cone, focus and angular profile, as UsdLuxShapingAPI defines them.
-
-    Attributes
-    ----------
-    cone_angle
-        Degrees between the light's axis and the edge of its cone; from 180 on there is no edge. Default 90.
-    cone_softness
-        Width of the cone's soft edge, as a fraction of `cone_angle`, 0 or more. At 0, the default, the edge is hard;
-        above 1 the axis is dimmed, too.
-    focus
-        Exponent, 0 or more, of the cosine of the angle from the axis, which scales the radiance. Default 0, even light.
-    focus_tint
-        Colour that the focus fades to away from the axis. Default black.
-    profile
-        A `Profile`, such as one of an IES file. Default: none.
-
-    Raises
-    ------
-    SceneError
-        Numbers that are negative or not finite.
-
-    Examples
-    --------
-    >>> spot = pb.scene.Shaping(cone_angle=20, cone_softness=0.1)
-    >>> lamp = pb.scene.SphereLight("/Lamp", 50.0, shaping=spot)
-    >>> lamp.shaping.cone_angle
-    20
-    """
-
-    cone_angle: float = 90.0
-    cone_softness: float = 0.0
-    focus: float = 0.0
-    focus_tint: Color = BLACK
-    profile: Profile | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("cone_angle", "cone_softness", "focus"):
-            number(getattr(self, name), name, 0.0)
-        object.__setattr__(self, "focus_tint", color(self.focus_tint, "focus_tint"))
-
-
-@dataclass(frozen=True)
-class Gobo:
-    """An image that a light shines through.
-
-    Attributes
-    ----------
-    image
-        (H, W, C) scene-linear, first row on top. One or two channels are grey, three or four a colour; a second or
-        fourth channel, which is alpha, is not used.
-    angle
-        Degrees that the image's width covers in front of a point, a spot or a sphere light, more than 0 and less than
-        180. None, the default: the light's cone.
-    width
-        The image's width in scene units, for distant lights. Default 1.
-    repeat
-        Whether the image is repeated without end in front of these lights. False, the default: beside it there is no
-        light.
-    up
-        (3,) direction in world space, for an image on a portal: the image's upper edge points this way, as far as the
-        portal's plane allows. Default: +Y.
-
-    Raises
-    ------
-    SceneError
-        An image without pixels or without three axes, an angle not between 0 and 180, a width not above 0.
-
-    Examples
-    --------
-    >>> bars = np.tile([[[1.0], [0.0]]], (1, 4, 1))  # eight stripes, a row high
-    >>> gobo = pb.scene.Gobo(bars, angle=30)
-    >>> gobo.colors.shape, gobo.aspect
-    ((1, 8, 3), 0.125)
-    """
-
-    image: Array
-    angle: float | None = None
-    width: float = 1.0
-    repeat: bool = False
-    up: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
-
-    def __post_init__(self) -> None:
-        if np.ndim(self.image) != 3 or not np.size(self.image):
-            raise SceneError(f"an image has the shape {np.shape(self.image)}: expected rows, columns and channels")
-        if self.angle is not None and not 0 < number(self.angle, "angle") < 180:
-            raise SceneError(f"angle is {self.angle}: expected more than 0 and less than 180 degrees")
-        if not number(self.width, "width") > 0:
-            raise SceneError(f"width is {self.width}: expected a number above 0")
-
-    @property
-    def aspect(self) -> float:
-        """The image's height over its width; pixels are square."""
-        return self.image.shape[0] / self.image.shape[1]
-
-    @property
-    def colors(self) -> Array:
-        """The image's colours, (H, W, 3)."""
-        return rgb(self.image)
-
-
-@dataclass(frozen=True, kw_only=True)
-class BeamSettings:
-    """Settings of the beams of a light, or of an emitter that is described elsewhere, as in a Mitsuba scene.
-
-    Attributes
-    ----------
-    group
-        Light group: the light's beams go to the layer `beams_<group>`. Default "", the unnamed group.
-    look
-        The look of the light's beams. None, the default, is the physical look.
-    emits_beams
-        Whether the light makes beams. Default True.
-    beam_count
-        Beams of the light per pass. None, the default: the renderer's number.
-    beam_scale
-        A factor on the power of the beams, not on the light on surfaces. Default 1.
-    seed
-        Seed of the beams' samples. Default 0.
-    portal
-        The mesh through which the light reaches the shot; it is not rendered as a surface. In a Mitsuba scene: a flat
-        mesh, or the id of a flat shape with a null BSDF. Default: none.
-    gobo, portal_gobo
-        Images that the light shines through: one in front of the light, and one over its portal's bounding rectangle.
-        Default: none.
-    scattered
-        What becomes of beams of the light after it was scattered: "physical" (the default), "look" (they have the look
-        of beams that come straight from the light), or "off".
-    bounces
-        How often the light may be scattered before it is scattered toward the camera. None, the default: the
-        renderer's number.
-
-    Raises
-    ------
-    SceneError
-        A factor that is negative or not finite, another word for `scattered`, a negative number of bounces or beams, a
-        portal or an image of another type.
-
-    Examples
-    --------
-    >>> warm = pb.Look(along=pb.looks.ColorRamp([0, 1], [[1, 0.9, 0.6], [0.8, 0.1, 0]]))
-    >>> settings = pb.scene.BeamSettings(group="key", look=warm, beam_count=10_000)
-    >>> settings.beam_count, settings.scattered
-    (10000, 'physical')
-
-    `pb.Shot.open("scene.xml", beams={"lamp": settings})` gives them to the emitter "lamp" of a Mitsuba scene.
-    """
-
-    group: str = ""
-    look: Look | None = None
-    emits_beams: bool = True
-    beam_count: int | None = None
-    beam_scale: float = 1.0
-    seed: int = 0
-    portal: Mesh | str | None = None
-    gobo: Gobo | None = None
-    portal_gobo: Gobo | None = None
-    scattered: str = "physical"
-    bounces: int | None = None
-
-    def __post_init__(self) -> None:
-        number(self.beam_scale, "beam_scale", 0.0)
-        if self.scattered not in SCATTERED:
-            raise SceneError(f"scattered is {self.scattered!r}: expected {', '.join(SCATTERED)}")
-        if self.bounces is not None:
-            number(whole(self.bounces, "bounces"), "bounces", 0)
-        if self.beam_count is not None:
-            number(whole(self.beam_count, "beam_count"), "beam_count", 0, MOST_BEAMS)
-        kinds = {"portal": (Mesh, str), "gobo": (Gobo,), "portal_gobo": (Gobo,)}
-        for name, kind in kinds.items():
-            value = getattr(self, name)
-            if value is not None and not isinstance(value, kind):
-                expected = "a Mesh or the id of a shape" if name == "portal" else "a Gobo"
-                raise SceneError(f"{name} is of type {type(value).__name__}: expected {expected}")
-
-
-@dataclass(frozen=True)
-class Light(BeamSettings):
-    """What all lights have in common. Their portals are meshes. Other attributes are those of `BeamSettings`.
-
-    Attributes
-    ----------
-    name
-        Prim path, by which messages and looks refer to the light.
-    radiance
-        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`. For a
-        point light: radiant intensity. For a distant light of angle 0: irradiance.
-    shaping
-        The light's cone, focus and profile, a `Shaping`. Default: none.
-    portal
-        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
-    surface_scale
-        A factor on the light that surfaces get from it, not on its beams. Default: 1.
-    shadow_distance, shadow_color
-        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
-        is left in them, per channel (default: 0). Shadows in beams are always black and unlimited.
-    seen
-        Whether pictures show the light itself. Default: True.
-    frame
-        (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
-        is up, its origin is the light's place. The axes have unit length and are perpendicular; they are without the
-        light's size, and mirrored where the light is. Default: the identity.
-    unlit, unshadowed
-        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
-    guides
-        Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
-
-    Raises
-    ------
-    SceneError
-        If a number is negative where it may not be, or not finite, or if a vector does not have three numbers.
-
-    Examples
-    --------
-    The kinds of light have these attributes:
-
-    >>> pb.scene.DistantLight("/Sun", 3.0, surface_scale=0.5).lights_surfaces
-    True
-    """
-
-    name: str
-    radiance: Color
-    shaping: Shaping | None = None
-    portal: Mesh | None = field(default=None, kw_only=True)
-    surface_scale: float = 1.0
-    shadow_distance: float = np.inf
-    shadow_color: Color = BLACK
-    seen: bool = True
-    frame: Array = field(default_factory=lambda: np.eye(4))
-    unlit: frozenset[str] = frozenset()
-    unshadowed: frozenset[str] = frozenset()
-    guides: tuple[Array, ...] = ()
-
-    @property
-    def lights_surfaces(self) -> bool:
-        """Whether the light shines on surfaces."""
-        return self.surface_scale > 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        number(self.surface_scale, f"{self.name}: surface_scale", 0.0)
-        if not self.shadow_distance > 0:
-            raise SceneError(f"{self.name}: shadow_distance is {self.shadow_distance}: expected a number above 0")
-        object.__setattr__(self, "radiance", color(self.radiance, f"{self.name}: radiance"))
-        for name in ("center", "axis", "half", "half_x", "half_y"):
-            if hasattr(self, name):
-                value = np.asarray(getattr(self, name), dtype=np.float64)
-                if value.shape != (3,) or not np.all(np.isfinite(value)):
-                    raise SceneError(f"{self.name}: {name} is {shown(getattr(self, name))}: expected 3 finite numbers")
-                object.__setattr__(self, name, value)
-        if getattr(self, "shape", None) is not None:
-            linear = np.asarray(self.shape, dtype=np.float64)  # type: ignore[attr-defined]
-            if linear.shape != (3, 3) or not np.all(np.isfinite(linear)) or np.linalg.det(linear) == 0:
-                raise SceneError(
-                    f"{self.name}: shape is {shown(linear.tolist())}: expected 3 x 3 numbers with an inverse"
-                )
-            object.__setattr__(self, "shape", linear)
+_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_SIX = np.concatenate([np.eye(3), -np.eye(3)])
 
 
 @dataclass(frozen=True)
@@ -315,6 +52,17 @@ class SphereLight(Light):
     radius: float = 0.0
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
     shape: Array | None = None
+
+    @property
+    def points(self) -> Array:
+        """Points, (N, 3), whose box contains the light."""
+        return self.center + (_CORNERS @ self.shape.T if self.shape is not None else self.radius * _SIX)
+
+    def slide(self, gobo: Gobo) -> SlidePlace:
+        """Return where a gobo is before the light: one unit from its centre."""
+        side, up, ahead = self._slide_axes()
+        width = 2 * np.tan(np.radians(self.slide_angle) / 2)
+        return SlidePlace(self.center + ahead, width * side, width * gobo.aspect * up, ahead)
 
 
 @dataclass(frozen=True)
@@ -358,6 +106,24 @@ class FlatLight(Light):
         """Area in square scene units."""
         box = 4.0 * float(np.linalg.norm(np.cross(self.half_x, self.half_y)))
         return box * np.pi / 4.0 if self.disk else box
+
+    @property
+    def points(self) -> Array:
+        """Points, (N, 3), whose box contains the light."""
+        signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+        points: Array = self.center + signs @ np.array([self.half_x, self.half_y])
+        return points
+
+    def slide(self, gobo: Gobo) -> SlidePlace:
+        """Return where a gobo is: on the light's face.
+
+        UsdLuxRectLight puts the image's first pixel at (+X, +Y) and its last at (-X, -Y): it is upright as seen from
+        the front of the light. Arnold does the same from usdlux_version 25.05 on, and mirrored it before.
+        """
+        side, up, ahead = self._slide_axes()
+        x = self.half_x if np.dot(self.half_x, side) < 0 else -np.asarray(self.half_x)
+        y = self.half_y if np.dot(self.half_y, up) > 0 else -np.asarray(self.half_y)
+        return SlidePlace(self.center, 2 * x, 2 * y, ahead)
 
 
 @dataclass(frozen=True)
@@ -409,6 +175,14 @@ class CylinderLight(Light):
         """Area in square scene units."""
         return 4.0 * np.pi * self.radius * float(np.linalg.norm(self.half))
 
+    @property
+    def points(self) -> Array:
+        """Points, (N, 3), whose box contains the light."""
+        if self.shape is not None:
+            return self.center + _CORNERS @ self.shape.T
+        ends = self.center + np.array([[-1.0], [1.0]]) * self.half
+        return np.concatenate([ends + self.radius * each for each in _SIX])
+
 
 @dataclass(frozen=True)
 class MeshLight(Light):
@@ -453,6 +227,12 @@ class MeshLight(Light):
         if not (isinstance(self.mesh, Mesh) and self.mesh.area > 0):
             raise SceneError(f"{self.name}: expected a mesh with an area above 0")
 
+    @property
+    def points(self) -> Array:
+        """Points, (N, 3), whose box contains the light."""
+        assert self.mesh is not None
+        return self.mesh.used_points
+
 
 @dataclass(frozen=True)
 class DistantLight(Light):
@@ -481,6 +261,12 @@ class DistantLight(Light):
 
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
     angle: float = 0.53
+    profile: ClassVar[None] = None  # type: ignore[assignment, misc]
+
+    def slide(self, gobo: Gobo) -> SlidePlace:
+        """Return where a gobo is: in a plane square to the light."""
+        side, up, ahead = self._slide_axes()
+        return SlidePlace(self.frame[:3, 3], gobo.width * side, gobo.width * gobo.aspect * up, ahead)
 
     @property
     def irradiance(self) -> float:
@@ -520,4 +306,5 @@ class DomeLight(Light):
 
     image: Array | None = None
     to_world: Array = field(default_factory=lambda: np.eye(3))
-    lights_media: bool = False
+    lights_media: bool = False  # type: ignore[misc]
+    profile: ClassVar[None] = None  # type: ignore[assignment, misc]

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from .beams import DrawnBeams
 from .checks import Array, SceneError
-from .lights import DomeLight, Light
+from .light import Light
+from .lights import DomeLight
 from .media import Medium
 from .surfaces import Mesh
 

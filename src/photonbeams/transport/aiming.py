@@ -18,7 +18,8 @@ from ..numerics.arrays import to_float, to_numpy
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32
-from .emission import Emitted, Stratum
+from ..world.emitters.rays import EmittedRays
+from .emission import Stratum
 from .lamps import PortalEmitter
 
 # Probability with which a direction is that of a point on a portal.
@@ -41,7 +42,7 @@ class Openings:
     count: UInt32
 
     @classmethod
-    def of(cls, strata: Sequence[Stratum], emitted: Sequence[Emitted]) -> Openings | None:
+    def of(cls, strata: Sequence[Stratum], emitted: Sequence[EmittedRays]) -> Openings | None:
         """Return the openings that emitted light paths pass; None if there are none."""
         found = {}
         for stratum, paths in zip(strata, emitted, strict=True):

@@ -8,7 +8,7 @@ differentials, the derivatives of its origin and its direction by the emission s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import drjit as dr
@@ -19,7 +19,9 @@ from ..numerics.hashing import key_of
 from ..numerics.sampling import pairs, sobol_points
 from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..scene import Array
-from .differentials import RayDifferentials
+from ..world.differentials import RayDifferentials
+from ..world.emitters.lamp import Lamp
+from ..world.emitters.rays import EmittedRays
 from .guiding import GuidingMap
 
 # Number of paths that estimate an emitter's flux.
@@ -27,25 +29,6 @@ PROBE = 4096
 
 # Length of SciPy's Sobol sequences, after which another one begins.
 _SEQUENCE = 1 << 30
-
-
-@dataclass
-class EmissionSample:
-    """Light paths as an emitter samples them, (N,) each.
-
-    `flux` is one path's estimate of the whole emitter's flux; `reach` is the length of a path that meets nothing;
-    `portal` is the distance at which it passes its portal, or infinity; `medium` is the number of the medium where it
-    begins. `valid` says which paths exist at all: of paths through a portal, those that pass it.
-    """
-
-    origin: Any
-    direction: Any
-    flux: Any
-    differentials: RayDifferentials
-    reach: Any
-    portal: Any
-    medium: Any
-    valid: Any
 
 
 class Emitter(Protocol):
@@ -60,36 +43,17 @@ class Emitter(Protocol):
     halvings
         How often a beam is halved, at most, where a surface blocks its rim.
     lamp
-        The lamp that says what reaches a point (`world.lights`); None if the emitter cannot have a portal.
+        The lamp, behind its images.
     """
 
     name: str
     source: int
     link: int
     halvings: int
-    lamp: Any
+    lamp: Lamp
 
-    def sample(self, u: Array2f, v: Array2f) -> EmissionSample:
+    def sample(self, u: Array2f, v: Array2f) -> EmittedRays:
         """Return light paths for emission samples: `u` places them on the emitter, `v` chooses their directions."""
-
-
-@dataclass(frozen=True)
-class Emitted:
-    """Light paths as they leave their emitter; the arrays are those of `transport.records.LightPaths`."""
-
-    origin: Any
-    direction: Any
-    flux: Any
-    differentials: RayDifferentials
-    count: Any
-    index: Any
-    key: Any
-    source: Any
-    link: Any
-    reach: Any
-    portal: Any
-    medium: Any
-    halvings: int
 
 
 @dataclass
@@ -126,32 +90,32 @@ class Stratum:
         more = more or ((2, block // blocks) if block >= blocks else ())
         return sobol_points(self.count, block % blocks, (*self.sequence, *more))
 
-    def emit(self, block: int, points: Array | None = None) -> Emitted:
+    def emit(self, block: int, points: Array | None = None) -> EmittedRays:
         """Return the light paths of pass `block`; `points`, if given, replace the pass's own, and are not guided."""
         count, derivative = self.count, None
         if points is None:
             points = self.points(block)
             if self.guide is not None:
                 points, derivative = self.guide(points)
-        sample = self.emitter.sample(*pairs(points))
+        rays = self.emitter.sample(*pairs(points))
         nothing = dr.zeros(Array3f, count)
         weight: Any = dr.opaque(Float, 1 / count)
-        differentials = sample.differentials
+        differentials = rays.differentials
         if derivative is not None and self.guide is not None:
             weight = to_float(np.prod(derivative, axis=1) / count)
             factors = [dr.opaque(Float, float(self.guide.widths[k // 2])) for k in range(4)]
             columns = zip(differentials.columns(), factors, strict=True)
             differentials = RayDifferentials.of([(p * factor, d * factor) for (p, d), factor in columns])
-        flux = sample.flux * weight + nothing
+        flux = rays.flux * weight + nothing
         valid = dr.isfinite(dr.sum(flux)) & (dr.min(flux) >= 0)
         number = dr.arange(UInt32, count) + dr.opaque(UInt32, (block * count) & 0xFFFFFFFF)
         wide = dr.zeros(UInt32, count)
-        result = Emitted(
-            sample.origin + nothing, sample.direction + nothing, dr.select(valid, flux, 0), differentials,
-            dr.opaque(Float, count) + nothing.x, number, dr.opaque(UInt32, self.key) + wide,
-            dr.opaque(UInt32, self.emitter.source) + wide, dr.opaque(UInt32, self.emitter.link) + wide,
-            sample.reach + nothing.x, sample.portal + nothing.x, sample.medium + wide,
-            self.emitter.halvings,
+        result = replace(
+            rays, origin=rays.origin + nothing, direction=rays.direction + nothing, flux=dr.select(valid, flux, 0),
+            differentials=differentials, count=dr.opaque(Float, count) + nothing.x, index=number,
+            key=dr.opaque(UInt32, self.key) + wide, source=dr.opaque(UInt32, self.emitter.source) + wide,
+            link=dr.opaque(UInt32, self.emitter.link) + wide, reach=rays.reach + nothing.x,
+            portal=rays.portal + nothing.x, medium=rays.medium + wide, halvings=self.emitter.halvings,
         )  # fmt: skip
         dr.eval(result.origin, result.direction, result.flux, result.differentials, result.count, result.index,
                 result.key, result.source, result.link, result.reach, result.portal, result.medium)  # fmt: skip
@@ -196,7 +160,7 @@ class Emission:
             powers[source] = float(power.max())
         return counts, powers
 
-    def emit(self, block: int) -> list[Emitted]:
+    def emit(self, block: int) -> list[EmittedRays]:
         """Return the light paths of pass `block`."""
         return [stratum.emit(block) for stratum in self.strata]
 

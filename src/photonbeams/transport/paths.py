@@ -19,14 +19,14 @@ from ..numerics.arrays import compressed, indices, joined, to_float, unaliased
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..world.differentials import RayDifferentials, copies, differentiate, of_copies
+from ..world.emitters.rays import EmittedRays
 from ..world.media.interfaces import distance_to_medium, is_left, pointers
 from ..world.spectra import rgb
 from ..world.stage_world import StageWorld
 from ..world.warp import facing
 from ..world.world import World
 from .aiming import Aimed, Openings
-from .differentials import RayDifferentials, copies, differentiate, of_copies
-from .emission import Emitted
 from .interactions import (
     IDEAL,
     LOBE,
@@ -139,13 +139,13 @@ class Tracing:
         return paths.straight & (dr.gather(UInt32, self.caustics_by_source, paths.source) > 0)
 
 
-def begin(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
+def begin(tracing: Tracing, emitted: Sequence[EmittedRays]) -> LightPaths | None:
     """Return light paths as they leave their emitters; None if there are none, or all would be too long."""
     paths = leaving(tracing, emitted)
     return None if paths is None else kept(paths.initial > 0, paths)
 
 
-def leaving(tracing: Tracing, emitted: Sequence[Emitted]) -> LightPaths | None:
+def leaving(tracing: Tracing, emitted: Sequence[EmittedRays]) -> LightPaths | None:
     """Return all light paths, including those without flux; None if there are none, or all would be too long."""
     if not emitted or (tracing.max_bounces is not None and tracing.max_bounces < 0):
         return None

@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from ..scene import Array
+from ..world.emitters.rays import EmittedRays
 from ..world.world import World
 from .connections import ShadowRays
-from .emission import Emitted, Emitter, Stratum
+from .emission import Emitter, Stratum
 from .fitted_portals import UNIT, Bundle, FittedRectangle, Opening, fitted, parted, walled
 from .guiding import BRIGHTEST, ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap, learn
 from .importance import Sightings
@@ -28,7 +29,7 @@ _WORTH, _BETTER = 0.25, 2.0
 _STRAIGHT = 0.1
 
 #: Returns what cameras see of light paths; these are numbered consecutively from one element to the next.
-Seen = Callable[[list[Emitted]], Sightings]
+Seen = Callable[[list[EmittedRays]], Sightings]
 
 
 @dataclass
@@ -144,7 +145,7 @@ class _Learning:
         lit = order < len(free[0])
         self._free, self._stopped = samples[order[lit]], samples[order[~lit]]
 
-    def emit(self, number: int) -> Emitted:
+    def emit(self, number: int) -> EmittedRays:
         """Return the light paths of a round."""
         points = self._pilot.points(number, (1,))
         if self.stratum.guide is not None:
@@ -225,7 +226,7 @@ class _Learning:
         emitters that already have a portal or cannot have one.
         """
         emitter, guide = self.stratum.emitter, self.stratum.guide
-        if not self._points or emitter.lamp is None or isinstance(emitter, PortalEmitter):
+        if not self._points or not emitter.lamp.illuminates or isinstance(emitter, PortalEmitter):
             return None
         density, sightings = self._evidence()
         straight = sightings.of(sightings.straight, 0)

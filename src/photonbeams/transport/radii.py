@@ -21,7 +21,7 @@ import drjit as dr
 
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Float
-from .differentials import RayDifferentials
+from ..world.differentials import RayDifferentials
 
 
 class Width(Struct):

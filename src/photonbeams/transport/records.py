@@ -8,7 +8,7 @@ import drjit as dr
 
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32
-from .differentials import RayDifferentials
+from ..world.differentials import RayDifferentials
 from .radii import Width
 
 

@@ -18,6 +18,7 @@ from ..numerics.arrays import compressed, equal_entries, to_float, to_uint
 from ..numerics.hashing import key_of
 from ..runtime.device import Bool, Float, UInt32
 from ..world.emitters.portals import count_candidates
+from ..world.emitters.rays import EmittedRays
 from ..world.emitters.sources import Source
 from ..world.media.media import RenderedMedium
 from ..world.stage_world import StageWorld
@@ -26,7 +27,7 @@ from . import paths
 from .aiming import Openings
 from .beams import Cutting, Moments, moving_sets, sets_of
 from .connections import Connections
-from .emission import Emission, Emitted, Stratum, probed_flux
+from .emission import Emission, Stratum, probed_flux
 from .fitted_portals import Opening, parted
 from .fringes import Steps, entering, fringe, unscattered
 from .guiding import GuidingMap
@@ -269,7 +270,7 @@ class Simulation:
         """Guide emission toward what the views see, and return what is found out about each stratum."""
         camera, tracing = CameraImportance(self.world, views), self.tracing(0)
 
-        def seen(emitted: list[Emitted]) -> Sightings:
+        def seen(emitted: list[EmittedRays]) -> Sightings:
             begun = paths.begin(tracing, emitted)
             beside = [(each, None) for _, each in self._fringes(0, begun) if each is not None]
             steps = [*paths.trace(tracing, copy(begun)), *beside]
@@ -394,7 +395,7 @@ def _stratum(
 ) -> Stratum:  # fmt: skip
     """Return the stratum of a lamp's paths through its portal, or past it, of which about `count` carry light."""
     light = world.description.lights[number]
-    margin = radius_from_infinity(light, world.lights[number], count, overlap) if world.boxes else 0.0
+    margin = radius_from_infinity(world.lights[number], count, overlap) if world.boxes else 0.0
     lamp = LampEmitter(world, number, margin)
     portal = world.portals.get(light.name)
     emitter = lamp if portal is None else PortalEmitter(lamp, portal, through)

@@ -116,19 +116,7 @@ def _clouds(description: scene.Scene) -> list[Any]:
     """Return points around surfaces, finite lights, portals, fog and drawn beams."""
     clouds: list[Any] = [mesh.points for mesh in description.meshes]
     for light in description.lights:
-        if isinstance(light, scene.SphereLight | scene.CylinderLight) and light.shape is not None:
-            corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-            clouds.append(light.center + corners @ light.shape.T)
-        elif isinstance(light, scene.SphereLight):
-            clouds.append(np.asarray(light.center) + light.radius * np.concatenate([np.eye(3), -np.eye(3)]))
-        if isinstance(light, scene.FlatLight):
-            signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
-            clouds.append(light.center + signs @ np.array([light.half_x, light.half_y]))
-        elif isinstance(light, scene.CylinderLight):
-            ends = light.center + np.array([[-1.0], [1.0]]) * light.half
-            clouds += [ends + light.radius * each for each in np.concatenate([np.eye(3), -np.eye(3)])]
-        if isinstance(light, scene.MeshLight) and light.mesh is not None:
-            clouds.append(light.mesh.used_points)
+        clouds.append(light.points)
         if light.portal is not None:
             clouds.append(light.portal.points)
     clouds += [boundary.points for each in description.media if (boundary := each.boundary) is not None]

@@ -91,10 +91,10 @@ class SceneWorld(World):
         """Return the colours of the images that light passes on its way from emitters (pointers) to points."""
         result = Array3f(1)
         for plugin, lamp in zip(self.plugin.emitters(), self.lamps, strict=True):
-            if lamp is not None:
+            if lamp.lamp.images:
                 number: Any = dr.reinterpret_array(UInt32, mi.EmitterPtr(plugin))
                 own = dr.reinterpret_array(UInt32, emitter) == dr.opaque(UInt32, int(number[0]))
-                result = dr.select(own, lamp.colors(point, direction, distance), result)
+                result = dr.select(own, lamp.lamp.colors(point, direction, distance), result)
         return result
 
     def without_surfaces(self) -> SceneWorld:

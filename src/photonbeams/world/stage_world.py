@@ -6,7 +6,7 @@ the same light. A glowing surface has an `area` emitter, which is evaluated wher
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -18,19 +18,9 @@ from .. import scene
 from ..numerics.arrays import opaque, to_uint, to_vectors
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, Box, bounding_sphere, endless_length
-from .emitters.cylinders import CylinderLamp
-from .emitters.gobos import Images, bare, profile_of, projected
-from .emitters.lights import (
-    DistantLamp,
-    DomeLamp,
-    EllipsoidLamp,
-    EllipticCylinderLamp,
-    FlatLamp,
-    Light,
-    SphereLamp,
-    source,
-)
-from .emitters.mesh_lamps import MeshLamp
+from .emitters.build import KINDS, lamp_of
+from .emitters.gobos import Images, projected
+from .emitters.lamp import Lamp
 from .emitters.portal_lamps import behind
 from .emitters.portals import Portal
 from .emitters.sources import Source
@@ -100,7 +90,7 @@ class StageWorld(World):
     around: Any
     boxes: dict[int, Box]
     reentrant: frozenset[int]
-    lights: tuple[Light, ...]
+    lights: tuple[Lamp, ...]
     portals: dict[str, Portal]
     images: Images
     bounds: Bounds
@@ -182,7 +172,7 @@ class StageWorld(World):
             blockers=_blockers(description, host, meshes, shapes, like.blockers if like is not None and still else {}),
             lights=tuple(
                 _known_light(light, like)
-                or projected(source(light, host, [plugin]), light, portals.get(light.name), images)
+                or projected(lamp_of(light, host, [plugin]), light, portals.get(light.name), images)
                 for light in description.lights
             ),
             portals=portals,
@@ -213,17 +203,16 @@ class StageWorld(World):
     def lamps(self) -> tuple[Lamps, ...]:
         """The lights that light surfaces, packed by kind, for loops; others are in `domes` and `mesh_lamps`."""
         lights = zip(self.description.lights, self.lights, strict=True)
-        kinds = (SphereLamp, FlatLamp, CylinderLamp, DistantLamp, EllipsoidLamp, EllipticCylinderLamp)
-        groups: dict[Any, list[Any]] = {(kind, LinkKey()): [] for kind in kinds}
+        groups: dict[Any, list[Any]] = {(kind, LinkKey()): [] for kind in KINDS}
         for light, item in lights:
-            if light.lights_surfaces and max(light.radiance) > 0 and not isinstance(bare(item), DomeLamp | MeshLamp):
+            if light.lights_surfaces and max(light.radiance) > 0 and item.bare.DRJIT_STRUCT:
                 groups.setdefault((type(item), self._linked(light)), []).append(item)
         return tuple(Lamps.of(items, self._links(key)) for (_, key), items in groups.items() if items)
 
     @cached_property
     def domes(self) -> tuple[tuple[Any, Links | None], ...]:
         """The environments, each with its links."""
-        return self._each_of(DomeLamp)
+        return self._each_of(lambda lamp: lamp.environment)
 
     @cached_property
     def sky(self) -> tuple[tuple[scene.DomeLight, Any, Links | None], ...]:
@@ -240,14 +229,14 @@ class StageWorld(World):
     @cached_property
     def mesh_lamps(self) -> tuple[tuple[Any, Links | None], ...]:
         """The mesh lights, each with its links."""
-        return self._each_of(MeshLamp)
+        return self._each_of(lambda lamp: not (lamp.environment or lamp.bare.DRJIT_STRUCT))
 
-    def _each_of(self, kind: type) -> tuple[tuple[Any, Links | None], ...]:
+    def _each_of(self, chosen: Callable[[Lamp], bool]) -> tuple[tuple[Any, Links | None], ...]:
         lights = zip(self.description.lights, self.lights, strict=True)
         return tuple(
             (behind(item, self.portals.get(light.name)), self._links(self._linked(light)))
             for light, item in lights
-            if isinstance(bare(item), kind) and light.lights_surfaces
+            if chosen(item) and light.lights_surfaces
         )
 
     def stopping(self, light: scene.Light) -> StageWorld:
@@ -459,7 +448,7 @@ def _known_light(light: scene.Light, like: StageWorld | None) -> Any:
 
 def _known_images(description: scene.Scene, like: StageWorld | None) -> Images:
     """Return the images of another world that this scene also uses."""
-    both = [image for light in description.lights for image in (light.gobo, light.portal_gobo, profile_of(light))]
+    both = [image for light in description.lights for image in (light.gobo, light.portal_gobo, light.profile)]
     gobos = [image for image in both if image is not None]
     known = {} if like is None else like.images
     return {id(gobo.image): known[id(gobo.image)] for gobo in gobos if id(gobo.image) in known}

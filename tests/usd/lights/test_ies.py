@@ -8,8 +8,8 @@ import pytest
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array2f
 from photonbeams.usd.lights.ies import parse
+from photonbeams.world.emitters.build import lamp_of
 from photonbeams.world.emitters.gobos import projected
-from photonbeams.world.emitters.lights import source
 
 HEAD = "IESNA:LM-63-2002\n[TEST] none\nTILT=NONE\n"
 
@@ -135,7 +135,7 @@ def test_the_cone_and_the_profile_are_multiplied(scene, tmp_path):
         body = f"bool treatAsPoint = 1\nfloat inputs:radius = 0\nasset inputs:shaping:ies:file = @{tmp_path}/a.ies@"
         body += f"\n{cone}"
         (lamp,) = scene(f'def SphereLight "L" (prepend apiSchemas = ["ShapingAPI"]) {{\n{body}\n}}').lights
-        lit = projected(source(lamp), lamp, None, {})
+        lit = projected(lamp_of(lamp), lamp, None, {})
         towards = np.array([[0, 0, -1], [np.sin(0.5), 0, -np.cos(0.5)], [1, 0, -1], [1, 0, 0.1]])
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
         # Of the points on a sphere around the lamp; without the point's 1/4 for its normalized intensity.

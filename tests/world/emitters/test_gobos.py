@@ -10,8 +10,7 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array2f, Array3f, Float, UInt32
-from photonbeams.transport.lamps import emit, emit_through
-from photonbeams.world.emitters import gobos
+from photonbeams.world.emitters.portals import emit_through
 from photonbeams.world.stage_world import StageWorld
 from tests.helpers.tracing import trace
 
@@ -63,13 +62,13 @@ def paths_of(light, count=COUNT):
     built = world(light)
     source, samples = built.lights[0], sobol_block(count, 0, (1,))
     if light.portal is not None:
-        return emit_through(source, built.portals[light.name], built.bounds, *samples, count)
-    return emit(light, source, built.bounds, *samples, count)
+        return emit_through(source, built.portals[light.name], built.bounds, *samples)
+    return source.emit(*samples, built.bounds)
 
 
 def flux(paths):
     """Return the total flux of paths, (3,), and its standard error if they were independent."""
-    value = paths.flux.numpy().astype(np.float64) * paths.valid.numpy()
+    value = paths.flux.numpy().astype(np.float64) * paths.valid.numpy() / dr.width(paths.origin)
     return value.sum(axis=1), np.sqrt(value.shape[1]) * value.std(axis=1)
 
 
@@ -253,7 +252,7 @@ def test_beams_behind_an_image_land_as_surfaces_are_lit(light):
     t = (-1.5 - o[2]) / np.where(np.abs(d[2]) > 1e-9, d[2], 1e-9)
     x, y = o[0] + t * d[0] - 0.1, o[1] + t * d[1] - 0.2
     landing = (t > 0) & (d[2] < 0) & (np.abs(x) < half) & (np.abs(y) < half)
-    beams = paths.flux.numpy().astype(np.float64) * landing
+    beams = paths.flux.numpy().astype(np.float64) * landing / COUNT
     u, v = sobol_block(1 << 14, 0, (9,))
     at = Array3f(0.1 + half * (2 * v.x - 1), 0.2 + half * (2 * v.y - 1), Float(-1.5))
     sample = built.lights[0].illuminate(at, u)
@@ -330,4 +329,4 @@ def test_an_image_is_on_the_device_once_while_it_is_in_use():
     ],
 )
 def test_a_slide_covers_its_own_angle_or_the_lights_cone(light, degrees):
-    assert gobos.slide_angle(light) == degrees
+    assert light.slide_angle == degrees

@@ -8,8 +8,11 @@ import pytest
 
 from photonbeams import scene
 from photonbeams.numerics.sampling import sobol_block
+from photonbeams.numerics.structs import pack
 from photonbeams.runtime.device import Array3f, Float, UInt32
-from photonbeams.world.emitters import lights
+from photonbeams.world.emitters.build import lamp_of
+from photonbeams.world.emitters.shaping import ShapingFactor
+from photonbeams.world.emitters.sphere import SphereLamp
 
 POINTS = 1 << 14
 AXIS = np.array([0.6, 0.0, -0.8])
@@ -84,13 +87,13 @@ def sheet(turn=1):
 
 
 def test_irradiance_of_a_point_is_intensity_over_squared_distance(square):
-    source = lights.source(sphere(radius=0.0))
+    source = lamp_of(sphere(radius=0.0))
     assert agrees(irradiance(source, [1, 2, 0], [0, 0, 1], square), 1 / 9)
     assert agrees(irradiance(source, [1, 2, 0], [0, 0.6, 0.8], square), 0.8 / 9)
 
 
 def test_irradiance_of_a_sphere_is_that_of_its_disc(square):
-    source = lights.source(sphere(radius=0.5))
+    source = lamp_of(sphere(radius=0.5))
     for distance in (0.6, 3.0, 1000.0):
         expected = np.pi * 0.5**2 / distance**2  # exact while the whole sphere is above the horizon
         assert agrees(irradiance(source, [1, 2, 3 - distance], [0, 0, 1], square), expected)
@@ -104,7 +107,7 @@ def corner_factor(x, y):
 
 @pytest.mark.parametrize("distance", [0.3, 2.0])
 def test_irradiance_of_a_rectangle_is_its_form_factor(square, distance):
-    source = lights.source(flat())
+    source = lamp_of(flat())
     center = np.array([1.0, 2, 3])
     middle = 4 * corner_factor(0.7 / distance, 0.4 / distance)
     corner = corner_factor(1.4 / distance, 0.8 / distance)
@@ -112,31 +115,31 @@ def test_irradiance_of_a_rectangle_is_its_form_factor(square, distance):
     at_corner = center + distance * AXIS + 0.7 * SIDE + 0.4 * UP
     assert agrees(irradiance(source, at_corner, -AXIS, square), np.pi * corner)
     for side in (1, -1):
-        both = lights.source(sheet(side))
+        both = lamp_of(sheet(side))
         assert agrees(irradiance(both, center + distance * side * AXIS, -side * AXIS, square), np.pi * middle)
 
 
 def test_irradiance_of_a_disk_follows_its_closed_form(square):
     light = scene.FlatLight("/d", RADIANCE, half_x=0.7 * SIDE, half_y=0.7 * UP, axis=AXIS, disk=True)
-    source = lights.source(light)
+    source = lamp_of(light)
     expected = np.pi * 0.7**2 / (0.7**2 + 1.1**2)
     assert agrees(irradiance(source, 1.1 * AXIS, -AXIS, square), expected)
 
 
 def test_a_flat_light_is_dark_from_behind(square):
-    value, _ = irradiance(lights.source(flat()), np.array([1.0, 2, 3]) - AXIS, AXIS, square)
+    value, _ = irradiance(lamp_of(flat()), np.array([1.0, 2, 3]) - AXIS, AXIS, square)
     assert np.array_equal(value, [0, 0, 0])
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.53, 40.0])
 def test_irradiance_of_a_distant_light_is_its_projected_solid_angle(square, angle):
-    source = lights.source(scene.DistantLight("/sun", RADIANCE, axis=AXIS, angle=angle))
+    source = lamp_of(scene.DistantLight("/sun", RADIANCE, axis=AXIS, angle=angle))
     expected = np.pi * np.sin(np.radians(angle / 2)) ** 2 if angle else 1.0
     assert agrees(irradiance(source, [5, 6, 7], -AXIS, square), expected)
 
 
 def test_irradiance_of_an_even_dome_is_pi_times_its_radiance(square):
-    assert agrees(irradiance(lights.source(scene.DomeLight("/dome", RADIANCE)), [0, 0, 0], UP, square), np.pi)
+    assert agrees(irradiance(lamp_of(scene.DomeLight("/dome", RADIANCE)), [0, 0, 0], UP, square), np.pi)
 
 
 @pytest.mark.parametrize(
@@ -157,7 +160,7 @@ def test_irradiance_of_an_even_dome_is_pi_times_its_radiance(square):
     ids=["sphere", "spot", "rect", "disk", "cylinder", "mesh", "sheet", "ellipsoid", "elliptic", "distant", "dome"],
 )
 def test_a_ray_sees_what_the_light_sample_carries(square, light):
-    source = lights.source(light)
+    source = lamp_of(light)
     point = vector(np.array([1.0, 2, 3]) + 2.5 * AXIS + 0.3 * UP) + dr.zeros(Float, POINTS)
     sample = source.illuminate(point, square)
     sight = source.see(point, sample.direction)
@@ -176,13 +179,13 @@ def test_a_ray_sees_what_the_light_sample_carries(square, light):
 
 def test_rays_past_a_light_see_nothing(square):
     for light in (sphere(), flat(), flat(disk=True), cylinder(radius=0.5, length=1.0), box(surface=True)):
-        source = lights.source(light)
+        source = lamp_of(light)
         start = np.array([1.0, 2, 3]) + 2 * AXIS
         for direction in (AXIS, np.array([0.0, 0.8, 0.0]) - 0.6 * AXIS):  # away from it; more than 0.7 to its side
             assert not dr.any(source.see(vector(start), vector(direction)).hit)
     corner = np.array([1.0, 2, 3]) + 2 * AXIS + 0.65 * SIDE + 0.35 * UP  # in the rectangle, not in the ellipse
-    assert dr.all(lights.source(flat()).see(vector(corner), vector(-AXIS)).hit)
-    assert not dr.any(lights.source(flat(disk=True)).see(vector(corner), vector(-AXIS)).hit)
+    assert dr.all(lamp_of(flat()).see(vector(corner), vector(-AXIS)).hit)
+    assert not dr.any(lamp_of(flat(disk=True)).see(vector(corner), vector(-AXIS)).hit)
 
 
 def irradiance_of_tube(point, normal, radius, half, count=1000):
@@ -204,7 +207,7 @@ def irradiance_of_tube(point, normal, radius, half, count=1000):
     ids=["beside", "close", "beyond its end", "far"],
 )  # fmt: skip
 def test_irradiance_of_a_cylinder_is_the_integral_over_its_mantle(square, place, normal):
-    value = irradiance(lights.source(cylinder()), np.array([1.0, 2, 3]) + place, normal, square)
+    value = irradiance(lamp_of(cylinder()), np.array([1.0, 2, 3]) + place, normal, square)
     expected = irradiance_of_tube(np.array(place), np.array(normal), 0.3, 1.0)
     assert np.all(np.abs(value[0] - np.multiply(expected, RADIANCE)) < 4 * value[1] + 1e-3 * value[0])
 
@@ -213,11 +216,11 @@ def test_a_short_cylinder_far_away_has_the_intensity_of_its_silhouette(square):
     sine = 0.8
     away = np.array([sine, 0.6, 0.0])
     expected = 2 * 0.3 * 2.0 * sine / 400**2
-    assert agrees(irradiance(lights.source(cylinder()), np.array([1.0, 2, 3]) + 400 * away, -away, square), expected)
+    assert agrees(irradiance(lamp_of(cylinder()), np.array([1.0, 2, 3]) + 400 * away, -away, square), expected)
 
 
 def test_a_cylinder_is_dark_from_within_and_beyond_its_open_ends(square):
-    value, _ = irradiance(lights.source(cylinder()), [1.1, 2 + 1.5, 3], -UP, square)
+    value, _ = irradiance(lamp_of(cylinder()), [1.1, 2 + 1.5, 3], -UP, square)
     assert np.array_equal(value, [0, 0, 0])
 
 
@@ -250,7 +253,7 @@ def test_irradiance_of_a_stretched_light_is_the_integral_over_its_surface(square
     normal = -away / np.linalg.norm(away)
     center = 10 * sizes.max() * rng.normal(size=3)
     light = sphere(1.0, shape=linear) if kind == "sphere" else cylinder(1.0, shape=linear)
-    source = lights.source(dataclasses.replace(light, center=center))
+    source = lamp_of(dataclasses.replace(light, center=center))
     expected = irradiance_of_stretched(linear, kind, away, normal)
     assert irradiance(source, center + away, normal, square)[0] == pytest.approx(
         np.multiply(expected, RADIANCE), rel=1e-4
@@ -259,11 +262,11 @@ def test_irradiance_of_a_stretched_light_is_the_integral_over_its_surface(square
 
 def test_irradiance_of_a_mesh_is_that_of_the_faces_that_are_seen(square):
     expected = 4 * np.pi * corner_factor(0.5 / 0.7, 1.0 / 0.7)  # the face toward +Z, of 1 by 2, at a distance of 0.7
-    assert agrees(irradiance(lights.source(box()), [1, 2, 3 + 1.5 + 0.7], [0, 0, -1], square), expected)
+    assert agrees(irradiance(lamp_of(box()), [1, 2, 3 + 1.5 + 0.7], [0, 0, -1], square), expected)
 
 
 def factor(shaping, degrees):
-    return lights.ShapingFactor.of(shaping).factor(Float(np.cos(np.radians(np.atleast_1d(degrees))))).numpy()
+    return ShapingFactor.of(shaping).factor(Float(np.cos(np.radians(np.atleast_1d(degrees))))).numpy()
 
 
 def test_spot_cone_falls_from_its_soft_start_to_its_edge():
@@ -306,8 +309,8 @@ def test_focus_is_a_power_of_the_cosine_and_its_tint_what_remains():
 
 def test_packed_lights_are_the_lights():
     given = [sphere(radius, shaping=scene.Shaping(30.0 + radius)) for radius in (0.0, 0.5, 1.0)]
-    packed = lights.pack([lights.source(light) for light in given])
-    taken = dr.gather(lights.SphereLamp, packed, UInt32([2, 1]))
+    packed = pack([lamp_of(light) for light in given])
+    taken = dr.gather(SphereLamp, packed, UInt32([2, 1]))
     assert np.allclose(taken.radius.numpy(), [1.0, 0.5])
     assert np.allclose(taken.center.numpy()[:, 0], [1, 2, 3])
     assert np.allclose(taken.shaping.cutoff.numpy(), np.radians([31.0, 30.5]))
@@ -327,7 +330,7 @@ def test_a_bright_pixel_shines_from_its_place_in_the_latlong_image(square, turn,
     longitude, latitude = np.pi * (1 - 2 * (column + 0.5) / width), np.pi * (0.5 - (row + 0.5) / height)
     local = [np.sin(longitude) * np.cos(latitude), np.sin(latitude), np.cos(longitude) * np.cos(latitude)]
     direction = turn @ local
-    source = lights.source(scene.DomeLight("/dome", RADIANCE, image=image, to_world=turn))
+    source = lamp_of(scene.DomeLight("/dome", RADIANCE, image=image, to_world=turn))
     seen = source.see(vector([0, 0, 0]), vector(direction)).radiance.numpy()[:, 0]
     assert np.all(seen > 0.5 * np.array(RADIANCE))  # interpolated between rows that are half a pixel off at most
     assert np.allclose(source.see(vector([0, 0, 0]), vector(-direction)).radiance.numpy(), 0)

@@ -8,8 +8,8 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, UInt32
+from photonbeams.world.emitters.build import lamp_of
 from photonbeams.world.emitters.gobos import pack_projected, projected
-from photonbeams.world.emitters.lights import source
 from photonbeams.world.emitters.profiles import ProfileTable
 
 AROUND = [0, 90, 180, 270, 360]
@@ -38,7 +38,7 @@ def test_directions_are_sampled_with_the_density_that_they_are_told_to_have():
     light = scene.SphereLight(
         "/light", (1.0, 1.0, 1.0), frame=FRAME, axis=-FRAME[:3, 2], shaping=scene.Shaping(180, profile=profile)
     )
-    sampler = projected(source(light), light, None, {}).sampler
+    sampler = projected(lamp_of(light), light, None, {}).bare.directions
     direction, density = sampler.sample(sobol_block(1 << 14, 0, (3,))[0])
     # ∫ dω over the sphere is 4π, and ∫ of the square of each component of the direction is a third of that.
     weight = 1 / density.numpy().astype(np.float64)
@@ -53,7 +53,7 @@ def test_lights_that_share_a_profile_share_its_table():
         scene.SphereLight(f"/{number}", (1.0, 1.0, 1.0), shaping=scene.Shaping(180, profile=profile))
         for number, profile in enumerate((shared, own, shared))
     ]
-    packed, pixels = pack_projected([projected(source(light), light, None, {}) for light in lights])
+    packed, pixels = pack_projected([projected(lamp_of(light), light, None, {}) for light in lights])
     assert len(pixels["profile"].x) == 2 * (2 * 722 + 1)
     for number, expected in enumerate((1, 3, 1)):
         light = dr.gather(type(packed), packed, UInt32(number)).with_pixels(pixels)

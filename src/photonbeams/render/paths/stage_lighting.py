@@ -15,7 +15,6 @@ import drjit as dr
 from ...numerics.hashing import hash32
 from ...numerics.sampling import power_heuristic
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...world.emitters.gobos import bare
 from ...world.emitters.stage_lamps import Lamps, Links
 from ...world.shadow_rays import ShadowRay, leaving, to_lamp
 from ...world.stage_world import StageWorld
@@ -35,7 +34,7 @@ class StageLighting:
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
         """Return the nearest lamp that emits toward rays which have come the distance `flown`."""
         packed = [lamps for lamps in self._world.lamps if lamps.seen]
-        single = [lamp for lamp, links in self._world.mesh_lamps if bare(lamp).seen and (links is None or links.seen)]
+        single = [lamp for lamp, links in self._world.mesh_lamps if lamp.seen and (links is None or links.seen)]
         if not packed and not single:
             return None
         # Images on portals also tint light that passed them before the ray's segment begins.

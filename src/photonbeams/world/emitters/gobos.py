@@ -5,7 +5,7 @@ Where the rectangle lies depends on the light. Before a point, a spot or a spher
 light's centre. On a rectangle or a disc it is the light's own face. Before a distant light it is a slide square to the
 light, of a given width. On a portal it is the portal's bounding rectangle.
 
-A light with images is a source of its own class, which wraps the bare light; so lights without images cost no more.
+A light with images is a lamp of its own class, which wraps the bare lamp; so lights without images cost no more.
 """
 
 from __future__ import annotations
@@ -19,41 +19,35 @@ import numpy as np
 
 from ... import scene
 from ...numerics.arrays import opaque, to_uint, to_vectors
+from ...numerics.structs import Struct, pack
 from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32
-from .illumination import Illumination, LightHit
-from .lights import pack
+from ..bounds import Bounds
+from .lamp import Illumination, Lamp, LightHit
 from .profiles import ProfileSampler, ProfileTable
+from .rays import EmittedRays
 
 if TYPE_CHECKING:
     from .portals import Portal
-
-_WIDEST_CONE = 85.0  # degrees from the axis: a wider cone has no slide that covers it
-_WIDE_SLIDE = 90.0  # degrees: the width of a slide before a light with a wider cone, or none
 
 #: Device images by the `id` of the host's images, which are kept with them, so that no other image gets that `id`.
 Images = dict[int, tuple[Any, Any]]
 
 
-class Slide:
+class Slide(Struct):
     """An image in a rectangle; `first` is the index of its first pixel in an array of the pixels of many images.
 
     A place q has the coordinates u = (q − center) · dual_x + ½, and v likewise. They go from 0 to 1 over the image, and
     its first row is at v = 1. `normal` is the direction in which light passes the slide.
     """
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "center": Array3f, "dual_x": Array3f, "dual_y": Array3f, "normal": Array3f, "first": UInt32, "columns": Float,
-        "rows": Float, "repeat": Float,
-    }  # fmt: skip
-
-    center: Any
-    dual_x: Any
-    dual_y: Any
-    normal: Any
-    first: Any
-    columns: Any
-    rows: Any
-    repeat: Any
+    center: Array3f
+    dual_x: Array3f
+    dual_y: Array3f
+    normal: Array3f
+    first: UInt32
+    columns: Float
+    rows: Float
+    repeat: Float
 
     @classmethod
     def of(cls, gobo: scene.Gobo, center: Any, edge_x: Any, edge_y: Any, normal: Any) -> Slide:
@@ -70,7 +64,7 @@ class Slide:
 
     def crossing(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array2f]:
         """Return the distance along a line to the slide's plane, and the coordinates at the crossing."""
-        cosine = dr.dot(direction, self.normal)
+        cosine: Any = dr.dot(direction, self.normal)
         cosine = dr.copysign(dr.maximum(dr.abs(cosine), 1e-9), cosine)
         distance = dr.dot(self.center - origin, self.normal) / cosine
         offset = origin + distance * direction - self.center
@@ -101,40 +95,39 @@ class Slide:
         return UInt32(dr.select(self.repeat > 0, around, dr.clip(index, 0, count - 1)))
 
 
-class ProjectedLight:
-    """A light with a slide, an image on its portal, or a profile; `projected` makes a class for each combination.
+class ProjectedLamp(Lamp):
+    """A lamp with a slide, an image on its portal, or a profile; `_kind` makes a class for each combination.
 
     Attributes
     ----------
     bare
-        The light without images.
+        The lamp without images.
     slide, portal_gobo, profile
-        The images' places. An attribute exists only if the light has that image: see `has`.
+        The images' places. An attribute exists only if the lamp has that image: see `has`.
     pixels
-        The pixels of the images. They are not part of the struct, because all lights of a kind share them.
+        The pixels of the images. They are not part of the struct, because all lamps of a kind share them.
     images
         The scene's images, by the same names.
-    lit
-        The fraction of the light's paths that passes the images, once it is known: by whether the paths go through the
-        portal.
     """
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {}
     has: ClassVar[frozenset[str]] = frozenset()
 
-    bare: Any
+    bare: Any = None
     slide: Any
     portal_gobo: Any
     profile: Any
-    sampler: ProfileSampler | None
     pixels: dict[str, Any]
-    images: dict[str, scene.Gobo | scene.Profile]
-    lit: dict[bool, float]
 
-    def with_pixels(self, pixels: dict[str, Any]) -> ProjectedLight:
+    def with_pixels(self, pixels: dict[str, Any]) -> ProjectedLamp:
         """Set the pixels of the images, and return the light itself."""
         self.pixels = pixels
         return self
+
+    def emit(self, u: Array2f, v: Array2f, bounds: Bounds) -> EmittedRays:
+        """Return light paths in the colours of slide and profile."""
+        rays: EmittedRays = self.bare.emit(u, v, bounds)
+        rays.flux = rays.flux * self.tint(rays.origin, rays.direction)
+        return rays
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
         """Return a sample of the light, in the colours of the images that it passes."""
@@ -189,21 +182,21 @@ class ProjectedLight:
 
 
 @cache
-def _kind(bare: type, has: frozenset[str]) -> type[ProjectedLight]:
+def _kind(bare: type, has: frozenset[str]) -> type[ProjectedLamp]:
     """Return the class for lights of class `bare` with the images `has`."""
     kinds = {"slide": Slide, "portal_gobo": Slide, "profile": ProfileTable}
     parts = {"bare": bare} | {name: kind for name, kind in kinds.items() if name in has}
     name = "".join(each.title().replace("_", "") for each in kinds if each in has) + bare.__name__
-    return type(name, (ProjectedLight,), {"DRJIT_STRUCT": parts, "has": has})
+    return type(name, (ProjectedLamp,), {"__annotations__": parts, "has": has, "__module__": __name__})
 
 
 def projected(bare: Any, light: scene.Light, portal: Portal | None, images: Images) -> Any:
-    """Return a light's source behind its images, or the bare source where it has none.
+    """Return a lamp behind its images, or the bare lamp where it has none.
 
     Parameters
     ----------
     bare, portal
-        The light's source and its portal in Dr.Jit.
+        The lamp, and its portal in Dr.Jit.
     images
         Images that are already on the device; new ones are added.
 
@@ -212,33 +205,28 @@ def projected(bare: Any, light: scene.Light, portal: Portal | None, images: Imag
     SceneError
         There is an image on a portal that is not flat.
     """
-    slide = None if isinstance(light, scene.DomeLight) else light.gobo
+    place = None if light.gobo is None else light.slide(light.gobo)
+    slide = None if place is None else light.gobo
     portal_gobo = light.portal_gobo if portal is not None else None
-    profile = profile_of(light)
-    images_of = {"slide": slide, "portal_gobo": portal_gobo, "profile": profile}
+    images_of = {"slide": slide, "portal_gobo": portal_gobo, "profile": light.profile}
     there = {name: image for name, image in images_of.items() if image is not None}
     if not there:
         return bare
     kind: Any = type(bare)
     result = _kind(kind, frozenset(there))()
-    result.bare, result.lit, result.sampler = bare, {}, None
+    result.bare, result.lit = bare, {}
+    result.infinite, result.environment, result.flat = bare.infinite, bare.environment, bare.flat
+    result.seen, result.covered = bare.seen, bare.covered
     result.images = there
     result.pixels = {name: _on_device(image, images) for name, image in there.items()}
-    if slide is not None:
-        result.slide = _slide(light, slide)
+    if slide is not None and place is not None:
+        result.slide = Slide.of(slide, *place)
     if portal_gobo is not None and portal is not None:
         result.portal_gobo = _portal_gobo(light, portal_gobo, portal)
-    if profile is not None and light.shaping is not None:
-        result.profile = ProfileTable.of(profile, light.frame)
-        result.sampler = ProfileSampler(result.profile, light.shaping, isinstance(light, scene.FlatLight))
+    if light.profile is not None and light.shaping is not None:
+        result.profile = ProfileTable.of(light.profile, light.frame)
+        bare.directions = ProfileSampler(result.profile, light.shaping, bare.flat)
     return result
-
-
-def profile_of(light: scene.Light) -> scene.Profile | None:
-    """Return the profile of a light; None where it has none, or is a dome or a distant light."""
-    if light.shaping is None or isinstance(light, scene.DomeLight | scene.DistantLight):
-        return None
-    return light.shaping.profile
 
 
 def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
@@ -259,11 +247,6 @@ def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
     return packed, pixels
 
 
-def bare(source: Any) -> Any:
-    """Return a light without its images."""
-    return source.bare if isinstance(source, ProjectedLight) else source
-
-
 def _on_device(gobo: scene.Gobo | scene.Profile, images: Images) -> Any:
     key = id(gobo.image)
     if key not in images:
@@ -275,51 +258,6 @@ def _padded(gobo: scene.Gobo | scene.Profile) -> Any:
     """Return an image's pixels, (N, 3), with the last one repeated: a gather from an array of one is another kernel."""
     flat = gobo.colors.reshape(-1, 3)
     return np.concatenate([flat, flat[-1:]])
-
-
-def slide_angle(light: scene.Light) -> float:
-    """Return the angle that the width of a light's slide covers, in degrees: the slide's own, or the light's cone."""
-    if light.gobo is not None and light.gobo.angle is not None:
-        return light.gobo.angle
-    cone = light.shaping.cone_angle if light.shaping is not None else np.inf
-    return 2 * cone if 0 < cone < _WIDEST_CONE else _WIDE_SLIDE
-
-
-def spread(light: scene.Light) -> float:
-    """Return the angle from the axis, in radians, beyond which a light's slide is black."""
-    if light.gobo is None:
-        return np.pi
-    if light.gobo.repeat:
-        return np.pi / 2
-    half = np.tan(np.radians(slide_angle(light)) / 2)
-    return float(np.arctan(half * np.hypot(1.0, light.gobo.aspect)))
-
-
-def _slide(light: scene.Light, gobo: scene.Gobo) -> Slide:
-    """Return the slide of a light's own image."""
-    side, up, ahead = _axes(light)
-    if isinstance(light, scene.FlatLight):
-        # UsdLuxRectLight puts the image's first pixel at (+X, +Y) and its last at (-X, -Y): it is upright as seen from
-        # the front of the light. Arnold does the same from usdlux_version 25.05 on, and mirrored it before.
-        x = light.half_x if np.dot(light.half_x, side) < 0 else -np.asarray(light.half_x)
-        y = light.half_y if np.dot(light.half_y, up) > 0 else -np.asarray(light.half_y)
-        return Slide.of(gobo, light.center, 2 * x, 2 * y, ahead)
-    if isinstance(light, scene.DistantLight):
-        return Slide.of(gobo, light.frame[:3, 3], gobo.width * side, gobo.width * gobo.aspect * up, ahead)
-    assert isinstance(light, scene.SphereLight)
-    width = 2 * np.tan(np.radians(slide_angle(light)) / 2)
-    return Slide.of(gobo, light.center + ahead, width * side, width * gobo.aspect * up, ahead)
-
-
-def _axes(light: Any) -> tuple[Any, Any, Any]:
-    """Return the side, up and ahead vectors of a light: those of its frame, made square to its axis."""
-    ahead = np.asarray(light.axis, dtype=np.float64) / np.linalg.norm(light.axis)
-    frame = np.asarray(light.frame, dtype=np.float64)[:3, :3]
-    up = frame[:, 1] - (frame[:, 1] @ ahead) * ahead
-    if np.linalg.norm(up) < 1e-6:
-        up = -frame[:, 2] + (frame[:, 2] @ ahead) * ahead
-    up /= np.linalg.norm(up)
-    return np.cross(ahead, up) * np.sign(np.linalg.det(frame)), up, ahead
 
 
 def _portal_gobo(light: scene.Light, gobo: scene.Gobo, portal: Portal) -> Slide:

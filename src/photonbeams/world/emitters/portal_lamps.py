@@ -13,9 +13,8 @@ import numpy as np
 
 from ...numerics.arrays import opaque
 from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
-from .gobos import bare
-from .illumination import Illumination, LightHit
-from .lights import DomeLamp, EmitterSource
+from .lamp import Illumination, LightHit
+from .mitsuba_emitter import MitsubaEmitter
 from .portals import Portal
 
 mi = mitsuba()
@@ -25,7 +24,7 @@ _MARGIN = 0.05
 
 
 class ThroughPortal:
-    """A lamp (see `lights`) for an environment: half of its samples are directions to a portal's rectangle.
+    """A lamp (see `lamp`) for an environment: half of its samples are directions to a portal's rectangle.
 
     Parameters
     ----------
@@ -75,7 +74,7 @@ class ThroughPortal:
 
 def behind(lamp: Any, portal: Portal | None) -> Any:
     """Return the lamp to sample from lit points: `ThroughPortal` for an environment behind a planar portal."""
-    if portal is None or portal.sides is None or not isinstance(bare(lamp), DomeLamp):
+    if portal is None or portal.sides is None or not lamp.environment:
         return lamp
     return ThroughPortal(lamp, portal)
 
@@ -91,7 +90,7 @@ class EnvironmentPortal:
 
     def __init__(self, plugin: Any, portal: Portal) -> None:
         environment = plugin.environment()
-        self._lamp = ThroughPortal(EmitterSource(environment), portal)
+        self._lamp = ThroughPortal(MitsubaEmitter(environment), portal)
         self.chosen = dr.opaque(Float, float(plugin.pdf_emitter(plugin.emitters().index(environment))[0]))
         self._number = dr.opaque(UInt32, int(UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(environment)))[0]))
 

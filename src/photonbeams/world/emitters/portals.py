@@ -15,9 +15,12 @@ import numpy as np
 
 from ... import scene
 from ...numerics.arrays import opaque
-from ...runtime.device import Array2f, Array3f, Bool, mitsuba
+from ...runtime.device import Array2f, Array3f, Bool, Float, mitsuba
 from ...scene.vectors import FLAT
+from ..bounds import Bounds
 from ..surfaces.shapes import scene_of, shape_of
+from .lamp import Lamp
+from .rays import GRAZING, EmittedRays, isotropic
 
 mi = mitsuba()
 
@@ -92,6 +95,29 @@ class Portal:
         if distance is not None:
             ray.maxt = distance
         return self.scene.ray_test(ray)
+
+
+def emit_through(lamp: Lamp, portal: Portal, bounds: Bounds, u: Array2f, v: Array2f) -> EmittedRays:
+    """Return light paths through a portal: `v` places them on it, `u` chooses the point or direction of the lamp.
+
+    The flux is (radiance / pdf) · |cos θ| · area, where θ is the angle at the portal. Candidates that miss the portal
+    are not valid.
+    """
+    point, normal, valid = portal.sample(v)
+    sample = lamp.without_portal_gobo(point, u)
+    cosine = dr.abs(dr.dot(normal, sample.direction))
+    area, infinite, width = opaque(portal.area), lamp.infinite, dr.width(u)
+    direction = -sample.direction
+    distance: Any = bounds.behind(point, direction) if infinite else sample.distance
+    flux = sample.weight * (cosine * area) * lamp.portal_color(point)
+    extent_x: Any = dr.select(sample.pdf > 0, dr.rsqrt(dr.maximum(sample.pdf, 1e-30)), 0)
+    extent_y = dr.sqrt(area * dr.maximum(cosine, GRAZING))
+    # The shift from a lamp at distance d is x d |1 - s/d| + y s/d, with x an angle at the portal; from infinity, it is
+    # x |s - d| + y.
+    y0 = dr.full(Float, 1 if infinite else 0, width)
+    y1: Any = dr.full(Float, 0, width) if infinite else dr.rcp(distance)
+    differentials = isotropic(direction, (extent_x, distance, dr.full(Float, -1, width)), (extent_y, y0, y1))
+    return EmittedRays(point - distance * direction, direction, flux, differentials, distance, valid)
 
 
 def _bounding_rectangle(mesh: scene.Mesh) -> tuple[_Rectangle | None, float, Any]:

@@ -3,36 +3,32 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from ... import scene
 from ...numerics.arrays import opaque
+from ...numerics.structs import Struct
 from ...runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
-from .illumination import ShapingFactor
+from .shaping import ShapingFactor
 
 mi = mitsuba()
 
 _FAINT = 1e-3  # least density of directions in which a profile may shine, as a fraction of the mean
 
 
-class ProfileTable:
+class ProfileTable(Struct):
     """The profile of a light with the axes `side`, `up`, `back`; `first` is its first pixel's index in an array."""
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "side": Array3f, "up": Array3f, "back": Array3f, "first": UInt32, "columns": Float, "rows": Float,
-        "scale": Float,
-    }  # fmt: skip
-
-    side: Any
-    up: Any
-    back: Any
-    first: Any
-    columns: Any
-    rows: Any
-    scale: Any
+    side: Array3f
+    up: Array3f
+    back: Array3f
+    first: UInt32
+    columns: Float
+    rows: Float
+    scale: Float
 
     @classmethod
     def of(cls, profile: scene.Profile, frame: Any) -> ProfileTable:

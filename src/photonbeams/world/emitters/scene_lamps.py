@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ... import scene
-from ...runtime.device import Array3f, Float, mitsuba
+from ...runtime.device import Array3f, mitsuba
 from ...scene import SceneError
 from ..bounds import Bounds
+from ..checks import check_finite
 from ..surfaces.shapes import is_null, shape_of
-from .gobos import Images, ProjectedLight, projected
-from .lights import EmitterSource
+from .gobos import Images, projected
+from .lamp import Lamp
+from .mitsuba_emitter import MitsubaEmitter
 from .portals import Portal
 
 mi = mitsuba()
@@ -22,27 +23,11 @@ mi = mitsuba()
 _SQUARE = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 
 
-@dataclass(frozen=True)
-class SceneLamp:
-    """An emitter with its gobos and its portal.
+class SceneLamp(NamedTuple):
+    """An emitter, behind its gobos if it has any, and the opening that its light comes through, or None."""
 
-    Attributes
-    ----------
-    source
-        The emitter, behind its gobos if it has any.
-    portal
-        The opening that its light comes through, or None.
-    """
-
-    source: Any
+    lamp: Lamp
     portal: Portal | None
-
-    def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the colours of the images that light passes on its way to a point.
-
-        `point` is lit by the emitter, which is `distance` away along `direction`.
-        """
-        return self.source.colors(point, direction, distance) if isinstance(self.source, ProjectedLight) else Array3f(1)
 
 
 def names_of(emitter: Any) -> list[str]:
@@ -51,8 +36,8 @@ def names_of(emitter: Any) -> list[str]:
     return [each.id() for each in (emitter, shape) if each is not None and each.id()]
 
 
-def lamps_of(plugin: Any, beams: Sequence[scene.BeamSettings], bounds: Bounds) -> list[SceneLamp | None]:
-    """Return the emitters of a scene that have a gobo or a portal, in their order, and None for each of the others.
+def lamps_of(plugin: Any, beams: Sequence[scene.BeamSettings], bounds: Bounds) -> list[SceneLamp]:
+    """Return the emitters of a scene as lamps, in their order.
 
     Parameters
     ----------
@@ -64,32 +49,33 @@ def lamps_of(plugin: Any, beams: Sequence[scene.BeamSettings], bounds: Bounds) -
     Raises
     ------
     SceneError
-        A gobo on an emitter that cannot have one; a portal that does not exist, is not flat, or stops light.
+        A gobo on an emitter that cannot have one; a portal that does not exist, is not flat, or stops light; numbers of
+        an emitter that are not finite.
     """
     images: Images = {}
-    return [
-        _lamp(plugin, emitter, own, bounds, images) if own.gobo or own.portal or own.portal_gobo else None
-        for emitter, own in zip(plugin.emitters(), beams, strict=True)
-    ]
+    return [_lamp(plugin, emitter, own, bounds, images) for emitter, own in zip(plugin.emitters(), beams, strict=True)]
 
 
 def _lamp(plugin: Any, emitter: Any, own: scene.BeamSettings, bounds: Bounds, images: Images) -> SceneLamp:
-    name = (names_of(emitter) or [emitter.class_name()])[-1]
-    if mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface) and mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta):
+    name, lamp = (names_of(emitter) or [emitter.class_name()])[-1], MitsubaEmitter(emitter, plugin)
+    check_finite(emitter, f"emitter {emitter.id() or emitter.class_name()}")
+    if not (own.gobo or own.portal or own.portal_gobo):
+        return SceneLamp(lamp, None)
+    if not lamp.illuminates:
         raise SceneError(f"emitter {name}: shines along one direction: expected another kind for a gobo or a portal")
-    mesh, portal, source = None, None, EmitterSource(emitter)
+    mesh, portal = None, None
     if own.portal is not None:
         mesh, shape = _portal(plugin, name, own.portal)
         portal = Portal(mesh, shape, plugin)
-        if source.infinite and not bounds.contains(mesh.points):
+        if lamp.infinite and not bounds.contains(mesh.points):
             raise SceneError(f"emitter {name}: its portal {mesh.name} lies outside of the scene: expected one inside")
     elif own.portal_gobo is not None:
         raise SceneError(f"emitter {name}: has a gobo on its portal, but no portal: expected both")
     shared = {"gobo": own.gobo, "portal": mesh, "portal_gobo": own.portal_gobo}
     light = _described(emitter, name, shared)
     if isinstance(light, scene.SphereLight):
-        source.central, source.center = True, Array3f(*(float(each) for each in light.center))
-    return SceneLamp(projected(source, light, portal, images), portal)
+        lamp.central, lamp.center = True, Array3f(*(float(each) for each in light.center))
+    return SceneLamp(projected(lamp, light, portal, images), portal)
 
 
 def _described(emitter: Any, name: str, shared: dict[str, Any]) -> scene.Light:

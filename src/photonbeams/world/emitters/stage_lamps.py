@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import drjit as dr
 import numpy as np
 
+from ...numerics.structs import pack
 from ...runtime.device import Bool, UInt32
 from ...scene import BLACK, Color
-from .gobos import ProjectedLight, pack_projected
-from .lights import pack
+from .gobos import pack_projected
 
 if TYPE_CHECKING:
     from ..stage_world import StageWorld
@@ -66,7 +66,7 @@ class Lamps(NamedTuple):
     def of(cls, sources: Sequence[Any], links: Links | None) -> Lamps:
         """Return lights of one kind, packed."""
         kind, count = type(sources[0]), dr.opaque(UInt32, len(sources))
-        if not isinstance(sources[0], ProjectedLight):
+        if not sources[0].images:
             return cls(kind, pack(sources), count, {}, links)
         packed, pixels = pack_projected(sources)
         return cls(kind, packed, count, pixels, links)

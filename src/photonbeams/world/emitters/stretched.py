@@ -6,7 +6,7 @@ around a unit vector d there is |det M| / |M d|³ dω here, so that densities ar
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -14,32 +14,27 @@ import numpy as np
 from ... import scene
 from ...numerics.arrays import opaque
 from ...runtime.device import Array2f, Array3f, Float
-from .illumination import Illumination, Lamp, LightHit, ShapingFactor, unit
+from .cylinder import CylinderLamp
+from .lamp import Body, Illumination, LightHit, unit
+from .shaping import ConeSampler, ShapingFactor
+from .sphere import SphereLamp
 
 
-class StretchedLamp(Lamp):
+class StretchedLamp(Body):
     """A lamp of a round `shape`, mapped to the world by the columns `x`, `y`, `z` (and back by `u`, `v`, `w`)."""
 
-    FIELDS: ClassVar[dict[str, Any]] = {
-        "radiance": Array3f, "center": Array3f, "axis": Array3f, "shaping": ShapingFactor, "x": Array3f, "y": Array3f,
-        "z": Array3f, "u": Array3f, "v": Array3f, "w": Array3f, "det": Float,
-    }  # fmt: skip
-
-    radiance: Any
-    center: Any
-    axis: Any
-    shaping: Any
-    x: Any
-    y: Any
-    z: Any
-    u: Any
-    v: Any
-    w: Any
-    det: Any
+    stretched = True
+    x: Array3f
+    y: Array3f
+    z: Array3f
+    u: Array3f
+    v: Array3f
+    w: Array3f
+    det: Float
     shape: Any
 
     @classmethod
-    def of(cls, light: scene.SphereLight | scene.CylinderLight) -> StretchedLamp:
+    def of(cls, light: scene.SphereLight | scene.CylinderLight, *_: Any) -> StretchedLamp:
         """Return the light's parameters, opaque."""
         result = cls()
         linear = np.asarray(light.shape, dtype=np.float64)
@@ -49,16 +44,13 @@ class StretchedLamp(Lamp):
         result.u, result.v, result.w = (opaque(np.linalg.inv(linear)[:, each]) for each in range(3))
         result.det = opaque(abs(np.linalg.det(linear)))
         result.shape = cls.round()
+        result.directions = ConeSampler(light, result.axis)
         return result
 
     @classmethod
     def round(cls) -> Any:
         """Return the lamp before it is stretched, around the origin."""
         raise NotImplementedError
-
-    def emitted(self, direction: Array3f) -> Array3f:
-        """Return the radiance that leaves along `direction`."""
-        return self.radiance * self.shaping.factor(dr.dot(direction, self.axis))
 
     def silhouette(self, direction: Array3f) -> Float:
         """Return the area of the lamp's projection along `direction`."""
@@ -99,3 +91,28 @@ class StretchedLamp(Lamp):
 
     def _to_world(self, vector: Array3f) -> Array3f:
         return self.x * vector.x + self.y * vector.y + self.z * vector.z
+
+
+class EllipsoidLamp(StretchedLamp):
+    """A stretched sphere."""
+
+    record = scene.SphereLight
+    central = True
+    shape: SphereLamp
+
+    @classmethod
+    def round(cls) -> SphereLamp:
+        """Return a sphere of radius 1."""
+        return SphereLamp.of(scene.SphereLight("", scene.WHITE, radius=1.0))
+
+
+class EllipticCylinderLamp(StretchedLamp):
+    """A stretched cylinder, which may be oblique."""
+
+    record = scene.CylinderLight
+    shape: CylinderLamp
+
+    @classmethod
+    def round(cls) -> CylinderLamp:
+        """Return a cylinder of radius 1 along X, from -1 to 1."""
+        return CylinderLamp.of(scene.CylinderLight("", scene.WHITE, half=np.array([1.0, 0.0, 0.0]), radius=1.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -10,42 +10,32 @@ import numpy as np
 from ... import scene
 from ...numerics.arrays import opaque
 from ...runtime.device import Array2f, Array3f, Float
-from .illumination import Illumination, Lamp, LightHit, ShapingFactor, unit
+from .lamp import Body, Illumination, LightHit, unit
+from .shaping import ConeSampler, ShapingFactor
 
 
-class CylinderLamp(Lamp):
+class CylinderLamp(Body):
     """The mantle of a cylinder, which radiates evenly and outward; `along` is the unit vector of the cylinder's axis.
 
     From a point, a strip of the mantle is visible. Along the axis it is sampled uniformly in the angle that it covers
     (equiangular sampling, Kulla and Fajardo 2012), and across the axis uniformly in the silhouette.
     """
 
-    DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        "radiance": Array3f, "center": Array3f, "along": Array3f, "half_length": Float, "radius": Float,
-        "axis": Array3f, "shaping": ShapingFactor,
-    }  # fmt: skip
-
-    radiance: Any
-    center: Any
-    along: Any
-    half_length: Any
-    radius: Any
-    axis: Any
-    shaping: Any
+    record = scene.CylinderLight
+    along: Array3f
+    half_length: Float
+    radius: Float
 
     @classmethod
-    def of(cls, light: scene.CylinderLight) -> CylinderLamp:
+    def of(cls, light: scene.CylinderLight, *_: Any) -> CylinderLamp:
         """Return the light's parameters, opaque."""
         result = cls()
         result.radiance, result.center = opaque(light.radiance), opaque(light.center)
         result.along, result.half_length = opaque(unit(light.half)), opaque(np.linalg.norm(light.half))
         result.radius, result.axis = opaque(light.radius), opaque(unit(light.axis))
         result.shaping = ShapingFactor.of(light.shaping)
+        result.directions = ConeSampler(light, result.axis)
         return result
-
-    def emitted(self, direction: Array3f) -> Array3f:
-        """Return the radiance that leaves along `direction`."""
-        return self.radiance * self.shaping.factor(dr.dot(direction, self.axis))
 
     def silhouette(self, direction: Array3f) -> Float:
         """Return the area of the lamp's projection along `direction`."""

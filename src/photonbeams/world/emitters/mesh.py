@@ -11,9 +11,13 @@ import drjit as dr
 from ... import scene
 from ...numerics.arrays import opaque
 from ...runtime.device import Array2f, Array3f, Bool, Float, mitsuba
+from ..bounds import Bounds
 from ..shadow_rays import leaving, size_of
 from ..surfaces.shapes import radiance_of, scene_of, shape_of
-from .illumination import Illumination, Lamp, LightHit, ShapingFactor, unit
+from ..warp import power_cone
+from .lamp import Illumination, Lamp, LightHit, unit
+from .rays import EmittedRays
+from .shaping import ShapingFactor
 
 mi = mitsuba()
 
@@ -24,6 +28,13 @@ class MeshLamp(Lamp):
     Kernels treat each mesh light by itself: it is not packed with others. `around` are the Mitsuba scenes in which it
     shines.
     """
+
+    record = scene.MeshLight
+
+    @classmethod
+    def of(cls, light: scene.MeshLight, host: Any = None, around: Sequence[Any] = ()) -> MeshLamp:
+        """Return the light's lamp; `host` is explained in `scene_of`."""
+        return cls(light, host, around)
 
     def __init__(self, light: scene.MeshLight, host: Any = None, around: Sequence[Any] = ()) -> None:
         assert light.mesh is not None
@@ -55,6 +66,14 @@ class MeshLamp(Lamp):
         place = self._place(sample)
         radiance = Array3f(self._emitter.eval(place)) if self.textured else self.radiance + 0 * u.x
         return leaving(place, sample.n, self._size), Array3f(sample.n), radiance
+
+    def emit(self, u: Array2f, v: Array2f, bounds: Bounds) -> EmittedRays:
+        """Return paths whose directions, at each point of the mesh, have a density proportional to the cosine."""
+        origin, normal, radiance = self.position(u)
+        direction, density = power_cone(v, normal, opaque(1.0), opaque(1.0))
+        cosine = dr.dot(direction, normal)
+        flux = radiance * self.emitted(direction) * (self.area * dr.pi)
+        return EmittedRays.of_face(origin, direction, flux, self.area, cosine, density)
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
         """Return the direction to a point of the mesh, uniform in area."""

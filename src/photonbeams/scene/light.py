@@ -1,0 +1,154 @@
+"""What all kinds of lights have in common."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from .beam_settings import BeamSettings
+from .checks import BLACK, Array, Color, SceneError, color, number, shown
+from .profiles import Profile
+from .shaping import Gobo, Shaping
+from .surfaces import Mesh
+
+_WIDEST_CONE = 85.0  # degrees from the axis: a wider cone has no slide that covers it
+_WIDE_SLIDE = 90.0  # degrees: the width of a slide before a light with a wider cone, or none
+
+
+class SlidePlace(NamedTuple):
+    """Where a light's gobo is: its centre, its sides to the right and upward, and the direction of light, (3,) each."""
+
+    center: Array
+    right: Array
+    up: Array
+    ahead: Array
+
+
+@dataclass(frozen=True)
+class Light(BeamSettings):
+    """What all lights have in common. Their portals are meshes. Other attributes are those of `BeamSettings`.
+
+    Attributes
+    ----------
+    name
+        Prim path, by which messages and looks refer to the light.
+    radiance
+        Emitted radiance, one or three numbers, after intensity, exposure, colour, temperature and `normalize`. For a
+        point light: radiant intensity. For a distant light of angle 0: irradiance.
+    shaping
+        The light's cone, focus and profile, a `Shaping`. Default: none.
+    portal
+        The `Mesh` through which the light reaches the shot; it is not rendered as a surface. Default: none.
+    surface_scale
+        A factor on the light that surfaces get from it, not on its beams. Default: 1.
+    shadow_distance, shadow_color
+        On surfaces: only objects closer than this distance cast shadows (default: all), and this fraction of the light
+        is left in them, per channel (default: 0). Shadows in beams are always black and unlimited.
+    seen
+        Whether pictures show the light itself. Default: True.
+    frame
+        (4, 4) transform from the light's own space to the world, for column vectors: the light shines along its −Z, +Y
+        is up, its origin is the light's place. The axes have unit length and are perpendicular; they are without the
+        light's size, and mirrored where the light is. Default: the identity.
+    unlit, unshadowed
+        Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
+    guides
+        Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
+
+    Raises
+    ------
+    SceneError
+        If a number is negative where it may not be, or not finite, or if a vector does not have three numbers.
+
+    Examples
+    --------
+    The kinds of light have these attributes:
+
+    >>> pb.scene.DistantLight("/Sun", 3.0, surface_scale=0.5).lights_surfaces
+    True
+    """
+
+    name: str
+    radiance: Color
+    shaping: Shaping | None = None
+    portal: Mesh | None = field(default=None, kw_only=True)
+    surface_scale: float = 1.0
+    shadow_distance: float = np.inf
+    shadow_color: Color = BLACK
+    seen: bool = True
+    frame: Array = field(default_factory=lambda: np.eye(4))
+    unlit: frozenset[str] = frozenset()
+    unshadowed: frozenset[str] = frozenset()
+    guides: tuple[Array, ...] = ()
+
+    lights_media: ClassVar[bool] = False
+
+    @property
+    def lights_surfaces(self) -> bool:
+        """Whether the light shines on surfaces."""
+        return self.surface_scale > 0
+
+    @property
+    def profile(self) -> Profile | None:
+        """The profile of its shaping, which is None for lights that are infinitely far away."""
+        return None if self.shaping is None else self.shaping.profile
+
+    @property
+    def points(self) -> Array:
+        """Points, (N, 3), whose box contains the light; none for lights that are infinitely far away."""
+        return np.zeros((0, 3))
+
+    def slide(self, gobo: Gobo) -> SlidePlace | None:
+        """Return where a gobo is before the light; None if the light can have none."""
+        return None
+
+    @property
+    def slide_angle(self) -> float:
+        """The angle that the width of the light's slide covers, in degrees: the slide's own, or the light's cone."""
+        if self.gobo is not None and self.gobo.angle is not None:
+            return self.gobo.angle
+        cone = self.shaping.cone_angle if self.shaping is not None else np.inf
+        return 2 * cone if 0 < cone < _WIDEST_CONE else _WIDE_SLIDE
+
+    @property
+    def spread(self) -> float:
+        """The angle from the axis, in radians, beyond which the light's slide is black."""
+        if self.gobo is None:
+            return np.pi
+        if self.gobo.repeat:
+            return np.pi / 2
+        half = np.tan(np.radians(self.slide_angle) / 2)
+        return float(np.arctan(half * np.hypot(1.0, self.gobo.aspect)))
+
+    def _slide_axes(self) -> tuple[Array, Array, Array]:
+        """Return the vectors to the side, up and ahead: those of the light's frame, made square to its axis."""
+        axis = self.axis  # type: ignore[attr-defined]
+        ahead = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+        frame = np.asarray(self.frame, dtype=np.float64)[:3, :3]
+        up = frame[:, 1] - (frame[:, 1] @ ahead) * ahead
+        if np.linalg.norm(up) < 1e-6:
+            up = -frame[:, 2] + (frame[:, 2] @ ahead) * ahead
+        up /= np.linalg.norm(up)
+        return np.cross(ahead, up) * np.sign(np.linalg.det(frame)), up, ahead
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        number(self.surface_scale, f"{self.name}: surface_scale", 0.0)
+        if not self.shadow_distance > 0:
+            raise SceneError(f"{self.name}: shadow_distance is {self.shadow_distance}: expected a number above 0")
+        object.__setattr__(self, "radiance", color(self.radiance, f"{self.name}: radiance"))
+        for name in ("center", "axis", "half", "half_x", "half_y"):
+            if hasattr(self, name):
+                value = np.asarray(getattr(self, name), dtype=np.float64)
+                if value.shape != (3,) or not np.all(np.isfinite(value)):
+                    raise SceneError(f"{self.name}: {name} is {shown(getattr(self, name))}: expected 3 finite numbers")
+                object.__setattr__(self, name, value)
+        if getattr(self, "shape", None) is not None:
+            linear = np.asarray(self.shape, dtype=np.float64)  # type: ignore[attr-defined]
+            if linear.shape != (3, 3) or not np.all(np.isfinite(linear)) or np.linalg.det(linear) == 0:
+                raise SceneError(
+                    f"{self.name}: shape is {shown(linear.tolist())}: expected 3 x 3 numbers with an inverse"
+                )
+            object.__setattr__(self, "shape", linear)

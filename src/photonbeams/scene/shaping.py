@@ -1,0 +1,112 @@
+"""What forms the light of a lamp: a cone, a focus, an angular profile, and images that it shines through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .checks import BLACK, Array, Color, SceneError, color, number, rgb
+from .profiles import Profile
+
+
+@dataclass(frozen=True)
+class Shaping:
+    """A light's cone, focus and angular profile, as UsdLuxShapingAPI defines them.
+
+    Attributes
+    ----------
+    cone_angle
+        Degrees between the light's axis and the edge of its cone; from 180 on there is no edge. Default 90.
+    cone_softness
+        Width of the cone's soft edge, as a fraction of `cone_angle`, 0 or more. At 0, the default, the edge is hard;
+        above 1 the axis is dimmed, too.
+    focus
+        Exponent, 0 or more, of the cosine of the angle from the axis, which scales the radiance. Default 0, even light.
+    focus_tint
+        Colour that the focus fades to away from the axis. Default black.
+    profile
+        A `Profile`, such as one of an IES file. Default: none.
+
+    Raises
+    ------
+    SceneError
+        Numbers that are negative or not finite.
+
+    Examples
+    --------
+    >>> spot = pb.scene.Shaping(cone_angle=20, cone_softness=0.1)
+    >>> lamp = pb.scene.SphereLight("/Lamp", 50.0, shaping=spot)
+    >>> lamp.shaping.cone_angle
+    20
+    """
+
+    cone_angle: float = 90.0
+    cone_softness: float = 0.0
+    focus: float = 0.0
+    focus_tint: Color = BLACK
+    profile: Profile | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("cone_angle", "cone_softness", "focus"):
+            number(getattr(self, name), name, 0.0)
+        object.__setattr__(self, "focus_tint", color(self.focus_tint, "focus_tint"))
+
+
+@dataclass(frozen=True)
+class Gobo:
+    """An image that a light shines through.
+
+    Attributes
+    ----------
+    image
+        (H, W, C) scene-linear, first row on top. One or two channels are grey, three or four a colour; a second or
+        fourth channel, which is alpha, is not used.
+    angle
+        Degrees that the image's width covers in front of a point, a spot or a sphere light, more than 0 and less than
+        180. None, the default: the light's cone.
+    width
+        The image's width in scene units, for distant lights. Default 1.
+    repeat
+        Whether the image is repeated without end in front of these lights. False, the default: beside it there is no
+        light.
+    up
+        (3,) direction in world space, for an image on a portal: the image's upper edge points this way, as far as the
+        portal's plane allows. Default: +Y.
+
+    Raises
+    ------
+    SceneError
+        An image without pixels or without three axes, an angle not between 0 and 180, a width not above 0.
+
+    Examples
+    --------
+    >>> bars = np.tile([[[1.0], [0.0]]], (1, 4, 1))  # eight stripes, a row high
+    >>> gobo = pb.scene.Gobo(bars, angle=30)
+    >>> gobo.colors.shape, gobo.aspect
+    ((1, 8, 3), 0.125)
+    """
+
+    image: Array
+    angle: float | None = None
+    width: float = 1.0
+    repeat: bool = False
+    up: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+
+    def __post_init__(self) -> None:
+        if np.ndim(self.image) != 3 or not np.size(self.image):
+            raise SceneError(f"an image has the shape {np.shape(self.image)}: expected rows, columns and channels")
+        if self.angle is not None and not 0 < number(self.angle, "angle") < 180:
+            raise SceneError(f"angle is {self.angle}: expected more than 0 and less than 180 degrees")
+        if not number(self.width, "width") > 0:
+            raise SceneError(f"width is {self.width}: expected a number above 0")
+
+    @property
+    def aspect(self) -> float:
+        """The image's height over its width; pixels are square."""
+        return self.image.shape[0] / self.image.shape[1]
+
+    @property
+    def colors(self) -> Array:
+        """The image's colours, (H, W, 3)."""
+        return rgb(self.image)

@@ -1,0 +1,99 @@
+"""Mitsuba's own emitters as lamps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ...runtime.device import Array2f, Array3f, Float, mitsuba
+from ..bounds import Bounds, box_around
+from ..differentials import RayDifferentials, copies, differentiate, of_copies
+from ..spectra import rgb
+from .lamp import Illumination, Lamp, LightHit
+from .rays import EmittedRays
+
+mi = mitsuba()
+
+
+class MitsubaEmitter(Lamp):
+    """A Mitsuba emitter, with ray differentials of its `sample_ray` by forward-mode differentiation.
+
+    `plugin` is the scene that it is in: an emitter alone does not keep its shape alive. None: it is in no scene.
+    """
+
+    center: Any
+
+    def __init__(self, emitter: Any, plugin: Any = None) -> None:
+        self.emitter, self._plugin = emitter, plugin
+        self.infinite = mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
+        surface = mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
+        self.illuminates = not (surface and mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta))
+        self._entry = _entry(plugin) if self.infinite and plugin is not None else None
+
+    def emit(self, u: Array2f, v: Array2f, bounds: Bounds) -> EmittedRays:
+        """Return light paths as Mitsuba samples them, with `u` and `v` for position and direction."""
+        differentials = self._differentials(u, v, bounds)
+        ray, weight = self._ray(mi.Point2f(u), mi.Point2f(v), bounds)
+        return EmittedRays.whole(Array3f(ray.o), Array3f(ray.d), rgb(weight), differentials)
+
+    def _ray(self, u: Any, v: Any, bounds: Bounds) -> Any:
+        ray, weight = self.emitter.sample_ray(Float(0), Float(0.5), u, v, True)
+        if self._entry is not None:
+            center, radius = self._entry
+            scale = bounds.radius / radius
+            ray.o = mi.Point3f(bounds.center) + (ray.o - center) * scale
+            weight *= dr.square(scale)
+        return ray, weight
+
+    def _differentials(self, u: Array2f, v: Array2f, bounds: Bounds) -> RayDifferentials:
+        count = dr.width(u)
+        lane, which = copies(count)
+        inputs = [mi.Point2f(dr.gather(Array2f, each, lane)) for each in (u, v)]
+        units = [
+            mi.Point2f(dr.select(which == 2 * k, Float(1), 0), dr.select(which == 2 * k + 1, Float(1), 0))
+            for k in range(2)
+        ]
+        with dr.resume_grad():  # the caller may have suspended gradients, as `mi.render` does
+            dr.enable_grad(inputs)
+            ray, _ = self._ray(inputs[0], inputs[1], bounds)
+            shift, turn = differentiate(inputs, [ray.o, ray.d], units)
+        shift, turn = (Array3f(each) + dr.zeros(Array3f, 4 * count) for each in (shift, turn))
+        dr.eval(shift, turn)
+        return of_copies(shift, turn, count)
+
+    def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
+        """Return a direction, sampled by the emitter; by brightness if it is an environment."""
+        interaction = dr.zeros(mi.SurfaceInteraction3f)
+        interaction.p = mi.Point3f(point)
+        sample, weight = self.emitter.sample_direction(interaction, mi.Point2f(u))
+        nowhere = 0 * point.x
+        weight = dr.select(sample.pdf > 0, Array3f(weight), 0)
+        distance = dr.inf if self.infinite else sample.dist
+        pdf = dr.select(sample.delta, 0, sample.pdf)
+        return Illumination(Array3f(sample.d), distance + nowhere, weight + nowhere, pdf + nowhere)
+
+    def see(self, origin: Array3f, direction: Array3f) -> LightHit:
+        """Return the light of an environment along a ray that meets nothing else."""
+        interaction = dr.zeros(mi.SurfaceInteraction3f)
+        interaction.wi = mi.Vector3f(-direction)
+        sample = dr.zeros(mi.DirectionSample3f)
+        sample.d = mi.Vector3f(direction)
+        radiance = Array3f(self.emitter.eval(interaction))
+        nowhere = 0 * origin.x
+        pdf = self.emitter.pdf_direction(interaction, sample) + nowhere
+        return LightHit(nowhere == 0, dr.inf + nowhere, radiance + nowhere, pdf)
+
+
+def _entry(plugin: Any) -> tuple[Any, Float] | None:
+    """Return the sphere by which Mitsuba's light from infinity enters a scene; None if that is the scene's own.
+
+    Mitsuba leaves merged meshes out of the scene's box.
+    """
+    box = plugin.bbox()
+    if box == box_around(plugin):
+        return None
+    sphere = box.bounding_sphere() if box.valid() else mi.ScalarBoundingSphere3f(mi.ScalarPoint3f(0), 0.0)
+    radius = max(mi.math.RayEpsilon, float(sphere.radius) * (1 + mi.math.RayEpsilon))  # as in Mitsuba's emitters
+    return mi.Point3f(*(dr.opaque(Float, each) for each in np.ravel(sphere.center))), dr.opaque(Float, float(radius))
