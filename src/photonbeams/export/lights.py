@@ -5,7 +5,7 @@ Lights of a stage cast no shadows. Emitters with an extent are shapes, so they g
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -60,38 +60,64 @@ def _emitter(twin: Twin, light: scene.Light, name: str) -> tuple[float, dict[str
     """Return the size of a light, which is 0 for a point, and its description."""
     if getattr(light, "shape", None) is not None:
         twin.lost.append(f"{light.name} is stretched: in Mitsuba it is a round light of the same power")
-    if isinstance(light, scene.DistantLight):
-        return 0.0, _directional(twin, light)
-    if isinstance(light, scene.CylinderLight | scene.MeshLight):
-        return _body(twin, light, name)
-    assert isinstance(light, scene.SphereLight | scene.FlatLight)
-    cone = _cone(light)
-    if isinstance(light, scene.SphereLight) and light.radius == 0:
+    return _EMITTERS[type(light)](twin, light, name)
+
+
+def _sphere(twin: Twin, light: scene.SphereLight, name: str) -> tuple[float, dict[str, Any]]:
+    """Return the size of a sphere or a point, and its description."""
+    cone = light.shaping.cone_angle if light.shaping is not None else 180.0
+    if light.gobo is not None:
+        cone = min(cone, float(np.degrees(light.spread)))
+    if light.radius == 0:
         return 0.0, _point(twin, light, cone, name)
-    if cone <= _WIDEST:
-        twin.lost.append(
-            f"{light.name} shines from a point: Mitsuba has no cone for an emitter with an extent, and its cone is kept"
-        )
-        return 0.0, _spot(twin, light, cone, name)
-    if _shapes(light):
-        twin.lost.append(f"{light.name}.inputs:shaping is left out: Mitsuba has none for an emitter with an extent")
-    if isinstance(light, scene.FlatLight):
-        size = float(max(np.linalg.norm(light.half_x), np.linalg.norm(light.half_y)))
-        return size, {**_flat(twin, light), **_shining(_face(twin, light, name), name)}
+    spot = _as_spot(twin, light, cone, name)
+    if spot is not None:
+        return 0.0, spot
     if light.gobo is not None:
         twin.lost.append(_NO_IMAGE.format(light.name))
     ball = {"type": "sphere", "center": _place(light).tolist(), "radius": light.radius}
     return light.radius, {**ball, **_shining(rgb(light.radiance), name)}
 
 
-def _body(twin: Twin, light: scene.CylinderLight | scene.MeshLight, name: str) -> tuple[float, dict[str, Any]]:
-    """Return the size of a cylinder or mesh light, and its description."""
-    if light.shaping is not None and (_varies(light) or light.shaping.cone_angle < 180):
+def _face(twin: Twin, light: scene.FlatLight, name: str) -> tuple[float, dict[str, Any]]:
+    """Return the size of a rectangle or an ellipse, and its description."""
+    spot = _as_spot(twin, light, light.shaping.cone_angle if light.shaping is not None else 180.0, name)
+    if spot is not None:
+        return 0.0, spot
+    size = float(max(np.linalg.norm(light.half_x), np.linalg.norm(light.half_y)))
+    return size, {**_flat(twin, light), **_shining(_face_radiance(twin, light, name), name)}
+
+
+def _as_spot(
+    twin: Twin, light: scene.SphereLight | scene.FlatLight, cone: float, name: str
+) -> dict[str, Any] | None:  # fmt: skip
+    """Describe a light with an extent as a point if it has a narrow cone; else return None, and warn of its shaping."""
+    if cone <= _WIDEST:
+        twin.lost.append(
+            f"{light.name} shines from a point: Mitsuba has no cone for an emitter with an extent, and its cone is kept"
+        )
+        return _spot(twin, light, cone, name)
+    _warn_of_shaping(twin, light, 90.0 if isinstance(light, scene.FlatLight) else 180.0)
+    return None
+
+
+def _warn_of_shaping(twin: Twin, light: scene.Light, widest: float = 180.0) -> None:
+    """Warn about a cone below `widest` degrees or a focus, which Mitsuba has only for points."""
+    if light.shaping is not None and (_varies(light) or light.shaping.cone_angle < widest):
         twin.lost.append(f"{light.name}.inputs:shaping is left out: Mitsuba has none for an emitter with an extent")
-    if isinstance(light, scene.CylinderLight):
-        ends = {key: (light.center + sign * light.half).tolist() for key, sign in (("p0", -1), ("p1", 1))}
-        tube = {"type": "cylinder", **ends, "radius": light.radius}
-        return light.radius + float(np.linalg.norm(light.half)), {**tube, **_shining(rgb(light.radiance), name)}
+
+
+def _tube(twin: Twin, light: scene.CylinderLight, name: str) -> tuple[float, dict[str, Any]]:
+    """Return the size of a cylinder, and its description."""
+    _warn_of_shaping(twin, light)
+    ends = {key: (light.center + sign * light.half).tolist() for key, sign in (("p0", -1), ("p1", 1))}
+    tube = {"type": "cylinder", **ends, "radius": light.radius}
+    return light.radius + float(np.linalg.norm(light.half)), {**tube, **_shining(rgb(light.radiance), name)}
+
+
+def _mesh(twin: Twin, light: scene.MeshLight, name: str) -> tuple[float, dict[str, Any]]:
+    """Return the size of a mesh light, and its description."""
+    _warn_of_shaping(twin, light)
     assert light.mesh is not None
     size = 0.5 * float(np.linalg.norm(np.ptp(light.mesh.used_points, axis=0)))
     radiance = twin.with_images(radiance_of(light.radiance, light.image), f"{name}-radiance")
@@ -126,14 +152,6 @@ def _squared(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     axes, lengths, turned = np.linalg.svd(np.column_stack([x, y]), full_matrices=False)
     first, second = (axes * lengths).T
     return first, second * np.sign(np.linalg.det(turned))
-
-
-def _cone(light: scene.SphereLight | scene.FlatLight) -> float:
-    """Return the angle from its axis, in degrees, beyond which a light is dark; 180 if it is nowhere dark."""
-    cone = light.shaping.cone_angle if light.shaping is not None else 180.0
-    if isinstance(light, scene.SphereLight) and light.gobo is not None:
-        cone = min(cone, float(np.degrees(light.spread)))
-    return cone
 
 
 def _point(twin: Twin, light: scene.SphereLight, cone: float, name: str) -> dict[str, Any]:
@@ -180,7 +198,7 @@ def _image(light: scene.SphereLight | scene.FlatLight, cone: float, to_world: np
     return np.array(value).T.reshape(_PIXELS, _PIXELS, 3)
 
 
-def _face(twin: Twin, light: scene.FlatLight, name: str) -> dict[str, Any]:
+def _face_radiance(twin: Twin, light: scene.FlatLight, name: str) -> dict[str, Any]:
     """Describe the radiance of a rectangle or an ellipse; only on a rectangle can it be an image."""
     if light.gobo is None:
         return rgb(light.radiance)
@@ -213,14 +231,8 @@ def _varies(light: scene.Light) -> bool:
     return light.shaping is not None and (light.shaping.cone_softness > 0 or light.shaping.focus > 0)
 
 
-def _shapes(light: scene.SphereLight | scene.FlatLight) -> bool:
-    """Return whether a light's cone or focus has any effect."""
-    widest = 90.0 if isinstance(light, scene.FlatLight) else 180.0
-    return _varies(light) or (light.shaping is not None and light.shaping.cone_angle < widest)
-
-
-def _directional(twin: Twin, light: scene.DistantLight) -> dict[str, Any]:
-    """Describe a distant light by the irradiance on a plane that faces it."""
+def _directional(twin: Twin, light: scene.DistantLight, name: str) -> tuple[float, dict[str, Any]]:
+    """Return the size of a distant light, 0, and its description by the irradiance on a plane that faces it."""
     irradiance = np.array(light.radiance)
     if light.angle > 0:
         half = np.radians(min(light.angle / 2, 90.0))
@@ -228,7 +240,17 @@ def _directional(twin: Twin, light: scene.DistantLight) -> dict[str, Any]:
         twin.lost.append(
             f"{light.name}.inputs:angle is left out: Mitsuba's directional light is invisible and casts sharp shadows"
         )
-    return {"type": "directional", "direction": unit(light.axis).tolist(), "irradiance": rgb(irradiance)}
+    return 0.0, {"type": "directional", "direction": unit(light.axis).tolist(), "irradiance": rgb(irradiance)}
+
+
+#: The size and the description of a light, by its class; domes are added together.
+_EMITTERS: dict[type, Callable[..., tuple[float, dict[str, Any]]]] = {
+    scene.SphereLight: _sphere,
+    scene.FlatLight: _face,
+    scene.CylinderLight: _tube,
+    scene.MeshLight: _mesh,
+    scene.DistantLight: _directional,
+}
 
 
 def _add_domes(twin: Twin, domes: Sequence[scene.DomeLight]) -> None:

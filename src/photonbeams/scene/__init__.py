@@ -29,7 +29,7 @@ from .checks import (
     shown,
     whole,
 )  # fmt: skip
-from .light import Light, SlidePlace
+from .light import Light
 from .lights import (
     CylinderLight,
     DistantLight,
@@ -73,7 +73,6 @@ __all__ = [
     "Scene",
     "SceneError",
     "Shaping",
-    "SlidePlace",
     "SphereLight",
     "UVTexture",
     "VertexValues",
