@@ -23,14 +23,14 @@ WINGS = {
     "render": ("films", "settings", "passes", "costs", "memory", "paths"),
     "usd": ("common", "layers", "materials", "geometry", "media", "looks", "lights", "cameras", "authoring"),
     "world": (
-        "spectra", "warp", "checks", "parameters", "shutter", "bounds", "shadow_rays", "surfaces", "media", "emitters",
-        "cameras",
+        "spectra", "warp", "differentials", "checks", "parameters", "shutter", "bounds", "shadow_rays", "surfaces",
+        "media", "emitters", "cameras",
     ),
 }  # fmt: skip
 
 #: The most modules of a folder. These have more, and may not grow.
 MOST_MODULES = 20
-TOO_MANY = {"transport": 24}
+TOO_MANY = {"transport": 23}
 
 #: The packages that may import a library, or ask `runtime` for Mitsuba.
 KNOWERS = {
