@@ -101,9 +101,15 @@ def main() -> int:
             after[name] = f"{type(error).__name__}: {error}"
         else:
             data = b"".join(key.encode() + np.ascontiguousarray(layers[key]).tobytes() for key in sorted(layers))
-            after[name] = hashlib.sha256(data).hexdigest()[:16]
+            mean = float(
+                np.mean(
+                    [np.nan_to_num(layers[key][..., :3], posinf=0).mean() for key in ("rgba", "rgb") if key in layers]
+                )
+            )
+            after[name] = f"{hashlib.sha256(data).hexdigest()[:16]}, mean {mean:.6g}"
         if action == "check":
-            print(f"{name}: {'same' if after[name] == before.get(name) else 'DIFFERENT ' + after[name]}", flush=True)
+            same = after[name] == before.get(name)
+            print(f"{name}: {'same' if same else f'DIFFERENT: {before.get(name)} is now {after[name]}'}", flush=True)
         else:
             print(f"{name}: {after[name]}", flush=True)
     if action == "write":

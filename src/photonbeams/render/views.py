@@ -14,6 +14,7 @@ from .. import scene
 from ..estimators.lanes import Lattice
 from ..numerics.arrays import taken, to_uint
 from ..numerics.samples import Samples
+from ..numerics.streams import Stream
 from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..world.cameras.cameras import CameraRays, View, Window
 from ..world.cameras.sensors import PrimaryRays, sampled_rays
@@ -23,8 +24,6 @@ from .ray_passes import ViewRays
 
 LOG = logging.getLogger("photonbeams")
 _WIDEST_TURN = 30.0  # degrees: interpolated axes of the camera are then 3.4 % too short in the middle of the turn
-
-_LENS, _TIME = 101, 102  # streams of samples
 
 
 class CameraMotion(NamedTuple):
@@ -126,4 +125,4 @@ class FrameView:
 
 def _on_lens(samples: Samples, groups: UInt32) -> tuple[Any, Any]:
     """Return the place on the lens, in the unit square, and the time in the pass of groups of pixels."""
-    return samples.pair(groups, _LENS), samples.pair(groups, _TIME).x
+    return samples.pair(groups, Stream.LENS), samples.pair(groups, Stream.TIME).x

@@ -17,6 +17,7 @@ import numpy as np
 from ..numerics.arrays import to_float, to_numpy
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
+from ..numerics.streams import Stream
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.emitters.rays import EmittedRays
 from .emission import Stratum
@@ -24,9 +25,6 @@ from .lamps import PortalEmitter
 
 # Probability with which a direction is that of a point on a portal.
 _AIMED = 0.5
-
-# Sample streams; interactions, splitting and Russian roulette have others.
-_WHICH, _WHETHER, _POINT = 6, 7, 8
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ class Aimed:
     """
 
     def __init__(self, openings: Openings, point: Array3f, index: UInt32, stream: UInt32) -> None:
-        number = hash32(index, stream, UInt32(_WHICH)) % openings.count
+        number = hash32(index, stream, UInt32(Stream.WHICH_OPENING)) % openings.count
         corner, self._across, self._up = (
             dr.gather(Array3f, each, number) for each in (openings.corners, openings.across, openings.up)
         )
@@ -89,8 +87,8 @@ class Aimed:
         self._normal: Any = dr.cross(self._across, self._up)
         self._depth = dr.dot(self._corner, self._normal)
         self.able = self._depth > 0
-        self.taken = self.able & (unit_float(hash32(index, stream, UInt32(_WHETHER))) < _AIMED)
-        u = pixel_sample(index, hash32(stream, UInt32(_POINT)))
+        self.taken = self.able & (unit_float(hash32(index, stream, UInt32(Stream.WHETHER_AIMED))) < _AIMED)
+        u = pixel_sample(index, hash32(stream, UInt32(Stream.POINT_OF_OPENING)))
         self.direction = dr.normalize(self._corner + u.x * self._across + u.y * self._up)
 
     def ratio(self, direction: Any, density: Float, smooth: Bool) -> Float:

@@ -8,6 +8,7 @@ import drjit as dr
 
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
+from ..numerics.streams import Stream
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.media.interfaces import pointers
 from ..world.media.media import Media
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     from .records import LightPaths
 
 mi = mitsuba()
-
-# Streams of samples.
-_FLIGHT, LOBE, TURN = 1, 2, 3
 
 # Number of scattering events after which even paths that lose no flux end by Russian roulette.
 _LONG = 256
@@ -65,7 +63,7 @@ class Interaction:
         self.valid = hit.is_valid()
         self.length = dr.select(self.valid, hit.t, dr.select(paths.medium > 0, paths.reach, 0))
         self.fractions = paths.flux * dr.rcp(dr.maximum(dr.sum(paths.flux), 1e-30))
-        u = pixel_sample(index, hash32(stream, UInt32(_FLIGHT)))
+        u = pixel_sample(index, hash32(stream, UInt32(Stream.FLIGHT)))
         distance, weight = flight(media, paths.medium, paths.branch, self.fractions, self.length, u)
         self.scatters = distance < self.length
         self.tinted = self.varying = dr.zeros(Bool, dr.width(distance))
@@ -73,7 +71,7 @@ class Interaction:
             self.varying, colored = media.varying(paths.medium)
             other, collided, scatters, color = free_flight(
                 pointers(dr.select(self.varying, paths.medium, 0)), paths.origin, paths.direction, self.length,
-                self.fractions, hash32(index, stream, UInt32(_FLIGHT)), self.varying, colored,
+                self.fractions, hash32(index, stream, UInt32(Stream.FLIGHT)), self.varying, colored,
             )  # fmt: skip
             distance, weight = dr.select(self.varying, other, distance), dr.select(self.varying, color, weight)
             self.scatters = dr.select(self.varying, scatters, self.scatters)
@@ -224,8 +222,8 @@ def sampled(world: World, hit: Any, active: Any, index: UInt32, stream: UInt32) 
 
     That a cut-out surface stops a path was already decided, with the probability of its opacity.
     """
-    lobe = unit_float(hash32(index, stream, UInt32(LOBE)))
+    lobe = unit_float(hash32(index, stream, UInt32(Stream.LOBE)))
     if world.cutouts:
         lobe *= world.opacity(hit, active)
-    u = pixel_sample(index, hash32(stream, UInt32(TURN)))
+    u = pixel_sample(index, hash32(stream, UInt32(Stream.TURN)))
     return hit.bsdf().sample(mi.BSDFContext(mi.TransportMode.Importance), hit, lobe, mi.Point2f(u), active)

@@ -18,6 +18,7 @@ import numpy as np
 from ..numerics.arrays import compressed, indices, joined, to_float, unaliased
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
+from ..numerics.streams import Stream
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.differentials import RayDifferentials, copies, differentiate, of_copies
 from ..world.emitters.rays import EmittedRays
@@ -29,11 +30,9 @@ from ..world.world import World
 from .aiming import Aimed, Openings
 from .interactions import (
     IDEAL,
-    LOBE,
     REFLECTED,
     SAMPLED,
     SCATTERED,
-    TURN,
     Interaction,
     Scatter,
     reflect,
@@ -46,9 +45,6 @@ from .records import LightPaths, PhotonHits, Segments, tangent
 from .splitting import continued, divisible, split
 
 mi = mitsuba()
-
-# Sample stream; interactions have others.
-_ROULETTE = 4
 
 # Greatest relative flux of a path by which its radius is chosen: see `_scattered_radius`.
 _BRIGHTEST = 8.0
@@ -305,8 +301,8 @@ def _following(
     place.sh_frame = mi.Frame3f(place.wi)
     place.medium = pointers(dr.select(interaction.scatters, paths.medium, 0))
     phase = place.medium.phase_function()
-    lobe = unit_float(hash32(paths.index, stream, UInt32(LOBE)))
-    u = pixel_sample(paths.index, hash32(stream, UInt32(TURN)))
+    lobe = unit_float(hash32(paths.index, stream, UInt32(Stream.LOBE)))
+    u = pixel_sample(paths.index, hash32(stream, UInt32(Stream.TURN)))
     turned, weight, _ = phase.sample(mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), interaction.scatters)
     ratio = Float(1)
     if aimed is not None:
@@ -386,7 +382,7 @@ def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32,
     late = paths.depth >= dr.opaque(UInt32, tracing.rr_depth)
     surviving = dr.select(late, survival(part, paths.depth), dr.sqrt(dr.minimum(part, 1)))
     tried = active & ~passes & (late | (paths.part > 0))
-    survives = unit_float(hash32(paths.index, stream, UInt32(_ROULETTE))) < surviving
+    survives = unit_float(hash32(paths.index, stream, UInt32(Stream.ROULETTE))) < surviving
     factor: Any = dr.select(tried, dr.select(survives, dr.rcp(dr.maximum(surviving, 1e-30)), 0), 1)
     paths.flux = paths.flux * factor
     paths.fraction = dr.select(tried & survives, paths.fraction * surviving, paths.fraction)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..numerics.arrays import taken, to_float, to_numpy, to_uint
 from ..numerics.hashing import hash32, unit_float
+from ..numerics.streams import Stream
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.spectra import rgb
 from .interactions import IDEAL, REFLECTED, SAMPLED, SCATTERED
@@ -28,7 +29,6 @@ mi = mitsuba()
 # Least reflectance that is assumed, because some BSDFs do not know theirs.
 _LEAST = 0.05
 _DARK = 1e-30
-_ROUNDING = 5  # sample stream; interactions have others
 
 
 def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
@@ -42,7 +42,7 @@ def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
     able &= tracing.within(paths.depth + 1, paths.source)  # no part that would exceed the depth
     seed = hash32(paths.key, dr.opaque(UInt32, step), paths.index)
     light = _scattered_and_reflected(tracing, paths, able, seed)
-    chance = [unit_float(hash32(seed, UInt32(_ROUNDING), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
+    chance = [unit_float(hash32(seed, UInt32(Stream.ROUNDING), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
     dr.eval(goes_on, light, chance)
     found = np.nan_to_num(to_numpy(light).astype(np.float64), posinf=0.0)
     lamp, width = np.unique(paths.key.numpy(), return_inverse=True)[1].ravel(), dr.width(paths.key)

@@ -19,6 +19,7 @@ from ...estimators.lanes import Lattice
 from ...numerics.arrays import taken
 from ...numerics.samples import Samples
 from ...numerics.sampling import z_order
+from ...numerics.streams import Stream
 from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
 from ...scene import SceneError
 from .sums import ALBEDO, DEPTH, LIGHT, MEAN_NORMAL, NORMAL, SQUARES, PassSums
@@ -29,7 +30,6 @@ mi = mitsuba()
 # domes, whose samples have other places.
 _GATHERED, _SCATTERED = "beams/", "scattered/"
 _NOT_LIGHT = ("alpha", "transmittance", ALBEDO, MEAN_NORMAL)
-_PLACE, _LATTICE = 104, 105  # streams of samples
 _STEPS = 1024  # of integrals over a filter
 _BLOCK = 8  # pixels of overscan with neighbouring numbers: samples are well distributed over squares of pixels
 
@@ -179,7 +179,7 @@ class Film:
 
         Pixels of a lattice have the lattice's place.
         """
-        result = samples.pair(self.order, _PLACE)
+        result = samples.pair(self.order, Stream.PIXEL)
         if lattice is not None:
             x, y = (Int32(each) + dr.opaque(Int32, own) for each, own in zip(self._pixels(), self._corner, strict=True))
             result = dr.select(((x | y) & 1) == 0, lattice.place, result)
@@ -188,7 +188,7 @@ class Film:
 
     def lattice(self, samples: Samples, width: int, height: int) -> Lattice | None:
         """Return the lattice of a pass, for a whole picture of this size; None if the picture is small."""
-        place = samples.pair(dr.opaque(UInt32, 0), _LATTICE)
+        place = samples.pair(dr.opaque(UInt32, 0), Stream.LATTICE)
         dr.eval(place)
         result = Lattice.of(width, height, self._corner, place)
         return result if result.levels else None

@@ -12,6 +12,7 @@ import drjit as dr
 
 from ...numerics.arrays import joined
 from ...numerics.samples import Samples
+from ...numerics.streams import Stream
 from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.shadow_rays import leaving
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from .camera_paths import CameraTracing
 
 mi = mitsuba()
-
-_LOBE, _TURN, _ROULETTE = 301, 302, 303  # streams of samples
 
 #: Lobes by which camera paths continue.
 IDEAL = int(mi.BSDFFlags.Delta | mi.BSDFFlags.Null)
@@ -116,7 +115,10 @@ def onward(
     flags = bsdf.flags()
     sharp = met & (mi.has_flag(flags, mi.BSDFFlags.Delta) | mi.has_flag(flags, mi.BSDFFlags.Null))
     # Stratified over the passes: glass reflects and refracts each pixel's paths in the right proportion.
-    lobe, turn = samples.pair(paths.order, _LOBE, name).x, mi.Point2f(samples.pair(paths.order, _TURN, name))
+    lobe, turn = (
+        samples.pair(paths.order, Stream.BRANCH_LOBE, name).x,
+        mi.Point2f(samples.pair(paths.order, Stream.BRANCH_TURN, name)),
+    )
     # A cut-out surface was already sampled as opaque: its null lobe is not sampled again.
     lobe *= tracing.world.opacity(hit, sharp)
     sample, weight = bsdf.sample(context, hit, lobe, turn, sharp)
@@ -175,7 +177,7 @@ def _continued(
     tried = following.depth >= dr.opaque(UInt32, tracing.rr_depth)
     survival = dr.select(tried, dr.minimum(most, 0.95), 1)
     survival = dr.minimum(survival, dr.select(split, most * (1 / _NEGLIGIBLE), 1))
-    survives = samples.single(paths.order, _ROULETTE, name) < survival
+    survives = samples.single(paths.order, Stream.BRANCH_ROULETTE, name) < survival
     factor = dr.rcp(dr.maximum(survival, 1e-30))
     following.throughput, following.clear = throughput * factor, clear * factor
     following.alive = alive & survives

@@ -15,6 +15,7 @@ import drjit as dr
 
 from ...numerics.arrays import compressed, joined, unaliased
 from ...numerics.samples import Samples
+from ...numerics.streams import Stream
 from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.cameras.sensors import PrimaryRays
@@ -28,9 +29,6 @@ if TYPE_CHECKING:
     from .photons import PhotonLighting
 
 mi = mitsuba()
-
-# Streams of samples.
-_WAY, _CUTOUT, _GLOW, _BOUNCE, _ASIDE = 304, 305, 306, 307, 308
 
 # Lobes that make a surface more than a boundary of media; Mitsuba's `Delta` includes `Null`.
 _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.DeltaTransmission)
@@ -220,7 +218,7 @@ def _step(
     name = step + STEPS * paths.branch
     start = paths.origin + paths.near * paths.direction
     reach = dr.minimum(paths.far - paths.near, dr.largest(Float))
-    hit = world.seen(start, paths.direction, reach, alive, samples.bits(paths.order, _CUTOUT, name))
+    hit = world.seen(start, paths.direction, reach, alive, samples.bits(paths.order, Stream.CUTOUT, name))
     lamp = tracing.lighting.lamp(start, paths.direction, paths.flown)
     met = alive & hit.is_valid()
     distance = dr.select(met, hit.t, reach)
@@ -233,7 +231,7 @@ def _step(
     vertex = CameraVertex()
     vertex.bounce = None
     vertex.end = paths.near + distance
-    vertex.name, vertex.seed = name, samples.bits(paths.order, _WAY, name)
+    vertex.name, vertex.seed = name, samples.bits(paths.order, Stream.SEGMENT, name)
     passed = world.media.transmittance(paths.medium, start, paths.direction, distance, vertex.seed, alive)
     felt = world.media.felt(paths.medium, passed)
     throughput, clear = paths.throughput * passed, paths.clear * felt
@@ -246,7 +244,7 @@ def _step(
         radiance = _radiance(tracing, paths, point, None if lamp is None else (on_lamp, lamp.radiance), smooth, photons)
         vertex.radiance = dr.select(alive, radiance * clear, 0)
         if world.media.emissive:
-            seed = samples.bits(paths.order, _GLOW, name)
+            seed = samples.bits(paths.order, Stream.GLOW, name)
             vertex.radiance += paths.throughput * world.media.emitted(
                 paths.medium, start, paths.direction, distance, seed, alive
             )
@@ -305,7 +303,7 @@ def _bounce(
     """Return a sample of the smooth lobes of BSDFs."""
     # Sample all lobes: with a mask, Mitsuba's cut-out surfaces sample only the light that passes them.
     context = mi.BSDFContext()
-    lobe, turn = samples.single(paths.order, _BOUNCE, name), samples.pair(paths.order, _ASIDE, name)
+    lobe, turn = samples.single(paths.order, Stream.BOUNCE, name), samples.pair(paths.order, Stream.BOUNCE_TURN, name)
     sample, weight = hit.bsdf().sample(context, hit, lobe, mi.Point2f(turn), smooth)
     good = smooth & (sample.pdf > 0) & ((sample.sampled_type & IDEAL) == 0)
     direction = hit.to_world(sample.wo)

@@ -11,6 +11,7 @@ from typing import Any
 import drjit as dr
 
 from ...numerics.sampling import power_heuristic
+from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.media.visibility import through
@@ -21,8 +22,6 @@ from .branches import IDEAL
 from .camera_paths import ShadingPoint
 
 mi = mitsuba()
-
-_EMITTER, _LOBE, _TURN, _WAY, _PORTAL = 201, 202, 203, 204, 205  # streams of samples
 
 
 class SceneLighting:
@@ -50,11 +49,11 @@ class SceneLighting:
         bsdf = hit.bsdf()
         # Sample all lobes: with a mask, Mitsuba's cut-out surfaces sample only the light that passes them.
         context = mi.BSDFContext()
-        aim = samples.pair(order, _EMITTER, step)
+        aim = samples.pair(order, Stream.EMITTER, step)
         light, radiance = plugin.sample_emitter_direction(hit, mi.Point2f(aim), False, active)
         radiance = rgb(radiance)
         if self._portal is not None:
-            aim = samples.pair(order, _PORTAL, step)
+            aim = samples.pair(order, Stream.EMITTER_PORTAL, step)
             light, radiance = self._portal.sampled(Array3f(hit.p), light, radiance, aim, self._portal.chosen)
         lit = active & (light.pdf > 0)
         value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
@@ -63,7 +62,7 @@ class SceneLighting:
         value = rgb(value) * radiance * colors * weight
         lit &= dr.max(value) > 0
         ray = to_point(hit, Array3f(light.p), self._world.size).ray()
-        seed = samples.bits(order, _WAY, step)
+        seed = samples.bits(order, Stream.EMITTER_SHADOW, step)
         passed, _ = through(
             plugin, media, ray, media.beyond(hit, light.d, point.medium, lit), seed, lit, size=self._world.size
         )
@@ -71,7 +70,7 @@ class SceneLighting:
         if not self._visible:
             return result
 
-        lobe, turn = samples.single(order, _LOBE, step), samples.pair(order, _TURN, step)
+        lobe, turn = samples.single(order, Stream.EMITTER_LOBE, step), samples.pair(order, Stream.EMITTER_TURN, step)
         sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(turn), active)
         smooth = (UInt32(sample.sampled_type) & IDEAL) == 0
         reflected = active & smooth & (sample.pdf > 0) & (dr.max(rgb(weight)) > 0)

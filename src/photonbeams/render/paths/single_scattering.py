@@ -15,6 +15,7 @@ import drjit as dr
 from ...estimators.estimate import ENDLESS
 from ...numerics.hashing import hash32
 from ...numerics.samples import Samples
+from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.stage_lamps import Links
 from ...world.media.interfaces import pointers
@@ -25,8 +26,6 @@ from .camera_paths import CameraVertex, ShadingPoint
 from .stage_lighting import scattered
 
 mi = mitsuba()
-
-_PLACE, _LOBE, _TURN, _DOME = 401, 402, 403, 404  # streams of samples
 
 
 class SingleScattering:
@@ -61,8 +60,8 @@ class SingleScattering:
             return
         start = paths.origin + paths.near * paths.direction
         far = dr.minimum(vertex.end, ENDLESS) - paths.near
-        sample = self._samples.pair(paths.order, _PLACE, vertex.name).x
-        seed = hash32(vertex.seed, UInt32(_PLACE))
+        sample = self._samples.pair(paths.order, Stream.SCATTERING_POINT, vertex.name).x
+        seed = hash32(vertex.seed, UInt32(Stream.SCATTERING_POINT))
         distance, weight = dr.zeros(Float, dr.width(far)), dr.zeros(Array3f, dr.width(far))
         for medium in self._world.media.all:
             if medium.number in self._world.lit_by_domes:
@@ -75,7 +74,7 @@ class SingleScattering:
         for number, (light, lamp, links) in enumerate(self._world.sky):
             world = self._world if links is None else links.world
             points = _ScatteringPoints(world, point, place, paths.direction, lit, links)
-            incident = scattered(world, points, lamp, (UInt32(_DOME + 16 * number),))
+            incident = scattered(world, points, lamp, (UInt32(Stream.DOME), UInt32(number)))
             value = weight * incident * dr.opaque(Float, light.beam_scale)
             value = dr.select(lit, value, 0)
             dr.eval(value)
@@ -95,12 +94,12 @@ class _ScatteringPoints:
         self._interaction.p, self._interaction.wi = mi.Point3f(place), mi.Vector3f(-ray)
         self._interaction.sh_frame = mi.Frame3f(self._interaction.wi)
         self._phase = pointers(dr.select(active, point.medium, 0)).phase_function()
-        lobe = point.samples.single(point.order, _LOBE, point.step)
-        u = mi.Point2f(point.samples.pair(point.order, _TURN, point.step))
+        lobe = point.samples.single(point.order, Stream.PHASE_LOBE, point.step)
+        u = mi.Point2f(point.samples.pair(point.order, Stream.PHASE_TURN, point.step))
         sample = self._phase.sample(mi.PhaseFunctionContext(), self._interaction, lobe, u, active)
         self.direction, self.pdf = Array3f(sample[0]), Float(sample[2])
         self.weight = dr.select(active, Array3f(sample[1]), 0)
-        self._seed = point.samples.bits(point.order, _LOBE, point.step)
+        self._seed = point.samples.bits(point.order, Stream.PHASE_LOBE, point.step)
         self._open = self._free(world, active, self.shadow_reach)
 
     def _free(self, world: StageWorld, active: Bool, reach: Float) -> Bool:

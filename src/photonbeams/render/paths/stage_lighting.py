@@ -14,6 +14,7 @@ import drjit as dr
 
 from ...numerics.hashing import hash32
 from ...numerics.sampling import power_heuristic
+from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.stage_lamps import Lamps, Links
 from ...world.shadow_rays import ShadowRay, leaving, to_lamp
@@ -21,8 +22,6 @@ from ...world.stage_world import StageWorld
 from .camera_paths import NearestLamp, ShadingPoint
 
 mi = mitsuba()
-
-_BSDF, _LIGHT, _DOME = 2, 3, 4  # streams of samples
 
 
 class StageLighting:
@@ -94,7 +93,9 @@ class StageLighting:
         for kind, lamps in enumerate(world.lamps):
             (radiance,) = _each(lamps, (radiance,), _adding(world, reflection, lamps.links, kind))
         for number, (lamp, links) in enumerate([*world.domes, *world.mesh_lamps]):
-            radiance += scattered(*_linked(world, reflection, links), lamp, (UInt32(_DOME + 16 * number),))
+            radiance += scattered(
+                *_linked(world, reflection, links), lamp, (UInt32(Stream.SINGLE_LAMP), UInt32(number))
+            )
         return radiance
 
 
@@ -144,14 +145,14 @@ class _Reflection:
         self.context = mi.BSDFContext()
         # A cut-out surface was already sampled as opaque: undo the opacity factor of Mitsuba's `mask`.
         self.opacity = world.opacity(hit, active)
-        lobe = point.samples.single(point.order, _BSDF, point.step)
-        u = point.samples.pair(point.order, _BSDF, point.step)
+        lobe = point.samples.single(point.order, Stream.REFLECTION, point.step)
+        u = point.samples.pair(point.order, Stream.REFLECTION, point.step)
         sample, weight = self.bsdf.sample(self.context, hit, lobe * self.opacity, mi.Point2f(u), active)
         self.pdf = sample.pdf / self.opacity
         ideal = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)  # which camera paths follow
         self.weight = dr.select(active & (self.pdf > 0) & ~ideal, Array3f(weight), 0)
         self.direction = Array3f(hit.to_world(sample.wo))
-        self.seed = point.samples.bits(point.order, _LIGHT, point.step)
+        self.seed = point.samples.bits(point.order, Stream.REFLECTION, point.step)
         self.place, self._size = Array3f(hit.p), world.size
         self._origin = leaving(hit, self.direction, self._size)
         self.shadow_reach: Any = Float(dr.inf)
@@ -203,7 +204,7 @@ def _adding(
     stopping, reflection = _linked(world, reflection, links)
 
     def add(light: Any, number: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
-        return (state[0] + scattered(stopping, reflection, light, (UInt32(_LIGHT + 16 * kind), number)),)
+        return (state[0] + scattered(stopping, reflection, light, (UInt32(Stream.LAMP), UInt32(kind), number)),)
 
     return add
 

@@ -21,6 +21,7 @@ from ...estimators.estimate import ENDLESS
 from ...numerics.arrays import compressed, to_float, to_uint
 from ...numerics.samples import Samples
 from ...numerics.sampling import power_heuristic
+from ...numerics.streams import Stream
 from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...transport.interactions import SAMPLED, SCATTERED, flight, survival
@@ -35,9 +36,6 @@ from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex
 
 mi = mitsuba()
-
-# Streams of samples.
-_FLIGHT, _WHICH, _EMITTER, _LOBE, _TURN, _WAY, _ROULETTE = 401, 402, 403, 404, 405, 406, 407
 
 # The fraction of samples that is spread evenly over all emitters: a weak one may be near.
 _EVENLY = 0.25
@@ -268,14 +266,14 @@ class Walking:
         fractions = walk.throughput * dr.rcp(dr.maximum(dr.sum(walk.throughput), 1e-30))
         varying, colored = media.varying(walk.medium)
         branch = dr.select(walk.first & ~varying, UInt32(SCATTERED), UInt32(SAMPLED))
-        u = samples.pair(walk.order, _FLIGHT, *name)
+        u = samples.pair(walk.order, Stream.PATH_FLIGHT, *name)
         distance, weight = flight(media, walk.medium, branch, fractions, length, u)
         scattered, tinted = going & (distance < length), Bool(False)
         if media.any_varying:
             varying &= going
             other, collided, scatters, color = free_flight(
                 pointers(dr.select(varying, walk.medium, 0)), walk.origin, walk.direction, length, fractions,
-                samples.bits(walk.order, _FLIGHT, *name), varying, colored,
+                samples.bits(walk.order, Stream.PATH_FLIGHT, *name), varying, colored,
             )  # fmt: skip
             distance, weight = dr.select(varying, other, distance), dr.select(varying, color, weight)
             scattered, tinted = dr.select(varying, scatters, scattered), varying & collided & ~scatters
@@ -288,7 +286,10 @@ class Walking:
         active = (vertex.scattered | smooth) & self.within(walk.depth, 2)
         order = walk.order
         reference = _interaction(vertex.position, dr.select(smooth, Array3f(hit.n), 0))
-        which, aim = samples.single(order, _WHICH, *name), samples.pair(order, _EMITTER, *name)
+        which, aim = (
+            samples.single(order, Stream.PATH_WHICH_EMITTER, *name),
+            samples.pair(order, Stream.PATH_EMITTER, *name),
+        )
         light, radiance = self.emitters.sample(reference, which, aim, active)
         lit = active & (light.pdf > 0)
         phase = vertex.phase()
@@ -300,7 +301,7 @@ class Walking:
         lit &= (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
         entered = world.media.beyond(hit, light.d, walk.medium, lit & smooth)
         medium = dr.select(vertex.scattered, walk.medium, entered)
-        seed = samples.bits(order, _WAY, *name)
+        seed = samples.bits(order, Stream.PATH_SHADOW, *name)
         ray = to_point(reference, Array3f(light.p), world.size).ray()
         passed, _ = through(world.plugin, world.media, ray, medium, seed, lit, coarse=True, size=world.size)
         return dr.select(lit, value * passed, 0)
@@ -308,7 +309,10 @@ class Walking:
     def _onward(self, vertex: _Vertex, samples: Samples, name: tuple[Any, ...]) -> tuple[Walk, Array3f, Bool]:
         """Return the walks after their vertices, the weights of their new directions, and which walks continue."""
         walk, hit, media = vertex.walk, vertex.hit, self.emitters.world.media
-        lobe, turn = samples.single(walk.order, _LOBE, *name), mi.Point2f(samples.pair(walk.order, _TURN, *name))
+        lobe, turn = (
+            samples.single(walk.order, Stream.PATH_LOBE, *name),
+            mi.Point2f(samples.pair(walk.order, Stream.PATH_TURN, *name)),
+        )
         turned, own, pdf = vertex.phase().sample(
             mi.PhaseFunctionContext(), vertex.place(), lobe, turn, vertex.scattered
         )
@@ -338,7 +342,7 @@ class Walking:
         most = dr.max(walk.throughput)
         surviving: Any = survival(most * dr.rcp(dr.maximum(walk.initial, 1e-30)), walk.depth)
         tried = going & (walk.depth >= dr.opaque(UInt32, self.rr_depth))
-        survives = samples.single(walk.order, _ROULETTE, *name) < surviving
+        survives = samples.single(walk.order, Stream.PATH_ROULETTE, *name) < surviving
         walk.throughput = walk.throughput * dr.select(tried, dr.rcp(dr.maximum(surviving, 1e-30)), 1)
         return going & (most > 0) & (~tried | survives)
 

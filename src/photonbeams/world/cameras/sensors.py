@@ -12,6 +12,7 @@ import numpy as np
 from ... import scene
 from ...numerics.arrays import joined, taken
 from ...numerics.samples import Samples
+from ...numerics.streams import Stream
 from ...runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
 from ..spectra import rgb
 from .cameras import View, Window
@@ -19,7 +20,6 @@ from .cameras import View, Window
 mi = mitsuba()
 
 _PINHOLES = ("PerspectiveCamera", "ThinLensCamera")
-_LENS = 101  # stream of samples
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def sampled_rays(sensor: Any, window: Window, places: Array2f, order: Any, sampl
     index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
     x = (Float(index % columns) + places.x) / dr.opaque(Float, width)
     y = (Float(index // columns) + places.y) / dr.opaque(Float, height)
-    aperture = samples.pair(order, _LENS)
+    aperture = samples.pair(order, Stream.LENS)
     ray, weight = sensor.sample_ray_differential(  # some sensors have no others, such as `irradiancemeter`
         Float(sensor.shutter_open()), Float(0.5), mi.Point2f(x, y), mi.Point2f(aperture), True
     )
