@@ -12,7 +12,9 @@ from ..world.cameras.sensors import Sensor, window_of
 from ..world.media.surroundings import place_of_sensor
 from .checkpoint import identity
 from .choice import Pixels
-from .films.film import Film, averaged, group_layers, reconstruction_filter
+from .films.film import Film
+from .films.layers import group_layers
+from .films.pixel_filters import averaged, reconstruction_filter
 from .frame import DEFAULTS, FrameRenderer
 from .holdouts import HoldoutDepth
 from .memory import check_memory

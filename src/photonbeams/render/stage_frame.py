@@ -16,8 +16,10 @@ from ..runtime.device import mitsuba
 from ..world.cameras.cameras import Window
 from ..world.shutter import Moment, Shutter
 from .checkpoint import identity
-from .films.film import Film, group_layers, reconstruction_filter
-from .films.film import layer_names as names_of
+from .films.film import Film
+from .films.layers import group_layers
+from .films.layers import layer_names as names_of
+from .films.pixel_filters import reconstruction_filter
 from .frame import DEFAULTS, FrameRenderer, PassMemory
 from .holdouts import HoldoutDepth
 from .memory import check_memory

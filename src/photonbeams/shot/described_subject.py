@@ -195,7 +195,7 @@ class DescribedSubject(Subject):
 
     def windows(self, viewpoint: Viewpoint, request: FrameRequest) -> tuple[Window, Window]:
         """Return what is shown of a frame, and what is rendered."""
-        from ..render.films.film import margin_of, reconstruction_filter
+        from ..render.films.pixel_filters import margin_of, reconstruction_filter
         from ..world.cameras.cameras import Window
 
         self._check_frame(request.frame)

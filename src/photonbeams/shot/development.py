@@ -14,8 +14,8 @@ import numpy as np
 from ..images.frame import Frame
 from ..images.plates import Plate
 from ..render.films.denoising import Filtered, denoised
-from ..render.films.film import develop
 from ..render.films.frame_sums import FrameSums
+from ..render.films.layers import develop
 from ..render.films.sums import ALBEDO, PassSums
 from ..render.passes import Statistics, known
 from ..scene import MOST_PIXELS, Array, SceneError

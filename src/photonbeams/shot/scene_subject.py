@@ -193,14 +193,14 @@ class SceneSubject(Subject):
 
     def layers(self, viewpoint: Viewpoint, frame: float | None) -> list[str]:
         """Return the names of a frame's layers."""
-        from ..render.films.film import layer_names
+        from ..render.films.layers import layer_names
         from ..render.scene_frame import groups_of
 
         return layer_names(groups_of(self.load(frame), self._beams))
 
     def windows(self, viewpoint: Viewpoint, request: FrameRequest) -> tuple[Window, Window]:
         """Return the film's own crop window, unless a size or a crop is asked for, and what is rendered for that."""
-        from ..render.films.film import margin_of, reconstruction_filter
+        from ..render.films.pixel_filters import margin_of, reconstruction_filter
         from ..world.cameras.cameras import Window
         from ..world.cameras.sensors import window_of
 

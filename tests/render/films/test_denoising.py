@@ -9,8 +9,8 @@ import pytest
 from photonbeams import Shot
 from photonbeams.render.films import denoising
 from photonbeams.render.films.denoising import check_denoiser, denoised
-from photonbeams.render.films.film import develop
 from photonbeams.render.films.frame_sums import FrameSums
+from photonbeams.render.films.layers import develop
 from photonbeams.render.films.sums import PassSums
 from photonbeams.render.passes import PlannedPasses
 from photonbeams.render.settings import Settings

@@ -7,7 +7,8 @@ import pytest
 from photonbeams.constants import FILTERS
 from photonbeams.numerics.arrays import joined, opaque, to_float, to_vectors
 from photonbeams.numerics.samples import Samples
-from photonbeams.render.films.film import BeamSamples, Film, PassPicture, SeenSums, averaged, reconstruction_filter
+from photonbeams.render.films.film import BeamSamples, Film, PassPicture, SeenSums
+from photonbeams.render.films.pixel_filters import averaged, reconstruction_filter
 from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime.device import Array3f, Float, mitsuba
 from photonbeams.scene import SceneError

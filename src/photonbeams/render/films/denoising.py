@@ -81,7 +81,7 @@ def denoised(
     Parameters
     ----------
     layers
-        The layers that `film.develop` returns for `sums`.
+        The layers that `layers.develop` returns for `sums`.
     sums
         The sums of passes that were rendered to be denoised: they contain albedos, normals and variances.
     groups

@@ -7,9 +7,8 @@ always in the same order.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import ceil
 from typing import Any
 
 import drjit as dr
@@ -22,15 +21,13 @@ from ...numerics.sampling import z_order
 from ...numerics.streams import Stream
 from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
 from ...scene import SceneError
-from .sums import ALBEDO, DEPTH, LIGHT, MEAN_NORMAL, NORMAL, SQUARES, PassSums
+from .layers import GATHERED, SCATTERED, develop
+from .pixel_filters import filter_weights, margin_of
+from .sums import ALBEDO, LIGHT, MEAN_NORMAL, SQUARES, PassSums
 
 mi = mitsuba()
 
-# The name of a light group's sum is one of these prefixes and the group: light from beams, and light from walks and
-# domes, whose samples have other places.
-_GATHERED, _SCATTERED = "beams/", "scattered/"
 _NOT_LIGHT = ("alpha", "transmittance", ALBEDO, MEAN_NORMAL)
-_STEPS = 1024  # of integrals over a filter
 _BLOCK = 8  # pixels of overscan with neighbouring numbers: samples are well distributed over squares of pixels
 
 #: Radiance (W · H, 3) by light groups; "" is the unnamed group.
@@ -74,7 +71,7 @@ class PassPicture:
     def values(self) -> dict[str, Any]:
         """Return all values by the names of their sums."""
         result = {"surface": self.surface, "alpha": self.alpha, **self.guides}
-        result |= {_SCATTERED + group: radiance for group, radiance in self.scattered.items()}
+        result |= {SCATTERED + group: radiance for group, radiance in self.scattered.items()}
         return result if self.transmittance is None else result | {"transmittance": self.transmittance}
 
 
@@ -168,7 +165,7 @@ class Film:
         ends = corner[0] + shape[1], corner[1] + shape[0]
         self._size = size or ends
         self._overscan = min(corner) < 0 or any(end > own for end, own in zip(ends, self._size, strict=True))
-        self._lobes = reconstruction is not None and _weights(reconstruction).min() < -1e-4
+        self._lobes = reconstruction is not None and filter_weights(reconstruction).min() < -1e-4
         x, y = (self._number(each, axis) for axis, each in enumerate(self._pixels()))
         self.order = z_order(x, y)
         dr.eval(self.order)
@@ -216,7 +213,7 @@ class Film:
         first
             Depths and normals; only the first pass has them.
         """
-        gathered = {_GATHERED + group: light * exposure for group, light in beams.groups.items()}
+        gathered = {GATHERED + group: light * exposure for group, light in beams.groups.items()}
         values, light = self.summed(gathered, beams.places, beams.share)
         if "weight" in values:
             values = self._weighed(values)
@@ -248,7 +245,7 @@ class Film:
         for name, light in (item for each in lights if self._variances for item in each.items()):
             layer = name
             if name != "surface":
-                group = name.removeprefix(_GATHERED).removeprefix(_SCATTERED)
+                group = name.removeprefix(GATHERED).removeprefix(SCATTERED)
                 layer = self.groups.get(group, "") if self.groups else "beams"
             layers[layer] = layers.get(layer, black) + light
         layers.pop("", None)
@@ -369,78 +366,3 @@ class Film:
     def layers(self) -> dict[str, np.ndarray]:
         """Return the layers so far."""
         return develop(self.sums, self.shape, self.groups)
-
-
-def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -> dict[str, np.ndarray]:
-    """Return the layers of a view, (H, W, C) float32: means over the passes, in the order of `layer_names`.
-
-    Raises
-    ------
-    SceneError
-        If the sums are of another picture.
-    """
-    pictures = {
-        name: np.ascontiguousarray(each.reshape(-1, *shape).transpose(1, 2, 0)) for name, each in sums.total().items()
-    }
-    usual = np.float32(1 / max(len(sums), 1))
-    scale, of_beams = (1 / pictures[name] if name in pictures else usual for name in ("weight", "beams weight"))
-    black = np.zeros((*shape, 3), dtype=np.float32)
-    surface = pictures.get("surface", black) * scale
-    alpha = pictures.get("alpha", black[..., :1]) * scale
-    by_group: dict[str, Any] = {}
-    for prefix, factor in ((_GATHERED, of_beams), (_SCATTERED, scale)):
-        for name in sorted(each for each in pictures if each.startswith(prefix)):
-            group = name.removeprefix(prefix)
-            by_group[group] = by_group.get(group, 0) + pictures[name] * factor
-    beams = sum(by_group.values(), black)
-    layers = {"rgba": np.concatenate([surface + beams, alpha], axis=2), "surface": surface, "beams": beams}
-    for group, name in groups.items():
-        # Black if no beam of the group was in a medium. A group named "default" shares the layer of the unnamed group.
-        layers[name] = layers.get(name, 0) + by_group.get(group, black)
-    if "transmittance" in pictures:
-        layers["transmittance"] = pictures["transmittance"] * scale
-    layers[DEPTH] = pictures.get(DEPTH, np.full_like(alpha, np.inf))
-    if NORMAL in pictures:
-        layers[NORMAL] = pictures[NORMAL]
-    if ALBEDO in pictures:
-        layers[ALBEDO] = pictures[ALBEDO] * scale
-    return layers
-
-
-def reconstruction_filter(name: str | None, own: Any = None) -> Any:
-    """Return Mitsuba's pixel filter called `name`, or `own` if the name is None; None for the box."""
-    chosen = own if name is None else mi.load_dict({"type": name})
-    return None if chosen is None or chosen.is_box_filter() else chosen
-
-
-def averaged(reconstruction: Any) -> float:
-    """Return how many pixels a filter averages: the factor (∫f)² / ∫f² by which it lowers independent noise in pixels.
-
-    For the box it is 1. Filters are products of the same function of x and of y.
-    """
-    if reconstruction is None:
-        return 1.0
-    f = _weights(reconstruction)
-    return float(2 * float(reconstruction.radius()) * f.sum() ** 2 / (_STEPS * (f * f).sum())) ** 2
-
-
-def _weights(reconstruction: Any) -> np.ndarray:
-    """Return the weights of a filter from one end to the other."""
-    radius = float(reconstruction.radius())
-    weights: np.ndarray = reconstruction.eval(dr.linspace(Float, -radius, radius, _STEPS)).numpy()
-    return weights
-
-
-def margin_of(reconstruction: Any) -> int:
-    """Return how many pixels a filter reaches beyond a crop window."""
-    return 0 if reconstruction is None else ceil(float(reconstruction.radius()) - 0.5)
-
-
-def group_layers(groups: Collection[str]) -> dict[str, str]:
-    """Return the layer of each light group; empty if all beams are of the unnamed group."""
-    return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if set(groups) - {""} else {}
-
-
-def layer_names(groups: Mapping[str, str]) -> list[str]:
-    """Return the names of the layers, in their order, of a stage whose light groups have these layers."""
-    return ["rgba", "surface", "beams", *dict.fromkeys(groups.values()), "transmittance", "depth"]

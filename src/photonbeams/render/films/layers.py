@@ -1,0 +1,61 @@
+"""The layers of a view, developed from the sums over its passes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+from .sums import ALBEDO, DEPTH, NORMAL, PassSums
+
+#: Prefixes of the names of a light group's sums. Light from beams.
+GATHERED = "beams/"
+#: Light from paths from the camera and from domes, whose samples have other places than those of beams.
+SCATTERED = "scattered/"
+
+
+def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """Return the layers of a view, (H, W, C) float32: means over the passes, in the order of `layer_names`.
+
+    Raises
+    ------
+    SceneError
+        If the sums are of another picture.
+    """
+    pictures = {
+        name: np.ascontiguousarray(each.reshape(-1, *shape).transpose(1, 2, 0)) for name, each in sums.total().items()
+    }
+    usual = np.float32(1 / max(len(sums), 1))
+    scale, of_beams = (1 / pictures[name] if name in pictures else usual for name in ("weight", "beams weight"))
+    black = np.zeros((*shape, 3), dtype=np.float32)
+    surface = pictures.get("surface", black) * scale
+    alpha = pictures.get("alpha", black[..., :1]) * scale
+    by_group: dict[str, Any] = {}
+    for prefix, factor in ((GATHERED, of_beams), (SCATTERED, scale)):
+        for name in sorted(each for each in pictures if each.startswith(prefix)):
+            group = name.removeprefix(prefix)
+            by_group[group] = by_group.get(group, 0) + pictures[name] * factor
+    beams = sum(by_group.values(), black)
+    layers = {"rgba": np.concatenate([surface + beams, alpha], axis=2), "surface": surface, "beams": beams}
+    for group, name in groups.items():
+        # Black if no beam of the group was in a medium. A group named "default" shares the layer of the unnamed group.
+        layers[name] = layers.get(name, 0) + by_group.get(group, black)
+    if "transmittance" in pictures:
+        layers["transmittance"] = pictures["transmittance"] * scale
+    layers[DEPTH] = pictures.get(DEPTH, np.full_like(alpha, np.inf))
+    if NORMAL in pictures:
+        layers[NORMAL] = pictures[NORMAL]
+    if ALBEDO in pictures:
+        layers[ALBEDO] = pictures[ALBEDO] * scale
+    return layers
+
+
+def group_layers(groups: Collection[str]) -> dict[str, str]:
+    """Return the layer of each light group; empty if all beams are of the unnamed group."""
+    return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if set(groups) - {""} else {}
+
+
+def layer_names(groups: Mapping[str, str]) -> list[str]:
+    """Return the names of the layers, in their order, of a stage whose light groups have these layers."""
+    return ["rgba", "surface", "beams", *dict.fromkeys(groups.values()), "transmittance", "depth"]
