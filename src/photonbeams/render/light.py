@@ -11,8 +11,8 @@ import drjit as dr
 from ..beams.sets import BeamSet
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float
-from ..transport.radii import Limits
-from ..transport.records import PhotonHits
+from ..transport.segments.radii import Limits
+from ..transport.segments.records import PhotonHits
 from ..transport.simulation import Tuning
 from ..world.world import World
 from .paths import camera_paths

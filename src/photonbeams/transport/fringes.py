@@ -26,8 +26,8 @@ from ..world.bounds import Box
 from ..world.media.interfaces import distance_to_medium
 from ..world.warp import perpendicular
 from .paths import AS_FAR, Last, Tracing, straight
-from .radii import Limits
-from .records import LightPaths, Segments
+from .segments.radii import Limits
+from .segments.records import LightPaths, Segments
 
 if TYPE_CHECKING:
     from ..world.world import World

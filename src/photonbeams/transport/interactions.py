@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..world.world import World
     from .aiming import Aimed
     from .paths import Tracing
-    from .records import LightPaths
+    from .segments.records import LightPaths
 
 mi = mitsuba()
 

@@ -39,9 +39,9 @@ from .interactions import (
     sampled,
     survival,
 )
-from .narrowing import narrow
-from .radii import Width, width
-from .records import LightPaths, PhotonHits, Segments, tangent
+from .segments.narrowing import narrow
+from .segments.radii import Width, width
+from .segments.records import LightPaths, PhotonHits, Segments, tangent
 from .splitting import continued, divisible, split
 
 mi = mitsuba()

@@ -25,7 +25,6 @@ from ..world.stage_world import StageWorld
 from ..world.world import World
 from . import paths
 from .aiming import Openings
-from .beams import Cutting, Moments, moving_sets, sets_of
 from .connections import Connections
 from .emission import Emission, Stratum, probed_flux
 from .fitted_portals import Opening, parted
@@ -42,8 +41,9 @@ from .lamps import (
     with_surrounds,
 )
 from .pilot import Found, guide
-from .radii import Limits
-from .records import LightPaths, PhotonHits, Segments
+from .segments.beams import Cutting, Moments, moving_sets, sets_of
+from .segments.radii import Limits
+from .segments.records import LightPaths, PhotonHits, Segments
 
 if TYPE_CHECKING:
     from ..estimators.tiles import Projection

@@ -19,7 +19,7 @@ from ..numerics.streams import Stream
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.spectra import rgb
 from .interactions import IDEAL, REFLECTED, SAMPLED, SCATTERED
-from .records import LightPaths
+from .segments.records import LightPaths
 
 if TYPE_CHECKING:
     from .paths import Tracing

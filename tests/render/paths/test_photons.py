@@ -7,7 +7,7 @@ from photonbeams.numerics.arrays import to_float, to_vectors
 from photonbeams.render.paths import photons
 from photonbeams.render.paths.photons import _NEIGHBOURS
 from photonbeams.runtime.device import Array3f, Bool, Float
-from photonbeams.transport.records import PhotonHits
+from photonbeams.transport.segments.records import PhotonHits
 
 
 def hits(places, coherent, flux=1.0):

@@ -12,9 +12,9 @@ from scipy.spatial import KDTree
 from ...estimators.photons import PhotonMap, Photons
 from ...numerics.arrays import joined, to_float, to_numpy
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...transport.coverage import surface_coverage
-from ...transport.radii import Limits
-from ...transport.records import PhotonHits
+from ...transport.segments.coverage import surface_coverage
+from ...transport.segments.radii import Limits
+from ...transport.segments.records import PhotonHits
 from ...world.spectra import rgb
 from ...world.world import World
 

@@ -10,17 +10,17 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..beams import Beams
-from ..beams.guides import known_guides, led, pieces_along
-from ..beams.sets import BeamSet
-from ..numerics.arrays import compressed, joined, opaque
-from ..numerics.hashing import hash32, unit_float
-from ..numerics.structs import Struct
-from ..runtime.device import Bool, Float, UInt32
-from ..world.bounds import Box
-from ..world.emitters.sources import Source
-from ..world.media.media import RenderedMedium, over_mean
-from ..world.world import World
+from ...beams import Beams
+from ...beams.guides import known_guides, led, pieces_along
+from ...beams.sets import BeamSet
+from ...numerics.arrays import compressed, joined, opaque
+from ...numerics.hashing import hash32, unit_float
+from ...numerics.structs import Struct
+from ...runtime.device import Bool, Float, UInt32
+from ...world.bounds import Box
+from ...world.emitters.sources import Source
+from ...world.media.media import RenderedMedium, over_mean
+from ...world.world import World
 from .coverage import medium_coverage
 from .radii import Limits
 from .records import Segments, tangent

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 
-from ..numerics.structs import Struct
-from ..runtime.device import Array3f, Float
-from ..world.differentials import RayDifferentials
+from ...numerics.structs import Struct
+from ...runtime.device import Array3f, Float
+from ...world.differentials import RayDifferentials
 
 
 class Width(Struct):

@@ -18,14 +18,14 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..estimators.photons import FACING, THICKNESS
-from ..numerics.arrays import to_float
-from ..numerics.hashing import hash32, unit_float
-from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
-from ..world.media.interfaces import is_boundary, is_left, transmits
-from ..world.shadow_rays import gap_at, leaving
-from ..world.warp import perpendicular
-from ..world.world import World
+from ...estimators.photons import FACING, THICKNESS
+from ...numerics.arrays import to_float
+from ...numerics.hashing import hash32, unit_float
+from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
+from ...world.media.interfaces import is_boundary, is_left, transmits
+from ...world.shadow_rays import gap_at, leaving
+from ...world.warp import perpendicular
+from ...world.world import World
 from .records import Segments
 
 mi = mitsuba()

@@ -6,9 +6,9 @@ from typing import Any
 
 import drjit as dr
 
-from ..numerics.structs import Struct
-from ..runtime.device import Array3f, Bool, Float, UInt32
-from ..world.differentials import RayDifferentials
+from ...numerics.structs import Struct
+from ...runtime.device import Array3f, Bool, Float, UInt32
+from ...world.differentials import RayDifferentials
 from .radii import Width
 
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.hashing import hash32, unit_float
-from ..runtime.device import Array3f, Bool, Float, UInt32
-from ..world.stage_world import StageWorld
-from ..world.warp import facing, perpendicular
+from ...numerics.hashing import hash32, unit_float
+from ...runtime.device import Array3f, Bool, Float, UInt32
+from ...world.stage_world import StageWorld
+from ...world.warp import facing, perpendicular
 
 if TYPE_CHECKING:
     from .records import LightPaths

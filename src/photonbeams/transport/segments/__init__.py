@@ -1,0 +1,1 @@
+"""Segments of light paths, and the beams that they become."""
