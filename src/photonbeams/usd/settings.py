@@ -258,14 +258,6 @@ def _pixel_aspect_ratio(reading: Reading, prim: Usd.Prim) -> float:
     return ratio
 
 
-def _conform_policy(reading: Reading, prim: Usd.Prim) -> str:
-    policy = str(reading.value(prim, "aspectRatioConformPolicy"))
-    if policy not in CONFORM_POLICIES:
-        expected = f"expected one of {', '.join(CONFORM_POLICIES)}"
-        raise reading.fail(prim, "aspectRatioConformPolicy", f"is '{policy}': {expected}")
-    return policy
-
-
 def _data_window(reading: Reading, prim: Usd.Prim) -> Window:
     x0, y0, x1, y1 = window = reading.vector(prim, "dataWindowNDC", (0.0, 0.0, 1.0, 1.0))
     text = f"is ({', '.join(f'{each:g}' for each in window)})"
@@ -274,27 +266,24 @@ def _data_window(reading: Reading, prim: Usd.Prim) -> Window:
     return x0, y0, x1, y1
 
 
+def _choice(name: str, choices: Collection[str]) -> Callable[[Reading, Usd.Prim], str]:
+    return lambda reading, prim: reading.choice(prim, name, None, choices)
+
+
 def _flag(name: str) -> Callable[[Reading, Usd.Prim], bool]:
     return lambda reading, prim: reading.flag(prim, name, False)
-
-
-def _pixel_filter(reading: Reading, prim: Usd.Prim) -> str:
-    name = str(reading.value(prim, PIXEL_FILTER))
-    if name not in FILTERS:
-        raise reading.fail(prim, PIXEL_FILTER, f"is '{name}': expected one of {', '.join(FILTERS)}")
-    return name
 
 
 _READERS: dict[str, Callable[[Reading, Usd.Prim], Any]] = {
     "camera": _camera,
     "resolution": _resolution,
     "pixelAspectRatio": _pixel_aspect_ratio,
-    "aspectRatioConformPolicy": _conform_policy,
+    "aspectRatioConformPolicy": _choice("aspectRatioConformPolicy", CONFORM_POLICIES),
     "dataWindowNDC": _data_window,
     "instantaneousShutter": _flag("instantaneousShutter"),
     "disableMotionBlur": _flag("disableMotionBlur"),
     "disableDepthOfField": _flag("disableDepthOfField"),
-    PIXEL_FILTER: _pixel_filter,
+    PIXEL_FILTER: _choice(PIXEL_FILTER, FILTERS),
 }
 
 # What cannot be ignored: the picture would have another size.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from enum import IntEnum
 from math import isfinite
 from pathlib import Path
@@ -92,25 +92,22 @@ class EditLayer:
         SceneError
             There is no such prim or attribute, or the value has another type.
         """
-        prim, name = self._found(path)
+        text = f"cannot set {path}"
         if value is None:
+            _found(self._stage, path, text)
             self._remove(Sdf.Path(path))
             return
-        if _is_relationship(prim, name):
+
+        def targets() -> list[Sdf.Path]:
             if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
                 raise SceneError(f"{path} is {value!r}: expected a list of paths")
-            targets = _targets(",".join(value), path)
-            with Usd.EditContext(self._stage, self._layer):
-                prim.CreateRelationship(name).SetTargets(targets)
-            return
-        kind = _type_of(prim, name)
-        if kind is None:
-            raise SceneError(f"{prim.GetPath()} has no attribute {name}")
-        converted = _converted(value, kind, path)
-        if isinstance(converted, Sdf.AssetPath):
-            converted = self._anchored(converted)
-        with Usd.EditContext(self._stage, self._layer):
-            prim.CreateAttribute(name, kind).Set(converted)
+            return _targets(",".join(value), text)
+
+        def converted(kind: Sdf.ValueTypeName) -> Any:
+            found = _converted(value, kind, path)
+            return self._anchored(found) if isinstance(found, Sdf.AssetPath) else found
+
+        _set(self._stage, self._layer, path, text, targets, converted)
 
     def leave(self, path: str) -> None:
         """Set an attribute to its default, whatever the stage says.
@@ -120,7 +117,7 @@ class EditLayer:
         SceneError
             There is no such prim or attribute.
         """
-        prim, name = self._found(path)
+        prim, name = _found(self._stage, path, f"cannot set {path}")
         self._remove(Sdf.Path(path))
         attribute = prim.GetAttribute(name)
         if attribute and attribute.HasAuthoredValue():  # by a weaker layer
@@ -146,18 +143,6 @@ class EditLayer:
                     spec.specifier, spec.typeName = Sdf.SpecifierDef, kind if each == known else "Scope"
         if not self._stage.GetPrimAtPath(known):
             raise SceneError(f"cannot define {path}: {file_of(self._stage)} cannot have one there, or does not show it")
-
-    def _found(self, path: str) -> tuple[Usd.Prim, str]:
-        """Return the prim and the name of a property that may be edited."""
-        known = Sdf.Path(path) if isinstance(path, str) and Sdf.Path.IsValidPathString(path) else Sdf.Path()
-        if not known.IsPrimPropertyPath():
-            raise SceneError(f"cannot set {path!r}: expected /prim.attribute")
-        prim = self._stage.GetPrimAtPath(known.GetPrimPath())
-        if not prim:
-            raise SceneError(f"cannot set {path}: {file_of(self._stage)} has no prim {known.GetPrimPath()}")
-        if prim.IsInstanceProxy():
-            raise SceneError(f"cannot set {path}: {_instance(prim)}")
-        return prim, known.name
 
     def _anchored(self, asset: Sdf.AssetPath) -> Sdf.AssetPath:
         """Return an asset whose relative path is made absolute, because a layer without a file has no folder."""
@@ -224,42 +209,63 @@ class EditLayer:
         write_layer(self._layer, path)
 
 
+def _found(stage: Usd.Stage, path: str, text: str) -> tuple[Usd.Prim, str]:
+    """Return the prim and the name of a property that may be edited; `text` begins messages."""
+    known = Sdf.Path(path) if isinstance(path, str) and Sdf.Path.IsValidPathString(path) else Sdf.Path()
+    if not known.IsPrimPropertyPath():
+        raise SceneError(f"{text}: expected /prim.attribute=value")
+    prim = stage.GetPrimAtPath(known.GetPrimPath())
+    if not prim:
+        raise SceneError(f"{text}: {file_of(stage)} has no prim {known.GetPrimPath()}")
+    if prim.IsInstanceProxy():
+        raise SceneError(f"{text}: {_instance(prim)}")
+    return prim, known.name
+
+
+def _set(
+    stage: Usd.Stage, layer: Sdf.Layer, path: str, text: str, targets: Callable[[], list[Sdf.Path]],
+    converted: Callable[[Sdf.ValueTypeName], Any],
+) -> None:  # fmt: skip
+    """Set a property in a layer: the targets of a relationship, or an attribute to a value converted to its type."""
+    prim, name = _found(stage, path, text)
+    if _is_relationship(prim, name):
+        paths = targets()
+        with Usd.EditContext(stage, layer):
+            prim.CreateRelationship(name).SetTargets(paths)
+        return
+    kind = _type_of(prim, name)
+    if kind is None:
+        raise SceneError(f"{text}: {prim.GetPath()} has no attribute {name}")
+    value = converted(kind)
+    with Usd.EditContext(stage, layer):
+        prim.CreateAttribute(name, kind).Set(value)
+
+
 def _converted(value: Any, kind: Sdf.ValueTypeName, path: str) -> Any:
     """Return a number, a text or a list as a value of a USD type; SceneError if it has another type."""
+    default = kind.defaultValue
     if kind.isArray:
         if not isinstance(value, list):
             raise SceneError(f"{path} is {value!r}: expected a list")
         return [_converted(each, kind.scalarType, path) for each in value]
-    default = kind.defaultValue
-    if isinstance(default, bool):
-        if isinstance(value, bool):
-            return value
-        raise SceneError(f"{path} is {value!r}: expected true or false")
-    if isinstance(default, str):
-        if isinstance(value, str):
-            return value
-        raise SceneError(f"{path} is {value!r}: expected a text")
-    if isinstance(default, Sdf.AssetPath):
-        if isinstance(value, str):
-            return Sdf.AssetPath(value)
-        raise SceneError(f"{path} is {value!r}: expected the path of a file")
-    if isinstance(default, int):
-        if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 1 << 31:
-            return value
-        raise SceneError(f"{path} is {value!r}: expected a whole number")
-    if isinstance(default, float):
-        return _number(value, path)
     if isinstance(default, Gf.Vec2f | Gf.Vec3f | Gf.Vec4f | Gf.Vec2d | Gf.Vec3d | Gf.Vec4d):
         if isinstance(value, list) and len(value) == len(default):
-            return type(default)(*(_number(each, path) for each in value))
+            return type(default)(*(_converted(each, Sdf.ValueTypeNames.Double, path) for each in value))
         raise SceneError(f"{path} is {value!r}: expected {len(default)} numbers")
-    raise SceneError(f"{path} is of type {kind}: expected one of numbers, text or files, which can be edited here")
-
-
-def _number(value: Any, path: str) -> float:
-    if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value) and abs(value) < 3e38:
-        return float(value)
-    raise SceneError(f"{path} is {value!r}: expected a finite number")
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    expected: dict[type, tuple[str, bool]] = {
+        bool: ("true or false", isinstance(value, bool)),
+        str: ("a text", isinstance(value, str)),
+        Sdf.AssetPath: ("the path of a file", isinstance(value, str)),
+        int: ("a whole number", is_number and isinstance(value, int) and abs(value) < 1 << 31),
+        float: ("a finite number", is_number and abs(value) < 3e38),
+    }
+    if type(default) not in expected:
+        raise SceneError(f"{path} is of type {kind}: expected one of numbers, text or files, which can be edited here")
+    text, fits = expected[type(default)]
+    if not fits:
+        raise SceneError(f"{path} is {value!r}: expected {text}")
+    return type(default)(value)
 
 
 def override(stage: Usd.Stage, text: str) -> None:
@@ -270,24 +276,12 @@ def override(stage: Usd.Stage, text: str) -> None:
     SceneError
         The text has another form, there is no such prim or attribute, or the value has another type.
     """
-    target, equals, value = text.partition("=")
-    path = Sdf.Path(target.strip()) if Sdf.Path.IsValidPathString(target.strip()) else Sdf.Path()
-    if not equals or not path.IsPrimPropertyPath():
-        raise SceneError(f"cannot set '{text}': expected /prim.attribute=value")
-    prim = stage.GetPrimAtPath(path.GetPrimPath())
-    if not prim:
-        raise SceneError(f"cannot set '{text}': {file_of(stage)} has no prim {path.GetPrimPath()}")
-    if prim.IsInstanceProxy():
-        raise SceneError(f"cannot set '{text}': {_instance(prim)}")
-    if _is_relationship(prim, path.name):
-        with Usd.EditContext(stage, stage.GetSessionLayer()):
-            prim.CreateRelationship(path.name).SetTargets(_targets(value.strip(), text))
-        return
-    kind = _type_of(prim, path.name)
-    if kind is None:
-        raise SceneError(f"cannot set '{text}': {path.GetPrimPath()} has no attribute {path.name}")
-    with Usd.EditContext(stage, stage.GetSessionLayer()):
-        prim.CreateAttribute(path.name, kind).Set(_parsed(value.strip(), kind, text))
+    target, equals, value = (part.strip() for part in text.partition("="))
+    message = f"cannot set '{text}'"
+    if not equals:
+        raise SceneError(f"{message}: expected /prim.attribute=value")
+    session = stage.GetSessionLayer()
+    _set(stage, session, target, message, lambda: _targets(value, message), lambda kind: _parsed(value, kind, message))
 
 
 def _instance(prim: Usd.Prim) -> str:
@@ -332,7 +326,7 @@ def _targets(value: str, text: str) -> list[Sdf.Path]:
     names = [part.strip().removeprefix("<").removesuffix(">") for part in value.split(",")] if value else []
     for name in names:
         if not Sdf.Path.IsValidPathString(name) or not Sdf.Path(name).IsAbsolutePath():
-            raise SceneError(f"cannot set '{text}': expected the paths of prims, such as /Looks/Soft")
+            raise SceneError(f"{text}: expected the paths of prims, such as /Looks/Soft")
     return [Sdf.Path(name) for name in names]
 
 
@@ -341,7 +335,7 @@ def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
     if kind in (Sdf.ValueTypeNames.Token, Sdf.ValueTypeNames.String) and not value.startswith(('"', "'")):
         value = f'"{value}"'
     if kind == Sdf.ValueTypeNames.Int and not re.fullmatch(r"[+-]?\d+", value):  # OpenUSD would ignore the rest
-        raise SceneError(f"cannot set '{text}': expected a whole number")
+        raise SceneError(f"{text}: expected a whole number")
     if kind == Sdf.ValueTypeNames.Asset and not value.startswith("@"):
         value = f"@{value}@"
     if isinstance(kind.defaultValue, (Gf.Vec3f, Gf.Vec3d)) and value[:1] != "(":
@@ -355,7 +349,7 @@ def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
         parsed = False
     spec = layer.GetAttributeAtPath("/A.v") if parsed else None
     if spec is None or spec.default is None:
-        raise SceneError(f"cannot set '{text}': expected a value of type {kind}")
+        raise SceneError(f"{text}: expected a value of type {kind}")
     if isinstance(spec.default, float) and not isfinite(spec.default):
-        raise SceneError(f"cannot set '{text}': expected a finite number")
+        raise SceneError(f"{text}: expected a finite number")
     return spec.default

@@ -106,10 +106,8 @@ class Definition:
                 return read_image(reading, prim, self.name)
             case "color":
                 return reading.color(prim, self.name, value)
-            case "choice" if str(value) not in self.choices:
-                raise reading.fail(prim, self.name, f"is '{value}': expected one of {', '.join(self.choices)}")
             case "choice":
-                return str(value)
+                return reading.choice(prim, self.name, value, self.choices)
             case "numbers":
                 return self._list(reading, prim)
         return self._number(reading, prim, value)

@@ -204,6 +204,13 @@ class Reading:
         """Return an attribute's value as a bool."""
         return bool(self.value(prim, name, default))
 
+    def choice(self, prim: Usd.Prim, name: str, default: str | None, choices: Collection[str]) -> str:
+        """Return a text, checked to be one of the choices."""
+        value = str(self.value(prim, name, default))
+        if value not in choices:
+            raise self.fail(prim, name, f"is '{value}': expected one of {', '.join(choices)}")
+        return value
+
     def array(self, prim: Usd.Prim, name: str, columns: int, value: Any = None) -> Array | None:
         """Return an array attribute (or its given `value`) as (N, columns) finite float64, or None if it is empty."""
         raw = self.value(prim, name) if value is None else value

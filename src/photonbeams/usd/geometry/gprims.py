@@ -30,10 +30,7 @@ def gprim_polygons(reading: Reading, prim: Usd.Prim) -> Polygons:
         polygons = _plane(_size(reading, prim, "width", 2.0), _size(reading, prim, "length", 2.0))
     else:
         polygons = _revolved(_profile(reading, prim, kind))
-    axis = str(reading.value(prim, "axis", "Z"))
-    if axis not in _TURNS:
-        raise reading.fail(prim, "axis", f"is '{axis}': expected X, Y or Z")
-    turn = list(_TURNS[axis])
+    turn = list(_TURNS[reading.choice(prim, "axis", "Z", _TURNS)])
     assert polygons.normals is not None
     normals = Values(polygons.normals.values[:, turn], polygons.normals.interpolation)
     return Polygons(polygons.points[:, turn], polygons.counts, polygons.indices, normals, polygons.uvs)

@@ -194,12 +194,8 @@ def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, counts: Array) -> St
 def basis_of(reading: Reading, prim: Usd.Prim) -> tuple[str, str]:
     """Return the basis of cubic curves, or "linear", and how the curves wrap."""
     linear = reading.value(prim, "type", "cubic") == "linear"
-    basis, wrap = str(reading.value(prim, "basis", "bezier")), str(reading.value(prim, "wrap", "nonperiodic"))
-    if not linear and basis not in BASES:
-        raise reading.fail(prim, "basis", f"is '{basis}': expected one of {', '.join(BASES)}")
-    if wrap not in WRAPS:
-        raise reading.fail(prim, "wrap", f"is '{wrap}': expected one of {', '.join(WRAPS)}")
-    return "linear" if linear else basis, wrap
+    basis = "linear" if linear else reading.choice(prim, "basis", "bezier", BASES)
+    return basis, reading.choice(prim, "wrap", "nonperiodic", WRAPS)
 
 
 def floats(reading: Reading, prim: Usd.Prim, name: str) -> Array:

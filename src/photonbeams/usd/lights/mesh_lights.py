@@ -53,11 +53,9 @@ def _read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> Mesh
         reading.warn(prim, "is a light without a surface: it does not shine")
         return None
     glowing = [mesh for mesh in own if glows(mesh)]
-    mode = _TINTED if not prim.HasAPI(UsdLux.LightAPI) else str(reading.value(prim, "light:materialSyncMode", _TINTED))
-    if mode not in (_TINTED, _INDEPENDENT, _ALONE):
-        raise reading.fail(
-            prim, "light:materialSyncMode", f"is '{mode}': expected {_TINTED}, {_INDEPENDENT} or {_ALONE}"
-        )
+    mode = _TINTED
+    if prim.HasAPI(UsdLux.LightAPI):
+        mode = reading.choice(prim, "light:materialSyncMode", _TINTED, (_TINTED, _INDEPENDENT, _ALONE))
     if is_asked(prim) and not glowing:
         reading.warn(prim, "is to make beams, but its material emits no light: it makes none", "photonbeams:enabled")
         return None
