@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.images.files import read_parts, summaries, write_exr, write_png
+from photonbeams.images.files import read_parts, summaries
 from photonbeams.images.tiles import join_tiles
+from photonbeams.images.writing import write_exr, write_png
 from photonbeams.render.films.frame_sums import FrameSums
 from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime.inputs import arrays, opened

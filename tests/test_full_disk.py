@@ -12,7 +12,7 @@ import photonbeams as pb
 from photonbeams import scene
 from photonbeams.export.scene import Twin, _grid_of, ply
 from photonbeams.export.shot import _write
-from photonbeams.images import files as images
+from photonbeams.images import writing as images
 from photonbeams.images.tiles import join_tiles
 from photonbeams.render.films.frame_sums import FrameSums
 from photonbeams.render.films.sums import PassSums

@@ -85,7 +85,8 @@ def sheet(folder: Path, arguments: tuple[str, ...], name: str, columns: int) -> 
 
 def plate(folder: Path) -> None:
     """Write Cycles' plate as it is, and with beams over it."""
-    from photonbeams.images.files import read_layers, write_png
+    from photonbeams.images.files import read_layers
+    from photonbeams.images.writing import write_png
 
     if not BLENDER.exists():
         raise SystemExit("the plate is by Cycles: python -m benchmarks cycles --install")

@@ -123,7 +123,7 @@ def write_layer(path: Path, shot: pb.Shot, lights: list[str], colors: np.ndarray
 
 def write_strip(path: Path, *pictures: np.ndarray) -> None:
     """Write pictures side by side."""
-    from photonbeams.images.files import write_png
+    from photonbeams.images.writing import write_png
 
     gap = np.ones((pictures[0].shape[0], 4, 3), dtype=np.float32)
     row = [part for picture in pictures for part in (picture.astype(np.float32), gap)][:-1]

@@ -17,7 +17,8 @@ import OpenImageIO
 from rich.progress import track
 
 from photonbeams.images.display import srgb_encoded, tone_mapped
-from photonbeams.images.files import read_layers, write_png
+from photonbeams.images.files import read_layers
+from photonbeams.images.writing import write_png
 
 RATE, COLUMNS, ROWS, THUMB = 24, 5, 4, 320
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from photonbeams.cli.info import info
-from photonbeams.images.files import write_frame
+from photonbeams.images.writing import write_frame
 from photonbeams.scene import SceneError
 from photonbeams.volumes.writing import write_vdb
 

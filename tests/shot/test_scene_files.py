@@ -9,7 +9,7 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.images import files
-from photonbeams.images.files import write_png
+from photonbeams.images.writing import write_png
 from photonbeams.scene import SceneError
 
 SCENE = '<scene version="3.0.0">%s<default name="own" value="a file"/><sensor type="perspective"/></scene>'

@@ -62,7 +62,7 @@ def quadrature(
 
 def _check(plot: Path) -> None:
     """Refuse a plot that cannot be written, before anything is computed."""
-    from ..images.files import prepare_output
+    from ..images.writing import prepare_output
 
     if plot.suffix.lower() != ".png":
         raise typer.BadParameter(f"{plot} is not the name of a picture: expected FILE.png", param_hint="'--plot'")

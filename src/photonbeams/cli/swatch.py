@@ -40,7 +40,7 @@ def swatch(
 
     Examples: photonbeams swatch look.usda -o look.png, or photonbeams swatch shot.usda --look Ember -o ember.png
     """
-    from ..images.files import prepare_output
+    from ..images.writing import prepare_output
     from ..runtime.files import atomic_file
     from ..runtime.limits import check_address_space
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from ..runtime.files import PathLike
 from ..scene import Array, SceneError
-from .files import REC709, check_decoded, check_image, complaint, opened, pixels_of, unreadable
+from .files import check_decoded, check_image, complaint, opened, pixels_of, unreadable
 from .numbering import numbered
+from .writing import REC709
 
 Warn = Callable[[str], None]
 Size = tuple[int, int]  # width and height

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..runtime.files import PathLike, write_bytes
 from ..scene import MOST_PIXELS, Array, SceneError
-from .files import encoded_frame
 from .previews import preview
+from .writing import encoded_frame
 
 if TYPE_CHECKING:
     from ..render.passes import Statistics

@@ -25,7 +25,7 @@ from .channels import (
     says_distance,
 )
 from .display import is_encoded, srgb_decoded
-from .files import HALF_MAX
+from .writing import HALF_MAX
 
 if TYPE_CHECKING:
     from ..render.holdouts import HoldoutDepth

@@ -1,4 +1,4 @@
-"""Pictures for notebooks: the PNG that `files.write_png` writes, scaled down if the file would be large."""
+"""Pictures for notebooks: the PNG that `writing.write_png` writes, scaled down if the file would be large."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import OpenImageIO
 
 from ..scene import Array
-from .files import png_of
+from .writing import png_of
 
 # A notebook stores pictures as text: a few large ones make it slow to open and to compare.
 MOST_BYTES = 1_000_000

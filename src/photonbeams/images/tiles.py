@@ -12,7 +12,8 @@ import OpenEXR
 from ..runtime.files import PathLike, write_bytes
 from ..runtime.inputs import is_special, why_unreadable
 from ..scene import Array, SceneError
-from .files import MOST_PIXELS, encoded_parts
+from .files import MOST_PIXELS
+from .writing import encoded_parts
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1, the last pixel not included
 

@@ -1,0 +1,312 @@
+"""Write image files: layered EXRs and tone-mapped PNGs, whole or not at all (`runtime.files`)."""
+
+from __future__ import annotations
+
+import logging
+import struct
+import zlib
+from collections.abc import Mapping
+from fractions import Fraction
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+
+from ..runtime.files import PathLike, try_path, write_bytes
+from ..scene import Array, SceneError
+from .display import dithered, srgb_encoded, tone_mapped
+from .files import reason
+
+Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to its layers and metadata
+
+LOG = logging.getLogger("photonbeams")
+
+HALF_MAX = 65504.0  # the largest finite half
+HALF_MIN = 2.0**-24  # the smallest half above 0
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
+# Attributes of a frame that must be the same in all parts of an EXR.
+SHARED = ("displayWindow", "pixelAspectRatio", "chromaticities")
+_PNG_UNIT = 10_000  # pixels in the unit of length in which a PNG gives the shape of its pixels
+
+
+def prepare_output(path: PathLike) -> Path:
+    """Check, before hours of rendering, that a picture can be written to `path`, and return it.
+
+    The check leaves no trace. When the picture is written its folder is made, if it does not exist, as by usdrecord.
+
+    Raises
+    ------
+    SceneError
+        A name that ends neither in .exr nor in .png.
+    OSError
+        The folder cannot be made or written to, or there is a folder with the file's name.
+    """
+    path = _picture_path(path)
+    try_path(path)
+    return path
+
+
+def _picture_path(path: PathLike) -> Path:
+    path = Path(path)
+    if path.suffix.lower() not in (".exr", ".png"):
+        raise SceneError(f"cannot write {path}: expected a name that ends in .exr (layers) or .png (a picture)")
+    return path
+
+
+def write_frame(
+    path: PathLike,
+    layers: Mapping[str, Array],
+    metadata: Mapping[str, Any] | None = None,
+    layer: str = "rgba",
+    exposure: float = 0.0,
+    views: Views | None = None,
+) -> None:
+    """Write a frame by the file's suffix: all layers to an .exr, or one `layer` tone-mapped to a .png.
+
+    Parameters
+    ----------
+    views
+        As for `write_exr`; a .png shows them side by side at full size, the first on the left.
+
+    Raises
+    ------
+    SceneError
+        Another suffix, no such layer, or a .png of a layer without colours, such as `depth`.
+    ValueError
+        As `write_exr` and `write_png`.
+    OSError
+        As `atomic_path`.
+    """
+    write_bytes(path, encoded_frame(path, layers, metadata, layer, exposure, views))
+
+
+def encoded_frame(
+    path: PathLike,
+    layers: Mapping[str, Array],
+    metadata: Mapping[str, Any] | None = None,
+    layer: str = "rgba",
+    exposure: float = 0.0,
+    views: Views | None = None,
+) -> bytes | memoryview:
+    """Return the file that `write_frame` writes to `path`, which decides the kind and is named in messages."""
+    path = _picture_path(path)
+    if path.suffix.lower() == ".exr":
+        return encoded_exr(path, layers, metadata, views)
+    eyes = [each for each, _ in views.values()] if views else [layers]
+    for each in eyes:
+        if layer not in each:
+            raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(each)}")
+        if each[layer].shape[2] < 3:
+            raise SceneError(f"cannot write {path}: '{layer}' has no colours: expected another layer, or an .exr")
+    ratio = (metadata or {}).get("pixelAspectRatio", 1.0)
+    return png_of(*(each[layer] for each in eyes), exposure=exposure, pixel_aspect=ratio)
+
+
+def write_exr(
+    path: PathLike,
+    layers: Mapping[str, Array],
+    metadata: Mapping[str, Any] | None = None,
+    views: Views | None = None,
+) -> None:
+    """Write a multi-part EXR with a part for each layer, `rgba` first: ZIP, half for colours, float for others.
+
+    Parameters
+    ----------
+    path
+        Its folder is made if it does not exist.
+    layers
+        Pixels by name, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), those of
+        `normal` X, Y, Z, and (H, W) or (H, W, 1) becomes Z. Colours beyond ±65504, the largest half, are clamped,
+        with a warning; infinite depth stays.
+    metadata
+        Header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (2,) and
+        (4, 4) arrays. The matrices worldToCamera and worldToNDC are for row vectors, as in Imath and USD. For a cropped
+        frame, or one with overscan, `dataWindow` and `displayWindow` are (x0, y0, x1, y1), the last pixel included.
+        Chromaticities are Rec. 709 unless given.
+    views
+        Layers and metadata of each view, instead of `layers` and `metadata`: "left" and "right", the default one
+        first. Each part has the attribute `view`; if there are several views, the part's name ends with it, as in
+        beams.left, since names must be unique.
+
+    Raises
+    ------
+    ValueError
+        Layers of several sizes or of other shapes, metadata for which EXR has no type, views with different display
+        windows or chromaticities, or one without a name among several.
+    OSError
+        As `atomic_path`.
+
+    References
+    ----------
+    Storing multi-view images, https://openexr.com/en/latest/MultiViewOpenEXR.html: this is the preferred one of its two
+    forms.
+    """
+    write_bytes(path, encoded_exr(path, layers, metadata, views))
+
+
+def encoded_exr(
+    path: PathLike,
+    layers: Mapping[str, Array],
+    metadata: Mapping[str, Any] | None = None,
+    views: Views | None = None,
+) -> memoryview:
+    """Return the file that `write_exr` writes to `path`, which is named in messages."""
+    views = views or {"": (layers, metadata or {})}
+    views = {
+        view: (seen, {"chromaticities": REC709, **about, **({"view": view} if view else {})})
+        for view, (seen, about) in views.items()
+    }
+    _check_views(path, views)
+    _warn_of_range(path, views)
+    parts = [
+        OpenEXR.Part(_header(about), _channels(name, seen[name]), _part_name(name, view, views))
+        for view, (seen, about) in views.items()
+        for name in sorted(seen, key=lambda name: name != "rgba")  # the sort is stable: the others keep their order
+    ]
+    return encoded_parts(path, parts)
+
+
+def encoded_parts(path: PathLike, parts: list[OpenEXR.Part]) -> memoryview:
+    """Return the parts of an EXR as the file that will be at `path`, which is named in messages."""
+    data = BytesIO()  # OpenEXR reports no error if the last bytes of a file cannot be written
+    try:
+        OpenEXR.File(parts).write(data)
+    except RuntimeError as error:  # OpenEXR raises no other kind
+        raise SceneError(f"{path} cannot be written: {reason(str(error))}") from error
+    return data.getbuffer()
+
+
+def _warn_of_range(path: PathLike, views: Views) -> None:
+    """Warn about layers with colours that half floats cannot hold."""
+    bright, dark = [], []
+    for view, (seen, _) in views.items():
+        for name in (name for name in seen if _is_half(name, np.shape(seen[name]))):
+            colors = np.asarray(seen[name])[..., :3]
+            peak = max(np.fmax.reduce(colors, axis=None), -np.fmin.reduce(colors, axis=None))  # NaN is left out
+            if peak > HALF_MAX:
+                bright.append(_part_name(name, view, views))
+            elif 0 < peak <= HALF_MIN / 2:
+                dark.append(_part_name(name, view, views))
+    if bright:
+        text = "colours beyond 65504, the largest half float: they are clamped, and layers do not add up there"
+        LOG.warning("%s: %s: %s", path, _listed(bright), text)
+    if dark:
+        LOG.warning("%s: %s: all light is below 6e-8, the smallest half float: it is black", path, _listed(dark))
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
+def _is_half(name: str, shape: tuple[int, ...]) -> bool:
+    """Return whether a layer is written in half floats: it has colours."""
+    return name != "normal" and len(shape) == 3 and shape[2] in (3, 4)
+
+
+def _part_name(layer: str, view: str, views: Views) -> str:
+    return f"{layer}.{view}" if len(views) > 1 else layer
+
+
+def _check_views(path: PathLike, views: Views) -> None:
+    """Raise ValueError for views that OpenEXR would refuse with an unclear message, or write wrongly."""
+    if len(views) > 1 and "" in views:
+        raise ValueError(f"while writing {path}, got views {', '.join(map(repr, views))}: expected a name for each")
+    for name in SHARED:
+        values = {view: tuple(np.ravel(about.get(name, ())).tolist()) for view, (_, about) in views.items()}
+        if len(set(values.values())) > 1:
+            text = " and ".join(f"{value} for {view}" for view, value in values.items())
+            raise ValueError(f"while writing {path}, got {name} {text}: expected one for all views")
+    shapes = {
+        _part_name(name, view, views): np.shape(pixels)
+        for view, (seen, _) in views.items()
+        for name, pixels in seen.items()
+    }
+    if not all(seen for seen, _ in views.values()) or len({shape[:2] for shape in shapes.values()}) > 1:
+        text = ", ".join(f"{name} {shape}" for name, shape in shapes.items()) or "none"
+        raise ValueError(f"while writing {path}, got layers {text}: expected some for each view, all of one size")
+
+
+def _header(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Return metadata as attributes of the types that the OpenEXR module takes."""
+    result: dict[str, Any] = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    for name, value in metadata.items():
+        if name in ("dataWindow", "displayWindow"):
+            x0, y0, x1, y1 = value
+            result[name] = (np.array([x0, y0], np.int32), np.array([x1, y1], np.int32))
+        elif isinstance(value, np.ndarray) and value.shape in ((4, 4), (2,)):
+            result[name] = np.ascontiguousarray(value, dtype=np.float32)
+        elif isinstance(value, str | Fraction | tuple) or (isinstance(value, list) and _all_text(value)):
+            result[name] = value
+        elif isinstance(value, int | np.integer):
+            number = int(value)
+            result[name] = number if abs(number) < 2**31 else str(number)  # EXR's int has 32 bits
+        elif isinstance(value, float | np.floating):
+            result[name] = float(value)
+        else:
+            raise ValueError(f"while writing an EXR header, got {name} = {value!r}: no attribute type fits it")
+    return result
+
+
+def _all_text(values: list[Any]) -> bool:
+    return bool(values) and all(isinstance(each, str) for each in values)
+
+
+def _channels(name: str, pixels: Array) -> dict[str, Array]:
+    """Return the layer's channels by name; "RGB", "RGBA" and "Z" are OpenEXR's names for interleaved arrays."""
+    pixels = np.asarray(pixels)
+    if name == "normal" and pixels.ndim == 3 and pixels.shape[2] == 3:
+        return {axis: np.ascontiguousarray(pixels[..., i], dtype=np.float32) for i, axis in enumerate("XYZ")}
+    if _is_half(name, pixels.shape):
+        key = "RGBA" if pixels.shape[2] == 4 else "RGB"
+        return {key: np.ascontiguousarray(np.clip(pixels, -HALF_MAX, HALF_MAX), dtype=np.float16)}
+    if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):
+        return {"Z": np.ascontiguousarray(pixels.reshape(pixels.shape[:2]), dtype=np.float32)}
+    raise ValueError(f"while writing layer {name}, got shape {pixels.shape}: expected (H, W), (H, W, 3) or (H, W, 4)")
+
+
+def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0, pixel_aspect: float = 1.0) -> None:
+    """Write the picture that `png_of` encodes; raise ValueError as it does, and OSError as `atomic_path` does."""
+    write_bytes(path, png_of(*eyes, exposure=exposure, pixel_aspect=pixel_aspect))
+
+
+def png_of(*eyes: Array, exposure: float = 0.0, pixel_aspect: float = 1.0) -> bytes:
+    """Return scene-linear colours (H, W, 3 or 4), premultiplied, as an opaque 8-bit sRGB picture over black, a PNG.
+
+    Several eyes are shown side by side, the first on the left; each has the bits that it would have alone.
+
+    Alpha is left out: beams add light where alpha is 0, which PNG's alpha cannot express.
+
+    Parameters
+    ----------
+    exposure
+        In stops: the colours are multiplied by 2^exposure.
+    pixel_aspect
+        Width of a pixel over its height.
+
+    Raises
+    ------
+    ValueError
+        Eyes of different heights.
+
+    References
+    ----------
+    Portable Network Graphics (PNG) Specification, https://www.w3.org/TR/png-3/.
+    """
+    heights = [np.shape(eye)[0] for eye in eyes]
+    if len(set(heights)) != 1:
+        raise ValueError(f"while encoding a picture, got eyes {heights} pixels high: expected one height")
+    picture = np.hstack([dithered(srgb_encoded(tone_mapped(np.asarray(eye)[..., :3], exposure))) for eye in eyes])
+    height, width, _ = picture.shape
+    rows = np.diff(picture, axis=1, prepend=np.uint8(0)).reshape(height, -1)  # filter 1, "Sub", modulo 256
+    data = zlib.compress(np.insert(rows, 0, 1, axis=1).tobytes())
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)  # 8 bits, red, green and blue, not interlaced
+    chunks = {b"IHDR": head, b"sRGB": b"\0", b"IDAT": data, b"IEND": b""}
+    if pixel_aspect != 1:  # pixels in a unit, across and down
+        shape = struct.pack(">IIB", _PNG_UNIT, round(_PNG_UNIT * pixel_aspect), 0)
+        chunks = {b"IHDR": head, b"pHYs": shape, **chunks}
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+        for kind, content in chunks.items()
+    )
