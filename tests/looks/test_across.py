@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.looks.across import AcrossFunction, across
+from photonbeams.looks.profiles import AcrossFunction, across
 from photonbeams.runtime.device import Float
 from tests.helpers.beam_twin import k1
 

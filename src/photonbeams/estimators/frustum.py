@@ -14,7 +14,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..looks.look import MOST_CORNERS, BoundLook
+from ..looks.bound_look import MOST_CORNERS, BoundLook
 from ..runtime.device import Array3f, Float, UInt32
 from .blend import change_rate, frustum_weight, need
 from .geometry import Chord, Rays, chord, closest_approach

@@ -1,6 +1,6 @@
 """Photons on surfaces, and the radiance that they reflect at points (Jensen 1996), each by its own disc.
 
-    L = Σ Φ · f(ω) · k2(r/R, R),   k2 of Epanechnikov's profile (`looks.across`), ∫ k2 over the disc = 1
+    L = Σ Φ · f(ω) · k2(r/R, R),   k2 of Epanechnikov's profile (`looks.profiles`), ∫ k2 over the disc = 1
 
 Each photon has a radius of its own: a point looks for the photons in whose discs it lies, not for its nearest photons.
 So cells list the discs that touch them, and a point needs only the list of its own cell.
@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..looks.across import Epanechnikov
+from ..looks.profiles import Epanechnikov
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .cells import ENTRIES, ROUNDING, CellGrid, CellLists, Sorting
 

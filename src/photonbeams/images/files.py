@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +89,7 @@ def read_parts(path: PathLike) -> list[Part]:
     with opened(path) as file:
         headers = list(_headers(path, file))
         check_decoded(path, sum(pixels_of(spec) * spec.nchannels for _, spec in headers))
-        return [Part(*astuple(header), _pixels(path, file, i)) for i, (header, _) in enumerate(headers)]
+        return [Part(**vars(header), pixels=_pixels(path, file, i)) for i, (header, _) in enumerate(headers)]
 
 
 def summaries(path: PathLike) -> list[Summary]:
@@ -102,13 +102,13 @@ def summaries(path: PathLike) -> list[Summary]:
     """
     with opened(path) as file:
         return [
-            Summary(*astuple(header), spec.width, spec.height, *_statistics(path, file, index))
+            Summary(**vars(header), width=spec.width, height=spec.height, **_statistics(path, file, index))
             for index, (header, spec) in enumerate(list(_headers(path, file)))
         ]
 
 
-def _statistics(path: PathLike, file: Any, index: int) -> tuple[float | None, float | None, float | None, int, int]:
-    """Return the last five fields of a `Summary`."""
+def _statistics(path: PathLike, file: Any, index: int) -> dict[str, Any]:
+    """Return the fields of a `Summary` that depend on pixels."""
     file.seek_subimage(index, 0)
     channels, least, greatest, total, count, nans, infinite = file.spec().nchannels, np.inf, -np.inf, 0.0, 0, 0, 0
     for _, strip in strips(file, index, 0, channels):
@@ -121,7 +121,8 @@ def _statistics(path: PathLike, file: Any, index: int) -> tuple[float | None, fl
         total, count = total + float(finite.sum(dtype=np.float64)), count + finite.size
         nans += int(np.isnan(pixels).any(axis=1).sum())
         infinite += int(np.isinf(pixels).any(axis=1).sum())
-    return (least, total / count, greatest, nans, infinite) if count else (None, None, None, nans, infinite)
+    values = (least, total / count, greatest) if count else (None, None, None)
+    return {**dict(zip(("least", "mean", "greatest"), values, strict=True)), "nans": nans, "infinite": infinite}
 
 
 def read_layers(path: PathLike, view: str | None = None) -> dict[str, Array]:

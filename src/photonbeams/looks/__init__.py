@@ -1,24 +1,25 @@
 """Shading: the four programmable factors of a beam, along, across, eye and angle, and their presets."""
 
 from ..numerics.given import Number, Numbers
-from .across import (
-    Across,
+from .across import Across, Modulated
+from .along import Attenuation, ColorRamp, Exponential, Fade, Polynomial, Power, Space, Texture
+from .angle import Glow, Isotropic, Scattering
+from .bound_look import BoundLook
+from .context import INPUTS, Fog, LightContext, ShadingContext
+from .factors import Clamp, Constant, Factor, FactorLike, Mix, Product, Sum, Value
+from .functions import Function
+from .look import Look
+from .patterns import Expression, Noise, NoiseSpace, Variation
+from .profiles import (
     AcrossLike,
     Biweight,
     Epanechnikov,
     Gaussian,
     Hollow,
-    Modulated,
     Smoothstep,
     Tabulated,
     Uniform,
 )
-from .along import Attenuation, ColorRamp, Exponential, Fade, Polynomial, Power, Space, Texture
-from .angle import Glow, Isotropic, Scattering
-from .context import INPUTS, Fog, LightContext, ShadingContext
-from .factors import Clamp, Constant, Factor, FactorLike, Function, Mix, Product, Sum, Value
-from .look import BoundLook, Look
-from .patterns import Expression, Noise, NoiseSpace, Variation
 from .ramp import Interpolation
 from .syntax import ExpressionError
 

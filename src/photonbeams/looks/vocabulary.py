@@ -233,80 +233,95 @@ def _parameter(text: str) -> Parameter:
     return Parameter(name, known, optional, value)
 
 
-def _functions() -> dict[str, ExpressionFunction]:
-    table: dict[str, ExpressionFunction] = {}
+_SUM = f"p octaves:1-{noise.MOST_OCTAVES}=6 lacunarity:scalar=2 gain:scalar=0.5 time:scalar="
 
-    def add(names: str, parameters: str, result: Any, compute: Callable[..., Any], doc: str, parts: int = 1) -> None:
-        listed = tuple(map(_parameter, parameters.split()))
-        for name in names.split():
-            table[name] = ExpressionFunction(name, listed, result, doc, compute, parts)
+# Names, parameters as `_parameter` reads them, kind of the result, function, line for the manual, and parts if not 1.
+_ROWS: tuple[tuple[Any, ...], ...] = (
+    ("abs", "x", "any", dr.abs, "x without its sign"),
+    ("sign", "x", "any", guarded.sign, "-1, 0 or 1: the sign of x"),
+    ("floor", "x", "any", dr.floor, "the whole number at or below x"),
+    ("ceil", "x", "any", dr.ceil, "the whole number at or above x"),
+    ("round", "x", "any", dr.round, "the nearest whole number; halfway between two, the even one"),
+    ("fract frac", "x", "any", fraction, "x - floor(x)"),
+    ("mod", "a b", "any", guarded.remainder, "a % b, with the sign of b; 0 where b is 0"),
+    ("min", "a b", "any", dr.minimum, "the smaller of two"),
+    ("max", "a b", "any", dr.maximum, "the larger of two"),
+    ("clamp", "x low high", "any", _clamp, "x clamped to [low, high]"),
+    ("mix lerp", "a b amount", "any", _mix, "a where amount is 0, b where it is 1, linear between and beyond"),
+    ("select", "condition:scalar a b", "any", _select, "a where the condition is not 0, else b"),
+    ("step", "edge x", "any", lambda edge, x: truth(x >= edge, x), "0 below the edge, 1 from the edge on"),
+    ("boxstep", "x edge", "any", lambda x, edge: truth(x >= edge, x), "step with SeExpr's order of arguments"),
+    ("linearstep", "low high x", "any", _linearstep, "0 below low, 1 above high, linear between"),
+    ("smoothstep", "low high x", "any", _shaped_step(_eased), "0 below low, 1 above high, smooth between"),
+    ("gaussstep", "low high x", "any", _shaped_step(_bell), "0 below low, 1 above high, a Gaussian's flank between"),
+    (
+        "remap",
+        "x source range falloff interpolation:0-2",
+        "any",
+        _remap,
+        "1 where x is within range of source, falling to 0 over falloff: 0 linear, 1 smooth, 2 Gaussian (SeExpr)",
+    ),
+    ("fit", "x a1 b1 a2 b2", "any", _fit, "x mapped from [a1, b1] to [a2, b2], linear, not clamped"),
+    ("bias", "x b", "any", _bias, "x ** (log(b) / log(0.5)): b above 0.5 raises the middle, b below 0.5 lowers it"),
+    ("contrast gain", "x amount", "any", _contrast, "an S over [0, 1], steeper for amounts above 0.5, flatter below"),
+    ("gamma", "x g", "any", _gamma, "x ** (1 / g); 0 for negative x"),
+    ("pow", "x y", "any", power, "x ** y"),
+    ("exp", "x", "any", guarded.exponential, "e ** x"),
+    ("log", "x", "any", guarded.logarithm, "natural logarithm of x; below 1e-18, that of 1e-18"),
+    ("sqrt", "x", "any", guarded.root, "square root; 0 for negative x"),
+    ("sin", "x", "any", guarded.sine, "sine of x radians"),
+    ("cos", "x", "any", guarded.cosine, "cosine of x radians"),
+    ("tan", "x", "any", guarded.tangent, "tangent of x radians"),
+    ("asin", "x", "any", guarded.arcsine, "angle in radians whose sine is x, with x clamped to -1 to 1"),
+    ("acos", "x", "any", guarded.arccosine, "angle in radians whose cosine is x, with x clamped to -1 to 1"),
+    ("atan", "x", "any", dr.atan, "angle in radians whose tangent is x"),
+    ("atan2", "y x", "any", dr.atan2, "angle in radians from the x axis to (x, y)"),
+    ("radians", "x", "any", lambda x: x * (math.pi / 180), "x degrees in radians"),
+    ("degrees", "x", "any", lambda x: saturated(x * (180 / math.pi)), "x radians in degrees"),
+    (
+        "pulse",
+        "t duty:scalar=0.5",
+        "any",
+        lambda t, duty: truth(fraction(t) < duty, t),
+        "1 over the first part `duty` of each unit of t, else 0",
+    ),
+    ("triangle", "t", "any", _triangle, "0 at whole t, 1 halfway, linear between"),
+    ("wave", "t", "any", _wave, "0 at whole t, 1 halfway, a cosine between"),
+    ("vec", "x:scalar y:scalar z:scalar", "vector", _vector, "the vector [x, y, z]"),
+    ("rgb", "r:scalar g:scalar b:scalar", "vector", _vector, "the colour [r, g, b]"),
+    ("length", "v:vector", "scalar", guarded.length, "length of a vector"),
+    ("dot", "a:vector b:vector", "scalar", guarded.dot, "scalar product"),
+    ("cross", "a:vector b:vector", "vector", guarded.cross, "vector product"),
+    ("normalize norm", "v:vector", "vector", guarded.normalized, "the vector scaled to length 1; 0 stays 0"),
+    ("luminance", "c:vector", "scalar", _luminance, "Rec. 709 luminance of a colour"),
+    ("hsv", "h:scalar s:scalar v:scalar", "vector", _hsv, "colour from hue (1 is a full turn), saturation and value"),
+    ("hsvtorgb", "c:vector", "vector", lambda c: _hsv(c.x, c.y, c.z), "colour from a vector [h, s, v], as of hsv"),
+    ("hash rand", "x seed:scalar=0", "scalar", noise.random, "a random number from 0 to 1 for each x and seed"),
+    ("cellnoise", "p time:scalar=", "scalar", noise.cellnoise, "a random number from 0 to 1 in each unit cell"),
+    ("noise", "p time:scalar=", "scalar", noise.noise, "smooth noise from 0 to 1", NOISE_PARTS),
+    ("snoise", "p time:scalar=", "scalar", noise.snoise, "smooth noise from -1 to 1", NOISE_PARTS),
+    ("vnoise", "p time:scalar=", "vector", noise.vnoise, "three smooth noises from -1 to 1", 3 * NOISE_PARTS),
+    (
+        "fbm",
+        _SUM,
+        "scalar",
+        noise.fbm,
+        "a sum of octaves of noise around 0.5, rarely outside of 0 to 1",
+        NOISE_PARTS,
+    ),
+    ("turbulence", _SUM, "scalar", noise.turbulence, "a sum of octaves of creased noise, 0.5 or more", NOISE_PARTS),
+)
 
-    add("abs", "x", "any", dr.abs, "x without its sign")
-    add("sign", "x", "any", guarded.sign, "-1, 0 or 1: the sign of x")
-    add("floor", "x", "any", dr.floor, "the whole number at or below x")
-    add("ceil", "x", "any", dr.ceil, "the whole number at or above x")
-    add("round", "x", "any", dr.round, "the nearest whole number; halfway between two, the even one")
-    add("fract frac", "x", "any", fraction, "x - floor(x)")
-    add("mod", "a b", "any", guarded.remainder, "a % b, with the sign of b; 0 where b is 0")
-    add("min", "a b", "any", dr.minimum, "the smaller of two")
-    add("max", "a b", "any", dr.maximum, "the larger of two")
-    add("clamp", "x low high", "any", _clamp, "x clamped to [low, high]")
-    add("mix lerp", "a b amount", "any", _mix, "a where amount is 0, b where it is 1, linear between and beyond")
-    add("select", "condition:scalar a b", "any", _select, "a where the condition is not 0, else b")
 
-    add("step", "edge x", "any", lambda edge, x: truth(x >= edge, x), "0 below the edge, 1 from the edge on")
-    add("boxstep", "x edge", "any", lambda x, edge: truth(x >= edge, x), "step with SeExpr's order of arguments")
-    add("linearstep", "low high x", "any", _linearstep, "0 below low, 1 above high, linear between")
-    add("smoothstep", "low high x", "any", _shaped_step(_eased), "0 below low, 1 above high, smooth between")
-    add("gaussstep", "low high x", "any", _shaped_step(_bell), "0 below low, 1 above high, a Gaussian's flank between")
-    add("remap", "x source range falloff interpolation:0-2", "any", _remap, "1 where x is within range of source,"
-        " falling to 0 over falloff: 0 linear, 1 smooth, 2 Gaussian (SeExpr)")  # fmt: skip
-    add("fit", "x a1 b1 a2 b2", "any", _fit, "x mapped from [a1, b1] to [a2, b2], linear, not clamped")
-    add("bias", "x b", "any", _bias, "x ** (log(b) / log(0.5)): b above 0.5 raises the middle, b below 0.5 lowers it")
-    add("contrast gain", "x amount", "any", _contrast, "an S over [0, 1], steeper for amounts above 0.5, flatter below")
-    add("gamma", "x g", "any", _gamma, "x ** (1 / g); 0 for negative x")
-
-    add("pow", "x y", "any", power, "x ** y")
-    add("exp", "x", "any", guarded.exponential, "e ** x")
-    add("log", "x", "any", guarded.logarithm, "natural logarithm of x; below 1e-18, that of 1e-18")
-    add("sqrt", "x", "any", guarded.root, "square root; 0 for negative x")
-    add("sin", "x", "any", guarded.sine, "sine of x radians")
-    add("cos", "x", "any", guarded.cosine, "cosine of x radians")
-    add("tan", "x", "any", guarded.tangent, "tangent of x radians")
-    add("asin", "x", "any", guarded.arcsine, "angle in radians whose sine is x, with x clamped to -1 to 1")
-    add("acos", "x", "any", guarded.arccosine, "angle in radians whose cosine is x, with x clamped to -1 to 1")
-    add("atan", "x", "any", dr.atan, "angle in radians whose tangent is x")
-    add("atan2", "y x", "any", dr.atan2, "angle in radians from the x axis to (x, y)")
-    add("radians", "x", "any", lambda x: x * (math.pi / 180), "x degrees in radians")
-    add("degrees", "x", "any", lambda x: saturated(x * (180 / math.pi)), "x radians in degrees")
-
-    add("pulse", "t duty:scalar=0.5", "any", lambda t, duty: truth(fraction(t) < duty, t), "1 over the first part"
-        " `duty` of each unit of t, else 0")  # fmt: skip
-    add("triangle", "t", "any", _triangle, "0 at whole t, 1 halfway, linear between")
-    add("wave", "t", "any", _wave, "0 at whole t, 1 halfway, a cosine between")
-
-    add("vec", "x:scalar y:scalar z:scalar", "vector", _vector, "the vector [x, y, z]")
-    add("rgb", "r:scalar g:scalar b:scalar", "vector", _vector, "the colour [r, g, b]")
-    add("length", "v:vector", "scalar", guarded.length, "length of a vector")
-    add("dot", "a:vector b:vector", "scalar", guarded.dot, "scalar product")
-    add("cross", "a:vector b:vector", "vector", guarded.cross, "vector product")
-    add("normalize norm", "v:vector", "vector", guarded.normalized, "the vector scaled to length 1; 0 stays 0")
-    add("luminance", "c:vector", "scalar", _luminance, "Rec. 709 luminance of a colour")
-    add("hsv", "h:scalar s:scalar v:scalar", "vector", _hsv, "colour from hue (1 is a full turn), saturation and value")
-    add("hsvtorgb", "c:vector", "vector", lambda c: _hsv(c.x, c.y, c.z), "colour from a vector [h, s, v], as of hsv")
-
-    add("hash rand", "x seed:scalar=0", "scalar", noise.random, "a random number from 0 to 1 for each x and seed")
-    add("cellnoise", "p time:scalar=", "scalar", noise.cellnoise, "a random number from 0 to 1 in each unit cell")
-    add("noise", "p time:scalar=", "scalar", noise.noise, "smooth noise from 0 to 1", NOISE_PARTS)
-    add("snoise", "p time:scalar=", "scalar", noise.snoise, "smooth noise from -1 to 1", NOISE_PARTS)
-    add("vnoise", "p time:scalar=", "vector", noise.vnoise, "three smooth noises from -1 to 1", 3 * NOISE_PARTS)
-    sums = f"p octaves:1-{noise.MOST_OCTAVES}=6 lacunarity:scalar=2 gain:scalar=0.5 time:scalar="
-    add("fbm", sums, "scalar", noise.fbm, "a sum of octaves of noise around 0.5, rarely outside of 0 to 1", NOISE_PARTS)
-    add("turbulence", sums, "scalar", noise.turbulence, "a sum of octaves of creased noise, 0.5 or more", NOISE_PARTS)
-    return table
+def _declared(
+    names: str, parameters: str, result: Any, compute: Callable[..., Any], doc: str, parts: int = 1
+) -> list[ExpressionFunction]:
+    """Return the functions that a row declares, one for each of its names."""
+    listed = tuple(map(_parameter, parameters.split()))
+    return [ExpressionFunction(name, listed, result, doc, compute, parts) for name in names.split()]
 
 
-FUNCTIONS: dict[str, ExpressionFunction] = _functions()
+FUNCTIONS: dict[str, ExpressionFunction] = {each.name: each for row in _ROWS for each in _declared(*row)}
 
 
 def describe() -> str:

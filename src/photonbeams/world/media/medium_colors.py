@@ -199,7 +199,7 @@ def coefficients(near: Colors, far: Colors, albedo: Colors = 1.0, far_distance: 
 def _side(medium: Medium, radius: float, across: Across | None) -> float:
     """Return p k1: the side-on radiance of the middle of a beam that scatters one unit of flux per scene unit."""
     from ...looks import Epanechnikov, Modulated
-    from ...looks.across import across as profile_of
+    from ...looks.profiles import across as profile_of
     from ...quadrature import gauss_legendre
 
     if not number(radius, "radius") > 0:
