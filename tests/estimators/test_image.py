@@ -10,10 +10,12 @@ import photonbeams as pb
 from photonbeams import scene
 from photonbeams.estimators import cells
 from photonbeams.estimators.estimate import ENDLESS
+from photonbeams.estimators.footprints import footprints
 from photonbeams.estimators.image import estimate_image
 from photonbeams.estimators.lanes import PixelRays, lane_of
 from photonbeams.estimators.points import Points
-from photonbeams.estimators.tiles import TILE, Bins, footprints
+from photonbeams.estimators.projection import TILE
+from photonbeams.estimators.tiles import Bins
 from photonbeams.numerics.arrays import to_float
 from photonbeams.numerics.hashing import hash32, unit_float
 from photonbeams.runtime.device import Array2f, Float, UInt32

@@ -8,30 +8,21 @@ struct of arrays.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, ClassVar, TypeAlias, Union
+from typing import Any, ClassVar
 
 import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..numerics.arrays import joined, taken, to_float, to_uint, to_vectors
+from ..numerics.arrays import joined, taken, to_uint
 from ..numerics.given import Numbers
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Float, UInt32
 from ..runtime.files import PathLike, atomic_file
 from ..runtime.inputs import arrays
-from ..scene import Array, SceneError, arguments, numbers, shown
+from ..scene import SceneError, arguments, shown
 from ..scene.checks import unknown
-
-_COLOR = ("start", "end", "power")
-_REQUIRED = ("start", "end", "radius_start", "radius_end", "power")
-_OPTIONAL = (
-    "offset", "total", "entry", "end_normal", "start_tangent", "end_tangent", "power_end", "random", "id", "generation"
-)  # fmt: skip
-#: An index of beams, which is a number, a slice, a list, or a NumPy or Dr.Jit array of numbers or truth values.
-Index: TypeAlias = Union[int, slice, npt.ArrayLike, "UInt32"]
-
-_VECTORS = (*_COLOR, "end_normal", "start_tangent", "end_tangent", "power_end")
+from .fields import OPTIONAL, REQUIRED, VECTORS, Index, beam_array, check_radii, count_of, positions
 
 
 class Beams:
@@ -115,7 +106,7 @@ class Beams:
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        **{name: (Array3f if name in _VECTORS else Float) for name in (*_REQUIRED, *_OPTIONAL)},
+        **{name: (Array3f if name in VECTORS else Float) for name in (*REQUIRED, *OPTIONAL)},
     }
 
     start: Array3f
@@ -162,15 +153,15 @@ class Beams:
         }  # fmt: skip
         fields: dict[str, Any] = self.__dict__
         if all(value is None for value in given.values()):  # Dr.Jit creates a struct before it fills it
-            fields.update({name: kind() for name, kind in self.DRJIT_STRUCT.items()}, **dict.fromkeys(_OPTIONAL))
+            fields.update({name: kind() for name, kind in self.DRJIT_STRUCT.items()}, **dict.fromkeys(OPTIONAL))
             return
-        count = _count(start)
-        fields.update({name: _array(given[name], name, count) for name in _REQUIRED})
-        for name in _OPTIONAL:
-            fields[name] = None if given[name] is None else _array(given[name], name, count)
+        count = count_of(start)
+        fields.update({name: beam_array(given[name], name, count) for name in REQUIRED})
+        for name in OPTIONAL:
+            fields[name] = None if given[name] is None else beam_array(given[name], name, count)
         if (start_tangent is None) != (end_tangent is None):
             raise SceneError("Beams: one of start_tangent and end_tangent is given: expected both, or neither")
-        _check_radii(self.radius_start, self.radius_end)
+        check_radii(self.radius_start, self.radius_end)
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Set an array, given as to the constructor. While there are no beams, Dr.Jit's arrays may have any length."""
@@ -178,10 +169,10 @@ class Beams:
             raise SceneError(unknown("Beams", name, self.DRJIT_STRUCT))
         count = len(self)
         fits = isinstance(value, self.DRJIT_STRUCT[name]) and (not count or dr.width(value) == count)
-        if not fits and not (value is None and name in _OPTIONAL):
-            value = _array(value, name, count)
+        if not fits and not (value is None and name in OPTIONAL):
+            value = beam_array(value, name, count)
             if name in ("radius_start", "radius_end"):
-                _check_radii(*({**self.__dict__, name: value}[each] for each in ("radius_start", "radius_end")))
+                check_radii(*({**self.__dict__, name: value}[each] for each in ("radius_start", "radius_end")))
         self.__dict__[name] = value
 
     def __len__(self) -> int:
@@ -189,14 +180,14 @@ class Beams:
         return int(dr.width(self.start))
 
     def __repr__(self) -> str:
-        own = [name for name in _OPTIONAL if getattr(self, name) is not None]
+        own = [name for name in OPTIONAL if getattr(self, name) is not None]
         return f"Beams({len(self):,}{' with ' if own else ''}{', '.join(own)})"
 
     def __getitem__(self, index: Index) -> Beams:
         """Return the beams at an index: a number, a slice, or an array of numbers or truth values."""
-        result = self.take(to_uint(_places(index, len(self))))
+        result = self.take(to_uint(positions(index, len(self))))
         if self.id is None:
-            result.id = Float(_places(index, len(self)))
+            result.id = Float(positions(index, len(self)))
         return result
 
     def __add__(self, other: Beams) -> Beams:
@@ -233,7 +224,7 @@ class Beams:
         if wrong or not listed:
             raise SceneError(f"beams are joined with {shown(wrong[0]) if wrong else 'none'}: expected Beams")
         listed = [each for each in listed if len(each)] or listed[:1]
-        present = {name for name in _OPTIONAL for each in listed if getattr(each, name) is not None}
+        present = {name for name in OPTIONAL for each in listed if getattr(each, name) is not None}
         first = 0
         filled = []
         for each in listed:
@@ -270,7 +261,7 @@ class Beams:
 
     def arrays(self) -> dict[str, npt.NDArray[np.float32]]:
         """Return all arrays that are set as NumPy arrays, (N, 3) or (N,), keyed by the constructor's names."""
-        present = {name: getattr(self, name) for name in (*_REQUIRED, *_OPTIONAL)}
+        present = {name: getattr(self, name) for name in (*REQUIRED, *OPTIONAL)}
         return {
             name: np.ascontiguousarray(value.numpy().T) if dr.depth_v(value) == 2 else value.numpy()
             for name, value in present.items()
@@ -338,93 +329,6 @@ class Beams:
         """
         try:
             found = arrays(path)
-            return cls(**{name: found[name] for name in (*_REQUIRED, *_OPTIONAL) if name in found})
+            return cls(**{name: found[name] for name in (*REQUIRED, *OPTIONAL) if name in found})
         except SceneError as error:
             raise SceneError(f"{path}: expected beams saved by photonbeams (.npz), but {error}") from None
-
-
-def _count(start: Any) -> int:
-    if start is None:
-        raise SceneError(f"Beams: start is not given: expected {_said('start')[1]}")
-    if dr.is_jit_v(start) and not dr.is_tensor_v(start):
-        return int(dr.width(start))
-    found = dr.detach(start).numpy() if dr.is_jit_v(start) else numbers(start, *_said("start"))
-    return len(np.atleast_2d(found)) if found.size else 0
-
-
-def _said(name: str) -> tuple[str, str]:
-    """Return the name of an argument in messages, and what is expected of it."""
-    return f"Beams: {name}", f"numbers of shape {'(N, 3)' if name in _VECTORS else '(N,)'}"
-
-
-def _array(value: Any, name: str, count: int) -> Any:
-    """Return `value` as a Float or an Array3f of width `count`; only host values are checked to be finite."""
-    vector = name in _VECTORS
-    if value is None:
-        raise SceneError(f"Beams: {name} is not given: expected {_said(name)[1]}")
-    if dr.is_jit_v(value):
-        return _broadcast(_of_device(value, name), name, count)
-    shape = (count, 3) if vector else (count,)
-    found = numbers(value, *_said(name))
-    if not count and not found.size:  # an empty list has one axis
-        found = np.zeros(shape)
-    try:
-        with np.errstate(over="ignore"):
-            wide = np.broadcast_to(found.astype(np.float32, copy=False), shape)
-    except ValueError:
-        raise SceneError(f"Beams: {name} has shape {found.shape}: expected {shape}") from None
-    if not np.all(np.isfinite(wide)):
-        raise SceneError(
-            f"Beams: {name} of beam {int(np.argwhere(~np.isfinite(wide))[0][0])} is not finite: expected finite numbers"
-        )
-    return to_vectors(wide) if vector else to_float(wide)
-
-
-def _of_device(value: Any, name: str) -> Any:
-    """Return a Dr.Jit array or tensor as a Float or an Array3f that stays attached to the AD graph."""
-    vector, shape = name in _VECTORS, tuple(value.shape)
-    if dr.is_tensor_v(value):
-        if vector and len(shape) in (1, 2) and shape[-1] == 3:
-            return dr.unravel(Array3f, Float(value.array))
-        if not vector and len(shape) < 2:
-            return Float(value.array)
-    elif dr.depth_v(value) == 1 or (vector and dr.depth_v(value) == 2 and dr.size_v(value) == 3):
-        return Array3f(value) if vector else Float(value)
-    raise SceneError(f"Beams: {name} is a {type(value).__name__} of shape {shape}: expected {_said(name)[1]}")
-
-
-def _broadcast(value: Any, name: str, count: int) -> Any:
-    if dr.width(value) == 1 and count > 1:  # one number for all beams: broadcast, so that it can be gathered
-        value = value + dr.zeros(Float, count)
-    if dr.width(value) != count:
-        raise SceneError(f"Beams: {name} has {dr.width(value)} entries: expected {count}, as start has")
-    return value
-
-
-class _NoSuchBeamError(SceneError, IndexError):
-    """No beam has this index. Python's iteration over `beams[i]` ends at an IndexError."""
-
-
-def _whole(index: Any) -> Array:
-    """Return an index as an array; an empty list is an array of no indices, not of no floats."""
-    found = np.asarray(index)
-    return found.astype(np.int64) if not found.size and found.ndim == 1 else found
-
-
-def _places(index: Any, count: int) -> Array:
-    """Return the positions, (M,), of the beams that an index selects."""
-    if index is not None and dr.is_jit_v(index):
-        index = index.numpy()
-    try:
-        found: Array = np.arange(count)[index if isinstance(index, slice | tuple) else _whole(index)]
-    except (IndexError, ValueError, TypeError):
-        found = np.zeros((0, 0))
-    if found.ndim > 1 or isinstance(index, tuple):
-        text = f"{count:,} beams are indexed by {shown(index)}: expected a slice, one truth value for each, or numbers"
-        raise _NoSuchBeamError(f"{text} from {-count} to {count - 1}")
-    return np.atleast_1d(found)
-
-
-def _check_radii(start: Float, end: Float) -> None:
-    if dr.width(start) and bool(dr.any((start < 0) | (end < 0) | (start + end <= 0))):
-        raise SceneError("Beams: a radius is negative, or both of a beam are 0: expected 0 or more, and not both 0")

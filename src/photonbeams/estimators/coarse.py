@@ -18,7 +18,8 @@ import drjit as dr
 
 from ..runtime.device import Array2f, Array3f, Bool, Float, Int32, UInt32
 from .lanes import NO_MARGIN, Margin, PixelRays, pixels_of, tiles_of
-from .tiles import TILE, Projection, Widths
+from .projection import TILE, Projection
+from .tiles import Widths
 
 # The least half width of beams in pixels of their level: three rays of every 2ᵏ-th pixel pass across a stroke.
 _HALF_WIDTH = 1.5

@@ -21,12 +21,14 @@ from .billboard import billboard_sum
 from .cells import batches
 from .coarse import Level, depths, dim_of, foretold, interpolated, levels_of
 from .estimate import ENDLESS, bind, check_estimator, check_motion
+from .footprints import footprints
 from .frustum import frustum_sum
 from .geometry import Rays
 from .lanes import NO_MARGIN, PIXELS, Lanes, Margin, PixelRays, lanes_of_pixels, lanes_of_some, tiles_of
 from .points import Points
+from .projection import Projection
 from .records import Packed, pack
-from .tiles import Bins, Projection, TileLists, footprints
+from .tiles import Bins, TileLists
 
 
 @dataclass

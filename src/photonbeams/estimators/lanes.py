@@ -9,7 +9,7 @@ import drjit as dr
 
 from ..numerics.arrays import indices, joined, taken
 from ..runtime.device import Bool, Float, UInt32
-from .tiles import TILE, Projection
+from .projection import TILE, Projection
 
 #: Pixels in a lane of the billboard's kernel. A beam is gathered once for all of them. Of 1, 4 and 8 pixels, 8 are the
 #: fastest on two AVX-512 cores.

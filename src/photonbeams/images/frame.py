@@ -120,7 +120,7 @@ def tile_of(
     SceneError
         More tiles than there are bands.
     """
-    from ..estimators.tiles import TILE
+    from ..estimators.projection import TILE
 
     left, top, right, bottom = pixels_of(crop, width, height, overscan=True)
     number, count = tile

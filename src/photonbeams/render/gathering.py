@@ -19,7 +19,7 @@ from ..estimators.geometry import Rays
 from ..estimators.image import estimate_image
 from ..estimators.lanes import Lattice, MoreSamples, PixelRays, lane_of
 from ..estimators.points import Points
-from ..estimators.tiles import Projection
+from ..estimators.projection import Projection
 from ..looks import LightContext
 from ..numerics.arrays import compressed, indices, joined
 from ..numerics.structs import Struct

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..estimators.lanes import Lattice, MoreSamples
 from ..estimators.points import Points
-from ..estimators.tiles import Projection
+from ..estimators.projection import Projection
 from ..looks import LightContext
 from ..numerics.arrays import joined, taken, to_uint
 from ..numerics.samples import BITS, Samples

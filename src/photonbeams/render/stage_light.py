@@ -10,7 +10,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..estimators.tiles import Projection
+from ..estimators.projection import Projection
 from ..numerics.samples import Samples
 from ..transport.portal_visibility import lights_seen
 from ..transport.simulation import StageSimulation, renumbering

@@ -17,7 +17,7 @@ from ..world.cameras.cameras import View
 from ..world.stage_world import StageWorld
 
 if TYPE_CHECKING:
-    from ..estimators.tiles import Projection
+    from ..estimators.projection import Projection
     from ..render.films.frame_sums import FrameSums
     from ..render.frame import Lit, Seen
     from ..render.light import TracedLight

@@ -21,7 +21,7 @@ from .importance import Views, relative
 from .lamps import PortalEmitter
 
 if TYPE_CHECKING:
-    from ..estimators.tiles import Projection
+    from ..estimators.projection import Projection
 
 # Number of points, for all cameras together.
 _POINTS = 1 << 16

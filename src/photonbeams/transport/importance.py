@@ -19,7 +19,7 @@ from ..world.shadow_rays import rounding
 from ..world.world import World
 
 if TYPE_CHECKING:
-    from ..estimators.tiles import Projection
+    from ..estimators.projection import Projection
 
 mi = mitsuba()
 

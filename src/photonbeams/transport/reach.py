@@ -15,7 +15,7 @@ from .importance import CameraImportance
 from .simulation import Simulation, Tuning, emission_of_lamps, lamps_of
 
 if TYPE_CHECKING:
-    from ..estimators.tiles import Projection
+    from ..estimators.projection import Projection
 
 # Number of light paths of each lamp.
 _PATHS = 1 << 13

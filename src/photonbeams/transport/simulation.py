@@ -46,7 +46,7 @@ from .segments.radii import Limits
 from .segments.records import LightPaths, PhotonHits, Segments
 
 if TYPE_CHECKING:
-    from ..estimators.tiles import Projection
+    from ..estimators.projection import Projection
     from ..looks import Look
 
 T = TypeVar("T")

@@ -11,7 +11,7 @@ import numpy as np
 
 from ... import scene
 from ...estimators.lanes import lane_of, lanes, whole_group
-from ...estimators.tiles import TILE, Pose, Projection
+from ...estimators.projection import TILE, Pose, Projection
 from ...numerics.arrays import opaque
 from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32
 from ...scene.cameras import CONFORM_POLICIES

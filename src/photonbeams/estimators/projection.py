@@ -1,0 +1,91 @@
+"""Projections: where a camera is, and what it sees of camera space, in pixels and tiles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+
+from ..runtime.device import Array3f, Float
+
+#: Width and height of a tile in pixels.
+TILE = 16
+
+
+@dataclass
+class Pose:
+    """Where a camera is: its position and its unit vectors in world space (Dr.Jit, opaque)."""
+
+    origin: Any
+    right: Any
+    up: Any
+    forward: Any
+
+    def to_camera(self, point: Any) -> Any:
+        """Return a world point in camera space: x right, y up, z forward."""
+        q = point - self.origin
+        return Array3f(dr.dot(q, self.right), dr.dot(q, self.up), dr.dot(q, self.forward))
+
+
+@dataclass
+class Projection:
+    """Camera space and screen of one view.
+
+    Attributes
+    ----------
+    poses
+        Where the camera is: once, or at shutter open and at shutter close. In between, objects at rest move linearly
+        through camera space.
+    scale
+        Pixels per unit of slope (perspective), or per scene unit (orthographic), along x and along y.
+    center
+        Pixel position of the optical axis.
+    width, height
+        Image size in pixels.
+    edge_x, edge_y
+        Greatest |x/z| and |y/z| in the picture (perspective); opaque, because each lens and crop has its own.
+    lens
+        Radius of the lens and the distance at which it is in focus (opaque); None for a pinhole.
+    """
+
+    poses: tuple[Pose, ...]
+    scale: tuple[Any, Any]
+    center: tuple[Any, Any]
+    width: int
+    height: int
+    orthographic: bool
+    edge_x: Any
+    edge_y: Any
+    lens: tuple[Any, Any] | None = None
+
+    @property
+    def origin(self) -> Any:
+        """Position of the camera, at shutter open where it moves."""
+        return self.poses[0].origin
+
+    @property
+    def columns(self) -> int:
+        """Number of tiles in a row."""
+        return -(-self.width // TILE)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of tiles."""
+        return -(-self.height // TILE)
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles."""
+        return self.columns * self.rows
+
+    def reduced(self, level: int, margin: tuple[int, int]) -> Projection:
+        """Return the projection with pixels 2^`level` as wide, after adding a `margin` of pixels at left and top."""
+        factor = dr.opaque(Float, 1 / (1 << level))
+        (sx, sy), (cx, cy) = self.scale, self.center
+        width, height = (-(-(size + own) >> level) for size, own in zip((self.width, self.height), margin, strict=True))
+        center = cx + dr.opaque(Float, margin[0]), cy + dr.opaque(Float, margin[1])
+        return replace(
+            self, scale=(sx * factor, sy * factor), center=(center[0] * factor, center[1] * factor),
+            width=width, height=height,
+        )  # fmt: skip
