@@ -6,6 +6,7 @@ and surfaces on the bent path do not stop it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -65,23 +66,14 @@ def pieces(
     path, number = lane // count, lane % count
     first = path * (count + 1) + number
 
-    def node(index: Any) -> Any:
-        return dr.gather(Array3f, points, index)
-
-    start, end = node(first), node(first + 1)
-    axis = _unit(end - start)
-    # A path's ends have no neighbour: the path's own direction replaces the bisector there.
-    back = _unit(start - node(dr.select(number > 0, first - 1, first)))
-    ahead = _unit(node(dr.select(number + 1 < count, first + 2, first + 1)) - end)
-    begin, stop = (dr.gather(Array3f, value, path) for value in ends)
     result = Beams()
-    result.start, result.end = start, end
-    result.start_tangent = dr.select(number > 0, _halfway(back, axis), begin)
-    result.end_tangent = dr.select(number + 1 < count, _halfway(axis, ahead), stop)
+    _set_ends(
+        result, points, first, number > 0, number + 1 < count, [dr.gather(Array3f, value, path) for value in ends]
+    )
     length = dr.gather(Float, paths.length, path)
     low, high = dr.gather(Float, places, first), dr.gather(Float, places, first + 1)
     inv = dr.rcp(dr.maximum(length, 1e-20))
-    there = (high - low > _SHORTEST * length) & (dr.squared_norm(axis) > 0)
+    there = (high - low > _SHORTEST * length) & (dr.squared_norm(_unit(result.end - result.start)) > 0)
 
     def along(first_value: Any, last_value: Any, place: Any) -> Any:
         kind = type(first_value)
@@ -105,8 +97,20 @@ def pieces(
         wall = dr.gather(Array3f, _turned(beams.end_normal, paths.direction, ends[1]), path)
         result.end_normal = dr.select(number + 1 < count, -result.end_tangent, wall)
     along_path = lengths(points, each, steps, before)
+    _set_distances(result, beams, paths, along_path, (path, first, path * (count + 1) + count), before)
+    dr.eval(result)
+    return result
+
+
+def _set_distances(result: Beams, beams: Beams, paths: BeamPaths, along_path: Any, index: Any, before: Any) -> None:
+    """Set the offset, total and entry of pieces.
+
+    `along_path` is the distance of each node along its path, and `index` that of each piece's path, of its first node
+    and of its path's last node.
+    """
+    path, first, last = index
     result.offset = dr.gather(Float, along_path, first)
-    whole = dr.gather(Float, along_path, path * (count + 1) + count)
+    whole = dr.gather(Float, along_path, last)
     beyond = 0 if beams.total is None else dr.gather(Float, beams.total - paths.offset - paths.length, path)
     result.total = whole + beyond
     if beams.entry is not None:
@@ -114,8 +118,25 @@ def pieces(
         # medium's boundary has cut the beam, that is the beam's start.
         factor = dr.select(paths.offset > 0, before / dr.maximum(paths.offset, 1e-20), 1)
         result.entry = dr.gather(Float, beams.entry * factor, path)
-    dr.eval(result)
-    return result
+
+
+def _set_ends(result: Beams, points: Any, first: Any, joins: Any, continues: Any, ends: Sequence[Any]) -> None:
+    """Set the ends and tangents of pieces between nodes `first` and `first` + 1.
+
+    `joins` and `continues` are where a piece precedes and follows, `ends` the directions (N, 3) where none does.
+    """
+
+    def node(index: Any) -> Any:
+        return dr.gather(Array3f, points, index)
+
+    start, end = node(first), node(first + 1)
+    axis = _unit(end - start)
+    # A path's ends have no neighbour: the path's own direction replaces the bisector there.
+    back = _unit(start - node(dr.select(joins, first - 1, first)))
+    ahead = _unit(node(dr.select(continues, first + 2, first + 1)) - end)
+    result.start, result.end = start, end
+    result.start_tangent = dr.select(joins, _halfway(back, axis), ends[0])
+    result.end_tangent = dr.select(continues, _halfway(axis, ahead), ends[1])
 
 
 def bent_length(points: Any, count: int, steps: int) -> Any:

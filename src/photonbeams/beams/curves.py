@@ -59,7 +59,7 @@ def curved(
     counts: npt.ArrayLike | None = None,
     closed: bool = False,
 ) -> Beams:
-    """Return the beams of curves. Light goes along each curve from its first point to its last.
+    """Return the beams of curves, from the first point of each to its last, joined except at hairpins (above 150°).
 
     Parameters
     ----------
@@ -77,23 +77,12 @@ def curved(
     Returns
     -------
     Beams
-        One beam for each piece, joined without a seam. Falloffs run over the whole curve. The `id` of a beam is the
-        number of its curve.
+        One beam for each piece; its `id` is the number of its curve. Falloffs run over the whole curve.
 
     Raises
     ------
     SceneError
         If shapes do not agree, or if a curve has fewer than two points.
-
-    Notes
-    -----
-    Corners of more than 150 degrees are not joined. With n pieces of a smooth curve, the error of the picture is of the
-    order n⁻².
-
-    References
-    ----------
-    Nowrouzezahrai, Johnson, Selle, Lacewell, Kaschalk, Jarosz, "A Programmable System for Artistic Volumetric Lighting"
-    (2011).
 
     Examples
     --------
@@ -106,13 +95,7 @@ def curved(
     1.571
     """
     points = np.atleast_2d(numbers(points, "points", "(M, 3) points").astype(np.float64))
-    given = numbers([len(points)] if counts is None else counts, "counts", "whole numbers, (curves,)")
-    sizes = np.atleast_1d(given).astype(np.int64)
-    if points.ndim != 2 or points.shape[1] != 3 or sizes.sum() != len(points) or np.any(sizes < 2):
-        raise SceneError(
-            f"points has shape {points.shape} and counts are {sizes.tolist()}: expected (M, 3) points, where M is the "
-            "sum of the counts, and at least 2 points for each curve"
-        )
+    sizes = _sizes(points, counts)
     radius = numbers(radius, "radius", "one number, or one for each point, (M,)").astype(np.float64)
     power = numbers(power, "power", "colours of shape (3,), (curves, 3) or (M, 3)").astype(np.float64)
     first, last, following = segments(sizes, closed)
@@ -128,6 +111,18 @@ def curved(
         start, end, radii[first], radii[last], colours[first], offset=offset, total=total,
         start_tangent=start_tangent, end_tangent=end_tangent, power_end=colours[last] if graded else None, id=number,
     )  # fmt: skip
+
+
+def _sizes(points: Array, counts: npt.ArrayLike | None) -> Array:
+    """Return the number of points of each curve."""
+    given = numbers([len(points)] if counts is None else counts, "counts", "whole numbers, (curves,)")
+    sizes = np.atleast_1d(given).astype(np.int64)
+    if points.ndim != 2 or points.shape[1] != 3 or sizes.sum() != len(points) or np.any(sizes < 2):
+        raise SceneError(
+            f"points has shape {points.shape} and counts are {sizes.tolist()}: expected (M, 3) points, where M is the "
+            "sum of the counts, and at least 2 points for each curve"
+        )
+    return sizes
 
 
 def segments(counts: npt.ArrayLike, closed: bool) -> tuple[Array, Array, Array]:

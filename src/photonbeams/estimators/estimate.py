@@ -1,4 +1,10 @@
-"""Radiance of beams toward any rays: the estimators without an image."""
+"""Radiance of beams toward any rays: the estimators without an image.
+
+The estimators are those of Jarosz, Nowrouzezahrai, Sadeghi, Jensen, "A Comprehensive Theory of Volumetric Radiance
+Estimation using Photon Points and Beams" (2011); the frustum's integral along a ray's chord is computed by
+Gauss–Legendre quadrature (Johnson, Lacewell, Selle, Jarosz, "Gaussian Quadrature for Photon Beams in Tangled" (2011),
+equations 1 and 2).
+"""
 
 from __future__ import annotations
 
@@ -43,32 +49,23 @@ ENDLESS = 1e18
 
 @arguments
 def estimate(
-    beams: Beams,
-    origin: Numbers,
-    direction: Numbers,
-    t_max: Numbers | None = None,
-    *,
-    look: Look | None = None,
-    medium: Medium | Fog | None = None,
-    estimator: Estimator = "auto",
-    rule: Rule = DEFAULT_RULE,
-    t_min: Numbers | None = None,
-    close: Beams | None = None,
-    time: Numbers | None = None,
+    beams: Beams, origin: Numbers, direction: Numbers, t_max: Numbers | None = None, *, look: Look | None = None,
+    medium: Medium | Fog | None = None, estimator: Estimator = "auto", rule: Rule = DEFAULT_RULE,
+    t_min: Numbers | None = None, close: Beams | None = None, time: Numbers | None = None,
     context: LightContext | None = None,
-) -> TensorXf:
+) -> TensorXf:  # fmt: skip
     """Return the radiance of beams toward rays.
 
     Parameters
     ----------
     beams
         The beams. Where they move, the beams at shutter open.
-    origin
-        (..., 3) origins of the rays in scene units, of any leading shape, such as (N, 3) or (H, W, 3).
-    direction
-        (..., 3) directions of the rays, toward the scene, of any length above 0.
-    t_max
-        (...) distance along each ray to the first surface, in scene units. Default: there is no surface.
+    origin, direction
+        (..., 3) origins of the rays in scene units, such as (N, 3) or (H, W, 3), and their directions, of any length
+        above 0.
+    t_max, t_min
+        (...) distances along each ray, in scene units, to the first surface (default: there is none) and to the point
+        where the medium begins (default: 0).
     look
         The look of all beams. Default: `Look()`, which is physical.
     medium
@@ -78,71 +75,49 @@ def estimate(
         near a beam's wall and ends, and where factors or radius vary over the ray's chord. Default: "auto".
     rule
         Quadrature of the frustum. Default: `gauss_legendre(6)`.
-    t_min
-        (...) distance along each ray to the point where the medium begins, in scene units. Default: 0.
-    close
-        The same beams at shutter close, if they move; all numbers of a beam are interpolated linearly over time.
-        Default: beams do not move.
-    time
-        (...) times of the rays, from 0 at shutter open to 1 at shutter close; needed with `close`.
+    close, time
+        The same beams at shutter close, if they move (all their numbers change linearly over time), and the (...) times
+        of the rays, from 0 at shutter open to 1 at shutter close.
     context
-        Time, number and space of the beams' light, for looks that read them. Default: time 0 and light 0 in world
-        space.
+        Time, number and space of the light, for looks that read them. Default: time 0 and light 0 in world space.
 
     Returns
     -------
     TensorXf
-        (..., 3) radiances, a Dr.Jit tensor: `.numpy()` or `numpy.asarray` make a NumPy array of it. Leading shapes are
-        broadcast as in NumPy. The result has derivatives if numbers of the beams, of a `looks.Fog`, of the look or of
-        the rays have gradients enabled.
+        (..., 3) radiances, leading shapes broadcast as in NumPy. If numbers of the beams, the look, a `looks.Fog` or
+        the rays have gradients enabled, they have the derivatives of the frustum by twelve points or more a chord.
 
     Raises
     ------
     SceneError
-        If an argument has the wrong type, if the estimator is unknown, if rays have numbers or shapes that do not fit,
-        if `close` does not match `beams`, if a physical look has no medium, or if derivatives need more pairs of rays
-        and beams than the memory holds (16 million, or a sixth of that for looks that change in space or have corners
-        over the radius).
-
-    Notes
-    -----
-    The estimators are those of Jarosz et al.; the frustum's integral along a ray's chord is computed by Gauss–Legendre
-    quadrature (Johnson et al., equations 1 and 2). Derivatives are those of the frustum, by twelve points over each
-    chord or more, whatever the estimator.
-
-    References
-    ----------
-    Johnson, Lacewell, Selle, Jarosz, "Gaussian Quadrature for Photon Beams in Tangled" (2011). Jarosz, Nowrouzezahrai,
-    Sadeghi, Jensen, "A Comprehensive Theory of Volumetric Radiance Estimation using Photon Points and Beams" (2011).
+        If an argument does not fit, if a physical look has no medium, or if derivatives need more pairs of rays and
+        beams than the memory holds (16 million, or a sixth of that for looks that change in space or with corners).
 
     Examples
     --------
-    One ray through the axis of a beam, and one beside it:
-
     >>> beams = pb.Beams([[0, 0, 0]], [[0, 0, 4]], 0.1, 0.5, power=[9, 9, 9])
     >>> radiance = pb.estimate(beams, [[-3, 0, 2], [-3, 1, 2]], [1, 0, 0], medium=pb.Medium(scattering=0.1))
     >>> np.asarray(radiance, dtype=float).round(3).tolist()
     [[0.123, 0.123, 0.123], [0.0, 0.0, 0.0]]
     """
-    for value, name, kinds in (
-        (beams, "beams", (Beams,)),
-        (look, "look", (Look, NoneType)),
-        (medium, "medium", (Medium, Fog, NoneType)),
-        (rule, "rule", (Rule,)),
-        (context, "context", (LightContext, NoneType)),
-    ):
-        instance(value, f"estimate: {name}", *kinds)
-    check_estimator(estimator)
+    _check_arguments(beams, look, medium, estimator, rule, context)
     check_motion(beams, close, time)
     rays, shape = _rays(origin, direction, t_min, t_max, time if close is not None else None)
-    tensor: Any = dr.tensor_t(Float)
-    if rays is None:
-        return tensor(Float(), (*shape, 3))
-    found = estimate_rays(
-        beams, rays, look=look or Look(), medium=medium, estimator=estimator, points=Points(rule),
-        close=close, context=context,
-    )  # fmt: skip
-    return tensor(dr.ravel(found), (*shape, 3))
+    found: Any = Float()
+    if rays is not None:
+        asked = {"estimator": estimator, "points": Points(rule), "close": close, "context": context}
+        found = dr.ravel(estimate_rays(beams, rays, look=look or Look(), medium=medium, **asked))
+    return dr.tensor_t(Float)(found, (*shape, 3))
+
+
+def _check_arguments(beams: Any, look: Any, medium: Any, estimator: Any, rule: Any, context: Any) -> None:
+    """Raise SceneError if one of these arguments of `estimate` has the wrong type, or is unknown."""
+    instance(beams, "estimate: beams", Beams)
+    instance(look, "estimate: look", Look, NoneType)
+    instance(medium, "estimate: medium", Medium, Fog, NoneType)
+    instance(rule, "estimate: rule", Rule)
+    instance(context, "estimate: context", LightContext, NoneType)
+    check_estimator(estimator)
 
 
 def estimate_rays(

@@ -8,7 +8,11 @@ from ..runtime.device import Float, UInt32
 
 
 def hash32(*values: UInt32) -> UInt32:
-    """Return a hash of integers (the finalizer of "lowbias32", Wellons 2018, applied value by value)."""
+    """Return a hash of integers.
+
+    After each value, the bits are mixed by the function [16 21f0aaad 15 d35a2d97 15] of Wellons' page on the
+    hash-prospector (https://github.com/skeeto/hash-prospector), whose bias is 0.108; that of his lowbias32 is 0.174.
+    """
     state = UInt32(0x9E3779B9)
     for value in values:
         state = (state ^ value) * 0x85EBCA6B + 0x68BC21EB

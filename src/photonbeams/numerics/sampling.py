@@ -1,8 +1,7 @@
-"""Points in the unit square and the measure-preserving maps that carry them to discs, cones and spheres.
+"""Scrambled Sobol points: in four dimensions for the light paths of a pass, in two for the samples of a pixel.
 
-All maps keep neighbours together, so that points which are stratified in the square are stratified on the light: a
-beam's footprint has the size of its cell. Sources: Shirley and Chiu 1997 (square to disc), Clarberg 2008 (square to
-sphere), Joe and Kuo 2008 (Sobol), Burley 2020, "Practical hash-based Owen scrambling" (samples of a pixel).
+`world.warp` maps such points to discs, cones and spheres. Sources: Joe and Kuo 2008 (Sobol), Burley 2020, "Practical
+hash-based Owen scrambling" (samples of a pixel).
 """
 
 from __future__ import annotations
