@@ -18,7 +18,7 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..numerics.arrays import opaque, to_float, to_vectors
+from ..numerics.arrays import opaque, padded, to_float, to_vectors
 from ..runtime.device import Array3f, Float, UInt32
 from ..scene import Array, SceneError
 from ..scene.vectors import unit
@@ -170,7 +170,7 @@ class _GuideTable:
             np.concatenate([getattr(guide, name) for guide in guides]) for name in ("points", "tangents", "sides")
         ]
         self._rows = [to_vectors(column) for column in columns]
-        self._lengths = to_float([guide.length for guide in guides] + [0.0])  # a gather from one entry is a broadcast
+        self._lengths = to_float(padded([guide.length for guide in guides]))
         nearest, distance = dr.zeros(UInt32, dr.width(origin)), dr.full(Float, dr.inf, dr.width(origin))
         for index, guide in enumerate(guides):
             away = dr.squared_norm(origin - opaque(guide.points[0]))

@@ -145,7 +145,7 @@ def lanes_of_more(view: Projection, more: MoreSamples, count: int, margin: Margi
     lane = dr.arange(UInt32, edges * -(-more.each // count))
     edge, sample = lane // for_pixel, lane % for_pixel * count
     width, height = (dr.opaque(UInt32, each) for each in _size(view, margin))
-    # Two entries more, because a gather from one entry is a broadcast, hence another kernel.
+    # Two entries more, because a gather from one is another kernel: see `numerics.arrays.padded`.
     pixel = dr.gather(UInt32, joined([more.pixels, dr.zeros(UInt32, 2)]), edge)
     each, step, first = dr.opaque(UInt32, more.each), dr.opaque(UInt32, edges), width * height
     carried = [(first + edge + (sample + number) * step, sample + number < each) for number in range(count)]

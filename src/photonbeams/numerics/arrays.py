@@ -44,6 +44,16 @@ def to_numpy(parts: Iterable[Any]) -> npt.NDArray[Any]:
     return np.stack([each.numpy() for each in rows])
 
 
+def padded(entries: Any) -> Any:
+    """Return a sequence or a NumPy array with its last entry repeated, for tables that kernels gather from.
+
+    In Dr.Jit, a gather from an array of one entry is a broadcast, hence another kernel.
+    """
+    if isinstance(entries, np.ndarray):
+        return np.concatenate([entries, entries[-1:]])
+    return [*entries, entries[-1]]
+
+
 def opaque(value: Any) -> Any:
     """Return numbers as an opaque Float or Array3f: an input of kernels, not a literal in them."""
     numbers = np.asarray(value, dtype=np.float64)

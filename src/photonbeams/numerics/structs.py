@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 
 from ..runtime.device import Float, UInt32
-from .arrays import to_float, to_uint, to_vectors
+from .arrays import padded, to_float, to_uint, to_vectors
 
 T = TypeVar("T")
 
@@ -36,13 +36,10 @@ def _is_field(kind: Any) -> bool:
 
 
 def pack(sources: Sequence[T]) -> T:
-    """Return structs of one kind as one struct of arrays, for `dr.gather` in a loop over them.
-
-    The last entry is repeated, because a gather from an array of one is a broadcast in Dr.Jit, hence another kernel.
-    """
+    """Return structs of one kind as one struct of arrays, `padded`, for `dr.gather` in a loop over them."""
     result = type(sources[0])()
     for name, kind in result.DRJIT_STRUCT.items():  # type: ignore[attr-defined]
-        values = [getattr(item, name) for item in [*sources, sources[-1]]]
+        values = [getattr(item, name) for item in padded(sources)]
         if hasattr(kind, "DRJIT_STRUCT"):
             packed: Any = pack(values[:-1])
         elif kind is UInt32:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import to_float, to_uint, to_vectors
+from ..numerics.arrays import padded, to_float, to_uint, to_vectors
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
@@ -98,10 +98,10 @@ def relative(light: Array, part: Array) -> Array:
 
 
 class Views:
-    """Cameras, packed for gathering. The last one is repeated, because an array of one would need another kernel."""
+    """Cameras, packed for gathering and `padded`."""
 
     def __init__(self, views: Sequence[Projection]) -> None:
-        views = [*views, views[-1]]
+        views = padded(views)
         self.count = dr.opaque(UInt32, len(views) - 1)
         poses = [each.poses[0] for each in views]
         self._axes = [

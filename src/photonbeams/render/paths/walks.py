@@ -18,7 +18,7 @@ import drjit as dr
 import numpy as np
 
 from ...estimators.estimate import ENDLESS
-from ...numerics.arrays import compressed, to_float, to_uint
+from ...numerics.arrays import compressed, padded, to_float, to_uint
 from ...numerics.samples import Samples
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
@@ -117,8 +117,7 @@ class WalkedEmitters:
             caustics = np.zeros(len(table), dtype=np.uint32)
             caustics[[known[each] for each in sharp]] = 1
             self._sharp = to_uint(caustics)
-        # A gather from an array of one is a broadcast, hence another kernel.
-        places = to_uint([*numbers, numbers[-1]])
+        places = to_uint(padded(numbers))
         self._own = dr.gather(mi.EmitterPtr, world.plugin.emitters_dr(), places)
         self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part, 0.0])))
         self._visible = any(not mi.has_flag(emitters[each].flags(), mi.EmitterFlags.Delta) for each in numbers)

@@ -18,7 +18,7 @@ import drjit as dr
 import numpy as np
 
 from ... import scene
-from ...numerics.arrays import opaque, to_uint, to_vectors
+from ...numerics.arrays import opaque, padded, to_uint, to_vectors
 from ...numerics.structs import Struct, pack
 from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..bounds import Bounds
@@ -237,12 +237,10 @@ def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
     pixels = {}
     for name in sources[0].pixels:
         keys = [id(source.images[name].image) for source in sources]
-        images = {key: _padded(source.images[name]) for key, source in zip(keys, sources, strict=True)}
+        images = {key: _pixels(source.images[name]) for key, source in zip(keys, sources, strict=True)}
         starts = np.cumsum([0] + [len(image) for image in images.values()])
         first = dict(zip(images, starts[:-1], strict=True))
-        getattr(packed, name).first = to_uint(
-            [first[key] for key in [*keys, keys[-1]]]
-        )  # `pack` repeats the last light
+        getattr(packed, name).first = to_uint([first[key] for key in padded(keys)])
         pixels[name] = to_vectors(np.concatenate(list(images.values())))
     return packed, pixels
 
@@ -250,14 +248,13 @@ def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
 def _on_device(gobo: scene.Gobo | scene.Profile, images: Images) -> Any:
     key = id(gobo.image)
     if key not in images:
-        images[key] = gobo.image, to_vectors(_padded(gobo))
+        images[key] = gobo.image, to_vectors(_pixels(gobo))
     return images[key][1]
 
 
-def _padded(gobo: scene.Gobo | scene.Profile) -> Any:
-    """Return an image's pixels, (N, 3), with the last one repeated: a gather from an array of one is another kernel."""
-    flat = gobo.colors.reshape(-1, 3)
-    return np.concatenate([flat, flat[-1:]])
+def _pixels(gobo: scene.Gobo | scene.Profile) -> Any:
+    """Return an image's pixels, (N, 3), `padded`."""
+    return padded(gobo.colors.reshape(-1, 3))
 
 
 def _portal_gobo(light: scene.Light, gobo: scene.Gobo, portal: Portal) -> Slide:

@@ -200,7 +200,7 @@ class Media:
             check_phase(each)
         # In the scene's order. Numbers differ between processes: in their order, sums of light would round differently.
         self.all = tuple(_rendered(each, found[each]) for each in found)
-        size = max(found, default=0) + 2  # a gather from an array of one is a broadcast, hence another kernel
+        size = max(found, default=0) + 2  # 2 or more, as `numerics.arrays.padded` explains
         table = np.zeros((3, size, 3))
         for each in self.all:
             table[0, each.number] = each.medium.extinction
