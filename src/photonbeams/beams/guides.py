@@ -28,8 +28,8 @@ from .bending import BeamPaths, bent_length, pieces
 _ROWS = 512  # of a guide's table
 # A polyline is a smooth curve where its edges deviate by less than this from the bisector between them (half the turn).
 _SMOOTH = float(np.cos(np.radians(10)))
-# Degrees that a guide turns for each piece of a beam along it, and the greatest number of pieces.
-_DEGREES, _MOST_PIECES = 4.0, 96
+_DEGREES = 4.0  # that a guide turns for each piece of a beam along it
+_MOST_PIECES = 96  # of a beam
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,16 @@ import numpy.typing as npt
 from ..numerics.arrays import opaque
 from ..runtime.device import Float, Int32, UInt32
 
-#: Most cells of a grid, and most along an axis: float32 still resolves 1/8192 of a cell.
-MOST_CELLS, MOST_ALONG = 1 << 21, 1 << 10
+#: Most cells of a grid.
+MOST_CELLS = 1 << 21
+#: Most cells along an axis: float32 still resolves 1/8192 of a cell.
+MOST_ALONG = 1 << 10
 
-#: Places are rounded, a few times, to 2⁻²⁴ of the largest number that they are computed from, and the boundaries of
-#: cells to 2⁻¹⁴ of a cell. Items are enlarged by the first of these as a fraction of that number, and by the second as
-#: a fraction of a cell.
-ROUNDING, BORDER = 2.0**-19, 1e-3
+#: Items are enlarged by this fraction of the largest number that their positions are computed from: positions are
+#: rounded, a few times, to 2⁻²⁴ of it.
+ROUNDING = 2.0**-19
+#: Items are also enlarged by this fraction of a cell: the boundaries of cells are rounded to 2⁻¹⁴ of a cell.
+BORDER = 1e-3
 
 # Lanes that sort, and the bits of a cell's number that make a digit: two digits of 11 bits hold all cells.
 _LANES = 1024

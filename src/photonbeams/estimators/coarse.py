@@ -23,11 +23,12 @@ from .tiles import Widths
 
 # The least half width of beams in pixels of their level: three rays of every 2ᵏ-th pixel pass across a stroke.
 _HALF_WIDTH = 1.5
-# Allowed differences, in units of the relative error: between rays and what rays twice as far apart predict, and
-# between the end of a ray and what the ends of its neighbours predict. For the first, at half the spacing a quarter of
-# the difference is left if the picture is smooth. For the second, a difference in length changes the light along a ray
-# in about the same proportion.
-_FORETOLD, _ENDS = 8.0, 0.25
+# Allowed difference, in units of the relative error, between rays and what rays twice as far apart predict: at half the
+# spacing a quarter of it is left if the picture is smooth.
+_FORETOLD = 8.0
+# Allowed difference between the end of a ray and what the ends of its neighbours predict: it changes the light along a
+# ray in about the same proportion.
+_ENDS = 0.25
 # Fraction of the mean of a picture: dimmer pixels may have larger relative errors.
 _DIM = 0.05
 

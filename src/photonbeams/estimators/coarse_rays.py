@@ -20,10 +20,10 @@ from .coarse import bilinear, corners_foretell
 from .geometry import Rays
 from .lanes import Lattice
 
-# The largest k of every 2ᵏ-th pixel, and the number of rays below which beams are gathered along all of them.
-_LEVELS, _FEW = 3, 4096
-# The least fraction of pixels for which a picture has rays, and the most entries of all pictures together.
-_PART, _MOST = 1 / 256, 1 << 26
+_LEVELS = 3  # largest k of every 2ᵏ-th pixel
+_FEW = 4096  # rays below which beams are gathered along all of them
+_PART = 1 / 256  # least fraction of pixels for which a picture has rays
+_MOST = 1 << 26  # entries of all pictures together
 # As in `coarse`, but larger for lengths, because mirrors and glass bend.
 _ENDS = 1.0
 _NONE = 0xFFFFFFFF

@@ -23,9 +23,9 @@ from .records import Packed, load
 # Most pairs: kernels of derivatives hold a few hundred bytes for each.
 MOST_PAIRS = 1 << 24
 
-# Pieces of a chord, and the rule for each: derivatives are as smooth as the factors, except at knots of a ramp. If the
-# look has corners in the radius, or changes in space, there are more pieces.
-_PIECES, _FINE_PIECES, _RULE = 2, 12, gauss_legendre(6)
+_PIECES = 2  # of a chord: derivatives are as smooth as the factors, except at knots of a ramp
+_FINE_PIECES = 12  # if the look has corners in the radius, or changes in space
+_RULE = gauss_legendre(6)  # for each piece
 
 
 def radiance(packed: Packed, rays: Rays, look: BoundLook, count: int) -> Any:

@@ -40,9 +40,10 @@ _WIDER = 1.006
 
 _FAR = 1e30
 
-# The cost of a ray's step to the next cell, and of an entry of the lists, in tests of a beam. Measured on two AVX-512
-# cores; a factor of two either way changes the total time by a few per cent.
-_STEP, _ENTRY = 0.5, 10.0
+# Costs in tests of a beam. Measured on two AVX-512 cores; a factor of two either way changes the total time by a few
+# per cent.
+_STEP = 0.5  # of a ray to the next cell
+_ENTRY = 10.0  # of the lists
 
 
 def sum_over_grid(

@@ -17,12 +17,13 @@ PIXELS = 8
 
 # Neighbouring lanes carry neighbouring pixels, so that a vector of lanes sees a small block of the picture. A beam
 # misses most blocks, and code that no lane needs is skipped.
-_BLOCK_WIDTH, _BLOCK_HEIGHT = 4, 4
+_BLOCK_WIDTH = 4
+_BLOCK_HEIGHT = 4
 _BLOCK = _BLOCK_WIDTH * _BLOCK_HEIGHT
 _BLOCKS_ACROSS = TILE // _BLOCK_WIDTH
 
-# Most levels at which every second ray stands for all, and the least width of a picture with the coarsest rays alone.
-_LEVELS, _COARSEST = 4, 192
+_LEVELS = 4  # most levels at which every second ray stands for all
+_COARSEST = 192  # least width of a picture with the coarsest rays alone
 
 #: Numbers of pixels without rays at the left and at the top of a picture; with them, tiles are the whole picture's.
 Margin = tuple[int, int]

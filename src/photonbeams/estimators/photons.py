@@ -19,9 +19,10 @@ from ..looks.profiles import Epanechnikov
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .cells import ENTRIES, ROUNDING, CellGrid, CellLists, Sorting
 
-#: A disc's half thickness, in radii, and the least cosine between its normal and that of a point that it lights: a
-#: point that is farther off, or turned more, belongs to another surface.
-THICKNESS, FACING = 0.25, 0.7
+#: A disc's half thickness, in radii: a point that is farther off belongs to another surface.
+THICKNESS = 0.25
+#: The least cosine between a disc's normal and that of a point that it lights: what is turned more is another surface.
+FACING = 0.7
 
 
 @dataclass

@@ -23,8 +23,12 @@ from .display import srgb_encoded, tone_mapped
 #: The fog in which a look is shown by itself: its scattering is grey, and it absorbs blue the most.
 FOG = Medium(scattering=0.2, absorption=(0.03, 0.13, 0.28))
 
-# Inches, and dots per inch.
-_WIDTH, _BEAM_HEIGHT, _CURVE_HEIGHT, _TITLE, _DPI = 8.0, 1.6, 1.15, 0.24, 150
+# Sizes in inches.
+_WIDTH = 8.0
+_BEAM_HEIGHT = 1.6
+_CURVE_HEIGHT = 1.15
+_TITLE = 0.24  # height
+_DPI = 150
 _SECTION = 1.6
 _SAMPLES = 513
 

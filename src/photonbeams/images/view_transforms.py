@@ -17,8 +17,8 @@ _log = logging.getLogger("photonbeams")
 #: The name of our own view transform, which PNGs have.
 OWN = "photonbeams"
 
-# OpenColorIO's built-in configuration, the default, and its display for most screens.
-_DEFAULT, _SCREEN = "ocio://default", "sRGB - Display"
+_DEFAULT = "ocio://default"  # OpenColorIO's built-in configuration
+_SCREEN = "sRGB - Display"  # its display for most screens
 _LINEAR = "lin_rec709_scene"  # the colour space of pictures
 
 

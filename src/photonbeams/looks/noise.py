@@ -36,7 +36,9 @@ DEVIATION = 0.25
 
 _ROUNDED = 0.75  # magnitude from which `snoise` bends toward 1
 _BITS = {1: 24, 2: 16, 3: 10, 4: 8}  # of a hash, for each component of a gradient, by dimension
-_VECTOR_SEEDS, _OCTAVE_SEED, _CELL_SEED = (1, 2, 3), 4, 100
+_VECTOR_SEEDS = (1, 2, 3)  # of the components of `vnoise`
+_OCTAVE_SEED = 4  # of the first octave
+_CELL_SEED = 100  # of `cellnoise` and `random`
 _OCTAVE_SHIFT = (0.37, 0.61, 0.17, 0.83)  # without it, all octaves would vanish together at the origin
 
 

@@ -22,8 +22,10 @@ Number: TypeAlias = Union[float, "Float"]
 #: Numbers or vectors, (M,) or (M, 3), as NumPy takes them, or a Dr.Jit array of them, whose gradients may be enabled.
 Numbers: TypeAlias = Union[npt.ArrayLike, "Float", "Array3f", "TensorXf"]
 
-#: The largest number for single precision, and the smallest number by which it can divide.
-LARGEST, SMALLEST = 1e38, 1e-37
+#: The largest number for single precision.
+LARGEST = 1e38
+#: The smallest number by which single precision can divide.
+SMALLEST = 1e-37
 
 # Step of central differences in double precision, relative to the number: they err by some 1e-10.
 _STEP = 1e-6

@@ -56,16 +56,20 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 Case = tuple[str, Across, Factor]
 
-#: "A good estimate" (Talk, section 3) is taken as an error of 1 % on every ray; and the points that Tangled needed.
-ACCURACY, GAUSS_POINTS = 0.01, 6
+#: "A good estimate" (Talk, section 3) is taken as an error of 1 % on every ray.
+ACCURACY = 0.01
+#: The points that Tangled needed.
+GAUSS_POINTS = 6
 
 # A shaft that opens to three times its width, in a fog that takes 60 % (red) to 92 % (blue) of it over its length.
-_LENGTH, _RADIUS, _SLOPE = 4.0, 0.3, 0.15
+_LENGTH = 4.0
+_RADIUS = 0.3  # where it begins
+_SLOPE = 0.15
 _MEDIUM = Medium(scattering=(0.2, 0.35, 0.6), absorption=(0.03, 0.03, 0.03))
 
 _BLOCK = 64  # rays at a time, so that memory does not grow with the number of rays
-# Accurate to 1e-9 or better on smooth pieces, and fine enough for the thousand small corners of a table.
-_CONVERGED, _PANELS = gauss_legendre(16), 64
+_CONVERGED = gauss_legendre(16)  # accurate to 1e-9 or better on smooth pieces
+_PANELS = 64  # fine enough for the thousand small corners of a table
 # Numbers of Riemann points that are tried: all of the small ones, then in steps of 6 %.
 _RIEMANN_COUNTS = sorted({*range(1, 33), *np.geomspace(33, MOST_POINTS, 36).astype(int).tolist()})
 
