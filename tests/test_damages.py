@@ -12,7 +12,7 @@ import pytest
 import photonbeams as pb
 from photonbeams.images.files import read_parts, summaries
 from photonbeams.images.tiles import join_tiles
-from photonbeams.images.writing import write_exr, write_png
+from photonbeams.images.writing import write_frame, write_png
 from photonbeams.render.films.frame_sums import FrameSums
 from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime.inputs import arrays, opened
@@ -95,7 +95,7 @@ def folder(tmp_path_factory):
     (result / "whole.vol").write_bytes(header + rng.random(64, dtype=np.float32).tobytes())
     (result / "whole.ies").write_text(IES)
     write_png(result / "whole.png", rng.random((6, 8, 3)))
-    write_exr(result / "whole.exr", {"rgba": rng.random((6, 8, 4)), "depth": np.ones((6, 8, 1))}, {"camera": "/C"})
+    write_frame(result / "whole.exr", {"rgba": rng.random((6, 8, 4)), "depth": np.ones((6, 8, 1))}, {"camera": "/C"})
     (result / "whole.xml").write_text(XML)
     (result / "whole.usda").write_text(STAGE)
     return result

@@ -35,7 +35,7 @@ def noise(*shape):
 
 
 def write_exr(path, size):
-    images.write_exr(path, {"rgba": noise(8, size // 80, 4), "depth": noise(8, size // 80)})
+    images.write_frame(path, {"rgba": noise(8, size // 80, 4), "depth": noise(8, size // 80)})
 
 
 def write_views(path, size):

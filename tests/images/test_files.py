@@ -53,7 +53,7 @@ def names_in(folder):
 
 
 def test_an_exr_has_a_part_for_each_layer_with_rgba_first(tmp_path, layers):
-    writing.write_exr(tmp_path / "a.exr", layers, METADATA)
+    writing.write_frame(tmp_path / "a.exr", layers, METADATA)
     found = [
         (s.get_string_attribute("oiio:subimagename"), tuple(s.channelnames), str(s.format))
         for s in subimages(tmp_path / "a.exr")
@@ -70,7 +70,7 @@ def test_an_exr_has_a_part_for_each_layer_with_rgba_first(tmp_path, layers):
 
 
 def test_layers_read_back_as_written_to_the_precision_of_their_type(tmp_path, layers):
-    writing.write_exr(tmp_path / "a.exr", layers)
+    writing.write_frame(tmp_path / "a.exr", layers)
     found = files.read_layers(tmp_path / "a.exr")
     assert list(found) == ["rgba", "surface", "beams", "beams_key", "transmittance", "depth"]
     for name, pixels in layers.items():
@@ -79,7 +79,7 @@ def test_layers_read_back_as_written_to_the_precision_of_their_type(tmp_path, la
 
 
 def test_headers_keep_their_values_and_types(tmp_path, layers):
-    writing.write_exr(tmp_path / "a.exr", layers, METADATA)
+    writing.write_frame(tmp_path / "a.exr", layers, METADATA)
     with OpenEXR.File(str(tmp_path / "a.exr"), header_only=True) as file:
         assert len({part.name() for part in file.parts}) == 6
         for part in file.parts:
@@ -98,7 +98,7 @@ def test_headers_keep_their_values_and_types(tmp_path, layers):
 
 def test_a_cropped_frame_keeps_its_place_in_the_whole(tmp_path, layers):
     windows = {"dataWindow": (10, 5, 53, 34), "displayWindow": (0, 0, 99, 49)}
-    writing.write_exr(tmp_path / "a.exr", layers, windows)
+    writing.write_frame(tmp_path / "a.exr", layers, windows)
     for spec in subimages(tmp_path / "a.exr"):
         assert (spec.x, spec.y, spec.width, spec.height) == (10, 5, 44, 30)
         assert (spec.full_width, spec.full_height) == (100, 50)
@@ -108,7 +108,7 @@ def test_colours_too_bright_for_half_become_the_largest_half_and_are_named(tmp_p
     pixels = np.full((2, 2, 3), 1e6, np.float32)
     pixels[0, 0] = np.inf, -np.inf, 65519.0
     alpha = np.full((2, 2, 4), (0.0, 0.0, 0.0, 1.0), np.float32)
-    writing.write_exr(tmp_path / "a.exr", {"rgba": alpha, "beams": pixels, "surface": 2e-8 * alpha[..., 1:]})
+    writing.write_frame(tmp_path / "a.exr", {"rgba": alpha, "beams": pixels, "surface": 2e-8 * alpha[..., 1:]})
     found = files.read_layers(tmp_path / "a.exr")["beams"]
     assert [each.getMessage() for each in caplog.records] == [
         f"{tmp_path / 'a.exr'}: beams: colours beyond 65504, the largest half float: they are clamped, and layers do "
@@ -121,7 +121,7 @@ def test_colours_too_bright_for_half_become_the_largest_half_and_are_named(tmp_p
 
 def test_nan_stays_nan_so_that_it_can_be_found(tmp_path):
     pixels = np.full((2, 2, 3), np.nan, np.float32)
-    writing.write_exr(tmp_path / "a.exr", {"beams": pixels})
+    writing.write_frame(tmp_path / "a.exr", {"beams": pixels})
     assert np.isnan(files.read_layers(tmp_path / "a.exr")["beams"]).all()
 
 
@@ -150,7 +150,7 @@ def test_a_file_has_the_mode_that_the_umask_says(tmp_path, layers):
 
 def test_layers_of_several_sizes_are_refused(tmp_path, layers):
     with pytest.raises(ValueError, match=r"depth \(2, 2\)"):
-        writing.write_exr(tmp_path / "a.exr", {**layers, "depth": np.ones((2, 2))})
+        writing.write_frame(tmp_path / "a.exr", {**layers, "depth": np.ones((2, 2))})
     assert names_in(tmp_path) == []
 
 
@@ -207,7 +207,7 @@ def test_a_stereo_exr_has_the_parts_of_the_left_eye_and_then_of_the_right(tmp_pa
 
 
 def test_each_eye_of_an_exr_has_its_own_matrices_and_no_legacy_header(tmp_path, views):
-    writing.write_exr(tmp_path / "a.exr", *views["left"], views=views)
+    writing.write_frame(tmp_path / "a.exr", *views["left"], views=views)
     assert OpenEXR.isOpenExrFile(str(tmp_path / "a.exr"))
     with OpenEXR.File(str(tmp_path / "a.exr")) as file:
         assert len({part.name() for part in file.parts}) == 12
@@ -222,7 +222,7 @@ def test_each_eye_of_an_exr_has_its_own_matrices_and_no_legacy_header(tmp_path, 
 
 
 def test_each_eye_reads_back_by_itself(tmp_path, views):
-    writing.write_exr(tmp_path / "a.exr", {}, views=views)
+    writing.write_frame(tmp_path / "a.exr", {}, views=views)
     parts = files.read_parts(tmp_path / "a.exr")
     assert [(part.layer, part.view) for part in parts[::6]] == [("rgba", "left"), ("rgba", "right")]
     both = files.read_layers(tmp_path / "a.exr")
@@ -238,8 +238,8 @@ def test_each_eye_reads_back_by_itself(tmp_path, views):
 
 
 def test_a_view_that_is_not_there_is_named(tmp_path, layers, views):
-    writing.write_exr(tmp_path / "one.exr", layers)
-    writing.write_exr(tmp_path / "two.exr", layers, views=views)
+    writing.write_frame(tmp_path / "one.exr", layers)
+    writing.write_frame(tmp_path / "two.exr", layers, views=views)
     with pytest.raises(SceneError, match=r"one\.exr has no view 'left': its views are none"):
         files.read_layers(tmp_path / "one.exr", "left")
     with pytest.raises(SceneError, match=r"two\.exr has no view 'centre': its views are left, right"):
@@ -247,8 +247,8 @@ def test_a_view_that_is_not_there_is_named(tmp_path, layers, views):
 
 
 def test_one_eye_alone_says_which_it_is_under_the_names_of_a_mono_file(tmp_path, layers):
-    writing.write_exr(tmp_path / "a.exr", layers, {"view": "right"})
-    writing.write_exr(tmp_path / "b.exr", {}, views={"right": (layers, {})})
+    writing.write_frame(tmp_path / "a.exr", layers, {"view": "right"})
+    writing.write_frame(tmp_path / "b.exr", {}, views={"right": (layers, {})})
     assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
     assert {part.view for part in files.read_parts(tmp_path / "a.exr")} == {"right"}
     assert list(files.read_layers(tmp_path / "a.exr"))[:2] == ["rgba", "surface"]
@@ -265,7 +265,7 @@ def test_a_cropped_stereo_frame_keeps_its_place_in_both_eyes(tmp_path, layers):
     display = {"displayWindow": (0, 0, 99, 49)}
     places = {"left": (10, 5, 53, 34), "right": (12, 5, 55, 34)}
     views = {view: (layers, {**display, "dataWindow": window}) for view, window in places.items()}
-    writing.write_exr(tmp_path / "a.exr", {}, views=views)
+    writing.write_frame(tmp_path / "a.exr", {}, views=views)
     for spec in subimages(tmp_path / "a.exr"):
         left, top = places[spec.get_string_attribute("view")][:2]
         assert (spec.x, spec.y, spec.width, spec.height) == (left, top, 44, 30)
@@ -307,14 +307,14 @@ def test_views_that_cannot_be_in_one_file_are_refused_before_a_byte_is_written(t
         for view, (shapes, metadata) in (("left", left), ("right", right))
     }
     with pytest.raises(ValueError, match=message) as error:
-        writing.write_exr(tmp_path / "a.exr", {}, views=views)
+        writing.write_frame(tmp_path / "a.exr", {}, views=views)
     assert "\n" not in str(error.value)
     assert names_in(tmp_path) == []
 
 
 def test_one_view_without_a_name_is_refused_beside_another(tmp_path, layers):
     with pytest.raises(ValueError, match="got views '', 'right': expected a name for each"):
-        writing.write_exr(tmp_path / "a.exr", {}, views={"": (layers, {}), "right": (layers, {})})
+        writing.write_frame(tmp_path / "a.exr", {}, views={"": (layers, {}), "right": (layers, {})})
 
 
 def test_a_stereo_picture_of_unlike_eyes_is_refused(tmp_path, layers):
@@ -402,7 +402,7 @@ def test_a_file_that_is_no_image_is_named(tmp_path):
 
 def test_a_truncated_exr_is_an_error(tmp_path, layers):
     path = tmp_path / "a.exr"
-    writing.write_exr(path, layers)
+    writing.write_frame(path, layers)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(SceneError, match=r"a\.exr cannot be read"):
         files.read_layers(path)

@@ -34,20 +34,12 @@ _MOST_PIECES = 96  # of a beam
 
 @dataclass(frozen=True)
 class Guide:
-    """A guide as tables over its arc length, (_ROWS, 3) each: its points, and the frame that follows it.
-
-    Attributes
-    ----------
-    points, tangents, sides
-        Points, unit tangents, and unit vectors across the tangents.
-    length
-        Arc length in scene units.
-    """
+    """A guide as tables over its arc length, (_ROWS, 3) each: its points, and the frame that follows it."""
 
     points: Array
-    tangents: Array
-    sides: Array
-    length: float
+    tangents: Array  # unit vectors
+    sides: Array  # unit vectors across the tangents
+    length: float  # arc length in scene units
 
     @classmethod
     def through(cls, points: npt.ArrayLike) -> Guide:

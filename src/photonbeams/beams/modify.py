@@ -38,11 +38,6 @@ def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
     amount
         From 0, which leaves the paths unchanged, to 1, at which all paths go through the target. Default: 1.
 
-    Returns
-    -------
-    Modifier
-        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
-
     Raises
     ------
     SceneError
@@ -93,11 +88,6 @@ def bend(field: Callable[[Any], Any] | Sequence[npt.ArrayLike], steps: int = 32)
     steps
         Number of pieces of each beam in a field, 1 to 4096. Guides set their own number, by how far they turn.
         Default: 32.
-
-    Returns
-    -------
-    Modifier
-        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
 
     Raises
     ------
@@ -188,11 +178,6 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
         Whether the power of the kept beams is divided by `fraction`, so that the picture keeps its brightness on
         average. Default: True.
 
-    Returns
-    -------
-    Modifier
-        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
-
     Raises
     ------
     SceneError
@@ -230,11 +215,6 @@ def recolor(color: npt.ArrayLike | Callable[[Beams], Any]) -> Modifier:
     ----------
     color
         One colour (RGB) for all beams, or a function of `Beams` that returns one for each (an `Array3f`).
-
-    Returns
-    -------
-    Modifier
-        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
 
     Raises
     ------
@@ -277,11 +257,6 @@ def clamp(power: float | None = None, radiance: float | None = None) -> Modifier
     radiance
         Greatest brightness of any channel, 0 or more: that of a beam seen square from the side, through its axis at
         the middle of the beam, before fog and shading. Default: no limit.
-
-    Returns
-    -------
-    Modifier
-        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
 
     Raises
     ------

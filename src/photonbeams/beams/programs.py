@@ -69,7 +69,7 @@ class PassContext:
     bounds: tuple[tuple[float, float, float], float] = ((0.0, 0.0, 0.0), 1.0)
 
 
-#: A function that takes `Beams` and a `PassContext`, and returns the changed `Beams`.
+#: A function that takes `Beams` and a `PassContext`, and returns the changed `Beams`: for `Shot.open(simulate=...)`.
 Modifier = Callable[[Beams, PassContext], Beams]
 
 #: A function that takes a `PassContext`, and makes beams from nothing.
@@ -83,11 +83,6 @@ def chain(*modifiers: Modifier) -> Modifier:
     ----------
     *modifiers
         Functions of `Beams` and a `PassContext` that return `Beams`. The first one is applied first.
-
-    Returns
-    -------
-    Modifier
-        A function of `Beams` and a `PassContext`, for `Shot.open(simulate=...)`.
 
     Examples
     --------
@@ -107,21 +102,11 @@ def chain(*modifiers: Modifier) -> Modifier:
 
 @dataclass(frozen=True)
 class Program:
-    """A modifier, with what the shot knows of its context.
-
-    Attributes
-    ----------
-    modifier
-        The function.
-    frame
-        The frame that is rendered; None is the stage's default time.
-    code
-        Returns the time code of a fraction of the shutter interval.
-    """
+    """A modifier, with what the shot knows of its context."""
 
     modifier: Modifier
-    frame: float | None = None
-    code: Callable[[float], float] = float
+    frame: float | None = None  # that is rendered; None is the stage's default time
+    code: Callable[[float], float] = float  # returns the time code of a fraction of the shutter interval
 
     def __call__(
         self,

@@ -35,27 +35,13 @@ _DIM = 0.05
 
 @dataclass
 class Level:
-    """The rays of every 2ᵏ-th pixel along x and y of the whole picture, as a picture of its own; level 0 has all rays.
+    """The rays of every 2ᵏ-th pixel along x and y of the whole picture, as a picture; level 0 has all rays."""
 
-    Attributes
-    ----------
-    number
-        k.
-    view
-        The level's projection, with a margin up to a corner of tiles of the whole picture's coarsest level.
-    margin
-        Number of pixels without rays at the left and at the top.
-    rays
-        The rays: PixelRays of `across` × `down` pixels.
-    first
-        Column and row of its first pixel, in pixels.
-    """
-
-    number: int
-    view: Projection
-    margin: Margin
-    rays: PixelRays
-    first: tuple[int, int] = (0, 0)
+    number: int  # k
+    view: Projection  # with a margin up to a corner of tiles of the whole picture's coarsest level
+    margin: Margin  # pixels without rays at the left and at the top
+    rays: PixelRays  # of `across` × `down` pixels
+    first: tuple[int, int] = (0, 0)  # column and row of its first pixel, in pixels
 
     @property
     def across(self) -> int:

@@ -35,31 +35,15 @@ Evaluate = Callable[[Any], Any]
 
 @dataclass
 class RayImages:
-    """Rays (N,) that are parts of pictures.
+    """Rays (N,) that are parts of pictures."""
 
-    Attributes
-    ----------
-    lattice
-        The pixels whose rays are evenly spaced.
-    size
-        Width and height of the pictures in pixels.
-    image
-        The number of each ray's picture; a picture has at most one ray of a pixel.
-    pixel, film
-        Each ray's pixel, and where its camera ray passes the film, in pixels.
-    least
-        For each ray, the radiance below which errors may be as large as at this radiance.
-    tolerance
-        The allowed relative error.
-    """
-
-    lattice: Lattice
-    size: tuple[int, int]
-    image: Any
-    pixel: Any
-    film: Any
-    least: Any
-    tolerance: float
+    lattice: Lattice  # the pixels whose rays are evenly spaced
+    size: tuple[int, int]  # width and height of the pictures in pixels
+    image: Any  # (N,) index of the ray's picture; a picture has at most one ray of a pixel
+    pixel: Any  # (N,)
+    film: Any  # (N, 2) where the camera ray passes the film, in pixels
+    least: Any  # (N,) radiance below which errors may be as large as at this radiance
+    tolerance: float  # relative error
 
     def taken(self, lanes: Any) -> RayImages:
         """Return some of the rays."""

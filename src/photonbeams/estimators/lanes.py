@@ -49,21 +49,11 @@ class MoreSamples:
 
 @dataclass(frozen=True)
 class Lattice:
-    """Pixels with evenly spaced rays: every second pixel along x and y of the whole picture; other rays are jittered.
+    """Pixels with evenly spaced rays: every second pixel along x and y of the whole picture; others are jittered."""
 
-    Attributes
-    ----------
-    corner
-        (left, top) of a crop window in the whole picture.
-    place
-        The place in [0, 1)² at which rays pass these pixels.
-    levels
-        Number of levels; at each, every second ray of the level before stands for all.
-    """
-
-    corner: tuple[int, int]
-    place: Any
-    levels: int
+    corner: tuple[int, int]  # (left, top) of a crop window in the whole picture
+    place: Any  # in [0, 1)², where rays pass these pixels
+    levels: int  # at each of them, every second ray of the level before stands for all
 
     @classmethod
     def of(cls, width: int, height: int, corner: tuple[int, int], place: Any) -> Lattice:

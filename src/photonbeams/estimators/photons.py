@@ -27,28 +27,14 @@ FACING = 0.7
 
 @dataclass
 class Photons:
-    """N photons that have met surfaces.
+    """N photons that have met surfaces, each a disc."""
 
-    Attributes
-    ----------
-    position, radius
-        (N, 3) and (N,) the discs' centres and radii.
-    normal
-        (N, 3) unit normals, on the side from which the light came.
-    direction
-        (N, 3) unit vectors in the direction of the light.
-    power
-        (N, 3) flux of the photons.
-    depth
-        (N,) scattering events before they met the surface, a UInt32, or one number for all. Default: 0.
-    """
-
-    position: Any
-    radius: Any
-    normal: Any
-    direction: Any
-    power: Any
-    depth: Any = 0
+    position: Any  # (N, 3) centres of the discs
+    radius: Any  # (N,)
+    normal: Any  # (N, 3) unit normals, on the side from which the light came
+    direction: Any  # (N, 3) unit vectors in the direction of the light
+    power: Any  # (N, 3) flux
+    depth: Any = 0  # (N,) scattering events before they met the surface, a UInt32, or one number for all
 
     def __len__(self) -> int:
         """Return the number of photons."""

@@ -1,4 +1,7 @@
-"""Read image files with OpenImageIO: the pixels of their parts, or a summary of each part."""
+"""Read image files with OpenImageIO: the pixels of their parts, or a summary of each part.
+
+If a file does not exist or may not be read, its readers raise OSError; if it is no image or a broken one, SceneError.
+"""
 
 from __future__ import annotations
 
@@ -23,22 +26,12 @@ _STRIP = 64 * 2**20  # bytes of pixels that are decoded at a time
 
 @dataclass(frozen=True)
 class PartHeader:
-    """The header of a part of an EXR, or of the whole of another image.
+    """The header of a part of an EXR, or of the whole of another image."""
 
-    Attributes
-    ----------
-    name
-        "rgba" for a part without a name; to parts with the same name, the view or a number is appended.
-    channels, types
-        The channels' names, and the types in which they are stored: half, float, uint8, …
-    view
-        "left", "right", or another view that the file names; empty if it names none.
-    """
-
-    name: str
-    channels: tuple[str, ...]
-    types: tuple[str, ...]
-    view: str
+    name: str  # "rgba" for a part without a name; to parts with the same name, the view or a number is appended
+    channels: tuple[str, ...]  # their names
+    types: tuple[str, ...]  # in which the channels are stored: half, float, uint8, …
+    view: str  # "left", "right", or another view that the file names; empty if it names none
 
     @property
     def layer(self) -> str:
@@ -55,37 +48,19 @@ class Part(PartHeader):
 
 @dataclass(frozen=True)
 class Summary(PartHeader):
-    """A part of an image in a few numbers.
+    """A part of an image in a few numbers."""
 
-    Attributes
-    ----------
-    width, height
-        Its size in pixels.
-    least, mean, greatest
-        Of the finite values in all channels; None if there is none.
-    nans, infinite
-        How many pixels have a NaN or an infinite value.
-    """
-
-    width: int
+    width: int  # in pixels
     height: int
-    least: float | None
+    least: float | None  # of the finite values in all channels; None if there is none
     mean: float | None
     greatest: float | None
-    nans: int
-    infinite: int
+    nans: int  # pixels that have one
+    infinite: int  # pixels that have an infinite value
 
 
 def read_parts(path: PathLike) -> list[Part]:
-    """Return all parts of an image file, in its order.
-
-    Raises
-    ------
-    OSError
-        The file does not exist, or may not be read.
-    SceneError
-        The file is no image, or a broken one.
-    """
+    """Return all parts of an image file, in its order."""
     with opened(path) as file:
         headers = list(_headers(path, file))
         check_decoded(path, sum(pixels_of(spec) * spec.nchannels for _, spec in headers))
@@ -93,13 +68,7 @@ def read_parts(path: PathLike) -> list[Part]:
 
 
 def summaries(path: PathLike) -> list[Summary]:
-    """Return a summary of each part of an image file, in its order, without all of its pixels in memory at once.
-
-    Raises
-    ------
-    OSError, SceneError
-        As `read_parts`.
-    """
+    """Return a summary of each part of an image file, in its order, without all of its pixels in memory at once."""
     with opened(path) as file:
         return [
             Summary(**vars(header), width=spec.width, height=spec.height, **_statistics(path, file, index))
@@ -128,14 +97,7 @@ def _statistics(path: PathLike, file: Any, index: int) -> dict[str, Any]:
 def read_layers(path: PathLike, view: str | None = None) -> dict[str, Array]:
     """Return the pixels of `read_parts` by name, (H, W, C), or (H, W) where there is one channel.
 
-    With a `view`, return only its layers, by names without the view.
-
-    Raises
-    ------
-    OSError
-        As `read_parts`.
-    SceneError
-        As `read_parts`, or no such view.
+    With a `view`, return only its layers, by names without the view; SceneError if there is no such view.
     """
     parts = read_parts(path)
     if view is not None and view not in {part.view for part in parts}:
@@ -152,11 +114,6 @@ def read_image(path: PathLike) -> Array:
     """Return an image file's (first) picture as scene-linear float32, (H, W, C), first row on top.
 
     8-bit images of three or four channels are taken as sRGB, others as linear.
-
-    Raises
-    ------
-    OSError, SceneError
-        As `read_parts`.
     """
     with opened(path) as file:
         pixels = _pixels(path, file, 0)
@@ -168,13 +125,7 @@ def read_image(path: PathLike) -> Array:
 
 @contextmanager
 def opened(path: PathLike, config: Any = None) -> Iterator[Any]:
-    """Open an image file as an OpenImageIO input, for a `with` statement; no part of it is too large to be decoded.
-
-    Raises
-    ------
-    OSError, SceneError
-        As `read_parts`.
-    """
+    """Open an image file as an OpenImageIO input, for a `with` statement; no part of it is too large to be decoded."""
     path = Path(path)
     if problem := why_unreadable(path, _MOST_BYTES):
         if not (is_special(path) or path.is_dir()):

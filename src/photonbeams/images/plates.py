@@ -39,21 +39,11 @@ _MOST_NAMES = 24
 
 @dataclass(frozen=True)
 class Depth:
-    """Depths of one view's window.
+    """Depths of one view's window."""
 
-    Attributes
-    ----------
-    values
-        (H, W) float32, in scene units, infinite where there is no surface.
-    distance
-        Whether they are distances from the camera, rather than along its axis.
-    place
-        Where in each pixel they were measured, from 0 to 1, the same horizontally and vertically.
-    """
-
-    values: Array
-    distance: bool = False
-    place: float = 0.5
+    values: Array  # (H, W) float32, in scene units, infinite where there is no surface
+    distance: bool = False  # whether they are distances from the camera, rather than along its axis
+    place: float = 0.5  # where in each pixel they were measured, from 0 to 1, the same horizontally and vertically
 
     def seen_by(self, view: View) -> HoldoutDepth:
         """Return the holdout depth in a view's window, for which the depths were read."""

@@ -63,22 +63,7 @@ def write_frame(
     exposure: float = 0.0,
     views: Views | None = None,
 ) -> None:
-    """Write a frame by the file's suffix: all layers to an .exr, or one `layer` tone-mapped to a .png.
-
-    Parameters
-    ----------
-    views
-        As for `write_exr`; a .png shows them side by side at full size, the first on the left.
-
-    Raises
-    ------
-    SceneError
-        Another suffix, no such layer, or a .png of a layer without colours, such as `depth`.
-    ValueError
-        As `write_exr` and `write_png`.
-    OSError
-        As `atomic_path`.
-    """
+    """Write the file that `encoded_frame` returns; its folder is made if it does not exist."""
     write_bytes(path, encoded_frame(path, layers, metadata, layer, exposure, views))
 
 
@@ -90,7 +75,20 @@ def encoded_frame(
     exposure: float = 0.0,
     views: Views | None = None,
 ) -> bytes | memoryview:
-    """Return the file that `write_frame` writes to `path`, which decides the kind and is named in messages."""
+    """Return a frame as the file that will be at `path`: all layers as an .exr, or one `layer` tone-mapped as a .png.
+
+    Parameters
+    ----------
+    views
+        As for `encoded_exr`; a .png shows them side by side at full size, the first on the left.
+
+    Raises
+    ------
+    SceneError
+        Another suffix, no such layer, or a .png of a layer without colours, such as `depth`.
+    ValueError
+        As `encoded_exr` and `png_of`.
+    """
     path = _picture_path(path)
     if path.suffix.lower() == ".exr":
         return encoded_exr(path, layers, metadata, views)
@@ -104,18 +102,18 @@ def encoded_frame(
     return png_of(*(each[layer] for each in eyes), exposure=exposure, pixel_aspect=ratio)
 
 
-def write_exr(
+def encoded_exr(
     path: PathLike,
     layers: Mapping[str, Array],
     metadata: Mapping[str, Any] | None = None,
     views: Views | None = None,
-) -> None:
-    """Write a multi-part EXR with a part for each layer, `rgba` first: ZIP, half for colours, float for others.
+) -> memoryview:
+    """Return a multi-part EXR with a part for each layer, `rgba` first: ZIP, half for colours, float for others.
 
     Parameters
     ----------
     path
-        Its folder is made if it does not exist.
+        Where the file will be, for messages.
     layers
         Pixels by name, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), those of
         `normal` X, Y, Z, and (H, W) or (H, W, 1) becomes Z. Colours beyond ±65504, the largest half, are clamped,
@@ -135,24 +133,12 @@ def write_exr(
     ValueError
         Layers of several sizes or of other shapes, metadata for which EXR has no type, views with different display
         windows or chromaticities, or one without a name among several.
-    OSError
-        As `atomic_path`.
 
     References
     ----------
     Storing multi-view images, https://openexr.com/en/latest/MultiViewOpenEXR.html: this is the preferred one of its two
     forms.
     """
-    write_bytes(path, encoded_exr(path, layers, metadata, views))
-
-
-def encoded_exr(
-    path: PathLike,
-    layers: Mapping[str, Array],
-    metadata: Mapping[str, Any] | None = None,
-    views: Views | None = None,
-) -> memoryview:
-    """Return the file that `write_exr` writes to `path`, which is named in messages."""
     views = views or {"": (layers, metadata or {})}
     views = {
         view: (seen, {"chromaticities": REC709, **about, **({"view": view} if view else {})})

@@ -52,16 +52,8 @@ class BoundLook:
 
     Parameters
     ----------
-    look
-        The look.
-    fog
-        The medium, or None if no factor needs one.
-    reach
-        Greatest length of the light paths, in scene units.
-    context
-        What the beams of a light have in common, or None for the defaults.
-    box
-        Two opposite corners of the box that contains the beams, in world space.
+    look, fog, reach, context, box
+        The look, its medium as a `Fog`, and the arguments of `Look.bind`.
 
     Attributes
     ----------

@@ -68,13 +68,9 @@ class Factor(Described):
     # NumPy arrays leave the product to the factor, instead of making one product for each entry.
     __array_ufunc__ = None
 
-    #: Where the factor has corners, at which quadrature splits its interval.
     corners: tuple[Corner, ...] = ()
-    #: Whether it may have unknown corners, for which quadrature takes finer steps.
     rough: bool = False
-    #: Whether it may be negative or not finite.
     wild: bool = False
-    #: Whether it depends on which ray is evaluated, as through samples along it.
     of_rays: bool = False
 
     def evaluate(self, at: ShadingContext) -> Value:

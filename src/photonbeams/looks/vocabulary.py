@@ -68,27 +68,13 @@ CONSTANTS: dict[str, float] = {"pi": math.pi, "e": math.e}
 
 
 class Parameter(NamedTuple):
-    """A parameter of a function.
+    """A parameter of a function."""
 
-    Attributes
-    ----------
-    name
-        Its name in messages, and the keyword of an optional parameter.
-    kind
-        "scalar", "vector", "any" of these two, or "whole": a whole number that is written out.
-    optional
-        Whether it may be left out.
-    default
-        Value of an optional parameter that is left out; None: there is none.
-    least, most
-        Range of a whole number.
-    """
-
-    name: str
-    kind: Literal["scalar", "vector", "any", "whole"] = "any"
+    name: str  # in messages, and the keyword of an optional parameter
+    kind: Literal["scalar", "vector", "any", "whole"] = "any"  # a whole number is written out
     optional: bool = False
-    default: float | None = None
-    least: int = 0
+    default: float | None = None  # of an optional parameter; None: there is none
+    least: int = 0  # range of a whole number
     most: int = 0
 
     def __str__(self) -> str:
@@ -99,28 +85,14 @@ class Parameter(NamedTuple):
 
 @dataclass(frozen=True)
 class ExpressionFunction:
-    """A function of expressions.
-
-    Attributes
-    ----------
-    name, parameters
-        The function's name, and its parameters in order.
-    result
-        "scalar", "vector", or "any": a vector if an argument of the kind "any" is a vector.
-    doc
-        One line on the value, for the manual.
-    compute
-        Function of Dr.Jit values in the parameters' order.
-    parts
-        Number of parts that a call counts as; if `octaves` is a parameter, the number for each octave.
-    """
+    """A function of expressions."""
 
     name: str
-    parameters: tuple[Parameter, ...]
-    result: Literal["scalar", "vector", "any"]
-    doc: str
-    compute: Callable[..., Any]
-    parts: int = 1
+    parameters: tuple[Parameter, ...]  # in order
+    result: Literal["scalar", "vector", "any"]  # "any": a vector if an argument of the kind "any" is a vector
+    doc: str  # one line on the value, for the manual
+    compute: Callable[..., Any]  # of Dr.Jit values in the parameters' order
+    parts: int = 1  # that a call counts as; if `octaves` is a parameter, for each octave
 
     @property
     def arity(self) -> tuple[int, int]:
