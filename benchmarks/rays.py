@@ -16,7 +16,7 @@ import photonbeams as pb
 from photonbeams.estimators.cells import Sorting, batches
 from photonbeams.estimators.estimate import ENDLESS, bind
 from photonbeams.estimators.geometry import Rays
-from photonbeams.estimators.grid import build, sum_over_grid, walk
+from photonbeams.estimators.grid import build, sum_over_grid, traverse_grid
 from photonbeams.estimators.points import Points
 from photonbeams.estimators.records import pack
 from photonbeams.numerics.arrays import to_float, to_vectors
@@ -95,7 +95,7 @@ def grid_tests(beams: pb.Beams, rays: Rays) -> int:
         return 0
     grid, marks, span = built
     parts = batches(partial(Sorting, grid.cells, marks.visit), len(beams))
-    counts = (walk(rays, span, grid, part, lambda total, *_: total + 1, UInt32(0)) for part in parts)
+    counts = (traverse_grid(rays, span, grid, part, lambda total, *_: total + 1, UInt32(0)) for part in parts)
     return sum(int(np.asarray(each, dtype=np.int64).sum()) for each in counts)
 
 

@@ -11,7 +11,7 @@ from photonbeams.beams.curves import curved
 from photonbeams.estimators import cells
 from photonbeams.estimators.estimate import ENDLESS, bind, estimate_rays, sum_over_all
 from photonbeams.estimators.geometry import Rays
-from photonbeams.estimators.grid import build, sum_over_grid, walk
+from photonbeams.estimators.grid import build, sum_over_grid, traverse_grid
 from photonbeams.estimators.points import Points
 from photonbeams.estimators.records import pack
 from photonbeams.numerics.arrays import to_float, to_vectors
@@ -199,7 +199,7 @@ def test_rays_walk_every_cell_on_their_way_once(rng):
         wrong = sure & (grid.number(x, y, z) != cell)
         return total + Array3f(dr.maximum(leave - enter, 0), Float(wrong), 1)
 
-    way, wrong, turns = walk(rays, span, grid, full, visit, dr.zeros(Array3f, 2000)).numpy()
+    way, wrong, turns = traverse_grid(rays, span, grid, full, visit, dr.zeros(Array3f, 2000)).numpy()
     length = np.maximum(np.asarray(span[1]) - np.asarray(span[0]), 0)
     assert grid.cells > 500 and turns.max() > 20 and np.count_nonzero(length) > 500
     assert not wrong.any()

@@ -95,7 +95,7 @@ def pieces(
     if beams.end_normal is not None:
         # The surface that stops a path turns with it. Within the path, the normal is that of the plane between pieces.
         wall = dr.gather(Array3f, _turned(beams.end_normal, paths.direction, ends[1]), path)
-        result.end_normal = dr.select(number + 1 < count, -result.end_tangent, wall)
+        result.end_normal = dr.select(number + 1 < count, -result.end_tangent, wall)  # type: ignore[operator]
     along_path = lengths(points, each, steps, before)
     _set_distances(result, beams, paths, along_path, (path, first, path * (count + 1) + count), before)
     dr.eval(result)

@@ -16,12 +16,12 @@ import drjit as dr
 from ..looks import BoundLook
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from .blend import NARROW, frustum_weight, need, touched
-from .geometry import Approach, Rays, passing
+from .geometry import ClosestApproach, Rays, passing
 from .points import Points
 from .records import Packed, Record, load
 
 
-def value(beam: Record, at: Approach, u2: Any, radius: Any, look: BoundLook, ray: Rays, points: Points) -> Any:
+def value(beam: Record, at: ClosestApproach, u2: Any, radius: Any, look: BoundLook, ray: Rays, points: Points) -> Any:
     """Return a beam's radiance toward a ray that passes its axis at the squared distance `u2`."""
     inv_radius = dr.rcp(radius)
     x = u2 * dr.square(inv_radius)
@@ -33,12 +33,12 @@ def value(beam: Record, at: Approach, u2: Any, radius: Any, look: BoundLook, ray
     return beam.light(at.along) * (light * look.turned(-_cosine(at), beam) * kernel)
 
 
-def _cosine(at: Approach) -> Any:
+def _cosine(at: ClosestApproach) -> Any:
     """Return the cosine between the ray and the light where they come closest."""
     return at.cosine if at.course is None else at.course.cosine(Float(0))
 
 
-def _light(beam: Record, at: Approach, rho2: Any, look: BoundLook, ray: Rays) -> Any:
+def _light(beam: Record, at: ClosestApproach, rho2: Any, look: BoundLook, ray: Rays) -> Any:
     """Return the factors at the closest approach, for the squared distance ρ² from the axis in radii."""
     distance = at.along + beam.offset
     where = look.at(
@@ -50,7 +50,7 @@ def _light(beam: Record, at: Approach, rho2: Any, look: BoundLook, ray: Rays) ->
 
 
 @dr.syntax
-def _projected(beam: Record, at: Approach, x: Any, look: BoundLook, ray: Rays, points: Points) -> Any:
+def _projected(beam: Record, at: ClosestApproach, x: Any, look: BoundLook, ray: Rays, points: Points) -> Any:
     """Return 2 ∫_0^1 density · light dv with ρ² = x + (1 − x) v²: the line projection of all that changes with ρ.
 
     The integral is split at the rings where the integrand has corners, and into pieces over which the look hardly
@@ -78,7 +78,7 @@ def _projected(beam: Record, at: Approach, x: Any, look: BoundLook, ray: Rays, p
     return 2 * total
 
 
-def in_range(beam: Record, at: Approach, t_min: Any, t_max: Any, origin: Any, direction: Any) -> Any:
+def in_range(beam: Record, at: ClosestApproach, t_min: Any, t_max: Any, origin: Any, direction: Any) -> Any:
     """Return whether the closest approach lies between the beam's ends and on the visible part of the ray."""
     inside = (at.s > beam.begin) & (at.s < beam.stop) & (at.t > t_min) & (at.t < t_max)
     if at.course is not None:

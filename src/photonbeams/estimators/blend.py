@@ -13,7 +13,7 @@ from typing import Any
 import drjit as dr
 
 from ..looks import BoundLook
-from .geometry import Approach, Course
+from .geometry import ClosestApproach, Course
 from .records import Record
 
 # The frustum takes over where the chord comes nearer to a boundary than this, in half chords.
@@ -26,8 +26,9 @@ NARROW = 0.0025
 _BEGIN = 0.7
 
 
-def need(beam: Record, at: Approach, radius: Any, look: BoundLook, t_min: Any, t_max: Any, origin: Any, direction: Any
-         ) -> tuple[Any, Any]:  # fmt: skip
+def need(
+    beam: Record, at: ClosestApproach, radius: Any, look: BoundLook, t_min: Any, t_max: Any, origin: Any, direction: Any
+) -> tuple[Any, Any]:
     """Return how much a ray needs the frustum for this beam (1: entirely), because of boundaries and of the factors."""
     sine = at.sin2 * at.inv_sine
     taper = dr.abs(at.taper(beam))

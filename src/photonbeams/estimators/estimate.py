@@ -105,9 +105,9 @@ def estimate(
     rays, shape = _rays(origin, direction, t_min, t_max, time if close is not None else None)
     found: Any = Float()
     if rays is not None:
-        asked = {"estimator": estimator, "points": Points(rule), "close": close, "context": context}
+        asked: dict[str, Any] = {"estimator": estimator, "points": Points(rule), "close": close, "context": context}
         found = dr.ravel(estimate_rays(beams, rays, look=look or Look(), medium=medium, **asked))
-    return dr.tensor_t(Float)(found, (*shape, 3))
+    return dr.tensor_t(Float)(found, (*shape, 3))  # type: ignore[operator]
 
 
 def _check_arguments(beams: Any, look: Any, medium: Any, estimator: Any, rule: Any, context: Any) -> None:

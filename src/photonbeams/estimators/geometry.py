@@ -64,7 +64,7 @@ class Rays:
 
 
 @dataclass
-class Passing:
+class LinePair:
     """How a ray passes a beam's axis, computed without a division: enough to decide whether they meet."""
 
     cosine: Any  # c = d·w
@@ -86,12 +86,12 @@ class Passing:
         radius_sin2 = dr.fma(beam.slope, self.s_sin2, beam.radius * self.sin2)
         return self.u2_sin2 * dr.fma(-taper, taper, self.sin2) < dr.square(radius_sin2)
 
-    def closest(self, beam: Record, origin: Any, direction: Any) -> Approach:
+    def closest(self, beam: Record, origin: Any, direction: Any) -> ClosestApproach:
         """Return where the two lines come closest."""
         inv_sine = dr.rsqrt(self.sin2)
         inv = dr.square(inv_sine)
         t = dr.fma(-self.cosine, self.reach, self.along) * inv
-        at = Approach(self.cosine, self.sin2, inv_sine, self.s_sin2 * inv, t, self.u2_sin2 * inv)
+        at = ClosestApproach(self.cosine, self.sin2, inv_sine, self.s_sin2 * inv, t, self.u2_sin2 * inv)
         if beam.bend is not None:
             relative = beam.start if origin is None else beam.start - origin
             at.course = course(beam, dr.fma(direction, t, -relative), direction)
@@ -99,7 +99,7 @@ class Passing:
 
 
 @dataclass
-class Approach:
+class ClosestApproach:
     """Where a ray and a beam's axis come closest."""
 
     cosine: Any  # c = d·w
@@ -181,7 +181,7 @@ def course(beam: Record, point: Any, direction: Any) -> Course:
 _PARALLEL = 1e-7
 
 
-def passing(beam: Record, origin: Any, direction: Any) -> Passing:
+def passing(beam: Record, origin: Any, direction: Any) -> LinePair:
     """Return how a ray passes a beam; `origin` is relative to the packed origin, or None if that is shared."""
     if beam.moment is not None:
         relative, moment, reach = beam.start, beam.moment, beam.reach
@@ -190,10 +190,10 @@ def passing(beam: Record, origin: Any, direction: Any) -> Passing:
         moment, reach = dr.cross(beam.axis, relative), dr.dot(beam.axis, relative)
     c, along = dr.dot(direction, beam.axis), dr.dot(direction, relative)
     sin2 = dr.maximum(dr.fma(-c, c, 1), _PARALLEL)
-    return Passing(c, sin2, along, reach, dr.fma(c, along, -reach), dr.square(dr.dot(direction, moment)))
+    return LinePair(c, sin2, along, reach, dr.fma(c, along, -reach), dr.square(dr.dot(direction, moment)))
 
 
-def closest_approach(beam: Record, origin: Any, direction: Any) -> Approach:
+def closest_approach(beam: Record, origin: Any, direction: Any) -> ClosestApproach:
     """Return where a ray and a beam's axis come closest; `origin` as for `passing`."""
     return passing(beam, origin, direction).closest(beam, origin, direction)
 

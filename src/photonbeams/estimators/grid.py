@@ -66,10 +66,10 @@ def sum_over_grid(
 
         def along(some: Any, lists: CellLists = lists, visitor: _CellVisitor = visitor) -> Any:
             own = [dr.gather(Float, each, some) for each in span]
-            return walk(rays.taken(some), (own[0], own[1]), grid, lists, visitor)
+            return traverse_grid(rays.taken(some), (own[0], own[1]), grid, lists, visitor)
 
         if images is None:
-            radiance = radiance + walk(rays, span, grid, lists, visitor)
+            radiance = radiance + traverse_grid(rays, span, grid, lists, visitor)
         else:
             radiance = radiance + images.radiance(rays, along)
         dr.eval(radiance)
@@ -359,7 +359,9 @@ class _GridWalk:
 
 
 @dr.syntax
-def walk(ray: Rays, span: tuple[Any, Any], grid: CellGrid, lists: CellLists, visit: Any, total: Any = None) -> Any:
+def traverse_grid(
+    ray: Rays, span: tuple[Any, Any], grid: CellGrid, lists: CellLists, visit: Any, total: Any = None
+) -> Any:
     """Return what `visit(total, ray, beam, (t_enter, t_exit))` makes of `total`, cell by cell, beam by beam.
 
     There is one loop. Each turn takes a ray to the next beam, and to the next cell when its list is done, so that rays
