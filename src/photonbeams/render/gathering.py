@@ -26,7 +26,8 @@ from ..numerics.structs import Struct
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..scene import SceneError
 from ..world.cameras.sensors import PrimaryRays
-from ..world.media.media import Media, RenderedMedium
+from ..world.media.media import Media
+from ..world.media.rendered import RenderedMedium
 from .passes import Statistics
 from .paths.branches import CameraPaths, add_to_pixels
 from .paths.camera_paths import CameraVertex

@@ -20,7 +20,7 @@ from ..runtime.device import Bool, Float, UInt32
 from ..world.emitters.portals import count_candidates
 from ..world.emitters.rays import EmittedRays
 from ..world.emitters.sources import Source
-from ..world.media.media import RenderedMedium
+from ..world.media.rendered import RenderedMedium
 from ..world.stage_world import StageWorld
 from ..world.world import World
 from . import paths

@@ -13,7 +13,7 @@ from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Float, mitsuba
 
 if TYPE_CHECKING:
-    from .media.media import RenderedMedium
+    from .media.rendered import RenderedMedium
 
 mi = mitsuba()
 

@@ -12,7 +12,8 @@ from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, Box
 from .emitters.sources import Source
-from .media.media import Media, parts
+from .media.media import Media
+from .media.parts import parts
 from .shadow_rays import rounding, size_of
 from .surfaces.normal_maps import NormalMap
 

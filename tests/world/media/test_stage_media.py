@@ -11,7 +11,8 @@ from photonbeams.runtime.device import Array3f, mitsuba
 from photonbeams.usd.looks.look import AlongSpec, LookSpec
 from photonbeams.usd.looks.shading import build_look
 from photonbeams.world.media.interfaces import number
-from photonbeams.world.media.media import Media, MediumScattering
+from photonbeams.world.media.media import Media
+from photonbeams.world.media.rendered import MediumScattering
 from photonbeams.world.media.stage_media import media_of
 from photonbeams.world.media.tracking import Tracked
 from tests.helpers.comparison import box

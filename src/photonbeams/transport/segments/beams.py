@@ -19,7 +19,7 @@ from ...numerics.structs import Struct
 from ...runtime.device import Bool, Float, UInt32
 from ...world.bounds import Box
 from ...world.emitters.sources import Source
-from ...world.media.media import RenderedMedium, over_mean
+from ...world.media.rendered import RenderedMedium, over_mean
 from ...world.world import World
 from .coverage import medium_coverage
 from .radii import Limits

@@ -14,7 +14,8 @@ from ...runtime.device import mitsuba
 from ...scene import Array
 from ..bounds import box_around, box_of
 from .interfaces import UNKNOWN, meet, number, shape_number
-from .media import Media, boxes, parts
+from .media import Media
+from .parts import boxes, parts
 from .statements import Statements
 from .walks import Walks, first_interface, known_media, normalized, random_directions
 
