@@ -9,7 +9,7 @@ from typing import Any
 from .. import scene
 from ..constants import DEFAULT_PATHS
 from ..world.cameras.sensors import Sensor, window_of
-from ..world.media.surroundings import place_of_sensor
+from ..world.media.discovery.surroundings import place_of_sensor
 from .checkpoint import identity
 from .choice import Pixels
 from .films.film import Film

@@ -30,8 +30,8 @@ from ..world.cameras.cameras import View
 from ..world.emitters.portal_lamps import EnvironmentPortal
 from ..world.emitters.scene_lamps import names_of
 from ..world.emitters.sources import Source
-from ..world.media.surroundings import Place
-from ..world.media.warnings import warn
+from ..world.media.discovery.surroundings import Place
+from ..world.media.discovery.warnings import warn
 from ..world.scene_world import SceneWorld
 from ..world.world import World
 from .choice import Pixels, is_sharp, preferred

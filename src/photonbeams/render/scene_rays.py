@@ -13,8 +13,8 @@ import drjit as dr
 from ..numerics.arrays import indices
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.cameras.sensors import PrimaryRays, Sensor
+from ..world.media.discovery.surroundings import place_of
 from ..world.media.interfaces import number
-from ..world.media.surroundings import place_of
 from .choice import Pixels
 from .passes import Statistics
 from .ray_passes import PassRenderer, ViewRays

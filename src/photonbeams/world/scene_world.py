@@ -16,8 +16,8 @@ from ..scene import Array
 from .bounds import Bounds, box_around, endless_length
 from .emitters.scene_lamps import lamps_of
 from .emitters.sources import Source
+from .media.discovery.surroundings import Place, Surroundings, places_of
 from .media.media import Media
-from .media.surroundings import Place, Surroundings, places_of
 from .surfaces.shapes import is_null, scene_of
 from .world import World, mirrors, perturbs, translucent
 

@@ -20,7 +20,7 @@ from ..checks import check_phase
 from ..shadow_rays import leaving, size_of
 from .interfaces import medium_ahead, number, numbers, pointers
 from .parts import boxes, parts
-from .rendered import FAR, rendered
+from .rendered import FAR, extinction_of, rendered
 from .tracking import SEGMENTS, MediumSegment, glow, walk
 
 mi = mitsuba()

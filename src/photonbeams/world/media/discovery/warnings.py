@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.device import mitsuba
-from ..bounds import box_of
-from .interfaces import number, shape_number
-from .parts import boxes, parts
+from ....runtime.device import mitsuba
+from ...bounds import box_of
+from ..interfaces import number, shape_number
+from ..parts import boxes, parts
 from .surroundings import Surroundings
 
 mi = mitsuba()

@@ -5,9 +5,9 @@ import pytest
 
 from photonbeams.render.scene_frame import begin, render
 from photonbeams.runtime.device import Array3f, mitsuba
+from photonbeams.world.media.discovery.surroundings import Surroundings, place_of_sensor, places_of
 from photonbeams.world.media.interfaces import number
 from photonbeams.world.media.media import Media
-from photonbeams.world.media.surroundings import Surroundings, place_of_sensor, places_of
 from photonbeams.world.scene_world import SceneWorld
 from tests.helpers.mitsuba_pictures import SMALL, agree, pictures
 from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb, volpath

@@ -15,14 +15,14 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ...numerics.sampling import pairs, sobol_points
-from ...runtime.device import Array3f, Float, UInt32, mitsuba
-from ...scene import Array
-from ..shadow_rays import size_of
-from .interfaces import UNKNOWN, medium_at, number
-from .media import Media
+from ....numerics.sampling import pairs, sobol_points
+from ....runtime.device import Array3f, Float, UInt32, mitsuba
+from ....scene import Array
+from ...shadow_rays import size_of
+from ..interfaces import UNKNOWN, medium_at, number
+from ..media import Media
+from .probes import ASKING, CROSSING, ONWARD, walk
 from .survey import Answer, Survey
-from .walks import ASKING, CROSSING, ONWARD, walk
 
 mi = mitsuba()
 

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...numerics.arrays import to_vectors
-from ...runtime.device import mitsuba
-from ...scene import Array
-from ..bounds import box_around, box_of
-from .interfaces import UNKNOWN, meet, number, shape_number
-from .media import Media
-from .parts import boxes, parts
-from .statements import Statements
-from .walks import Walks, first_interface, known_media, normalized, random_directions
+from ....numerics.arrays import to_vectors
+from ....runtime.device import mitsuba
+from ....scene import Array
+from ...bounds import box_around, box_of
+from ..interfaces import UNKNOWN, meet, number, shape_number
+from ..media import Media
+from ..parts import boxes, parts
+from .conflicts import Statements
+from .probes import Walks, first_interface, known_media, normalized, random_directions
 
 if TYPE_CHECKING:
     from .surroundings import Place

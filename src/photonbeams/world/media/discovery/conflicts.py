@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...runtime.device import mitsuba
-from ...scene import Array
-from ..bounds import box_of
-from .interfaces import UNKNOWN, number
-from .walks import Walks, first_interface, named_medium
+from ....runtime.device import mitsuba
+from ....scene import Array
+from ...bounds import box_of
+from ..interfaces import UNKNOWN, number
+from .probes import Walks, first_interface, named_medium
 
 if TYPE_CHECKING:
     from .surroundings import Place

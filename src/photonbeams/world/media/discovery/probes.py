@@ -9,11 +9,11 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ...numerics.arrays import to_float, to_vectors
-from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...scene import Array
-from ..shadow_rays import leaving
-from .interfaces import UNKNOWN, meet, reflected
+from ....numerics.arrays import to_float, to_vectors
+from ....runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ....scene import Array
+from ...shadow_rays import leaving
+from ..interfaces import UNKNOWN, meet, reflected
 
 mi = mitsuba()
 

@@ -1,0 +1,1 @@
+"""Which medium is where in a Mitsuba scene, where nobody says."""
