@@ -101,7 +101,7 @@ class Light(BeamSettings):
         return np.zeros((0, 3))
 
     def slide(self, gobo: Gobo) -> SlidePlace | None:
-        """Return where a gobo is before the light; None if the light can have none."""
+        """Return where the slide `gobo` is before the light; None if the light can have none."""
         return None
 
     @property

@@ -59,7 +59,7 @@ class SphereLight(Light):
         return self.center + (_CORNERS @ self.shape.T if self.shape is not None else self.radius * _SIX)
 
     def slide(self, gobo: Gobo) -> SlidePlace:
-        """Return where a gobo is before the light: one unit from its centre."""
+        """Return where the slide `gobo` is before the light: one unit from its centre."""
         side, up, ahead = self._slide_axes()
         width = 2 * np.tan(np.radians(self.slide_angle) / 2)
         return SlidePlace(self.center + ahead, width * side, width * gobo.aspect * up, ahead)
@@ -115,7 +115,7 @@ class FlatLight(Light):
         return points
 
     def slide(self, gobo: Gobo) -> SlidePlace:
-        """Return where a gobo is: on the light's face.
+        """Return where the slide `gobo` is: on the light's face.
 
         UsdLuxRectLight puts the image's first pixel at (+X, +Y) and its last at (-X, -Y): it is upright as seen from
         the front of the light. Arnold does the same from usdlux_version 25.05 on, and mirrored it before.
@@ -264,7 +264,7 @@ class DistantLight(Light):
     profile: ClassVar[None] = None  # type: ignore[assignment, misc]
 
     def slide(self, gobo: Gobo) -> SlidePlace:
-        """Return where a gobo is: in a plane square to the light."""
+        """Return where the slide `gobo` is: in a plane square to the light."""
         side, up, ahead = self._slide_axes()
         return SlidePlace(self.frame[:3, 3], gobo.width * side, gobo.width * gobo.aspect * up, ahead)
 
