@@ -9,9 +9,9 @@ from photonbeams.numerics.sampling import pixel_sample
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from photonbeams.transport import simulation
 from photonbeams.transport.aiming import Openings
-from photonbeams.transport.emission import Stratum
+from photonbeams.transport.emission import PathEmitter, Stratum
 from photonbeams.transport.interactions import reflect
-from photonbeams.transport.lamps import SURROUND, LampEmitter, PortalEmitter, with_surrounds
+from photonbeams.transport.lamps import SURROUND, with_surrounds
 from photonbeams.transport.simulation import StageSimulation, Tuning
 from photonbeams.world.scene_world import SceneWorld
 from photonbeams.world.stage_world import StageWorld
@@ -99,7 +99,7 @@ def test_surfaces_reflect_as_much_light_to_all_sides_as_without_openings(name):
 
 def test_the_surround_of_a_portal_and_the_rest_are_the_light_beside_it():
     world = StageWorld.build(comparison_scene(), viewpoints=[EYE])
-    emitter = PortalEmitter(LampEmitter(world, 0), world.portals["/light"], False)
+    emitter = PathEmitter(world, 0).at(world.emitters[0].portal, False)
     beside = Stratum(emitter, 1 << 14, (1, 2))
     near, far = with_surrounds([beside])
     assert near.count == SURROUND * beside.count
@@ -161,14 +161,14 @@ def test_as_much_scattered_light_gets_into_the_room_and_more_evenly(monkeypatch)
 @pytest.mark.parametrize("swapped", [False, True])
 def test_openings_face_the_way_that_light_takes(swapped):
     world = StageWorld.build(comparison_scene(), viewpoints=[EYE])
-    portal = world.portals["/light"]
+    portal = world.emitters[0].portal
     if swapped:
         corner, across, up = portal.sides
         portal.sides = corner, up, across
-    stratum = Stratum(PortalEmitter(LampEmitter(world, 0), portal, True), 256, (1,))
+    stratum = Stratum(PathEmitter(world, 0).at(portal, True), 256, (1,))
     openings = Openings.of([stratum], [stratum.emit(0)])
     across, up = (np.asarray(each.numpy()) for each in (openings.across, openings.up))
     assert np.cross(across, up)[0] > 0  # from the lamp, along x
     assert int(openings.count[0]) == 1
-    aside = Stratum(PortalEmitter(LampEmitter(world, 0), portal, False), 256, (1,))
+    aside = Stratum(PathEmitter(world, 0).at(portal, False), 256, (1,))
     assert Openings.of([aside], [aside.emit(0)]) is None

@@ -9,9 +9,9 @@ import photonbeams as pb
 from photonbeams.estimators.estimate import estimate
 from photonbeams.numerics.sampling import pairs, sobol_block, sobol_points
 from photonbeams.render.scene_frame import begin, render
+from photonbeams.transport.emission import PathEmitter
 from photonbeams.transport.guiding import learn
 from photonbeams.transport.inversion import samples_of
-from photonbeams.transport.lamps import LampEmitter
 from photonbeams.transport.simulation import StageSimulation, Tuning
 from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
@@ -193,7 +193,7 @@ def test_samples_are_found_of_rays(usd):
         shot = pb.Shot(usd(BARN.format(lamp=lamp.replace("bool treatAsPoint = 1", ""))))
         description, view = shot.read()
         world = StageWorld.build(description, [np.asarray(view.to_world)[:3, 3]])
-        emitter = LampEmitter(world, 0)
+        emitter = PathEmitter(world, 0)
         sample = emitter.sample(*sobol_block(512, 3, (9,)))
         direction = sample.direction.numpy().T
         point = sample.origin.numpy().T + 12.0 * direction

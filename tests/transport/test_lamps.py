@@ -99,13 +99,13 @@ def world(light):
 
 def emission(light, count=COUNT, block=0):
     built = world(light)
-    return built.lights[0].emit(*sobol_block(count, block, (1,)), built.bounds), built
+    return built.emitters[0].lamp.emit(*sobol_block(count, block, (1,)), built.bounds), built
 
 
 def through(light, count=COUNT):
     built = world(light)
-    hole = built.portals[light.name]
-    return emit_through(built.lights[0], hole, built.bounds, *sobol_block(count, 0, (2,))), built
+    hole = built.emitters[0].portal
+    return emit_through(built.emitters[0].lamp, hole, built.bounds, *sobol_block(count, 0, (2,))), built
 
 
 def flux(paths, where=None):
@@ -235,12 +235,12 @@ def test_flux_of_a_point_through_a_portal_is_its_solid_angle(mesh):
     total, error = flux(paths)
     expected = np.multiply(solid_angle(mesh), RADIANCE)
     assert np.all(np.abs(total - expected) < 2 * error + 1e-4 * expected)
-    assert (built.portals["/light"].rectangle is None) == (mesh is BENT)
-    assert np.isclose(paths.valid.numpy().mean(), built.portals["/light"].fill, atol=0.01)
+    assert (built.emitters[0].portal.rectangle is None) == (mesh is BENT)
+    assert np.isclose(paths.valid.numpy().mean(), built.emitters[0].portal.fill, atol=0.01)
 
 
 def test_keyhole_points_lie_in_its_tight_rectangle():
-    hole = world(sphere(portal=KEYHOLE)).portals["/light"]
+    hole = world(sphere(portal=KEYHOLE)).emitters[0].portal
     assert np.isclose(hole.area, np.prod(np.ptp(OUTLINE[:, :2], axis=0)), rtol=1e-6)
     assert 0.5 < hole.fill < 0.8
 
@@ -249,7 +249,7 @@ def test_keyhole_points_lie_in_its_tight_rectangle():
 def test_paths_through_a_portal_and_the_others_make_the_light_without_one(light):
     inside, _ = through(light(portal=QUAD))
     others, built = emission(light(portal=QUAD), block=1)
-    others.valid &= ~built.portals["/light"].crosses(others.origin, others.direction)
+    others.valid &= ~built.emitters[0].portal.crosses(others.origin, others.direction)
     whole, _ = emission(light(), block=2)
 
     def landing(paths):
@@ -283,7 +283,7 @@ def test_beams_that_land_on_a_patch_carry_what_illuminate_says(light):
     beams, beams_error = flux(paths, landing)
     u, v = sobol_block(COUNT, 0, (9,))
     point = Array3f(half * (2 * v.x - 1), half * (2 * v.y - 1), Float(-1.5))
-    sample = built.lights[0].illuminate(point, u)
+    sample = built.emitters[0].lamp.illuminate(point, u)
     value = (sample.weight * dr.maximum(sample.direction.z, 0)).numpy().astype(np.float64) * (2 * half) ** 2
     error = np.hypot(beams_error, value.std(axis=1) / np.sqrt(COUNT))
     assert np.all(np.abs(beams - value.mean(axis=1)) < 4 * error)

@@ -80,8 +80,9 @@ def test_a_world_at_another_time_keeps_what_stops_its_lights():
     first = world_of(lamp, meshes=(inner,))
     moved = scene.Scene(lights=(dataclasses.replace(lamp, center=np.array([0.1, 0, 0])),), meshes=(inner,))
     later = StageWorld.build(moved, like=first)
-    assert later.stopping(lamp).surfaces is first.stopping(lamp).surfaces is not first.surfaces
-    assert first.stopping(LAMP) is first
+    links = first.emitters[0].links
+    assert later.stopping(links).surfaces is first.stopping(links).surfaces is not first.surfaces
+    assert first.stopping(world_of(LAMP).emitters[0].links) is first
 
 
 def test_beams_that_meet_nothing_end_far_beyond_the_bounds():

@@ -12,7 +12,7 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Bool, UInt32, mitsuba
-from photonbeams.transport.lamps import LampEmitter
+from photonbeams.transport.emission import PathEmitter
 from photonbeams.world.stage_world import StageWorld
 from tests.helpers.shading import shade
 
@@ -115,7 +115,7 @@ def test_all_light_paths_leave_a_lamp_in_the_plane_of_a_surface(kind):
         draw = Draw((seed, 20 + KINDS.index(kind)))
         light, ceiling, _ = draw.lamp(kind)
         world = StageWorld.build(scene.Scene((ceiling,), (light,)), viewpoints=[draw.place])
-        paths = LampEmitter(world, 0).sample(*sobol_block(COUNT, 0, (seed,)))
+        paths = PathEmitter(world, 0).sample(*sobol_block(COUNT, 0, (seed,)))
         hit = world.intersect(paths.origin, paths.direction, Bool(True), dr.arange(UInt32, COUNT))
         assert not np.any(hit.is_valid().numpy()), (seed, vars(draw))
 

@@ -152,7 +152,10 @@ def test_on_cuda_all_scenes_in_which_a_kernel_traces_rays_share_the_table_of_one
             media=tuple(scene.Medium((1.0,) * 3, mesh=box(f"/{x}", [x, 0, 0], [x + 1, 1, 1])) for x in (5, 7)),
         )
     )
-    portal, light = world.portals["/bulb"].scene, world.lights[0]._scene
+    portal, light = (
+        next(each.portal for each in world.emitters if each.name == "/bulb").scene,
+        world.emitters[0].lamp._scene,
+    )
     scenes = [world.surfaces, world.plugin, world.around, *world.blocking_scenes(), portal, light]
     assert all((each, world.host) in spy.hosts for each in [*scenes, *world.blockers.values()])
     ray = mi.Ray3f(mi.Point3f(dr.linspace(Float, 0, 1, 2), 0.5, 0.25), mi.Vector3f(1, 0, 0))

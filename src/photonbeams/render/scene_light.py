@@ -27,8 +27,8 @@ from ..transport.guiding import GuidingMap
 from ..transport.scene_emitters import emission_of, power_of, redistribute
 from ..transport.simulation import Simulation, Tuning
 from ..world.cameras.cameras import View
+from ..world.emitters.mitsuba_scene import names_of
 from ..world.emitters.portal_lamps import EnvironmentPortal
-from ..world.emitters.scene_lamps import names_of
 from ..world.emitters.sources import Source
 from ..world.media.discovery.surroundings import Place
 from ..world.media.discovery.warnings import warn
@@ -238,7 +238,7 @@ class SceneLight:
 def _placed_portal(world: SceneWorld) -> EnvironmentPortal | None:
     """Return the planar portal that the user has placed before the environment, or None."""
     environment = world.plugin.environment()
-    lamp = None if environment is None else world.lamps[world.plugin.emitters().index(environment)]
+    lamp = None if environment is None else world.emitters[world.plugin.emitters().index(environment)]
     if lamp is None or lamp.portal is None or lamp.portal.sides is None:
         return None
     return EnvironmentPortal(world.plugin, lamp.portal)

@@ -76,6 +76,10 @@ class BeamSettings:
     scattered: str = "physical"
     bounces: int | None = None
 
+    # Not fields, without annotations: what is so for emitters that are described elsewhere.
+    lights_surfaces = shines = True
+    lights_media = False
+
     def __post_init__(self) -> None:
         number(self.beam_scale, "beam_scale", 0.0)
         if self.scattered not in SCATTERED:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -83,10 +83,13 @@ class Light(BeamSettings):
     unshadowed: frozenset[str] = frozenset()
     guides: tuple[Array, ...] = ()
 
-    lights_media: ClassVar[bool] = False
+    @property
+    def shines(self) -> bool:  # type: ignore[override]
+        """Whether the light is not black."""
+        return max(self.radiance) > 0
 
     @property
-    def lights_surfaces(self) -> bool:
+    def lights_surfaces(self) -> bool:  # type: ignore[override]
         """Whether the light shines on surfaces."""
         return self.surface_scale > 0
 

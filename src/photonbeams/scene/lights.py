@@ -306,5 +306,5 @@ class DomeLight(Light):
 
     image: Array | None = None
     to_world: Array = field(default_factory=lambda: np.eye(3))
-    lights_media: bool = False  # type: ignore[misc]
+    lights_media: bool = False
     profile: ClassVar[None] = None  # type: ignore[assignment, misc]

@@ -109,7 +109,7 @@ class SceneSubject(Subject):
     ) -> dict[str, scene.BeamSettings]:  # fmt: skip
         """Return the beam settings of layers by the ids of emitters; equal looks are built once, and share kernels."""
         from ..usd.looks.shading import build_look
-        from ..world.emitters.scene_lamps import names_of
+        from ..world.emitters.mitsuba_scene import names_of
 
         names = [name for each in plugin.emitters() for name in names_of(each)]
         result = {}

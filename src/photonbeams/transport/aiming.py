@@ -21,7 +21,6 @@ from ..numerics.streams import Stream
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.emitters.rays import EmittedRays
 from .emission import Stratum
-from .lamps import PortalEmitter
 
 # Probability with which a direction is that of a point on a portal.
 _AIMED = 0.5
@@ -45,7 +44,7 @@ class Openings:
         found = {}
         for stratum, paths in zip(strata, emitted, strict=True):
             emitter = stratum.emitter
-            if not isinstance(emitter, PortalEmitter) or not emitter.through or emitter.without is not None:
+            if emitter.portal is None or not emitter.through or emitter.without is not None:
                 continue
             surround = emitter.portal.surround
             if surround is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
@@ -17,8 +17,8 @@ from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import Array
 from ..world.shadow_rays import to_lamp
 from ..world.stage_world import StageWorld
+from .emission import PathEmitter
 from .importance import Views, relative
-from .lamps import PortalEmitter
 
 if TYPE_CHECKING:
     from ..estimators.projection import Projection
@@ -69,8 +69,8 @@ class Connections:
         found = compressed(*_visible(world, Views(views)))
         self._points: VisiblePoints | None = found[0] if found else None
 
-    def __call__(self, emitter: Any) -> ShadowRays:
-        """Return the lines along which a `LampEmitter` or a `PortalEmitter` lights the points."""
+    def __call__(self, emitter: PathEmitter) -> ShadowRays:
+        """Return the lines along which an emitter lights the points."""
         points, world = self._points, self._world
         if points is None:
             return ShadowRays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
@@ -82,7 +82,7 @@ class Connections:
         seed = hash32(points.number, UInt32(8))
         link = dr.zeros(UInt32, dr.width(seed)) + dr.opaque(UInt32, emitter.link)
         free = ~world.blocked(points.position, sample.direction, distance, active, seed, link)
-        if isinstance(emitter, PortalEmitter):
+        if emitter.portal is not None:
             passes = emitter.portal.crosses(points.position, sample.direction, distance)
             active &= passes if emitter.through else ~passes
         reached = world.dimming(points.position, sample.direction, distance, points.medium, seed, active)

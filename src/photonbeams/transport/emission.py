@@ -8,8 +8,9 @@ differentials, the derivatives of its origin and its direction by the emission s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -20,8 +21,9 @@ from ..numerics.sampling import pairs, sobol_points
 from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..scene import Array
 from ..world.differentials import RayDifferentials
-from ..world.emitters.lamp import Lamp
+from ..world.emitters.portals import Portal, emit_through
 from ..world.emitters.rays import EmittedRays
+from ..world.world import World
 from .guiding import GuidingMap
 
 # Number of paths that estimate an emitter's flux.
@@ -31,29 +33,60 @@ PROBE = 4096
 _SEQUENCE = 1 << 30
 
 
-class Emitter(Protocol):
-    """A source of light paths: a lamp of a stage, a Mitsuba emitter, or the part of either's light at a portal.
+# How often a beam is halved, at most, where a surface blocks its rim: through a portal or without one, and past one.
+# Few through a portal, where a narrow beam would be seen as a streak; many beside it, where light would leak.
+HALVINGS, HALVINGS_ASIDE = 1, 5
 
-    Attributes
+
+class PathEmitter:
+    """The light paths of an emitter of the world, or of the part of its light `at` a portal.
+
+    Parameters
     ----------
-    name
-        The emitter's name, for messages.
-    source, link
-        The numbers of the `Source` that its beams belong to, and of the set of surfaces that block its light.
-    halvings
-        How often a beam is halved, at most, where a surface blocks its rim.
-    lamp
-        The lamp, behind its images.
+    world, number
+        The world, and the emitter's number in it.
+    margin
+        For light from infinity, the distance from media up to which its paths begin around these, in radii of the
+        world: that of the beams, or those at the boundary of a medium would lack neighbours.
+    source
+        The number of its `Source`; None: that of the emitter.
     """
 
-    name: str
-    source: int
-    link: int
-    halvings: int
-    lamp: Lamp
+    portal: Portal | None = None
+    without: Portal | None = None
+    through = False
+    halvings = HALVINGS
+
+    def __init__(self, world: World, number: int, margin: float = 0.0, source: int | None = None) -> None:
+        own = world.emitters[number]
+        self.world, self.number, self.margin = world, number, margin
+        self.name, self.lamp, self.link = own.name, own.lamp, own.link
+        self.source = number if source is None else source
+        self.bounds = world.bounds.around(list(world.boxes.values()), margin) if margin else world.bounds
+
+    def at(self, portal: Portal, through: bool, without: Portal | None = None) -> PathEmitter:
+        """Return the part of the emitter's light that passes a portal (`through`), or the part that does not.
+
+        `without` is an opening within the portal whose light does not count.
+        """
+        result = copy(self)
+        result.portal, result.through, result.without = portal, through, without
+        result.halvings = HALVINGS if through else HALVINGS_ASIDE
+        return result
 
     def sample(self, u: Array2f, v: Array2f) -> EmittedRays:
-        """Return light paths for emission samples: `u` places them on the emitter, `v` chooses their directions."""
+        """Return light paths: `u` places them on the lamp, `v` chooses a direction or a point of the portal."""
+        if self.portal is not None and self.through:
+            rays = emit_through(self.lamp, self.portal, self.bounds, u, v)
+            if self.without is not None:
+                rays.valid &= ~self.without.crosses(rays.origin, rays.direction)
+                rays.portal = dr.full(Float, dr.inf, dr.width(rays.portal))
+            return self.world.entered(self.number, rays, self.bounds, through=True)
+        rays = self.world.entered(self.number, self.lamp.emit(u, v, self.bounds), self.bounds, through=False)
+        if self.portal is not None:
+            rays.valid &= ~self.portal.crosses(rays.origin, rays.direction)
+            rays.flux = dr.select(rays.valid, rays.flux, 0)
+        return rays
 
 
 @dataclass
@@ -74,7 +107,7 @@ class Stratum:
         A hash of the sequence.
     """
 
-    emitter: Emitter
+    emitter: PathEmitter
     count: int
     sequence: tuple[int, ...]
     fixed: bool = False
@@ -165,7 +198,7 @@ class Emission:
         return [stratum.emit(block) for stratum in self.strata]
 
 
-def probed_flux(emitter: Emitter, number: int) -> np.ndarray:
+def probed_flux(emitter: PathEmitter, number: int) -> np.ndarray:
     """Return an estimate of an emitter's flux in each channel, (3,), from a few of its paths."""
     sample = emitter.sample(*pairs(sobol_points(PROBE, 0, (PROBE, number))))
     values = (sample.flux + dr.zeros(Array3f, PROBE)).numpy()

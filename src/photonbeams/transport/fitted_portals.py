@@ -23,7 +23,6 @@ from ..world.media.visibility import through
 from ..world.surfaces.shapes import shape_of
 from ..world.world import World
 from .emission import Stratum
-from .lamps import PortalEmitter
 
 mi = mitsuba()
 
@@ -159,7 +158,7 @@ def parted(stratum: Stratum, opening: Opening | None) -> list[Stratum]:
     through = min(max(round(opening.share * stratum.count), 1), max(stratum.count - 1, 1))
     counts = {True: through, False: max(stratum.count - through, 1)}
     return [
-        Stratum(PortalEmitter(emitter, opening.portal, passes), count, (*stratum.sequence, 3, passes), stratum.fixed)
+        Stratum(emitter.at(opening.portal, passes), count, (*stratum.sequence, 3, passes), stratum.fixed)
         for passes, count in counts.items()
     ]
 
@@ -221,7 +220,7 @@ class _ProbeRays:
     def of(cls, rectangle: FittedRectangle, emitter: Any, world: World) -> _ProbeRays:
         """Trace rays from an emitter through a rectangle and around it."""
         points = sobol_block(_PROBES, 0, (_PROBES,))
-        sample = PortalEmitter(emitter, rectangle.portal(world.host, wider=1.0), True).sample(*points)
+        sample = emitter.at(rectangle.portal(world.host, wider=1.0), True).sample(*points)
         ray = mi.Ray3f(mi.Point3f(sample.origin), mi.Vector3f(sample.direction))
         lane = dr.arange(UInt32, _PROBES)
         light = dr.select(sample.valid, dr.max(sample.flux), 0) + dr.zeros(Float, _PROBES)

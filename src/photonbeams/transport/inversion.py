@@ -7,7 +7,7 @@ import numpy as np
 
 from ..numerics.sampling import pairs, sobol_points
 from ..scene import Array
-from .emission import Emitter
+from .emission import PathEmitter
 
 # Number of rays among which the nearest is the first guess, number of iterations, and the step of finite differences.
 _GUESSES, _STEPS, _DIFFERENCE = 1 << 12, 6, 1e-3
@@ -18,7 +18,7 @@ _FACE, _MANY = 0.02, 0.1
 _NEAR = 2e-3
 
 
-def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array, Array]:
+def samples_of(emitter: PathEmitter, point: Array, direction: Array) -> tuple[Array, Array]:
     """Return the emission samples of rays from an emitter, (N, 4), and which of them were found, (N,).
 
     The rays pass `point`, (N, 3), along `direction`, (N, 3). Maps from samples to rays are continuous but for seams,
@@ -53,7 +53,7 @@ def samples_of(emitter: Emitter, point: Array, direction: Array) -> tuple[Array,
 
 
 def _searched(
-    emitter: Emitter, current: Array, point: Array, direction: Array, size: float
+    emitter: PathEmitter, current: Array, point: Array, direction: Array, size: float
 ) -> tuple[Array, Array, Array]:
     """Return the samples that Newton's method finds, (N, 4), by how much they miss, and axes that change nothing."""
     best, error = current.copy(), np.full(len(point), np.inf)
@@ -76,7 +76,7 @@ def _searched(
     return best, error, diagonal <= 1e-12 * diagonal.max(axis=1, keepdims=True)
 
 
-def rays_of(emitter: Emitter, samples: Array) -> tuple[Array, Array, Array]:
+def rays_of(emitter: PathEmitter, samples: Array) -> tuple[Array, Array, Array]:
     """Return origins and directions, (N, 3), of an emitter's rays for samples, (N, 4), and their flux, (N,).
 
     The flux is that of the brightest channel.

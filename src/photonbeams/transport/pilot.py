@@ -12,12 +12,11 @@ from ..scene import Array
 from ..world.emitters.rays import EmittedRays
 from ..world.world import World
 from .connections import ShadowRays
-from .emission import Emitter, Stratum
+from .emission import PathEmitter, Stratum
 from .fitted_portals import UNIT, Bundle, FittedRectangle, Opening, fitted, parted, walled
 from .guiding import BRIGHTEST, ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap, learn
 from .importance import Sightings
 from .inversion import rays_of, samples_of
-from .lamps import PortalEmitter
 
 # Light paths in a round, for all strata together; number of rounds; fewest paths of a stratum that is guided.
 _ROUND, _ROUNDS, _FEWEST = 1 << 13, 2, 1 << 9
@@ -103,11 +102,11 @@ def guide(
     return result
 
 
-def _enough(emitter: Emitter, straight: bool) -> float:
+def _enough(emitter: PathEmitter, straight: bool) -> float:
     """Return the variance, relative to uniform samples, above which an emitter's samples stay uniform."""
     if not straight:
         return ENOUGH
-    return ENOUGH_PORTAL if isinstance(emitter, PortalEmitter) and emitter.through else ENOUGH_STRAIGHT
+    return ENOUGH_PORTAL if emitter.through else ENOUGH_STRAIGHT
 
 
 def _round(learning: Sequence[_Learning], number: int, seen: Seen) -> None:
@@ -226,7 +225,7 @@ class _Learning:
         emitters that already have a portal or cannot have one.
         """
         emitter, guide = self.stratum.emitter, self.stratum.guide
-        if not self._points or not emitter.lamp.illuminates or isinstance(emitter, PortalEmitter):
+        if not self._points or not emitter.lamp.illuminates or emitter.portal is not None:
             return None
         density, sightings = self._evidence()
         straight = sightings.of(sightings.straight, 0)

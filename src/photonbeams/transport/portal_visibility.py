@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from .. import scene
 from ..numerics.arrays import indices, opaque
 from ..numerics.hashing import hash32
 from ..numerics.sampling import pixel_sample, sobol_block
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
+from ..world.emitters.emitter import Emitter
 from ..world.emitters.portals import Portal
 from ..world.shadow_rays import to_lamp
 
@@ -44,16 +44,16 @@ def lights_seen(world: StageWorld, origin: Array3f, direction: Array3f) -> froze
     between a pair is free, does not pass the portal, and carries light.
     """
     return frozenset(
-        light.name
-        for light, source in zip(world.description.lights, world.lights, strict=True)
-        if light.name in world.portals and _sees(world, light, source, origin, direction)
+        each.name
+        for each in world.emitters
+        if each.portal is not None and _sees(world, each, each.portal, origin, direction)
     )
 
 
-def _sees(world: StageWorld, light: scene.Light, source: Any, origin: Array3f, direction: Array3f) -> bool:
-    portal, stopping = world.portals[light.name], world.stopping(light)
+def _sees(world: StageWorld, emitter: Emitter, portal: Portal, origin: Array3f, direction: Array3f) -> bool:
+    stopping = world.stopping(emitter.links)
     rays = ((origin, direction), _aimed(portal, origin))
-    return any(_any_lit(world, stopping, source, portal, *each) for each in rays)
+    return any(_any_lit(world, stopping, emitter.lamp, portal, *each) for each in rays)
 
 
 def _aimed(portal: Portal, origin: Array3f) -> tuple[Array3f, Array3f]:

@@ -26,15 +26,13 @@ from ..world.world import World
 from . import paths
 from .aiming import Openings
 from .connections import Connections
-from .emission import Emission, Stratum, probed_flux
+from .emission import Emission, PathEmitter, Stratum, probed_flux
 from .fitted_portals import Opening, parted
 from .fringes import Steps, entering, fringe, unscattered
 from .guiding import GuidingMap
 from .importance import CameraImportance, Sightings
 from .lamps import (
     LIGHT_SIDE,
-    LampEmitter,
-    PortalEmitter,
     guided_count,
     lit_fraction,
     radius_from_infinity,
@@ -373,17 +371,18 @@ def lamps_of(
     """
     result = []
     hazy = not visible or any(max(each.scattering) > 0 for each in world.description.media)
-    for number, light in enumerate(world.description.lights):
+    for number, emitter in enumerate(world.emitters):
+        light = emitter.beams
         count = beams if light.beam_count is None else light.beam_count
         wanted = (light.emits_beams and (hazy or light.look is not None)) or (
-            surfaces and light.lights_surfaces and max(light.radiance) > 0
+            surfaces and light.lights_surfaces and light.shines
         )
         wanted |= scatters and any(light is each for each in world.description.sky)
         if not wanted or count <= 0:
             continue
         aside = count
-        if light.name in world.portals:
-            aside = max(1, round(LIGHT_SIDE * count)) if light.name in light_side else 0
+        if emitter.portal is not None:
+            aside = max(1, round(LIGHT_SIDE * count)) if emitter.name in light_side else 0
             result.append(_stratum(world, number, seed, count - aside, overlap, through=True))
         if aside:
             result.append(_stratum(world, number, seed, aside, overlap, through=False))
@@ -394,17 +393,16 @@ def _stratum(
     world: StageWorld, number: int, seed: int, count: int, overlap: float, through: bool
 ) -> Stratum:  # fmt: skip
     """Return the stratum of a lamp's paths through its portal, or past it, of which about `count` carry light."""
-    light = world.description.lights[number]
-    margin = radius_from_infinity(world.lights[number], count, overlap) if world.boxes else 0.0
-    lamp = LampEmitter(world, number, margin)
-    portal = world.portals.get(light.name)
-    emitter = lamp if portal is None else PortalEmitter(lamp, portal, through)
+    own, portal = world.emitters[number], world.emitters[number].portal
+    margin = radius_from_infinity(own.lamp, count, overlap) if world.boxes else 0.0
+    lamp = PathEmitter(world, number, margin)
+    emitter = lamp if portal is None else lamp.at(portal, through)
     most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
     count = min(count_candidates(max(lit_fraction(emitter), 1 / _MOST_DARK), count), most)
     if through and portal is not None:
         count = count_candidates(portal.fill, count)
-    own = _PORTAL if through else _ALL
-    return Stratum(emitter, count, (seed & 0xFFFFFFFF, light.seed & 0xFFFFFFFF, own, key_of(light.name)))
+    kind = _PORTAL if through else _ALL
+    return Stratum(emitter, count, (seed & 0xFFFFFFFF, own.beams.seed & 0xFFFFFFFF, kind, key_of(own.name)))
 
 
 def emission_of_lamps(strata: list[Stratum], probed: bool = True) -> Emission:
@@ -536,13 +534,11 @@ def _numbers(some: Sequence[Stratum], strata: Sequence[Stratum]) -> UInt32:
 
 def _later(stratum: Stratum, last: StageWorld) -> Stratum:
     """Return the stratum of the same light paths in the world `last`."""
-    emitter = stratum.emitter
-    own = emitter.emitter if isinstance(emitter, PortalEmitter) else emitter
-    lamp = LampEmitter(last, own.source, own.margin)  # type: ignore[attr-defined]
-    if isinstance(emitter, PortalEmitter):  # a fitted portal does not move
-        portal = last.portals.get(lamp.name, emitter.portal)
-        return replace(stratum, emitter=PortalEmitter(lamp, portal, emitter.through))
-    return replace(stratum, emitter=lamp)
+    own = stratum.emitter
+    emitter = PathEmitter(last, own.number, own.margin)
+    if own.portal is not None:  # a fitted portal does not move
+        emitter = emitter.at(last.emitters[own.number].portal or own.portal, own.through)
+    return replace(stratum, emitter=emitter)
 
 
 def renumbering(one: StageWorld, other: StageWorld) -> dict[int, int]:
@@ -561,8 +557,8 @@ def _renumbered(numbers: UInt32, media: Mapping[int, int]) -> UInt32:
 
 def _changed(first: StageWorld, last: StageWorld) -> set[int]:
     """Return the numbers of lamps that are not the same at both times."""
-    both = zip(first.description.lights, last.description.lights, strict=True)
-    return {number for number, (light, later) in enumerate(both) if later is not light}
+    both = zip(first.emitters, last.emitters, strict=True)
+    return {number for number, (emitter, later) in enumerate(both) if later.beams is not emitter.beams}
 
 
 def _drawn(first: StageWorld, last: StageWorld, looks: Mapping[str, Look | None]) -> list[BeamSet]:
@@ -571,7 +567,7 @@ def _drawn(first: StageWorld, last: StageWorld, looks: Mapping[str, Look | None]
     for number, drawn in enumerate(first.description.drawn):
         later = last.description.drawn[number]
         moved = Beams(**later.arrays()) if later is not drawn and _are_same(drawn, later) else None
-        look, index = looks.get(drawn.name, drawn.look), len(first.description.lights) + number
+        look, index = looks.get(drawn.name, drawn.look), len(first.emitters) + number
         beams = Beams(**drawn.arrays())
         whole = BeamSet(drawn.group, look, beams, moved, drawn.name, index)
         sets += _by_media(first, whole)

@@ -14,10 +14,12 @@ from .. import scene
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
 from .bounds import Bounds, box_around, endless_length
-from .emitters.scene_lamps import lamps_of
+from .emitters.mitsuba_scene import emitters_of
+from .emitters.rays import EmittedRays
 from .emitters.sources import Source
 from .media.discovery.surroundings import Place, Surroundings, places_of
 from .media.media import Media
+from .shadow_rays import gap_at
 from .surfaces.shapes import is_null, scene_of
 from .world import World, mirrors, perturbs, translucent
 
@@ -58,8 +60,8 @@ class SceneWorld(World):
         ends = np.concatenate([np.zeros((0, 3)), *(each.origin for each in finite)])
         center, self.radius = _sphere(plugin, ends)
         self.bounds = Bounds(center, self.radius)
-        self.beams = beams or [scene.BeamSettings()] * len(plugin.emitters())
-        self.lamps = lamps_of(plugin, self.beams, self.bounds)
+        settings = beams or [scene.BeamSettings()] * len(plugin.emitters())
+        self.emitters = emitters_of(plugin, settings, self.bounds)
         self.perturbed, self.translucent = perturbs(plugin), translucent(plugin)
         self.mirrors = mirrors(plugin)
         self.surroundings = Surroundings(plugin, self.media, places, eye)
@@ -68,8 +70,7 @@ class SceneWorld(World):
         self.extent = max(self.radius, self.bounds.farthest(ends) if open_ else 0.0)
         self.endless = endless_length(self.extent, open_)
         self._fog_beyond = bool(open_) and (self.extent > self.radius or not plugin.shapes())
-        self.reach = scene.ESCAPE * self.extent
-        self._escape = dr.opaque(Float, self.reach)
+        self._escape = dr.opaque(Float, scene.ESCAPE * self.extent)
 
     def short_of_fog(self, emitters: Iterable[int]) -> list[int]:
         """Return those emitters at infinity whose beams, which begin around the shapes, do not reach all endless fog.
@@ -78,6 +79,16 @@ class SceneWorld(World):
         """
         infinite = [mi.has_flag(each.flags(), mi.EmitterFlags.Infinite) for each in self.plugin.emitters()]
         return [each for each in emitters if infinite[each] and self._fog_beyond]
+
+    def entered(self, number: int, rays: EmittedRays, bounds: Bounds, through: bool) -> EmittedRays:
+        """Return rays of an emitter as they begin in the world; see `World.entered`."""
+        if through:  # they begin off the emitter, beyond rounding errors
+            step = gap_at(rays.origin, self.size)
+            rays.origin, rays.flux = rays.origin + step * rays.direction, dr.select(rays.valid, rays.flux, 0)
+            rays.portal = rays.portal - step
+        rays.reach = self._escape
+        rays.medium = self.surroundings.of_emitter(number, rays.origin, rays.direction)
+        return rays
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:
         """Return the lengths of light paths that meet nothing."""
@@ -90,11 +101,11 @@ class SceneWorld(World):
     def colors(self, emitter: Any, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
         """Return the colours of the images that light passes on its way from emitters (pointers) to points."""
         result = Array3f(1)
-        for plugin, lamp in zip(self.plugin.emitters(), self.lamps, strict=True):
-            if lamp.lamp.images:
+        for plugin, each in zip(self.plugin.emitters(), self.emitters, strict=True):
+            if each.lamp.images:
                 number: Any = dr.reinterpret_array(UInt32, mi.EmitterPtr(plugin))
                 own = dr.reinterpret_array(UInt32, emitter) == dr.opaque(UInt32, int(number[0]))
-                result = dr.select(own, lamp.lamp.colors(point, direction, distance), result)
+                result = dr.select(own, each.lamp.colors(point, direction, distance), result)
         return result
 
     def without_surfaces(self) -> SceneWorld:

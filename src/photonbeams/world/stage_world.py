@@ -1,6 +1,6 @@
 """The world of a stage: surfaces and boundaries of media as Mitsuba scenes, media, lights and portals.
 
-Lights are not part of the Mitsuba scene: `world.lights` samples and intersects them, so that beams and surfaces have
+Lights are not part of the Mitsuba scene: `world.emitters` sample and intersect them, so that beams and surfaces have
 the same light. A glowing surface has an `area` emitter, which is evaluated where a ray hits it.
 """
 
@@ -18,18 +18,18 @@ from .. import scene
 from ..numerics.arrays import opaque, to_uint, to_vectors
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, Box, bounding_sphere, endless_length
-from .emitters.build import KINDS, lamp_of
-from .emitters.gobos import Images, projected
+from .emitters.build import KINDS, emitters_of
+from .emitters.emitter import Emitter, Links
 from .emitters.lamp import Lamp
 from .emitters.portal_lamps import behind
-from .emitters.portals import Portal
+from .emitters.rays import EmittedRays
 from .emitters.sources import Source
-from .emitters.stage_lamps import Lamps, LinkKey, Links, shape_number
+from .emitters.stage_lamps import Lamps, LinkedSurfaces, shape_number
 from .media.interfaces import is_boundary, medium_at, number, transmits
 from .media.media import Media
 from .media.stage_media import around_glass, is_convex, media_of
 from .media.visibility import through
-from .shadow_rays import gap_at, size_of
+from .shadow_rays import gap_at, gap_before, size_of
 from .surfaces.shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
 from .world import World, by_link, translucent
 
@@ -62,10 +62,8 @@ class StageWorld(World):
         built early, because its first use may be in a kernel's loop.
     glass, outside
         Closed meshes of glass, which are empty inside, and the Mitsuba media around them, by name.
-    lights, portals
-        The lights in Dr.Jit, in the order of `description.lights`; portals, by the names of their lights.
-    images
-        The images of gobos on the device.
+    emitters
+        The lights, in the order of `description.lights`.
     bounds, radius
         A sphere around everything, including the viewpoints.
     endless
@@ -90,9 +88,7 @@ class StageWorld(World):
     around: Any
     boxes: dict[int, Box]
     reentrant: frozenset[int]
-    lights: tuple[Lamp, ...]
-    portals: dict[str, Portal]
-    images: Images
+    emitters: tuple[Emitter, ...]
     bounds: Bounds
     radius: float
     endless: float
@@ -148,12 +144,8 @@ class StageWorld(World):
         boundaries = content.boundaries
         kept = like is not None and still and boundaries is like.boundaries
         plugin = like.plugin if kept else scene_of([*shapes, *boundaries], host) if boundaries else surfaces  # type: ignore[union-attr]
-        portals = {
-            light.name: _known_portal(light, like) or Portal(light.portal, shape_of(light.portal), host)
-            for light in description.lights
-            if light.portal is not None
-        }
-        images = _known_images(description, like)
+        names = frozenset(mesh.name for mesh in meshes)
+        emitters = emitters_of(description.lights, names, host, [plugin], () if like is None else like.emitters)
         return cls(
             description=description,
             host=host,
@@ -169,14 +161,8 @@ class StageWorld(World):
             reentrant=content.reentrant,
             glass=glass,
             outside=content.outside,
-            blockers=_blockers(description, host, meshes, shapes, like.blockers if like is not None and still else {}),
-            lights=tuple(
-                _known_light(light, like)
-                or projected(lamp_of(light, host, [plugin]), light, portals.get(light.name), images)
-                for light in description.lights
-            ),
-            portals=portals,
-            images=images,
+            blockers=_blockers(emitters, host, meshes, shapes, like.blockers if like is not None and still else {}),
+            emitters=emitters,
             bounds=Bounds(center, radius),
             radius=radius,
             touching=like.touching  # type: ignore[union-attr]
@@ -202,24 +188,23 @@ class StageWorld(World):
     @cached_property
     def lamps(self) -> tuple[Lamps, ...]:
         """The lights that light surfaces, packed by kind, for loops; others are in `domes` and `mesh_lamps`."""
-        lights = zip(self.description.lights, self.lights, strict=True)
-        groups: dict[Any, list[Any]] = {(kind, LinkKey()): [] for kind in KINDS}
-        for light, item in lights:
-            if light.lights_surfaces and max(light.radiance) > 0 and item.bare.DRJIT_STRUCT:
-                groups.setdefault((type(item), self._linked(light)), []).append(item)
-        return tuple(Lamps.of(items, self._links(key)) for (_, key), items in groups.items() if items)
+        groups: dict[Any, list[Any]] = {(kind, Links()): [] for kind in KINDS}
+        for each in self.emitters:
+            if each.beams.lights_surfaces and each.beams.shines and each.lamp.bare.DRJIT_STRUCT:
+                groups.setdefault((type(each.lamp), each.links), []).append(each.lamp)
+        return tuple(Lamps.of(items, self._linked(links)) for (_, links), items in groups.items() if items)
 
     @cached_property
-    def domes(self) -> tuple[tuple[Any, Links | None], ...]:
+    def domes(self) -> tuple[tuple[Any, LinkedSurfaces | None], ...]:
         """The environments, each with its links."""
         return self._each_of(lambda lamp: lamp.environment)
 
     @cached_property
-    def sky(self) -> tuple[tuple[scene.DomeLight, Any, Links | None], ...]:
+    def sky(self) -> tuple[tuple[scene.DomeLight, Any, LinkedSurfaces | None], ...]:
         """The environments that light media without beams, each with its lamp and its links."""
-        lights = zip(self.description.lights, self.lights, strict=True)
-        lamps = {light.name: behind(item, self.portals.get(light.name)) for light, item in lights}
-        return tuple((light, lamps[light.name], self._links(self._linked(light))) for light in self.description.sky)
+        own = {id(each.beams): each for each in self.emitters}
+        found = [(light, own[id(light)]) for light in self.description.sky]
+        return tuple((light, behind(each.lamp, each.portal), self._linked(each.links)) for light, each in found)
 
     @cached_property
     def lit_by_domes(self) -> frozenset[int]:  # type: ignore[override]
@@ -227,37 +212,29 @@ class StageWorld(World):
         return frozenset(self.numbers[each.name] for each in self.description.media if each.lit_by_domes)
 
     @cached_property
-    def mesh_lamps(self) -> tuple[tuple[Any, Links | None], ...]:
+    def mesh_lamps(self) -> tuple[tuple[Any, LinkedSurfaces | None], ...]:
         """The mesh lights, each with its links."""
         return self._each_of(lambda lamp: not (lamp.environment or lamp.bare.DRJIT_STRUCT))
 
-    def _each_of(self, chosen: Callable[[Lamp], bool]) -> tuple[tuple[Any, Links | None], ...]:
-        lights = zip(self.description.lights, self.lights, strict=True)
+    def _each_of(self, chosen: Callable[[Lamp], bool]) -> tuple[tuple[Any, LinkedSurfaces | None], ...]:
         return tuple(
-            (behind(item, self.portals.get(light.name)), self._links(self._linked(light)))
-            for light, item in lights
-            if chosen(item) and light.lights_surfaces
+            (behind(each.lamp, each.portal), self._linked(each.links))
+            for each in self.emitters
+            if chosen(each.lamp) and each.beams.lights_surfaces
         )
 
-    def stopping(self, light: scene.Light) -> StageWorld:
-        """Return the world with only the surfaces that block a light; the world itself if all do."""
-        unshadowed = self._linked(light).unshadowed
-        return replace(self, surfaces=self.blockers[unshadowed]) if unshadowed else self
+    def stopping(self, links: Links) -> StageWorld:
+        """Return the world with only the surfaces that block lights with these links; the world itself if all do."""
+        return replace(self, surfaces=self.blockers[links.unshadowed]) if links.unshadowed else self
 
-    def _linked(self, light: scene.Light) -> LinkKey:
-        """Return which surfaces a light does not light, which do not block it, and how it lights the others."""
-        unlit, unshadowed = _among(light.unlit, self.meshes), _among(light.unshadowed, self.meshes)
-        shining = light.shadow_distance, light.surface_scale, light.shadow_color, light.seen
-        return LinkKey(unlit, unshadowed, *shining)
-
-    def _links(self, key: LinkKey) -> Links | None:
-        if key == LinkKey():
+    def _linked(self, links: Links) -> LinkedSurfaces | None:
+        if links == Links():
             return None
-        unlit, unshadowed = key.unlit, key.unshadowed
-        world = replace(self, surfaces=self.blockers[unshadowed]) if unshadowed else self
-        lit = self._lit_shapes(unlit) if unlit else None
-        reach, scale, shadow = opaque(key.shadow_distance), opaque(key.surface_scale), opaque(key.shadow_color)
-        return Links(world, lit, reach, scale, shadow, key.seen)
+        lit = self._lit_shapes(links.unlit) if links.unlit else None
+        reach, scale, shadow = (
+            opaque(each) for each in (links.shadow_distance, links.surface_scale, links.shadow_color)
+        )
+        return LinkedSurfaces(self.stopping(links), lit, reach, scale, shadow, links.seen)
 
     def _lit_shapes(self, unlit: frozenset[str]) -> Any:
         """Return whether each shape is lit, 1 or 0, by Mitsuba's numbers."""
@@ -286,16 +263,14 @@ class StageWorld(World):
         """What the beams of each light have in common."""
         media = [each.bounces for each in self.description.media if each.bounces is not None]
         usual = max(media) if media else None
-        return tuple(_source(place, light, usual) for place, light in enumerate(self.description.lights))
+        return tuple(
+            _source(number, light, each.lamp.infinite, usual)
+            for number, (light, each) in enumerate(zip(self.description.lights, self.emitters, strict=True))
+        )
 
     @cached_property
     def _unshadowing(self) -> list[frozenset[str]]:
         return sorted(self.blockers, key=sorted)
-
-    def link_of(self, light: scene.Light) -> int:
-        """Return the number of the set of surfaces that block a light."""
-        unshadowed = self._linked(light).unshadowed
-        return self._unshadowing.index(unshadowed) + 1 if unshadowed else 0
 
     @property
     def _by_link(self) -> list[Any]:
@@ -315,6 +290,25 @@ class StageWorld(World):
     def blocking_scenes(self) -> Sequence[Any]:
         """Return the Mitsuba scenes that block light instead of `plugin`, by link number minus 1."""
         return self._blocking_scenes
+
+    def entered(self, number: int, rays: EmittedRays, bounds: Bounds, through: bool) -> EmittedRays:
+        """Return rays of an emitter as they begin in the world; see `World.entered`."""
+        rays.flux = dr.select(rays.valid, rays.flux, 0)
+        active, lamp = dr.max(rays.flux) > 0, self.emitters[number].lamp
+        if lamp.flat:
+            rays.origin = self._off_surfaces(number, rays.origin, active)
+        rays.reach = bounds.exit(rays.origin, rays.direction, 1.0 if lamp.infinite else scene.ESCAPE)
+        rays.medium = self.medium_at(rays.origin, rays.direction, active)
+        return rays
+
+    def _off_surfaces(self, number: int, origin: Array3f, active: Bool) -> Array3f:
+        """Return origins of paths; those on a flat lamp in the plane of a surface begin before that surface."""
+        emitter = self.emitters[number]
+        gap, axis = gap_before(origin, self.size), emitter.lamp.bare.axis + 0 * origin.x
+        seed = dr.arange(UInt32, dr.width(origin))
+        link = dr.opaque(UInt32, emitter.link) + 0 * seed
+        flush = self.blocked(origin - gap * axis, axis, 2 * gap, active, seed, link)
+        return dr.select(flush, origin + gap * axis, origin)
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:
         """Return the lengths of light paths that meet nothing."""
@@ -398,13 +392,12 @@ class StageWorld(World):
         return plugin.ray_test(ray, active & (ray.maxt > 0))
 
 
-def _source(number: int, light: scene.Light, bounces: int | None) -> Source:
+def _source(number: int, light: scene.Light, infinite: bool, bounces: int | None) -> Source:
     """Return what the beams of a light have in common."""
     return Source(
         number, light.name, light.group, light.look, light.emits_beams, light.beam_scale, light.scattered,
         light.lights_surfaces, bounces if light.bounces is None else light.bounces, light.frame, light.guides,
-        isinstance(light, scene.DomeLight) and light.lights_media,
-        endless=not (light.guides or isinstance(light, scene.DistantLight | scene.DomeLight)),
+        light.lights_media, endless=not (light.guides or infinite),
     )  # fmt: skip
 
 
@@ -435,39 +428,15 @@ def _same(these: Sequence[Any], those: Sequence[Any]) -> bool:
     return len(these) == len(those) and all(a is b for a, b in zip(these, those, strict=True))
 
 
-def _known_portal(light: scene.Light, like: StageWorld | None) -> Portal | None:
-    if like is None:
-        return None
-    return next((like.portals[each.name] for each in like.description.lights if each.portal is light.portal), None)
-
-
-def _known_light(light: scene.Light, like: StageWorld | None) -> Any:
-    both = () if like is None else zip(like.description.lights, like.lights, strict=True)
-    return next((lamp for each, lamp in both if each is light), None)
-
-
-def _known_images(description: scene.Scene, like: StageWorld | None) -> Images:
-    """Return the images of another world that this scene also uses."""
-    both = [image for light in description.lights for image in (light.gobo, light.portal_gobo, light.profile)]
-    gobos = [image for image in both if image is not None]
-    known = {} if like is None else like.images
-    return {id(gobo.image): known[id(gobo.image)] for gobo in gobos if id(gobo.image) in known}
-
-
-def _among(names: frozenset[str], meshes: Sequence[scene.Mesh]) -> frozenset[str]:
-    """Return the names that belong to meshes."""
-    return names & frozenset(mesh.name for mesh in meshes) if names else names
-
-
 def _blockers(
-    description: scene.Scene,
+    emitters: Sequence[Emitter],
     host: Any,
     meshes: Sequence[scene.Mesh],
     shapes: Sequence[Any],
     known: dict[frozenset[str], Any],
 ) -> dict[frozenset[str], Any]:
     """Return Mitsuba scenes of the surfaces that block lights with shadow links, by the names of those that do not."""
-    absent = {_among(light.unshadowed, meshes) for light in description.lights} - {frozenset()}
+    absent = {each.links.unshadowed for each in emitters} - {frozenset()}
 
     def rest(names: frozenset[str]) -> Any:
         return scene_of([shape for mesh, shape in zip(meshes, shapes, strict=True) if mesh.name not in names], host)

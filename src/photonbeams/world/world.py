@@ -11,6 +11,8 @@ import drjit as dr
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, Box
+from .emitters.emitter import Emitter
+from .emitters.rays import EmittedRays
 from .emitters.sources import Source
 from .media.media import Media
 from .media.parts import parts
@@ -37,6 +39,8 @@ class World:
         Radius of a region that has all surfaces, finite lamps and cameras, if any medium is endless; else as `radius`.
     endless
         Length at which light in endless media no longer matters (`bounds.endless_length`); 0 if `escape` is as long.
+    emitters
+        The emitters.
     sources
         What the beams of each emitter have in common, by the emitters' numbers.
     cutouts
@@ -64,6 +68,7 @@ class World:
     bounds: Bounds
     extent: float
     endless: float
+    emitters: Sequence[Emitter]
     sources: Sequence[Source]
     cutouts: bool
     perturbed: bool
@@ -92,6 +97,14 @@ class World:
     def blocking_scenes(self) -> Sequence[Any]:
         """Return the Mitsuba scenes that block light instead of `plugin`, by link number minus 1."""
         return ()
+
+    def entered(self, number: int, rays: EmittedRays, bounds: Bounds, through: bool) -> EmittedRays:
+        """Return rays of an emitter as they begin in the world, with `reach` and `medium`.
+
+        `bounds` is the sphere which light from infinity enters, and `through` says whether the rays were sampled on a
+        portal, rather than on the emitter.
+        """
+        raise NotImplementedError
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:
         """Return the lengths of light paths that meet nothing."""

@@ -60,7 +60,7 @@ def test_a_white_gobo_leaves_all_light_and_one_that_is_half_black_the_left_half(
 def test_a_portal_parts_the_light_and_loses_none(name):
     ((whole,), world) = emitted(name)
     ((through, beside), world) = emitted(name, portal="window")
-    portal = world.lamps[0].portal
+    portal = world.emitters[0].portal
     crossing = portal.crosses(whole.origin, whole.direction).numpy()
     value = whole.flux.numpy().astype(np.float64)
     part = (value * crossing).sum(axis=1)

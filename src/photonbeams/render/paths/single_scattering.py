@@ -17,7 +17,7 @@ from ...numerics.hashing import hash32
 from ...numerics.samples import Samples
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...world.emitters.stage_lamps import Links
+from ...world.emitters.stage_lamps import LinkedSurfaces
 from ...world.media.interfaces import pointers
 from ...world.shadow_rays import ShadowRay, to_lamp
 from ...world.stage_world import StageWorld
@@ -85,7 +85,13 @@ class _ScatteringPoints:
     """Points in media that scatter light toward the camera, and a sample of the phase function at each."""
 
     def __init__(
-        self, world: StageWorld, point: ShadingPoint, place: Array3f, ray: Array3f, active: Bool, links: Links | None
+        self,
+        world: StageWorld,
+        point: ShadingPoint,
+        place: Array3f,
+        ray: Array3f,
+        active: Bool,
+        links: LinkedSurfaces | None,
     ) -> None:
         self.point, self.place, self.active = point, place, active
         self.shadow_reach = Float(dr.inf) if links is None else links.reach

@@ -16,7 +16,7 @@ from ...numerics.hashing import hash32
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...world.emitters.stage_lamps import Lamps, Links
+from ...world.emitters.stage_lamps import Lamps, LinkedSurfaces
 from ...world.shadow_rays import ShadowRay, leaving, to_lamp
 from ...world.stage_world import StageWorld
 from .camera_paths import NearestLamp, ShadingPoint
@@ -177,7 +177,7 @@ class _Reflection:
         reach = dr.minimum(ray.length, self.shadow_reach)
         return met & (self.open | (behind & ~world.blocked(ray.origin, ray.direction, reach, behind, self.seed)))
 
-    def of_lights(self, links: Links) -> _Reflection:
+    def of_lights(self, links: LinkedSurfaces) -> _Reflection:
         """Return the reflection of lights with links: they light some surfaces, and some surfaces block them."""
         result = copy(self)
         result.active = links.lights(self.hit, self.active)
@@ -198,7 +198,7 @@ class _Reflection:
 
 
 def _adding(
-    world: StageWorld, reflection: _Reflection, links: Links | None, kind: int
+    world: StageWorld, reflection: _Reflection, links: LinkedSurfaces | None, kind: int
 ) -> Callable[..., tuple[Any, ...]]:
     """Return the body of a loop over the lights of one kind, which adds a light to the radiance."""
     stopping, reflection = _linked(world, reflection, links)
@@ -209,7 +209,7 @@ def _adding(
     return add
 
 
-def _linked(world: StageWorld, reflection: _Reflection, links: Links | None) -> tuple[StageWorld, _Reflection]:
+def _linked(world: StageWorld, reflection: _Reflection, links: LinkedSurfaces | None) -> tuple[StageWorld, _Reflection]:
     """Return the surfaces that block lights with these links, and the hits that these lights light."""
     return (world, reflection) if links is None else (links.world, reflection.of_lights(links))
 

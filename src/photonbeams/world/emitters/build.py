@@ -1,4 +1,4 @@
-"""The lamp of each light of a stage."""
+"""The emitters of a stage: the lamp of each light, with its images and its portal."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from ... import scene
+from ..surfaces.shapes import shape_of
 from .cylinder import CylinderLamp
 from .distant import DistantLamp
 from .dome import DomeLamp
+from .emitter import Emitter, Links
 from .flat import FlatLamp
+from .gobos import Images, projected
 from .lamp import Lamp
 from .mesh import MeshLamp
+from .portals import Portal
 from .sphere import SphereLamp
 from .stretched import EllipsoidLamp, EllipticCylinderLamp
 
@@ -28,3 +32,43 @@ def lamp_of(light: scene.Light, host: Any = None, around: Sequence[Any] = ()) ->
             result: Lamp = kind.of(light, host, around)
             return result
     raise scene.SceneError(f"{light.name}: a {type(light).__name__} cannot be sampled")
+
+
+def emitters_of(
+    lights: Sequence[scene.Light], meshes: frozenset[str], host: Any, around: Sequence[Any], known: Sequence[Emitter]
+) -> tuple[Emitter, ...]:  # fmt: skip
+    """Return the emitters of a stage.
+
+    Parameters
+    ----------
+    lights, meshes
+        The lights, and the names of the meshes that are surfaces.
+    host, around
+        As for `lamp_of`.
+    known
+        Emitters of the same stage at another time, whose lamps and portals serve where their lights are identical.
+    """
+    lamps = {id(each.beams): each.lamp for each in known}
+    portals = {id(each.beams.portal): each.portal for each in known if each.portal is not None}
+    images: Images = {
+        id(image.image): (image.image, each.lamp.pixels[name])  # type: ignore[attr-defined]
+        for each in known
+        for name, image in each.lamp.images.items()
+    }
+    links = [links_of(light, meshes) for light in lights]
+    blocking = sorted({each.unshadowed for each in links} - {frozenset()}, key=sorted)
+    result = []
+    for light, own in zip(lights, links, strict=True):
+        portal = None
+        if light.portal is not None:
+            portal = portals.get(id(light.portal)) or Portal(light.portal, shape_of(light.portal), host)
+        lamp = lamps.get(id(light)) or projected(lamp_of(light, host, around), light, portal, images)
+        link = blocking.index(own.unshadowed) + 1 if own.unshadowed else 0
+        result.append(Emitter(light.name, lamp, light, portal, own, link))
+    return tuple(result)
+
+
+def links_of(light: scene.Light, meshes: frozenset[str]) -> Links:
+    """Return which of the meshes a light does not light, which do not block it, and how it lights the others."""
+    shining = light.shadow_distance, light.surface_scale, light.shadow_color, light.seen
+    return Links(light.unlit & meshes, light.unshadowed & meshes, *shining)

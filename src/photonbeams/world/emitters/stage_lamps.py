@@ -6,18 +6,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
-import numpy as np
 
 from ...numerics.structs import pack
 from ...runtime.device import Bool, UInt32
-from ...scene import BLACK, Color
 from .gobos import pack_projected
 
 if TYPE_CHECKING:
     from ..stage_world import StageWorld
 
 
-class Links(NamedTuple):
+class LinkedSurfaces(NamedTuple):
     """How lights with the same links light surfaces.
 
     `world` has the surfaces that block the lights; `lit` says for each shape whether they light it (None: all of them).
@@ -39,17 +37,6 @@ class Links(NamedTuple):
         return active & (dr.gather(UInt32, self.lit, shape_number(hit.shape), active) > 0)
 
 
-class LinkKey(NamedTuple):
-    """The values by which lights share links; see `scene.Light` for the names of surfaces."""
-
-    unlit: frozenset[str] = frozenset()
-    unshadowed: frozenset[str] = frozenset()
-    shadow_distance: float = np.inf
-    surface_scale: float = 1.0
-    shadow_color: Color = BLACK
-    seen: bool = True
-
-
 class Lamps(NamedTuple):
     """All lights of one kind with the same links: a struct of arrays, and their number (opaque).
 
@@ -60,10 +47,10 @@ class Lamps(NamedTuple):
     packed: Any
     count: Any
     pixels: dict[str, Any]
-    links: Links | None
+    links: LinkedSurfaces | None
 
     @classmethod
-    def of(cls, sources: Sequence[Any], links: Links | None) -> Lamps:
+    def of(cls, sources: Sequence[Any], links: LinkedSurfaces | None) -> Lamps:
         """Return lights of one kind, packed."""
         kind, count = type(sources[0]), dr.opaque(UInt32, len(sources))
         if not sources[0].images:

@@ -1,9 +1,9 @@
-"""Gobos and portals before the emitters of a Mitsuba scene."""
+"""The emitters of a Mitsuba scene, with gobos and portals before them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +13,8 @@ from ...scene import SceneError
 from ..bounds import Bounds
 from ..checks import check_finite
 from ..surfaces.shapes import is_null, shape_of
+from .emitter import Emitter
 from .gobos import Images, projected
-from .lamp import Lamp
 from .mitsuba_emitter import MitsubaEmitter
 from .portals import Portal
 
@@ -23,21 +23,14 @@ mi = mitsuba()
 _SQUARE = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 
 
-class SceneLamp(NamedTuple):
-    """An emitter, behind its gobos if it has any, and the opening that its light comes through, or None."""
-
-    lamp: Lamp
-    portal: Portal | None
-
-
 def names_of(emitter: Any) -> list[str]:
     """Return the names by which users may refer to an emitter: its own id, and that of its shape."""
     shape = emitter.get_shape()
     return [each.id() for each in (emitter, shape) if each is not None and each.id()]
 
 
-def lamps_of(plugin: Any, beams: Sequence[scene.BeamSettings], bounds: Bounds) -> list[SceneLamp]:
-    """Return the emitters of a scene as lamps, in their order.
+def emitters_of(plugin: Any, beams: Sequence[scene.BeamSettings], bounds: Bounds) -> list[Emitter]:
+    """Return the emitters of a scene, in their order.
 
     Parameters
     ----------
@@ -56,11 +49,12 @@ def lamps_of(plugin: Any, beams: Sequence[scene.BeamSettings], bounds: Bounds) -
     return [_lamp(plugin, emitter, own, bounds, images) for emitter, own in zip(plugin.emitters(), beams, strict=True)]
 
 
-def _lamp(plugin: Any, emitter: Any, own: scene.BeamSettings, bounds: Bounds, images: Images) -> SceneLamp:
+def _lamp(plugin: Any, emitter: Any, own: scene.BeamSettings, bounds: Bounds, images: Images) -> Emitter:
     name, lamp = (names_of(emitter) or [emitter.class_name()])[-1], MitsubaEmitter(emitter, plugin)
-    check_finite(emitter, f"emitter {emitter.id() or emitter.class_name()}")
+    own_name = emitter.id() or emitter.class_name()
+    check_finite(emitter, f"emitter {own_name}")
     if not (own.gobo or own.portal or own.portal_gobo):
-        return SceneLamp(lamp, None)
+        return Emitter(own_name, lamp, own)
     if not lamp.illuminates:
         raise SceneError(f"emitter {name}: shines along one direction: expected another kind for a gobo or a portal")
     mesh, portal = None, None
@@ -75,7 +69,7 @@ def _lamp(plugin: Any, emitter: Any, own: scene.BeamSettings, bounds: Bounds, im
     light = _described(emitter, name, shared)
     if isinstance(light, scene.SphereLight):
         lamp.central, lamp.center = True, Array3f(*(float(each) for each in light.center))
-    return SceneLamp(projected(lamp, light, portal, images), portal)
+    return Emitter(own_name, projected(lamp, light, portal, images), own, portal)
 
 
 def _described(emitter: Any, name: str, shared: dict[str, Any]) -> scene.Light:
