@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from photonbeams import scene
-from photonbeams.transport.simulation import StageSimulation, Tuning
+from photonbeams.transport.stage_simulation import StageSimulation
+from photonbeams.transport.tuning import Tuning
 from photonbeams.world.stage_world import StageWorld
 
 

@@ -7,7 +7,7 @@ import pytest
 from photonbeams.render.scene_frame import begin, render
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
-from photonbeams.transport.simulation import CEILING, FREE_PATHS
+from photonbeams.transport.tuning import CEILING, FREE_PATHS
 from tests.helpers.kernels import compiled
 from tests.helpers.mitsuba_pictures import INSIDE, LAMP, SEEDS, SMALL, agree, pictures
 from tests.helpers.mitsuba_scenes import (

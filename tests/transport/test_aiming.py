@@ -12,7 +12,8 @@ from photonbeams.transport.aiming import Openings
 from photonbeams.transport.emission import PathEmitter, Stratum
 from photonbeams.transport.interactions import reflect
 from photonbeams.transport.lamps import SURROUND, with_surrounds
-from photonbeams.transport.simulation import StageSimulation, Tuning
+from photonbeams.transport.stage_simulation import StageSimulation
+from photonbeams.transport.tuning import Tuning
 from photonbeams.world.scene_world import SceneWorld
 from photonbeams.world.stage_world import StageWorld
 from photonbeams.world.warp import sphere

@@ -6,7 +6,8 @@ import pytest
 from photonbeams.render.scene_frame import begin
 from photonbeams.transport import pilot
 from photonbeams.transport.fitted_portals import Bundle, fitted
-from photonbeams.transport.simulation import StageSimulation, Tuning
+from photonbeams.transport.stage_simulation import StageSimulation
+from photonbeams.transport.tuning import Tuning
 from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
 from tests.helpers.comparison import EYE, HOLE_X, HOLE_Y, HOLE_Z, comparison_scene

@@ -12,7 +12,8 @@ from photonbeams.render.scene_frame import begin, render
 from photonbeams.transport.emission import PathEmitter
 from photonbeams.transport.guiding import learn
 from photonbeams.transport.inversion import samples_of
-from photonbeams.transport.simulation import StageSimulation, Tuning
+from photonbeams.transport.stage_simulation import StageSimulation
+from photonbeams.transport.tuning import Tuning
 from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
 from tests.helpers.comparison import EYE, camera_rays, comparison_scene, lit, single_scattering, wall_distance

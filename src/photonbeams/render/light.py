@@ -13,7 +13,7 @@ from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float
 from ..transport.segments.radii import Limits
 from ..transport.segments.records import PhotonHits
-from ..transport.simulation import Tuning
+from ..transport.tuning import Tuning
 from ..world.world import World
 from .paths import camera_paths
 from .paths.camera_paths import Lighting

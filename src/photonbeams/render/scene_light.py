@@ -25,7 +25,8 @@ from ..transport.emission import Stratum
 from ..transport.fitted_portals import Opening, parted
 from ..transport.guiding import GuidingMap
 from ..transport.scene_emitters import emission_of, power_of, redistribute
-from ..transport.simulation import Simulation, Tuning
+from ..transport.simulation import Simulation
+from ..transport.tuning import Tuning
 from ..world.cameras.cameras import View
 from ..world.emitters.mitsuba_scene import names_of
 from ..world.emitters.portal_lamps import EnvironmentPortal

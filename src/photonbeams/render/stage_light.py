@@ -13,7 +13,7 @@ from .. import scene
 from ..estimators.projection import Projection
 from ..numerics.samples import Samples
 from ..transport.portal_visibility import lights_seen
-from ..transport.simulation import StageSimulation, renumbering
+from ..transport.stage_simulation import StageSimulation, renumbering
 from ..world.cameras.cameras import View, Window
 from ..world.shutter import Moment, Shutter, slice_of
 from ..world.stage_world import StageWorld

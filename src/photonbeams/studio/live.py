@@ -11,7 +11,7 @@ from .. import scene
 from ..render.passes import Statistics
 from ..render.settings import Settings, as_passes
 from ..render.stage_frame import begin
-from ..transport.simulation import StageSimulation
+from ..transport.stage_simulation import StageSimulation
 from ..usd.common.motion import equal
 from ..world.cameras.cameras import View
 from ..world.stage_world import StageWorld

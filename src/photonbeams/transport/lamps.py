@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from ..numerics.hashing import key_of
 from ..numerics.sampling import pairs, sobol_points
 from ..scene import Array
 from ..world.emitters.lamp import Lamp
-from .emission import PathEmitter, Stratum
+from ..world.emitters.portals import count_candidates
+from ..world.stage_world import StageWorld
+from .emission import Emission, PathEmitter, Stratum, probed_flux
+from .tuning import Tuning
 
 _PROBE = 4096  # paths that measure how much of a lamp's light passes its images
 
@@ -18,6 +22,11 @@ LIGHT_SIDE = 0.25
 
 # The fraction of these that pass close by the portal, if light is scattered more than once.
 SURROUND = 0.25
+
+# Most candidates for each path that passes its lamp's images, and most candidates of a stratum.
+_MOST_DARK, _MOST_PATHS = 64, 1 << 22
+
+_PORTAL, _ALL = 0, 1  # kinds of strata, as part of the seeds of their sequences
 
 
 def radius_from_infinity(lamp: Lamp, count: int, overlap: float) -> float:
@@ -83,3 +92,74 @@ def guided_count(stratum: Stratum) -> int:
     points = sobol_points(_PROBE, 0, (_PROBE,))
     before, behind = (_lit(stratum.emitter, each) for each in (points, stratum.guide(points)[0]))
     return max(round(stratum.count * min(before / max(behind, 1e-30), 1)), 1)
+
+
+def lamps_of(
+    world: StageWorld, beams: int, seed: int, light_side: Collection[str], surfaces: bool = False,
+    scatters: bool = False, visible: bool = False, overlap: float = Tuning.overlap,
+) -> list[Stratum]:  # fmt: skip
+    """Return the strata of a stage's lamps that make beams, or light `surfaces`, each with a fixed number of paths.
+
+    A lamp without a portal has one stratum, with all its directions. A lamp with a portal has two that add up to it:
+    the paths through the portal and, if the camera sees the lamp's side of the portal, all others.
+
+    Parameters
+    ----------
+    world
+        The stage.
+    beams, seed
+        Light paths in a pass, for lamps that do not set the number themselves; and the seed of the sequences.
+    light_side
+        Names of lamps whose paths past the portal are wanted, too.
+    surfaces
+        Whether lamps that light surfaces are included, even if they make no beams.
+    scatters
+        Whether light is scattered more than once. Domes that light media without beams are then included, because their
+        scattered light makes beams.
+    visible
+        Whether only visible beams count. Lamps without a look then make none if no medium scatters light.
+    overlap
+        Width of a beam in spacings of its neighbours.
+    """
+    result = []
+    hazy = not visible or any(max(each.scattering) > 0 for each in world.description.media)
+    for number, emitter in enumerate(world.emitters):
+        light = emitter.beams
+        count = beams if light.beam_count is None else light.beam_count
+        wanted = (light.emits_beams and (hazy or light.look is not None)) or (
+            surfaces and light.lights_surfaces and light.shines
+        )
+        wanted |= scatters and any(light is each for each in world.description.sky)
+        if not wanted or count <= 0:
+            continue
+        aside = count
+        if emitter.portal is not None:
+            aside = max(1, round(LIGHT_SIDE * count)) if emitter.name in light_side else 0
+            result.append(_stratum(world, number, seed, count - aside, overlap, through=True))
+        if aside:
+            result.append(_stratum(world, number, seed, aside, overlap, through=False))
+    return result
+
+
+def _stratum(
+    world: StageWorld, number: int, seed: int, count: int, overlap: float, through: bool
+) -> Stratum:  # fmt: skip
+    """Return the stratum of a lamp's paths through its portal, or past it, of which about `count` carry light."""
+    own, portal = world.emitters[number], world.emitters[number].portal
+    margin = radius_from_infinity(own.lamp, count, overlap) if world.boxes else 0.0
+    lamp = PathEmitter(world, number, margin)
+    emitter = lamp if portal is None else lamp.at(portal, through)
+    most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
+    count = min(count_candidates(max(lit_fraction(emitter), 1 / _MOST_DARK), count), most)
+    if through and portal is not None:
+        count = count_candidates(portal.fill, count)
+    kind = _PORTAL if through else _ALL
+    return Stratum(emitter, count, (seed & 0xFFFFFFFF, own.beams.seed & 0xFFFFFFFF, kind, key_of(own.name)))
+
+
+def emission_of_lamps(strata: list[Stratum], probed: bool = True) -> Emission:
+    """Return the emission of lamps; their power is measured if `probed`, else 0."""
+    powers = {each.emitter.source: np.zeros(3) for each in strata}
+    for number, each in enumerate(strata if probed else []):
+        powers[each.emitter.source] += probed_flux(each.emitter, number)
+    return Emission(strata, sum(powers.values(), np.zeros(3)), powers)

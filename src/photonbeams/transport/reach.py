@@ -12,7 +12,9 @@ from ..world.stage_world import StageWorld
 from . import paths
 from .emission import Stratum
 from .importance import CameraImportance
-from .simulation import Simulation, Tuning, emission_of_lamps, lamps_of
+from .lamps import emission_of_lamps, lamps_of
+from .simulation import Simulation
+from .tuning import Tuning
 
 if TYPE_CHECKING:
     from ..estimators.projection import Projection

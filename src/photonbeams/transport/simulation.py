@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -12,12 +12,9 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..beams import Beams
 from ..beams.sets import BeamSet
 from ..numerics.arrays import compressed, equal_entries, to_float, to_uint
-from ..numerics.hashing import key_of
 from ..runtime.device import Bool, Float, UInt32
-from ..world.emitters.portals import count_candidates
 from ..world.emitters.rays import EmittedRays
 from ..world.emitters.sources import Source
 from ..world.media.rendered import RenderedMedium
@@ -26,26 +23,20 @@ from ..world.world import World
 from . import paths
 from .aiming import Openings
 from .connections import Connections
-from .emission import Emission, PathEmitter, Stratum, probed_flux
-from .fitted_portals import Opening, parted
+from .emission import Emission, Stratum
 from .fringes import Steps, entering, fringe, unscattered
-from .guiding import GuidingMap
 from .importance import CameraImportance, Sightings
 from .lamps import (
-    LIGHT_SIDE,
-    guided_count,
-    lit_fraction,
-    radius_from_infinity,
     with_surrounds,
 )
 from .pilot import Found, guide
 from .segments.beams import Cutting, Moments, moving_sets, sets_of
 from .segments.radii import Limits
 from .segments.records import LightPaths, PhotonHits, Segments
+from .tuning import FREE_PATHS, Tuning, radius_scale
 
 if TYPE_CHECKING:
     from ..estimators.projection import Projection
-    from ..looks import Look
 
 T = TypeVar("T")
 
@@ -55,55 +46,12 @@ Key = tuple[int, int]
 #: For each step, whether light straight from its lamp moves, by the numbers of paths.
 Moving = dict[Key, Bool]
 
-# Most candidates for each path that passes its lamp's images, and most candidates of a stratum.
-_MOST_DARK, _MOST_PATHS = 64, 1 << 22
 
-_PORTAL, _ALL = 0, 1  # kinds of strata, as part of the seeds of their sequences
-
-# Least and greatest radius as a fraction of a medium's radius (for photons, of the world's), and the greatest in free
-# paths. Wide beams stick out of small media, and blur what changes within a free path. With these bounds, a ball of 10
-# free paths is too dark by half a per cent after 16 passes; beams twice as wide would not lower the noise.
-FLOOR, CEILING, FREE_PATHS = 1e-4, 0.05, 0.25
-
-
-@dataclass(frozen=True)
-class Tuning:
-    """How light paths are traced: the fields of `render.settings.Settings` that transport reads.
-
-    With `own_bounces`, each source sets the bounces of its light, up to `max_bounces`. With `visible`, only beams that
-    a medium or a look shows are made; programs and files of beams want all.
-    """
-
-    seed: int = 0
-    max_bounces: int | None = None
-    rr_depth: int = 5
-    overlap: float = 2.2
-    alpha: float = 0.7
-    radius: float | None = None
-    min_radius: float | None = None
-    max_radius: float | None = None
-    short: bool = False
-    surfaces: bool = True
-    own_bounces: bool = False
-    visible: bool = False
-
-    def limits(self, number: int, size: float, widest: float = np.inf) -> Limits:
-        """Return the bounds of radii in pass `number`, in a region of radius `size`; `widest` bounds the default."""
-        low = self.radius or self.min_radius or FLOOR * size
-        high = self.radius or self.max_radius or max(min(CEILING * size, widest), low)
-        return Limits(*(dr.opaque(Float, each) for each in (low, high, radius_scale(self.alpha, number))))
-
-
-def radius_scale(alpha: float, number: int) -> float:
-    """Return the factor on radii in pass `number`: R_{i+1} / R_i = (i + α) / (i + 1) (Progressive Photon Beams)."""
-    return float(np.prod([(i + alpha) / (i + 1) for i in range(1, number + 1)]))
-
-
-def _nothing() -> None:
+def nothing() -> None:
     """Do nothing between parts of a pass."""
 
 
-def _stepping(step: Callable[[], None], parts: Iterable[T]) -> Iterator[T]:
+def stepping(step: Callable[[], None], parts: Iterable[T]) -> Iterator[T]:
     """Yield parts, and call `step` before each is used."""
     for each in parts:
         step()
@@ -134,7 +82,7 @@ class Simulation:
     sources: Sequence[Source]
     sizes: Mapping[int, float]
     named: bool = False
-    step: Callable[[], None] = _nothing
+    step: Callable[[], None] = nothing
 
     def simulated(self, number: int, moving: Moving | None = None) -> tuple[list[BeamSet], list[PhotonHits]]:
         """Return the beams of pass `number`, and its photons on surfaces.
@@ -144,7 +92,7 @@ class Simulation:
         # Keep only segments and hits, not the paths: a million of these take a gigabyte.
         moving = moving or {}
         tracing, begun = self._begun(number)
-        steps = enumerate(_stepping(self.step, paths.trace(tracing, copy(begun))))
+        steps = enumerate(stepping(self.step, paths.trace(tracing, copy(begun))))
         traced = [((0, step), segments, hits) for step, (segments, hits) in steps]
         found = [(key, segments) for key, segments, _ in traced] + list(self._fringes(number, begun))
         segments = [part for key, each in found for part in _resting(each, moving.get(key))]
@@ -153,7 +101,7 @@ class Simulation:
             lights = to_uint([*(each.surfaces for each in self.sources), False])
             parts = (compressed(dr.gather(UInt32, lights, each.source) > 0, each) for each in hits)
             hits = [each for part in parts for each in part]
-        return sets_of(self.world, _stepping(self.step, self.cuttings(number)), segments), hits
+        return sets_of(self.world, stepping(self.step, self.cuttings(number)), segments), hits
 
     def _begun(self, number: int) -> tuple[paths.Tracing, LightPaths | None]:
         """Return how the light paths of a pass are traced, and the paths as they leave their emitters."""
@@ -194,7 +142,7 @@ class Simulation:
         steps: list[Moments] = []
         moving: Moving = {}
         pairs = self._pairs(tracing, kept, number, {own: other for other, own in media.items()})
-        for key, (opened, there), (closed, then) in _stepping(self.step, pairs):
+        for key, (opened, there), (closed, then) in stepping(self.step, pairs):
             if closed is not None:
                 closed = copy(closed)
                 closed.medium = _renumbered(closed.medium, media)
@@ -211,7 +159,7 @@ class Simulation:
             dr.eval(of_paths)
             moving[key] = of_paths
             steps.append(([ends[0], ends[-1]], [mask & moves for mask in masks]))
-        return moving_sets(_stepping(self.step, self.cuttings(number)), steps, last.sources), moving
+        return moving_sets(stepping(self.step, self.cuttings(number)), steps, last.sources), moving
 
     def tracing(self, number: int) -> paths.Tracing:
         """Return how the light paths of a pass are traced."""
@@ -342,179 +290,6 @@ class Simulation:
         return min(self.sizes.get(medium.number, np.inf), self.world.extent)
 
 
-def lamps_of(
-    world: StageWorld, beams: int, seed: int, light_side: Collection[str], surfaces: bool = False,
-    scatters: bool = False, visible: bool = False, overlap: float = Tuning.overlap,
-) -> list[Stratum]:  # fmt: skip
-    """Return the strata of a stage's lamps that make beams, or light `surfaces`, each with a fixed number of paths.
-
-    A lamp without a portal has one stratum, with all its directions. A lamp with a portal has two that add up to it:
-    the paths through the portal and, if the camera sees the lamp's side of the portal, all others.
-
-    Parameters
-    ----------
-    world
-        The stage.
-    beams, seed
-        Light paths in a pass, for lamps that do not set the number themselves; and the seed of the sequences.
-    light_side
-        Names of lamps whose paths past the portal are wanted, too.
-    surfaces
-        Whether lamps that light surfaces are included, even if they make no beams.
-    scatters
-        Whether light is scattered more than once. Domes that light media without beams are then included, because their
-        scattered light makes beams.
-    visible
-        Whether only visible beams count. Lamps without a look then make none if no medium scatters light.
-    overlap
-        Width of a beam in spacings of its neighbours.
-    """
-    result = []
-    hazy = not visible or any(max(each.scattering) > 0 for each in world.description.media)
-    for number, emitter in enumerate(world.emitters):
-        light = emitter.beams
-        count = beams if light.beam_count is None else light.beam_count
-        wanted = (light.emits_beams and (hazy or light.look is not None)) or (
-            surfaces and light.lights_surfaces and light.shines
-        )
-        wanted |= scatters and any(light is each for each in world.description.sky)
-        if not wanted or count <= 0:
-            continue
-        aside = count
-        if emitter.portal is not None:
-            aside = max(1, round(LIGHT_SIDE * count)) if emitter.name in light_side else 0
-            result.append(_stratum(world, number, seed, count - aside, overlap, through=True))
-        if aside:
-            result.append(_stratum(world, number, seed, aside, overlap, through=False))
-    return result
-
-
-def _stratum(
-    world: StageWorld, number: int, seed: int, count: int, overlap: float, through: bool
-) -> Stratum:  # fmt: skip
-    """Return the stratum of a lamp's paths through its portal, or past it, of which about `count` carry light."""
-    own, portal = world.emitters[number], world.emitters[number].portal
-    margin = radius_from_infinity(own.lamp, count, overlap) if world.boxes else 0.0
-    lamp = PathEmitter(world, number, margin)
-    emitter = lamp if portal is None else lamp.at(portal, through)
-    most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
-    count = min(count_candidates(max(lit_fraction(emitter), 1 / _MOST_DARK), count), most)
-    if through and portal is not None:
-        count = count_candidates(portal.fill, count)
-    kind = _PORTAL if through else _ALL
-    return Stratum(emitter, count, (seed & 0xFFFFFFFF, own.beams.seed & 0xFFFFFFFF, kind, key_of(own.name)))
-
-
-def emission_of_lamps(strata: list[Stratum], probed: bool = True) -> Emission:
-    """Return the emission of lamps; their power is measured if `probed`, else 0."""
-    powers = {each.emitter.source: np.zeros(3) for each in strata}
-    for number, each in enumerate(strata if probed else []):
-        powers[each.emitter.source] += probed_flux(each.emitter, number)
-    return Emission(strata, sum(powers.values(), np.zeros(3)), powers)
-
-
-@dataclass(frozen=True)
-class StageSimulation:
-    """The beams and photons of a stage, pass by pass.
-
-    Attributes
-    ----------
-    tuning, beams
-        How light paths are traced, and their number in a pass for lamps that do not set it themselves.
-    light_side
-        Names of lamps whose paths past their portal are wanted, too: see `portal_visibility`.
-    guides
-        Guiding maps of strata, by their keys.
-    openings
-        Fitted portals, by the keys of the strata that they divide into paths through them and past them.
-    counts
-        Numbers of paths of guided strata, by their keys: see `guided_count`.
-    """
-
-    tuning: Tuning
-    beams: int = scene.DEFAULT_BEAMS
-    light_side: Collection[str] = ()
-    guides: Mapping[int, GuidingMap | None] = field(default_factory=dict)
-    openings: Mapping[int, Opening] = field(default_factory=dict)
-    counts: Mapping[int, int] = field(default_factory=dict)
-
-    def guided(self, world: StageWorld, views: Sequence[Projection]) -> StageSimulation:
-        """Return the same simulation with light paths guided toward what any of the views sees.
-
-        Lamps whose beams are bent along guides are left out, because their beams do not go where the paths go.
-        """
-        strata = [each for each in self._strata(world) if not world.sources[each.emitter.source].guides]
-        emission = emission_of_lamps(strata)
-        found = Simulation(world, emission, self.tuning, world.sources, world.sizes, named=True).guide(views)
-        guides = {stratum.key: stratum.guide for each in found for stratum in each.strata}
-        both = zip(strata, found, strict=True)
-        openings = {stratum.key: each.opening for stratum, each in both if each.opening is not None}
-        counts = {stratum.key: guided_count(stratum) for each in found for stratum in each.strata}
-        return replace(self, guides=guides, openings=openings, counts=counts)
-
-    def simulated(
-        self, worlds: Sequence[StageWorld], number: int, looks: Mapping[str, Look | None] | None = None,
-        step: Callable[[], None] = _nothing,
-    ) -> tuple[list[BeamSet], list[PhotonHits]]:  # fmt: skip
-        """Return the beams of pass `number` and its photons on surfaces.
-
-        Parameters
-        ----------
-        worlds
-            The stage at the start of the pass's time slice and, if anything moves, at its end. A light path straight
-            from its lamp has the same samples at both times; scattered light is that of the start. An object that is
-            identical in both worlds is at rest.
-        looks
-            Looks by the names of lamps and drawn beams, which replace those in the first world.
-        step
-            Called between parts of the pass; an exception from it ends the pass.
-        """
-        first, last = worlds[0], worlds[-1]
-        sources = tuple(
-            replace(each, look=each.look if looks is None else looks.get(each.name, each.look))
-            for each in first.sources
-        )
-        strata, changed = self._strata(first), _changed(first, last)
-        # Light of a lamp that changes, and is not scattered, is traced at both times alone.
-        traced = [each for each in strata if self._scatters or each.emitter.source not in changed]
-        emission = emission_of_lamps(traced, self._scatters)
-        whole = Simulation(first, emission, self.tuning, sources, first.sizes, named=True, step=step)
-        still = last.surfaces is first.surfaces and last.media is first.media
-        tried = [each for each in strata if not still or each.emitter.source in changed]
-        sets: list[BeamSet] = []
-        moving: Moving = {}
-        if tried:
-            opened, closed, known = (
-                with_surrounds(each) if self._scatters else each
-                for each in (tried, [_later(each, last) for each in tried], traced)
-            )
-            straight = replace(self.tuning, max_bounces=0)
-            part = replace(whole, emission=emission_of_lamps(list(opened), False), tuning=straight)
-            numbers, media = _numbers(opened, known), renumbering(last, first)
-            sets, moving = part.moved(last, closed, number, media, numbers, emission.count)
-        resting, hits = whole.simulated(number, moving)
-        sets = sorted(resting + sets, key=lambda each: each.light) + _drawn(first, last, looks or {})
-        dark = {each.number for each in first.media.all if self.tuning.visible and max(each.medium.scattering) <= 0}
-        return [each for each in sets if each.look is not None or each.medium not in dark], hits
-
-    @property
-    def _scatters(self) -> bool:
-        return self.tuning.max_bounces is None or self.tuning.max_bounces > 0
-
-    def _strata(self, world: StageWorld) -> list[Stratum]:
-        """Return the light paths of a pass."""
-        lit = self._scatters and self.tuning.surfaces
-        tuning = self.tuning
-        strata = lamps_of(
-            world, self.beams, tuning.seed, self.light_side, lit, self._scatters, tuning.visible, tuning.overlap
-        )
-        strata = [part for each in strata for part in parted(each, self.openings.get(each.key))]
-        return [
-            replace(each, guide=self.guides.get(each.key), count=self.counts.get(each.key, each.count))
-            for each in strata
-        ]
-
-
 def _resting(segments: Segments | None, moving: Bool | None) -> list[Segments]:
     """Return segments without light straight from lamps that is `moving`, by numbers of paths: one struct, or none."""
     if segments is None or moving is None:
@@ -523,76 +298,8 @@ def _resting(segments: Segments | None, moving: Bool | None) -> list[Segments]:
     return compressed(~moves, segments)
 
 
-def _numbers(some: Sequence[Stratum], strata: Sequence[Stratum]) -> UInt32:
-    """Return the numbers that paths of some strata have among those of others, or else the number of all of these."""
-    first = dict(zip((each.key for each in strata), np.cumsum([0, *(each.count for each in strata)]), strict=False))
-    total = sum(each.count for each in strata)
-    places = [first[each.key] + np.arange(each.count) if each.key in first else np.full(each.count, total)
-              for each in some]  # fmt: skip
-    return to_uint(np.concatenate(places))
-
-
-def _later(stratum: Stratum, last: StageWorld) -> Stratum:
-    """Return the stratum of the same light paths in the world `last`."""
-    own = stratum.emitter
-    emitter = PathEmitter(last, own.number, own.margin)
-    if own.portal is not None:  # a fitted portal does not move
-        emitter = emitter.at(last.emitters[own.number].portal or own.portal, own.through)
-    return replace(stratum, emitter=emitter)
-
-
-def renumbering(one: StageWorld, other: StageWorld) -> dict[int, int]:
-    """Return the numbers of media in the world `other` of the same stage, by their numbers in the world `one`."""
-    if one.media is other.media:
-        return {}
-    return {number: other.numbers[name] for name, number in one.numbers.items() if name in other.numbers}
-
-
 def _renumbered(numbers: UInt32, media: Mapping[int, int]) -> UInt32:
     result = numbers
     for old, new in media.items():
         result = dr.select(numbers == dr.opaque(UInt32, old), dr.opaque(UInt32, new), result)
     return result
-
-
-def _changed(first: StageWorld, last: StageWorld) -> set[int]:
-    """Return the numbers of lamps that are not the same at both times."""
-    both = zip(first.emitters, last.emitters, strict=True)
-    return {number for number, (emitter, later) in enumerate(both) if later.beams is not emitter.beams}
-
-
-def _drawn(first: StageWorld, last: StageWorld, looks: Mapping[str, Look | None]) -> list[BeamSet]:
-    """Return the drawn beams, in sets by the medium that they are in."""
-    sets = []
-    for number, drawn in enumerate(first.description.drawn):
-        later = last.description.drawn[number]
-        moved = Beams(**later.arrays()) if later is not drawn and _are_same(drawn, later) else None
-        look, index = looks.get(drawn.name, drawn.look), len(first.emitters) + number
-        beams = Beams(**drawn.arrays())
-        whole = BeamSet(drawn.group, look, beams, moved, drawn.name, index)
-        sets += _by_media(first, whole)
-    return sets
-
-
-def _by_media(world: StageWorld, whole: BeamSet) -> list[BeamSet]:
-    """Divide a set of beams by the media of their middles; beams in no medium are left out."""
-    media = world.media.all
-    if len(media) < 2 and not world.boundaries:
-        return [whole._replace(medium=each.number) for each in media]
-    beams = whole.beams
-    axis = beams.end - beams.start
-    middle = beams.start + 0.5 * axis
-    found = world.medium_at(middle, dr.normalize(axis), dr.full(Bool, True, len(beams)))
-    states = [beams] if whole.close is None else [beams, whole.close]
-    result = []
-    for each in media:
-        kept = compressed(found == dr.opaque(UInt32, each.number), *states)
-        if kept:
-            close = kept[1] if len(kept) > 1 else None
-            result.append(whole._replace(beams=kept[0], close=close, medium=each.number))
-    return result
-
-
-def _are_same(drawn: scene.DrawnBeams, later: scene.DrawnBeams) -> bool:
-    """Return whether drawn beams at two times correspond one to one."""
-    return len(later.start) == len(drawn.start) and later.arrays().keys() == drawn.arrays().keys()

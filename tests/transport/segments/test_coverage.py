@@ -9,7 +9,7 @@ from photonbeams.render.scene_frame import begin
 from photonbeams.runtime.device import Bool, Float, UInt32, mitsuba
 from photonbeams.transport.segments.coverage import medium_coverage, surface_coverage
 from photonbeams.transport.segments.records import Segments
-from photonbeams.transport.simulation import FREE_PATHS
+from photonbeams.transport.tuning import FREE_PATHS
 from photonbeams.world.scene_world import SceneWorld
 from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb
 
