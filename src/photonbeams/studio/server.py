@@ -7,17 +7,16 @@ request, so that others who know only the port, such as another page in the same
 from __future__ import annotations
 
 import asyncio
-import hmac
 import os
 import secrets
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -26,74 +25,29 @@ from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
-from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..images.view_transforms import OWN, view_transforms
 from ..scene import SceneError
-from ..usd.authoring.controls import Control, Controls
 from ..usd.authoring.presets import PRESETS
 from ..usd.cameras.stereo import EYES, Stereo, usual_interaxial
 from . import protocol
+from .control_messages import described, flat, note, shape
 from .encoding import ANAGLYPH, SHOWN, encoded
 from .final import FinalRender, Wanted
+from .guard import HEADERS, Guard
 from .session import Picture, Problem, Session
 from .thumbnails import thumbnail_of
 
 PAGE = Path(__file__).parent / "page"
 
-_POLICY = (
-    "default-src 'self'; img-src 'self' blob: data:; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
-    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'; object-src 'none'"
-)
-_HEADERS = {
-    "content-security-policy": _POLICY, "x-content-type-options": "nosniff", "referrer-policy": "no-referrer",
-    "cache-control": "no-store", "cross-origin-opener-policy": "same-origin",
-    "cross-origin-resource-policy": "same-origin",
-}  # fmt: skip
 _LOCAL = ("127.0.0.1", "localhost", "[::1]")
-_REFUSED, _MALFORMED = 4403, 4400  # WebSocket close codes, from the range for applications
+_MALFORMED = 4400  # WebSocket close code, from the range for applications
 _TYPES = {".js": "text/javascript", ".css": "text/css"}  # as the system may map suffixes wrongly
 
 
 #: Presets as pages get them.
 _PRESETS = [protocol.PresetItem(each.name, each.label, each.factor) for each in PRESETS]
-
-
-class Guard:
-    """Passes on requests for a known host, from its own page, with the token; the page's files need no token."""
-
-    def __init__(self, app: ASGIApp, token: str, hosts: tuple[str, ...]) -> None:
-        self._app, self._token, self._hosts = app, token, hosts
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or refuse it."""
-        if scope["type"] not in ("http", "websocket"):
-            await self._app(scope, receive, send)
-            return
-        headers = {key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]}
-        reason = self._refusal(headers, scope)
-        if reason is None:
-            await self._app(scope, receive, send)
-        elif scope["type"] == "websocket":
-            await receive()
-            await send({"type": "websocket.close", "code": _REFUSED, "reason": reason})
-        else:
-            await PlainTextResponse(f"{reason}\n", 403, _HEADERS)(scope, receive, send)
-
-    def _refusal(self, headers: dict[str, str], scope: Scope) -> str | None:
-        host = headers.get("host", "")
-        if host.rpartition(":")[0] not in self._hosts and host not in self._hosts:
-            return "the host is unknown: expected the address that the studio printed"
-        origin = headers.get("origin")
-        if origin is not None and origin.partition("://")[2] != host:
-            return "the request comes from another page: expected the studio's own"
-        if scope["path"].startswith("/assets/"):
-            return None
-        query = dict(part.partition("=")[::2] for part in scope["query_string"].decode("latin-1").split("&"))
-        if not hmac.compare_digest(query.get("token", "").encode(), self._token.encode()):
-            return "the token is missing or wrong: expected the address that the studio printed"
-        return None
 
 
 @dataclass(eq=False)
@@ -177,8 +131,8 @@ class Studio:
     async def _page(self, _request: Request) -> Response:
         index = PAGE / "index.html"
         if not index.exists():
-            return PlainTextResponse("the page is not built: run `npm ci && npm run build` in page/\n", 500, _HEADERS)
-        return FileResponse(index, headers=_HEADERS)
+            return PlainTextResponse("the page is not built: run `npm ci && npm run build` in page/\n", 500, HEADERS)
+        return FileResponse(index, headers=HEADERS)
 
     async def _asset(self, request: Request) -> Response:
         return _file_of(PAGE / "assets", request)
@@ -189,10 +143,10 @@ class Studio:
             self._painters, thumbnail_of, request.path_params["name"].removesuffix(".png")
         )
         try:
-            headers = {**_HEADERS, "cache-control": "private, max-age=86400"}  # for one token
+            headers = {**HEADERS, "cache-control": "private, max-age=86400"}  # for one token
             return Response(await work, headers=headers, media_type="image/png")
         except SceneError as error:
-            return PlainTextResponse(f"{error}\n", 404, _HEADERS)
+            return PlainTextResponse(f"{error}\n", 404, HEADERS)
 
     def _told(self, what: Picture | Problem) -> None:
         """Take what the session tells; this runs in the session's thread."""
@@ -241,7 +195,7 @@ class Studio:
 
     def _scene(self) -> str:
         session, last = self.session, self._last
-        self._groups = _described(session.controls())
+        self._groups = described(session.controls())
         stereo, pose, focal = session.view.stereo, None, 1.0
         with suppress(SceneError):  # edits may have broken the camera; the state says so
             camera = session.camera()
@@ -373,9 +327,9 @@ class Studio:
 
     async def _tell_edited(self, edited: dict[str, Any] | None) -> None:
         """Tell all pages about an edit: see `_values`; if there are other controls now, tell them the scene first."""
-        before = _shape(self._groups)
+        before = shape(self._groups)
         text = await self._command(self._values, edited)
-        if _shape(self._groups) != before:
+        if shape(self._groups) != before:
             await self._tell_scene()
         self._tell_all(text)
 
@@ -387,15 +341,15 @@ class Studio:
         """
         edits, values, authored = self.session.edits, {}, {}
         if edited is None or any(value is None or path.endswith(":look") for path, value in edited.items()):
-            before = _flat(self._groups)
-            self._groups = _described(self.session.controls())
-            now = _flat(self._groups)
+            before = flat(self._groups)
+            self._groups = described(self.session.controls())
+            now = flat(self._groups)
             values = {path: value for path, value in now.items() if before.get(path) != value}
             authored = {path: each for path, (_, each) in values.items()}
             values = {path: each for path, (each, _) in values.items()}
         else:
             values, authored = dict(edited), dict.fromkeys(edited, True)
-            _note(self._groups, edited)
+            note(self._groups, edited)
         return protocol.encoded(protocol.ValuesMessage(
             values=values, authored=authored, canUndo=edits.can_undo, canRedo=edits.can_redo,
             saved=edits.is_saved, restored=edits.restored and not edits.is_saved,
@@ -433,9 +387,9 @@ def _file_of(folder: Path, request: Request, download: bool = False) -> Response
     """Return the file in a folder that a request names, for the page or as a download."""
     file = folder / request.path_params["name"]
     if file.parent != folder or not os.path.isfile(file):  # `Path.is_file` raises an error for names that are too long
-        return PlainTextResponse("there is no such file\n", 404, _HEADERS)
+        return PlainTextResponse("there is no such file\n", 404, HEADERS)
     kind = None if download else _TYPES.get(file.suffix)
-    return FileResponse(file, headers=_HEADERS, media_type=kind, filename=file.name if download else None)
+    return FileResponse(file, headers=HEADERS, media_type=kind, filename=file.name if download else None)
 
 
 def _pixel(at: tuple[float, float], picture: Picture | None) -> dict[str, list[float]]:
@@ -448,48 +402,3 @@ def _pixel(at: tuple[float, float], picture: Picture | None) -> dict[str, list[f
         column, row = min(int(at[0] * width), width - 1), min(int(at[1] * height), height - 1)
         found[name] = [float(each) for each in np.ravel(pixels[row, column])]
     return found
-
-
-def _described(found: Sequence[Controls]) -> list[protocol.ControlGroup]:
-    """Return controls as pages get them."""
-    return [
-        protocol.ControlGroup(
-            group.path, cast(Any, group.kind), group.label, group.type, [_item(each) for each in group.controls],
-            group.uses,
-        )
-        for group in found
-    ]  # fmt: skip
-
-
-def _item(control: Control) -> protocol.ControlItem:
-    return protocol.ControlItem(
-        path=control.path, label=control.label, section=control.section, kind=cast(Any, control.kind),
-        value=control.value, default=control.default, authored=control.authored, min=control.least, max=control.most,
-        soft=control.slider, choices=control.choices, unit=control.unit, doc=control.doc, parts=dict(control.parts),
-    )  # fmt: skip
-
-
-def _shape(groups: list[protocol.ControlGroup]) -> list[Any]:
-    """Return the parts of controls that only the message about the scene carries."""
-    return [(group.path, group.uses, [(each.path, each.choices) for each in group.controls]) for group in groups]
-
-
-def _flat(groups: list[protocol.ControlGroup]) -> dict[str, tuple[Any, bool]]:
-    """Return the values of controls by path, and whether they are authored; ramps have a path for each part."""
-    found: dict[str, tuple[Any, bool]] = {}
-    for control in (each for group in groups for each in group.controls):
-        if control.kind == "ramp":
-            found |= {path: (control.value[part], control.authored) for part, path in control.parts.items()}
-        else:
-            found[control.path] = (control.value, control.authored)
-    return found
-
-
-def _note(groups: list[protocol.ControlGroup], edited: dict[str, Any]) -> None:
-    """Change the values of controls to edited ones."""
-    for control in (each for group in groups for each in group.controls):
-        for part, path in control.parts.items():
-            if path in edited:
-                control.value, control.authored = {**control.value, part: edited[path]}, True
-        if control.path in edited:
-            control.value, control.authored = edited[control.path], True

@@ -5,21 +5,19 @@ from __future__ import annotations
 import atexit
 import logging
 import os
-import re
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from ..images.frame import pixels_of
-from ..render.films.denoising import lacking_denoiser
 from ..runtime.files import PathLike
-from ..scene import BLACK, Array, Camera, Scene, SceneError, whole
+from ..scene import Array, Camera, Scene, SceneError, whole
 from ..shot.development import Development
 from ..shot.request import Prepared, prepare
 from ..shot.shot import Shot
@@ -27,7 +25,7 @@ from ..shot.subject import Viewpoint
 from ..usd.authoring.controls import Controls, controls_of
 from ..usd.authoring.editing import EditLayer
 from ..usd.authoring.presets import BEAM, apply_preset, preset_of
-from ..usd.cameras.stereo import Stereo, check_stereo, is_eye
+from ..usd.cameras.stereo import check_stereo, is_eye
 from ..usd.common.motion import equal, followed, same
 from ..usd.layers.frames import time_range
 from ..usd.stage import list_cameras, up_axis
@@ -37,9 +35,8 @@ from .edits import Edits
 from .final import Wanted
 from .inspector import Inspected, inspected
 from .live import Cancelled, LiveFrame
-
-if TYPE_CHECKING:
-    from ..render.passes import Statistics
+from .pictures import Picture, Problem, SessionView
+from .viewing import alone, between, can_denoise, checked_pose, placed, with_fewer_paths
 
 # The most pixels of the first picture after an edit, and its most light paths per light.
 _FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 1024
@@ -50,124 +47,6 @@ _EACH, _ONE_OF = 16, 8
 
 # The most that a view may ask for: a page must not be able to fill the memory.
 _MOST_PIXELS, _MOST_PASSES = 1 << 23, 1 << 16
-
-
-@dataclass(frozen=True)
-class SessionView:
-    """What a session shows; a page may set all of it.
-
-    Attributes
-    ----------
-    width, height
-        Pixels of the whole picture.
-    frame
-        The frame number; None: the stage's start.
-    camera
-        The camera's path; None: the shot's own.
-    pose
-        (4, 4) transform to the world of a free camera; None: the camera is where the stage has it.
-    area
-        x0, y0, x1, y1 in fractions of the picture from the top left: the part that is rendered; None: all. The rest of
-        the picture stays as it was, or is black.
-    lens, blur
-        As for `Shot.render`.
-    solo
-        Paths of the only lights that shine; empty: all shine.
-    paused
-        Whether rendering is paused.
-    passes
-        Passes of the finished picture.
-    stereo
-        How the camera becomes two eyes; None: it does not.
-    denoise
-        Whether pictures are denoised; after 16 passes, only every eighth is shown then. The finished one never is.
-    """
-
-    width: int = 480
-    height: int = 270
-    frame: float | None = None
-    camera: str | None = None
-    pose: Array | None = None
-    area: tuple[float, float, float, float] | None = None
-    lens: bool = True
-    blur: bool = True
-    solo: tuple[str, ...] = ()
-    paused: bool = False
-    passes: int = 64
-    stereo: Stereo | None = None
-    denoise: bool = True
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A picture of a session, as listeners get it.
-
-    Attributes
-    ----------
-    version
-        The number of the edit or change of view that the picture shows, as `Session.edit` and `Session.show` return it.
-    layers
-        (H, W, C) float32 by name, as in a `Frame`; for two eyes those of the left one.
-    passes, planned
-        How many passes the picture has, and how many the finished one will have.
-    scale
-        Its width over that of the finished picture, up to 1.
-    statistics
-        How it was rendered.
-    views
-        For two eyes the layers of each, by the names "left" and "right". Empty for a single camera.
-    is_first
-        Whether it is the quick first picture after an edit, of few pixels and few light paths.
-
-    Examples
-    --------
-    >>> from photonbeams.render.passes import Statistics
-    >>> layers = {"rgba": np.zeros((18, 32, 4), np.float32)}
-    >>> picture = pb.studio.Picture(version=3, layers=layers, passes=8, planned=64, scale=1.0, statistics=Statistics())
-    >>> picture.is_finished
-    False
-
-    A session makes them: see `Session`.
-    """
-
-    version: int
-    layers: Mapping[str, Array]
-    passes: int
-    planned: int
-    scale: float
-    statistics: Statistics
-    views: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
-    is_first: bool = False
-
-    @property
-    def is_finished(self) -> bool:
-        """Whether this is the last picture of its version."""
-        return not self.is_first and self.passes == self.planned
-
-
-@dataclass(frozen=True)
-class Problem:
-    """Why a version has no picture.
-
-    Attributes
-    ----------
-    version, text
-        The version, and a sentence that says what is wrong.
-    path, column
-        The attribute that the sentence is about, and the column in its expression that is wrong, from 1; None: unknown.
-    """
-
-    version: int
-    text: str
-    path: str | None = None
-    column: int | None = None
-
-    @classmethod
-    def of(cls, version: int, text: str, edited: Sequence[str]) -> Problem:
-        """Return the problem that `text` describes; it may name one of the attributes that were `edited`."""
-        path = max((each for each in edited if each in text), key=len, default=None)
-        column = re.search(r"column (\d+)", text)
-        return cls(version, text, path, None if column is None else int(column[1]))
 
 
 #: A listener; it is called in the thread that renders.
@@ -378,7 +257,7 @@ class Session:
         with self._lock:
             view = replace(self.view, **changes)
             self._check(view)
-            self.view = view if view.pose is None else replace(view, pose=_pose(view.pose))
+            self.view = view if view.pose is None else replace(view, pose=checked_pose(view.pose))
             return self._new()
 
     def _check(self, view: SessionView) -> None:
@@ -480,7 +359,7 @@ class Session:
     def camera(self) -> Camera:
         """Return the camera as the stage has it at the view's frame; for two eyes, the camera between them."""
         with self._lock:
-            return _between(self.shot.subject.cameras(self._viewpoint(self.view), self.view.frame))
+            return between(self.shot.subject.cameras(self._viewpoint(self.view), self.view.frame))
 
     def has_pair(self) -> bool:
         """Return whether the camera is one of a pair of eyes that are both prims of the stage."""
@@ -600,7 +479,7 @@ class Session:
         before = chain.moment
         width, height = (max(1, round(scale * each)) for each in (view.width, view.height))
         # `denoise` leaves the passes' bits as they are; whether pictures are denoised is up to `Development.denoise`.
-        settings = {"denoise": view.denoise and _can_denoise(), **({"beams": _FIRST_PATHS} if first else {})}
+        settings = {"denoise": view.denoise and can_denoise(), **({"beams": _FIRST_PATHS} if first else {})}
         picture = {"width": width, "height": height, "crop": view.area, "blur": view.blur and not first}
         ready = prepare(
             self.shot.subject, self._viewpoint(view), view.frame, 1 if first else view.passes, None,
@@ -611,8 +490,8 @@ class Session:
         moment = shutter.at(0.0)
 
         def seen(content: Scene) -> Scene:
-            content = _with_fewer_paths(content) if first else content
-            return _alone(content, view.solo) if view.solo else content
+            content = with_fewer_paths(content, _FIRST_PATHS) if first else content
+            return alone(content, view.solo) if view.solo else content
 
         content = seen(moment.scene)
         if before is not None:  # the widths of beams depend on the bounds, which an edit may change
@@ -620,7 +499,7 @@ class Session:
             content = content if equal(content.bounds, bounds) else replace(content, bounds=bounds)
         cameras = moment.cameras
         if view.pose is not None:
-            cameras = _placed(cameras, view.pose)
+            cameras = placed(cameras, view.pose)
         if before is not None and len(before.cameras) == len(cameras):
             cameras = tuple(map(same, before.cameras, cameras))
         seen_from = viewers() if view.pose is None else cameras
@@ -651,60 +530,6 @@ class Session:
         warnings.given.difference_update(wrong)  # so that they can be given again
         if wrong:
             raise SceneError(warnings.causes.get(wrong[0], wrong[0]))
-
-
-def _with_fewer_paths(content: Scene) -> Scene:
-    """Return a scene whose lights have no more light paths than first pictures may have."""
-    lights = [
-        each if each.beam_count is None else replace(each, beam_count=min(each.beam_count, _FIRST_PATHS))
-        for each in content.lights
-    ]
-    return replace(content, lights=tuple(lights))
-
-
-def _alone(content: Scene, shining: Sequence[str]) -> Scene:
-    """Return a scene in which only these lights and drawn beams shine."""
-    lights = [each if each.name in shining else replace(each, radiance=BLACK) for each in content.lights]
-    drawn = [each for each in content.drawn if each.name in shining]
-    return replace(content, lights=tuple(lights), drawn=tuple(drawn))
-
-
-def _between(cameras: Sequence[Camera]) -> Camera:
-    """Return the camera between two eyes, or the only camera."""
-    if len(cameras) == 1:
-        return cameras[0]
-    poses = [np.asarray(each.to_world) for each in cameras]
-    middle = poses[0].copy()
-    middle[:3, 3] = np.mean([each[:3, 3] for each in poses], axis=0)
-    return replace(cameras[0], to_world=middle)
-
-
-def _placed(cameras: Sequence[Camera], pose: Array) -> tuple[Camera, ...]:
-    """Return cameras moved so that the camera between them has a pose."""
-    if len(cameras) == 1:
-        return (replace(cameras[0], to_world=pose),)
-    away = np.linalg.inv(np.asarray(_between(cameras).to_world))
-    return tuple(replace(each, to_world=pose @ (away @ np.asarray(each.to_world))) for each in cameras)
-
-
-@cache
-def _can_denoise() -> bool:
-    """Return whether this machine can denoise; if not, warn once why."""
-    lacking = lacking_denoiser()
-    if lacking is not None:
-        logging.getLogger("photonbeams").warning("pictures are not denoised: %s", lacking)
-    return lacking is None
-
-
-def _pose(value: Any) -> Array:
-    """Return a camera's transform to the world, (4, 4); SceneError for anything else."""
-    try:
-        pose = np.array(value, dtype=np.float64).reshape(4, 4)
-    except (TypeError, ValueError):
-        raise SceneError(f"the pose is {value!r:.80}: expected 16 numbers") from None
-    if not np.isfinite(pose).all() or abs(np.linalg.det(pose[:3, :3])) < 1e-12:
-        raise SceneError("the pose is no transform: expected a finite matrix that can be inverted")
-    return pose
 
 
 __all__ = ["Picture", "Problem", "Session", "SessionView"]

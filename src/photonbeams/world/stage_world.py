@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 
 from .. import scene
-from ..numerics.arrays import opaque, to_uint, to_vectors
+from ..numerics.arrays import opaque, to_uint
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from .bounds import Bounds, Box, bounding_sphere, endless_length
 from .emitters.build import KINDS, emitters_of
@@ -25,18 +25,15 @@ from .emitters.portal_lamps import behind
 from .emitters.rays import EmittedRays
 from .emitters.sources import Source
 from .emitters.stage_lamps import Lamps, LinkedSurfaces, shape_number
-from .media.interfaces import is_boundary, medium_at, number, transmits
+from .media.bounded import BoundedMedia, same, touching
+from .media.interfaces import is_boundary, medium_at, transmits
 from .media.media import Media
-from .media.stage_media import around_glass, is_convex, media_of
 from .media.visibility import through
 from .shadow_rays import gap_at, gap_before, size_of
-from .surfaces.shapes import cut_out, glows, is_glass, is_mirror, scene_of, shape_of, shapes_of
+from .surfaces.shapes import cut_out, glows, is_glass, is_mirror, scene_of, shapes_of
 from .world import World, by_link, translucent
 
 mi = mitsuba()
-
-# How many points of each boundary are tested for a surface in the same place.
-_POINTS = 4096
 
 
 @dataclass(frozen=True)
@@ -134,10 +131,10 @@ class StageWorld(World):
         hidden |= {each.mesh.name for each in description.media if each.mesh is not None}
         meshes = tuple(mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces))
         materials = [mesh.material for mesh in meshes]
-        still = like is not None and _same(meshes, like.meshes)
+        still = like is not None and same(meshes, like.meshes)
         host = scene_of(()) if like is None else like.host
         glass = tuple(each for each in meshes if sharp and is_glass(each.material) and each.closed)
-        content = _Media.of(description, host, like, glass)
+        content = BoundedMedia.of(description, host, like, glass)
         still = still and (not content.outside or (like is not None and content.media is like.media))
         shapes = like.shapes if like is not None and still else shapes_of(_solid(meshes, glass), sharp, content.outside)
         surfaces = like.surfaces if like is not None and still else scene_of(shapes, host)
@@ -167,7 +164,7 @@ class StageWorld(World):
             radius=radius,
             touching=like.touching  # type: ignore[union-attr]
             if kept
-            else bool(shapes) and _touching(description.media, surfaces, size_of(plugin)),
+            else bool(shapes) and touching(description.media, surfaces, size_of(plugin)),
             cutouts=any(cut_out(each) and not (sharp and is_glass(each)) for each in materials),
             perturbed=any(each.perturbed for each in materials),
             mirrors=sharp and any(is_glass(each) or is_mirror(each) for each in materials),
@@ -401,33 +398,6 @@ def _source(number: int, light: scene.Light, infinite: bool, bounces: int | None
     )  # fmt: skip
 
 
-def _touching(media: Sequence[scene.Medium], surfaces: Any, size: Float) -> bool:
-    """Return whether boundaries of media coincide with surfaces, tested at random points of each boundary."""
-    rng = np.random.default_rng(0)
-    found = []
-    for boundary in (each.boundary for each in media):
-        if boundary is None or not len(boundary.faces):
-            continue
-        corners = boundary.corners
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        area = np.linalg.norm(across, axis=1)
-        if area.sum() > 0:
-            face = rng.choice(len(area), _POINTS, p=area / area.sum())
-            weights = rng.dirichlet([1, 1, 1], _POINTS)
-            found.append((np.einsum("ij,ijk->ik", weights, corners[face]), across[face] / area[face, None]))
-    if not found:
-        return False
-    place, normal = (to_vectors(np.concatenate(each)) for each in zip(*found, strict=True))
-    gap = gap_at(place, size)
-    ray = mi.Ray3f(mi.Point3f(place - gap * normal), mi.Vector3f(normal))
-    ray.maxt = 2 * gap
-    return bool(dr.any(surfaces.ray_test(ray)))
-
-
-def _same(these: Sequence[Any], those: Sequence[Any]) -> bool:
-    return len(these) == len(those) and all(a is b for a, b in zip(these, those, strict=True))
-
-
 def _blockers(
     emitters: Sequence[Emitter],
     host: Any,
@@ -448,50 +418,3 @@ def _solid(meshes: Sequence[scene.Mesh], glass: Sequence[scene.Mesh]) -> list[sc
     """Return meshes, those of glass with their faces outward."""
     bodies = {id(each) for each in glass}
     return [each.solid() if id(each) in bodies else each for each in meshes]
-
-
-@dataclass(frozen=True)
-class _Media:
-    """The media of a world, and what bounds them: see `StageWorld`; `outside` are the media around bodies of glass."""
-
-    media: Media
-    boundaries: tuple[Any, ...]
-    around: Any
-    boxes: dict[int, Box]
-    reentrant: frozenset[int]
-    outside: Mapping[str, Any]
-
-    @classmethod
-    def of(
-        cls, description: scene.Scene, host: Any, like: StageWorld | None, glass: Sequence[scene.Mesh]
-    ) -> _Media:  # fmt: skip
-        """Return the media of a scene; those of a world of the same shot if it has the same media and glass."""
-        if like is not None and _same(like.description.media, description.media) and _same(like.glass, glass):
-            return cls(like.media, like.boundaries, like.around, like.boxes, like.reentrant, like.outside)
-        known = {} if like is None else {id(each): like.media.all[place].plugin for place, each in enumerate(
-            like.description.media)}  # fmt: skip
-        solids = [each.solid() for each in glass]
-        warned = set[str]()
-        built = media_of(description.media, warned, solids, known)
-        outside = around_glass(built, solids, warned)
-        unfelt = [each.plugin for each in built if not each.medium.surfaces]
-        filling = next((each.plugin for each in built if each.shape is None), None)
-        boundaries = tuple(each.shape for each in built if each.shape is not None)
-        bounded = {number(each.plugin): each.shape.bbox() for each in built if each.shape is not None}
-        boxes = {own: (np.ravel(each.min), np.ravel(each.max)) for own, each in bounded.items()}
-        bodies = [
-            shape_of(each.outward(), mi.load_dict({"type": "null"}), exterior=outside[each.name])
-            for each in solids
-            if each.name in outside
-        ]
-        around = scene_of([*boundaries, *bodies], host) if boundaries or bodies else host
-        emission = {number(each.plugin): each.emission for each in built if each.emission is not None}
-        several = around if len(boundaries) > 1 else None
-        media = Media(
-            [each.plugin for each in built], several, filling=filling, clear=True, unfelt=unfelt, emission=emission
-        )
-        outer = {each.shape.exterior_medium() for each in built if each.shape is not None} | set(outside.values())
-        reentrant = frozenset(
-            number(each.plugin) for each in built if each.plugin in outer or not is_convex(each.medium.boundary)
-        )
-        return cls(media, boundaries, around, boxes, reentrant, outside)

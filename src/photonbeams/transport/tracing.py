@@ -1,0 +1,78 @@
+"""How the light paths of a pass are traced."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ..runtime.device import Bool, Float, UInt32
+from ..world.world import World
+from .aiming import Openings
+from .segments.records import LightPaths
+
+
+@dataclass(frozen=True)
+class Tracing:
+    """How light paths are traced.
+
+    Attributes
+    ----------
+    world
+        The world that paths meet.
+    max_bounces, rr_depth
+        Most bounces of a light path (None: any number), and the number of bounces after which Russian roulette begins.
+    overlap
+        Width of a beam in spacings of its neighbours.
+    region, paths, power
+        Size of the region that scattered light crosses, and by the numbers of sources the number of light paths and
+        their flux: see `_scattered_radius`.
+    short
+        Whether beams end at the path's next scattering event; in heterogeneous media they always do.
+    scale
+        The pass's factor on all radii.
+    bounces_by_source
+        Most bounces, by the numbers of sources; None: `max_bounces` alone.
+    caustics_by_source
+        Which sources' paths only count if a mirror or glass is the first to turn them, 1 or 0, by the numbers of
+        sources; None: all paths count.
+    openings
+        Portals through which scattered light is sent; None if there are none.
+    endless
+        Least lengths of paths that meet nothing, by the numbers of sources; None: 0.
+    """
+
+    world: World
+    max_bounces: int | None
+    rr_depth: int
+    overlap: float
+    region: float
+    paths: Sequence[int]
+    power: Sequence[float]
+    short: bool = False
+    scale: float = 1.0
+    bounces_by_source: Any = None
+    caustics_by_source: Any = None
+    openings: Openings | None = None
+    endless: Any = None
+
+    def within(self, depth: UInt32, source: UInt32) -> Bool:
+        """Return whether a depth is allowed on the paths of a source."""
+        result = Bool(True)
+        if self.max_bounces is not None:
+            result = depth <= dr.opaque(UInt32, self.max_bounces)
+        if self.bounces_by_source is None:
+            return result
+        return result & (depth <= dr.gather(UInt32, self.bounces_by_source, source))
+
+    def escape(self, paths: LightPaths, reach: Float) -> Float:
+        """Return the lengths of paths that meet nothing, at least `reach`."""
+        return reach if self.endless is None else dr.maximum(reach, dr.gather(Float, self.endless, paths.source))
+
+    def undecided(self, paths: LightPaths) -> Bool:
+        """Return which paths only count if a mirror or glass turns them next."""
+        if self.caustics_by_source is None:
+            return Bool(False)
+        return paths.straight & (dr.gather(UInt32, self.caustics_by_source, paths.source) > 0)
