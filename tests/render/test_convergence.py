@@ -63,7 +63,7 @@ def test_radii_shrink_by_the_schedule(scene):
     frame = begin(scene, scene.sensors()[0], by_beams(beams=64, radius=0.1, alpha=0.7, max_depth=2))
     radii = []
     for number in range(5):
-        (light,) = frame.simulated(number).sets
+        (light,) = frame.light.traced(number, lambda: None).sets
         radii.append(light.beams.radius_start.numpy()[0])
     expected = 0.1 * np.cumprod([1, *((i + 0.7) / (i + 1) for i in range(1, 5))])
     np.testing.assert_allclose(radii, expected, rtol=1e-5)
