@@ -424,7 +424,7 @@ def lamp(body):
         (
             (FOG, CAMERA, lamp("rel photonbeams:look = </Look>"),
              'def PhotonBeamsLook "Look" {\n    float photonbeams:along:length = 0\n}\n'),
-            ("/Look.photonbeams:along:length is 0", "positive"),
+            ("/Look.photonbeams:along:length is 0", "more than 0"),
         ),
         # textures
         ((FOG, CAMERA, LAMP, TEXTURED), ("/Wood/Image.inputs:file names ./wood.png", "there is none")),

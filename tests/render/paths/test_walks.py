@@ -51,7 +51,7 @@ def test_a_white_surface_with_holes_under_a_sky_cannot_be_seen(method):
     # Transmitted and reflected light both have the sky's radiance, whatever fraction of the surface is cut out.
     mask = {"type": "mask", "opacity": 0.5, "nested": {"type": "diffuse", "reflectance": rgb(1.0)}}
     scene = load(sheet={"type": "rectangle", "bsdf": mask}, sky=SKY, sensor=camera((0, 0, 3), size=4, fov=20))
-    mean, error = mean_and_error(pictures(scene, 4, method, passes=8, beams=64, guiding=False, max_depth=2))
+    mean, error = mean_and_error(pictures(scene, 16, method, passes=8, beams=64, guiding=False, max_depth=2))
     assert np.all(np.abs(mean - [1.0, 0.5, 0.25]) < 4 * error + 1e-4)
     assert np.all(error < 0.02 * mean)
 
