@@ -96,7 +96,7 @@ def test_a_full_disk_ends_no_render_before_its_end(stage, out):
 
 
 def told(result):
-    """Return a result without what Dr.Jit itself says of a kernel that it could not keep: the disk is full for it, too."""
+    """Return a result without what Dr.Jit says of a kernel that it cannot keep: the disk is full for it, too."""
     code, stdout, stderr = result
     return code, stdout, "".join(line for line in stderr.splitlines(True) if not line.startswith("jit_kernel_write()"))
 
