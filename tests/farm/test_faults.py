@@ -1,5 +1,6 @@
 """Faults that a farm must survive without loss: kills, full disks, deleted folders, two runs at once."""
 
+import gc
 import os
 import random
 import resource
@@ -95,12 +96,6 @@ def test_a_full_disk_ends_no_render_before_its_end(stage, out):
     assert sorted(each.name for each in out.iterdir()) == ["a.png", "old.exr"]
 
 
-def told(result):
-    """Return a result without what Dr.Jit says of a kernel that it cannot keep: the disk is full for it, too."""
-    code, stdout, stderr = result
-    return code, stdout, "".join(line for line in stderr.splitlines(True) if not line.startswith("jit_kernel_write()"))
-
-
 def test_a_full_disk_leaves_pictures_and_what_they_are_made_of(call, render, stage, out):
     flags = ("--res", 32, 0, "--passes", 2, "--beams", 64, "-q")
     for number in range(2):
@@ -111,10 +106,13 @@ def test_a_full_disk_leaves_pictures_and_what_they_are_made_of(call, render, sta
     merge = "merge", out / "0.checkpoint", out / "1.checkpoint", "-o", out / "old.exr", "--remove", "-q"
     for size in (500, 2000, 4000):  # the command's messages fit, and the smaller picture fits the last ones
         with limited(size):
-            fails(told(render(stage, "-o", out / "old.exr", *flags, "--resume")), 1, *full)
+            fails(render(stage, "-o", out / "old.exr", *flags, "--resume"), 1, *full)
             fails(call(*merge), 1, *full)
             if size > 500:
-                fails(told(render(stage, "-o", out / "new" / "a.png", "-o", out / "old.exr", *flags)), 1, *full)
+                # What the failed commands leave, cycles with tracebacks, would give this one a kernel of its own, which
+                # Dr.Jit cannot keep on a full disk, and says so.
+                gc.collect()
+                fails(render(stage, "-o", out / "new" / "a.png", "-o", out / "old.exr", *flags), 1, *full)
         assert {each.name: each.read_bytes() for each in out.iterdir()} == before
     assert call(*merge)[0] == 0 and len(read_layers(out / "old.exr")) == 5
     assert {each.name for each in out.iterdir()} == {"old.exr", "old.checkpoint"}
