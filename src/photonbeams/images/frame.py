@@ -167,7 +167,7 @@ def pixels_of(
 
 
 def _check_overscan(crop: Sequence[float], width: int, height: int) -> None:
-    """Raise SceneError for more pixels beyond the picture than samples have numbers for (`render.film.Film`)."""
+    """Raise SceneError for more pixels beyond the picture than samples have numbers for (`render.films.film.Film`)."""
     x0, y0, x1, y1 = crop
     for size, most in ((width, max(-x0, x1 - 1)), (height, max(-y0, y1 - 1))):
         if size * (1 + 2 * most) > MOST_PIXELS:

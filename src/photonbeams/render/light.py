@@ -36,31 +36,23 @@ class TracedLight:
 
 
 class FrameLight(Protocol):
-    """The light of a frame: its beams and photons pass by pass, and what camera paths meet.
-
-    Attributes
-    ----------
-    world
-        The world when the shutter opens.
-    paths
-        The number of light paths in a pass.
-    varies
-        Whether passes differ in more than the samples of camera paths.
-    walks
-        By light groups, the walks that meet the light of emitters which send no light paths.
-    """
+    """The light of a frame: its beams and photons pass by pass, and what camera paths meet."""
 
     @property
-    def world(self) -> World: ...  # noqa: D102
+    def world(self) -> World:
+        """The world when the shutter opens."""
 
     @property
-    def paths(self) -> int: ...  # noqa: D102
+    def paths(self) -> int:
+        """The number of light paths in a pass."""
 
     @property
-    def varies(self) -> bool: ...  # noqa: D102
+    def varies(self) -> bool:
+        """Whether passes differ in more than the samples of camera paths."""
 
     @property
-    def walks(self) -> Mapping[str, Walking]: ...  # noqa: D102
+    def walks(self) -> Mapping[str, Walking]:
+        """By light groups, the walks that meet the light of emitters which send no light paths."""
 
     def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
         """Return the beams and photons of pass `number`; `step` is called between parts of the pass."""

@@ -64,7 +64,7 @@ class LiveFrame:
             if unwanted():
                 raise Cancelled
 
-        earlier = None if like is None else _Earlier(like, self, keeps_guides)
+        earlier = None if like is None else _Reuse(like, self, keeps_guides)
         self._frame = begin(
             self._shutter, ready.window, ready.settings, ready.holdouts, lambda: viewers, planned,
             earlier=earlier, memory=weakref.proxy(self), interrupt=interrupt,
@@ -139,7 +139,7 @@ class LiveFrame:
         return found
 
 
-class _Earlier:
+class _Reuse:
     """What a frame takes over from an earlier one: see `render.stage_light.Earlier`."""
 
     def __init__(self, like: LiveFrame, frame: LiveFrame, keeps_guides: bool) -> None:

@@ -62,7 +62,7 @@ class Show(Message, tag="show"):
     """Change what is shown: the view, which all pages share, and this page's layer, eye, exposure and view transform.
 
     `stereo` holds the distance between the eyes and the distance at which they converge; each may be None: see
-    `usd.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right".
+    `usd.cameras.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right".
     """
 
     size: tuple[int, int] | msgspec.UnsetType = msgspec.UNSET

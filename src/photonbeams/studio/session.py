@@ -195,7 +195,7 @@ class Session:
         Parameters
         ----------
         preset
-            The name of one of `usd.presets.PRESETS`.
+            The name of one of `usd.authoring.presets.PRESETS`.
         path
             The path of the look or of the light.
 

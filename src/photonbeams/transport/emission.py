@@ -32,7 +32,6 @@ PROBE = 4096
 # Length of SciPy's Sobol sequences, after which another one begins.
 _SEQUENCE = 1 << 30
 
-
 # How often a beam is halved, at most, where a surface blocks its rim: through a portal or without one, and past one.
 # Few through a portal, where a narrow beam would be seen as a streak; many beside it, where light would leak.
 HALVINGS, HALVINGS_ASIDE = 1, 5

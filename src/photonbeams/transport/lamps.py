@@ -32,7 +32,7 @@ _PORTAL, _ALL = 0, 1  # kinds of strata, as part of the seeds of their sequences
 def radius_from_infinity(lamp: Lamp, count: int, overlap: float) -> float:
     """Return the radius of a lamp's beams in the middle of the world, in its radii, if they come from infinity; else 0.
 
-    With the solid angle Ω of the lamp, N paths that begin on a disc of radius R have the radius r of `transport.radii`,
+    With the solid angle Ω of the lamp, N paths that begin on a disc of radius R have the radius r of `segments.radii`,
 
         r² = (overlap / 2)² · R² · max(π / N, 5/2 · √(π Ω / N)).
     """

@@ -157,7 +157,7 @@ def read_attribute(reading: Reading, prim: Usd.Prim, schema: str, name: str, def
     return definitions(schema)[PREFIX + name].read(reading, prim, default)
 
 
-class Struct:
+class PrimRecord:
     """A dataclass whose fields are attributes of a schema."""
 
     def problems(self) -> Iterable[tuple[str, str]]:
@@ -165,10 +165,10 @@ class Struct:
         return ()
 
 
-S = TypeVar("S", bound=Struct)
+S = TypeVar("S", bound=PrimRecord)
 
 
-def read_struct(reading: Reading, prim: Usd.Prim, schema: str, default: S, within: str = "") -> S:
+def read_record(reading: Reading, prim: Usd.Prim, schema: str, default: S, within: str = "") -> S:
     """Return a dataclass whose fields have the values of a prim's attributes, checked as their schema defines them.
 
     A field is the attribute of the same name, or of the `name` in its metadata, in the namespace `within`; a dataclass
@@ -184,8 +184,8 @@ def read_struct(reading: Reading, prim: Usd.Prim, schema: str, default: S, withi
     found: dict[str, Any] = {}
     for each in fields(default):  # type: ignore[arg-type]
         name, value = each.metadata.get("name", each.name), getattr(default, each.name)
-        if isinstance(value, Struct):
-            found[each.name] = read_struct(reading, prim, schema, value, f"{within}{name}:" if name else within)
+        if isinstance(value, PrimRecord):
+            found[each.name] = read_record(reading, prim, schema, value, f"{within}{name}:" if name else within)
         elif own := known.get(f"{PREFIX}{within}{name}"):
             value = own.read(reading, prim)
             convert = each.metadata.get("convert")

@@ -31,7 +31,7 @@ _SCHEMES = ("catmullClark", "loop")
 
 
 @dataclass(frozen=True)
-class _Surface:
+class _MeshPart:
     """Triangles in a prim's own space and their material; `lasting` triangles are the same at all times."""
 
     suffix: str  # of the mesh's name
@@ -72,7 +72,7 @@ def read_meshes(
     return [mesh for mesh in meshes if len(mesh.faces)]
 
 
-def _surfaces(reading: Reading, prim: Usd.Prim, instances: Sequence[Instance]) -> tuple[list[_Surface], bool]:
+def _surfaces(reading: Reading, prim: Usd.Prim, instances: Sequence[Instance]) -> tuple[list[_MeshPart], bool]:
     """Return a prim's triangles by material, and whether all copies of the prim share them."""
     result = []
     alike = True
@@ -88,7 +88,7 @@ def _surfaces(reading: Reading, prim: Usd.Prim, instances: Sequence[Instance]) -
             triangles = _chosen(reading, (prim.GetPath(), suffix), triangles, faces)
         at_vertices = {"diffuse": triangles.colors, "opacity": triangles.opacities}
         given = {**{name: each for name, each in at_vertices.items() if each is not None}, **constants}
-        result.append(_Surface(suffix, triangles, on_mesh(reading, prim, bound, triangles.uvs, given), lasting))
+        result.append(_MeshPart(suffix, triangles, on_mesh(reading, prim, bound, triangles.uvs, given), lasting))
     return result, alike
 
 
@@ -101,7 +101,7 @@ def _chosen(reading: Reading, key: Any, triangles: Triangles, faces: Array) -> T
     return known[2]
 
 
-def _placed(reading: Reading, prim: Usd.Prim, surface: _Surface, to_world: Array, name: str) -> Mesh:
+def _placed(reading: Reading, prim: Usd.Prim, surface: _MeshPart, to_world: Array, name: str) -> Mesh:
     """Return a surface in world space; the same object as at another time if nothing has changed."""
     reading.triangles += len(surface.triangles.faces)
     if reading.triangles > room():

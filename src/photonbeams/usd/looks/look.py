@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from ...scene import Array, Color, rgb
-from ..common.definitions import LOOK, PREFIX, Struct, definitions, read_struct
+from ..common.definitions import LOOK, PREFIX, PrimRecord, definitions, read_record
 from ..common.openusd import Usd
 from ..common.reading import Reading
 
@@ -20,7 +20,7 @@ def _row(pixels: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Span(Struct):
+class Span(PrimRecord):
     """Where a ramp, texture or polynomial begins and ends: fractions of the beam, or scene units along it."""
 
     space: str = "fraction"  # fraction | distance; radius and angle where a stage has no choice
@@ -34,7 +34,7 @@ class Span(Struct):
 
 
 @dataclass(frozen=True)
-class CurveSpec(Struct):
+class CurveSpec(PrimRecord):
     """A part that every factor may have: the product of a ramp, a texture and an expression, if set.
 
     A ramp has knots (M,) and colours (M, 3), without knots for none. A texture has colours (M, 3) from begin to end.
@@ -66,7 +66,7 @@ class CurveSpec(Struct):
 
 
 @dataclass(frozen=True)
-class AlongSpec(Struct):
+class AlongSpec(PrimRecord):
     """The colour along the beam: the product of everything that is set; the span applies to the polynomial, too."""
 
     falloff: str = "physical"
@@ -89,7 +89,7 @@ class AlongSpec(Struct):
 
 
 @dataclass(frozen=True)
-class AcrossSpec(Struct):
+class AcrossSpec(PrimRecord):
     """The profile, and its curve, whose ramp and texture run from the axis to the rim."""
 
     profile: str = "epanechnikov"
@@ -109,7 +109,7 @@ class AcrossSpec(Struct):
 
 
 @dataclass(frozen=True)
-class EyeSpec(Struct):
+class EyeSpec(PrimRecord):
     """The change toward the camera; the curve is over distance."""
 
     falloff: str = "physical"
@@ -118,7 +118,7 @@ class EyeSpec(Struct):
 
 
 @dataclass(frozen=True)
-class AngleSpec(Struct):
+class AngleSpec(PrimRecord):
     """The view-angle shading; the curve is over degrees: 0 looks straight into the light."""
 
     shading: str = "physical"
@@ -129,7 +129,7 @@ class AngleSpec(Struct):
 
 
 @dataclass(frozen=True)
-class NoiseSpec(Struct):
+class NoiseSpec(PrimRecord):
     """Dust and wisps; see `looks.Noise`."""
 
     amount: float = 0.0
@@ -142,7 +142,7 @@ class NoiseSpec(Struct):
 
 
 @dataclass(frozen=True)
-class LookSpec(Struct):
+class LookSpec(PrimRecord):
     """A checked look in plain numbers: the attributes of a `PhotonBeamsLook`, and the prim's path as its `name`.
 
     The schema says what each attribute means. Its fallbacks are the defaults here; a test compares them.
@@ -174,6 +174,6 @@ def read_look(reading: Reading, user: Usd.Prim, prim: Usd.Prim) -> LookSpec:
         for name in prim.GetAuthoredPropertyNames():
             if name.startswith(PREFIX) and name not in definitions(LOOK):
                 reading.warn_of_unknown(prim, str(name), definitions(LOOK))
-        reading.cache[key] = read_struct(reading, prim, LOOK, LookSpec(str(prim.GetPath())))
+        reading.cache[key] = read_record(reading, prim, LOOK, LookSpec(str(prim.GetPath())))
     look: LookSpec = reading.cache[key]
     return look

@@ -2,8 +2,8 @@
 
 A lamp maps the 4D unit cube to rays and preserves measure. A sample has two 2D factors: u, on the lamp's extent, and v,
 over directions or over the portal. A cell of either factor moves a path by an amount that is linear in its length, from
-which `transport.radii` computes the radii of beams. The flux of a path is radiance · area · solid angle, with the
-cosines of the geometry, as an estimate of the whole lamp's flux (radiometry; Jarosz et al. 2008 for photons).
+which `transport.segments.radii` computes the radii of beams. The flux of a path is radiance · area · solid angle, with
+the cosines of the geometry, as an estimate of the whole lamp's flux (radiometry; Jarosz et al. 2008 for photons).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class EmittedRays:
     reach, medium
         The length of a path that meets nothing, and the number of the medium where it begins; the world adds them.
     count, index, key, source, link, halvings
-        See `transport.records.LightPaths`, and `Stratum`, which adds them.
+        See `transport.segments.records.LightPaths`, and `Stratum`, which adds them.
     """
 
     origin: Any

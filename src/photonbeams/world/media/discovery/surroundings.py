@@ -22,7 +22,7 @@ from ...shadow_rays import size_of
 from ..interfaces import UNKNOWN, medium_at, number
 from ..media import Media
 from .probes import ASKING, CROSSING, ONWARD, walk
-from .survey import Answer, Survey
+from .survey import MediumEstimate, Survey
 
 mi = mitsuba()
 
@@ -86,12 +86,12 @@ class Surroundings:
         self.everywhere, self.sizes, self.conflicts = 0, dict[int, float](), list[str]()
         self.inside_out: set[int] = set()
         self._sensor = len(places) - 1
-        self._answers = [Answer(0, True)] * len(places)
+        self._answers = [MediumEstimate(0, True)] * len(places)
         if media.all and plugin.shapes():
             self._survey(media, places, len(emitters))
         elif media.all:
             self.everywhere = next((number(each.named) for each in places if each.named is not None), 0)
-            self._answers = [Answer(number(each.named) or self.everywhere, True) for each in places]
+            self._answers = [MediumEstimate(number(each.named) or self.everywhere, True) for each in places]
 
     def of_emitter(self, index: int, origin: Array3f, direction: Array3f) -> UInt32:
         """Return the numbers of the media in which paths of an emitter begin."""
@@ -101,7 +101,7 @@ class Surroundings:
         """Return the numbers of the media in which camera paths begin."""
         return self._around(self._answers[self._sensor], origin, direction)
 
-    def _around(self, answer: Answer, origin: Array3f, direction: Array3f) -> UInt32:
+    def _around(self, answer: MediumEstimate, origin: Array3f, direction: Array3f) -> UInt32:
         width = max(dr.width(origin), dr.width(direction))
         usual = dr.opaque(UInt32, answer.usual, width)
         if answer.known:
@@ -124,7 +124,7 @@ class Surroundings:
             # shape with a medium inside: a camera path that leaves the shape through the hole stays in that medium.
             through = index < emitters and survey.sees_within(place, answer, asking.part(*part))
             known = answer.known and not survey.on_interface(place)
-            self._answers.append(Answer(answer.usual, known and not through))
+            self._answers.append(MediumEstimate(answer.usual, known and not through))
             states.append(np.full(len(place.origin), answer.usual if known else UNKNOWN))
         around = survey.around()
         begin = np.concatenate([*origins, around[0]]), np.concatenate([*directions, around[1]])

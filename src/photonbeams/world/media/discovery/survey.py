@@ -35,7 +35,7 @@ _SHAPES = 1024
 
 
 @dataclass(frozen=True)
-class Answer:
+class MediumEstimate:
     """The medium around a place: `usual` is that of most rays, and `known` says whether all rays have it."""
 
     usual: int
@@ -114,7 +114,7 @@ class Survey:
                 return own
         return 0
 
-    def answer(self, place: Place, asking: Walks, onward: Walks, everywhere: int) -> Answer:
+    def answer(self, place: Place, asking: Walks, onward: Walks, everywhere: int) -> MediumEstimate:
         """Return the medium around a place: the one that it names, or else the one that most of its walks find.
 
         Walls that name no medium lie within the medium around them. If walks find no medium, those that pass walls
@@ -123,16 +123,16 @@ class Survey:
         if place.named is not None:
             own = number(place.named)
             self.statements.check_place(place, asking)
-            return Answer(own, True)
+            return MediumEstimate(own, True)
         told = known_media(asking, everywhere)
         told = told if len(told) else known_media(onward, everywhere)
         if not len(told):
-            return Answer(everywhere, True)
+            return MediumEstimate(everywhere, True)
         values, counts = np.unique(told, return_counts=True)
         one_place = np.ptp(place.origin, axis=0).max() <= 1e-6 * np.abs(place.origin).max(initial=1e-30)
-        return Answer(int(values[counts.argmax()]), len(values) == 1 or bool(one_place))
+        return MediumEstimate(int(values[counts.argmax()]), len(values) == 1 or bool(one_place))
 
-    def sees_within(self, place: Place, answer: Answer, asking: Walks) -> bool:
+    def sees_within(self, place: Place, answer: MediumEstimate, asking: Walks) -> bool:
         """Return whether rays of a place that names no medium meet a shape with another medium on their side."""
         near = asking.near[0]
         other = asking.valid[0] & (near != UNKNOWN) & (near > 0) & (near != answer.usual)
