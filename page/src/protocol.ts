@@ -54,7 +54,7 @@ export interface Save {
  * Change what is shown: the view, which all pages share, and this page's layer, eye, exposure and view transform.
  *
  * `stereo` holds the distance between the eyes and the distance at which they converge; each may be None: see
- * `usd.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right".
+ * `usd.cameras.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right".
  */
 export interface Show {
   type: "show";
