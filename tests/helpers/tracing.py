@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from photonbeams import scene
-from photonbeams.transport.stage_simulation import StageSimulation
+from photonbeams.transport.emission import Emission
+from photonbeams.transport.simulation import Simulation
+from photonbeams.transport.strata import Allotment
 from photonbeams.transport.tuning import Tuning
 from photonbeams.world.stage_world import StageWorld
 
@@ -28,4 +30,10 @@ def trace(world, *, beams_per_light=scene.DEFAULT_BEAMS, pass_index=0, seed=0, l
     worlds = [in_a_medium(each) for each in ([world] if close is None else [world, close])]
     if close is not None and close.surfaces is world.surfaces:
         worlds[1] = StageWorld.build(worlds[1].description, like=worlds[0])
-    return StageSimulation(tuning, beams_per_light, light_side).simulated(worlds, pass_index, looks)[0]
+    simulation = Simulation(tuning, Allotment(beams_per_light, past=light_side))
+    return simulation.simulated(worlds, pass_index, looks)[0]
+
+
+def emission_of(world, count):
+    """Return the emission of a Mitsuba scene, whose emitters share `count` light paths."""
+    return Emission(Allotment(count, shared=True, past=None).strata(world, Tuning()), shared=True)

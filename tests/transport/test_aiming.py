@@ -7,12 +7,12 @@ import pytest
 from photonbeams.numerics.arrays import to_float, to_numpy
 from photonbeams.numerics.sampling import pixel_sample
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from photonbeams.transport import simulation
+from photonbeams.transport import light_tracer
 from photonbeams.transport.aiming import Openings
 from photonbeams.transport.emission import PathEmitter, Stratum
 from photonbeams.transport.interactions import reflect
-from photonbeams.transport.lamps import SURROUND, with_surrounds
-from photonbeams.transport.stage_simulation import StageSimulation
+from photonbeams.transport.simulation import Simulation
+from photonbeams.transport.strata import SURROUND, Allotment, with_surrounds
 from photonbeams.transport.tuning import Tuning
 from photonbeams.world.scene_world import SceneWorld
 from photonbeams.world.stage_world import StageWorld
@@ -139,7 +139,7 @@ def test_as_much_scattered_light_gets_into_the_room_and_more_evenly(monkeypatch)
         """Return the mean light of scattered beams on the camera's side of the wall, over passes, and its error."""
         result = []
         for number in range(passes):
-            sets, _ = StageSimulation(tuning, 512, {"/light"}).simulated([world], number)
+            sets, _ = Simulation(tuning, Allotment(512, past={"/light"})).simulated([world], number)
             total = 0.0
             for each in sets:
                 start, end = (to_numpy(getattr(each.beams, name)) for name in ("start", "end"))
@@ -152,8 +152,8 @@ def test_as_much_scattered_light_gets_into_the_room_and_more_evenly(monkeypatch)
         return mean(np.array([result]))
 
     with_openings, error = light()
-    monkeypatch.setattr(simulation.Openings, "of", lambda *_: None)
-    monkeypatch.setattr(simulation, "with_surrounds", lambda strata: strata)
+    monkeypatch.setattr(light_tracer.Openings, "of", lambda *_: None)
+    monkeypatch.setattr(light_tracer, "with_surrounds", lambda strata: strata)
     without, own_error = light()
     assert abs(with_openings - without)[0] < 4 * np.hypot(error, own_error)[0]
     assert error[0] < own_error[0]

@@ -4,10 +4,9 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Float, mitsuba
-from photonbeams.transport.scene_emitters import emission_of
 from photonbeams.world.scene_world import SceneWorld
+from tests.helpers.tracing import emission_of
 
 mi = mitsuba()
 AREA = {"emitter": {"type": "area", "radiance": {"type": "rgb", "value": [3.0, 2.0, 1.0]}}}
@@ -65,8 +64,8 @@ def test_light_from_infinity_falls_on_meshes_that_mitsuba_merged(name):
 def test_tangents_are_the_derivatives_of_rays(name):
     count, step = 64, 1e-3
     scene = scene_of(EMITTERS[name])
-    (emitted,) = emission_of(SceneWorld(scene, None), count).emit(0)
-    base = np.concatenate([np.array(each) for each in sobol_block(count, 0, (0, 0))])
+    (stratum,) = emission_of(SceneWorld(scene, None), count).strata
+    emitted, base = stratum.emit(0), stratum.points(0).T
 
     def rays(numbers):
         u, v = (mi.Point2f(Float(a.astype(np.float32)), Float(b.astype(np.float32))) for a, b in

@@ -6,7 +6,8 @@ import pytest
 from photonbeams.render.scene_frame import begin
 from photonbeams.transport import pilot
 from photonbeams.transport.fitted_portals import Bundle, fitted
-from photonbeams.transport.stage_simulation import StageSimulation
+from photonbeams.transport.simulation import Simulation
+from photonbeams.transport.strata import Allotment
 from photonbeams.transport.tuning import Tuning
 from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
@@ -21,7 +22,8 @@ WINDOW = np.array([[-2, 1.2, -0.8], [-2, 2.0, -0.3]])
 
 def portals(scene):
     """Return the portals that the emitters of a scene get, by the names of the emitters."""
-    strata = begin(scene, scene.sensors()[0], by_beams(beams=4096)).light.simulation.emission.strata
+    light = begin(scene, scene.sensors()[0], by_beams(beams=4096)).light
+    strata = light.simulation.strata(light.world)
     return {each.emitter.name: each.emitter.portal for each in strata if each.emitter.portal is not None}
 
 
@@ -50,9 +52,9 @@ def test_a_hole_in_a_box_whose_walls_name_their_fog_is_found():
 @pytest.mark.parametrize("bounces", [0, 2])
 def test_the_hole_of_a_stage_is_found(bounces):
     world = StageWorld.build(comparison_scene(portal=False), viewpoints=[EYE])
-    simulation = StageSimulation(Tuning(0, max_bounces=bounces), beams=4096)
+    simulation = Simulation(Tuning(0, max_bounces=bounces), Allotment(4096))
     views = [View(stage_camera(EYE), Window.full(48, 27)).projection]
-    (opening,) = simulation.guided(world, views).openings.values()
+    (opening,) = simulation.guided(world, views).guides.openings.values()
     check_around(opening.portal, HOLE)
 
 

@@ -12,7 +12,8 @@ from photonbeams.render.scene_frame import begin, render
 from photonbeams.transport.emission import PathEmitter
 from photonbeams.transport.guiding import learn
 from photonbeams.transport.inversion import samples_of
-from photonbeams.transport.stage_simulation import StageSimulation
+from photonbeams.transport.simulation import Simulation
+from photonbeams.transport.strata import Allotment
 from photonbeams.transport.tuning import Tuning
 from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.stage_world import StageWorld
@@ -112,7 +113,7 @@ def test_lights_that_are_not_seen_get_fewer_paths():
     frame = begin(scene, scene.sensors()[0], by_beams())
     counts = {
         tuple(np.round(np.array(scene.emitters()[number].bbox().center()).ravel())): stratum.count
-        for number, stratum in enumerate(frame.light.simulation.emission.strata)
+        for number, stratum in enumerate(frame.light.simulation.strata(frame.light.world))
     }
     assert counts[(0, 0, 0)] > 2.5 * counts[(0, 0, 50)] > 0
 
@@ -127,7 +128,7 @@ def test_a_stage_without_a_portal_is_guided_to_the_same_mean_with_less_noise(eye
     for guided in (True, False):
         found = []
         for seed in range(6):
-            simulation = StageSimulation(Tuning(seed, max_bounces=0, overlap=2.2), beams=16384)
+            simulation = Simulation(Tuning(seed, max_bounces=0, overlap=2.2), Allotment(16384))
             if guided:
                 simulation = simulation.guided(world, [View(stage_camera(eye), Window.full(32, 18)).projection])
             beams = simulation.simulated([world], 0)[0][0].beams

@@ -6,14 +6,13 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, Float, UInt32, mitsuba
 from photonbeams.transport import paths
-from photonbeams.transport.scene_emitters import emission_of
 from photonbeams.world.media.interfaces import number
 from photonbeams.world.media.media import Media
 from photonbeams.world.scene_world import SceneWorld
 from tests.helpers.mitsuba_scenes import T, cube_of, fog, load, rgb
+from tests.helpers.tracing import emission_of
 
 mi = mitsuba()
 COUNT, OVERLAP = 4096, 2.0
@@ -56,7 +55,8 @@ def steps(tracing, begun, limit=12):
 def shifted(scene, medium, k, step):
     """Return the light paths with number `k` of their emission samples increased by `step`."""
     (own,) = emitted(scene, medium, COUNT)
-    numbers = np.concatenate([np.array(each) for each in sobol_block(COUNT, 0, (0, 0))])
+    (stratum,) = emission_of(SceneWorld(scene, None), COUNT).strata
+    numbers = stratum.points(0).T.copy()
     numbers[k] += step
     u, v = (mi.Point2f(*(Float(row.astype(np.float32)) for row in pair)) for pair in (numbers[:2], numbers[2:]))
     ray, _ = scene.emitters()[0].sample_ray(Float(0), Float(0.5), u, v, True)

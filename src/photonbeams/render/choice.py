@@ -10,7 +10,7 @@ The cost is computed from counts, not measured by a clock: the same scene has th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -20,16 +20,14 @@ from ..runtime.device import Array3f, Float, UInt32, mitsuba
 from ..scene import Array
 from ..world.cameras.cameras import View
 from ..world.cameras.sensors import PrimaryRays
-from ..world.scene_world import SceneWorld
 from ..world.world import World
 from .costs import WALK, of_beams
-from .light import NoLighting, TracedLight
+from .light import Light, NoLighting, TracedLight
 from .paths.camera_paths import Lighting
 from .ray_passes import PassRenderer, ViewRays
-from .settings import Settings
 
 if TYPE_CHECKING:
-    from .scene_light import SceneLight
+    from .scene_light import Lights
 
 mi = mitsuba()
 
@@ -51,9 +49,6 @@ _DARK = 0.01
 # Walks miss light if their mean is below this fraction of that of beams, and by more than so many standard errors.
 _MISSED, _SURELY = 0.95, 3.0
 
-#: Returns the light of the scene with some emitters met by walks, and others dark.
-Lit = Callable[[tuple[int, ...], frozenset[int]], "SceneLight"]
-
 
 @dataclass(frozen=True)
 class Pixels:
@@ -72,43 +67,43 @@ def is_sharp(emitter: Any) -> bool:
     return not mi.has_flag(flags, mi.EmitterFlags.Infinite) or mi.has_flag(flags, mi.EmitterFlags.Delta)
 
 
-def preferred(
-    world: SceneWorld, emitters: Sequence[int], cameras: Sequence[View], pixels: Pixels, light: Lit, settings: Settings,
-    max_depth: int | None,
-) -> list[int]:  # fmt: skip
+def preferred(lights: Lights, emitters: Sequence[int], pixels: Pixels) -> list[int]:
     """Return the numbers of those emitters whose light walks should meet, for passes of these pixels.
 
     Without media that is all of them: most of the light is then direct, which is the same either way, and photons leave
     blotches. Else it includes those whose beams do not reach all fog. Without a camera it is none.
     """
-    if not any(max(each.medium.scattering) > 0 for each in world.media.all):
+    world = lights.world
+    if not world.hazy:
         return list(emitters)
-    everyone, result = range(len(world.plugin.emitters())), world.short_of_fog(emitters)
+    everyone, result = range(len(world.emitters)), world.short_of_fog(emitters)
     kinds: dict[bool, list[int]] = {}
     for each in emitters:
         if each not in result:
             kinds.setdefault(is_sharp(world.plugin.emitters()[each]), []).append(each)
-    for own in kinds.values() if cameras else ():
-        dark = frozenset(everyone) - set(own)
-        walks = _Pilot(light(tuple(own), dark), settings, max_depth, cameras[0])
-        walks.add(_FIRST if walks.traces else _UNTRACED)
-        if walks.noise() > _QUIET:
-            beams = _Pilot(light((), dark), settings, max_depth, cameras[0])
-            beams.add(_FIRST)
-            if light(tuple(own), dark).portal is not None:  # the pilot of the light paths has found one
-                walks = _Pilot(light(tuple(own), dark), settings, max_depth, cameras[0])
-                walks.add(_FIRST if walks.traces else _UNTRACED)
-            ratio = walks.noise() * _cost(walks, beams, pixels) / max(beams.noise(), 1e-30)
-            if ratio > _SURE:
-                continue
-            if ratio > 1 / _SURE:
-                beams.add(_TRACED - _FIRST)
-                if walks.traces:
-                    walks.add(_TRACED - _FIRST)
-            if not prefers_walks(beams.found, walks.found, _cost(walks, beams, pixels)):
-                continue
-        result += own
+    for own in kinds.values() if lights.cameras else ():
+        if _prefers_walks(lights, own, frozenset(everyone) - set(own), pixels):
+            result += own
     return sorted(result)
+
+
+def _prefers_walks(lights: Lights, own: Sequence[int], dark: frozenset[int], pixels: Pixels) -> bool:
+    """Return whether walks should meet the light of some emitters, while others are `dark`."""
+    portal = lights.portal
+    walks = _Pilot.of(lights, own, dark)
+    if walks.noise() <= _QUIET:
+        return True
+    beams = _Pilot.of(lights, (), dark)
+    if lights.portal is not portal:  # the pilot of the light paths has found one
+        walks = _Pilot.of(lights, own, dark)
+    ratio = walks.noise() * _cost(walks, beams, pixels) / max(beams.noise(), 1e-30)
+    if ratio > _SURE:
+        return False
+    if ratio > 1 / _SURE:
+        beams.add(_TRACED - _FIRST)
+        if walks.traces:
+            walks.add(_TRACED - _FIRST)
+    return prefers_walks(beams.found, walks.found, _cost(walks, beams, pixels))
 
 
 def _cost(walks: _Pilot, beams: _Pilot, pixels: Pixels) -> float:
@@ -152,7 +147,7 @@ def noise(found: Array, mean: Array, block: int = _BLOCK) -> float:
 class _Indirect:
     """The light of a scene except what comes straight from emitters; it counts the `beams` and `photons` of passes."""
 
-    def __init__(self, light: SceneLight) -> None:
+    def __init__(self, light: Light) -> None:
         self._light, self.world, self.paths, self.varies = light, light.world, light.paths, light.varies
         self.walks, self.single_scattering, self.clock = light.walks, light.single_scattering, light.clock
         self.beams = self.photons = 0
@@ -178,13 +173,20 @@ class _Pilot:
         The radiance of rays in passes, the mean of the channels, (P, H, W).
     """
 
-    def __init__(self, light: SceneLight, settings: Settings, max_depth: int | None, camera: View) -> None:
-        emission = light.simulation.emission
-        fewer = [replace(each, count=max(each.count // _FEWER, min(each.count, _FEWEST))) for each in emission.strata]
-        self._light, self._camera = _Indirect(light.with_paths(fewer)), camera
-        self._passes = PassRenderer(settings, self._light, max_depth)
-        self._portion = sum(each.count for each in fewer) / max(emission.count, 1)
+    def __init__(self, light: Light, camera: View) -> None:
+        strata = light.simulation.strata(light.world)
+        fewer = {each.name: max(each.count // _FEWER, min(each.count, _FEWEST)) for each in strata}
+        self._light, self._camera = _Indirect(light.with_counts(fewer)), camera
+        self._passes = PassRenderer(light.settings, self._light, light.max_depth)
+        self._portion = sum(fewer.values()) / max(light.paths, 1)
         self.found: Array = np.zeros((0, _ROWS, _COLUMNS), dtype=np.float32)
+
+    @classmethod
+    def of(cls, lights: Lights, walked: Sequence[int], dark: frozenset[int]) -> _Pilot:
+        """Return the first passes of a light over the rays of the first camera."""
+        result = cls(lights.light(walked, dark), lights.cameras[0])
+        result.add(_FIRST if result.traces else _UNTRACED)
+        return result
 
     @property
     def traces(self) -> bool:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import drjit as dr
@@ -11,8 +13,10 @@ import drjit as dr
 from ..beams.sets import BeamSet
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float
+from ..transport.guides import Name
 from ..transport.segments.radii import Limits
 from ..transport.segments.records import PhotonHits
+from ..transport.simulation import Simulation, renumbering
 from ..transport.tuning import Tuning
 from ..world.world import World
 from .paths import camera_paths
@@ -20,6 +24,7 @@ from .paths.camera_paths import Lighting
 from .paths.single_scattering import SingleScattering
 from .paths.walks import Walking
 from .settings import Settings
+from .worlds import Worlds
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,71 @@ class FrameLight(Protocol):
 
     def clock(self, number: int) -> tuple[float, float]:
         """Return the frame number and the time in seconds of a pass, for looks that change with time."""
+
+
+class Light:
+    """The light of a frame: of some emitters as beams and photons, of others by walks.
+
+    Parameters
+    ----------
+    worlds, simulation
+        The world over the shutter interval, and the light paths through it.
+    settings, max_depth
+        How it is rendered, and the longest path in edges, as in Mitsuba's integrators; None: no limit.
+    lighting
+        Returns the lighting of a world.
+    paths, varies
+        As in `FrameLight`.
+    walks
+        By light groups, the walks that meet the light of some emitters.
+    """
+
+    def __init__(
+        self, worlds: Worlds, simulation: Simulation, settings: Settings, max_depth: int | None,
+        lighting: Callable[[World], Lighting], paths: int, varies: bool = True,
+        walks: Mapping[str, Walking] = MappingProxyType({}),
+    ) -> None:  # fmt: skip
+        self.worlds, self.simulation, self.settings, self.max_depth = worlds, simulation, settings, max_depth
+        self._lighting, self.paths, self.varies, self.walks = lighting, paths, varies, walks
+
+    @property
+    def world(self) -> World:
+        """The world when the shutter opens."""
+        return self.worlds.opened
+
+    def with_counts(self, counts: Mapping[Name, int]) -> Light:
+        """Return the same light with other numbers of light paths, by the names of strata."""
+        result, guides = copy(self), self.simulation.guides
+        result.simulation = replace(self.simulation, guides=replace(guides, counts={**guides.counts, **counts}))
+        return result
+
+    def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
+        """Return the beams and photons of pass `number`; `step` is called between parts of the pass."""
+        ends, between = self.worlds.ends(number), self.worlds.middle(number)
+        sets, hits = self.simulation.simulated(ends, number, self.worlds.looks(number), step)
+        media = renumbering(ends[0], between)
+        sets = [each._replace(medium=media.get(each.medium, each.medium)) for each in sets]
+        if self.settings.program is not None:
+            x, y, z = (float(each[0]) for each in ends[0].bounds.center)
+            # Programs get the times of the pass whether or not anything moves.
+            sets = self.settings.program(
+                sets, number, self.settings.seed, self.worlds.slice(number), self.worlds.medium(number),
+                ((x, y, z), ends[0].radius),
+            )  # fmt: skip
+        dr.eval([(each.beams, each.close) for each in sets])
+        return TracedLight(between, sets, hits, self.simulation.tuning.limits(number, ends[0].radius))
+
+    def clock(self, number: int) -> tuple[float, float]:
+        """Return the frame number and the time in seconds of a pass, for looks that change with time."""
+        return self.worlds.clock(number)
+
+    def lighting(self, world: World) -> Lighting:
+        """Return the lighting of a world."""
+        return self._lighting(world)
+
+    def single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
+        """Return the light that media scatter toward `count` pixels without beams, or None."""
+        return SingleScattering(world, count, samples, self.max_depth) if world.sky else None
 
 
 def tuning_of(settings: Settings, max_depth: int | None, all_beams: bool = False) -> Tuning:

@@ -10,6 +10,7 @@ from .. import scene
 from ..constants import DEFAULT_PATHS
 from ..world.cameras.sensors import Sensor, window_of
 from ..world.media.discovery.surroundings import place_of_sensor
+from ..world.shutter import CameraMotion
 from .checkpoint import identity
 from .choice import Pixels
 from .films.film import Film
@@ -21,7 +22,7 @@ from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, Statistics, accumulate
 from .scene_light import EmitterSettings, Findings, light_of
 from .settings import Settings, as_passes
-from .views import CameraMotion, FrameView
+from .views import FrameView
 
 
 def begin(

@@ -9,24 +9,18 @@ glass as well as anywhere else.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
-from copy import copy
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
-from typing import Any, NamedTuple
-
-import numpy as np
+from functools import cached_property
+from typing import Any
 
 from .. import scene
 from ..constants import DEFAULT_PATHS
-from ..numerics.samples import Samples
 from ..runtime.device import mitsuba
-from ..transport.emission import Stratum
-from ..transport.fitted_portals import Opening, parted
-from ..transport.guiding import GuidingMap
-from ..transport.scene_emitters import emission_of, power_of, redistribute
+from ..transport.emission import PathEmitter
+from ..transport.guides import UNGUIDED, Guides
 from ..transport.simulation import Simulation
-from ..transport.tuning import Tuning
+from ..transport.strata import Allotment
 from ..world.cameras.cameras import View
 from ..world.emitters.mitsuba_scene import names_of
 from ..world.emitters.portal_lamps import EnvironmentPortal
@@ -34,14 +28,13 @@ from ..world.emitters.sources import Source
 from ..world.media.discovery.surroundings import Place
 from ..world.media.discovery.warnings import warn
 from ..world.scene_world import SceneWorld
-from ..world.world import World
 from .choice import Pixels, is_sharp, preferred
-from .light import TracedLight, tuning_of
+from .light import Light, tuning_of
 from .passes import Statistics
-from .paths.camera_paths import Lighting
 from .paths.scene_lighting import SceneLighting
 from .paths.walks import WalkedEmitters, Walking
 from .settings import Settings
+from .worlds import StillWorld
 
 mi = mitsuba()
 
@@ -87,29 +80,21 @@ class EmitterSettings:
             number for number, own in enumerate(self.beams) if own == scene.BeamSettings(group=own.group)
         ]  # fmt: skip
 
-    def as_caustics(self, emitters: Collection[int]) -> EmitterSettings:
-        """Return the same settings, with separate sources for emitters whose light paths count only as caustics."""
+    def with_caustics(self, emitters: Collection[int]) -> tuple[list[Source], list[int]]:
+        """Return sources and their numbers, with separate sources for emitters whose paths count only as caustics."""
         sources, numbers = list(self.sources), list(self.numbers)
         for old in dict.fromkeys(numbers[each] for each in emitters):
             for each in emitters:
                 if self.numbers[each] == old:
                     numbers[each] = len(sources)
             sources.append(replace(self.sources[old], number=len(sources), caustics=True))
-        return replace(self, sources=sources, numbers=numbers)
+        return sources, numbers
 
     @property
     def named(self) -> bool:
         """Whether beams carry the data that only looks and programs read."""
         first = self.sources[0]
         return len(self.sources) > 1 or first.look is not None or first.beam_scale != 1
-
-
-class Guidance(NamedTuple):
-    """How an emitter's light is guided: its fitted portal, and for each stratum a guiding map and a number of paths."""
-
-    opening: Opening | None
-    maps: list[GuidingMap | None]
-    counts: list[int]
 
 
 @dataclass
@@ -121,134 +106,108 @@ class Findings:
     walked
         The numbers of the emitters whose light walks should meet; None: not known yet.
     guides
-        Guidance of each stratum, by the emitters that walks meet and the emitters that are dark.
+        Guides, by the emitters that walks meet and the emitters that are dark.
     portal
         The portal that was fitted to the light of the environment, or None.
     """
 
     walked: list[int] | None = None
-    guides: dict[tuple[tuple[int, ...], frozenset[int]], list[Guidance]] = field(default_factory=dict)
+    guides: dict[tuple[tuple[int, ...], frozenset[int]], Guides] = field(default_factory=dict)
     portal: EnvironmentPortal | None = None
 
 
-class SceneLight:
-    """The light of some emitters of a scene; walks meet some of them, the others send light paths.
+@dataclass(frozen=True)
+class Lights:
+    """The light of a scene for each choice of the emitters that walks meet.
 
-    Parameters
+    Attributes
     ----------
     world, own
         The scene, and the settings of its emitters.
-    walked, dark
-        The numbers of the emitters that walks meet, and of the emitters without light here.
-    settings, tuning, max_depth, findings
-        As in `light_of`.
+    settings
+        How it is rendered.
+    cameras
+        Cameras toward which light paths are guided; without any they are not guided.
+    findings
+        Results of pilots that are known already; new ones are added.
     """
 
-    def __init__(
-        self, world: SceneWorld, own: EmitterSettings, walked: Sequence[int], dark: Collection[int],
-        settings: Settings, tuning: Tuning, max_depth: int | None, findings: Findings,
-    ) -> None:  # fmt: skip
-        self.world, self._findings, self._placed = world, findings, _placed_portal(world)
-        sharp = {each for each in walked if world.mirrors and is_sharp(world.plugin.emitters()[each])}
-        lit = own.as_caustics(sorted(sharp)) if sharp else own
-        self._walks = {}
-        groups = [own.sources[each].group for each in own.numbers]
-        power = {each: power_of(world, each) for each in walked}
-        for group in dict.fromkeys(groups[each] for each in walked):
-            numbers = [each for each in walked if groups[each] == group]
-            emitters = WalkedEmitters(world, numbers, [power[each] for each in numbers], sharp)
-            self._walks[group] = Walking(emitters, max_depth, tuning.rr_depth)
-        without = {*dark, *(each for each in walked if each not in sharp)}
-        emission = emission_of(world, settings.beams or DEFAULT_PATHS, settings.seed, lit.numbers, without)
-        self.simulation = Simulation(world, emission, tuning, lit.sources, world.sizes, own.named)
+    world: SceneWorld
+    own: EmitterSettings
+    settings: Settings
+    cameras: Sequence[View]
+    findings: Findings
+
+    @cached_property
+    def _placed(self) -> EnvironmentPortal | None:
+        """The planar portal that the user has placed before the environment, or None."""
+        environment = self.world.plugin.environment()
+        lamp = None if environment is None else self.world.emitters[self.world.plugin.emitters().index(environment)]
+        if lamp is None or lamp.portal is None or lamp.portal.sides is None:
+            return None
+        return EnvironmentPortal(self.world.plugin, lamp.portal)
 
     @property
     def portal(self) -> EnvironmentPortal | None:
         """The portal before the environment, placed by the user or fitted; or None."""
-        return self._findings.portal if self._placed is None else self._placed
+        return self.findings.portal if self._placed is None else self._placed
 
-    @property
-    def walks(self) -> dict[str, Walking]:
-        """The walks that meet the light of emitters, by light group."""
-        portal = self.portal
-        return {name: replace(each, emitters=each.emitters.behind(portal)) for name, each in self._walks.items()}
+    def light(self, walked: Sequence[int], dark: Collection[int] = ()) -> Light:
+        """Return the light of which walks meet some emitters, by their numbers; emitters that are `dark` have none."""
+        settings, max_depth = self.settings, self.settings.depth()
+        tuning = tuning_of(settings, max_depth)
+        sharp = {each for each in walked if self.world.mirrors and is_sharp(self.world.plugin.emitters()[each])}
+        world = self.world.with_sources(*self.own.with_caustics(sorted(sharp)))
+        without = frozenset({*dark, *(each for each in walked if each not in sharp)})
+        allotment = Allotment(settings.beams or DEFAULT_PATHS, shared=True, past=None, without=without)
+        simulation = Simulation(tuning, allotment, named=self.own.named)
+        simulation = replace(simulation, guides=self._guides(simulation, world, (tuple(walked), frozenset(dark))))
+        groups = [self.own.sources[each].group for each in self.own.numbers]
+        power = {each: float(max(PathEmitter(world, each).flux)) for each in walked}
+        walks = {}
+        for group in dict.fromkeys(groups[each] for each in walked):
+            numbers = [each for each in walked if groups[each] == group]
+            emitters = WalkedEmitters(world, numbers, [power[each] for each in numbers], sharp, self.portal)
+            walks[group] = Walking(emitters, max_depth, tuning.rr_depth)
+        paths, portal = sum(each.count for each in simulation.strata(world)), self.portal
+        return Light(
+            StillWorld(world), simulation, settings, max_depth, lambda world: SceneLighting(world, portal), paths,
+            varies=paths > 0, walks=walks,
+        )  # fmt: skip
 
-    def with_paths(self, strata: Sequence[Stratum]) -> SceneLight:
-        """Return the same light with other light paths."""
-        result = copy(self)
-        result._sent(strata)
-        return result
+    def _guides(
+        self, simulation: Simulation, world: SceneWorld, asked: tuple[tuple[int, ...], frozenset[int]]
+    ) -> Guides:
+        """Return the guides of light paths, which a pilot finds if they are not known."""
+        if self.settings.guiding is False or not self.cameras:
+            return UNGUIDED
+        if asked not in self.findings.guides:
+            pilot = replace(simulation, tuning=replace(simulation.tuning, seed=0))  # the result holds for all seeds
+            # For whole pictures; otherwise a crop would differ from the same part of the whole picture.
+            guides = pilot.guided(world, [each.whole().projection for each in self.cameras]).guides
+            for stratum in pilot.strata(world):
+                opening = guides.openings.get(stratum.name)
+                if opening is not None and stratum.emitter.lamp.bare.emitter == world.plugin.environment():
+                    self.findings.portal = EnvironmentPortal(world.plugin, opening.portal)
+            self.findings.guides[asked] = guides
+        return self.findings.guides[asked]
 
-    def guide(self, cameras: Sequence[View]) -> list[Guidance]:
-        """Guide light paths toward what cameras see, and return the guidance of each stratum."""
-        strata = self.simulation.emission.strata
-        if not cameras or not strata:
-            return [Guidance(None, [each.guide], [each.count]) for each in strata]
-        # For whole pictures; otherwise a crop would differ from the same part of the whole picture.
-        found = self.simulation.guide([each.whole().projection for each in cameras])
-        for stratum, each in zip(strata, found, strict=True):
-            if each.opening is not None and stratum.emitter.lamp.bare.emitter == self.world.plugin.environment():
-                self._findings.portal = EnvironmentPortal(self.world.plugin, each.opening.portal)
-        self._sent([stratum for each in found for stratum in each.strata])
-        redistribute(self.simulation.emission.strata, np.array([own for each in found for own in each.light]))
-        return [
-            Guidance(each.opening, [own.guide for own in each.strata], [own.count for own in each.strata])
-            for each in found
-        ]
-
-    def follow(self, guides: list[Guidance]) -> None:
-        """Guide light paths by `guides` that were found for the same light with another seed."""
-        sent = []
-        for stratum, guide in zip(self.simulation.emission.strata, guides, strict=True):
-            parts = zip(parted(stratum, guide.opening), guide.maps, guide.counts, strict=True)
-            sent += [replace(part, guide=own, count=count) for part, own, count in parts]
-        self._sent(sent)
-
-    def _sent(self, strata: Sequence[Stratum]) -> None:
-        emission = self.simulation.emission
-        self.simulation = replace(self.simulation, emission=replace(emission, strata=strata))
-
-    @property
-    def paths(self) -> int:
-        """The number of light paths in a pass."""
-        return self.simulation.emission.count
-
-    @property
-    def varies(self) -> bool:
-        """Whether passes differ in more than the samples of camera paths."""
-        return bool(self.simulation.emission.strata)
-
-    def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
-        """Return the beams and photons of pass `number`; `step` is called between parts of the pass."""
-        limits = self.simulation.tuning.limits(number, self.world.radius)
-        return TracedLight(self.world, *replace(self.simulation, step=step).simulated(number), limits)
-
-    def lighting(self, world: World) -> Lighting:
-        """Return the lighting of a world."""
-        assert isinstance(world, SceneWorld)
-        return SceneLighting(world, self.portal)
-
-    def single_scattering(self, world: World, count: int, samples: Samples) -> None:
-        """Return None: walks find the light of skies."""
-
-    def clock(self, number: int) -> tuple[float, float]:
-        """Return (0, 0): nothing changes with time."""
-        return 0.0, 0.0
-
-
-def _placed_portal(world: SceneWorld) -> EnvironmentPortal | None:
-    """Return the planar portal that the user has placed before the environment, or None."""
-    environment = world.plugin.environment()
-    lamp = None if environment is None else world.emitters[world.plugin.emitters().index(environment)]
-    if lamp is None or lamp.portal is None or lamp.portal.sides is None:
-        return None
-    return EnvironmentPortal(world.plugin, lamp.portal)
+    def walked(self, pixels: Pixels, statistics: Statistics) -> Sequence[int]:
+        """Return the numbers of the emitters whose light walks should meet, for passes of these pixels."""
+        free = self.own.free(self.settings)
+        if self.settings.method != "auto" or not free:
+            return free
+        if self.findings.walked is None:
+            with statistics.phase("choose"):
+                pilot = replace(self, settings=replace(self.settings, seed=0))  # the result holds for all seeds
+                self.findings.walked = preferred(pilot, free, pixels)
+        return self.findings.walked
 
 
 def light_of(
     plugin: Any, eye: Place, settings: Settings, beams: Mapping[str, scene.BeamSettings], cameras: Sequence[View],
     pixels: Pixels, warned: set[str] | None, statistics: Statistics, findings: Findings | None = None,
-) -> SceneLight:  # fmt: skip
+) -> Light:  # fmt: skip
     """Return the light of a Mitsuba scene.
 
     Parameters
@@ -259,62 +218,42 @@ def light_of(
         How it is rendered.
     beams
         As in `scene_frame.Extras`.
-    cameras
-        Cameras toward which light paths are guided; without any they are not guided.
+    cameras, findings
+        As in `Lights`.
     pixels
         The camera paths of a pass of the whole picture.
     warned
         Texts of warnings that have been given already.
     statistics
         Statistics to which the time for this is added.
-    findings
-        Results of pilots that are known already; new ones are added.
 
     Raises
     ------
     SceneError
         If something in the scene cannot be rendered, or beams are set for an emitter that does not exist.
     """
-    findings, max_depth = Findings() if findings is None else findings, settings.depth()
-    tuning = tuning_of(settings, max_depth)
+    warned = set() if warned is None else warned
     with statistics.phase("build"):
         own = EmitterSettings.of(plugin, beams)
-        world = SceneWorld(plugin, eye, own.sources, own.beams)
+        world = SceneWorld(plugin, eye, own.sources, own.beams, own.numbers)
         if settings.short:
             world.media.all = tuple(each.for_short_beams() for each in world.media.all)
-    warned = set() if warned is None else warned
     warn(plugin, world.surroundings, warned)
+    lights = Lights(world, own, settings, cameras, Findings() if findings is None else findings)
+    walked = lights.walked(pixels, statistics)
+    _tell(world, walked, warned)
+    with statistics.phase("guide"):
+        return lights.light(walked)
 
-    # Pilots have a seed of their own: their results hold for all seeds.
-    pilot_settings, pilot_tuning = replace(settings, seed=0), replace(tuning, seed=0)
 
-    @cache
-    def piloted(walked: tuple[int, ...], dark: frozenset[int]) -> SceneLight:
-        result = SceneLight(world, own, walked, dark, pilot_settings, pilot_tuning, max_depth, findings)
-        if settings.guiding in (None, True):
-            findings.guides[walked, dark] = result.guide(cameras)
-        return result
-
-    walked = own.free(settings)
-    if settings.method == "auto" and walked:
-        if findings.walked is None:
-            with statistics.phase("choose"):
-                findings.walked = preferred(world, walked, cameras[:1], pixels, piloted, pilot_settings, max_depth)
-        walked = findings.walked
-    names = [(names_of(each) or [each.class_name()])[-1] for each in plugin.emitters()]
+def _tell(world: SceneWorld, walked: Sequence[int], warned: set[str]) -> None:
+    """Say which emitters' light walks find, and warn of emitters whose beams do not reach all fog."""
+    log = logging.getLogger("photonbeams")
+    names = [(names_of(each) or [each.class_name()])[-1] for each in world.plugin.emitters()]
     dark = [names[each] for each in world.short_of_fog(set(range(len(names))) - set(walked))]
     if dark and (text := _DARK_FOG.format(", ".join(dark[:3]), world.radius)) not in warned:
         warned.add(text)
-        logging.getLogger("photonbeams").warning("%s", text)
+        log.warning("%s", text)
     if walked:
-        logging.getLogger("photonbeams").info(
-            "paths from the camera find the light of %s", ", ".join(dict.fromkeys(names[each] for each in walked))
-        )
-    with statistics.phase("guide"):
-        result = SceneLight(world, own, walked, (), settings, tuning, max_depth, findings)
-        if settings.guiding in (None, True):
-            asked = tuple(walked), frozenset[int]()
-            if asked not in findings.guides:
-                piloted(*asked)
-            result.follow(findings.guides[asked])
-        return result
+        found = ", ".join(dict.fromkeys(names[each] for each in walked))
+        log.info("paths from the camera find the light of %s", found)

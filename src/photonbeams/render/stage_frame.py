@@ -25,7 +25,7 @@ from .holdouts import HoldoutDepth
 from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, Statistics, accumulate
 from .settings import Settings, as_passes
-from .stage_light import Earlier, StageLight
+from .stage_light import Earlier, light_of_stage
 from .views import FrameView
 
 
@@ -91,7 +91,7 @@ def simulate(
     shutter = _in_medium(shutter)
     _check_memory(shutter.at(0.0).scene, window, settings)
     mitsuba(color=True)
-    light = StageLight(shutter, window, settings, Statistics(), viewers, settings.passes, all_beams=True)
+    light, _ = light_of_stage(shutter, window, settings, Statistics(), viewers, settings.passes, all_beams=True)
     return light.traced(number, lambda: None).sets
 
 
@@ -189,7 +189,7 @@ def begin(
     """
     mitsuba(color=True)
     statistics = Statistics(interrupt=interrupt)
-    light = StageLight(shutter, window, settings, statistics, viewers, planned, earlier=earlier)
+    light, worlds = light_of_stage(shutter, window, settings, statistics, viewers, planned, earlier=earlier)
     opened = shutter.at(0.0)
     reconstruction, groups, size = (
         reconstruction_filter(settings.filter_name), groups_of(opened.scene), (window.width, window.height),
@@ -200,7 +200,7 @@ def begin(
     turned: set[str] = set()
     depths: Sequence[HoldoutDepth | None] = holdouts or [None] * len(films)
     views = [
-        FrameView(window, partial(light.camera, view=view), holdout, turned=turned)
+        FrameView(window, partial(worlds.camera, view=view), holdout, turned=turned)
         for view, holdout in zip(range(len(films)), depths, strict=True)
     ]
     return FrameRenderer(settings, light, views, films, light.max_depth, statistics, planned, memory=memory)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from .. import scene
 from ..estimators.lanes import Lattice
 from ..numerics.arrays import taken, to_uint
 from ..numerics.samples import Samples
@@ -18,20 +17,12 @@ from ..numerics.streams import Stream
 from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..world.cameras.cameras import CameraRays, View, Window
 from ..world.cameras.sensors import PrimaryRays, sampled_rays
-from ..world.shutter import turn, with_lens
+from ..world.shutter import CameraMotion, turn, with_lens
 from .holdouts import HoldoutDepth
 from .ray_passes import ViewRays
 
 LOG = logging.getLogger("photonbeams")
 _WIDEST_TURN = 30.0  # degrees: interpolated axes of the camera are then 3.4 % too short in the middle of the turn
-
-
-class CameraMotion(NamedTuple):
-    """A camera in a pass: when the pass opens, in its middle and when it closes; the same camera if it is at rest."""
-
-    opened: scene.Camera
-    middle: scene.Camera
-    closed: scene.Camera
 
 
 class FrameView:

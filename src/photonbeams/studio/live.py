@@ -11,7 +11,6 @@ from .. import scene
 from ..render.passes import Statistics
 from ..render.settings import Settings, as_passes
 from ..render.stage_frame import begin
-from ..transport.stage_simulation import StageSimulation
 from ..usd.common.motion import equal
 from ..world.cameras.cameras import View
 from ..world.stage_world import StageWorld
@@ -20,9 +19,10 @@ if TYPE_CHECKING:
     from ..estimators.projection import Projection
     from ..render.films.frame_sums import FrameSums
     from ..render.frame import Lit, Seen
-    from ..render.light import TracedLight
-    from ..render.stage_light import StageLight
+    from ..render.light import Light, TracedLight
+    from ..render.worlds import ShutterWorlds
     from ..shot.request import Prepared
+    from ..transport.guides import Guides
 
 # The number of passes whose light and surfaces are kept, for the first pictures after an edit.
 _KEPT = 1
@@ -69,7 +69,8 @@ class LiveFrame:
             self._shutter, ready.window, ready.settings, ready.holdouts, lambda: viewers, planned,
             earlier=earlier, memory=weakref.proxy(self), interrupt=interrupt,
         )  # fmt: skip
-        self._emission = cast("StageLight", self._frame.light)
+        self._emission = cast("Light", self._frame.light)
+        self._worlds = cast("ShutterWorlds", self._emission.worlds)
         if like is not None and self._lit_like(like) and planned == like._frame.planned:
             self._lights = dict(like._lights)
             if equal(self._shutter.at(0.0).cameras, like._shutter.at(0.0).cameras):
@@ -99,7 +100,7 @@ class LiveFrame:
 
     def described_media(self) -> dict[int, scene.Medium]:
         """Return the media by the numbers by which beams refer to them."""
-        world = self._emission.worlds[-1]
+        world = self._worlds.known[-1]
         both = zip(world.description.media, world.media.all, strict=True)
         return {rendered.number: described for described, rendered in both}
 
@@ -113,8 +114,8 @@ class LiveFrame:
         if self._shutter.moving or own.settings.program is not None or self._ready.window != like._ready.window:
             return False
         guided = own.simulation.guides is other.simulation.guides
-        same_side = own.simulation.light_side == other.simulation.light_side
-        return guided and same_side and _same_light(own.settings, own.worlds[-1], other)
+        same_side = own.simulation.allotment.past == other.simulation.allotment.past
+        return guided and same_side and _same_light(own.settings, self._worlds.known[-1], like)
 
     def light(self, number: int, trace: Callable[[], Lit]) -> Lit:
         """Return the light of pass `number`: that which is kept, or else what `trace` returns."""
@@ -143,28 +144,27 @@ class _Reuse:
     """What a frame takes over from an earlier one: see `render.stage_light.Earlier`."""
 
     def __init__(self, like: LiveFrame, frame: LiveFrame, keeps_guides: bool) -> None:
-        known = like._emission
-        self.worlds = known.worlds[-1:]
-        self.light_side = frozenset(known.simulation.light_side) if keeps_guides else None
-        self._known, self._keeps_guides, self._settings = known, keeps_guides, frame._ready.settings
+        past = like._emission.simulation.allotment.past
+        self.worlds = like._worlds.known[-1:]
+        self.light_side = frozenset(past) if keeps_guides and past is not None else None
+        self._known, self._keeps_guides, self._settings = like, keeps_guides, frame._ready.settings
         own, other = frame._ready.window, like._ready.window
         # Guides depend on the size of the whole picture, not on the crop.
         same_size = (own.width, own.height) == (other.width, other.height)
         self._same_views = same_size and equal(frame._viewers, like._viewers)
 
-    def guided(self, simulation: StageSimulation, world: StageWorld) -> StageSimulation | None:
-        """Return a simulation with the earlier frame's guides; None if these have to be found again."""
+    def guides(self, world: StageWorld) -> Guides | None:
+        """Return the earlier frame's guides; None if they have to be found again."""
         if not self._keeps_guides and not (self._same_views and _same_light(self._settings, world, self._known)):
             return None
-        known = self._known.simulation
-        return replace(simulation, guides=known.guides, openings=known.openings, counts=known.counts)
+        return self._known._emission.simulation.guides
 
 
-def _same_light(settings: Settings, world: StageWorld, like: StageLight) -> bool:
+def _same_light(settings: Settings, world: StageWorld, like: LiveFrame) -> bool:
     """Return whether a world and an earlier one have the same lights, media, surfaces and settings but for looks."""
-    if as_passes(settings) != as_passes(like.settings):
+    if as_passes(settings) != as_passes(like._emission.settings):
         return False
-    own, other = world.description, like.worlds[-1].description
+    own, other = world.description, like._worlds.known[-1].description
     if own is other:
         return True
     rest = [each.name for each in fields(own) if each.name not in ("lights", "drawn")]

@@ -16,7 +16,7 @@ from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import Array
 from ..world.shadow_rays import to_lamp
-from ..world.stage_world import StageWorld
+from ..world.world import World
 from .emission import PathEmitter
 from .importance import Views, relative
 
@@ -64,7 +64,7 @@ class ShadowRays:
 class Connections:
     """Points all over the pictures of cameras, and the lines along which the lamps of a stage light them."""
 
-    def __init__(self, world: StageWorld, views: Sequence[Projection]) -> None:
+    def __init__(self, world: World, views: Sequence[Projection]) -> None:
         self._world = world
         found = compressed(*_visible(world, Views(views)))
         self._points: VisiblePoints | None = found[0] if found else None
@@ -96,7 +96,7 @@ class Connections:
         return ShadowRays(to_numpy(points.position).T[index], -to_numpy(sample.direction).T[index], weight, lit)
 
 
-def _visible(world: StageWorld, views: Views) -> tuple[Bool, VisiblePoints]:
+def _visible(world: World, views: Views) -> tuple[Bool, VisiblePoints]:
     """Return points all over the pictures and at all depths, and which of them are in fog."""
     number = dr.arange(UInt32, _POINTS) + dr.opaque(UInt32, 0)
     view = views(hash32(number, UInt32(4)) % views.count)

@@ -7,9 +7,10 @@ differentials, the derivatives of its origin and its direction by the emission s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import drjit as dr
@@ -47,8 +48,6 @@ class PathEmitter:
     margin
         For light from infinity, the distance from media up to which its paths begin around these, in radii of the
         world: that of the beams, or those at the boundary of a medium would lack neighbours.
-    source
-        The number of its `Source`; None: that of the emitter.
     """
 
     portal: Portal | None = None
@@ -56,11 +55,10 @@ class PathEmitter:
     through = False
     halvings = HALVINGS
 
-    def __init__(self, world: World, number: int, margin: float = 0.0, source: int | None = None) -> None:
+    def __init__(self, world: World, number: int, margin: float = 0.0) -> None:
         own = world.emitters[number]
         self.world, self.number, self.margin = world, number, margin
-        self.name, self.lamp, self.link = own.name, own.lamp, own.link
-        self.source = number if source is None else source
+        self.name, self.lamp, self.link, self.source = own.name, own.lamp, own.link, own.source
         self.bounds = world.bounds.around(list(world.boxes.values()), margin) if margin else world.bounds
 
     def at(self, portal: Portal, through: bool, without: Portal | None = None) -> PathEmitter:
@@ -69,6 +67,7 @@ class PathEmitter:
         `without` is an opening within the portal whose light does not count.
         """
         result = copy(self)
+        result.__dict__.pop("flux", None)
         result.portal, result.through, result.without = portal, through, without
         result.halvings = HALVINGS if through else HALVINGS_ASIDE
         return result
@@ -87,6 +86,14 @@ class PathEmitter:
             rays.flux = dr.select(rays.valid, rays.flux, 0)
         return rays
 
+    @cached_property
+    def flux(self) -> np.ndarray:
+        """An estimate of the flux of this light in each channel, (3,), from a few of its paths."""
+        sample = self.sample(*pairs(sobol_points(PROBE, 0, (PROBE, self.number))))
+        values = (sample.flux + dr.zeros(Array3f, PROBE)).numpy()
+        flux: np.ndarray = np.nan_to_num(values, posinf=0, neginf=0).mean(axis=1)
+        return flux
+
 
 @dataclass
 class Stratum:
@@ -97,9 +104,9 @@ class Stratum:
     emitter, count
         The emitter, and the number of paths in a pass.
     sequence
-        Seeds of the stratum's Sobol sequence.
+        Seeds of the stratum's Sobol sequence: that of the shot, and its name.
     fixed
-        Whether the emitter's own settings give its number of paths.
+        Whether its number of paths does not depend on other emitters.
     guide
         A map that sends samples toward visible light, or None.
     key
@@ -115,6 +122,11 @@ class Stratum:
 
     def __post_init__(self) -> None:
         self.key = key_of(*self.sequence)
+
+    @property
+    def name(self) -> tuple[int, ...]:
+        """The stratum's name, which does not depend on the shot's seed."""
+        return self.sequence[1:]
 
     def points(self, block: int, more: tuple[int, ...] = ()) -> Array:
         """Return the emission samples of pass `block`, (count, 4)."""
@@ -154,7 +166,7 @@ class Stratum:
         return result
 
 
-@dataclass
+@dataclass(frozen=True)
 class Emission:
     """All light paths of a pass, by strata.
 
@@ -162,44 +174,36 @@ class Emission:
     ----------
     strata
         The strata.
-    power
-        Their total flux in each channel, (3,).
-    powers
-        The flux of each source, by its number, if each has a number of paths of its own, as the lamps of a stage. None:
-        they share paths in proportion to their flux.
+    shared
+        Whether emitters share light paths in proportion to their power; if not, each has a number of its own.
     """
 
     strata: Sequence[Stratum]
-    power: np.ndarray
-    powers: Mapping[int, np.ndarray] | None = None
+    shared: bool = False
 
     @property
     def count(self) -> int:
         """Number of light paths in a pass."""
         return sum(stratum.count for stratum in self.strata)
 
-    def shares(self, sources: int) -> tuple[list[int], list[float]]:
-        """Return numbers of light paths and their flux in the brightest channel, by the numbers of sources.
-
-        They do not depend on other sources, unless these share paths.
-        """
-        if self.powers is None:
-            return [self.count] * sources, [float(self.power.max())] * sources
-        counts, powers = [0] * sources, [0.0] * sources
+    def counts(self, sources: int) -> list[int]:
+        """Return the numbers of light paths that decide how wide beams are, by the numbers of sources."""
+        if self.shared:
+            return [self.count] * sources
+        result = [0] * sources
         for stratum in self.strata:
-            counts[stratum.emitter.source] += stratum.count
-        for source, power in self.powers.items():
-            powers[source] = float(power.max())
-        return counts, powers
+            result[stratum.emitter.source] += stratum.count
+        return result
+
+    def powers(self, sources: int) -> list[float]:
+        """Return the flux of these light paths in the brightest channel, by the numbers of sources."""
+        result = np.zeros((sources, 3))
+        for stratum in self.strata:
+            result[stratum.emitter.source] += stratum.emitter.flux
+        if self.shared:
+            return [float(result.sum(axis=0).max())] * sources
+        return [float(each) for each in result.max(axis=1)]
 
     def emit(self, block: int) -> list[EmittedRays]:
         """Return the light paths of pass `block`."""
         return [stratum.emit(block) for stratum in self.strata]
-
-
-def probed_flux(emitter: PathEmitter, number: int) -> np.ndarray:
-    """Return an estimate of an emitter's flux in each channel, (3,), from a few of its paths."""
-    sample = emitter.sample(*pairs(sobol_points(PROBE, 0, (PROBE, number))))
-    values = (sample.flux + dr.zeros(Array3f, PROBE)).numpy()
-    flux: np.ndarray = np.nan_to_num(values, posinf=0, neginf=0).mean(axis=1)
-    return flux

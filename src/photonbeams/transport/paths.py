@@ -23,7 +23,6 @@ from ..world.differentials import RayDifferentials, copies, differentiate, of_co
 from ..world.emitters.rays import EmittedRays
 from ..world.media.interfaces import distance_to_medium, is_left, pointers
 from ..world.spectra import rgb
-from ..world.stage_world import StageWorld
 from ..world.warp import facing
 from ..world.world import World
 from .aiming import Aimed
@@ -101,7 +100,7 @@ def leaving(tracing: Tracing, emitted: Sequence[EmittedRays]) -> LightPaths | No
     across = tracing.world.bounds.beyond(paths.origin, paths.direction)
     overlap = dr.opaque(Float, tracing.overlap)
     paths.width = width(paths.differentials, paths.direction, across, paths.count, overlap, paths.portal)
-    if isinstance(tracing.world, StageWorld):
+    if tracing.world.narrows:
         halvings = joined(
             [dr.opaque(UInt32, each.halvings) + dr.zeros(UInt32, dr.width(each.index)) for each in emitted]
         )

@@ -90,15 +90,15 @@ def guide(
         _round(learning, number, seen)
         for each in learning:
             each.stratum.guide = each.learned()
-    fitted_ones = {id(each.stratum): each.rectangle(world) for each in found.values()}
-    known = [each for each in fitted_ones.values() if each is not None]
+    fitted_ones = [each.rectangle(world) for each in found.values()]
+    known = [each for each in fitted_ones if each is not None]
     result = []
     for stratum in strata:
         own = found.get(id(stratum))
         if own is None:
             result.append(Found([stratum], None, [0.0]))
         else:  # a window found for one lamp may also serve another, of which less is seen
-            result.append(own.found(fitted_ones[id(stratum)] or own.one_of(known), world))
+            result.append(own.found(own.one_of(known), world))
     return result
 
 

@@ -20,14 +20,14 @@ from ..world.emitters.portals import Portal
 from ..world.shadow_rays import to_lamp
 
 if TYPE_CHECKING:
-    from ..world.stage_world import StageWorld
+    from ..world.world import World
 
 _POINTS = 12  # along each ray
 _AIMED = 1024  # rays to points of the portal
 _NUDGE = 1e-4  # fraction of the world's radius by which points stay away from the surface at a ray's end
 
 
-def lights_seen(world: StageWorld, origin: Array3f, direction: Array3f) -> frozenset[str]:
+def lights_seen(world: World, origin: Array3f, direction: Array3f) -> frozenset[str]:
     """Return the names of the lights that light visible fog by paths that miss their portal.
 
     Parameters
@@ -50,7 +50,7 @@ def lights_seen(world: StageWorld, origin: Array3f, direction: Array3f) -> froze
     )
 
 
-def _sees(world: StageWorld, emitter: Emitter, portal: Portal, origin: Array3f, direction: Array3f) -> bool:
+def _sees(world: World, emitter: Emitter, portal: Portal, origin: Array3f, direction: Array3f) -> bool:
     stopping = world.stopping(emitter.links)
     rays = ((origin, direction), _aimed(portal, origin))
     return any(_any_lit(world, stopping, emitter.lamp, portal, *each) for each in rays)
@@ -69,9 +69,7 @@ def _aimed(portal: Portal, origin: Array3f) -> tuple[Array3f, Array3f]:
     return eye, dr.normalize(point - eye)
 
 
-def _any_lit(
-    world: StageWorld, stopping: StageWorld, source: Any, portal: Portal, origin: Array3f, direction: Array3f
-) -> bool:
+def _any_lit(world: World, stopping: World, source: Any, portal: Portal, origin: Array3f, direction: Array3f) -> bool:
     """Return whether any point on the rays is lit past the portal; `stopping` has the surfaces that block the light."""
     width = max(dr.width(origin), dr.width(direction))
     number = dr.arange(UInt32, width)
@@ -89,7 +87,7 @@ def _any_lit(
     return bool(dr.any(lit))
 
 
-def _lit(world: StageWorld, source: Any, portal: Portal, point: Array3f, u: Array2f, seed: UInt32) -> Bool:
+def _lit(world: World, source: Any, portal: Portal, point: Array3f, u: Array2f, seed: UInt32) -> Bool:
     """Return which points the light reaches along a free line that does not pass the portal."""
     sample = source.illuminate(point, u)
     carries = dr.max(sample.weight) > 0

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..world.stage_world import StageWorld
+from ..world.world import World
 from . import paths
-from .emission import Stratum
+from .emission import Emission, Stratum
 from .importance import CameraImportance
-from .lamps import emission_of_lamps, lamps_of
-from .simulation import Simulation
+from .light_tracer import LightTracer
+from .strata import Allotment
 from .tuning import Tuning
 
 if TYPE_CHECKING:
@@ -30,14 +30,14 @@ class Reach(NamedTuple):
     seen: tuple[float, ...]
 
 
-def reach_of_lamps(world: StageWorld, views: Sequence[Projection], seed: int = 0) -> dict[str, Reach]:
+def reach_of_lamps(world: World, views: Sequence[Projection], seed: int = 0) -> dict[str, Reach]:
     """Return the reach of lamps that make beams, by name; of a lamp with a portal, that of the light through it."""
     cameras = [CameraImportance(world, [view]) for view in views]
     result = {}
-    for stratum in lamps_of(world, _PATHS, seed, ()):
+    tuning = Tuning(seed, 0)
+    for stratum in Allotment(_PATHS).strata(world, tuning):
         own = Stratum(stratum.emitter, stratum.count, stratum.sequence)
-        emission = emission_of_lamps([own])
-        tracing = Simulation(world, emission, Tuning(seed, 0), world.sources, world.sizes).tracing(0)
+        tracing = LightTracer(world, Emission([own]), tuning, world.sources).tracing(0)
         emitted = replace(own.emit(0), halvings=0)
         flux = emitted.flux.numpy().max(axis=0)
         reached = np.zeros((1 + len(views), len(flux)), dtype=bool)

@@ -1,305 +1,187 @@
-"""Simulation of a pass: trace light paths through a world, and return their beams and photons."""
+"""The light of a shot, pass by pass: at both ends of a pass's slice of the shutter interval, if anything moves."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass, replace
-from itertools import zip_longest
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
 
 from .. import scene
+from ..beams import Beams
 from ..beams.sets import BeamSet
-from ..numerics.arrays import compressed, equal_entries, to_float, to_uint
-from ..runtime.device import Bool, Float, UInt32
-from ..world.emitters.rays import EmittedRays
-from ..world.emitters.sources import Source
-from ..world.media.rendered import RenderedMedium
-from ..world.stage_world import StageWorld
+from ..numerics.arrays import compressed, to_uint
+from ..runtime.device import Bool, UInt32
 from ..world.world import World
-from . import paths
-from .aiming import Openings
-from .connections import Connections
-from .emission import Emission, Stratum
-from .fringes import Steps, entering, fringe, unscattered
-from .importance import CameraImportance, Sightings
-from .lamps import (
-    with_surrounds,
-)
-from .pilot import Found, guide
-from .segments.beams import Cutting, Moments, moving_sets, sets_of
-from .segments.radii import Limits
-from .segments.records import LightPaths, PhotonHits, Segments
-from .tuning import FREE_PATHS, Tuning, radius_scale
+from .emission import Emission, PathEmitter, Stratum
+from .guides import UNGUIDED, Guides
+from .light_tracer import LightTracer, Moving, nothing
+from .segments.records import PhotonHits
+from .strata import ALLOTMENT, Allotment, with_surrounds
+from .tuning import Tuning
 
 if TYPE_CHECKING:
     from ..estimators.projection import Projection
+    from ..looks import Look
 
-T = TypeVar("T")
-
-#: A step of light paths: the medium beside which they pass, 0 for paths themselves, and the step's number.
-Key = tuple[int, int]
-
-#: For each step, whether light straight from its lamp moves, by the numbers of paths.
-Moving = dict[Key, Bool]
-
-
-def nothing() -> None:
-    """Do nothing between parts of a pass."""
-
-
-def stepping(step: Callable[[], None], parts: Iterable[T]) -> Iterator[T]:
-    """Yield parts, and call `step` before each is used."""
-    for each in parts:
-        step()
-        yield each
+# Worlds whose strata are kept: the ends and the middle of a pass.
+_KEPT = 3
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """Light paths through a world, pass by pass.
+    """The beams and photons of a shot, pass by pass.
 
     Attributes
     ----------
-    world, emission, tuning
-        The world that light meets, the light paths, and how they are traced.
-    sources
-        What the beams of each emitter have in common.
-    sizes
-        Radius of each medium, by number; a medium without an entry has the world's.
+    tuning, allotment
+        How light paths are traced, and how many each emitter sends.
+    guides
+        What a pilot has found out about the strata.
     named
-        Whether beams carry what looks and programs may read.
-    step
-        Called between parts of a pass; an exception from it ends the pass.
+        Whether beams carry the data that only looks and programs read.
     """
 
-    world: World
-    emission: Emission
     tuning: Tuning
-    sources: Sequence[Source]
-    sizes: Mapping[int, float]
-    named: bool = False
-    step: Callable[[], None] = nothing
+    allotment: Allotment = ALLOTMENT
+    guides: Guides = UNGUIDED
+    named: bool = True
+    _known: list[tuple[World, list[Stratum]]] = field(default_factory=list, init=False, repr=False, compare=False)
 
-    def simulated(self, number: int, moving: Moving | None = None) -> tuple[list[BeamSet], list[PhotonHits]]:
-        """Return the beams of pass `number`, and its photons on surfaces.
+    def strata(self, world: World) -> list[Stratum]:
+        """Return the light paths of a pass in a world."""
+        for known, strata in self._known:
+            if known is world:
+                return strata
+        found = self.guides.applied(self.allotment.strata(world, self.tuning))
+        self._known[:] = [*self._known[1 - _KEPT :], (world, found)]
+        return found
 
-        `moving` says whose light straight from its lamp is left out.
+    def guided(self, world: World, views: Sequence[Projection]) -> Simulation:
+        """Return the same simulation with light paths guided toward what any of the views sees.
+
+        Emitters whose beams are bent along guides are left out, because their beams do not go where the paths go.
         """
-        # Keep only segments and hits, not the paths: a million of these take a gigabyte.
-        moving = moving or {}
-        tracing, begun = self._begun(number)
-        steps = enumerate(stepping(self.step, paths.trace(tracing, copy(begun))))
-        traced = [((0, step), segments, hits) for step, (segments, hits) in steps]
-        found = [(key, segments) for key, segments, _ in traced] + list(self._fringes(number, begun))
-        segments = [part for key, each in found for part in _resting(each, moving.get(key))]
-        hits = [each for _, _, each in traced if each is not None] if self.tuning.surfaces else []
-        if not all(each.surfaces for each in self.sources):
-            lights = to_uint([*(each.surfaces for each in self.sources), False])
-            parts = (compressed(dr.gather(UInt32, lights, each.source) > 0, each) for each in hits)
-            hits = [each for part in parts for each in part]
-        return sets_of(self.world, stepping(self.step, self.cuttings(number)), segments), hits
+        # Copies, because the pilot gives them guides.
+        strata = [replace(each) for each in self.strata(world) if not world.sources[each.emitter.source].guides]
+        if not strata or not views:
+            return self
+        return replace(self, guides=Guides.of(strata, self._tracer(world, strata).guide(views)))
 
-    def _begun(self, number: int) -> tuple[paths.Tracing, LightPaths | None]:
-        """Return how the light paths of a pass are traced, and the paths as they leave their emitters."""
-        if self.tuning.max_bounces is not None and self.tuning.max_bounces <= 0:
-            tracing, emitted = self.tracing(number), self.emission.emit(number)
-        else:
-            strata = with_surrounds(self.emission.strata)
-            emitted = [each.emit(number) for each in strata]
-            tracing = replace(self.tracing(number), openings=Openings.of(strata, emitted))
-        return tracing, paths.begin(tracing, emitted)
-
-    def moved(
-        self, last: World, later: Sequence[Stratum], number: int, media: Mapping[int, int], known: UInt32, total: int
-    ) -> tuple[list[BeamSet], Moving]:  # fmt: skip
-        """Return the moving beams straight from lamps, at both ends of the pass, and which light moves.
+    def simulated(
+        self, worlds: Sequence[World], number: int, looks: Mapping[str, Look | None] | None = None,
+        step: Callable[[], None] = nothing,
+    ) -> tuple[list[BeamSet], list[PhotonHits]]:  # fmt: skip
+        """Return the beams of pass `number` and its photons on surfaces.
 
         Parameters
         ----------
-        last, later
-            The world at the end of the pass, and its lamps; this world is that at the start.
-        number, media
-            The pass, and the numbers of this world's media by their numbers in `last`.
-        known, total
-            The numbers of paths among those of `simulated`, which `total` counts, or `total` for paths that are not
-            among them. Light whose segment is equal at both times is left to `simulated`.
+        worlds
+            The world at the start of the pass's time slice and, if anything moves, at its end. A light path straight
+            from its lamp has the same samples at both times; scattered light is that of the start. An object that is
+            identical in both worlds is at rest.
+        looks
+            Looks by the names of lamps and drawn beams, which replace those in the first world.
+        step
+            Called between parts of the pass; an exception from it ends the pass.
         """
-        tracing = [self.tracing(number), replace(self, world=last).tracing(number)]
-        emitted = [self.emission.emit(number), [each.emit(number) for each in later]]
-        begun = [paths.leaving(*each) for each in zip(tracing, emitted, strict=True)]
-        if begun[0] is None or begun[1] is None:
-            return [], {}
-        alive = (begun[0].initial > 0) | (begun[1].initial > 0)
-        kept = compressed(alive, *begun)
-        if not kept:
-            return [], {}
-        place = dr.gather(UInt32, known, kept[0].number)
-        apart = place == dr.opaque(UInt32, total)
-        steps: list[Moments] = []
+        first, last = worlds[0], worlds[-1]
+        strata, changed, scatters = self.strata(first), _changed(first, last), self.tuning.scatters
+        # Light of a lamp that changes, and is not scattered, is traced at both times alone.
+        traced = [each for each in strata if scatters or each.emitter.source not in changed]
+        whole = self._tracer(first, traced, looks, step)
+        still = last.surfaces is first.surfaces and last.media is first.media
+        tried = [each for each in strata if not still or each.emitter.source in changed]
+        sets: list[BeamSet] = []
         moving: Moving = {}
-        pairs = self._pairs(tracing, kept, number, {own: other for other, own in media.items()})
-        for key, (opened, there), (closed, then) in stepping(self.step, pairs):
-            if closed is not None:
-                closed = copy(closed)
-                closed.medium = _renumbered(closed.medium, media)
-            ends = [each for each in (opened, closed) if each is not None]  # one of the two may have ended
-            nowhere = dr.zeros(Bool, dr.width(ends[0].length))
-            masks = [nowhere if mask is None else mask for mask in (there, then)]
-            masks = [
-                there & (each.medium > 0) & (each.length > 0)
-                for there, each in zip(masks, (ends[0], ends[-1]), strict=True)
-            ]
-            moves = apart | (masks[0] != masks[1]) | ~equal_entries(ends[0], ends[-1])
-            of_paths = dr.zeros(Bool, total + 1)
-            dr.scatter(of_paths, Bool(True), place, moves)
-            dr.eval(of_paths)
-            moving[key] = of_paths
-            steps.append(([ends[0], ends[-1]], [mask & moves for mask in masks]))
-        return moving_sets(stepping(self.step, self.cuttings(number)), steps, last.sources), moving
-
-    def tracing(self, number: int) -> paths.Tracing:
-        """Return how the light paths of a pass are traced."""
-        tuning = self.tuning
-        region = max((self.size(each) for each in self.world.media.all), default=self.world.radius)
-        return paths.Tracing(
-            self.world, tuning.max_bounces, tuning.rr_depth, tuning.overlap, region,
-            *self.emission.shares(len(self.sources)), tuning.short, radius_scale(tuning.alpha, number),
-            self._bounces_by_source(), self._caustics_by_source(), endless=self._endless_by_source(),
-        )  # fmt: skip
-
-    def _pairs(
-        self, tracing: Sequence[paths.Tracing], begun: Sequence[LightPaths], number: int, media: Mapping[int, int]
-    ) -> Iterator[tuple[Any, ...]]:
-        """Yield segments of light straight from lamps at both times, by their keys.
-
-        `media` has the numbers of media at the second time.
-        """
-        straight = [unscattered(each, start) for each, start in zip(tracing, begun, strict=True)]
-        own = {medium: medium for medium in self.world.boxes}
-        fringes = [
-            {medium: self._fringe(each, start, steps, number, medium, there.get(medium, medium)) for medium in own}
-            for each, start, steps, there in zip(tracing, begun, straight, (own, media), strict=True)
-        ]
-        keyed: dict[int, list[Any]] = {0: list(straight)}
-        keyed.update({medium: [each[medium] for each in fringes] for medium in own})
-        for medium, both in keyed.items():
-            for step, pair in enumerate(zip_longest(*both, fillvalue=(None, None))):
-                yield (medium, step), pair[0], pair[1]
-
-    def _fringes(self, number: int, begun: LightPaths | None) -> Iterator[tuple[Key, Segments | None]]:
-        """Yield segments of light straight from lamps that passes beside media, by their keys."""
-        if begun is None or not self.world.boxes:
-            return
-        tracing = self.tracing(number)
-        only = next(iter(self.world.boxes)) if len(self.world.boxes) == 1 else None
-        straight = unscattered(tracing, begun, None if only is None else entering(only))
-        for medium in self.world.boxes:
-            for step, (segments, there) in enumerate(self._fringe(tracing, begun, straight, number, medium, medium)):
-                yield (medium, step), paths.kept(there, segments)
-
-    def _fringe(
-        self, tracing: paths.Tracing, begun: LightPaths, straight: Steps, number: int, medium: int, there: int
-    ) -> Iterator[tuple[Segments, Bool]]:
-        """Yield segments beside a medium, which has the number `there` in the world of `tracing`."""
-        rendered = next(each for each in self.world.media.all if each.number == medium)
-        if there not in tracing.world.boxes:
-            return iter(())
-        limits = self._both_limits(number, rendered)[1]
-        reentrant = there in tracing.world.reentrant
-        return fringe(tracing, begun, straight, there, tracing.world.boxes[there], limits, reentrant)
-
-    def guide(self, views: Sequence[Projection]) -> list[Found]:
-        """Guide emission toward what the views see, and return what is found out about each stratum."""
-        camera, tracing = CameraImportance(self.world, views), self.tracing(0)
-
-        def seen(emitted: list[EmittedRays]) -> Sightings:
-            begun = paths.begin(tracing, emitted)
-            beside = [(each, None) for _, each in self._fringes(0, begun) if each is not None]
-            steps = [*paths.trace(tracing, copy(begun)), *beside]
-            surfaces = self.tuning.surfaces
-            return Sightings.joined([camera.seen(segments, hits if surfaces else None) for segments, hits in steps])
-
-        if not isinstance(self.world, StageWorld):
-            return guide(self.emission.strata, seen, self.world)
-        lines, straight = Connections(self.world, views), self.tuning.max_bounces == 0
-        return guide(self.emission.strata, seen, self.world, lambda each: lines(each.emitter), straight)
-
-    def _bounces_by_source(self) -> Any:
-        """Return the most bounces, by the numbers of sources; None if they are the same for all."""
-        bounces, most = [each.bounces for each in self.sources], self.tuning.max_bounces
-        if not self.tuning.own_bounces or all(each is None for each in bounces):
-            return None
-        return to_uint([*(each or 0 for each in bounces), 0]) if most is not None else None
-
-    def _endless_by_source(self) -> Any:
-        """Return the length at which light in endless media ends, by the numbers of sources; 0: by the bounds.
-
-        Programs, and files of beams, get beams that end by the bounds.
-        """
-        length = self.world.endless if self.tuning.visible else 0.0
-        return to_float([*(length if each.endless else 0.0 for each in self.sources), 0.0])
-
-    def _caustics_by_source(self) -> Any:
-        """Return which sources' light only counts as caustics, by their numbers; None if no source's does."""
-        if not any(each.caustics for each in self.sources):
-            return None
-        return to_uint([*(each.caustics for each in self.sources), False])
-
-    def cuttings(self, number: int) -> list[Cutting]:
-        """Return how the segments of a pass become beams, for each medium and each source that makes beams in it."""
-        fixed = bool(self.tuning.radius or self.tuning.max_radius)
-        free_paths = np.inf if fixed else FREE_PATHS
-        longest = None if fixed else dr.opaque(Float, scene.ESCAPE * self.world.extent)
-        return [
-            Cutting(
-                medium,
-                source,
-                *self._both_limits(number, medium),
-                self.named,
-                self.tuning.short,
-                free_paths,
-                self.world.boxes.get(medium.number),
-                medium.number in self.world.reentrant,
-                longest,
+        if tried:
+            opened, closed, known = (
+                with_surrounds(each) if scatters else each
+                for each in (tried, [_later(each, last) for each in tried], traced)
             )
-            for source in self.sources
-            for medium in self.world.media.all
-            if self._shown(source, medium)
-            and (source.beams or (source.scattered_beams and medium.number in self.world.lit_by_domes))
+            part = replace(whole, emission=Emission(opened), tuning=replace(self.tuning, max_bounces=0))
+            numbers, media = _numbers(opened, known), renumbering(last, first)
+            sets, moving = part.moved(last, closed, number, media, numbers, whole.emission.count)
+        resting, hits = whole.simulated(number, moving)
+        sets = sorted(resting + sets, key=lambda each: each.light) + _drawn(first, last, looks or {})
+        dark = {each.number for each in first.media.all if self.tuning.visible and max(each.medium.scattering) <= 0}
+        return [each for each in sets if each.look is not None or each.medium not in dark], hits
+
+    def _tracer(
+        self, world: World, strata: Sequence[Stratum], looks: Mapping[str, Look | None] | None = None,
+        step: Callable[[], None] = nothing,
+    ) -> LightTracer:  # fmt: skip
+        sources = [
+            replace(each, look=each.look if looks is None else looks.get(each.name, each.look))
+            for each in world.sources
         ]
-
-    def _shown(self, source: Source, medium: RenderedMedium) -> bool:
-        """Return whether beams of a source in a medium are wanted; a look may show them even if the medium does not."""
-        return max(medium.medium.scattering) > 0 or (self.named and not (self.tuning.visible and source.look is None))
-
-    def _both_limits(self, number: int, medium: RenderedMedium) -> tuple[Limits, Limits]:
-        """Return the bounds of radii for scattered light, and for light straight from an emitter."""
-        widest = np.inf if medium.tracked is not None else FREE_PATHS / max(*medium.medium.extinction, 1e-30)
-        limits = self.tuning.limits(number, self.size(medium), widest)
-        if not self.world.narrows or self.tuning.radius or self.tuning.max_radius:
-            return limits, limits
-        # Without a ceiling: `narrowing` keeps each wide beam out of walls.
-        return limits, limits._replace(ceiling=dr.opaque(Float, np.inf))
-
-    def size(self, medium: RenderedMedium) -> float:
-        """Return the radius of a medium, at most that of the region with everything in it."""
-        return min(self.sizes.get(medium.number, np.inf), self.world.extent)
+        return LightTracer(world, Emission(strata, self.allotment.shared), self.tuning, sources, self.named, step)
 
 
-def _resting(segments: Segments | None, moving: Bool | None) -> list[Segments]:
-    """Return segments without light straight from lamps that is `moving`, by numbers of paths: one struct, or none."""
-    if segments is None or moving is None:
-        return [] if segments is None else [segments]
-    moves = (segments.depth == 0) & dr.gather(Bool, moving, segments.number)
-    return compressed(~moves, segments)
+def _numbers(some: Sequence[Stratum], strata: Sequence[Stratum]) -> UInt32:
+    """Return the numbers that paths of some strata have among those of others, or else the number of all of these."""
+    first = dict(zip((each.key for each in strata), np.cumsum([0, *(each.count for each in strata)]), strict=False))
+    total = sum(each.count for each in strata)
+    places = [first[each.key] + np.arange(each.count) if each.key in first else np.full(each.count, total)
+              for each in some]  # fmt: skip
+    return to_uint(np.concatenate(places))
 
 
-def _renumbered(numbers: UInt32, media: Mapping[int, int]) -> UInt32:
-    result = numbers
-    for old, new in media.items():
-        result = dr.select(numbers == dr.opaque(UInt32, old), dr.opaque(UInt32, new), result)
+def _later(stratum: Stratum, last: World) -> Stratum:
+    """Return the stratum of the same light paths in the world `last`."""
+    own = stratum.emitter
+    emitter = PathEmitter(last, own.number, own.margin)
+    if own.portal is not None:  # a fitted portal does not move
+        emitter = emitter.at(last.emitters[own.number].portal or own.portal, own.through)
+    return replace(stratum, emitter=emitter)
+
+
+def renumbering(one: World, other: World) -> dict[int, int]:
+    """Return the numbers of media in the world `other` of the same shot, by their numbers in the world `one`."""
+    if one.media is other.media:
+        return {}
+    return {number: other.numbers[name] for name, number in one.numbers.items() if name in other.numbers}
+
+
+def _changed(first: World, last: World) -> set[int]:
+    """Return the numbers of lamps that are not the same at both times."""
+    both = zip(first.emitters, last.emitters, strict=True)
+    return {number for number, (emitter, later) in enumerate(both) if later.beams is not emitter.beams}
+
+
+def _drawn(first: World, last: World, looks: Mapping[str, Look | None]) -> list[BeamSet]:
+    """Return the drawn beams, in sets by the medium that they are in."""
+    sets = []
+    for number, (drawn, later) in enumerate(zip(first.drawn, last.drawn, strict=True)):
+        moved = Beams(**later.arrays()) if later is not drawn and _are_same(drawn, later) else None
+        look, index = looks.get(drawn.name, drawn.look), len(first.emitters) + number
+        beams = Beams(**drawn.arrays())
+        whole = BeamSet(drawn.group, look, beams, moved, drawn.name, index)
+        sets += _by_media(first, whole)
+    return sets
+
+
+def _by_media(world: World, whole: BeamSet) -> list[BeamSet]:
+    """Divide a set of beams by the media of their middles; beams in no medium are left out."""
+    media = world.media.all
+    if len(media) < 2 and not world.boundaries:
+        return [whole._replace(medium=each.number) for each in media]
+    beams = whole.beams
+    axis = beams.end - beams.start
+    middle = beams.start + 0.5 * axis
+    found = world.medium_at(middle, dr.normalize(axis), dr.full(Bool, True, len(beams)))
+    states = [beams] if whole.close is None else [beams, whole.close]
+    result = []
+    for each in media:
+        kept = compressed(found == dr.opaque(UInt32, each.number), *states)
+        if kept:
+            close = kept[1] if len(kept) > 1 else None
+            result.append(whole._replace(beams=kept[0], close=close, medium=each.number))
     return result
+
+
+def _are_same(drawn: scene.DrawnBeams, later: scene.DrawnBeams) -> bool:
+    """Return whether drawn beams at two times correspond one to one."""
+    return len(later.start) == len(drawn.start) and later.arrays().keys() == drawn.arrays().keys()

@@ -37,6 +37,11 @@ class Tuning:
     own_bounces: bool = False
     visible: bool = False
 
+    @property
+    def scatters(self) -> bool:
+        """Whether light may be scattered before it is scattered toward the camera."""
+        return self.max_bounces is None or self.max_bounces > 0
+
     def limits(self, number: int, size: float, widest: float = np.inf) -> Limits:
         """Return the bounds of radii in pass `number`, in a region of radius `size`; `widest` bounds the default."""
         low = self.radius or self.min_radius or FLOOR * size

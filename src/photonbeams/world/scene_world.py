@@ -38,8 +38,8 @@ class SceneWorld(World):
         The scene, and the place where camera paths begin (see `surroundings.place_of_sensor`); None: no camera.
     sources
         What the beams of its emitters have in common; several emitters may share one.
-    beams
-        The settings of each emitter, in the scene's order; () stands for the defaults.
+    beams, numbers
+        The settings of each emitter, in the scene's order, and the number of its source; () stands for the defaults.
 
     Raises
     ------
@@ -47,13 +47,14 @@ class SceneWorld(World):
         A medium cannot be rendered, the scene is too large, or an emitter cannot have its gobo or its portal.
     """
 
-    cutouts = narrows = False
+    cutouts = narrows = glowing = False
+    boundaries = ()
 
     def __init__(
         self, plugin: Any, eye: Place | None, sources: Sequence[Source] = (Source(),),
-        beams: Sequence[scene.BeamSettings] = (),
+        beams: Sequence[scene.BeamSettings] = (), numbers: Sequence[int] = (),
     ) -> None:  # fmt: skip
-        self.plugin, self.host, self.sources = plugin, plugin, tuple(sources)
+        self.plugin = self.surfaces = self.host = plugin
         self.media = Media.of(plugin)
         places = places_of(plugin)
         finite = [each for each in [*places, *([] if eye is None else [eye])] if not each.infinite]
@@ -62,6 +63,7 @@ class SceneWorld(World):
         self.bounds = Bounds(center, self.radius)
         settings = beams or [scene.BeamSettings()] * len(plugin.emitters())
         self.emitters = emitters_of(plugin, settings, self.bounds)
+        self._give(sources, numbers or [0] * len(self.emitters))
         self.perturbed, self.translucent = perturbs(plugin), translucent(plugin)
         self.mirrors = mirrors(plugin)
         self.surroundings = Surroundings(plugin, self.media, places, eye)
@@ -71,6 +73,16 @@ class SceneWorld(World):
         self.endless = endless_length(self.extent, open_)
         self._fog_beyond = bool(open_) and (self.extent > self.radius or not plugin.shapes())
         self._escape = dr.opaque(Float, scene.ESCAPE * self.extent)
+
+    def _give(self, sources: Sequence[Source], numbers: Sequence[int]) -> None:
+        self.sources = tuple(sources)
+        self.emitters = [each._replace(source=own) for each, own in zip(self.emitters, numbers, strict=True)]
+
+    def with_sources(self, sources: Sequence[Source], numbers: Sequence[int]) -> SceneWorld:
+        """Return the world with other sources, and the number of the source of each emitter."""
+        result = copy(self)
+        result._give(sources, numbers)
+        return result
 
     def short_of_fog(self, emitters: Iterable[int]) -> list[int]:
         """Return those emitters at infinity whose beams, which begin around the shapes, do not reach all endless fog.

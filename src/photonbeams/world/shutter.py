@@ -21,6 +21,14 @@ class Moment(NamedTuple):
     cameras: tuple[scene.Camera, ...]
 
 
+class CameraMotion(NamedTuple):
+    """A camera in a pass: when the pass opens, in its middle and when it closes; the same camera if it is at rest."""
+
+    opened: scene.Camera
+    middle: scene.Camera
+    closed: scene.Camera
+
+
 @dataclass(frozen=True)
 class Shutter:
     """A shot while the shutter is open.

@@ -73,6 +73,7 @@ class StageWorld(World):
         See `World`.
     """
 
+    connects = True
     description: scene.Scene
     host: Any
     meshes: tuple[scene.Mesh, ...]
@@ -178,12 +179,12 @@ class StageWorld(World):
         return self.radius
 
     @cached_property
-    def sizes(self) -> dict[int, float]:
+    def sizes(self) -> dict[int, float]:  # type: ignore[override]
         """The radii of bounded media, by number."""
         return {own: 0.5 * float(np.linalg.norm(high - low)) for own, (low, high) in self.boxes.items()}
 
     @cached_property
-    def lamps(self) -> tuple[Lamps, ...]:
+    def lamps(self) -> tuple[Lamps, ...]:  # type: ignore[override]
         """The lights that light surfaces, packed by kind, for loops; others are in `domes` and `mesh_lamps`."""
         groups: dict[Any, list[Any]] = {(kind, Links()): [] for kind in KINDS}
         for each in self.emitters:
@@ -191,13 +192,18 @@ class StageWorld(World):
                 groups.setdefault((type(each.lamp), each.links), []).append(each.lamp)
         return tuple(Lamps.of(items, self._linked(links)) for (_, links), items in groups.items() if items)
 
+    @property
+    def drawn(self) -> Sequence[scene.DrawnBeams]:  # type: ignore[override]
+        """Beams that no lamp makes."""
+        return self.description.drawn
+
     @cached_property
-    def domes(self) -> tuple[tuple[Any, LinkedSurfaces | None], ...]:
+    def domes(self) -> tuple[tuple[Any, LinkedSurfaces | None], ...]:  # type: ignore[override]
         """The environments, each with its links."""
         return self._each_of(lambda lamp: lamp.environment)
 
     @cached_property
-    def sky(self) -> tuple[tuple[scene.DomeLight, Any, LinkedSurfaces | None], ...]:
+    def sky(self) -> tuple[tuple[scene.DomeLight, Any, LinkedSurfaces | None], ...]:  # type: ignore[override]
         """The environments that light media without beams, each with its lamp and its links."""
         own = {id(each.beams): each for each in self.emitters}
         found = [(light, own[id(light)]) for light in self.description.sky]
@@ -209,7 +215,7 @@ class StageWorld(World):
         return frozenset(self.numbers[each.name] for each in self.description.media if each.lit_by_domes)
 
     @cached_property
-    def mesh_lamps(self) -> tuple[tuple[Any, LinkedSurfaces | None], ...]:
+    def mesh_lamps(self) -> tuple[tuple[Any, LinkedSurfaces | None], ...]:  # type: ignore[override]
         """The mesh lights, each with its links."""
         return self._each_of(lambda lamp: not (lamp.environment or lamp.bare.DRJIT_STRUCT))
 
@@ -241,7 +247,7 @@ class StageWorld(World):
         return to_uint(table)
 
     @cached_property
-    def numbers(self) -> dict[str, int]:
+    def numbers(self) -> dict[str, int]:  # type: ignore[override]
         """Numbers of the media by name; a medium may have different numbers in the worlds of two times."""
         media = zip(self.description.media, self.media.all, strict=True)
         return {described.name: medium.number for described, medium in media}
@@ -250,6 +256,11 @@ class StageWorld(World):
     def sharp(self) -> bool:
         """Whether camera paths may continue somewhere: at a boundary of media, a mirror or glass."""
         return self.mirrors or bool(self.boundaries)
+
+    def feeling_all(self) -> StageWorld:
+        """Return the world in which light feels all of its media."""
+        media = self.media.all_felt()
+        return self if media is self.media else replace(self, media=media)
 
     def without_surfaces(self) -> StageWorld:
         """Return the world with its media alone."""

@@ -10,8 +10,9 @@ import drjit as dr
 
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..scene import DrawnBeams
 from .bounds import Bounds, Box
-from .emitters.emitter import Emitter
+from .emitters.emitter import Emitter, Links
 from .emitters.rays import EmittedRays
 from .emitters.sources import Source
 from .media.media import Media
@@ -58,6 +59,22 @@ class World:
         Numbers of the media that a line may leave and enter again.
     lit_by_domes
         Numbers of the media that domes light without beams.
+    sizes
+        Radius of each medium, by number; a medium without an entry has the world's.
+    numbers
+        Numbers of the media by name, which may be others at another time; media without a name have none.
+    drawn
+        Beams that no lamp makes.
+    lamps, domes, mesh_lamps
+        Lights that are no part of `plugin`: packed by kind; and environments and mesh lights, each with its links.
+    sky
+        Environments that light media without beams, with their lamps and their links.
+    glowing
+        Whether surfaces shine to both sides.
+    surfaces, boundaries
+        The Mitsuba scene of the surfaces, and the shapes of the media's boundaries, if they are known apart.
+    connects
+        Whether `blocked`, `clear`, `solid`, `medium_at` and `dimming` answer for straight lines to lamps.
     host
         The Mitsuba scene that the scenes of portals share on CUDA: see `shapes.scene_of`.
     """
@@ -78,6 +95,17 @@ class World:
     mirrors: bool
     narrows: bool
     lit_by_domes: Collection[int] = ()
+    sizes: Mapping[int, float]
+    numbers: Mapping[str, int] = {}
+    drawn: Sequence[DrawnBeams] = ()
+    lamps: Sequence[Any] = ()
+    domes: Sequence[Any] = ()
+    mesh_lamps: Sequence[Any] = ()
+    sky: Sequence[Any] = ()
+    glowing: bool
+    connects = False
+    boundaries: Sequence[Any]
+    surfaces: Any
     host: Any
 
     @cached_property
@@ -86,9 +114,18 @@ class World:
         return size_of(self.plugin)
 
     @property
+    def hazy(self) -> bool:
+        """Whether any medium scatters light."""
+        return any(max(each.medium.scattering) > 0 for each in self.media.all)
+
+    @property
     def sharp(self) -> bool:
         """Whether camera paths may continue somewhere: at a boundary of media, a mirror or glass."""
         return True
+
+    def feeling_all(self) -> World:
+        """Return the world in which light feels all of its media, beams-only ones, too."""
+        return self
 
     def without_surfaces(self) -> World:
         """Return the world with its media alone."""
@@ -104,6 +141,41 @@ class World:
         `bounds` is the sphere which light from infinity enters, and `through` says whether the rays were sampled on a
         portal, rather than on the emitter.
         """
+        raise NotImplementedError
+
+    def medium_at(self, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
+        """Return the numbers of the media at points, found by rays along `direction`."""
+        raise NotImplementedError
+
+    def solid(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
+        """Return the first surface that rays hit, as a SurfaceInteraction3f; boundaries of media do not count."""
+        raise NotImplementedError
+
+    def blocked(
+        self, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32,
+        link: UInt32 | None = None,
+    ) -> Bool:  # fmt: skip
+        """Return which rays hit a surface before `distance`."""
+        raise NotImplementedError
+
+    def clear(
+        self, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32, link: UInt32
+    ) -> Float:
+        """Return how far rays are clear: the distances at which they hit a surface before `distance`, else infinity."""
+        raise NotImplementedError
+
+    def stopping(self, links: Links) -> World:
+        """Return the world with only the surfaces that block lights with these links."""
+        return self
+
+    def colors(self, emitter: Any, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
+        """Return the colours of the images that light passes on its way from Mitsuba's emitters to points."""
+        return Array3f(1)
+
+    def dimming(
+        self, origin: Array3f, direction: Array3f, distance: Float, medium: UInt32, seed: UInt32, active: Bool
+    ) -> Array3f:
+        """Return the transmittance, as surfaces feel it, along rays that begin in a medium and meet no surface."""
         raise NotImplementedError
 
     def escape(self, origin: Array3f, direction: Array3f) -> Float:

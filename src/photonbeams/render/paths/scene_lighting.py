@@ -15,9 +15,9 @@ from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.media.visibility import through
-from ...world.scene_world import SceneWorld
 from ...world.shadow_rays import leaving, to_point
 from ...world.spectra import rgb
+from ...world.world import World
 from .branches import IDEAL
 from .camera_paths import ShadingPoint
 
@@ -27,7 +27,7 @@ mi = mitsuba()
 class SceneLighting:
     """The emitters of a Mitsuba scene; `portal` is the portal before its environment, or None."""
 
-    def __init__(self, world: SceneWorld, portal: EnvironmentPortal | None = None) -> None:
+    def __init__(self, world: World, portal: EnvironmentPortal | None = None) -> None:
         self._world, self._portal = world, portal
         self._visible = any(not mi.has_flag(each.flags(), mi.EmitterFlags.Delta) for each in world.plugin.emitters())
 

@@ -7,7 +7,6 @@ dome and one of the phase function, as on surfaces. Light that is scattered more
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -20,7 +19,7 @@ from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.stage_lamps import LinkedSurfaces
 from ...world.media.interfaces import pointers
 from ...world.shadow_rays import ShadowRay, to_lamp
-from ...world.stage_world import StageWorld
+from ...world.world import World
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex, ShadingPoint
 from .stage_lighting import scattered
@@ -41,9 +40,8 @@ class SingleScattering:
         The longest path in edges, as in Mitsuba's integrators; None: no limit.
     """
 
-    def __init__(self, world: StageWorld, count: int, samples: Samples, max_depth: int | None) -> None:
-        media = world.media.all_felt()
-        self._world = world if media is world.media else replace(world, media=media)
+    def __init__(self, world: World, count: int, samples: Samples, max_depth: int | None) -> None:
+        self._world = world.feeling_all()
         self._samples, self._max_depth = samples, max_depth
         self.radiance: dict[str, Any] = {light.group: dr.zeros(Array3f, count) for light, _, _ in world.sky}
 
@@ -86,7 +84,7 @@ class _ScatteringPoints:
 
     def __init__(
         self,
-        world: StageWorld,
+        world: World,
         point: ShadingPoint,
         place: Array3f,
         ray: Array3f,
@@ -108,14 +106,14 @@ class _ScatteringPoints:
         self._seed = point.samples.bits(point.order, Stream.PHASE_LOBE, point.step)
         self._open = self._free(world, active, self.shadow_reach)
 
-    def _free(self, world: StageWorld, active: Bool, reach: Float) -> Bool:
+    def _free(self, world: World, active: Bool, reach: Float) -> Bool:
         return active & ~world.blocked(self.place, self.direction, reach, active, self._seed)
 
     def toward(self, direction: Array3f, distance: Float) -> ShadowRay:
         """Return the shadow rays to light at a distance, which may be infinite."""
         return to_lamp(self.place, direction, distance)
 
-    def sees(self, _: StageWorld, met: Bool, __: Float) -> Bool:
+    def sees(self, _: World, met: Bool, __: Float) -> Bool:
         """Return which samples that meet a dome are not blocked."""
         return met & self._open
 

@@ -18,7 +18,7 @@ from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.stage_lamps import Lamps, LinkedSurfaces
 from ...world.shadow_rays import ShadowRay, leaving, to_lamp
-from ...world.stage_world import StageWorld
+from ...world.world import World
 from .camera_paths import NearestLamp, ShadingPoint
 
 mi = mitsuba()
@@ -27,7 +27,7 @@ mi = mitsuba()
 class StageLighting:
     """The lamps and environments of a stage, and its surfaces that glow."""
 
-    def __init__(self, world: StageWorld) -> None:
+    def __init__(self, world: World) -> None:
         self._world = world
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
@@ -125,7 +125,7 @@ class _Lit(Protocol):
     def toward(self, direction: Array3f, distance: Float) -> ShadowRay:
         """Return the shadow rays to light at a distance, which may be infinite."""
 
-    def sees(self, world: StageWorld, met: Bool, distance: Float) -> Bool:
+    def sees(self, world: World, met: Bool, distance: Float) -> Bool:
         """Return which samples that meet a light, at this distance, are not blocked."""
 
     def left(self, free: Bool, lit: Bool) -> Array3f:
@@ -138,7 +138,7 @@ class _Lit(Protocol):
 class _Reflection:
     """The BSDFs at camera vertices, and one sample of each."""
 
-    def __init__(self, world: StageWorld, point: ShadingPoint, active: Bool) -> None:
+    def __init__(self, world: World, point: ShadingPoint, active: Bool) -> None:
         hit = point.hit
         self.point, self.hit, self.active = point, hit, active
         self.bsdf = hit.bsdf()
@@ -160,7 +160,7 @@ class _Reflection:
         self.shadow: Any = None
         self.open = self._open(world)
 
-    def _open(self, world: StageWorld) -> Bool:
+    def _open(self, world: World) -> Bool:
         """Return whether no surface blocks the sample: this takes half the time of finding the nearest surface."""
         alive = self.active & (dr.max(self.weight) > 0)
         return alive & ~world.blocked(self._origin, self.direction, self.shadow_reach, alive, self.seed)
@@ -169,7 +169,7 @@ class _Reflection:
         """Return the shadow rays to light at a distance, which may be infinite."""
         return to_lamp(self.hit, direction, distance, self._size)
 
-    def sees(self, world: StageWorld, met: Bool, distance: Float) -> Bool:
+    def sees(self, world: World, met: Bool, distance: Float) -> Bool:
         """Return which BSDF samples that meet a light, at a distance, are not blocked."""
         # Small lights are met seldom. The seed is that of `open`: a cut-out that lets one ray through lets the other.
         behind = met & ~self.open & dr.isfinite(distance)
@@ -198,7 +198,7 @@ class _Reflection:
 
 
 def _adding(
-    world: StageWorld, reflection: _Reflection, links: LinkedSurfaces | None, kind: int
+    world: World, reflection: _Reflection, links: LinkedSurfaces | None, kind: int
 ) -> Callable[..., tuple[Any, ...]]:
     """Return the body of a loop over the lights of one kind, which adds a light to the radiance."""
     stopping, reflection = _linked(world, reflection, links)
@@ -209,12 +209,12 @@ def _adding(
     return add
 
 
-def _linked(world: StageWorld, reflection: _Reflection, links: LinkedSurfaces | None) -> tuple[StageWorld, _Reflection]:
+def _linked(world: World, reflection: _Reflection, links: LinkedSurfaces | None) -> tuple[World, _Reflection]:
     """Return the surfaces that block lights with these links, and the hits that these lights light."""
     return (world, reflection) if links is None else (links.world, reflection.of_lights(links))
 
 
-def scattered(world: StageWorld, reflection: _Lit, light: Any, names: tuple[Any, ...]) -> Array3f:
+def scattered(world: World, reflection: _Lit, light: Any, names: tuple[Any, ...]) -> Array3f:
     """Return the scattered radiance of one light: a sample of the light and the sample of a direction, weighted."""
     point, place = reflection.point, reflection.place
     medium = point.medium

@@ -10,7 +10,6 @@ the phase function or BSDF, combined by the power heuristic (Veach 1997), as in 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,11 +97,14 @@ class WalkedEmitters:
         The power of each.
     sharp
         Emitters whose caustics are left to photons and beams.
+    portal
+        The portal before the scene's environment, or None.
     """
 
     def __init__(
-        self, world: SceneWorld, numbers: Sequence[int], power: Sequence[float], sharp: Collection[int] = ()
-    ) -> None:
+        self, world: SceneWorld, numbers: Sequence[int], power: Sequence[float], sharp: Collection[int] = (),
+        portal: EnvironmentPortal | None = None,
+    ) -> None:  # fmt: skip
         emitters = world.plugin.emitters()
         known = [int(UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(each)))[0]) for each in emitters]
         part = np.asarray(power) / sum(power) if sum(power) > 0 else np.zeros(len(numbers))
@@ -112,7 +114,7 @@ class WalkedEmitters:
         table[[known[each] for each in numbers]] = part
         self.world, self._table, self._sharp = world, to_float(table), None
         self._size = len(numbers)
-        self._portal: EnvironmentPortal | None = None
+        self._portal = portal
         if sharp:
             caustics = np.zeros(len(table), dtype=np.uint32)
             caustics[[known[each] for each in sharp]] = 1
@@ -125,12 +127,6 @@ class WalkedEmitters:
     def __len__(self) -> int:
         """Return how many emitters there are."""
         return self._size
-
-    def behind(self, portal: EnvironmentPortal | None) -> WalkedEmitters:
-        """Return the same emitters with a portal before the scene's environment, or with none."""
-        result = copy(self)
-        result._portal = portal
-        return result
 
     def sample(self, reference: Any, which: Float, aim: Any, active: Bool) -> tuple[Any, Array3f]:
         """Return a sample of one of the emitters from a point, and its radiance over the density."""

@@ -14,8 +14,8 @@ import numpy as np
 
 from ...numerics.hashing import hash32, unit_float
 from ...runtime.device import Array3f, Bool, Float, UInt32
-from ...world.stage_world import StageWorld
 from ...world.warp import facing, perpendicular
+from ...world.world import World
 
 if TYPE_CHECKING:
     from .records import LightPaths
@@ -31,7 +31,7 @@ _RINGS = 0x51
 _SLACK = 0.25  # radii by which the rim may stop before the plane where the axis ended: surfaces are curved
 
 
-def narrow(world: StageWorld, paths: LightPaths, scale: Any, halvings: Any, most: int) -> None:
+def narrow(world: World, paths: LightPaths, scale: Any, halvings: Any, most: int) -> None:
     """Find where paths that leave their lamps are stopped, and the factors on their radii.
 
     Parameters
@@ -61,7 +61,7 @@ def narrow(world: StageWorld, paths: LightPaths, scale: Any, halvings: Any, most
         dr.eval(paths.narrow, paths.clear)
 
 
-def _clear(world: StageWorld, paths: LightPaths, begin: Float, at_end: Float, active: Bool) -> Float:
+def _clear(world: World, paths: LightPaths, begin: Float, at_end: Float, active: Bool) -> Float:
     """Return the distance along beams at which rays to the rim's end first meet a surface that does not stop the axis.
 
     It is infinite where none is met. The rays begin on the axis, not on the rim: beside a portal's edge the rim begins

@@ -58,13 +58,13 @@ def emitters_of(
     links = [links_of(light, meshes) for light in lights]
     blocking = sorted({each.unshadowed for each in links} - {frozenset()}, key=sorted)
     result = []
-    for light, own in zip(lights, links, strict=True):
+    for number, (light, own) in enumerate(zip(lights, links, strict=True)):
         portal = None
         if light.portal is not None:
             portal = portals.get(id(light.portal)) or Portal(light.portal, shape_of(light.portal), host)
         lamp = lamps.get(id(light)) or projected(lamp_of(light, host, around), light, portal, images)
         link = blocking.index(own.unshadowed) + 1 if own.unshadowed else 0
-        result.append(Emitter(light.name, lamp, light, portal, own, link))
+        result.append(Emitter(light.name, lamp, light, portal, own, link, number))
     return tuple(result)
 
 

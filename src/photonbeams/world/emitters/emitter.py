@@ -39,6 +39,8 @@ class Emitter(NamedTuple):
         Which surfaces it lights, and which block it.
     link
         The number of the set of surfaces that block it: see `World.blocking_scenes`.
+    source
+        The number of its source among `World.sources`.
     """
 
     name: str
@@ -47,3 +49,4 @@ class Emitter(NamedTuple):
     portal: Portal | None = None
     links: Links = Links()
     link: int = 0
+    source: int = 0

@@ -12,7 +12,7 @@ from ...runtime.device import Bool, UInt32
 from .gobos import pack_projected
 
 if TYPE_CHECKING:
-    from ..stage_world import StageWorld
+    from ..world import World
 
 
 class LinkedSurfaces(NamedTuple):
@@ -23,7 +23,7 @@ class LinkedSurfaces(NamedTuple):
     a shadow leaves of it. `seen` says whether pictures show the lights.
     """
 
-    world: StageWorld
+    world: World
     lit: Any | None
     reach: Any
     scale: Any
