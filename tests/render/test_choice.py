@@ -47,7 +47,7 @@ def test_nothing_is_noise_where_nothing_shines():
 def walked(scene, **settings):
     """Return the number of emitters that walks meet, and the names of those that emit light paths."""
     light = begin(scene, scene.sensors()[0], Settings(beams=1024, **settings)).light
-    known = [each.name for each in (stratum.emitter for stratum in light.simulation.emission.strata)]
+    known = [each.emitter.name for each in light.simulation.strata(light.world)]
     return sum(len(each.emitters) for each in light.walks.values()), known
 
 

@@ -68,7 +68,7 @@ class View:
             center = self.eye + self.to_world[:3, 2] * self.distance
             parts["speck"] = {"type": "sphere", "center": [*center], "radius": 1e-3 * self.distance, "exterior": FOG}
         integrator = mi.load_dict({"type": "photon_beams", "max_depth": 2, "method": "beams"})
-        return np.array(mi.render(mi.load_dict({"type": "scene", **parts}), spp=8, integrator=integrator))[..., 1]
+        return np.array(mi.render(mi.load_dict({"type": "scene", **parts}), spp=32, integrator=integrator))[..., 1]
 
     def by_stage(self, usd):
         """Return the picture of a stage with a lamp and a camera."""

@@ -158,7 +158,7 @@ class LightTracer:
     def tracing(self, number: int) -> paths.Tracing:
         """Return how the light paths of a pass are traced."""
         tuning, count = self.tuning, len(self.sources)
-        region = max((self.size(each) for each in self.world.media.all), default=self.world.radius)
+        region = max((self.world.radius_of(each) for each in self.world.media.all), default=self.world.radius)
         return paths.Tracing(
             self.world, tuning.max_bounces, tuning.rr_depth, tuning.overlap, region,
             self.emission.counts(count), self.emission.powers(count) if tuning.scatters else [0.0] * count,
@@ -274,15 +274,11 @@ class LightTracer:
     def _both_limits(self, number: int, medium: RenderedMedium) -> tuple[Limits, Limits]:
         """Return the bounds of radii for scattered light, and for light straight from an emitter."""
         widest = np.inf if medium.tracked is not None else FREE_PATHS / max(*medium.medium.extinction, 1e-30)
-        limits = self.tuning.limits(number, self.size(medium), widest)
+        limits = self.tuning.limits(number, self.world.radius_of(medium), widest)
         if not self.world.narrows or self.tuning.radius or self.tuning.max_radius:
             return limits, limits
         # Without a ceiling: `narrowing` keeps each wide beam out of walls.
         return limits, limits._replace(ceiling=dr.opaque(Float, np.inf))
-
-    def size(self, medium: RenderedMedium) -> float:
-        """Return the radius of a medium, at most that of the region with everything in it."""
-        return min(self.world.sizes.get(medium.number, np.inf), self.world.extent)
 
 
 def _resting(segments: Segments | None, moving: Bool | None) -> list[Segments]:

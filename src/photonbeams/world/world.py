@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import drjit as dr
+import numpy as np
 
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
@@ -17,6 +18,7 @@ from .emitters.rays import EmittedRays
 from .emitters.sources import Source
 from .media.media import Media
 from .media.parts import parts
+from .media.rendered import RenderedMedium
 from .shadow_rays import rounding, size_of
 from .surfaces.normal_maps import NormalMap
 
@@ -142,6 +144,10 @@ class World:
         portal, rather than on the emitter.
         """
         raise NotImplementedError
+
+    def radius_of(self, medium: RenderedMedium) -> float:
+        """Return the radius of a medium, at most that of the region with everything in it."""
+        return min(self.sizes.get(medium.number, np.inf), self.extent)
 
     def medium_at(self, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
         """Return the numbers of the media at points, found by rays along `direction`."""

@@ -1,6 +1,7 @@
 """Walks from the camera find the same light as beams and photons, and each path counts once."""
 
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -86,6 +87,14 @@ def test_a_method_that_is_none_is_refused():
 GLASS = {"type": "sphere", "center": [0, -0.4, 0], "radius": 0.6, "bsdf": {"type": "dielectric"}}
 
 
+def dark(light):
+    """Return a light that sends no light paths."""
+    result = copy(light)
+    nobody = replace(light.simulation.allotment, without=range(len(light.world.emitters)))
+    result.simulation = replace(light.simulation, allotment=nobody)
+    return result
+
+
 def parts_of(scene, passes, **settings):
     """Return pictures of four seeds: with the light that walks find, with caustics, with both and with neither.
 
@@ -97,9 +106,9 @@ def parts_of(scene, passes, **settings):
         own = Settings(method="paths", seed=seed, passes=passes, **settings)
         frame = begin(scene, scene.sensors()[0], own, extras=known)
         light, lights = frame.light, {}
-        lights["both"], lights["walks"] = light, light.with_paths([])
-        lights["caustics"], lights["neither"] = copy(light), light.with_paths([])
-        lights["caustics"]._walks = lights["neither"]._walks = {}
+        lights["both"], lights["caustics"] = light, copy(light)
+        lights["walks"], lights["neither"] = dark(light), dark(light)
+        lights["caustics"].walks = lights["neither"].walks = {}
         for name, each in lights.items():
             frame.clear()
             frame.light = each

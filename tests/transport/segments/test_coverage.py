@@ -121,7 +121,8 @@ def test_wide_beams_lose_no_light_at_the_boundary_of_a_ball():
     ball = {"type": "sphere", "bsdf": {"type": "null"}, "interior": fog(1.0, 1.0)}
     scene = load(ball=ball, sky={"type": "constant", "radiance": rgb(1.0)}, sensor=camera())
     settings = by_beams(max_depth=2, max_radius=0.2, guiding=False)
-    sets, _ = begin(scene, scene.sensors()[0], settings).light.simulation.simulated(0)
+    light = begin(scene, scene.sensors()[0], settings).light
+    sets, _ = light.simulation.simulated([light.world], 0)
     found = sum(scattered(each.beams, 1.0, np.random.default_rng(0)) for each in sets)
     a = 2.0
     # 5,500 of 16,384 stratified paths meet the ball, which gives the sum to 0.1 %. Eight lines give the fraction of a
@@ -143,7 +144,8 @@ def test_beams_in_a_grid_keep_their_light_and_are_as_fine_as_the_grid_is_dense()
 
     def beams(**given):
         settings = by_beams(max_depth=2, guiding=False, beams=1 << 17, **given)
-        return begin(scene, scene.sensors()[0], settings).light.simulation.simulated(0)[0]
+        light = begin(scene, scene.sensors()[0], settings).light
+        return light.simulation.simulated([light.world], 0)[0]
 
     found = sum(scattered(each.beams, 2.0, np.random.default_rng(0), fades=0) for each in beams(max_radius=0.2))
     a = 4.0

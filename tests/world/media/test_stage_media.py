@@ -134,8 +134,8 @@ def test_a_frame_knows_how_large_media_of_a_scene_are():
     air, drop = media_of([AIR, solid("/Drop", [-1] * 3, [1] * 3)])
     built = load(drop=drop.shape, light={**LIGHT, "medium": air.plugin}, sensor=camera(medium=air.plugin))
     frame = begin(built, built.sensors()[0], by_beams(beams=64, guiding=False))
-    simulation = frame.light.simulation
-    sizes = {each.number: simulation.size(each) for each in simulation.world.media.all}
+    world = frame.light.world
+    sizes = {each.number: world.radius_of(each) for each in world.media.all}
     assert sizes[number(drop.plugin)] == pytest.approx(np.sqrt(3), rel=1e-5)
     assert sizes[number(air.plugin)] >= np.sqrt(3)  # as large as the scene
 

@@ -166,9 +166,7 @@ def test_fog_that_a_lamp_names_in_the_open_fills_the_space():
     # A medium without a size is as large as the scene.
     assert not found.sizes
     frame = begin(scene, scene.sensors()[0], by_beams(beams=64, guiding=False))
-    assert frame.light.simulation.size(frame.light.simulation.world.media.all[0]) == pytest.approx(
-        9 * np.sqrt(2), rel=0.02
-    )
+    assert frame.light.world.radius_of(frame.light.world.media.all[0]) == pytest.approx(9 * np.sqrt(2), rel=0.02)
 
 
 def test_fog_of_a_tank_does_not_fill_the_space():
