@@ -18,9 +18,11 @@ from ..transport.segments.radii import Limits
 from ..transport.segments.records import PhotonHits
 from ..transport.simulation import Simulation, renumbering
 from ..transport.tuning import Tuning
+from ..world.emitters.portal_lamps import EnvironmentPortal
 from ..world.world import World
 from .paths import camera_paths
 from .paths.camera_paths import Lighting
+from .paths.lighting import EmitterLighting
 from .paths.single_scattering import SingleScattering
 from .paths.walks import Walking
 from .settings import Settings
@@ -81,21 +83,21 @@ class Light:
         The world over the shutter interval, and the light paths through it.
     settings, max_depth
         How it is rendered, and the longest path in edges, as in Mitsuba's integrators; None: no limit.
-    lighting
-        Returns the lighting of a world.
     paths, varies
         As in `FrameLight`.
     walks
         By light groups, the walks that meet the light of some emitters.
+    portal
+        The portal before Mitsuba's environment, or None.
     """
 
     def __init__(
         self, worlds: Worlds, simulation: Simulation, settings: Settings, max_depth: int | None,
-        lighting: Callable[[World], Lighting], paths: int, varies: bool = True,
-        walks: Mapping[str, Walking] = MappingProxyType({}),
+        paths: int, varies: bool = True, walks: Mapping[str, Walking] = MappingProxyType({}),
+        portal: EnvironmentPortal | None = None,
     ) -> None:  # fmt: skip
         self.worlds, self.simulation, self.settings, self.max_depth = worlds, simulation, settings, max_depth
-        self._lighting, self.paths, self.varies, self.walks = lighting, paths, varies, walks
+        self.paths, self.varies, self.walks, self._portal = paths, varies, walks, portal
 
     @property
     def world(self) -> World:
@@ -130,7 +132,7 @@ class Light:
 
     def lighting(self, world: World) -> Lighting:
         """Return the lighting of a world."""
-        return self._lighting(world)
+        return EmitterLighting(world, self._portal)
 
     def single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
         """Return the light that media scatter toward `count` pixels without beams, or None."""

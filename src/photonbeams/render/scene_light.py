@@ -31,7 +31,6 @@ from ..world.scene_world import SceneWorld
 from .choice import Pixels, is_sharp, preferred
 from .light import Light, tuning_of
 from .passes import Statistics
-from .paths.scene_lighting import SceneLighting
 from .paths.walks import WalkedEmitters, Walking
 from .settings import Settings
 from .worlds import StillWorld
@@ -169,10 +168,10 @@ class Lights:
             numbers = [each for each in walked if groups[each] == group]
             emitters = WalkedEmitters(world, numbers, [power[each] for each in numbers], sharp, self.portal)
             walks[group] = Walking(emitters, max_depth, tuning.rr_depth)
-        paths, portal = sum(each.count for each in simulation.strata(world)), self.portal
+        paths = sum(each.count for each in simulation.strata(world))
         return Light(
-            StillWorld(world), simulation, settings, max_depth, lambda world: SceneLighting(world, portal), paths,
-            varies=paths > 0, walks=walks,
+            StillWorld(world), simulation, settings, max_depth, paths,
+            varies=paths > 0, walks=walks, portal=self.portal,
         )  # fmt: skip
 
     def _guides(

@@ -18,7 +18,6 @@ from ..world.shutter import Moment, Shutter
 from ..world.stage_world import StageWorld
 from .light import Light, tuning_of
 from .passes import Statistics
-from .paths.stage_lighting import StageLighting
 from .settings import Settings
 from .worlds import ShutterWorlds
 
@@ -83,7 +82,7 @@ def light_of_stage(
                 simulation = replace(simulation, guides=known)
     counts = [usual if light.beam_count is None else light.beam_count for light in opened.scene.lights]
     paths = sum(counts) + sum(len(each.start) for each in opened.scene.drawn)
-    return Light(worlds, simulation, settings, max_depth, StageLighting, paths), worlds
+    return Light(worlds, simulation, settings, max_depth, paths), worlds
 
 
 def _seen_past_portals(worlds: ShutterWorlds, window: Window, known: frozenset[str] | None) -> frozenset[str]:

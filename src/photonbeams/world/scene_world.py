@@ -48,6 +48,7 @@ class SceneWorld(World):
     """
 
     cutouts = narrows = glowing = False
+    emits = True
     boundaries = ()
 
     def __init__(

@@ -71,8 +71,8 @@ class World:
         Lights that are no part of `plugin`: packed by kind; and environments and mesh lights, each with its links.
     sky
         Environments that light media without beams, with their lamps and their links.
-    glowing
-        Whether surfaces shine to both sides.
+    glowing, emits
+        Whether any surfaces shine, to both sides; and whether the emitters are those of `plugin`.
     surfaces, boundaries
         The Mitsuba scene of the surfaces, and the shapes of the media's boundaries, if they are known apart.
     connects
@@ -105,6 +105,7 @@ class World:
     mesh_lamps: Sequence[Any] = ()
     sky: Sequence[Any] = ()
     glowing: bool
+    emits = False
     connects = False
     boundaries: Sequence[Any]
     surfaces: Any

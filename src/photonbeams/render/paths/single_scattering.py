@@ -22,7 +22,7 @@ from ...world.shadow_rays import ShadowRay, to_lamp
 from ...world.world import World
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex, ShadingPoint
-from .stage_lighting import scattered
+from .lighting import scattered
 
 mi = mitsuba()
 

@@ -12,7 +12,7 @@ import drjit as dr
 
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
-from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...runtime.device import Array3f, Bool, UInt32, mitsuba
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.media.visibility import through
 from ...world.shadow_rays import leaving, to_point
@@ -24,16 +24,12 @@ from .camera_paths import ShadingPoint
 mi = mitsuba()
 
 
-class SceneLighting:
+class MitsubaLighting:
     """The emitters of a Mitsuba scene; `portal` is the portal before its environment, or None."""
 
     def __init__(self, world: World, portal: EnvironmentPortal | None = None) -> None:
         self._world, self._portal = world, portal
         self._visible = any(not mi.has_flag(each.flags(), mi.EmitterFlags.Delta) for each in world.plugin.emitters())
-
-    def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> None:
-        """Return None: all emitters are surfaces or the background."""
-        return
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
         """Return the emitted radiance of surfaces, and of the environment."""

@@ -1,4 +1,4 @@
-"""The lamps of a stage, as camera paths see them and as they light surfaces.
+"""The emitters of a world, as camera paths see them and as they light surfaces.
 
 Direct light takes one sample of each lamp, and one sample of the BSDF for all lamps, combined by multiple importance
 sampling (power heuristic, Veach 1997). Lamps occlude what is behind them from the camera, and cast no shadows.
@@ -16,19 +16,25 @@ from ...numerics.hashing import hash32
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.emitters.stage_lamps import Lamps, LinkedSurfaces
 from ...world.shadow_rays import ShadowRay, leaving, to_lamp
 from ...world.world import World
 from .camera_paths import NearestLamp, ShadingPoint
+from .mitsuba_lighting import MitsubaLighting
 
 mi = mitsuba()
 
 
-class StageLighting:
-    """The lamps and environments of a stage, and its surfaces that glow."""
+class EmitterLighting:
+    """The light of a world's emitters: lamps, environments, surfaces that glow, and Mitsuba's own emitters.
 
-    def __init__(self, world: World) -> None:
+    `portal` is the portal before Mitsuba's environment, or None.
+    """
+
+    def __init__(self, world: World, portal: EnvironmentPortal | None = None) -> None:
         self._world = world
+        self._mitsuba = MitsubaLighting(world, portal) if world.emits else None
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
         """Return the nearest lamp that emits toward rays which have come the distance `flown`."""
@@ -56,6 +62,8 @@ class StageLighting:
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
         """Return the radiance that surfaces emit, on both sides, or of the background where rays meet nothing."""
+        if self._mitsuba is not None:
+            return self._mitsuba.emission(hit, origin, direction, active)
         met = hit.is_valid()
         glow = self._glow(hit, active & met)
         return glow + dr.select(active & ~met, self._background(origin, direction), 0)
@@ -86,6 +94,8 @@ class StageLighting:
 
     def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
         """Return the direct light that surfaces reflect along the path, by one sample of each lamp."""
+        if self._mitsuba is not None:
+            return self._mitsuba.direct(point, active)
         world, radiance = self._world, dr.zeros(Array3f, dr.width(point.hit.t))
         if not world.lamps and not world.domes and not world.mesh_lamps:
             return radiance
