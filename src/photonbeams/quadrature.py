@@ -12,12 +12,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .constants import MOST_POINTS
+
+if TYPE_CHECKING:
+    from .numerics.types import Floats
 
 __all__ = ["MOST_POINTS", "Rule", "gauss_legendre", "riemann"]
 
@@ -95,7 +98,7 @@ class Rule:
     def __repr__(self) -> str:
         return f"{self.name}({len(self)})"
 
-    def integrate(self, f: Callable[[Any], Any], a: Any, b: Any, breaks: Iterable[Any] = ()) -> Any:
+    def integrate(self, f: Callable[..., Floats], a: Floats, b: Floats, breaks: Iterable[Floats] = ()) -> Any:
         """Return the integral of `f` from `a` to `b` (Johnson et al. 2011, equation 2).
 
         Parameters
@@ -136,7 +139,7 @@ class Rule:
         total = sum(self._piece(f, *piece) for piece in pairwise(edges))
         return total * _sign(a, b)
 
-    def _piece(self, f: Callable[[Any], Any], a: Any, b: Any) -> Any:
+    def _piece(self, f: Callable[..., Floats], a: Floats, b: Floats) -> Any:
         """Return the integral over [a, b], where `f` has no kink."""
         half, middle = (b - a) * 0.5, (a + b) * 0.5
         # tolist(): a NumPy scalar times a Dr.Jit array would be a NumPy array.
@@ -206,7 +209,7 @@ def _riemann(n: int) -> Rule:
     return Rule("riemann", (2 * np.arange(n) + 1) / n - 1, np.full(n, 2 / n))
 
 
-def _point_count(n: Any) -> int:
+def _point_count(n: int) -> int:
     """Return `n` as an int, or raise ValueError if no rule can have that many points."""
     try:
         count = operator.index(n)
@@ -217,7 +220,7 @@ def _point_count(n: Any) -> int:
     return count
 
 
-def _bound(value: Any) -> Any:
+def _bound(value: Floats) -> Floats:
     """Return a bound as a Python float or a NumPy float array; Dr.Jit arrays are returned unchanged."""
     if _is_drjit(value):
         return value
@@ -229,14 +232,14 @@ def _bound(value: Any) -> Any:
     return array if array.dtype.kind == "f" else array.astype(np.float64)
 
 
-def _inner(breaks: Iterable[Any]) -> list[Any]:
+def _inner(breaks: Iterable[Floats]) -> list[Floats]:
     """Return the breaks as bounds."""
     if _is_drjit(breaks) or not isinstance(breaks, Iterable):
         raise TypeError(f"breaks is {breaks!r}: expected a sequence, with one number or array for each break")
     return [_bound(edge) for edge in breaks]
 
 
-def _sorted(values: list[Any]) -> list[Any]:
+def _sorted(values: list[Floats]) -> list[Floats]:
     """Return the values in ascending order, element by element.
 
     Arrays have no single order, so this is a bubble sort of min/max pairs.
@@ -248,18 +251,18 @@ def _sorted(values: list[Any]) -> list[Any]:
     return values
 
 
-def _is_drjit(value: Any) -> bool:
+def _is_drjit(value: object) -> bool:
     """Return whether `value` is a Dr.Jit array, without importing Dr.Jit where only NumPy is used."""
     drjit = sys.modules.get("drjit")
     return drjit is not None and bool(drjit.is_array_v(value))
 
 
-def _library(*values: Any) -> Any:
+def _library(*values: Floats) -> Any:
     """Return the module, NumPy or Dr.Jit, whose `minimum` and `maximum` accept these values."""
     return sys.modules["drjit"] if any(map(_is_drjit, values)) else np
 
 
-def _minimum(a: Any, b: Any) -> Any:
+def _minimum(a: Floats, b: Floats) -> Floats:
     """Return the smaller of two values.
 
     Two floats give a Python float: a NumPy scalar times a Dr.Jit array would be a NumPy array.
@@ -267,12 +270,12 @@ def _minimum(a: Any, b: Any) -> Any:
     return min(a, b) if isinstance(a, float) and isinstance(b, float) else _library(a, b).minimum(a, b)
 
 
-def _maximum(a: Any, b: Any) -> Any:
+def _maximum(a: Floats, b: Floats) -> Floats:
     """Return the larger of two values; two floats give a Python float."""
     return max(a, b) if isinstance(a, float) and isinstance(b, float) else _library(a, b).maximum(a, b)
 
 
-def _sign(a: Any, b: Any) -> Any:
+def _sign(a: Floats, b: Floats) -> Floats:
     """Return −1 where the bounds are swapped, and 1 elsewhere."""
     if isinstance(a, float) and isinstance(b, float):
         return -1.0 if b < a else 1.0

@@ -163,7 +163,7 @@ class Beams:
             raise SceneError("Beams: one of start_tangent and end_tangent is given: expected both, or neither")
         check_radii(self.radius_start, self.radius_end)
 
-    def __setattr__(self, name: str, value: Any) -> None:
+    def __setattr__(self, name: str, value: Numbers | None) -> None:
         """Set an array, given as to the constructor. While there are no beams, Dr.Jit's arrays may have any length."""
         if name not in self.DRJIT_STRUCT:
             raise SceneError(unknown("Beams", name, self.DRJIT_STRUCT))

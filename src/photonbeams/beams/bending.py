@@ -11,7 +11,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..runtime.device import Array3f, Float, UInt32
+from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import SceneError
 from . import Beams
 
@@ -42,8 +42,9 @@ class BeamPaths:
 
 
 def pieces(
-    beams: Beams, paths: BeamPaths, points: Any, places: Any, ends: tuple[Any, Any], before: Any, steps: int
-) -> Beams:
+    beams: Beams, paths: BeamPaths, points: Array3f, places: Float, ends: tuple[Array3f, Array3f], before: Float,
+    steps: int,
+) -> Beams:  # fmt: skip
     """Return beams cut into pieces that follow bent paths, path after path.
 
     Parameters
@@ -75,7 +76,7 @@ def pieces(
     inv = dr.rcp(dr.maximum(length, 1e-20))
     there = (high - low > _SHORTEST * length) & (dr.squared_norm(_unit(result.end - result.start)) > 0)
 
-    def along(first_value: Any, last_value: Any, place: Any) -> Any:
+    def along(first_value: Float | Array3f, last_value: Float | Array3f, place: Float) -> Any:
         kind = type(first_value)
         a, b = dr.gather(kind, first_value, path), dr.gather(kind, last_value, path)
         return dr.fma(b - a, place * inv, a)
@@ -102,7 +103,10 @@ def pieces(
     return result
 
 
-def _set_distances(result: Beams, beams: Beams, paths: BeamPaths, along_path: Any, index: Any, before: Any) -> None:
+def _set_distances(
+    result: Beams, beams: Beams, paths: BeamPaths, along_path: Float, index: tuple[UInt32, UInt32, UInt32],
+    before: Float,
+) -> None:  # fmt: skip
     """Set the offset, total and entry of pieces.
 
     `along_path` is the distance of each node along its path, and `index` that of each piece's path, of its first node
@@ -120,13 +124,15 @@ def _set_distances(result: Beams, beams: Beams, paths: BeamPaths, along_path: An
         result.entry = dr.gather(Float, beams.entry * factor, path)
 
 
-def _set_ends(result: Beams, points: Any, first: Any, joins: Any, continues: Any, ends: Sequence[Any]) -> None:
+def _set_ends(
+    result: Beams, points: Array3f, first: UInt32, joins: Bool, continues: Bool, ends: Sequence[Array3f]
+) -> None:
     """Set the ends and tangents of pieces between nodes `first` and `first` + 1.
 
     `joins` and `continues` are where a piece precedes and follows, `ends` the directions (N, 3) where none does.
     """
 
-    def node(index: Any) -> Any:
+    def node(index: UInt32) -> Array3f:
         return dr.gather(Array3f, points, index)
 
     start, end = node(first), node(first + 1)
@@ -139,21 +145,21 @@ def _set_ends(result: Beams, points: Any, first: Any, joins: Any, continues: Any
     result.end_tangent = dr.select(continues, _halfway(axis, ahead), ends[1])
 
 
-def bent_length(points: Any, count: int, steps: int) -> Any:
+def bent_length(points: Array3f, count: int, steps: int) -> Float:
     """Return the lengths, (N,), of the paths through these nodes."""
     nodes = dr.opaque(UInt32, steps + 1)
     last = dr.arange(UInt32, count) * nodes + (nodes - 1)
     return dr.gather(Float, lengths(points, count, steps, dr.zeros(Float, count)), last)
 
 
-def lengths(points: Any, count: int, steps: int, before: Any) -> Any:
+def lengths(points: Array3f, count: int, steps: int, before: Float) -> Float:
     """Return the distance of each node along its path, (N · (steps + 1),); that of a path's first node is `before`."""
     result, nodes = dr.zeros(Float, count * (steps + 1)), dr.opaque(UInt32, steps + 1)
     first = dr.arange(UInt32, count) * nodes
     place = dr.gather(Array3f, points, first)
     dr.scatter(result, before, first)
 
-    def body(i: Any, place: Any, length: Any) -> tuple[Any, Any, Any]:
+    def body(i: UInt32, place: Array3f, length: Float) -> tuple[UInt32, Array3f, Float]:
         following = dr.gather(Array3f, points, first + i)
         length = length + dr.norm(following - place)
         dr.scatter(result, length, first + i)
@@ -165,18 +171,18 @@ def lengths(points: Any, count: int, steps: int, before: Any) -> Any:
     return result
 
 
-def _turned(vector: Any, old: Any, new: Any) -> Any:
+def _turned(vector: Array3f, old: Array3f, new: Array3f) -> Array3f:
     """Return a vector, rotated by the shortest rotation from one unit direction to another (Rodrigues)."""
     cosine, axis = dr.dot(old, new), dr.cross(old, new)
     turned = cosine * vector + dr.cross(axis, vector) + axis * (dr.dot(axis, vector) / dr.maximum(1 + cosine, 1e-6))
     return dr.select(cosine > -0.99, turned, -new)
 
 
-def _unit(vector: Any) -> Any:
+def _unit(vector: Array3f) -> Array3f:
     return vector * dr.rsqrt(dr.maximum(dr.squared_norm(vector), 1e-30))
 
 
-def _halfway(one: Any, other: Any) -> Any:
+def _halfway(one: Array3f, other: Array3f) -> Array3f:
     """Return the bisector of two unit directions.
 
     If they nearly oppose each other, return the second; if one of them is zero, return the other one.

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..numerics.arrays import to_float, to_vectors
+from ..numerics.given import Numbers
 from ..runtime.device import Array3f, Float, UInt32
 from ..scene import Array, SceneError, numbers, shown
 
@@ -39,7 +40,7 @@ def _said(name: str) -> tuple[str, str]:
     return f"Beams: {name}", f"numbers of shape {'(N, 3)' if name in VECTORS else '(N,)'}"
 
 
-def beam_array(value: Any, name: str, count: int) -> Any:
+def beam_array(value: Numbers | None, name: str, count: int) -> Any:
     """Return `value` as a Float or an Array3f of width `count`; only host values are checked to be finite."""
     vector = name in VECTORS
     if value is None:
@@ -62,7 +63,7 @@ def beam_array(value: Any, name: str, count: int) -> Any:
     return to_vectors(wide) if vector else to_float(wide)
 
 
-def _of_device(value: Any, name: str) -> Any:
+def _of_device(value: Any, name: str) -> Float | Array3f:
     """Return a Dr.Jit array or tensor as a Float or an Array3f that stays attached to the AD graph."""
     vector, shape = name in VECTORS, tuple(value.shape)
     if dr.is_tensor_v(value):
@@ -75,7 +76,7 @@ def _of_device(value: Any, name: str) -> Any:
     raise SceneError(f"Beams: {name} is a {type(value).__name__} of shape {shape}: expected {_said(name)[1]}")
 
 
-def _broadcast(value: Any, name: str, count: int) -> Any:
+def _broadcast(value: Float | Array3f, name: str, count: int) -> Float | Array3f:
     if dr.width(value) == 1 and count > 1:  # one number for all beams: broadcast, so that it can be gathered
         value = value + dr.zeros(Float, count)
     if dr.width(value) != count:

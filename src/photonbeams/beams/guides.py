@@ -134,7 +134,7 @@ def led(beams: Beams, guides: Sequence[Guide], inner: int | None = None) -> Beam
     return pieces(beams, paths, points, places, (ends[0], ends[1]), bent_length(way, len(beams), steps), steps)
 
 
-def _nodes(table: _GuideTable, paths: BeamPaths, begin: Any, length: Any, inner: int) -> tuple[Any, Any]:
+def _nodes(table: _GuideTable, paths: BeamPaths, begin: Float, length: Float, inner: int) -> tuple[Array3f, Float]:
     """Return the bent nodes of a part of each path, and their distances from its beginning before bending.
 
     The part begins at the distance `begin` along the path and has the length `length`. The first and the last node are
@@ -181,7 +181,7 @@ class _GuideTable:
     def _row(self, column: int, row: UInt32) -> Array3f:
         return dr.gather(Array3f, self._rows[column], self.chosen * _ROWS + row)
 
-    def within(self, paths: BeamPaths, begin: Any, length: Any) -> tuple[Float, Float]:
+    def within(self, paths: BeamPaths, begin: Float, length: Float) -> tuple[Float, Float]:
         """Return where the parts of paths that lie beside their guide begin and end, as distances from `begin`.
 
         Both are within 0 and `length`.
@@ -215,5 +215,5 @@ class _GuideTable:
         return middle + beyond * tangent + u * across + v * beside, dr.normalize(turned)
 
 
-def _combined(vector: Array3f, old: Sequence[Array3f], new: Sequence[Array3f]) -> Any:
+def _combined(vector: Array3f, old: Sequence[Array3f], new: Sequence[Array3f]) -> Array3f:
     return sum((dr.dot(vector, a) * b for a, b in zip(old, new, strict=True)), start=Array3f(0))

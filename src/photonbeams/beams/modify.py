@@ -75,7 +75,7 @@ def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
 
 
 @scene.arguments
-def bend(field: Callable[[Any], Any] | Sequence[npt.ArrayLike], steps: int = 32) -> Modifier:
+def bend(field: Callable[[Array3f], Array3f] | Sequence[npt.ArrayLike], steps: int = 32) -> Modifier:
     """Return a modifier that bends straight beams by a vector field, or along guide curves.
 
     Parameters
@@ -127,28 +127,28 @@ def _of_some(change: Modifier) -> Modifier:
     return lambda beams, context: change(beams, context) if len(beams) else beams
 
 
-def _along_field(beams: Beams, field: Callable[[Any], Any], steps: int) -> Beams:
+def _along_field(beams: Beams, field: Callable[[Array3f], Array3f], steps: int) -> Any:
     """Return beams that follow x' = d, d' = the field's component across d, by the midpoint rule."""
     paths = BeamPaths(beams, "bend")
     count, width = dr.opaque(UInt32, steps), len(beams)
     inv = dr.rcp(Float(count))
     number = dr.arange(UInt32, width)
 
-    def turned(direction: Any, place: Any, along: Any, length: Any) -> Any:
+    def turned(direction: Array3f, place: Array3f, along: Array3f, length: Float) -> Array3f:
         pull = Array3f(field(place))
         return dr.normalize(direction + length * (pull - dr.dot(pull, along) * along))
 
-    def step(position: Any, direction: Any, length: Any) -> tuple[Any, Any]:
+    def step(position: Array3f, direction: Array3f, length: Float) -> tuple[Array3f, Array3f]:
         half = 0.5 * length
         between = turned(direction, position, direction, half)
         middle = position + half * direction
         return position + length * between, turned(direction, middle, between, length)
 
-    def walked(position: Any, direction: Any, distance: Any) -> tuple[Any, Any, Any]:
+    def walked(position: Array3f, direction: Array3f, distance: Float) -> tuple[Array3f, Array3f, Array3f]:
         points, length = dr.zeros(Array3f, width * (steps + 1)), distance * inv
         dr.scatter(points, position, number * (count + 1))
 
-        def body(i: Any, position: Any, direction: Any) -> tuple[Any, Any, Any]:
+        def body(i: UInt32, position: Array3f, direction: Array3f) -> tuple[UInt32, Array3f, Array3f]:
             position, direction = step(position, direction, length)
             dr.scatter(points, position, number * (count + 1) + i + 1)
             return i + 1, position, direction
@@ -208,7 +208,7 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
 
 
 @scene.arguments
-def recolor(color: npt.ArrayLike | Callable[[Beams], Any]) -> Modifier:
+def recolor(color: npt.ArrayLike | Callable[[Beams], Array3f]) -> Modifier:
     """Return a modifier that gives beams another colour: the mean of their power's channels times `color`.
 
     Parameters
@@ -228,7 +228,7 @@ def recolor(color: npt.ArrayLike | Callable[[Beams], Any]) -> Modifier:
     >>> warm.arrays()["power"].round(3).tolist()
     [[6.0, 3.0, 1.5]]
     """
-    fixed = None if callable(color) else _numbers(color, 3, "recolor: color")
+    fixed: Any = None if callable(color) else _numbers(color, 3, "recolor: color")
 
     def recolored(beams: Beams, _: PassContext) -> Beams:
         tint = Array3f(color(beams)) if callable(color) else opaque(fixed)
@@ -241,7 +241,7 @@ def recolor(color: npt.ArrayLike | Callable[[Beams], Any]) -> Modifier:
     return _of_some(recolored)
 
 
-def _mean(colour: Any) -> Any:
+def _mean(colour: Array3f) -> Float:
     # dr.mean would make the number of beams a part of its kernel.
     return (colour.x + colour.y + colour.z) * (1 / 3)
 
@@ -292,7 +292,7 @@ def clamp(power: float | None = None, radiance: float | None = None) -> Modifier
     return _of_some(clamped)
 
 
-def _scaled(beams: Beams, factor: Any) -> Beams:
+def _scaled(beams: Beams, factor: Float) -> Beams:
     result = _copy(beams)
     result.power = beams.power * factor
     if beams.power_end is not None:

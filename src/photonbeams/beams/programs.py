@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 
@@ -152,7 +151,7 @@ class Program:
         return checked(self.modifier(beams, context), f"{_called(self.modifier)} returned, of {context.name},")
 
 
-def checked(found: Any, place: str) -> Beams:
+def checked(found: object, place: str) -> Beams:
     """Return the beams that a function returned; raise SceneError, beginning with `place`, unless they are finite."""
     if not isinstance(found, Beams):
         raise SceneError(f"{place} {_kind(found)}: expected Beams")
@@ -193,9 +192,9 @@ def _fields(beams: Beams) -> set[str]:
     return {name for name in Beams.DRJIT_STRUCT if getattr(beams, name) is not None}
 
 
-def _called(function: Any) -> str:
+def _called(function: object) -> str:
     return str(getattr(function, "__name__", None) or type(function).__name__)
 
 
-def _kind(value: Any) -> str:
+def _kind(value: object) -> str:
     return "nothing" if value is None else f"a {type(value).__name__}"

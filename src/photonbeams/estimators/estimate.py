@@ -32,7 +32,9 @@ from .points import Points
 from .records import Packed, pack
 
 if TYPE_CHECKING:
-    from drjit.llvm.ad import TensorXf
+    from drjit.auto.ad import TensorXf
+
+    from ..looks.factors import Value
 
 #: How a beam's radiance is estimated: as a flat billboard (1D), in its frustum (2D), or by a blend of both.
 Estimator = Literal["auto", "billboard", "frustum"]
@@ -110,7 +112,9 @@ def estimate(
     return dr.tensor_t(Float)(found, (*shape, 3))  # type: ignore[operator]
 
 
-def _check_arguments(beams: Any, look: Any, medium: Any, estimator: Any, rule: Any, context: Any) -> None:
+def _check_arguments(
+    beams: object, look: object, medium: object, estimator: str, rule: object, context: object
+) -> None:
     """Raise SceneError if one of these arguments of `estimate` has the wrong type, or is unknown."""
     instance(beams, "estimate: beams", Beams)
     instance(look, "estimate: look", Look, NoneType)
@@ -170,11 +174,11 @@ def bind(
     return look.bind(medium, reach(beams, close), context, box)
 
 
-def sum_over_all(packed: Packed, rays: Rays, look: BoundLook, estimator: str, points: Points) -> Any:
+def sum_over_all(packed: Packed, rays: Rays, look: BoundLook, estimator: str, points: Points) -> Array3f:
     """Return the radiance of all beams toward all rays."""
     first, stop = UInt32(0), dr.opaque(UInt32, packed.count)
 
-    def number(i: Any) -> Any:
+    def number(i: UInt32) -> UInt32:
         return i
 
     radiance = Array3f(0)
@@ -191,7 +195,7 @@ def check_estimator(estimator: str) -> None:
     choice(estimator, "estimator", ESTIMATORS)
 
 
-def check_motion(beams: Beams, close: Beams | None, time: Any) -> None:
+def check_motion(beams: Beams, close: Beams | None, time: Numbers | None) -> None:
     """Raise SceneError unless `close` can be `beams` at another time."""
     if close is None:
         return
@@ -213,7 +217,9 @@ def reach(beams: Beams, close: Beams | None = None) -> float:
     return own if close is None else max(own, reach(close))
 
 
-def _rays(origin: Any, direction: Any, t_min: Any, t_max: Any, time: Any) -> tuple[Rays | None, tuple[int, ...]]:
+def _rays(
+    origin: Numbers, direction: Numbers, t_min: Numbers | None, t_max: Numbers | None, time: Numbers | None
+) -> tuple[Rays | None, tuple[int, ...]]:
     """Return the rays (None if there are none) and the shape to which they are broadcast."""
     given = (
         _lanes(origin, "origin", 3),
@@ -268,7 +274,7 @@ def _lanes(value: Any, name: str, size: int = 1) -> tuple[Any, tuple[int, ...]]:
     return dr.unravel(Array3f, Float(flat)), shape[:-1]
 
 
-def _spread(value: Any, own: tuple[int, ...], shape: tuple[int, ...]) -> Any:
+def _spread(value: Value, own: tuple[int, ...], shape: tuple[int, ...]) -> Value:
     """Return the entries of an array of the shape `own`, broadcast to `shape`; a single entry stays single."""
     count = int(np.prod(own))
     if own == shape or count == 1:

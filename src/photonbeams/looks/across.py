@@ -13,15 +13,15 @@ The square root contains all of k1's singular slope at the rim, so `line` is smo
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..quadrature import gauss_legendre
+from ..runtime.device import Float
 from ..scene import SceneError, shown
 from .described import Described, described
-from .factors import Factor, FactorLike, factor
+from .factors import Factor, FactorLike, Value, factor
 from .table import Table
 
 #: Entries of a tabulated profile and of its line projection.
@@ -101,7 +101,7 @@ class Across(Described):
     def _line(self) -> Table:
         x = np.linspace(0, 1, SAMPLES)
 
-        def integrand(v: Any) -> Any:
+        def integrand(v: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
             return self.shape(np.sqrt(x + (1 - x) * v * v))
 
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -114,11 +114,11 @@ class Across(Described):
 
     __rmul__ = __mul__
 
-    def density(self, rho2: Any) -> Any:
+    def density(self, rho2: Float) -> Value:
         """Return the normalised disc kernel times R², at `rho2` = ρ² from 0 to 1."""
         return self._density(rho2)
 
-    def line(self, x: Any) -> Any:
+    def line(self, x: Float) -> Value:
         """Return the line projection k1 · R / √(1 − x), at `x` = (u/R)² from 0 to 1."""
         return self._line(x)
 

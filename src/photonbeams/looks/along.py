@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..numerics.given import LARGEST, SMALLEST, Given, derived, given, given_color, given_number, table
+from ..numerics.types import Floats
+from ..runtime.device import Float
 from ..scene import SceneError, choice, has_gradients, shown
 from .context import ShadingContext
 from .described import constructor
@@ -335,7 +337,7 @@ class _Interval:
         self._offset = derived(lambda *parts: _ends(*parts)[0], *ends)
         self._scale = derived(lambda *parts: 1 / (_ends(*parts)[1] - _ends(*parts)[0]), *ends)
 
-    def parameter(self, at: ShadingContext) -> Any:
+    def parameter(self, at: ShadingContext) -> Float:
         return dr.clip((getattr(at, self._space) - self._offset) * self._scale, 0, 1)
 
     def corners(self, inside: Sequence[float]) -> tuple[Corner, ...]:
@@ -345,7 +347,7 @@ class _Interval:
         return tuple((self._space, self._begin + float(x) * self._width) for x in inside)
 
 
-def _ends(begin: Any, end: Any, first: Any = None, last: Any = None) -> tuple[Any, Any]:
+def _ends(begin: Floats, end: Floats, first: Any = None, last: Any = None) -> tuple[Any, Any]:
     """Return the ends of an interval, or the positions in it of a ramp's `first` and `last` knot."""
     if first is None:
         return begin, end

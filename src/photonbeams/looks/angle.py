@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 
 from ..numerics.given import derived, given_number
+from ..runtime.device import Float
 from .context import ShadingContext
 from .described import constructor
 from .factors import Factor, Number, Value
@@ -14,7 +13,7 @@ from .factors import Factor, Number, Value
 _INV_4PI = 0.07957747154594767
 
 
-def henyey_greenstein(cosine: Any, anisotropy: Any) -> Any:
+def henyey_greenstein(cosine: Float, anisotropy: Float) -> Float:
     """Return the phase function (1 − g²) / (4π (1 + g² − 2 g cos)^1.5) of the scattering angle's cosine."""
     base = 1 + anisotropy * anisotropy - 2 * anisotropy * cosine
     return _INV_4PI * (1 - anisotropy * anisotropy) * dr.rsqrt(base) ** 3

@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
+import numpy.typing as npt
 
 from ..numerics.arrays import to_float, to_vectors
 from ..runtime.device import Array3f, Float
 from ..scene import SceneError, shown
 from .context import OF_BEAMS, OF_PLACES, OF_RADII, Fog, LightContext, ShadingContext, inputs_of
-from .factors import Constant, Corner, Factor
+from .factors import Constant, Corner, Factor, Value
 from .functions import check_value
 
 if TYPE_CHECKING:
+    from ..numerics.given import Number
     from .look import Look
 
 #: Two opposite corners of a box.
@@ -135,7 +137,7 @@ class BoundLook:
         """Return a shading context in this medium and light context; `where` are the other attributes."""
         return ShadingContext(fog=self._fog, context=self._context, **where)
 
-    def light(self, at: ShadingContext, reach_depth: Any) -> Any:
+    def light(self, at: ShadingContext, reach_depth: Float) -> Value:
         """Return the product of all factors that may change along a ray, except for the profile.
 
         Parameters
@@ -152,7 +154,7 @@ class BoundLook:
         light = self._light(at, reach_depth)
         return _tamed(light) if self._wild else light
 
-    def _light(self, at: ShadingContext, reach_depth: Any) -> Any:
+    def _light(self, at: ShadingContext, reach_depth: Float) -> Value:
         look = self._look
         light, fading = look.along.split(at)
         eye, dimming = look.eye.split(at.own(at.to_camera, reach_depth))
@@ -164,7 +166,7 @@ class BoundLook:
             light = light * look.angle.evaluate(at)
         return light * dr.exp(fading + dimming)
 
-    def turned(self, cosine: Any, beam: Any = None) -> Any:
+    def turned(self, cosine: Number, beam: Any = None) -> Value:
         """Return the view-angle shading where it is constant along a ray, else 1: then `light` includes it.
 
         `cosine` is that of the angle between the light's direction and the direction to the camera; `beam` is the beam,
@@ -175,7 +177,7 @@ class BoundLook:
         value = self._look.angle.evaluate(self.at(cosine=cosine, beam=beam))
         return _tamed(value) if self._look.angle.wild else value
 
-    def factor(self, slot: str, at: ShadingContext, **where: Any) -> Any:
+    def factor(self, slot: str, at: ShadingContext, **where: Any) -> Value:
         """Return one factor at a shading context.
 
         Parameters
@@ -189,7 +191,7 @@ class BoundLook:
         """
         return self._factors()[slot].evaluate(replace(at, **where))
 
-    def along(self, distance: Any, depth: Any, fraction: Any) -> Any:
+    def along(self, distance: Number, depth: Number, fraction: Number) -> Value:
         """Return the factor along the beam.
 
         Parameters
@@ -203,11 +205,11 @@ class BoundLook:
             self.at(distance=distance, depth=depth, from_light=distance, fraction=fraction)
         )
 
-    def eye(self, distance: Any, depth: Any) -> Any:
+    def eye(self, distance: Number, depth: Number) -> Value:
         """Return the factor over a `distance` to the camera, of which `depth` is in the medium (scene units)."""
         return self._look.eye.evaluate(self.at(distance=distance, depth=depth, to_camera=distance))
 
-    def angle(self, cosine: Any) -> Any:
+    def angle(self, cosine: Number) -> Value:
         """Return the view-angle shading for the `cosine` between the light's direction and that to the camera."""
         return self._look.angle.evaluate(self.at(cosine=cosine))
 
@@ -224,7 +226,7 @@ class BoundLook:
         points = low + rng.random((_LINES, 3)) * (high - low)
         place = to_vectors(np.repeat(points, width, axis=0))
 
-        def each(values: Any) -> Any:
+        def each(values: npt.ArrayLike) -> Float:
             return to_float(np.repeat(values, width))
 
         numbers = each(rng.permutation(spread)), each(np.arange(_LINES)), each(np.zeros(_LINES))
@@ -265,7 +267,7 @@ class BoundLook:
             moved = replace(probe, place=lambda: start + offset)
             self.rate_place = dr.opaque(Float, self._rate(moved, Float(0)) / size)
 
-    def _rate(self, at: ShadingContext, reach_depth: Any) -> float:
+    def _rate(self, at: ShadingContext, reach_depth: Float) -> float:
         """Return the look's rate of change over the unit interval: its slope or the square root of its curvature.
 
         Both are relative to the largest value, and equal for an exponential. A faint wave has little slope, but the
@@ -286,7 +288,7 @@ class BoundLook:
         bends = np.quantile(np.abs(np.diff(lines, 2, axis=-1)), _BENT, axis=-1).max() * (_SAMPLES - 1) ** 2 / peak
         return float(max(slope, np.sqrt(bends) if bends > _ROUNDING else 0.0))
 
-    def _complain(self, at: ShadingContext, reach_depth: Any) -> None:
+    def _complain(self, at: ShadingContext, reach_depth: Float) -> None:
         """Raise SceneError with the name of the factor that is not finite, or say that their product is too large."""
         for slot, each in self._factors().items():
             here = at.own(at.to_camera, reach_depth) if slot == "eye" else at
@@ -295,7 +297,7 @@ class BoundLook:
         raise SceneError(f"the look's factors reach more than {_MOST:g} together: expected smaller numbers")
 
 
-def _tamed(value: Any) -> Any:
+def _tamed(value: Value) -> Value:
     """Return a value, 0 where it is negative or not finite."""
     return dr.select(dr.isfinite(value), dr.maximum(value, 0), 0)
 
@@ -303,5 +305,5 @@ def _tamed(value: Any) -> Any:
 class _Sample:
     """Stands in for a beam while the rates are measured."""
 
-    def __init__(self, identity: Any) -> None:
+    def __init__(self, identity: Array3f) -> None:
         self.identity = identity

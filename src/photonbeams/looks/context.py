@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -16,6 +16,9 @@ from ..runtime.device import Array3f, Float
 from ..scene import Array, Medium, SceneError, arguments, color, number, numbers, shown
 from .described import Described, constructor
 from .vocabulary import NAMES
+
+if TYPE_CHECKING:
+    from .factors import Value
 
 #: The inputs of expressions and Python functions: from their names there to attributes of `ShadingContext`.
 INPUTS = {name: each.attribute for name, each in NAMES.items()}
@@ -160,7 +163,7 @@ class LightContext(Described):
         self._rows = [opaque(row) for row in matrix[:3, :3]]
         self._shift = opaque(matrix[:3, 3])
 
-    def to_local(self, point: Any) -> Any:
+    def to_local(self, point: Array3f) -> Array3f:
         """Return a `point` of world space in the light's space."""
         turned = [dr.dot(row, point) for row in self._rows]
         return type(point)(*turned) + self._shift
@@ -229,7 +232,7 @@ class ShadingContext:
     fog: Fog | None = None
     context: LightContext | None = None
 
-    def own(self, distance: Any, depth: Any) -> ShadingContext:
+    def own(self, distance: Number, depth: Number) -> ShadingContext:
         """Return the context of a factor whose own distance and depth are `distance` and `depth`."""
         return replace(self, distance=distance, depth=depth)
 
@@ -241,52 +244,52 @@ class ShadingContext:
         return self.fog
 
     @property
-    def radius(self) -> Any:
+    def radius(self) -> Number:
         """Distance from the beam's axis in radii, 0 to 1."""
         return dr.sqrt(self.rho2)
 
     @property
-    def angle(self) -> Any:
+    def angle(self) -> Number:
         """Angle between the light's direction and that to the camera, in degrees; 0 is straight into the lens."""
         return dr.rad2deg(dr.acos(dr.clip(self.cosine, -1, 1)))
 
     @property
-    def position(self) -> Any:
+    def position(self) -> Array3f:
         """Position in world space."""
         return self.place() if self.place is not None else Array3f(0)
 
     @property
-    def local(self) -> Any:
+    def local(self) -> Array3f:
         """Position in the light's space, in which the light looks along −Z."""
         return self.position if self.context is None else self.context.to_local(self.position)
 
     @property
-    def time(self) -> Any:
+    def time(self) -> Float:
         """Time in seconds."""
         return Float(0) if self.context is None else self.context.time
 
     @property
-    def frame(self) -> Any:
+    def frame(self) -> Float:
         """Frame number."""
         return Float(0) if self.context is None else self.context.frame
 
     @property
-    def light(self) -> Any:
+    def light(self) -> Float:
         """Number of the light."""
         return Float(0) if self.context is None else self.context.light
 
     @property
-    def random(self) -> Any:
+    def random(self) -> Float:
         """The beam's random number from 0 to 1, the same in every frame."""
         return Float(0) if self.beam is None else self.beam.identity.x
 
     @property
-    def id(self) -> Any:
+    def id(self) -> Float:
         """The beam's number."""
         return Float(0) if self.beam is None else self.beam.identity.y
 
     @property
-    def generation(self) -> Any:
+    def generation(self) -> Float:
         """Number of times that the light was scattered before; 0 is straight from the light."""
         return Float(0) if self.beam is None else self.beam.identity.z
 
@@ -302,7 +305,7 @@ class _Watched:
         return getattr(self._at, name)
 
 
-def inputs_of(evaluate: Callable[[Any], Any], at: ShadingContext) -> frozenset[str]:
+def inputs_of(evaluate: Callable[..., Value], at: ShadingContext) -> frozenset[str]:
     """Return the names of the `ShadingContext` attributes that a factor reads."""
     watched = _Watched(at)
     evaluate(watched)

@@ -25,7 +25,7 @@ import drjit as dr
 
 from ..runtime.device import Float
 from . import guarded
-from .guarded import vector_type
+from .guarded import Operand, vector_type
 from .parser import MOST_PARTS, Node, Operands, Parser
 from .syntax import DEEPEST, LONGEST, ExpressionError, tree
 from .vocabulary import CONSTANTS, FUNCTIONS, NAMES, describe
@@ -66,7 +66,7 @@ class ParsedExpression:
         self._single = tuple(dr.opaque(Float, number) for number in numbers)
         self._double = tuple(dr.opaque(double, number) for number in numbers)
 
-    def evaluate(self, lookup: Callable[[str], Any]) -> Any:
+    def evaluate(self, lookup: Callable[[str], Operand | float]) -> Operand:
         """Return the expression's value: a Float or an Array3f, in double precision if an input is.
 
         Parameters
@@ -77,7 +77,7 @@ class ParsedExpression:
         """
         found = {name: _opaque(lookup(name)) for name in sorted(self.names)}
         double = any(dr.type_v(value) == dr.VarType.Float64 for value in found.values())
-        scalar = dr.float64_array_t(Float) if double else Float
+        scalar: Any = dr.float64_array_t(Float) if double else Float
         types = {"scalar": scalar, "vector": vector_type(scalar)}
         inputs = {name: guarded.finite(types[NAMES[name].kind](value)) for name, value in found.items()}
         return self._compute(Operands(inputs, self._double if double else self._single))
@@ -91,7 +91,7 @@ class ParsedExpression:
     def __hash__(self) -> int:
         return hash(self.text)
 
-    def __reduce__(self) -> Any:
+    def __reduce__(self) -> tuple[Callable[[str], ParsedExpression], tuple[str]]:
         return parse, (self.text,)
 
 

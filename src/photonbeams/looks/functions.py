@@ -53,7 +53,7 @@ class Function(Factor):
     rough = wild = True
 
     @arguments
-    def __init__(self, function: Callable[..., Any], argument: str = "distance") -> None:
+    def __init__(self, function: Callable[..., Value | float], argument: str = "distance") -> None:
         if not callable(function) or isinstance(function, type):
             raise SceneError(f"a look's function is {shown(function)}: expected a Python function")
         if not hasattr(ShadingContext, argument):
@@ -67,7 +67,7 @@ class Function(Factor):
         """Call the function."""
         return self.called(*(at if each == "at" else getattr(at, each) for each in self.arguments))
 
-    def called(self, *given: Any) -> Any:
+    def called(self, *given: Value | ShadingContext) -> Any:
         """Return the function's value for the inputs `given`; raise SceneError if it fails or returns no colour."""
         name = getattr(self._function, "__name__", "function")
         try:
@@ -85,7 +85,7 @@ class Function(Factor):
         return value
 
 
-def check_value(value: Any, name: str) -> None:
+def check_value(value: object, name: str) -> None:
     """Raise SceneError unless the value of the factor `name` is a number or a colour for each lane."""
     if not _is_colour(value):
         hint = ", made by functions of Dr.Jit, not of NumPy" if isinstance(value, np.ndarray) else ""
@@ -93,7 +93,7 @@ def check_value(value: Any, name: str) -> None:
         raise SceneError(f"{name} returns a {kind}: expected a Float, an Array3f or a number{hint}")
 
 
-def _is_colour(value: Any) -> bool:
+def _is_colour(value: object) -> bool:
     if dr.is_array_v(value):
         return bool(dr.depth_v(value) == 1 and dr.size_v(value) != 3) or bool(dr.size_v(value) == 3)
     return isinstance(value, int | float | np.number)
@@ -103,7 +103,7 @@ def _is_colour(value: Any) -> bool:
 _SPEAKING = frozenset(INPUTS) - {"s", "r", "t"}
 
 
-def _arguments(function: Callable[..., Any], own: str) -> list[str]:
+def _arguments(function: Callable[..., object], own: str) -> list[str]:
     """Return the attributes of `ShadingContext` that a function's parameters name."""
     try:
         parameters = inspect.signature(function).parameters.values()

@@ -12,11 +12,14 @@ Values are Dr.Jit floats and vectors of three, of any precision. Where a result 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 import drjit as dr
 
 from ..runtime.device import Array3f
+
+#: A float or a vector of three, of any precision.
+Operand: TypeAlias = dr.ArrayBase
 
 LARGEST = 1e18
 SMALLEST = 1e-18
@@ -26,42 +29,42 @@ _TURN = 2 * math.pi
 _EXACT_TURNS = 8192.0  # the angle up to which float32's sine reduces its argument exactly
 
 
-def vector_type(like: Any) -> Any:
+def vector_type(like: Operand | type[Operand]) -> Any:
     """Return the type of vectors of three that matches a float, or a type of floats."""
     return dr.float64_array_t(Array3f) if dr.type_v(like) == dr.VarType.Float64 else Array3f
 
 
-def saturated(x: Any) -> Any:
+def saturated(x: Operand) -> Operand:
     """Return x, clamped to ±LARGEST."""
     return dr.clip(x, -LARGEST, LARGEST)
 
 
-def finite(x: Any) -> Any:
+def finite(x: Operand) -> Operand:
     """Return x, clamped to ±LARGEST, and 0 for a NaN."""
     return dr.select(dr.isnan(x), 0, saturated(x))
 
 
-def truth(mask: Any, like: Any) -> Any:
+def truth(mask: dr.ArrayBase, like: Operand) -> Operand:
     """Return 1 where `mask` holds and 0 elsewhere, as floats of the type of `like`."""
     return dr.select(mask, type(like)(1), type(like)(0))
 
 
-def times(a: Any, b: Any) -> Any:
+def times(a: Operand, b: Operand | float) -> Operand:
     """Return the product."""
     return saturated(a * b)
 
 
-def divided(a: Any, b: Any) -> Any:
+def divided(a: Operand, b: Operand) -> Operand:
     """Return the quotient; 0 where b is 0."""
     return dr.select(b == 0, 0, saturated(a / dr.select(b == 0, 1, b)))
 
 
-def remainder(a: Any, b: Any) -> Any:
+def remainder(a: Operand, b: Operand) -> Operand:
     """Return the remainder of a by b, with the sign of b; 0 where b is 0."""
     return dr.select(b == 0, 0, saturated(a - b * dr.floor(divided(a, b))))
 
 
-def power(x: Any, y: Any) -> Any:
+def power(x: Operand, y: Operand) -> Operand:
     """Return x to the power y, with the module's rules for negative and zero x."""
     size = saturated(dr.exp2(y * dr.log2(dr.maximum(dr.abs(x), _TINY))))
     whole, odd = dr.round(y) == y, dr.floor(0.5 * y) != 0.5 * y
@@ -69,68 +72,68 @@ def power(x: Any, y: Any) -> Any:
     return dr.select(x == 0, dr.select(y == 0, type(size)(1), 0), signed)
 
 
-def exponential(x: Any) -> Any:
+def exponential(x: Operand) -> Operand:
     """Return e to the power x."""
     return saturated(dr.exp(x))
 
 
-def logarithm(x: Any) -> Any:
+def logarithm(x: Operand) -> Operand:
     """Return the natural logarithm."""
     return dr.log(dr.maximum(x, SMALLEST))
 
 
-def root(x: Any) -> Any:
+def root(x: Operand) -> Operand:
     """Return the square root; 0 for negative x."""
     return dr.sqrt(dr.maximum(x, 0))
 
 
-def sign(x: Any) -> Any:
+def sign(x: Operand) -> Operand:
     """Return −1, 0 or 1."""
     return truth(x > 0, x) - truth(x < 0, x)
 
 
-def fraction(x: Any) -> Any:
+def fraction(x: Operand) -> Operand:
     """Return x minus floor(x)."""
     return x - dr.floor(x)
 
 
-def sine(x: Any) -> Any:
+def sine(x: Operand) -> Operand:
     """Return the sine of an angle in radians."""
     return dr.sin(_turned(x))
 
 
-def cosine(x: Any) -> Any:
+def cosine(x: Operand) -> Operand:
     """Return the cosine of an angle in radians."""
     return dr.cos(_turned(x))
 
 
-def tangent(x: Any) -> Any:
+def tangent(x: Operand) -> Operand:
     """Return the tangent of an angle in radians."""
     return divided(sine(x), cosine(x))
 
 
-def _turned(x: Any) -> Any:
+def _turned(x: Operand) -> Operand:
     """Return an angle, without its whole turns where it is large: there, the device's sine may be infinite."""
     rest = dr.clip(x - _TURN * dr.round(x / _TURN), -_TURN, _TURN)
     return dr.select(dr.abs(x) <= _EXACT_TURNS, x, rest)
 
 
-def arcsine(x: Any) -> Any:
+def arcsine(x: Operand) -> Operand:
     """Return the angle in radians whose sine is x."""
     return dr.asin(dr.clip(x, -1, 1))
 
 
-def arccosine(x: Any) -> Any:
+def arccosine(x: Operand) -> Operand:
     """Return the angle in radians whose cosine is x."""
     return dr.acos(dr.clip(x, -1, 1))
 
 
-def dot(a: Any, b: Any) -> Any:
+def dot(a: Operand, b: Operand) -> Operand:
     """Return the scalar product of two vectors."""
     return times(a.x, b.x) + times(a.y, b.y) + times(a.z, b.z)
 
 
-def cross(a: Any, b: Any) -> Any:
+def cross(a: Operand, b: Operand) -> Operand:
     """Return the vector product of two vectors."""
     return type(a)(
         times(a.y, b.z) - times(a.z, b.y),
@@ -139,19 +142,19 @@ def cross(a: Any, b: Any) -> Any:
     )
 
 
-def length(v: Any) -> Any:
+def length(v: Operand) -> Operand:
     """Return the length of a vector; its squares may leave float32's range."""
     largest = _largest(v)
     return saturated(largest * dr.norm(v / largest))
 
 
-def normalized(v: Any) -> Any:
+def normalized(v: Operand) -> Operand:
     """Return the unit vector of v's direction; 0 for the zero vector."""
     largest = _largest(v)
     unit = v / largest
     return dr.select(largest > _TINY, unit / dr.maximum(dr.norm(unit), 1), 0)
 
 
-def _largest(v: Any) -> Any:
+def _largest(v: Operand) -> Operand:
     """Return the magnitude of the largest component, at least _TINY."""
     return dr.maximum(dr.maximum(dr.abs(v.x), dr.maximum(dr.abs(v.y), dr.abs(v.z))), _TINY)

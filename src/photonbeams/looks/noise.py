@@ -18,13 +18,15 @@ one dimension. All values are Dr.Jit arrays; a Python number becomes part of the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import sqrt
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from .guarded import times, vector_type
+from ..runtime.device import UInt32
+from .guarded import Operand, times, vector_type
 
 __all__ = ["MOST_OCTAVES", "cellnoise", "fbm", "noise", "random", "snoise", "turbulence", "vnoise"]
 
@@ -42,23 +44,26 @@ _CELL_SEED = 100  # of `cellnoise` and `random`
 _OCTAVE_SHIFT = (0.37, 0.61, 0.17, 0.83)  # without it, all octaves would vanish together at the origin
 
 
-def snoise(p: Any, time: Any = None) -> Any:
+def snoise(p: Operand, time: Operand | None = None) -> Operand:
     """Return signed noise in [−1, 1] with the mean 0; it is 0 at whole coordinates."""
     return _gradient_noise(_axes(p, time), 0)
 
 
-def noise(p: Any, time: Any = None) -> Any:
+def noise(p: Operand, time: Operand | None = None) -> Operand:
     """Return noise in [0, 1] with the mean ½."""
     return dr.fma(snoise(p, time), 0.5, 0.5)
 
 
-def vnoise(p: Any, time: Any = None) -> Any:
+def vnoise(p: Operand, time: Operand | None = None) -> Operand:
     """Return a vector of three independent signed noises, for example to distort positions."""
     axes = _axes(p, time)
     return vector_type(axes[0])(*(_gradient_noise(axes, seed) for seed in _VECTOR_SEEDS))
 
 
-def fbm(p: Any, octaves: int = 6, lacunarity: Any = 2.0, gain: Any = 0.5, time: Any = None) -> Any:
+def fbm(
+    p: Operand, octaves: int = 6, lacunarity: Operand | float = 2.0, gain: Operand | float = 0.5,
+    time: Operand | None = None,
+) -> Operand:  # fmt: skip
     """Return fractional Brownian motion: ½ + ½ Σ gain^k · snoise(lacunarity^k · p), k below `octaves`.
 
     With the default gain it stays in [0, 1] except for rare peaks; it is not clamped.
@@ -80,7 +85,10 @@ def fbm(p: Any, octaves: int = 6, lacunarity: Any = 2.0, gain: Any = 0.5, time: 
     return dr.fma(_octaves(_axes(p, time), octaves, lacunarity, gain, lambda value: value), 0.5, 0.5)
 
 
-def turbulence(p: Any, octaves: int = 6, lacunarity: Any = 2.0, gain: Any = 0.5, time: Any = None) -> Any:
+def turbulence(
+    p: Operand, octaves: int = 6, lacunarity: Operand | float = 2.0, gain: Operand | float = 0.5,
+    time: Operand | None = None,
+) -> Operand:  # fmt: skip
     """Return turbulence, with creases and billows: ½ + ½ Σ gain^k · |snoise(lacunarity^k · p)|, at least ½.
 
     Parameters and errors are those of `fbm`.
@@ -88,7 +96,7 @@ def turbulence(p: Any, octaves: int = 6, lacunarity: Any = 2.0, gain: Any = 0.5,
     return dr.fma(_octaves(_axes(p, time), octaves, lacunarity, gain, dr.abs), 0.5, 0.5)
 
 
-def cellnoise(p: Any, time: Any = None) -> Any:
+def cellnoise(p: Operand, time: Operand | None = None) -> Operand:
     """Return a random number in [0, 1) that is constant in each cell of the integer lattice."""
     axes = _axes(p, time)
     state = _start(axes[0], _CELL_SEED)
@@ -97,23 +105,23 @@ def cellnoise(p: Any, time: Any = None) -> Any:
     return _fraction(state, type(axes[0]))
 
 
-def random(x: Any, seed: Any = 0.0) -> Any:
+def random(x: Operand, seed: Operand | float = 0.0) -> Operand:
     """Return a random number in [0, 1) for each value of x (a float or a vector) and of `seed`.
 
     Values are rounded to float32 before they are hashed, so that float64 gives the same numbers.
     """
-    numbers = [*_axes(x, None), seed]
+    numbers: list[Any] = [*_axes(x, None), seed]
     single: Any = dr.float32_array_t(type(numbers[0]))
     state = _start(numbers[0], _CELL_SEED)
     for number in numbers:
         value = single(number)
         # 0 and −0 have different bits.
-        bits = dr.reinterpret_array(type(state), dr.select(value == 0, single(0), value))
+        bits: Any = dr.reinterpret_array(type(state), dr.select(value == 0, single(0), value))
         state = _mixed(state + bits)
     return _fraction(state, type(numbers[0]))
 
 
-def _axes(p: Any, time: Any) -> list[Any]:
+def _axes(p: Operand, time: Operand | None) -> list[Operand]:
     """Return a point's coordinates, and time as the last, all of one type."""
     axes = [p[i] for i in range(len(p))] if dr.depth_v(p) > 1 else [p]
     if time is None:
@@ -122,12 +130,15 @@ def _axes(p: Any, time: Any) -> list[Any]:
     return [kind(axis) for axis in (*axes, time)]
 
 
-def _octaves(axes: list[Any], octaves: int, lacunarity: Any, gain: Any, of: Any) -> Any:
+def _octaves(
+    axes: list[Operand], octaves: int, lacunarity: Operand | float, gain: Operand | float,
+    of: Callable[[Operand], Operand],
+) -> Operand:  # fmt: skip
     """Return Σ gain^k · of(snoise(lacunarity^k · p))."""
     if not 1 <= octaves <= MOST_OCTAVES:
         raise ValueError(f"octaves is {octaves}: expected 1 to {MOST_OCTAVES}")
     total: Any = of(_gradient_noise(axes, 0))
-    amplitude = gain
+    amplitude: Any = gain
     for k in range(1, octaves):
         axes = [times(axis, lacunarity) for axis in axes]
         shifted = [axis + k * shift for axis, shift in zip(axes, _OCTAVE_SHIFT, strict=False)]
@@ -136,13 +147,13 @@ def _octaves(axes: list[Any], octaves: int, lacunarity: Any, gain: Any, of: Any)
     return total
 
 
-def _gradient_noise(axes: list[Any], seed: int) -> Any:
+def _gradient_noise(axes: list[Operand], seed: int) -> Operand:
     """Return signed noise of one to four coordinates."""
     cells = [_cell(axis) for axis in axes]
     offsets = [axis - dr.floor(axis) for axis in axes]
     fades = [x * x * x * dr.fma(dr.fma(x, 6, -15), x, 10) for x in offsets]
 
-    def blended(state: Any, toward: list[Any]) -> Any:
+    def blended(state: UInt32, toward: list[Operand]) -> Operand:
         """Return the noise in the slice of the lattice whose hash is `state`, at `toward` from its first corner."""
         k = len(toward)
         if k == len(axes):
@@ -154,7 +165,7 @@ def _gradient_noise(axes: list[Any], seed: int) -> Any:
     return _kept_inside(blended(_start(axes[0], seed), []) * _SCALE[len(axes)])
 
 
-def _plane(state: Any, offset: list[Any]) -> Any:
+def _plane(state: UInt32, offset: list[Operand]) -> Operand:
     """Return gradient · offset; the gradient's components are uniform over [−1, 1], from the bits of a hash."""
     bits = _BITS[len(offset)]
     most = (1 << bits) - 1
@@ -166,7 +177,7 @@ def _plane(state: Any, offset: list[Any]) -> Any:
     return total
 
 
-def _kept_inside(value: Any) -> Any:
+def _kept_inside(value: Operand) -> Any:
     """Return a value, bent into ±1 by a parabola beyond ±`_ROUNDED`, without a kink."""
     room = 1 - _ROUNDED
     size = dr.minimum(dr.abs(value), 1 + room)
@@ -174,25 +185,25 @@ def _kept_inside(value: Any) -> Any:
     return dr.copysign(dr.fma(above * above, -1 / (4 * room), size), value)
 
 
-def _start(like: Any, seed: int) -> Any:
+def _start(like: Operand, seed: int) -> UInt32:
     """Return the initial hash for a seed, as 32-bit integers that match the float type of `like`."""
     return dr.uint32_array_t(type(like))((seed * 0x9E3779B9 + 0x7F4A7C15) & 0xFFFFFFFF)
 
 
-def _cell(x: Any) -> Any:
+def _cell(x: Operand) -> UInt32:
     """Return floor(x) as 32 bits, clamped to the range of floats that fit into them."""
     whole = dr.clip(dr.floor(x), -(2.0**31), 2.0**31 - 128)
     return dr.uint32_array_t(type(x))(dr.int32_array_t(type(x))(whole))
 
 
-def _mixed(state: Any) -> Any:
+def _mixed(state: UInt32) -> UInt32:
     """Return 32 bits that depend on every bit of `state`: the finaliser of MurmurHash3 (Appleby 2011)."""
     state = (state ^ (state >> 16)) * 0x85EBCA6B
     state = (state ^ (state >> 13)) * 0xC2B2AE35
     return state ^ (state >> 16)
 
 
-def _fraction(state: Any, kind: Any) -> Any:
+def _fraction(state: UInt32, kind: type[Operand]) -> Operand:
     """Return the upper 24 bits, which fit into a float32, as a number in [0, 1)."""
     return kind(state >> 8) * 2.0**-24
 
@@ -207,7 +218,7 @@ def _scales() -> dict[int, float]:
     fade = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
     x = np.polynomial.Polynomial([0, 1])
 
-    def both(shape: Any) -> float:
+    def both(shape: np.polynomial.Polynomial) -> float:
         integral = (2 * shape).integ()
         return float(integral(1) - integral(0))
 

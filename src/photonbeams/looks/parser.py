@@ -5,14 +5,14 @@ from __future__ import annotations
 import ast
 import difflib
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import reduce
 from typing import Any, NamedTuple, NoReturn
 
 import drjit as dr
 
 from . import guarded
-from .guarded import divided, power, times, truth, vector_type
+from .guarded import Operand, divided, power, times, truth, vector_type
 from .syntax import DEEPEST, EXPECTED, ExpressionError, excerpt, too_deep
 from .vocabulary import CONSTANTS, FUNCTIONS, NAMES, NOISE_PARTS, ExpressionFunction, Kind, Parameter
 
@@ -88,10 +88,10 @@ class Parser:
             self._refuse(node, f"this has no meaning here: {EXPECTED}")
         return reader(node, depth)
 
-    def _refuse(self, node: Any, reason: str) -> NoReturn:
+    def _refuse(self, node: ast.expr | ast.keyword, reason: str) -> NoReturn:
         raise ExpressionError(self._text, node.col_offset + 1, reason)
 
-    def _count(self, node: Any, parts: int) -> None:
+    def _count(self, node: ast.expr, parts: int) -> None:
         self._parts += parts
         if self._parts > MOST_PARTS:
             self._refuse(
@@ -111,7 +111,7 @@ class Parser:
             self._refuse(node, f"{node.value!r} is not a number: {EXPECTED}")
         return self._literal(node, node.value)
 
-    def _literal(self, node: Any, value: Any) -> Node:
+    def _literal(self, node: ast.expr, value: Any) -> Node:
         # Compared before it becomes a float: an integer of many digits may be beyond every float.
         if value > guarded.LARGEST:
             self._refuse(node, f"this number is too large: expected at most {guarded.LARGEST:g}")
@@ -155,7 +155,7 @@ class Parser:
         nodes = [node.left, *node.comparators]
         parts = [self._scalar(each, depth + 1, "one side of a comparison") for each in nodes]
 
-        def compute(values: Operands) -> Any:
+        def compute(values: Operands) -> Operand:
             computed = [part.compute(values) for part in parts]
             masks = [function(*computed[k : k + 2]) for k, function in enumerate(functions)]
             return truth(reduce(operator.and_, masks), computed[0])
@@ -166,7 +166,7 @@ class Parser:
         word, join = ("and", operator.and_) if isinstance(node.op, ast.And) else ("or", operator.or_)
         parts = [self._scalar(each, depth + 1, f"one side of {word}") for each in node.values]
 
-        def compute(values: Operands) -> Any:
+        def compute(values: Operands) -> Operand:
             computed = [part.compute(values) for part in parts]
             return truth(reduce(join, [each != 0 for each in computed]), computed[0])
 
@@ -271,7 +271,7 @@ def _call(function: ExpressionFunction, arguments: list[Any]) -> Node:
     broadcast = [k for k, each in enumerate(function.parameters) if each.kind == "any" and mixed]
     vector = any(arguments[k].kind == "vector" for k in broadcast)
 
-    def compute(values: Operands) -> Any:
+    def compute(values: Operands) -> Operand:
         computed = [each.compute(values) if isinstance(each, Node) else each for each in arguments]
         if vector:
             for k in broadcast:
@@ -282,21 +282,21 @@ def _call(function: ExpressionFunction, arguments: list[Any]) -> Node:
     return Node(kind, compute, any(each.varies for each in arguments if isinstance(each, Node)))
 
 
-def _applied(function: Callable[..., Any], parts: list[Node]) -> Node:
+def _applied(function: Callable[..., Operand], parts: list[Node]) -> Node:
     """Return the part of an operator between parts, component by component if one of them is a vector."""
     parameters = tuple(Parameter(name) for name in "ab")
     return _call(ExpressionFunction("", parameters, "any", "", function), parts)
 
 
-def _as_vector(value: Any) -> Any:
+def _as_vector(value: Operand) -> Operand:
     return value if dr.depth_v(value) > 1 else vector_type(value)(value, value, value)
 
 
-def _not(value: Any) -> Any:
+def _not(value: Operand) -> Operand:
     return truth(value == 0, value)
 
 
-def _unknown(name: str, what: str, expected: list[str], others: Any) -> str:
+def _unknown(name: str, what: str, expected: list[str], others: Iterable[str]) -> str:
     """Return the reason of the error for an unknown name, with the most similar known name."""
     by_case = {each.lower(): each for each in (*others, *expected)}
     near = difflib.get_close_matches(name.lower(), by_case, n=1)

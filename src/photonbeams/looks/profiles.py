@@ -18,7 +18,7 @@ from ..scene import SceneError, has_gradients, shown
 from .across import RADII, RULE, SAMPLES, Across, Modulated
 from .context import ShadingContext, inputs_of
 from .described import constructor
-from .factors import Factor, FactorLike, factor
+from .factors import Factor, FactorLike, Value, factor
 from .functions import Function
 from .table import Table
 
@@ -37,15 +37,15 @@ class _Bump(Across):
         # 2 (n + 1)/π ∫_0^1 (1 − v²)^n dv; the integrand is a polynomial, so the rule is exact
         return 2 * (self._power + 1) / np.pi * float(RULE.integrate(lambda v: (1 - v * v) ** self._power, 0.0, 1.0))
 
-    def density(self, rho2: Any) -> Any:
+    def density(self, rho2: Float) -> Float:
         """Return (n + 1)/π (1 − ρ²)^n."""
         return self._bump(rho2) * ((self._power + 1) / np.pi)
 
-    def line(self, x: Any) -> Any:
+    def line(self, x: Float) -> Float:
         """Return the smooth part of the line projection."""
         return self._bump(x) * self._line_scale
 
-    def _bump(self, x: Any) -> Any:
+    def _bump(self, x: Float) -> Float:
         base = dr.maximum(1 - x, 0)
         result = type(base)(1)
         for _ in range(self._power):
@@ -104,11 +104,11 @@ class _Shaped(Across):
         """Return the profile at ρ."""
         return self._shape(rho, *(each.plain for each in self._numbers))
 
-    def _shape(self, rho: npt.NDArray[np.float64], *numbers: Any) -> npt.NDArray[np.float64]:
+    def _shape(self, rho: npt.NDArray[np.float64], *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the profile at ρ for these numbers."""
         raise NotImplementedError
 
-    def _scaled(self, *numbers: Any) -> npt.NDArray[np.float64]:
+    def _scaled(self, *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the table of the normalised profile for these numbers."""
 
         def weighed(rho: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -141,7 +141,7 @@ class Gaussian(_Shaped):
     def __init__(self, width: Number = 0.35) -> None:
         self._attach(given_number(width, "a Gaussian profile's width", "0.02 to 10 radii", 0.02, 10))
 
-    def _shape(self, rho: npt.NDArray[np.float64], *numbers: Any) -> npt.NDArray[np.float64]:
+    def _shape(self, rho: npt.NDArray[np.float64], *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the lowered Gaussian."""
         rate = 0.5 / numbers[0] ** 2
         return np.exp(-rate * rho * rho) - np.exp(-rate)
@@ -174,14 +174,14 @@ class Smoothstep(_Shaped):
         self.corners = (place,) if place > 0 else ()
         self._attach(inner)
 
-    def _shape(self, rho: npt.NDArray[np.float64], *numbers: Any) -> npt.NDArray[np.float64]:
+    def _shape(self, rho: npt.NDArray[np.float64], *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the eased step."""
         inner = _inner(numbers[0])
         t = np.clip((rho - inner) / (1 - inner), 0, 1)
         return 1 - t * t * (3 - 2 * t)
 
 
-def _inner(hardness: Any) -> float:
+def _inner(hardness: npt.NDArray[np.float64]) -> float:
     return min(float(hardness), 0.999)
 
 
@@ -217,7 +217,7 @@ class Hollow(_Shaped):
         self.corners = tuple(sorted({place, place + edge, 1 - edge} - {0.0}))
         self._attach(hole, soft)
 
-    def _shape(self, rho: npt.NDArray[np.float64], *numbers: Any) -> npt.NDArray[np.float64]:
+    def _shape(self, rho: npt.NDArray[np.float64], *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the wall's profile."""
         inner, softness = numbers
         t = np.clip((rho - inner) / (1 - inner), 0, 1)
@@ -258,7 +258,7 @@ class Tabulated(_Shaped):
         self.corners = tuple(knots.tolist()) if len(knots) <= 4 else (0.0,)
         self._attach(curve)
 
-    def _shape(self, rho: npt.NDArray[np.float64], *numbers: Any) -> npt.NDArray[np.float64]:
+    def _shape(self, rho: npt.NDArray[np.float64], *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the curve."""
         (values,) = numbers
         return np.interp(rho, np.linspace(0, 1, len(values)), values)
@@ -267,7 +267,7 @@ class Tabulated(_Shaped):
 class AcrossFunction(Across):
     """A profile from a Python function of ρ (a Dr.Jit array), which is tabulated once."""
 
-    def __init__(self, function: Callable[[Any], Any], written: Factor | None = None) -> None:
+    def __init__(self, function: Callable[[Float], Value | float], written: Factor | None = None) -> None:
         self._function = Function(function, "radius")
         self._written = written or self._function
         grid = np.linspace(0, 1, 4 * SAMPLES)
@@ -291,7 +291,7 @@ class AcrossFunction(Across):
         """Return the function's values."""
         return np.interp(rho, self._grid, self._values)
 
-    def _attached_density(self, function: Callable[[Any], Any]) -> Table:
+    def _attached_density(self, function: Callable[[Float], Value | float]) -> Table:
         """Return the table of the normalised function, attached to the AD graph like its values."""
         total = Float(0)
         edges = np.linspace(0, 1, 17)
@@ -300,7 +300,7 @@ class AcrossFunction(Across):
             total += dr.sum(function(to_float(rho)) * to_float(RULE.weights * (high - low) * np.pi * rho))
         values = to_float(self.scale * self.shape(RADII))
         attached: Any = dr.zeros(Float, SAMPLES) + function(to_float(RADII)) / total
-        return Table(dr.replace_grad(values, attached))  # type: ignore[func-returns-value]
+        return Table(dr.replace_grad(values, attached))  # type: ignore[arg-type, func-returns-value]
 
 
 #: Anything that can be used as a profile: a profile, a list of values, a function of ρ, an expression, or a factor.

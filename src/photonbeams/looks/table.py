@@ -6,10 +6,12 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
+import numpy.typing as npt
 
 from ..numerics.arrays import to_float
 from ..runtime.device import Array2f, Array3f, Array4f, Float, UInt32
 from ..scene import SceneError
+from .factors import Value
 
 
 class Table:
@@ -31,7 +33,7 @@ class Table:
     limit the speed of the estimators' loops.
     """
 
-    def __init__(self, values: Any) -> None:
+    def __init__(self, values: Value | npt.ArrayLike) -> None:
         if dr.is_jit_v(values):  # Dr.Jit arrays stay attached to the AD graph
             self._attach(values)
             return
@@ -61,7 +63,7 @@ class Table:
         dr.scatter(self._data, packet, number)
         self._last = last
 
-    def __call__(self, x: Any) -> Any:
+    def __call__(self, x: Float) -> Value:
         """Return the interpolated value at x (of any width): a Float, or an Array3f for a table of colours."""
         place = dr.clip(x, 0, 1) * type(x)(self._last)
         # A NaN becomes an arbitrary index; `minimum` keeps the gather inside of the table.

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import drjit as dr
 
 from . import guarded, noise
-from .guarded import divided, fraction, power, saturated, times, truth, vector_type
+from .guarded import Operand, divided, fraction, power, saturated, times, truth, vector_type
 
 __all__ = [
     "CONSTANTS",
@@ -105,71 +105,71 @@ class ExpressionFunction:
         return f"{self.name}({', '.join(map(str, self.parameters))})"
 
 
-def _mix(a: Any, b: Any, amount: Any) -> Any:
+def _mix(a: Operand, b: Operand, amount: Operand) -> Operand:
     return a + times(b - a, amount)
 
 
-def _clamp(x: Any, low: Any, high: Any) -> Any:
+def _clamp(x: Operand, low: Operand, high: Operand) -> Operand:
     return dr.minimum(dr.maximum(x, low), high)
 
 
-def _linearstep(low: Any, high: Any, x: Any) -> Any:
+def _linearstep(low: Operand, high: Operand, x: Operand) -> Operand:
     # Equal edges give a step there; descending edges give a step downward.
     return dr.select(low == high, truth(x >= low, x), dr.clip(divided(x - low, high - low), 0, 1))
 
 
-def _eased(t: Any) -> Any:
+def _eased(t: Operand) -> Operand:
     return t * t * (3 - 2 * t)
 
 
-def _bell(t: Any) -> Any:
+def _bell(t: Operand) -> Operand:
     """Return SeExpr's Gaussian step of t in [0, 1]: the flank of a Gaussian, cut off where it is 1/256."""
     return dr.select(t > 0, dr.exp2(-8 * dr.square(1 - t)), 0)
 
 
-def _shaped_step(shape: Callable[[Any], Any]) -> Callable[..., Any]:
+def _shaped_step(shape: Callable[[Operand], Operand]) -> Callable[..., Operand]:
     return lambda low, high, x: shape(_linearstep(low, high, x))
 
 
-def _remap(x: Any, source: Any, reach: Any, falloff: Any, interpolation: int) -> Any:
+def _remap(x: Operand, source: Operand, reach: Operand, falloff: Operand, interpolation: int) -> Operand:
     outside = dr.abs(x - source) - dr.abs(reach)
     soft = dr.abs(falloff)
     inside = dr.select(soft == 0, truth(outside < 0, x), 1 - dr.clip(divided(outside, soft), 0, 1))
     return (lambda t: t, _eased, _bell)[interpolation](inside)
 
 
-def _fit(x: Any, a1: Any, b1: Any, a2: Any, b2: Any) -> Any:
+def _fit(x: Operand, a1: Operand, b1: Operand, a2: Operand, b2: Operand) -> Operand:
     return a2 + times(divided(x - a1, b1 - a1), b2 - a2)
 
 
-def _bias(x: Any, b: Any) -> Any:
+def _bias(x: Operand, b: Operand) -> Operand:
     exponent = guarded.logarithm(dr.clip(b, 0, 1)) * (1 / math.log(0.5))
     return power(dr.maximum(x, 0), exponent)
 
 
-def _contrast(x: Any, amount: Any) -> Any:
+def _contrast(x: Operand, amount: Operand) -> Operand:
     inside = dr.clip(x, 0, 1)
     low = inside < 0.5
     half = 0.5 * _bias(2 * dr.select(low, inside, 1 - inside), 1 - amount)
     return dr.select(low, half, 1 - half)
 
 
-def _gamma(x: Any, g: Any) -> Any:
+def _gamma(x: Operand, g: Operand) -> Operand:
     return power(dr.maximum(x, 0), divided(type(g)(1), g))
 
 
-def _select(condition: Any, a: Any, b: Any) -> Any:
+def _select(condition: Operand, a: Operand, b: Operand) -> Operand:
     return dr.select(condition != 0, a, b)
 
 
-def _vector(x: Any, y: Any, z: Any) -> Any:
+def _vector(x: Operand, y: Operand, z: Operand) -> Operand:
     return vector_type(x)(x, y, z)
 
 
-def _hsv(hue: Any, saturation: Any, value: Any) -> Any:
+def _hsv(hue: Operand, saturation: Operand, value: Operand) -> Operand:
     """Return the colour of a hue (1 is a full turn), by each channel's distance in sextants."""
 
-    def channel(offset: int) -> Any:
+    def channel(offset: int) -> Operand:
         sextant = 6 * fraction(fraction(hue) + offset / 6)
         amount = dr.clip(dr.minimum(sextant, 4 - sextant), 0, 1)
         return times(value, 1 - times(saturation, amount))
@@ -177,15 +177,15 @@ def _hsv(hue: Any, saturation: Any, value: Any) -> Any:
     return _vector(channel(5), channel(3), channel(1))
 
 
-def _luminance(c: Any) -> Any:
+def _luminance(c: Operand) -> Operand:
     return 0.2126 * c.x + 0.7152 * c.y + 0.0722 * c.z
 
 
-def _wave(t: Any) -> Any:
+def _wave(t: Operand) -> Operand:
     return 0.5 - 0.5 * dr.cos(2 * math.pi * fraction(t))
 
 
-def _triangle(t: Any) -> Any:
+def _triangle(t: Operand) -> Operand:
     return 1 - dr.abs(2 * fraction(t) - 1)
 
 
@@ -286,8 +286,9 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
 
 
 def _declared(
-    names: str, parameters: str, result: Any, compute: Callable[..., Any], doc: str, parts: int = 1
-) -> list[ExpressionFunction]:
+    names: str, parameters: str, result: Literal["scalar", "vector", "any"], compute: Callable[..., Operand], doc: str,
+    parts: int = 1,
+) -> list[ExpressionFunction]:  # fmt: skip
     """Return the functions that a row declares, one for each of its names."""
     listed = tuple(map(_parameter, parameters.split()))
     return [ExpressionFunction(name, listed, result, doc, compute, parts) for name in names.split()]

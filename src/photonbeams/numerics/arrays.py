@@ -6,8 +6,8 @@ aligned: kernels would be compiled again depending on an address.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
 
 import drjit as dr
 import numpy as np
@@ -15,25 +15,27 @@ import numpy.typing as npt
 
 from ..runtime.device import Array3f, Bool, Float, UInt32
 
+T = TypeVar("T")  # an array, or a struct of arrays
+
 _ALIGNMENT = 64  # bytes: a vector register
 
 
-def to_float(numbers: npt.ArrayLike) -> Any:
+def to_float(numbers: npt.ArrayLike) -> Float:
     """Return numbers, flattened, as a Float."""
     return Float(_aligned(numbers, np.float32))
 
 
-def to_uint(numbers: npt.ArrayLike) -> Any:
+def to_uint(numbers: npt.ArrayLike) -> UInt32:
     """Return numbers, flattened, as a UInt32."""
     return UInt32(_aligned(numbers, np.uint32))
 
 
-def to_vectors(numbers: npt.ArrayLike) -> Any:
+def to_vectors(numbers: npt.ArrayLike) -> Array3f:
     """Return (N, 3) numbers as an Array3f."""
     return Array3f(*(to_float(axis) for axis in np.asarray(numbers).T))
 
 
-def to_numpy(parts: Iterable[Any]) -> npt.NDArray[Any]:
+def to_numpy(parts: Iterable[dr.ArrayBase]) -> npt.NDArray[Any]:
     """Return the components of a vector, or several arrays, as rows (C, N).
 
     The vector's own `numpy()` is not used, because its kernel contains the number of entries, which differs from pass
@@ -54,7 +56,7 @@ def padded(entries: Any) -> Any:
     return [*entries, entries[-1]]
 
 
-def opaque(value: Any) -> Any:
+def opaque(value: npt.ArrayLike) -> Any:
     """Return numbers as an opaque Float or Array3f: an input of kernels, not a literal in them."""
     numbers = np.asarray(value, dtype=np.float64)
     if numbers.ndim == 0:
@@ -71,12 +73,12 @@ def _aligned(numbers: npt.ArrayLike, kind: type) -> npt.NDArray[Any]:
     return result
 
 
-def taken(value: Any, index: Any) -> Any:
+def taken(value: T, index: UInt32) -> T:
     """Return the entries at `index` of an array, or of all arrays in a struct; None stays None."""
     return _each(lambda array: dr.gather(type(array), array, index), value)
 
 
-def indices(keep: Any) -> Any:
+def indices(keep: Bool) -> Any:
     """Return where an array is true, in order: `dr.compress`, which lets other threads run while kernels do."""
     # Dr.Jit's own function waits for kernels with Python's lock held, and no signal could end a long one.
     dr.eval(keep)
@@ -84,7 +86,7 @@ def indices(keep: Any) -> Any:
     return dr.compress(keep)
 
 
-def compressed(keep: Any, *values: Any) -> list[Any]:
+def compressed(keep: Bool, *values: object) -> list[Any]:
     """Return the entries of arrays and structs where `keep` is true, in order; an empty list if there are none.
 
     Everything is made opaque, even values that happen to be constant; otherwise kernels would differ between frames.
@@ -94,7 +96,7 @@ def compressed(keep: Any, *values: Any) -> list[Any]:
     return [taken(value, index) for value in values] if len(index) else []
 
 
-def joined(pieces: list[Any]) -> Any:
+def joined(pieces: Sequence[T]) -> T:
     """Return all arrays, or structs of them, as one, in order.
 
     `dr.concat` is not used, because its kernels contain the lengths, which differ from pass to pass.
@@ -113,7 +115,7 @@ def joined(pieces: list[Any]) -> Any:
     return result
 
 
-def unaliased(value: Any) -> Any:
+def unaliased(value: T) -> T:
     """Return an array, or a struct of them, with memory of its own for each component, and nothing constant.
 
     A kernel that reads one array twice differs from one that reads two.
@@ -124,7 +126,7 @@ def unaliased(value: Any) -> Any:
     return result
 
 
-def equal_entries(one: Any, other: Any) -> Any:
+def equal_entries(one: T, other: T) -> Bool:
     """Return a Bool for each entry of two structs of one kind: whether all of their arrays are equal there."""
     result = Bool(True)
     for a, b in zip(_arrays(one), _arrays(other), strict=True):
@@ -132,7 +134,7 @@ def equal_entries(one: Any, other: Any) -> Any:
     return result
 
 
-def _copied(array: Any) -> Any:
+def _copied(array: dr.ArrayBase) -> dr.ArrayBase:
     """Return a copy of an array, component by component."""
     if dr.depth_v(array) > 1:
         return type(array)(*map(_copied, array))
@@ -140,7 +142,7 @@ def _copied(array: Any) -> Any:
     return dr.gather(type(array), array, dr.arange(UInt32, dr.width(array)) + dr.opaque(UInt32, 0))
 
 
-def _arrays(value: Any) -> list[Any]:
+def _arrays(value: object) -> list[Any]:
     """Return the arrays in a struct."""
     names = getattr(type(value), "DRJIT_STRUCT", None)
     if value is None or names is None:
@@ -148,7 +150,7 @@ def _arrays(value: Any) -> list[Any]:
     return [array for name in names for array in _arrays(getattr(value, name))]
 
 
-def _each(function: Any, *values: Any) -> Any:
+def _each(function: Callable[..., dr.ArrayBase], *values: object) -> Any:
     """Return a function of arrays, applied to all arrays of structs of one kind."""
     names = getattr(type(values[0]), "DRJIT_STRUCT", None)
     if values[0] is None or names is None:

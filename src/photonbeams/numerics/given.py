@@ -6,7 +6,7 @@ no kernel. Only `drjit.replace_grad` connects that input to the graph from which
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, Union
 
 import drjit as dr
@@ -32,7 +32,9 @@ _STEP = 1e-6
 
 
 if TYPE_CHECKING:
-    from drjit.llvm.ad import TensorXf
+    from drjit.auto.ad import TensorXf
+
+    from .types import Floats
 
 
 class Given(NamedTuple):
@@ -56,7 +58,7 @@ class Given(NamedTuple):
         return [Given(row, part) for row, part in zip(self.plain, parts, strict=True)]
 
     @property
-    def vectors(self) -> Any:
+    def vectors(self) -> Array3f:
         """Attached numbers (N, 3) as an Array3f."""
         first = 3 * dr.arange(UInt32, len(self.plain))
         return Array3f(*(dr.gather(Float, self.attached, first + axis) for axis in range(3)))
@@ -71,14 +73,14 @@ class Given(NamedTuple):
         return dr.replace_grad(value, type(value)(*entries))
 
 
-def given(value: Any, name: str, expected: str) -> Given:
+def given(value: object, name: str, expected: str) -> Given:
     """Return the numbers that a user gave; if `value` is not numbers, SceneError says what was `expected` of `name`."""
     attached = has_gradients(value)
     plain = numbers(dr.detach(value) if attached else value, name, expected)
     return Given(plain.astype(np.float64), _flat(value) if attached else None)
 
 
-def given_number(value: Any, name: str, expected: str, low: float = -LARGEST, high: float = LARGEST) -> Given:
+def given_number(value: object, name: str, expected: str, low: float = -LARGEST, high: float = LARGEST) -> Given:
     """Return one number from `low` to `high`; else SceneError says what was `expected` of `name`."""
     found = given(value, name, expected)
     if found.plain.size != 1 or not low <= float(found.plain.ravel()[0]) <= high:
@@ -86,7 +88,7 @@ def given_number(value: Any, name: str, expected: str, low: float = -LARGEST, hi
     return Given(found.plain.reshape(()), found.attached)
 
 
-def given_color(value: Any, name: str, expected: str, low: float = -LARGEST) -> Given:
+def given_color(value: object, name: str, expected: str, low: float = -LARGEST) -> Given:
     """Return one number or three, none below `low`; else SceneError says what was `expected` of `name`."""
     found = given(value, name, expected)
     plain = found.plain.reshape(()) if found.plain.size == 1 else found.plain
@@ -95,7 +97,7 @@ def given_color(value: Any, name: str, expected: str, low: float = -LARGEST) -> 
     return Given(plain, found.attached)
 
 
-def _flat(value: Any) -> Any:
+def _flat(value: Any) -> Float:
     """Return all entries of an array, or of arrays in lists, as one Float, attached: vector after vector."""
     if isinstance(value, list | tuple):
         return dr.concat([_flat(each) for each in value])
@@ -106,7 +108,7 @@ def _flat(value: Any) -> Any:
     return Float(dr.ravel(value) if dr.depth_v(value) > 1 else value)
 
 
-def derived(function: Callable[..., Any], *parts: Given, color: bool = False) -> Any:
+def derived(function: Callable[..., Floats], *parts: Given, color: bool = False) -> Any:
     """Return a function of numbers as an input of kernels: a Float or an Array3f, attached if one of them is.
 
     The function must take NumPy's and Dr.Jit's numbers. With `color`, a single number is repeated three times.
@@ -135,7 +137,9 @@ def table(function: Callable[..., npt.NDArray[np.float64]], *parts: Given) -> An
     return dr.replace_grad(_device(values), tangent)
 
 
-def _slope(function: Callable[..., Any], plain: list[Any], place: int, entry: int) -> Any:
+def _slope(
+    function: Callable[..., npt.NDArray[np.float64]], plain: Sequence[npt.NDArray[np.float64]], place: int, entry: int
+) -> npt.NDArray[np.float64]:
     """Return the derivative of a function by one entry of one of its arguments."""
     step = _STEP * max(1.0, abs(plain[place].flat[entry]))
     ends = []
@@ -146,5 +150,5 @@ def _slope(function: Callable[..., Any], plain: list[Any], place: int, entry: in
     return (ends[0] - ends[1]) / (2 * step)
 
 
-def _device(values: Any) -> Any:
+def _device(values: npt.NDArray[np.float64]) -> Any:
     return to_vectors(values) if np.ndim(values) == 2 else to_float(values)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 
 from ..runtime.device import Array2f, Float, UInt32
@@ -40,21 +38,21 @@ class Samples:
         result: UInt32 = joined([(pixels << self._together) + dr.opaque(UInt32, each) for each in which])
         return result
 
-    def _place(self, index: Any) -> Any:
+    def _place(self, index: UInt32) -> UInt32:
         return ((index >> self._together) << self._bits) + (self._number + (index & self._which))
 
-    def _key(self, index: Any, names: tuple[Any, ...]) -> UInt32:
+    def _key(self, index: UInt32, names: tuple[int | UInt32, ...]) -> UInt32:
         pixel = index >> self._together
         return hash32(self.seed, (pixel >> self._rest) >> 1, *(UInt32(name) for name in names))
 
-    def pair(self, index: Any, *names: Any) -> Array2f:
+    def pair(self, index: UInt32, *names: int | UInt32) -> Array2f:
         """Return a point of the unit square for each index."""
         return pixel_sample(self._place(index), self._key(index, names))
 
-    def bits(self, index: Any, *names: Any) -> UInt32:
+    def bits(self, index: UInt32, *names: int | UInt32) -> UInt32:
         """Return a random integer for each index."""
         return hash32(self._place(index), self._key(index, names))
 
-    def single(self, index: Any, *names: Any) -> Float:
+    def single(self, index: UInt32, *names: int | UInt32) -> Float:
         """Return a number in [0, 1) for each index."""
         return unit_float(self.bits(index, *names))

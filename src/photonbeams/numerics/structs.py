@@ -26,12 +26,12 @@ class Struct:
         super().__init_subclass__()
         cls.DRJIT_STRUCT = {name: kind for name, kind in get_type_hints(cls).items() if _is_field(kind)}
 
-    def __init__(self, *values: Any) -> None:
+    def __init__(self, *values: object) -> None:
         for name, value in zip(self.DRJIT_STRUCT, values, strict=False):
             setattr(self, name, value)
 
 
-def _is_field(kind: Any) -> bool:
+def _is_field(kind: object) -> bool:
     return dr.is_struct_v(kind) or dr.is_array_v(kind)
 
 

@@ -26,7 +26,7 @@ from . import libllvm
 from .libllvm import Candidate, Version
 
 if TYPE_CHECKING:
-    from drjit.llvm.ad import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32, UInt64
+    from drjit.auto.ad import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32, UInt64
 
 __all__ = [
     "Array2f", "Array3f", "Array4f", "Bool", "Candidate", "Description", "DeviceError", "Float", "Int32", "UInt32",
