@@ -14,6 +14,7 @@ from typing import Any
 import drjit as dr
 
 from ..looks import BoundLook
+from ..looks.factors import Value
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from .blend import NARROW, frustum_weight, need, touched
 from .geometry import ClosestApproach, Rays, passing
@@ -21,7 +22,9 @@ from .points import Points
 from .records import Packed, Record, load
 
 
-def value(beam: Record, at: ClosestApproach, u2: Any, radius: Any, look: BoundLook, ray: Rays, points: Points) -> Any:
+def value(
+    beam: Record, at: ClosestApproach, u2: Float, radius: Float, look: BoundLook, ray: Rays, points: Points
+) -> Array3f:
     """Return a beam's radiance toward a ray that passes its axis at the squared distance `u2`."""
     inv_radius = dr.rcp(radius)
     x = u2 * dr.square(inv_radius)
@@ -33,12 +36,12 @@ def value(beam: Record, at: ClosestApproach, u2: Any, radius: Any, look: BoundLo
     return beam.light(at.along) * (light * look.turned(-_cosine(at), beam) * kernel)
 
 
-def _cosine(at: ClosestApproach) -> Any:
+def _cosine(at: ClosestApproach) -> Float:
     """Return the cosine between the ray and the light where they come closest."""
     return at.cosine if at.course is None else at.course.cosine(Float(0))
 
 
-def _light(beam: Record, at: ClosestApproach, rho2: Any, look: BoundLook, ray: Rays) -> Any:
+def _light(beam: Record, at: ClosestApproach, rho2: Float, look: BoundLook, ray: Rays) -> Value:
     """Return the factors at the closest approach, for the squared distance ρ² from the axis in radii."""
     distance = at.along + beam.offset
     where = look.at(
@@ -50,7 +53,7 @@ def _light(beam: Record, at: ClosestApproach, rho2: Any, look: BoundLook, ray: R
 
 
 @dr.syntax
-def _projected(beam: Record, at: ClosestApproach, x: Any, look: BoundLook, ray: Rays, points: Points) -> Any:
+def _projected(beam: Record, at: ClosestApproach, x: Float, look: BoundLook, ray: Rays, points: Points) -> Value:
     """Return 2 ∫_0^1 density · light dv with ρ² = x + (1 − x) v²: the line projection of all that changes with ρ.
 
     The integral is split at the rings where the integrand has corners, and into pieces over which the look hardly
@@ -78,7 +81,9 @@ def _projected(beam: Record, at: ClosestApproach, x: Any, look: BoundLook, ray: 
     return 2 * total
 
 
-def in_range(beam: Record, at: ClosestApproach, t_min: Any, t_max: Any, origin: Any, direction: Any) -> Any:
+def in_range(
+    beam: Record, at: ClosestApproach, t_min: Float, t_max: Float, origin: Array3f | None, direction: Array3f
+) -> Bool:
     """Return whether the closest approach lies between the beam's ends and on the visible part of the ray."""
     inside = (at.s > beam.begin) & (at.s < beam.stop) & (at.t > t_min) & (at.t < t_max)
     if at.course is not None:
@@ -91,14 +96,14 @@ def in_range(beam: Record, at: ClosestApproach, t_min: Any, t_max: Any, origin: 
 
 @dr.syntax
 def billboard(
-    radiance: Any,
+    radiance: Array3f,
     beam: Record,
     ray: Rays,
     look: BoundLook,
     points: Points,
     blended: bool,
     span: Any = None,
-) -> tuple[Any, Any]:
+) -> tuple[Array3f, Bool]:
     """Return `radiance` plus a beam's radiance toward a ray and, for `auto`, whether the frustum contributes too.
 
     With `span`, a pair, the beam counts only if span[0] ≤ t < span[1] for the ray parameter t of closest approach.
@@ -136,15 +141,15 @@ def billboard(
 @dr.syntax
 def billboard_sum(
     rays: list[Rays],
-    first: Any,
-    stop: Any,
-    number: Callable[[Any], Any],
+    first: UInt32,
+    stop: UInt32,
+    number: Callable[[UInt32], UInt32],
     packed: Packed,
     look: BoundLook,
     points: Points,
     blended: bool,
-    flags: Any = None,
-) -> list[Any]:
+    flags: UInt32 | None = None,
+) -> list[Array3f]:
     """Return the radiance of the beams `number(first)` … `number(stop − 1)` toward each of the lane's rays.
 
     Every lane carries several rays, so that one gather of a beam serves them all: gathers limit the speed of this loop.

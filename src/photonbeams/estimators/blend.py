@@ -8,11 +8,10 @@ the factors over h, whose square is the billboard's error.
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 
 from ..looks import BoundLook
+from ..runtime.device import Array3f, Bool, Float
 from .geometry import ClosestApproach, Course
 from .records import Record
 
@@ -27,8 +26,9 @@ _BEGIN = 0.7
 
 
 def need(
-    beam: Record, at: ClosestApproach, radius: Any, look: BoundLook, t_min: Any, t_max: Any, origin: Any, direction: Any
-) -> tuple[Any, Any]:
+    beam: Record, at: ClosestApproach, radius: Float, look: BoundLook, t_min: Float, t_max: Float,
+    origin: Array3f | None, direction: Array3f,
+) -> tuple[Float, Float]:  # fmt: skip
     """Return how much a ray needs the frustum for this beam (1: entirely), because of boundaries and of the factors."""
     sine = at.sin2 * at.inv_sine
     taper = dr.abs(at.taper(beam))
@@ -53,12 +53,12 @@ def need(
     return boundary, dr.maximum(change, narrow)
 
 
-def change_rate(beam: Record, cosine: Any, look: BoundLook) -> Any:
+def change_rate(beam: Record, cosine: Float, look: BoundLook) -> Float:
     """Return how fast the factors change along a ray: largest slope over largest value; `cosine` must be ≥ 0."""
     return dr.fma(cosine, look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye + look.rate_place)
 
 
-def _to_joints(course: Course, both: bool) -> Any:
+def _to_joints(course: Course, both: bool) -> Float:
     """Return the distance along the ray to the nearer of the planes at which a piece of a curve meets others."""
     first = dr.abs(course.a) * dr.rcp(dr.maximum(dr.abs(course.a_rate), 1e-6))
     if not both:  # a surface cuts the end
@@ -66,12 +66,12 @@ def _to_joints(course: Course, both: bool) -> Any:
     return dr.minimum(first, dr.abs(course.b) * dr.rcp(dr.maximum(dr.abs(course.b_rate), 1e-6)))
 
 
-def frustum_weight(boundary: Any, change: Any) -> Any:
+def frustum_weight(boundary: Float, change: Float) -> Float:
     """Return the frustum's weight, a smooth function: 0 is the billboard alone, 1 the frustum alone."""
     x = dr.clip((dr.maximum(boundary, change) - _BEGIN) * (1 / (1 - _BEGIN)), 0, 1)
     return x * x * dr.fma(-2, x, 3)
 
 
-def touched(boundary: Any, change: Any, inside: Any) -> Any:
+def touched(boundary: Float, change: Float, inside: Bool) -> Bool:
     """Return whether the frustum contributes to a ray: it has weight, and the chord can overlap the beam."""
     return ((boundary > _BEGIN) | inside) & (dr.maximum(boundary, change) > _BEGIN)

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..numerics.arrays import opaque
-from ..runtime.device import Float, Int32, UInt32
+from ..runtime.device import Array3f, Bool, Float, Int32, UInt32
 
 #: Most cells of a grid.
 MOST_CELLS = 1 << 21
@@ -64,16 +64,16 @@ class CellGrid:
             dr.opaque(Float, rounding / size + BORDER),
         )  # fmt: skip
 
-    def local(self, point: Any) -> Any:
+    def local(self, point: Array3f) -> Array3f:
         """Return a place in units of cells."""
         return (point - self.low) * self.inv
 
-    def index(self, place: Any, axis: int) -> Any:
+    def index(self, place: Float, axis: int) -> Int32:
         """Return the number along an axis of the cell at a place in units of cells, or of the nearest cell."""
         # Clip as a float first: a far place does not fit into an integer.
         return Int32(dr.floor(dr.clip(place, 0, Float(self.counts[axis] - 1))))
 
-    def span(self, low: Any, high: Any, axis: int) -> tuple[Any, Any]:
+    def span(self, low: Float, high: Float, axis: int) -> tuple[Int32, Int32]:
         """Return the first and the last cell along an axis between two places in units of cells; reversed if none."""
         count = Float(self.counts[axis])
         return (
@@ -81,7 +81,7 @@ class CellGrid:
             dr.minimum(Int32(dr.floor(dr.clip(high, -1, count))), self.counts[axis] - 1),
         )
 
-    def number(self, x: Any, y: Any, z: Any) -> Any:
+    def number(self, x: Int32, y: Int32, z: Int32) -> UInt32:
         """Return a cell's number."""
         return UInt32(x + self.counts[0] * (y + self.counts[1] * z))
 
@@ -104,15 +104,15 @@ class CellLists:
     first: Any  # (cells + 1,)
     entries: int
 
-    def of(self, cell: Any, active: Any = True) -> tuple[Any, Any]:
+    def of(self, cell: UInt32, active: Bool | bool = True) -> tuple[UInt32, UInt32]:
         """Return where a cell's list begins and where it stops."""
         return dr.gather(UInt32, self.first, cell, active), dr.gather(UInt32, self.first, cell + 1, active)
 
 
 #: `entry(cell, item, lane, active)` counts or lists an item in a cell. `visit(item, lane, entry)` calls it, in a
 #: kernel, for the cells in which the item may lie.
-Entry = Callable[[Any, Any, Any, Any], None]
-Visit = Callable[[Any, Any, Entry], None]
+Entry = Callable[[UInt32, UInt32, UInt32, "Bool | bool"], None]
+Visit = Callable[[UInt32, UInt32, Entry], None]
 
 
 class Sorting:
@@ -150,12 +150,12 @@ class Sorting:
             self._by_second_digit()
         return CellLists(self.items, self.first, self.entries)
 
-    def _count(self, cell: Any, item: Any, lane: Any, active: Any) -> None:
+    def _count(self, cell: UInt32, item: UInt32, lane: UInt32, active: Bool | bool) -> None:
         dr.scatter_inc(self.counter, _bucket(cell, lane), active)
         # For few sums, Dr.Jit would choose a copy for each thread, which makes their number a part of the kernel.
         dr.scatter_reduce(dr.ReduceOp.Add, self.sums, UInt32(1), cell, active, dr.ReduceMode.Local)
 
-    def _put(self, cell: Any, item: Any, lane: Any, active: Any) -> None:
+    def _put(self, cell: UInt32, item: UInt32, lane: UInt32, active: Bool | bool) -> None:
         bucket = _bucket(cell, lane)
         slot: Any = dr.scatter_inc(self.counter, bucket, active)
         place = dr.gather(UInt32, self.base, bucket, active) + slot
@@ -175,13 +175,13 @@ class Sorting:
         self.items = out
 
 
-def _bucket(cell: Any, lane: Any) -> Any:
+def _bucket(cell: UInt32, lane: UInt32) -> UInt32:
     """Return a lane's counter of a cell's first digit."""
     return (cell & (_BUCKETS - 1)) * _LANES + lane
 
 
 @dr.syntax
-def _walk(begin: Any, stop: Any, visit: Visit, entry: Entry) -> None:
+def _walk(begin: UInt32, stop: UInt32, visit: Visit, entry: Entry) -> None:
     """Visit the cells of each lane's items, begin + lane, begin + lane + LANES and so on."""
     lane = dr.arange(UInt32, _LANES) + dr.opaque(UInt32, 0)
     item = begin + lane
@@ -191,7 +191,10 @@ def _walk(begin: Any, stop: Any, visit: Visit, entry: Entry) -> None:
 
 
 @dr.syntax
-def _place(keys: Any, items: Any, portion: Any, entries: Any, counter: Any, base: Any, out: Any) -> None:
+def _place(
+    keys: UInt32, items: UInt32, portion: UInt32, entries: UInt32, counter: UInt32, base: UInt32 | None,
+    out: UInt32 | None,
+) -> None:  # fmt: skip
     """Count each lane's entries by their second digit, or write them to their places, in an order that is stable."""
     lane = dr.arange(UInt32, _LANES) + dr.opaque(UInt32, 0)
     i = lane * portion

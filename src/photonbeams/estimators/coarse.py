@@ -59,7 +59,7 @@ class Level:
         coarser = 2 * _HALF_WIDTH if self.number + 1 < levels else float("inf")
         return Widths(dr.opaque(Float, own), dr.opaque(Float, coarser))
 
-    def of_coarser(self, some: Any, farthest: Any) -> tuple[Any, Widths]:
+    def of_coarser(self, some: Bool, farthest: Float) -> tuple[Float, Widths]:
         """Return depths of tiles and widths for lists of all coarser levels' beams, for `some` rays (a mask)."""
         own = dr.full(Float, -1, self.view.tiles)
         tile = tiles_of(self.view, self.rays, self.margin)
@@ -98,7 +98,7 @@ def levels_of(view: Projection, rays: PixelRays) -> list[Level]:
     return result
 
 
-def depths(levels: Sequence[Level], farthest: Any) -> list[Any]:
+def depths(levels: Sequence[Level], farthest: Float) -> list[Float]:
     """Return for each level the planar depth of each tile's farthest surface, given that of level 0."""
     result = [farthest]
     for finer, level in pairwise(levels):
@@ -111,14 +111,14 @@ def depths(levels: Sequence[Level], farthest: Any) -> list[Any]:
     return result
 
 
-def dim_of(radiance: Any) -> Any:
+def dim_of(radiance: Array3f) -> Float:
     """Return the radiance below which errors may be as large as at this radiance: a fraction of the picture's mean."""
     result = dr.opaque(Float, _DIM) * dr.max(dr.mean(radiance, axis=1))
     dr.eval(result)
     return result
 
 
-def foretold(level: Level, radiance: Any, dim: Any, tolerance: float) -> Any:
+def foretold(level: Level, radiance: Array3f, dim: Float, tolerance: float) -> Bool:
     """Return in which cells between four rays of a level other rays may be interpolated.
 
     A block of 3 × 3 rays decides, whose corners are rays of the next coarser level: the five others are compared with
@@ -147,7 +147,7 @@ def foretold(level: Level, radiance: Any, dim: Any, tolerance: float) -> Any:
     return good
 
 
-def corners_foretell(found: Mapping[tuple[int, int], Array3f], least: Float, tolerance: float) -> Any:
+def corners_foretell(found: Mapping[tuple[int, int], Array3f], least: Float, tolerance: float) -> Bool:
     """Return whether the corners of blocks of 3 × 3 rays predict the five others, relative to `least` at least."""
     a, b, c, d = found[0, 0], found[2, 0], found[0, 2], found[2, 2]
     sides = {(1, 0): (a + b) / 2, (0, 1): (a + c) / 2, (2, 1): (b + d) / 2, (1, 2): (c + d) / 2}
@@ -159,13 +159,13 @@ def corners_foretell(found: Mapping[tuple[int, int], Array3f], least: Float, tol
     return difference <= dr.opaque(Float, _FORETOLD * tolerance) * most
 
 
-def bilinear(corners: Sequence[Any], u: Float, v: Float) -> Any:
+def bilinear(corners: Sequence[dr.ArrayT], u: Float, v: Float) -> dr.ArrayT:
     """Return the value at (u, v) between four corners: the two of the first row, then the two of the second."""
     a, b, c, d = corners
     return dr.lerp(dr.lerp(a, b, u), dr.lerp(c, d, u), v)
 
 
-def interpolated(level: Level, coarser: Level, radiance: Any, good: Any, tolerance: float) -> tuple[Any, Any]:
+def interpolated(level: Level, coarser: Level, radiance: Array3f, good: Any, tolerance: float) -> tuple[Bool, Array3f]:
     """Return where the rays of a level may be interpolated from the next coarser level, and the radiance there.
 
     `good` are the cells of the coarser level, as `foretold` returns them. There is an edge where a ray begins or ends
@@ -184,7 +184,7 @@ def interpolated(level: Level, coarser: Level, radiance: Any, good: Any, toleran
     known &= dr.gather(Bool, good, row * (columns - 1) + column)
     corners = (at, at + 1, at + columns, at + columns + 1)
 
-    def between(kind: Any, values: Any) -> Any:
+    def between(kind: type[dr.ArrayT], values: dr.ArrayT) -> dr.ArrayT:
         return bilinear([dr.gather(kind, values, each, known) for each in corners], u, v)
 
     told, own = between(Array2f, coarser.inverse_depths()), level.inverse_depths()

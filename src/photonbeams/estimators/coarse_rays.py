@@ -14,6 +14,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..looks.factors import Value
 from ..numerics.arrays import indices, taken, to_uint
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from .coarse import bilinear, corners_foretell
@@ -30,7 +31,7 @@ _NONE = 0xFFFFFFFF
 _FAR = 1e18
 
 #: Returns the radiance along the rays with the given indices.
-Evaluate = Callable[[Any], Any]
+Evaluate = Callable[[UInt32], Array3f]
 
 
 @dataclass
@@ -45,13 +46,13 @@ class RayImages:
     least: Any  # (N,) radiance below which errors may be as large as at this radiance
     tolerance: float  # relative error
 
-    def taken(self, lanes: Any) -> RayImages:
+    def taken(self, lanes: UInt32) -> RayImages:
         """Return some of the rays."""
         own = {name: taken(getattr(self, name), lanes) for name in ("image", "pixel", "film", "least")}
         dr.eval(own)
         return replace(self, **own)
 
-    def radiance(self, rays: Rays, evaluate: Evaluate) -> Any:
+    def radiance(self, rays: Rays, evaluate: Evaluate) -> Array3f:
         """Return the radiance along all rays; `evaluate` is called for as few of them as possible."""
         count = dr.width(self.pixel)
         result, waiting = dr.zeros(Array3f, count), dr.full(Bool, True, count)
@@ -84,7 +85,7 @@ class RayImages:
 class _Pictures:
     """The lattice pixels of pictures: the table of their rays, and the cells in which rays may be interpolated."""
 
-    def __init__(self, images: RayImages, rays: Rays, number: Any, count: int) -> None:
+    def __init__(self, images: RayImages, rays: Rays, number: UInt32, count: int) -> None:
         self._images, self._rays, self._number = images, rays, number
         first = [-corner % 2 for corner in images.lattice.corner]
         self._across, self._down = ((size + 1 - own) // 2 for size, own in zip(images.size, first, strict=True))
@@ -102,16 +103,16 @@ class _Pictures:
         dr.scatter(self._table, dr.arange(UInt32, dr.width(x)), self._entry(self._column, self._row), self._even)
         dr.eval(self._table)
 
-    def _entry(self, column: Any, row: Any) -> UInt32:
+    def _entry(self, column: UInt32, row: UInt32) -> UInt32:
         across, down = dr.opaque(UInt32, self._across), dr.opaque(UInt32, self._down)
         return (self._number * down + row) * across + column
 
-    def in_step(self, level: int) -> Any:
+    def in_step(self, level: int) -> Bool:
         """Return which rays belong to every 2ᵏ-th pixel, k = level, from the first pixel of the lattice on."""
         step = dr.opaque(UInt32, 1 << (level - 1))
         return self._even & (self._column % step == 0) & (self._row % step == 0)
 
-    def judge(self, level: int, radiance: Any) -> None:
+    def judge(self, level: int, radiance: Array3f) -> None:
         """Find the cells between four rays of a level in which other rays may be interpolated.
 
         As in `coarse.foretold`, a block of 3 × 3 rays decides, whose corners are rays of the next coarser level.
@@ -132,7 +133,7 @@ class _Pictures:
         dr.scatter(self._good, good, self._entry(self._column, self._row), here)
         dr.eval(self._good)
 
-    def interpolated(self, level: int, radiance: Any, some: Any) -> Any:
+    def interpolated(self, level: int, radiance: Array3f, some: Bool) -> Bool:
         """Interpolate those of `some` rays (a mask) for which that is possible from a level's rays; return the others.
 
         A ray may be interpolated if it lies and ends among its four neighbours as on a smooth mirror. Its offset from
@@ -154,7 +155,7 @@ class _Pictures:
                 corners.append(ray)
         u, v = place.x - low.x, place.y - low.y
 
-        def at(values: Any) -> list[Any]:
+        def at(values: Value) -> list[Value]:
             return [dr.gather(type(values), values, ray, known) for ray in corners]
 
         rays = self._rays
@@ -179,7 +180,7 @@ class _Pictures:
         return rest
 
 
-def _look(radiance: Any, some: Any, evaluate: Evaluate) -> None:
+def _look(radiance: Array3f, some: Bool, evaluate: Evaluate) -> None:
     """Set the radiance of `some` rays (a mask) by `evaluate`."""
     index = indices(some)
     if len(index):

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from ..beams import Beams
+from ..runtime.device import Array3f, Float
 
 
 class Cone(NamedTuple):
@@ -18,7 +19,7 @@ class Cone(NamedTuple):
     radius_end: Any
 
 
-def around(beams: Beams, start: Any, end: Any) -> Cone:
+def around(beams: Beams, start: Array3f, end: Array3f) -> Cone:
     """Return cones that enclose beams; `start` and `end` are in a space with the scale of the world."""
     r0, r1 = beams.radius_start, beams.radius_end
     if beams.start_tangent is not None:
@@ -30,7 +31,7 @@ def around(beams: Beams, start: Any, end: Any) -> Cone:
     return Cone(start, end, r0, r1)
 
 
-def _around_joints(beams: Beams, start: Any, end: Any) -> Cone:
+def _around_joints(beams: Beams, start: Array3f, end: Array3f) -> Cone:
     """Return cones that enclose pieces of curves: their rims may reach past both ends, by at most a radius."""
     axis = dr.normalize(beams.end - beams.start)
     here = dr.normalize(end - start)
@@ -48,7 +49,7 @@ def _around_joints(beams: Beams, start: Any, end: Any) -> Cone:
     return Cone(start - here * reaches[0], end + here * reaches[1], radius, radius)
 
 
-def half_line(rate: Any, value: Any) -> tuple[Any, Any]:
+def half_line(rate: Float, value: Float) -> tuple[Any, Any]:
     """Return the part of [0, 1] where value + rate · λ ≤ 0; an empty one is returned reversed.
 
     The radius of a cone is linear along its axis, and so is its box, so the part of a cone before a boundary is such an

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from ..beams import Beams
-from ..runtime.device import Array2f, Array4f, Bool, Float, UInt32
+from ..runtime.device import Array2f, Array3f, Array4f, Bool, Float, UInt32
 from .cones import Cone, around
 from .projection import Pose, Projection
 
@@ -66,7 +66,7 @@ def _posed(beams: Beams, pose: Pose) -> Cone:
     return around(beams, pose.to_camera(beams.start), pose.to_camera(beams.end))
 
 
-def _nearness(cones: list[Cone], view: Projection) -> tuple[Any, Any, Any]:
+def _nearness(cones: list[Cone], view: Projection) -> tuple[Bool, Bool, Float]:
     """Return which beams are near the camera, which can be seen at all, and the z at which each is clipped.
 
     A disc of radius R about a point c behind the clip plane z = ε is seen, in a picture whose corner lies at the angle
@@ -96,13 +96,13 @@ def _nearness(cones: list[Cone], view: Projection) -> tuple[Any, Any, Any]:
     return near, near | (farthest > limit), limit
 
 
-def _edges(view: Projection) -> tuple[Any, Any]:
+def _edges(view: Projection) -> tuple[Float, Float]:
     """Return the greatest |x/z| and |y/z| of rays: from the rim of a lens they lean farther out than from a pinhole."""
     lean = view.lens[0] / view.lens[1] if view.lens is not None else Float(0)
     return view.edge_x + lean, view.edge_y + lean
 
 
-def _clipped(cones: list[Cone], limit: Any, view: Projection) -> list[tuple[Any, Any, Any]]:
+def _clipped(cones: list[Cone], limit: Float, view: Projection) -> list[tuple[Array3f, Float, Bool]]:
     """Return centre, radius and validity of the discs whose hull holds the cones' starts, in front of the clip plane.
 
     A start behind the plane is replaced by the points where the lines from it to all other corners of the hull pass the
@@ -135,7 +135,7 @@ class _Box(NamedTuple):
     key: Any
 
     @classmethod
-    def around(cls, discs: list[tuple[Any, Any, Any]], view: Projection) -> _Box:
+    def around(cls, discs: list[tuple[Array3f, Float, Bool]], view: Projection) -> _Box:
         """Return the box of all valid discs; without any, the beam is not seen and the box has no meaning."""
         low, high, key = Array2f(FAR), Array2f(-FAR), Float(-FAR)
         for place, radius, valid in discs:
@@ -147,7 +147,7 @@ class _Box(NamedTuple):
         return cls(middle.x, middle.y, extent.x, extent.y, key)
 
 
-def _disc(place: Any, radius: Any, view: Projection) -> tuple[Any, Any]:
+def _disc(place: Array3f, radius: Float, view: Projection) -> tuple[Array2f, Array2f]:
     """Return centre and half extents in pixels of a disc, with its blur where it is out of focus."""
     (sx, sy), (cx, cy) = view.scale, view.center
     z = Float(1) if view.orthographic else dr.rcp(place.z)
@@ -162,6 +162,6 @@ def _disc(place: Any, radius: Any, view: Projection) -> tuple[Any, Any]:
     return center, half * Array2f(dr.abs(sx), dr.abs(sy))
 
 
-def _key(z: Any, view: Projection) -> Any:
+def _key(z: Float, view: Projection) -> Float:
     # Depths are compared by a number that is linear on the screen: 1/z in perspective, −z in parallel projection.
     return -z if view.orthographic else dr.rcp(z)

@@ -15,7 +15,8 @@ from typing import Any
 import drjit as dr
 
 from ..looks.bound_look import MOST_CORNERS, BoundLook
-from ..runtime.device import Array3f, Float, UInt32
+from ..looks.factors import Value
+from ..runtime.device import Array3f, Bool, Float, UInt32
 from .blend import change_rate, frustum_weight, need
 from .geometry import Chord, Rays, chord, closest_approach
 from .points import Points
@@ -27,7 +28,7 @@ from .records import Packed, Record, load
 _RATIO = 3.0
 
 
-def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
+def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Float]:
     """Return the τ at which the integrand has a corner: rings of the profile, knots of the colour ramp."""
     radius, slope_c = ray.radius, ray.growth
     result = []
@@ -55,7 +56,7 @@ def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Any]:
     return result + elsewhere[:MOST_CORNERS]
 
 
-def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, camera: Rays) -> Any:
+def integrand(beam: Record, ray: Chord, tau: Float, look: BoundLook, camera: Rays) -> Value:
     """Return k2 times all factors that change along the ray, at τ, including power and angle if they change."""
     s = ray.along(tau)
     radius = dr.maximum(dr.fma(beam.slope, s, beam.radius), 1e-12)
@@ -77,14 +78,14 @@ def integrand(beam: Record, ray: Chord, tau: Any, look: BoundLook, camera: Rays)
     return light * (look.profile.density(rho2) * inv)
 
 
-def unchanging(beam: Record, ray: Chord, look: BoundLook) -> Any:
+def unchanging(beam: Record, ray: Chord, look: BoundLook) -> Array3f:
     """Return Φ · angle, or the part of it that does not change along the beam."""
     power = beam.power if beam.gain is None else Array3f(1)
     return power if ray.course is not None else power * look.turned(-ray.cosine, beam)
 
 
 @dr.syntax
-def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, camera: Rays, active: Any) -> Any:
+def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, camera: Rays, active: Bool) -> Array3f:
     """Return ∫ k2 · along · eye over the chord, piece by piece between corners (Talk, eq. 2)."""
     breaks = corners(beam, ray, look)
     total = Array3f(0)
@@ -117,14 +118,14 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, ca
 
 @dr.syntax
 def frustum(
-    radiance: Any,
+    radiance: Array3f,
     beam: Record,
     ray: Rays,
     look: BoundLook,
     points: Points,
     blended: bool,
     span: Any = None,
-) -> Any:
+) -> Array3f:
     """Return `radiance` plus a beam's radiance toward a ray.
 
     With `span`, a pair, the beam counts only if span[0] ≤ t < span[1] for the ray parameter t of the chord's middle.
@@ -148,14 +149,14 @@ def frustum(
 @dr.syntax
 def frustum_sum(
     ray: Rays,
-    first: Any,
-    stop: Any,
-    number: Callable[[Any], Any],
+    first: UInt32,
+    stop: UInt32,
+    number: Callable[[UInt32], UInt32],
     packed: Packed,
     look: BoundLook,
     points: Points,
     blended: bool,
-) -> Any:
+) -> Array3f:
     """Return the radiance of the beams `number(first)` … `number(stop − 1)` toward each lane's ray.
 
     With `blended` (`auto`), each beam is multiplied by the frustum's weight, the complement of the billboard's.

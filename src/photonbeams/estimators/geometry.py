@@ -26,7 +26,8 @@ from typing import Any
 import drjit as dr
 
 from ..numerics.arrays import taken
-from ..runtime.device import Float
+from ..numerics.given import Number
+from ..runtime.device import Array3f, Bool, Float, UInt32
 from .records import Record
 
 
@@ -48,14 +49,14 @@ class Rays:
     base: Any = None  # the packed origin: that of all rays, or the one that `origin` is relative to; None: the world's
     index: Any = None  # (N,) numbers of the rays, for looks with data for each ray
 
-    def point(self, t: Any) -> Any:
+    def point(self, t: Float) -> Array3f:
         """Return the position in world space at t."""
         point = self.direction * t
         if self.origin is not None:
             point = point + self.origin
         return point if self.base is None else point + self.base
 
-    def taken(self, lanes: Any) -> Rays:
+    def taken(self, lanes: UInt32) -> Rays:
         """Return some of the rays."""
         names = ("origin", "direction", "t_max", "t_min", "time", "index")
         own = {name: taken(getattr(self, name), lanes) for name in names}
@@ -74,7 +75,7 @@ class LinePair:
     s_sin2: Any  # s sin²
     u2_sin2: Any  # u² sin²
 
-    def meets(self, beam: Record) -> Any:
+    def meets(self, beam: Record) -> Bool:
         """Return whether the ray, endless both ways, meets the endless cone of which the beam is a part.
 
         The exact condition is u² (sin² − k²c²) < sin² R(s)², here multiplied by sin². A piece of a curve is replaced by
@@ -86,7 +87,7 @@ class LinePair:
         radius_sin2 = dr.fma(beam.slope, self.s_sin2, beam.radius * self.sin2)
         return self.u2_sin2 * dr.fma(-taper, taper, self.sin2) < dr.square(radius_sin2)
 
-    def closest(self, beam: Record, origin: Any, direction: Any) -> ClosestApproach:
+    def closest(self, beam: Record, origin: Array3f | None, direction: Array3f) -> ClosestApproach:
         """Return where the two lines come closest."""
         inv_sine = dr.rsqrt(self.sin2)
         inv = dr.square(inv_sine)
@@ -111,11 +112,11 @@ class ClosestApproach:
     course: Any = None  # of a piece of a curve, from there
 
     @property
-    def along(self) -> Any:
+    def along(self) -> Float:
         """Distance from the beam's start that determines radius and falloff."""
         return self.s if self.course is None else self.course.along(Float(0))
 
-    def taper(self, beam: Record) -> Any:
+    def taper(self, beam: Record) -> Float:
         """Return how fast the radius changes along the ray."""
         return beam.slope * (self.cosine if self.course is None else self.course.rate())
 
@@ -133,42 +134,42 @@ class Course:
     last: Any  # d·T1
     twist: Any  # 1 − T0·T1
 
-    def fraction(self, tau: Any) -> Any:
+    def fraction(self, tau: Float) -> Float:
         """Return u at τ, valid from the first plane to the last one or, if it is farther, to a surface."""
         a, b = self.at(tau)
         return dr.clip(a * dr.rcp(self._span(a + b)), 0, 2)
 
-    def at(self, tau: Any) -> tuple[Any, Any]:
+    def at(self, tau: Float) -> tuple[Float, Float]:
         """Return a and b at τ."""
         return dr.fma(self.a_rate, tau, self.a), dr.fma(self.b_rate, tau, self.b)
 
-    def _span(self, span: Any) -> Any:
+    def _span(self, span: Float) -> Float:
         # If a bend is tighter than the beam is wide, there is no beam beyond the line where the planes meet.
         return dr.maximum(span, 1e-6 * self.length)
 
-    def along(self, tau: Any) -> Any:
+    def along(self, tau: Float) -> Float:
         """Return the distance from the start at τ, u · length."""
         return self.fraction(tau) * self.length
 
-    def rate(self) -> Any:
+    def rate(self) -> Float:
         """Return how fast `along` changes at τ = 0."""
         span = self._span(self.a + self.b)
         return self.length * dr.fma(self.a_rate, self.b, -(self.a * self.b_rate)) * dr.rcp(dr.square(span))
 
-    def where(self, distance: Any) -> Any:
+    def where(self, distance: Float) -> Float:
         """Return the τ at which `along` has this value."""
         rate = dr.fma(self.length, self.a_rate, -distance * (self.a_rate + self.b_rate))
         rest = dr.fma(distance, self.a + self.b, -self.length * self.a)
         return rest * dr.rcp(dr.select(dr.abs(rate) < 1e-6 * self.length, 1e-6 * self.length, rate))
 
-    def cosine(self, tau: Any) -> Any:
+    def cosine(self, tau: Float) -> Float:
         """Return the cosine between the ray and the light's direction at τ, which turns from T0 to T1."""
         u = self.fraction(tau)
         squared = dr.fma(-2 * u * (1 - u), self.twist, 1)
         return dr.fma(u, self.last - self.first, self.first) * dr.rsqrt(dr.maximum(squared, 1e-6))
 
 
-def course(beam: Record, point: Any, direction: Any) -> Course:
+def course(beam: Record, point: Array3f, direction: Array3f) -> Course:
     """Return how a ray runs along a piece of a curve, from a point relative to the piece's start."""
     bend = beam.bend
     first, last = dr.dot(direction, bend.first), dr.dot(direction, bend.last)
@@ -181,7 +182,7 @@ def course(beam: Record, point: Any, direction: Any) -> Course:
 _PARALLEL = 1e-7
 
 
-def passing(beam: Record, origin: Any, direction: Any) -> LinePair:
+def passing(beam: Record, origin: Array3f | None, direction: Array3f) -> LinePair:
     """Return how a ray passes a beam; `origin` is relative to the packed origin, or None if that is shared."""
     if beam.moment is not None:
         relative, moment, reach = beam.start, beam.moment, beam.reach
@@ -193,7 +194,7 @@ def passing(beam: Record, origin: Any, direction: Any) -> LinePair:
     return LinePair(c, sin2, along, reach, dr.fma(c, along, -reach), dr.square(dr.dot(direction, moment)))
 
 
-def closest_approach(beam: Record, origin: Any, direction: Any) -> ClosestApproach:
+def closest_approach(beam: Record, origin: Array3f | None, direction: Array3f) -> ClosestApproach:
     """Return where a ray and a beam's axis come closest; `origin` as for `passing`."""
     return passing(beam, origin, direction).closest(beam, origin, direction)
 
@@ -215,11 +216,11 @@ class Chord:
     growth: Any
     course: Any = None  # of a piece of a curve
 
-    def along(self, tau: Any) -> Any:
+    def along(self, tau: Float) -> Float:
         """Return the distance along the beam at τ."""
         return dr.fma(self.cosine, tau, self.s) if self.course is None else self.course.along(tau)
 
-    def radius2(self, tau: Any) -> Any:
+    def radius2(self, tau: Float) -> Float:
         """Return the squared distance from the axis at τ."""
         return dr.maximum(dr.fma(dr.fma(self.sin2, tau, 2 * self.drift), tau, self.offset2), 0)
 
@@ -227,7 +228,7 @@ class Chord:
 _HUGE = 1e30
 
 
-def chord(beam: Record, origin: Any, direction: Any, t_min: Any, t_max: Any) -> Chord:
+def chord(beam: Record, origin: Array3f | None, direction: Array3f, t_min: Float, t_max: Float) -> Chord:
     """Intersect a ray with a truncated cone.
 
     This is valid from everywhere: beside the beam, inside it, behind its ends, on its axis and along it in either
@@ -250,7 +251,7 @@ def chord(beam: Record, origin: Any, direction: Any, t_min: Any, t_max: Any) -> 
     slope_c = beam.slope * c if bend is None else beam.slope * bend.rate()
     drift, offset2 = dr.dot(across, direction), dr.squared_norm(across)
 
-    def inside(radius: Any, slope_c: Any) -> tuple[Any, Any]:
+    def inside(radius: Float, slope_c: Float) -> tuple[Float, Float]:
         first, last = _inside_cone(
             dr.fma(-slope_c, slope_c, sin2), dr.fma(-slope_c, radius, drift), dr.fma(-radius, radius, offset2), slope_c
         )
@@ -270,7 +271,7 @@ def chord(beam: Record, origin: Any, direction: Any, t_min: Any, t_max: Any) -> 
 _REFINEMENTS = 3
 
 
-def _secant(beam: Record, bend: Course, a: Any, b: Any, radius: Any, growth: Any) -> tuple[Any, Any]:
+def _secant(beam: Record, bend: Course, a: Float, b: Float, radius: Float, growth: Float) -> tuple[Float, Float]:
     """Return radius at τ = 0 and growth of the cone through a chord's ends; unchanged if the chord is empty."""
     at_a, at_b = (dr.fma(beam.slope, bend.along(each), beam.radius) for each in (a, b))
     wide = b - a > 1e-6 * beam.length
@@ -279,7 +280,7 @@ def _secant(beam: Record, bend: Course, a: Any, b: Any, radius: Any, growth: Any
     return dr.select(wide, dr.fma(-growth, a, at_a), radius), growth
 
 
-def _slab(beam: Record, origin: Any, direction: Any, c: Any, reach: Any) -> tuple[Any, Any]:
+def _slab(beam: Record, origin: Array3f | None, direction: Array3f, c: Float, reach: Float) -> tuple[Float, Float]:
     """Return the ray interval between a beam's two ends: planes across the axis, or the plane of its last surface."""
     low, high = between(c, reach + beam.begin, reach + beam.stop)
     if beam.bend is not None:
@@ -297,7 +298,7 @@ def _slab(beam: Record, origin: Any, direction: Any, c: Any, reach: Any) -> tupl
     return low, high
 
 
-def between(rate: Any, low: Any, high: Any) -> tuple[Any, Any]:
+def between(rate: Float, low: Float, high: Number) -> tuple[Any, Any]:
     """Return the t for which low ≤ rate · t ≤ high; an empty interval is returned reversed."""
     flat = dr.abs(rate) < 1e-9
     inv = dr.rcp(dr.select(flat, 1, rate))
@@ -309,7 +310,7 @@ def between(rate: Any, low: Any, high: Any) -> tuple[Any, Any]:
     )
 
 
-def _inside_cone(A: Any, B: Any, C: Any, slope_c: Any) -> tuple[Any, Any]:
+def _inside_cone(A: Float, B: Any, C: Float, slope_c: Float) -> tuple[Float, Float]:
     """Return the interval of A τ² + 2B τ + C ≤ 0 on the nappe of positive radius.
 
     With A < 0 the ray runs along the axis within the cone's opening; the inside is then outside of the two roots, on

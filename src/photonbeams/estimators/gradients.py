@@ -8,8 +8,6 @@ rule).
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 
 from ..looks import BoundLook
@@ -18,7 +16,7 @@ from ..runtime.device import Array3f, Float, UInt32
 from ..scene import SceneError
 from .frustum import integrand, unchanging
 from .geometry import Rays, chord
-from .records import Packed, load
+from .records import Packed, Record, load
 
 # Most pairs: kernels of derivatives hold a few hundred bytes for each.
 MOST_PAIRS = 1 << 24
@@ -28,7 +26,7 @@ _FINE_PIECES = 12  # if the look has corners in the radius, or changes in space
 _RULE = gauss_legendre(6)  # for each piece
 
 
-def radiance(packed: Packed, rays: Rays, look: BoundLook, count: int) -> Any:
+def radiance(packed: Packed, rays: Rays, look: BoundLook, count: int) -> Array3f:
     """Return the radiance of all beams toward `count` rays, attached to the graph.
 
     Raises
@@ -67,7 +65,9 @@ def _pairs(packed: Packed, rays: Rays, count: int, most: int) -> tuple[UInt32, U
 
 
 @dr.syntax
-def _meet(packed: Packed, rays: Rays, counter: Any, base: Any, out_ray: Any, out_beam: Any) -> None:
+def _meet(
+    packed: Packed, rays: Rays, counter: UInt32, base: UInt32 | None, out_ray: UInt32 | None, out_beam: UInt32 | None
+) -> None:
     """Count the beams that each ray meets or, with `base`, list the pairs."""
     ray = dr.arange(UInt32, dr.width(counter))
     first = dr.gather(UInt32, base, ray) if dr.hint(base is not None, mode="scalar") else ray
@@ -82,21 +82,21 @@ def _meet(packed: Packed, rays: Rays, counter: Any, base: Any, out_ray: Any, out
     dr.scatter(counter, found, ray)
 
 
-def _of(kind: Any, value: Any, index: Any) -> Any:
+def _of(kind: type[dr.ArrayT], value: dr.ArrayT | None, index: UInt32) -> dr.ArrayT | None:
     """Return the entries of an array; a single entry serves all."""
     if value is None:
         return None
     return kind(value) if dr.width(value) == 1 else dr.gather(kind, value, index)
 
 
-def _taken(rays: Rays, index: Any) -> Rays:
+def _taken(rays: Rays, index: UInt32) -> Rays:
     return Rays(
         _of(Array3f, rays.origin, index), _of(Array3f, rays.direction, index), _of(Float, rays.t_max, index),
         _of(Float, rays.t_min, index), time=_of(Float, rays.time, index), base=rays.base, index=index,
     )  # fmt: skip
 
 
-def _integral(beam: Any, ray: Rays, look: BoundLook, rule: Rule, pieces: int) -> Any:
+def _integral(beam: Record, ray: Rays, look: BoundLook, rule: Rule, pieces: int) -> Array3f:
     """Return a beam's radiance over one of `pieces` equal pieces of the chord; the next lane has the next piece."""
     part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
     half = (part.b - part.a) * (0.5 / pieces)

@@ -14,6 +14,7 @@ box.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -27,13 +28,13 @@ from ..looks import BoundLook
 from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .billboard import billboard
-from .cells import ROUNDING, CellGrid, CellLists, Sorting, batches, fitting
+from .cells import ROUNDING, CellGrid, CellLists, Entry, Sorting, batches, fitting
 from .coarse_rays import RayImages
 from .cones import around, half_line
 from .frustum import frustum
 from .geometry import Rays, between
 from .points import Points
-from .records import SHORTEST, Packed, load
+from .records import SHORTEST, Packed, Record, load
 
 # A billboard of `auto` reaches out to 1/√(1 − 0.1²) radii (see blend), and a radius is rounded.
 _WIDER = 1.006
@@ -49,7 +50,7 @@ _ENTRY = 10.0  # of the lists
 def sum_over_grid(
     beams: Beams, close: Beams | None, packed: Packed, rays: Rays, look: BoundLook, estimator: str, points: Points,
     images: RayImages | None = None,
-) -> Any:  # fmt: skip
+) -> Array3f:  # fmt: skip
     """Return the radiance of all beams toward all rays: the sum of `sum_over_all`, added in another order.
 
     With `images`, the radiance along some rays is interpolated.
@@ -64,7 +65,7 @@ def sum_over_grid(
             continue
         visitor = _CellVisitor(packed, look, estimator, points)
 
-        def along(some: Any, lists: CellLists = lists, visitor: _CellVisitor = visitor) -> Any:
+        def along(some: UInt32, lists: CellLists = lists, visitor: _CellVisitor = visitor) -> Array3f:
             own = [dr.gather(Float, each, some) for each in span]
             return traverse_grid(rays.taken(some), (own[0], own[1]), grid, lists, visitor)
 
@@ -90,7 +91,7 @@ class Marks:
     data: Any
     grid: Any = None
 
-    def visit(self, item: Any, lane: Any, entry: Any) -> None:
+    def visit(self, item: UInt32, lane: UInt32, entry: Entry) -> None:
         """Visit the cells that a beam may lie in."""
         _cells_of(item, lane, self.data, self.grid, entry)
 
@@ -102,11 +103,11 @@ class Marks:
             low, high = dr.minimum(low, centre - half), dr.maximum(high, centre + half)
         return _least(low), -_least(-high)
 
-    def _packet(self, number: int) -> Any:
+    def _packet(self, number: int) -> Array4f:
         count = dr.width(self.data) // 16
         return dr.gather(Array4f, self.data, dr.arange(UInt32, count) * 4 + dr.opaque(UInt32, number))
 
-    def sizes(self, low: Any, high: Any) -> tuple[float, float, float, int]:
+    def sizes(self, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64]) -> tuple[float, float, float, int]:
         """Return the volume, surface, length plus π radii, and number of the parts of beams in a box."""
         first, last = self._packet(0), self._packet(1)
         span = last.xyz - first.xyz
@@ -168,7 +169,7 @@ def marks_of(beams: Beams, close: Beams | None) -> Marks:
 
 
 @dr.syntax
-def _cells_of(item: Any, lane: Any, data: Any, grid: Any, entry: Any) -> None:
+def _cells_of(item: UInt32, lane: UInt32, data: Float, grid: CellGrid, entry: Entry) -> None:
     """Visit the cells that a beam may lie in: layer by layer, row by row, from the first cell to the last.
 
     The boxes of a beam's discs change linearly from its start to its end. So the part of the beam in a layer or a row
@@ -207,7 +208,9 @@ def _cells_of(item: Any, lane: Any, data: Any, grid: Any, entry: Any) -> None:
         z += 1
 
 
-def _part(rate: Any, growth: Any, first: Any, half: Any, cell: Any, begin: Any, stop: Any) -> tuple[Any, Any]:
+def _part(
+    rate: Float, growth: Float, first: Float, half: Float, cell: Float, begin: Float, stop: Float
+) -> tuple[Float, Float]:
     """Return the part of [begin, stop] along a beam in which its discs' boxes touch the cells from `cell` on.
 
     first − half + (rate − growth) λ ≤ cell + 1 and first + half + (rate + growth) λ ≥ cell
@@ -217,7 +220,7 @@ def _part(rate: Any, growth: Any, first: Any, half: Any, cell: Any, begin: Any, 
     return dr.maximum(begin, dr.maximum(low0, low1)), dr.minimum(stop, dr.minimum(high0, high1))
 
 
-def _reach(rate: Any, growth: Any, first: Any, half: Any, begin: Any, stop: Any) -> tuple[Any, Any]:
+def _reach(rate: Float, growth: Float, first: Float, half: Float, begin: Float, stop: Float) -> tuple[Float, Float]:
     """Return how far the discs' boxes reach along an axis, between two fractions along a beam."""
     at_begin, at_stop = dr.fma(rate, begin, first), dr.fma(rate, stop, first)
     half_begin, half_stop = dr.fma(growth, begin, half), dr.fma(growth, stop, half)
@@ -229,7 +232,7 @@ def _reach(rate: Any, growth: Any, first: Any, half: Any, begin: Any, stop: Any)
 # -- The grid ----------------------------------------------------------------------------------------------------------
 
 
-def build(beams: Beams, close: Beams | None, rays: Rays) -> tuple[CellGrid, Marks, tuple[Any, Any]] | None:
+def build(beams: Beams, close: Beams | None, rays: Rays) -> tuple[CellGrid, Marks, tuple[Float, Float]] | None:
     """Return the grid for these rays, the beams' bounds, and the rays' span in it; None if no ray meets its box."""
     marks = marks_of(beams, close)
     low, high = marks.box()
@@ -267,7 +270,7 @@ def _span(rays: Rays, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64
     return t0, t1
 
 
-def _least(points: Any) -> npt.NDArray[np.float64]:
+def _least(points: Array3f) -> npt.NDArray[np.float64]:
     return np.array([float(dr.min(axis)[0]) for axis in points])
 
 
@@ -302,15 +305,16 @@ class _CellVisitor:
     def __init__(self, packed: Packed, look: BoundLook, estimator: str, points: Points) -> None:
         self._packed, self._look, self._estimator, self._points = packed, look, estimator, points
 
-    def __call__(self, radiance: Any, ray: Rays, number: Any, span: tuple[Any, Any]) -> Any:
+    def __call__(self, radiance: Array3f, ray: Rays, number: UInt32, span: tuple[Float, Float]) -> Array3f:
         beam = load(self._packed, number, ray.time)
         return _added(radiance, beam, ray, self._look, self._points, self._estimator, span)
 
 
 @dr.syntax
 def _added(
-    radiance: Any, beam: Any, ray: Rays, look: BoundLook, points: Points, estimator: str, span: tuple[Any, Any]
-) -> Any:
+    radiance: Array3f, beam: Record, ray: Rays, look: BoundLook, points: Points, estimator: str,
+    span: tuple[Float, Float],
+) -> Array3f:  # fmt: skip
     """Return `radiance` plus a beam's, if closest approach or the chord's middle lies in a span of the ray."""
     if dr.hint(estimator == "frustum", mode="scalar"):
         radiance = frustum(radiance, beam, ray, look, points, False, span)
@@ -325,18 +329,18 @@ def _added(
 class _GridWalk:
     """The walk of a ray from cell to cell."""
 
-    def __init__(self, ray: Rays, span: tuple[Any, Any], grid: CellGrid) -> None:
+    def __init__(self, ray: Rays, span: tuple[Float, Float], grid: CellGrid) -> None:
         self._ray, self._grid, self._end = ray, grid, span[1]
         self._flat = [dr.abs(each) < 1e-9 for each in ray.direction]  # as `between` has it
         self._inv = [dr.rcp(dr.select(flat, 1, each)) for flat, each in zip(self._flat, ray.direction, strict=True)]
         self._step = [dr.select(each < 0, Int32(-1), Int32(1)) for each in ray.direction]
 
-    def begin(self, t: Any) -> tuple[Any, Any, Any]:
+    def begin(self, t: Float) -> tuple[Int32, Int32, Int32]:
         """Return the cell at t."""
         place = self._grid.local(self._ray.point(t))
         return tuple(self._grid.index(place[axis], axis) for axis in range(3))  # type: ignore[return-value]
 
-    def beyond(self, cell: tuple[Any, Any, Any]) -> tuple[Any, tuple[Any, Any, Any], Any]:
+    def beyond(self, cell: tuple[Int32, Int32, Int32]) -> tuple[Float, tuple[Int32, Int32, Int32], Bool]:
         """Return the t at which the ray leaves a cell, the cell beyond, and whether there is none.
 
         Boundaries are computed from the grid's corner, not from cell to cell, so that t never decreases.
@@ -360,8 +364,9 @@ class _GridWalk:
 
 @dr.syntax
 def traverse_grid(
-    ray: Rays, span: tuple[Any, Any], grid: CellGrid, lists: CellLists, visit: Any, total: Any = None
-) -> Any:
+    ray: Rays, span: tuple[Float, Float], grid: CellGrid, lists: CellLists, visit: Callable[..., Array3f],
+    total: Array3f | None = None,
+) -> Any:  # fmt: skip
     """Return what `visit(total, ray, beam, (t_enter, t_exit))` makes of `total`, cell by cell, beam by beam.
 
     There is one loop. Each turn takes a ray to the next beam, and to the next cell when its list is done, so that rays

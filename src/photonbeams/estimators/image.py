@@ -138,7 +138,7 @@ class _ImageGather:
         self.result.radiance += found
         dr.eval(self.result.radiance)
 
-    def _add_exact(self, radiance: Any, level: Level, some: Any, beams: range) -> None:
+    def _add_exact(self, radiance: Array3f, level: Level, some: Bool, beams: range) -> None:
         """Add the beams of all coarser levels along `some` rays (a mask) of a level."""
         depth, widths = level.of_coarser(some, self._depth[level.number])
 
@@ -149,7 +149,7 @@ class _ImageGather:
             if lists.entries:
                 self._sum(radiance, level, lists, partial(lanes_of_some, level.view, level.rays, some))
 
-    def _sum(self, radiance: Any, level: Level, lists: TileLists, lanes: Callable[..., Lanes | None]) -> None:
+    def _sum(self, radiance: Array3f, level: Level, lists: TileLists, lanes: Callable[..., Lanes | None]) -> None:
         """Add the radiance of listed beams along the rays of a level that lanes carry."""
         flags = None
         if self._estimator != "frustum" and (lane := lanes(PIXELS, margin=level.margin)) is not None:
@@ -168,14 +168,16 @@ class _ImageGather:
         ray = _lane_rays(level, *lane.rays[0], lane.group)
         _add(radiance, lane, [frustum_sum(ray, *self._seen(lists, lane), blended=flags is not None)])
 
-    def _seen(self, lists: TileLists, lane: Lanes) -> tuple[Any, Any, Callable[[Any], Any], Packed, BoundLook, Points]:
+    def _seen(
+        self, lists: TileLists, lane: Lanes
+    ) -> tuple[UInt32, UInt32, Callable[[UInt32], UInt32], Packed, BoundLook, Points]:
         """Return the arguments of kernels for listed beams: where lists begin and stop, and what is in them."""
         tile = lane.tile
         first, stop = dr.gather(UInt32, lists.first, tile), dr.gather(UInt32, lists.stop, tile)
         return first, stop, lambda i: dr.gather(UInt32, lists.beams, i), self._packed, self._look, self._points
 
 
-def _add(radiance: Any, lane: Lanes, values: Sequence[Any]) -> None:
+def _add(radiance: Array3f, lane: Lanes, values: Sequence[Array3f]) -> None:
     """Add radiance to that of the rays of lanes; no ray occurs twice."""
     for (ray, exists), value in zip(lane.rays, values, strict=True):
         here = exists & dr.full(Bool, True, dr.width(lane.tile))
@@ -189,7 +191,7 @@ def _tests(lists: TileLists, lane: Lanes) -> int:
     return int(dr.sum(UInt64(found))[0]) * len(lane.rays)
 
 
-def tile_depth(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) -> Any:
+def tile_depth(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) -> Float:
     """Return (tiles,) the planar depth of the farthest surface in each tile."""
     depth = dr.minimum(rays.t_max, ENDLESS) * rays.facing
     result = dr.zeros(Float, view.tiles)
@@ -198,7 +200,7 @@ def tile_depth(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) ->
     return result
 
 
-def _lane_rays(level: Level, pixel: Any, inside: Any, group: Any) -> Rays:
+def _lane_rays(level: Level, pixel: UInt32, inside: Bool, group: UInt32) -> Rays:
     """Return the rays with these indices, of their groups of pixels."""
     rays, view = level.rays, level.view
     origin = None if rays.origins is None else dr.gather(Array3f, rays.origins, group)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from ..numerics.arrays import indices, joined, taken
-from ..runtime.device import Bool, Float, UInt32
+from ..runtime.device import Array2f, Bool, Float, UInt32
 from .projection import TILE, Projection
 
 #: Pixels in a lane of the billboard's kernel. A beam is gathered once for all of them. Of 1, 4 and 8 pixels, 8 are the
@@ -40,7 +40,7 @@ class MoreSamples:
     pixels: Any
     each: int
 
-    def shares(self, count: int) -> Any:
+    def shares(self, count: int) -> Float:
         """Return the weight of each ray in its pixel: of the rays of `count` pixels, and then of the further rays."""
         part, result = dr.opaque(Float, 1 / (self.each + 1)), dr.ones(Float, count)
         dr.scatter(result, part, self.pixels)
@@ -56,7 +56,7 @@ class Lattice:
     levels: int  # at each of them, every second ray of the level before stands for all
 
     @classmethod
-    def of(cls, width: int, height: int, corner: tuple[int, int], place: Any) -> Lattice:
+    def of(cls, width: int, height: int, corner: tuple[int, int], place: Array2f) -> Lattice:
         """Return the lattice of a whole picture of this size, or of a crop window of it."""
         return cls(corner, place, min(max((max(width, height) // _COARSEST).bit_length() - 1, 0), _LEVELS))
 
@@ -88,7 +88,7 @@ class PixelRays:
         """Whether all rays start at one point."""
         return dr.width(self.origin) == 1 and self.origins is None
 
-    def taken(self, index: Any) -> PixelRays:
+    def taken(self, index: UInt32) -> PixelRays:
         """Return some of the rays, which must have one origin; further rays of a pixel are left out."""
         own = {name: taken(getattr(self, name), index) for name in ("direction", "facing", "t_max", "t_min")}
         dr.eval(own)
@@ -146,7 +146,9 @@ def lanes_of_more(view: Projection, more: MoreSamples, count: int, margin: Margi
     return result
 
 
-def lanes_of_some(view: Projection, rays: PixelRays, some: Any, count: int, margin: Margin = NO_MARGIN) -> Lanes | None:
+def lanes_of_some(
+    view: Projection, rays: PixelRays, some: Bool, count: int, margin: Margin = NO_MARGIN
+) -> Lanes | None:
     """Return lanes of `count` pixels each, of one tile, for the pixels in the mask `some`; None if there are none.
 
     After these come lanes with all further rays, of one pixel each.
@@ -190,7 +192,9 @@ def lanes_of_some(view: Projection, rays: PixelRays, some: Any, count: int, marg
     return result if further is None else Lanes.joined(result, further)
 
 
-def _pixel(view: Projection, margin: Margin, column: Any, row: Any, block: Any, place: Any) -> tuple[Any, Any]:
+def _pixel(
+    view: Projection, margin: Margin, column: UInt32, row: UInt32, block: UInt32, place: UInt32
+) -> tuple[UInt32, Bool]:
     """Return the index of the pixel at a place in a block of a tile, and whether there is one."""
     width, height, left, top = (dr.opaque(UInt32, each) for each in (*_size(view, margin), *margin))
     x = column * TILE + block % _BLOCKS_ACROSS * _BLOCK_WIDTH + place % _BLOCK_WIDTH - left
@@ -203,30 +207,30 @@ def _size(view: Projection, margin: Margin) -> tuple[int, int]:
     return view.width - margin[0], view.height - margin[1]
 
 
-def tile_of(view: Projection, pixel: Any, margin: Margin = NO_MARGIN) -> Any:
+def tile_of(view: Projection, pixel: UInt32, margin: Margin = NO_MARGIN) -> UInt32:
     """Return the tile of pixels."""
     width, left, top = (dr.opaque(UInt32, each) for each in (view.width - margin[0], *margin))
     return (pixel // width + top) // TILE * dr.opaque(UInt32, view.columns) + (pixel % width + left) // TILE
 
 
-def tiles_of(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) -> Any:
+def tiles_of(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) -> UInt32:
     """Return the tile of each ray."""
     across, down = _size(view, margin)
     return tile_of(view, pixels_of(rays, across * down), margin)
 
 
-def pixels_of(rays: PixelRays, count: int) -> Any:
+def pixels_of(rays: PixelRays, count: int) -> UInt32:
     """Return the pixel of each ray, in a picture of `count` pixels."""
     pixel = dr.arange(UInt32, count)
     return pixel if rays.more is None else joined([pixel, *[rays.more.pixels] * rays.more.each])
 
 
-def _group(tile: Any, block: Any, place: Any) -> Any:
+def _group(tile: UInt32, block: UInt32, place: UInt32) -> UInt32:
     """Return the group of the pixel at a place in a block of a tile."""
     return tile * _GROUPS + block // PIXELS * _BLOCK + place
 
 
-def whole_group(group: Any, columns: Any, left: Any, top: Any, whole: Any) -> Any:
+def whole_group(group: UInt32, columns: UInt32, left: UInt32, top: UInt32, whole: UInt32) -> UInt32:
     """Return the number in the whole picture, `whole` tiles wide, of a group in a crop window `columns` tiles wide.
 
     The window begins in the tile (`left`, `top`) of the picture; if it begins at that tile's corner, the groups are
@@ -241,7 +245,7 @@ def lanes(view: Projection) -> int:
     return view.tiles * _GROUPS
 
 
-def lane_of(x: Any, y: Any, columns: Any) -> Any:
+def lane_of(x: UInt32, y: UInt32, columns: UInt32) -> UInt32:
     """Return the group of the pixel (x, y), in a picture that is `columns` tiles wide.
 
     The pixels of a group lie four apart: of 4 × 4 neighbours, each belongs to another group.

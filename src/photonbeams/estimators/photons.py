@@ -17,7 +17,7 @@ import numpy as np
 
 from ..looks.profiles import Epanechnikov
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
-from .cells import ENTRIES, ROUNDING, CellGrid, CellLists, Sorting
+from .cells import ENTRIES, ROUNDING, CellGrid, CellLists, Entry, Sorting
 
 #: A disc's half thickness, in radii: a point that is farther off belongs to another surface.
 THICKNESS = 0.25
@@ -63,12 +63,13 @@ class PhotonMap:
         sorting = Sorting(self._grid.cells, self._visit, 0, count)
         self._lists = sorting.lists()
 
-    def _visit(self, item: Any, lane: Any, entry: Any) -> None:
+    def _visit(self, item: UInt32, lane: UInt32, entry: Entry) -> None:
         _cells_of(item, lane, self._data, self._grid, entry)
 
     def radiance(
-        self, position: Any, normal: Any, reflect: Callable[[Any], Any], active: Any = True, most: Any = None
-    ) -> Any:
+        self, position: Array3f, normal: Array3f, reflect: Callable[[Array3f], Array3f], active: Bool | bool = True,
+        most: UInt32 | None = None,
+    ) -> Array3f:  # fmt: skip
         """Return the radiance that points reflect of the photons in whose discs they lie, (M, 3).
 
         Parameters
@@ -124,7 +125,7 @@ def _grid(photons: Photons) -> CellGrid:
 
 
 @dr.syntax
-def _cells_of(item: Any, lane: Any, data: Any, grid: CellGrid, entry: Any) -> None:
+def _cells_of(item: UInt32, lane: UInt32, data: Float, grid: CellGrid, entry: Entry) -> None:
     """Visit the cells in which a photon's disc may lie: those around it that are near its centre and its plane."""
     place, normal = dr.gather(Array4f, data, item * 4), dr.gather(Array4f, data, item * 4 + 1).xyz
     centre, radius = grid.local(place.xyz), place.w * grid.inv
@@ -153,9 +154,9 @@ def _cells_of(item: Any, lane: Any, data: Any, grid: CellGrid, entry: Any) -> No
 
 @dr.syntax
 def _sum(
-    first: Any, stop: Any, items: Any, data: Any, profile: Epanechnikov, position: Any, normal: Any, reflect: Any,
-    most: Any,
-) -> Any:  # fmt: skip
+    first: UInt32, stop: UInt32, items: UInt32, data: Float, profile: Epanechnikov, position: Array3f, normal: Array3f,
+    reflect: Callable[[Array3f], Array3f], most: Float,
+) -> Array3f:  # fmt: skip
     """Return the sum over the photons of each lane's list in whose discs the lane's point lies."""
     radiance = Array3f(0)
     i = UInt32(first)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import numpy as np
 
@@ -19,6 +17,6 @@ class Points:
         self._data = to_float(np.stack([rule.points, rule.weights], axis=1))
         self.count = dr.opaque(UInt32, len(rule.points))
 
-    def __call__(self, number: Any) -> Any:
+    def __call__(self, number: UInt32) -> Array2f:
         """Return the point and the weight with this number."""
         return dr.gather(Array2f, self._data, number)

@@ -22,7 +22,7 @@ class Pose:
     up: Any
     forward: Any
 
-    def to_camera(self, point: Any) -> Any:
+    def to_camera(self, point: Array3f) -> Array3f:
         """Return a world point in camera space: x right, y up, z forward."""
         q = point - self.origin
         return Array3f(dr.dot(q, self.right), dr.dot(q, self.up), dr.dot(q, self.forward))

@@ -11,6 +11,7 @@ from typing import Any
 import drjit as dr
 
 from ..beams import Beams
+from ..numerics.given import Number
 from ..runtime.device import Array3f, Array4f, Float, UInt32
 
 #: Beams shorter than this have no direction that float32 could hold; they carry no visible light.
@@ -44,7 +45,7 @@ class Packed:
     identity: bool = False
 
 
-def pack(beams: Beams, origin: Any, shared: bool, close: Beams | None = None, identity: bool = False) -> Packed:
+def pack(beams: Beams, origin: Array3f, shared: bool, close: Beams | None = None, identity: bool = False) -> Packed:
     """Pack beams relative to `origin`, which is the origin of all rays if `shared` is true.
 
     `close` are the same beams at shutter close, if they move; both have the same optional fields. With `identity`, the
@@ -67,7 +68,7 @@ def pack(beams: Beams, origin: Any, shared: bool, close: Beams | None = None, id
     )
 
 
-def _at_rest(beams: Beams, origin: Any, shared: bool) -> list[tuple[Any, Any]]:
+def _at_rest(beams: Beams, origin: Array3f, shared: bool) -> list[tuple[Array3f, Float]]:
     start, end = beams.start - origin, beams.end - origin
     axis = end - start
     length = dr.norm(axis)
@@ -86,7 +87,7 @@ def _at_rest(beams: Beams, origin: Any, shared: bool) -> list[tuple[Any, Any]]:
     return packets + _power_end(beams)
 
 
-def _ends(beams: Beams, origin: Any) -> list[tuple[Any, Any]]:
+def _ends(beams: Beams, origin: Array3f) -> list[tuple[Array3f, Float]]:
     nothing = dr.zeros(Float, len(beams))
     packets = [
         (beams.start - origin, beams.radius_start),
@@ -102,17 +103,17 @@ def _ends(beams: Beams, origin: Any) -> list[tuple[Any, Any]]:
     return packets + _power_end(beams)
 
 
-def _power_end(beams: Beams) -> list[tuple[Any, Any]]:
+def _power_end(beams: Beams) -> list[tuple[Array3f, Float]]:
     return [] if beams.power_end is None else [(beams.power_end, dr.zeros(Float, len(beams)))]
 
 
-def _unit(tangent: Any, axis: Any) -> Any:
+def _unit(tangent: Any, axis: Array3f) -> Array3f:
     """Return tangents with unit length; a tangent without length becomes the axis."""
     squared = dr.squared_norm(tangent)
     return dr.select(squared > SHORTEST, tangent * dr.rsqrt(dr.maximum(squared, SHORTEST)), axis)
 
 
-def _path(beams: Beams, length: Any) -> list[tuple[Any, Any]]:
+def _path(beams: Beams, length: Float) -> list[tuple[Array3f, Float]]:
     if beams.offset is None and beams.total is None and beams.entry is None:
         return []
     nothing = dr.zeros(Float, len(beams))
@@ -156,30 +157,30 @@ class Record:
     gain: Any = None  # change of the power from start to end, where it has one
 
     @property
-    def offset(self) -> Any:
+    def offset(self) -> Number:
         """Distance from the light at the beam's start."""
         return 0.0 if self.path is None else self.path.x
 
     @property
-    def total(self) -> Any:
+    def total(self) -> Float:
         """Length of the whole light path."""
         return self.length if self.path is None else self.path.y
 
-    def depth(self, distance: Any) -> Any:
+    def depth(self, distance: Float) -> Float:
         """Return the part of a `distance` from the light that lies in the medium."""
         return dr.maximum(distance - self.entry, 0)
 
-    def fraction(self, distance: Any) -> Any:
+    def fraction(self, distance: Float) -> Float:
         """Return a `distance` from the light as a fraction of the whole light path."""
         return dr.clip(distance * self.inv_total, 0, 1)
 
     @property
-    def entry(self) -> Any:
+    def entry(self) -> Number:
         """Distance from the light at which the medium begins."""
         return 0.0 if self.path is None else self.path.z
 
     @property
-    def stop(self) -> Any:
+    def stop(self) -> Float:
         """Distance from the start beyond which there is no part of the beam.
 
         A beam that ends on a surface is cut by the surface's plane. If it meets the plane at a slant, the cone's rim
@@ -191,30 +192,30 @@ class Record:
         return self.length + dr.fma(self.slope, self.length, self.radius)
 
     @property
-    def begin(self) -> Any:
+    def begin(self) -> Number:
         """Distance from the start before which there is no part of the beam: a joint's rim may reach back a radius."""
         return 0 if self.bend is None else -self.radius
 
     @property
-    def widest(self) -> Any:
+    def widest(self) -> Float:
         """The greater of the radii."""
         return dr.maximum(self.radius, dr.fma(self.slope, self.length, self.radius))
 
     @property
-    def reaching(self) -> Any:
+    def reaching(self) -> Float:
         """The greatest radius: a widening piece of a curve keeps growing past its end, up to a surface's plane."""
         if self.cap is None:
             return self.widest
         return dr.maximum(self.radius, dr.fma(2 * self.slope, self.length, self.radius))
 
-    def light(self, s: Any) -> Any:
+    def light(self, s: Float) -> Array3f:
         """Return the power at a distance from the start."""
         if self.gain is None:
             return self.power
         return dr.maximum(dr.fma(self.gain, s * dr.rcp(dr.maximum(self.length, 1e-20)), self.power), 0)
 
 
-def load(packed: Packed, number: Any, time: Any = None) -> Record:
+def load(packed: Packed, number: UInt32, time: Float | None = None) -> Record:
     """Gather the beams with these numbers, as they are at a `time` of the shutter interval."""
     base = number * packed.groups
     packets = [dr.gather(Array4f, packed.data, base + group) for group in range(packed.groups)]
@@ -225,7 +226,7 @@ def load(packed: Packed, number: Any, time: Any = None) -> Record:
     return record
 
 
-def _moved(packets: list[Any], packed: Packed, time: Any) -> Record:
+def _moved(packets: list[Array4f], packed: Packed, time: Any) -> Record:
     half = len(packets) // 2
     at = [dr.lerp(first, last, time) for first, last in zip(packets[:half], packets[half:], strict=True)]
     start, end = at[0].xyz, at[1].xyz
@@ -254,13 +255,13 @@ def _moved(packets: list[Any], packed: Packed, time: Any) -> Record:
     return record
 
 
-def _bend(axis: Any, first: Any, last: Any, first_height: Any, last_height: Any) -> Bend:
+def _bend(axis: Any, first: Array3f, last: Array3f, first_height: Float, last_height: Float) -> Bend:
     # A plane along the axis would cut nothing; curves have no such joints, see `beams.curves.tangents`.
     first_inv, last_inv = (dr.rcp(dr.maximum(dr.dot(axis, each), 0.05)) for each in (first, last))
     return Bend(first, last, first_height, last_height, first_inv, last_inv, 1 - dr.dot(first, last))
 
 
-def _loaded(packets: list[Any], packed: Packed) -> Record:
+def _loaded(packets: list[Array4f], packed: Packed) -> Record:
     record = Record(
         axis=packets[0].xyz, radius=packets[0].w, start=packets[1].xyz, slope=packets[1].w,
         power=packets[2].xyz, length=packets[2].w, inv_total=None,

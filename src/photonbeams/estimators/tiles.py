@@ -37,9 +37,9 @@ class Widths(NamedTuple):
 
 @dr.syntax
 def _walk(
-    marks: Footprints, view: Projection, begin: Any, stop: Any, depth: Any, widths: Any, lanes: int,
-    counter: Any, base: Any, out: Any,
-) -> Any:  # fmt: skip
+    marks: Footprints, view: Projection, begin: UInt32, stop: UInt32, depth: Float, widths: Widths | None, lanes: int,
+    counter: UInt32, base: UInt32 | None, out: UInt32 | None,
+) -> None:  # fmt: skip
     """Visit the tiles under each lane's beams, begin + lane, begin + lane + lanes, …; count them or list the beams.
 
     counter
@@ -90,7 +90,7 @@ def _walk(
         beam += all_lanes
 
 
-def _may_be(reach: Any, widths: Widths | None) -> Any:
+def _may_be(reach: Array4f, widths: Widths | None) -> Bool:
     """Return whether any tile can list a beam, given the half extents of its ends."""
     if widths is None:
         return Bool(True)
@@ -98,7 +98,7 @@ def _may_be(reach: Any, widths: Widths | None) -> Any:
     return most >= widths.coarser if widths.own is None else (_least(reach) < widths.coarser) & (most >= widths.own)
 
 
-def _is_of(ends: Any, reach: Any, column: Any, row: Any, widths: Widths | None) -> Any:
+def _is_of(ends: Array4f, reach: Array4f, column: Int32, row: Int32, widths: Widths | None) -> Bool:
     """Return whether a beam has the width of the beams that a tile lists."""
     if widths is None:
         return Bool(True)
@@ -114,7 +114,7 @@ def _least(packet: Any) -> Any:
     return dr.minimum(dr.minimum(packet.x, packet.y), dr.minimum(packet.z, packet.w))
 
 
-def _half_width(ends: Any, reach: Any, left: Any, top: Any, side: int) -> Any:
+def _half_width(ends: Array4f, reach: Array4f, left: Float, top: Float, side: int) -> Any:
     """Return the least half width, in pixels, of a beam in a square; infinite if the axis does not cross the square."""
     dx, dy, drx, dry = ends.z - ends.x, ends.w - ends.y, reach.z - reach.x, reach.w - reach.y
     bounds = (
@@ -128,17 +128,17 @@ def _half_width(ends: Any, reach: Any, left: Any, top: Any, side: int) -> Any:
     return dr.select(low <= high, dr.minimum(a, b), FAR)
 
 
-def _hidden(depth: Any, radius: Any, view: Projection) -> Any:
+def _hidden(depth: Float, radius: Float, view: Projection) -> Float:
     """Return the depth key below which a beam of this radius lies entirely behind the tile's farthest surface."""
     return -(depth + radius) if view.orthographic else dr.rcp(depth + radius)
 
 
-def _tile(pixel: Any, count: Any) -> Any:
+def _tile(pixel: Float, count: Int32) -> Int32:
     # Clip as a float first: a far pixel position does not fit into an integer.
     return Int32(dr.floor(dr.clip(pixel * (1 / TILE), -1, Float(count))))
 
 
-def _from_zero(tile: Any) -> Any:
+def _from_zero(tile: Int32) -> Int32:
     return dr.maximum(tile, 0)
 
 
@@ -151,13 +151,13 @@ class TileLists:
     stop: Any
     entries: int
 
-    def keep(self, flags: Any) -> TileLists:
+    def keep(self, flags: UInt32) -> TileLists:
         """Return the lists with only the flagged entries, in their order."""
         index = indices(flags > 0)
         before = dr.prefix_sum(flags)
         total, entries = dr.opaque(UInt32, dr.width(index)), dr.opaque(UInt32, self.entries)
 
-        def place(i: Any) -> Any:
+        def place(i: UInt32) -> UInt32:
             return dr.select(i < entries, dr.gather(UInt32, before, dr.minimum(i, entries - 1)), total)
 
         first, stop = place(self.first), place(self.stop)
@@ -179,7 +179,7 @@ class Bins:
     """
 
     def __init__(
-        self, marks: Footprints, view: Projection, depth: Any, begin: int, stop: int, widths: Widths | None = None
+        self, marks: Footprints, view: Projection, depth: Float, begin: int, stop: int, widths: Widths | None = None
     ) -> None:
         self._tiles = view.tiles
         self._lanes = min(_LANES, 1 << ((_MOST_CELLS // self._tiles).bit_length() - 1))
