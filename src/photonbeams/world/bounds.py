@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
+import numpy.typing as npt
 
 from .. import scene
 from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Float, mitsuba
 
 if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import BoundingBox, MiScene, MiShape
     from .media.rendered import RenderedMedium
 
 mi = mitsuba()
@@ -47,11 +49,11 @@ def endless_length(extent: float, media: Sequence[RenderedMedium]) -> float:
 class Bounds:
     """The world's bounding sphere, which light from infinity enters; `center` and `radius` are opaque."""
 
-    def __init__(self, center: Any, radius: float) -> None:
+    def __init__(self, center: npt.ArrayLike, radius: float) -> None:
         self.center = opaque(center)
         self.radius = opaque(radius)
 
-    def contains(self, points: Any) -> bool:
+    def contains(self, points: np.ndarray) -> bool:
         """Return whether all `points`, (N, 3), are inside, up to rounding."""
         center, radius = np.ravel(self.center.numpy()), float(self.radius.numpy()[0])
         return bool(np.all(np.linalg.norm(np.asarray(points) - center, axis=1) <= radius * (1 + 1e-4)))
@@ -62,7 +64,7 @@ class Bounds:
         farthest = max((np.linalg.norm(np.maximum(high - center, center - low)) for low, high in boxes), default=0)
         return Bounds(center, max(own, float(farthest) / max(1 - radius, 0.4)))
 
-    def farthest(self, points: Any) -> float:
+    def farthest(self, points: np.ndarray) -> float:
         """Return the distance of the farthest of `points`, (N, 3), from the centre; 0 if all are inside."""
         distances = np.linalg.norm(np.asarray(points) - np.ravel(self.center.numpy()), axis=1)
         return 0.0 if self.contains(points) else float(distances.max())
@@ -84,7 +86,7 @@ class Bounds:
         return dr.maximum(along + dr.safe_sqrt(room), self.radius)
 
 
-def box_of(shape: Any) -> Any:
+def box_of(shape: MiShape) -> BoundingBox:
     """Return the box around one of Mitsuba's shapes; also around a merged mesh, for which Mitsuba has none."""
     box = shape.bbox()
     if not box.valid() and isinstance(shape, mi.Mesh) and shape.vertex_count():
@@ -93,7 +95,7 @@ def box_of(shape: Any) -> Any:
     return box
 
 
-def box_around(plugin: Any) -> Any:
+def box_around(plugin: MiScene) -> BoundingBox:
     """Return the box around all shapes of a Mitsuba scene; Mitsuba's own box lacks merged meshes."""
     box = mi.ScalarBoundingBox3f()
     for each in plugin.shapes():
@@ -101,7 +103,7 @@ def box_around(plugin: Any) -> Any:
     return box
 
 
-def bounding_sphere(states: Sequence[scene.Scene], viewpoints: Sequence[Any]) -> tuple[np.ndarray, float]:
+def bounding_sphere(states: Sequence[scene.Scene], viewpoints: Sequence[npt.ArrayLike]) -> tuple[np.ndarray, float]:
     """Return centre and radius of a sphere around all states of a scene, and the viewpoints."""
     clouds = [cloud for state in states for cloud in _clouds(state)] + [np.asarray(point) for point in viewpoints]
     points = np.concatenate([np.asarray(cloud, dtype=np.float64).reshape(-1, 3) for cloud in [*clouds, np.empty(0)]])
@@ -112,7 +114,7 @@ def bounding_sphere(states: Sequence[scene.Scene], viewpoints: Sequence[Any]) ->
     return center, radius or 1.0
 
 
-def _clouds(description: scene.Scene) -> list[Any]:
+def _clouds(description: scene.Scene) -> list[np.ndarray]:
     """Return points around surfaces, finite lights, portals, fog and drawn beams."""
     clouds: list[Any] = [mesh.points for mesh in description.meshes]
     for light in description.lights:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..runtime.device import mitsuba
 from ..scene import SceneError
 
+if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import MiMedium, MiObject
+
 mi = mitsuba()
 
 
-def check_phase(plugin: Any) -> None:
+def check_phase(plugin: MiMedium) -> None:
     """Raise SceneError where a medium's phase function depends on more than the angle."""
     phase = plugin.phase_function()
     if mi.has_flag(phase.flags(), mi.PhaseFunctionFlags.Microflake):
@@ -23,7 +26,7 @@ def check_phase(plugin: Any) -> None:
         )
 
 
-def check_numbers(plugin: Any, name: str) -> None:
+def check_numbers(plugin: MiObject, name: str) -> None:
     """Raise SceneError where a number of a medium is not finite, or not in the range of its coefficient."""
     check_finite(plugin, f"medium {name}")
     for key, value in mi.traverse(plugin):
@@ -36,14 +39,14 @@ def check_numbers(plugin: Any, name: str) -> None:
             raise SceneError(f"medium {name}: {key} has numbers above 1, such as {numbers.max():g}: expected 0 to 1")
 
 
-def check_finite(plugin: Any, name: str) -> None:
+def check_finite(plugin: MiObject, name: str) -> None:
     """Raise SceneError where a number of a Mitsuba object, or of its images and grids, is not finite."""
     for key, value in mi.traverse(plugin):
         if not np.all(np.isfinite(_numbers(value))):
             raise SceneError(f"{name}: {key} has numbers that are not finite: expected finite ones")
 
 
-def _numbers(value: Any) -> np.ndarray:
+def _numbers(value: object) -> np.ndarray:
     """Return the numbers of a parameter, an empty array where it has none."""
     value = getattr(value, "matrix", value)
     try:

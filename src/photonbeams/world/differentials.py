@@ -14,12 +14,12 @@ class RayDifferentials:
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {f"{name}{k}": Array3f for name in "pd" for k in range(4)}
 
-    def columns(self) -> list[tuple[Any, Any]]:
+    def columns(self) -> list[tuple[Array3f, Array3f]]:
         """Return the derivatives of origin and direction by each of the four numbers."""
         return [(getattr(self, f"p{k}"), getattr(self, f"d{k}")) for k in range(4)]
 
     @classmethod
-    def of(cls, columns: list[tuple[Any, Any]]) -> RayDifferentials:
+    def of(cls, columns: list[tuple[Array3f, Array3f]]) -> RayDifferentials:
         """Return a struct of the derivatives by each of the four numbers."""
         result = cls()
         for k, (p, d) in enumerate(columns):
@@ -28,7 +28,7 @@ class RayDifferentials:
         return result
 
 
-def differentiate(inputs: list[Any], outputs: list[Any], directions: list[Any]) -> list[Any]:
+def differentiate(inputs: list[dr.ArrayBase], outputs: list[dr.ArrayBase], directions: list[dr.ArrayBase]) -> list[Any]:
     """Return the derivatives of outputs along a direction in the space of the inputs (forward mode).
 
     `inputs` are attached to the AD graph, and `outputs` are computed from them. A graph with calls of Mitsuba's
@@ -48,7 +48,7 @@ def copies(count: int) -> tuple[UInt32, UInt32]:
     return lane // 4, lane % 4
 
 
-def of_copies(shift: Any, turn: Any, count: int) -> RayDifferentials:
+def of_copies(shift: Array3f, turn: Array3f, count: int) -> RayDifferentials:
     """Return the ray differentials of `count` paths from the derivatives of their `copies`."""
     lane = dr.arange(UInt32, count) * 4
     return RayDifferentials.of(

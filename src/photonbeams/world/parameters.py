@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
 from ..runtime.device import mitsuba
 
+if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import MiObject, SceneParameters
+
 mi = mitsuba()
 
 
-def values_of(parameters: Any) -> Iterator[tuple[str, Any]]:
+def values_of(parameters: SceneParameters) -> Iterator[tuple[str, Any]]:
     """Yield the names and values of what Mitsuba's `traverse` returns, without parameters that have no value."""
     for name in list(parameters.properties):
         try:
@@ -29,7 +32,7 @@ class Parameters:
     While the variables are held here, no other variable gets their numbers.
     """
 
-    def __init__(self, *objects: Any) -> None:
+    def __init__(self, *objects: MiObject) -> None:
         self._held: list[Any] = []
         self._names: list[Any] = []
         for each in objects:

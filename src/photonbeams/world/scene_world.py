@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from copy import copy
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -22,6 +22,9 @@ from .media.media import Media
 from .shadow_rays import gap_at
 from .surfaces.shapes import is_null, scene_of
 from .world import World, mirrors, perturbs, translucent
+
+if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import EmitterPtr, MiScene, SurfaceInteraction
 
 mi = mitsuba()
 
@@ -52,7 +55,7 @@ class SceneWorld(World):
     boundaries = ()
 
     def __init__(
-        self, plugin: Any, eye: Place | None, sources: Sequence[Source] = (Source(),),
+        self, plugin: MiScene, eye: Place | None, sources: Sequence[Source] = (Source(),),
         beams: Sequence[scene.BeamSettings] = (), numbers: Sequence[int] = (),
     ) -> None:  # fmt: skip
         self.plugin = self.surfaces = self.host = plugin
@@ -111,7 +114,7 @@ class SceneWorld(World):
         """Return the numbers of the media in which camera rays begin."""
         return self.surroundings.of_sensor(origin, direction)
 
-    def colors(self, emitter: Any, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
+    def colors(self, emitter: EmitterPtr, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
         """Return the colours of the images that light passes on its way from emitters (pointers) to points."""
         result = Array3f(1)
         for plugin, each in zip(self.plugin.emitters(), self.emitters, strict=True):
@@ -128,18 +131,18 @@ class SceneWorld(World):
         return result
 
     @cached_property
-    def _boundary_scene(self) -> Any:
+    def _boundary_scene(self) -> MiScene:
         boundaries = [each for each in self.plugin.shapes() if each.is_medium_transition() and is_null(each)]
         return scene_of(boundaries, self.plugin)
 
-    def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> Any:
+    def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> SurfaceInteraction:
         """Return the first surface, or boundary of a medium, that camera rays meet within `reach`."""
         ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
         ray.maxt = reach
         return self.plugin.ray_intersect(ray, active)
 
 
-def _sphere(plugin: Any, ends: Array) -> tuple[np.ndarray, float]:
+def _sphere(plugin: MiScene, ends: Array) -> tuple[np.ndarray, float]:
     """Return centre and radius of the shapes or, without any, of where light paths and camera paths begin, (N, 3).
 
     The radius is 1 if the scene is empty, or a point.

@@ -8,7 +8,7 @@ ray goes from where it begins to the lamp: it neither passes the lamp nor ends t
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -17,6 +17,9 @@ from ..numerics.arrays import opaque
 from ..numerics.structs import Struct
 from ..runtime.device import Array3f, Float, mitsuba
 from .bounds import box_around
+
+if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import MiScene, Ray, SurfaceInteraction
 
 mi = mitsuba()
 
@@ -37,14 +40,14 @@ class ShadowRay(Struct):
     direction: Array3f
     length: Float
 
-    def ray(self) -> Any:
+    def ray(self) -> Ray:
         """Return the rays as Mitsuba's."""
         result = mi.Ray3f(mi.Point3f(self.origin), mi.Vector3f(self.direction))
         result.maxt = self.length
         return result
 
 
-def size_of(*plugins: Any) -> Float:
+def size_of(*plugins: MiScene) -> Float:
     """Return the diameter of Mitsuba scenes, opaque; 1 if they are empty, or a point."""
     box = mi.ScalarBoundingBox3f()
     for each in plugins:
@@ -69,7 +72,7 @@ def rounding(extent: Float) -> Float:
     return _ROUNDING * extent
 
 
-def leaving(hit: Any, direction: Any, size: Float) -> Array3f:
+def leaving(hit: SurfaceInteraction, direction: Any, size: Float) -> Array3f:
     """Return the origins of rays that leave surfaces of a scene with the diameter `size`."""
     return _moved(hit, mi.Vector3f(direction), mi.math.RayEpsilon * size)
 
@@ -108,7 +111,7 @@ def to_point(point: Any, lamp: Array3f, size: Float | None = None) -> ShadowRay:
     return result
 
 
-def _moved(hit: Any, direction: Any, most: Any) -> Array3f:
+def _moved(hit: Any, direction: Array3f, most: Float) -> Array3f:
     """Return Mitsuba's origins of rays, but not further from the surface than `most` and the rounding error."""
     place = Array3f(hit.p)
     extent = dr.max(dr.abs(place))

@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
+import numpy.typing as npt
 
 from .. import scene
 from ..numerics.arrays import opaque, to_uint
@@ -32,6 +33,9 @@ from .media.visibility import through
 from .shadow_rays import gap_at, gap_before, size_of
 from .surfaces.shapes import cut_out, glows, is_glass, is_mirror, scene_of, shapes_of
 from .world import World, by_link, translucent
+
+if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import MiScene, MiShape, SurfaceInteraction
 
 mi = mitsuba()
 
@@ -104,7 +108,7 @@ class StageWorld(World):
     def build(
         cls,
         description: scene.Scene,
-        viewpoints: Sequence[Any] = (),
+        viewpoints: Sequence[npt.ArrayLike] = (),
         like: StageWorld | None = None,
         sharp: bool = False,
     ) -> StageWorld:
@@ -286,7 +290,7 @@ class StageWorld(World):
         return [self.blockers[names] for names in self._unshadowing]
 
     @cached_property
-    def _blocking_scenes(self) -> list[Any]:
+    def _blocking_scenes(self) -> list[MiScene]:
         if not self.boundaries:
             return self._by_link
         shapes = list(zip(self.meshes, self.shapes, strict=True))
@@ -295,7 +299,7 @@ class StageWorld(World):
             for names in self._unshadowing
         ]
 
-    def blocking_scenes(self) -> Sequence[Any]:
+    def blocking_scenes(self) -> Sequence[MiScene]:
         """Return the Mitsuba scenes that block light instead of `plugin`, by link number minus 1."""
         return self._blocking_scenes
 
@@ -346,7 +350,9 @@ class StageWorld(World):
             return filling + dr.zeros(UInt32, max(dr.width(origin), dr.width(direction)))
         return medium_at(self.around, origin, direction, filling, filling, active, self.size)
 
-    def intersect(self, origin: Any, direction: Any, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
+    def intersect(
+        self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None
+    ) -> SurfaceInteraction:
         """Return the first surface, or boundary of a medium, that rays meet: see `World.intersect`.
 
         Where an opaque surface and a boundary coincide, rays meet the surface.
@@ -360,7 +366,9 @@ class StageWorld(World):
         met = on_boundary & solid.is_valid() & ~transmits(solid) & (behind <= gap_at(Array3f(hit.p), self.size))
         return dr.select(met, solid, hit)
 
-    def solid(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
+    def solid(
+        self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None
+    ) -> SurfaceInteraction:
         """Return the first surface that rays hit, as a SurfaceInteraction3f; boundaries of media do not count.
 
         A cut-out surface stops a ray with the probability of its opacity, decided by a hash of `seed`.
@@ -411,15 +419,15 @@ def _source(number: int, light: scene.Light, infinite: bool, bounces: int | None
 
 def _blockers(
     emitters: Sequence[Emitter],
-    host: Any,
+    host: MiScene,
     meshes: Sequence[scene.Mesh],
-    shapes: Sequence[Any],
-    known: dict[frozenset[str], Any],
-) -> dict[frozenset[str], Any]:
+    shapes: Sequence[MiShape],
+    known: dict[frozenset[str], MiScene],
+) -> dict[frozenset[str], MiScene]:
     """Return Mitsuba scenes of the surfaces that block lights with shadow links, by the names of those that do not."""
     absent = {each.links.unshadowed for each in emitters} - {frozenset()}
 
-    def rest(names: frozenset[str]) -> Any:
+    def rest(names: frozenset[str]) -> MiScene:
         return scene_of([shape for mesh, shape in zip(meshes, shapes, strict=True) if mesh.name not in names], host)
 
     return {names: known.get(names) or rest(names) for names in absent}

@@ -7,11 +7,14 @@ sphere).
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 
 from ..runtime.device import Array2f, Array3f, Float, mitsuba
+
+if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import SurfaceInteraction
 
 mi = mitsuba()
 
@@ -44,7 +47,7 @@ def facing(normal: Array3f, direction: Array3f) -> Array3f:
     return dr.select(dr.dot(normal, direction) > 0, -normal, normal)
 
 
-def outward(hit: Any) -> Array3f:
+def outward(hit: SurfaceInteraction) -> Array3f:
     """Return the normals of surfaces at hits, on the side of their shading normals.
 
     BSDFs know the side of a surface from its shading normal. Many exporters write normals on the other side than the

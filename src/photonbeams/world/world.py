@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -21,6 +21,9 @@ from .media.parts import parts
 from .media.rendered import RenderedMedium
 from .shadow_rays import rounding, size_of
 from .surfaces.normal_maps import NormalMap
+
+if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import EmitterPtr, MiBsdf, MiScene, SurfaceInteraction
 
 mi = mitsuba()
 
@@ -134,7 +137,7 @@ class World:
         """Return the world with its media alone."""
         raise NotImplementedError
 
-    def blocking_scenes(self) -> Sequence[Any]:
+    def blocking_scenes(self) -> Sequence[MiScene]:
         """Return the Mitsuba scenes that block light instead of `plugin`, by link number minus 1."""
         return ()
 
@@ -154,7 +157,9 @@ class World:
         """Return the numbers of the media at points, found by rays along `direction`."""
         raise NotImplementedError
 
-    def solid(self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
+    def solid(
+        self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None
+    ) -> SurfaceInteraction:
         """Return the first surface that rays hit, as a SurfaceInteraction3f; boundaries of media do not count."""
         raise NotImplementedError
 
@@ -175,7 +180,7 @@ class World:
         """Return the world with only the surfaces that block lights with these links."""
         return self
 
-    def colors(self, emitter: Any, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
+    def colors(self, emitter: EmitterPtr, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
         """Return the colours of the images that light passes on its way from Mitsuba's emitters to points."""
         return Array3f(1)
 
@@ -193,19 +198,21 @@ class World:
         """Return the numbers of the media in which camera rays begin."""
         raise NotImplementedError
 
-    def shading_normal(self, hit: Any, active: Bool) -> Array3f:
+    def shading_normal(self, hit: SurfaceInteraction, active: Bool) -> Array3f:
         """Return the normals of surfaces in world space; on stages, normal and bump maps are applied."""
         if not any(isinstance(each, NormalMap) for each in parts(self.plugin, mi.BSDF)):
             return Array3f(hit.sh_frame.n)
         return Array3f(dr.dispatch(hit.bsdf(), _mapped_normal, hit, active))
 
-    def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> Any:
+    def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> SurfaceInteraction:
         """Return the first surface, or boundary of a medium, that camera rays meet within `reach`."""
         hit = self.intersect(origin, direction, active, seed)
         hit.t = dr.select(hit.t < reach, hit.t, dr.inf)
         return hit
 
-    def intersect(self, origin: Any, direction: Any, active: Bool, seed: UInt32, link: UInt32 | None = None) -> Any:
+    def intersect(
+        self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None
+    ) -> SurfaceInteraction:
         """Return the first surface, or boundary of a medium, that rays meet, as a SurfaceInteraction3f.
 
         `seed` decides which cut-out surfaces a ray passes. `link` selects the surfaces that block light: see
@@ -214,28 +221,32 @@ class World:
         return self._first(self.plugin, self.blocking_scenes(), origin, direction, active, seed, link)
 
     def _first(
-        self, plugin: Any, others: Sequence[Any], origin: Any, direction: Any, active: Bool, seed: UInt32,
-        link: UInt32 | None,
-    ) -> Any:  # fmt: skip
+        self, plugin: MiScene, others: Sequence[MiScene], origin: Array3f, direction: Array3f, active: Bool,
+        seed: UInt32, link: UInt32 | None,
+    ) -> SurfaceInteraction:  # fmt: skip
         first, *more = by_link(plugin, others, link)
         hit = self._met(first[0], origin, direction, active & first[1], seed)
         for each, own in more:
             hit = dr.select(own, self._met(each, origin, direction, active & own, seed), hit)
         return hit
 
-    def _met(self, plugin: Any, origin: Any, direction: Any, active: Bool, seed: UInt32) -> Any:
+    def _met(
+        self, plugin: MiScene, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32
+    ) -> SurfaceInteraction:
         ray, skip = self._beyond_cutouts(plugin, origin, direction, active, seed)
         hit = plugin.ray_intersect(ray, active)
         if self.cutouts:
             hit.t += skip
         return hit
 
-    def _beyond_cutouts(self, plugin: Any, origin: Any, direction: Any, active: Bool, seed: UInt32) -> tuple[Any, Any]:
+    def _beyond_cutouts(
+        self, plugin: MiScene, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32
+    ) -> tuple[Any, Any]:
         """Return rays moved beyond the cut-out surfaces that they pass, and the distances by which they were moved."""
         skip = self._skipped(plugin, origin, direction, active, seed) if self.cutouts else 0
         return mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction)), skip
 
-    def _skipped(self, plugin: Any, origin: Any, direction: Any, active: Bool, seed: UInt32) -> Float:
+    def _skipped(self, plugin: Any, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32) -> Float:
         """Return the distance to the last cut-out surface that rays pass; boundaries of media stop them."""
         origin, direction = dr.detach(Array3f(origin)), dr.detach(Array3f(direction))
         # More than the rounding error of a hit's place.
@@ -258,20 +269,20 @@ class World:
         skip, _, _ = dr.while_loop(state, lambda _, layer, going: going & (layer < _LAYERS), passing, label="cutouts")
         return skip
 
-    def opacity(self, hit: Any, active: Any) -> Float:
+    def opacity(self, hit: Any, active: Bool) -> Float:
         """Return the opacity of the cut-out surfaces that stopped rays, above 0; 1 for other surfaces."""
         if not self.cutouts:
             return Float(1)
         return dr.maximum(1 - dr.mean(hit.bsdf().eval_null_transmission(hit, active)), 1e-6)
 
 
-def _mapped_normal(bsdf: Any, hit: Any, active: Bool) -> Any:
+def _mapped_normal(bsdf: MiBsdf, hit: SurfaceInteraction, active: Bool) -> Any:
     """Return the normal of a BSDF in world space."""
     maps = [each for each in [bsdf, *parts(bsdf, mi.BSDF)] if isinstance(each, NormalMap)]
     return mi.Normal3f(hit.to_world(maps[0].normal(hit, active))) if maps else hit.sh_frame.n
 
 
-def by_link(plugin: Any, others: Sequence[Any], link: UInt32 | None) -> list[tuple[Any, Any]]:
+def by_link(plugin: MiScene, others: Sequence[MiScene], link: UInt32 | None) -> list[tuple[Any, Bool]]:
     """Return Mitsuba scenes and which rays meet them: link 0 meets `plugin`, link 1 the first of the others."""
     if not others or link is None:
         return [(plugin, Bool(True))]
@@ -279,21 +290,21 @@ def by_link(plugin: Any, others: Sequence[Any], link: UInt32 | None) -> list[tup
     return [(plugin, link == 0), *linked]
 
 
-def perturbs(plugin: Any) -> bool:
+def perturbs(plugin: MiScene) -> bool:
     """Return whether a scene has BSDFs that perturb the normal."""
     return any(each.class_name() in ("NormalMap", "BumpMap") for each in parts(plugin, mi.BSDF))
 
 
-def translucent(plugin: Any) -> bool:
+def translucent(plugin: MiScene) -> bool:
     """Return whether a scene has surfaces with diffuse or glossy transmission."""
     return _has_lobes(plugin, mi.BSDFFlags.DiffuseTransmission, mi.BSDFFlags.GlossyTransmission)
 
 
-def mirrors(plugin: Any) -> bool:
+def mirrors(plugin: MiScene) -> bool:
     """Return whether a scene has mirrors or glass: surfaces with an ideal lobe that turns light."""
     return _has_lobes(plugin, mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission)
 
 
-def _has_lobes(plugin: Any, *kinds: Any) -> bool:
+def _has_lobes(plugin: MiScene, *kinds: int) -> bool:
     flags = [int(each.flags()) for each in parts(plugin, mi.BSDF)]
     return any(mi.has_flag(each, kind) for each in flags for kind in kinds)

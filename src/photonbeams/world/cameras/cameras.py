@@ -144,7 +144,9 @@ class View:
         """Whether rays have their own origins, on a lens or along the camera's path."""
         return self.projection.lens is not None or len(self.projection.poses) > 1
 
-    def rays(self, places: Any, sample: Callable[[Any], tuple[Any, Any]] | None = None) -> CameraRays:
+    def rays(
+        self, places: Array2f | tuple[float, float], sample: Callable[[UInt32], tuple[Array2f, Float]] | None = None
+    ) -> CameraRays:
         """Return a ray through each pixel, at its place in [0, 1)², or at one place (x, y) for all.
 
         `sample` returns, for the numbers of groups of pixels, places in the unit square for the lens and times in
@@ -168,14 +170,14 @@ class View:
         dr.eval(own, time, origin, direction, facing)
         return CameraRays(origin, direction, facing, own, time)
 
-    def _whole(self, group: Any) -> Any:
+    def _whole(self, group: UInt32) -> UInt32:
         """Return the numbers in the whole picture of groups of pixels, by which samples are drawn."""
         # Numbers below 0 wrap, so that groups beyond an edge have the numbers of groups at the opposite edge.
         (left, top), whole = self.window.crop[:2], -(-self.window.width // TILE)
         return whole_group(group, *(dr.opaque(UInt32, each & 0xFFFFFFFF) for each in
                                     (self.projection.columns, left // TILE, top // TILE, whole)))  # fmt: skip
 
-    def _film(self, x: Any, y: Any, square: Any, time: Any) -> tuple[Any, Any, Any]:
+    def _film(self, x: Float, y: Float, square: Array2f, time: Float) -> tuple[Array3f, Array3f, Float]:
         """Return origin, direction and planar depth per unit of distance of rays at places on the lens and at times."""
         view = self.projection
         right, up = (x - self._center[0]) / view.scale[0], (self._center[1] - y) / view.scale[1]
@@ -193,7 +195,7 @@ class View:
         inv = dr.rsqrt(dr.squared_norm(direction))
         return origin, direction * inv, inv
 
-    def on_lens(self, sample: Callable[[Any], tuple[Any, Any]] | None) -> tuple[Any, Any] | None:
+    def on_lens(self, sample: Callable[[UInt32], tuple[Array2f, Float]] | None) -> tuple[Array2f, Float] | None:
         """Return where on the lens the rays of `rays` begin, to the right and up; None without a lens."""
         lens = self.projection.lens
         if lens is None or sample is None:
@@ -202,19 +204,19 @@ class View:
         place = disk(Array2f(sample(self._whole(group))[0])) * lens[0]
         return place.x, place.y
 
-    def pixels(self) -> tuple[Any, Any]:
+    def pixels(self) -> tuple[UInt32, UInt32]:
         """Return column and row of each pixel of the window, row by row."""
         height, width = self.window.shape
         index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
         return index % columns, index // columns
 
-    def _on_film(self, places: Any) -> tuple[Any, Any]:
+    def _on_film(self, places: Array2f | tuple[float, float]) -> tuple[Float, Float]:
         """Return where rays through `places` in the window's pixels cross the whole picture, in pixels."""
         (column, row), (left, top) = self.pixels(), self._corner
         across, down = (dr.opaque(Float, each) if isinstance(each, float) else each for each in places)
         return Float(Int32(column) + left) + across, Float(Int32(row) + top) + down
 
-    def coarse_rays(self, columns: int, rows: int, overscan: bool = False) -> tuple[Any, Any]:
+    def coarse_rays(self, columns: int, rows: int, overscan: bool = False) -> tuple[Array3f, Array3f]:
         """Return a coarse grid of rays over the whole picture; crop windows have the same one, so the same beams.
 
         With `overscan`, the grid is over the window.
@@ -225,7 +227,7 @@ class View:
         y = (Float(index // across) + 0.5) * dr.opaque(Float, (bottom - top) / rows) + dr.opaque(Float, top)
         return self._through(x, y)
 
-    def _through(self, x: Any, y: Any) -> tuple[Any, Any]:
+    def _through(self, x: Float, y: Float) -> tuple[Array3f, Array3f]:
         view, pose = self.projection, self.projection.poses[0]
         right = (x - self._center[0]) / view.scale[0]
         up = (self._center[1] - y) / view.scale[1]
@@ -237,7 +239,7 @@ class View:
         dr.eval(origin, direction)
         return origin, direction
 
-    def _facing(self, direction: Any) -> Any:
+    def _facing(self, direction: Array3f) -> Float:
         facing = dr.dot(direction, self.projection.poses[0].forward)
         dr.eval(facing)
         return facing
@@ -287,13 +289,13 @@ def _pose(camera: scene.Camera) -> Pose:
     return Pose(opaque(matrix[:3, 3]), opaque(matrix[:3, 0]), opaque(matrix[:3, 1]), opaque(-matrix[:3, 2]))
 
 
-def _lens(camera: scene.Camera) -> tuple[Any, Any] | None:
+def _lens(camera: scene.Camera) -> tuple[Float, Float] | None:
     if camera.orthographic or camera.lens_radius == 0:
         return None
     return dr.opaque(Float, camera.lens_radius), dr.opaque(Float, camera.focus_distance)
 
 
-def _inverse(poses: tuple[Pose, ...], time: Any) -> tuple[Any, list[Any]]:
+def _inverse(poses: tuple[Pose, ...], time: Float) -> tuple[Array3f, list[Array3f]]:
     """Return the position of the camera at a time, and the columns of its transform from camera to world space."""
     first = poses[0]
     if len(poses) == 1:

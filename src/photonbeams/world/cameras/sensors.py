@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -16,6 +16,9 @@ from ...numerics.streams import Stream
 from ...runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
 from ..spectra import rgb
 from .cameras import View, Window
+
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MiFilm, MiSensor
 
 mi = mitsuba()
 
@@ -53,7 +56,7 @@ class PrimaryRays:
             None if each[0].facing is None else all_of("facing"),
         )  # fmt: skip
 
-    def taken(self, index: Any) -> PrimaryRays:
+    def taken(self, index: UInt32) -> PrimaryRays:
         """Return the rays at an index."""
         return PrimaryRays(
             taken(self.origin, index), taken(self.direction, index), taken(self.near, index), taken(self.far, index),
@@ -86,13 +89,13 @@ class Sensor:
         perspective nor orthographic.
     """
 
-    def __init__(self, plugin: Any, camera: scene.Camera | None = None) -> None:
+    def __init__(self, plugin: MiSensor, camera: scene.Camera | None = None) -> None:
         self.plugin, self.window = plugin, window_of(plugin.film())
         camera = camera or camera_of(plugin)
         self.view = None if camera is None else View(camera, self.window)
 
 
-def sampled_rays(sensor: Any, window: Window, places: Array2f, order: Any, samples: Samples) -> PrimaryRays:
+def sampled_rays(sensor: Any, window: Window, places: Array2f, order: UInt32, samples: Samples) -> PrimaryRays:
     """Return a ray through each pixel, at its place in [0, 1)², as a sensor of Mitsuba's samples them.
 
     `order` has the pixels' numbers for their samples.
@@ -110,7 +113,7 @@ def sampled_rays(sensor: Any, window: Window, places: Array2f, order: Any, sampl
     return PrimaryRays(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, rgb(weight) + wide)
 
 
-def window_of(film: Any) -> Window:
+def window_of(film: MiFilm) -> Window:
     """Return the size of Mitsuba's film and its crop window."""
     (width, height), (left, top), (columns, rows) = (
         map(int, each) for each in (film.size(), film.crop_offset(), film.crop_size())
@@ -118,7 +121,7 @@ def window_of(film: Any) -> Window:
     return Window(width, height, (left, top, left + columns, top + rows))
 
 
-def camera_of(plugin: Any) -> scene.Camera | None:
+def camera_of(plugin: MiSensor) -> scene.Camera | None:
     """Return a sensor as a camera with its whole film; None if it is neither perspective nor orthographic.
 
     The camera is measured by rays through the edges of the film.

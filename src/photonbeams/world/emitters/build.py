@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ... import scene
 from ..surfaces.shapes import shape_of
@@ -19,13 +19,16 @@ from .portals import Portal
 from .sphere import SphereLamp
 from .stretched import EllipsoidLamp, EllipticCylinderLamp
 
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MiScene
+
 #: The kinds of lamps. Those that are packed come first, and their places here are part of their samples' names.
 KINDS: tuple[Any, ...] = (
     SphereLamp, FlatLamp, CylinderLamp, DistantLamp, EllipsoidLamp, EllipticCylinderLamp, MeshLamp, DomeLamp,
 )  # fmt: skip
 
 
-def lamp_of(light: scene.Light, host: Any = None, around: Sequence[Any] = ()) -> Lamp:
+def lamp_of(light: scene.Light, host: MiScene | None = None, around: Sequence[MiScene] = ()) -> Lamp:
     """Return a light's lamp; for mesh lights, `host` is explained in `scene_of`, `around` in `MeshLamp`."""
     for kind in KINDS:
         if kind.describes(light):
@@ -35,7 +38,8 @@ def lamp_of(light: scene.Light, host: Any = None, around: Sequence[Any] = ()) ->
 
 
 def emitters_of(
-    lights: Sequence[scene.Light], meshes: frozenset[str], host: Any, around: Sequence[Any], known: Sequence[Emitter]
+    lights: Sequence[scene.Light], meshes: frozenset[str], host: MiScene, around: Sequence[MiScene],
+    known: Sequence[Emitter],
 ) -> tuple[Emitter, ...]:  # fmt: skip
     """Return the emitters of a stage.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import numpy as np
 
@@ -27,7 +25,7 @@ class CylinderLamp(Body):
     radius: Float
 
     @classmethod
-    def of(cls, light: scene.CylinderLight, *_: Any) -> CylinderLamp:
+    def of(cls, light: scene.CylinderLight, *_: object) -> CylinderLamp:
         """Return the light's parameters, opaque."""
         result = cls()
         result.radiance, result.center = opaque(light.radiance), opaque(light.center)

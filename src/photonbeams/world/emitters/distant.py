@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import numpy as np
 
@@ -26,7 +24,7 @@ class DistantLamp(Lamp):
     one_minus_cos: Float
 
     @classmethod
-    def of(cls, light: scene.DistantLight, *_: Any) -> DistantLamp:
+    def of(cls, light: scene.DistantLight, *_: object) -> DistantLamp:
         """Return the light's parameters, opaque."""
         result = cls()
         result.covered = float(2 * np.sin(np.radians(light.angle) / 4) ** 2)

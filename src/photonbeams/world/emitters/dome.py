@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ... import scene
@@ -29,7 +27,7 @@ class DomeLamp(MitsubaEmitter):
     environment = True
 
     @classmethod
-    def of(cls, light: scene.DomeLight, *_: Any) -> DomeLamp:
+    def of(cls, light: scene.DomeLight, *_: object) -> DomeLamp:
         """Return the light's environment."""
         radiance = np.asarray(light.radiance, dtype=np.float64)
         if light.image is None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import numpy as np
 
@@ -34,7 +32,7 @@ class FlatLamp(Lamp):
     shaping: ShapingFactor
 
     @classmethod
-    def of(cls, light: scene.FlatLight, *_: Any) -> FlatLamp:
+    def of(cls, light: scene.FlatLight, *_: object) -> FlatLamp:
         """Return the light's parameters, opaque."""
         result = cls()
         halves = np.array([light.half_x, light.half_y], dtype=np.float64)

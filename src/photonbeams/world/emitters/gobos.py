@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import drjit as dr
 import numpy as np
+import numpy.typing as npt
 
 from ... import scene
 from ...numerics.arrays import opaque, padded, to_uint, to_vectors
@@ -50,7 +51,10 @@ class Slide(Struct):
     repeat: Float
 
     @classmethod
-    def of(cls, gobo: scene.Gobo, center: Any, edge_x: Any, edge_y: Any, normal: Any) -> Slide:
+    def of(
+        cls, gobo: scene.Gobo, center: npt.ArrayLike, edge_x: npt.ArrayLike, edge_y: npt.ArrayLike,
+        normal: npt.ArrayLike,
+    ) -> Slide:  # fmt: skip
         """Return a slide whose image goes along `edge_x` and, upward, along `edge_y`."""
         result = cls()
         dual = np.linalg.pinv(np.array([edge_x, edge_y], dtype=np.float64))
@@ -118,7 +122,7 @@ class ProjectedLamp(Lamp):
     profile: Any
     pixels: dict[str, Any]
 
-    def with_pixels(self, pixels: dict[str, Any]) -> ProjectedLamp:
+    def with_pixels(self, pixels: dict[str, Array3f]) -> ProjectedLamp:
         """Set the pixels of the images, and return the light itself."""
         self.pixels = pixels
         return self
@@ -190,7 +194,7 @@ def _kind(bare: type, has: frozenset[str]) -> type[ProjectedLamp]:
     return type(name, (ProjectedLamp,), {"__annotations__": parts, "has": has, "__module__": __name__})
 
 
-def projected(bare: Any, light: scene.Light, portal: Portal | None, images: Images) -> Any:
+def projected(bare: Lamp, light: scene.Light, portal: Portal | None, images: Images) -> Any:
     """Return a lamp behind its images, or the bare lamp where it has none.
 
     Parameters
@@ -245,14 +249,14 @@ def pack_projected(sources: Sequence[Any]) -> tuple[Any, dict[str, Any]]:
     return packed, pixels
 
 
-def _on_device(gobo: scene.Gobo | scene.Profile, images: Images) -> Any:
+def _on_device(gobo: scene.Gobo | scene.Profile, images: Images) -> Array3f:
     key = id(gobo.image)
     if key not in images:
         images[key] = gobo.image, to_vectors(_pixels(gobo))
     return images[key][1]
 
 
-def _pixels(gobo: scene.Gobo | scene.Profile) -> Any:
+def _pixels(gobo: scene.Gobo | scene.Profile) -> np.ndarray:
     """Return an image's pixels, (N, 3), `padded`."""
     return padded(gobo.colors.reshape(-1, 3))
 

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import drjit as dr
 import numpy as np
+import numpy.typing as npt
 
 from ... import scene
 from ...numerics.structs import Struct
@@ -160,7 +161,7 @@ def emit_from_infinity(lamp: Lamp, u: Array2f, v: Array2f, bounds: Bounds) -> Em
     return EmittedRays.fanned(origin, direction, sample.weight * area, dr.sqrt(area) + 0 * u.x, density)
 
 
-def unit(vector: Any) -> np.ndarray:
+def unit(vector: npt.ArrayLike) -> np.ndarray:
     """Return a vector, (3,), with length 1."""
     numbers = np.asarray(vector, dtype=np.float64)
     return numbers / np.linalg.norm(numbers)

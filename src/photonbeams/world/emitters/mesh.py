@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
@@ -19,6 +19,9 @@ from .lamp import Illumination, Lamp, LightHit, unit
 from .rays import EmittedRays
 from .shaping import ShapingFactor
 
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MiScene, PositionSample, SurfaceInteraction
+
 mi = mitsuba()
 
 
@@ -32,15 +35,15 @@ class MeshLamp(Lamp):
     record = scene.MeshLight
 
     @classmethod
-    def of(cls, light: scene.MeshLight, host: Any = None, around: Sequence[Any] = ()) -> MeshLamp:
+    def of(cls, light: scene.MeshLight, host: MiScene | None = None, around: Sequence[MiScene] = ()) -> MeshLamp:
         """Return the light's lamp; `host` is explained in `scene_of`."""
         return cls(light, host, around)
 
-    def __init__(self, light: scene.MeshLight, host: Any = None, around: Sequence[Any] = ()) -> None:
+    def __init__(self, light: scene.MeshLight, host: MiScene | None = None, around: Sequence[MiScene] = ()) -> None:
         assert light.mesh is not None
         emitter = mi.load_dict({"type": "area", "radiance": radiance_of(light.radiance, light.image)})
         # Without normals: faces radiate evenly, whatever normals they are shaded with.
-        self._shape = shape_of(replace(light.mesh, normals=None), emitter=emitter)
+        self._shape: Any = shape_of(replace(light.mesh, normals=None), emitter=emitter)
         self._emitter = emitter
         self._scene = scene_of([self._shape], host)
         self._size = size_of(self._scene, *around)
@@ -105,7 +108,7 @@ class MeshLamp(Lamp):
         """Return whether light leaves the mesh against `direction`, which points to it."""
         return Bool(True) if self.both_sides else dr.dot(Array3f(normal), direction) < 0
 
-    def _place(self, sample: Any) -> Any:
+    def _place(self, sample: PositionSample) -> SurfaceInteraction:
         """Return Mitsuba's interaction at a sampled point, as seen from the side of its normal."""
         place = dr.zeros(mi.SurfaceInteraction3f, dr.width(sample.p))
         place.p, place.n, place.uv, place.wi = sample.p, sample.n, sample.uv, mi.Vector3f(0, 0, 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -13,6 +13,9 @@ from ..differentials import RayDifferentials, copies, differentiate, of_copies
 from ..spectra import rgb
 from .lamp import Illumination, Lamp, LightHit
 from .rays import EmittedRays
+
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MiScene
 
 mi = mitsuba()
 
@@ -25,7 +28,7 @@ class MitsubaEmitter(Lamp):
 
     center: Any
 
-    def __init__(self, emitter: Any, plugin: Any = None) -> None:
+    def __init__(self, emitter: Any, plugin: MiScene | None = None) -> None:
         self.emitter, self._plugin = emitter, plugin
         self.infinite = mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
         surface = mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
@@ -38,7 +41,7 @@ class MitsubaEmitter(Lamp):
         ray, weight = self._ray(mi.Point2f(u), mi.Point2f(v), bounds)
         return EmittedRays.whole(Array3f(ray.o), Array3f(ray.d), rgb(weight), differentials)
 
-    def _ray(self, u: Any, v: Any, bounds: Bounds) -> Any:
+    def _ray(self, u: Array2f, v: Array2f, bounds: Bounds) -> Any:
         ray, weight = self.emitter.sample_ray(Float(0), Float(0.5), u, v, True)
         if self._entry is not None:
             center, radius = self._entry

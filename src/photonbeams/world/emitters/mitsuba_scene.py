@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,18 +18,21 @@ from .gobos import Images, projected
 from .mitsuba_emitter import MitsubaEmitter
 from .portals import Portal
 
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MiEmitter, MiScene, MiShape
+
 mi = mitsuba()
 
 _SQUARE = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 
 
-def names_of(emitter: Any) -> list[str]:
+def names_of(emitter: MiEmitter) -> list[str]:
     """Return the names by which users may refer to an emitter: its own id, and that of its shape."""
     shape = emitter.get_shape()
     return [each.id() for each in (emitter, shape) if each is not None and each.id()]
 
 
-def emitters_of(plugin: Any, beams: Sequence[scene.BeamSettings], bounds: Bounds) -> list[Emitter]:
+def emitters_of(plugin: MiScene, beams: Sequence[scene.BeamSettings], bounds: Bounds) -> list[Emitter]:
     """Return the emitters of a scene, in their order.
 
     Parameters
@@ -49,7 +52,7 @@ def emitters_of(plugin: Any, beams: Sequence[scene.BeamSettings], bounds: Bounds
     return [_lamp(plugin, emitter, own, bounds, images) for emitter, own in zip(plugin.emitters(), beams, strict=True)]
 
 
-def _lamp(plugin: Any, emitter: Any, own: scene.BeamSettings, bounds: Bounds, images: Images) -> Emitter:
+def _lamp(plugin: MiScene, emitter: MiEmitter, own: scene.BeamSettings, bounds: Bounds, images: Images) -> Emitter:
     name, lamp = (names_of(emitter) or [emitter.class_name()])[-1], MitsubaEmitter(emitter, plugin)
     own_name = emitter.id() or emitter.class_name()
     check_finite(emitter, f"emitter {own_name}")
@@ -72,7 +75,7 @@ def _lamp(plugin: Any, emitter: Any, own: scene.BeamSettings, bounds: Bounds, im
     return Emitter(own_name, projected(lamp, light, portal, images), own, portal)
 
 
-def _described(emitter: Any, name: str, shared: dict[str, Any]) -> scene.Light:
+def _described(emitter: MiEmitter, name: str, shared: dict[str, Any]) -> scene.Light:
     """Return an emitter as a light of a stage, with the properties that place images before it."""
     shape, kind = emitter.get_shape(), emitter.class_name()
     to_world = _matrix(shape if shape is not None else emitter)
@@ -99,7 +102,7 @@ def _described(emitter: Any, name: str, shared: dict[str, Any]) -> scene.Light:
     return scene.Light(**about)
 
 
-def _matrix(part: Any) -> np.ndarray:
+def _matrix(part: MiEmitter | MiShape) -> np.ndarray:
     """Return the (4, 4) transform of an emitter or a shape, the identity where it has none."""
     parameters = mi.traverse(part)
     transform = parameters["to_world"] if "to_world" in parameters else mi.Transform4f()
@@ -119,7 +122,7 @@ def _frame(to_world: np.ndarray) -> np.ndarray:
     return result
 
 
-def _portal(plugin: Any, name: str, given: scene.Mesh | str) -> tuple[scene.Mesh, Any]:
+def _portal(plugin: MiScene, name: str, given: scene.Mesh | str) -> tuple[scene.Mesh, Any]:
     """Return a portal as a mesh and as a Mitsuba shape."""
     if isinstance(given, scene.Mesh):
         mesh, shape = given, shape_of(given)
@@ -130,7 +133,7 @@ def _portal(plugin: Any, name: str, given: scene.Mesh | str) -> tuple[scene.Mesh
     return mesh, shape
 
 
-def _opening(plugin: Any, name: str, given: str) -> tuple[scene.Mesh, Any]:
+def _opening(plugin: MiScene, name: str, given: str) -> tuple[scene.Mesh, Any]:
     """Return a shape of the scene as a mesh (a disk as the square around it), and the shape itself."""
     shapes = {str(each.id()): each for each in plugin.shapes()}
     if given not in shapes:

@@ -6,16 +6,19 @@ density is the mean of both ways of sampling (the balance heuristic of Veach 199
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
 
 from ...numerics.arrays import opaque
 from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
-from .lamp import Illumination, LightHit
+from .lamp import Illumination, Lamp, LightHit
 from .mitsuba_emitter import MitsubaEmitter
 from .portals import Portal
+
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import DirectionSample, EmitterPtr
 
 mi = mitsuba()
 
@@ -34,7 +37,7 @@ class ThroughPortal:
         The opening, which must be planar: only then does a direction have a density in closed form.
     """
 
-    def __init__(self, lamp: Any, portal: Portal) -> None:
+    def __init__(self, lamp: Lamp, portal: Portal) -> None:
         assert portal.sides is not None
         corner, *edges = portal.sides
         wide = [(1 + 2 * _MARGIN) * each for each in edges]
@@ -72,7 +75,7 @@ class ThroughPortal:
         return 0.5 * (own + dr.select(inside & dr.isfinite(portal), portal, 0))
 
 
-def behind(lamp: Any, portal: Portal | None) -> Any:
+def behind(lamp: Lamp, portal: Portal | None) -> Any:
     """Return the lamp to sample from lit points: `ThroughPortal` for an environment behind a planar portal."""
     if portal is None or portal.sides is None or not lamp.environment:
         return lamp
@@ -94,11 +97,13 @@ class EnvironmentPortal:
         self.chosen = dr.opaque(Float, float(plugin.pdf_emitter(plugin.emitters().index(environment))[0]))
         self._number = dr.opaque(UInt32, int(UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(environment)))[0]))
 
-    def _is_environment(self, emitter: Any) -> Bool:
+    def _is_environment(self, emitter: EmitterPtr) -> Bool:
         numbers: Any = dr.reinterpret_array(UInt32, emitter)
         return numbers == self._number
 
-    def sampled(self, place: Array3f, light: Any, radiance: Any, u: Array2f, probability: Any) -> tuple[Any, Any]:
+    def sampled(
+        self, place: Array3f, light: DirectionSample, radiance: Array3f, u: Array2f, probability: Float
+    ) -> tuple[Any, Any]:
         """Return a sample of an emitter and its radiance over the density; samples of the environment are replaced.
 
         `ThroughPortal` makes these. `probability` is that with which the emitter was chosen.
@@ -110,7 +115,7 @@ class EnvironmentPortal:
         light.pdf = dr.select(mine, own.pdf * probability, light.pdf)
         return light, dr.select(mine, own.weight / probability, radiance)
 
-    def density(self, emitter: Any, place: Array3f, direction: Array3f, own: Float, probability: Any) -> Float:
+    def density(self, emitter: EmitterPtr, place: Array3f, direction: Array3f, own: Float, probability: Float) -> Float:
         """Return the density of `sampled` for a direction to an emitter, for which the emitter itself has `own`."""
         through = self._lamp.density(place, direction, own / probability) * probability
         return dr.select(self._is_environment(emitter), through, own)

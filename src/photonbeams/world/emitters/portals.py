@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -21,6 +21,9 @@ from ..bounds import Bounds
 from ..surfaces.shapes import scene_of, shape_of
 from .lamp import Lamp
 from .rays import GRAZING, EmittedRays, isotropic
+
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MiScene
 
 mi = mitsuba()
 
@@ -52,7 +55,7 @@ class Portal:
         A corner of the bounding rectangle and the two edges from it, float64; None if the portal is not planar.
     """
 
-    def __init__(self, mesh: scene.Mesh, shape: Any, host: Any) -> None:
+    def __init__(self, mesh: scene.Mesh, shape: Any, host: MiScene) -> None:
         area = mesh.area
         if not area > 0:
             raise scene.SceneError(f"{mesh.name}: the portal has no area, so no light passes it")
@@ -89,7 +92,7 @@ class Portal:
         ray.maxt = 2 * box.lift
         return point, normal, self.scene.ray_test(ray)
 
-    def crosses(self, origin: Array3f, direction: Array3f, distance: Any = None) -> Bool:
+    def crosses(self, origin: Array3f, direction: Array3f, distance: Float | None = None) -> Bool:
         """Return which rays pass the portal within `distance`."""
         ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
         if distance is not None:

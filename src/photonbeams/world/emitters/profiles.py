@@ -31,7 +31,7 @@ class ProfileTable(Struct):
     scale: Float
 
     @classmethod
-    def of(cls, profile: scene.Profile, frame: Any) -> ProfileTable:
+    def of(cls, profile: scene.Profile, frame: np.ndarray) -> ProfileTable:
         """Return the table for a light with this frame, (4, 4)."""
         result = cls()
         axes = np.asarray(frame, dtype=np.float64)[:3, :3]

@@ -56,7 +56,7 @@ class ConeSampler:
     directions.
     """
 
-    def __init__(self, light: scene.Light, axis: Any, flat: bool = False) -> None:
+    def __init__(self, light: scene.Light, axis: Array3f, flat: bool = False) -> None:
         shaping = light.shaping or scene.Shaping(cone_angle=180.0)
         # |cos|^focus is symmetric: sample it only if the light shines to one side.
         focused = shaping.focus > 0 and max(shaping.focus_tint) == 0 and (flat or shaping.cone_angle <= 90)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 
 from ... import scene
 from ...numerics.arrays import opaque
-from ...runtime.device import Array2f, Array3f, Float
+from ...runtime.device import Array2f, Array3f, Bool, Float
 from ..bounds import Bounds
 from ..warp import cone, disk, perpendicular
 from .lamp import Body, Illumination, LightHit, unit
@@ -24,7 +22,7 @@ class SphereLamp(Body):
     radius: Float
 
     @classmethod
-    def of(cls, light: scene.SphereLight, *_: Any) -> SphereLamp:
+    def of(cls, light: scene.SphereLight, *_: object) -> SphereLamp:
         """Return the light's parameters, opaque."""
         result = cls()
         result.radiance, result.center = opaque(light.radiance), opaque(light.center)
@@ -77,7 +75,7 @@ class SphereLamp(Body):
         radiance = dr.select(hit, self.emitted(-direction), 0)
         return LightHit(hit, dr.select(hit, distance, dr.inf), radiance, dr.rcp(dr.two_pi * one_minus_cos))
 
-    def _subtended(self, squared_distance: Float) -> tuple[Float, Any]:
+    def _subtended(self, squared_distance: Float) -> tuple[Float, Bool]:
         """Return 1 − cos of the half angle that the sphere subtends, and whether the point is outside of the sphere."""
         sine2 = self.radius * self.radius / squared_distance
         outside = sine2 < 1

@@ -12,7 +12,9 @@ from ...runtime.device import Bool, UInt32
 from .gobos import pack_projected
 
 if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import ShapePtr, SurfaceInteraction
     from ..world import World
+    from .lamp import Lamp
 
 
 class LinkedSurfaces(NamedTuple):
@@ -30,7 +32,7 @@ class LinkedSurfaces(NamedTuple):
     shadow: Any
     seen: bool
 
-    def lights(self, hit: Any, active: Bool) -> Bool:
+    def lights(self, hit: SurfaceInteraction, active: Bool) -> Bool:
         """Return which of the active hits are on surfaces that the lights light."""
         if self.lit is None:
             return active
@@ -50,7 +52,7 @@ class Lamps(NamedTuple):
     links: LinkedSurfaces | None
 
     @classmethod
-    def of(cls, sources: Sequence[Any], links: LinkedSurfaces | None) -> Lamps:
+    def of(cls, sources: Sequence[Lamp], links: LinkedSurfaces | None) -> Lamps:
         """Return lights of one kind, packed."""
         kind, count = type(sources[0]), dr.opaque(UInt32, len(sources))
         if not sources[0].images:
@@ -69,6 +71,6 @@ class Lamps(NamedTuple):
         return light.with_pixels(self.pixels) if self.pixels else light
 
 
-def shape_number(shape: Any) -> Any:
+def shape_number(shape: ShapePtr) -> Any:
     """Return Mitsuba's numbers of shapes."""
     return dr.reinterpret_array(UInt32, shape)

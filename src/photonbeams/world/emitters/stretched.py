@@ -34,7 +34,7 @@ class StretchedLamp(Body):
     shape: Any
 
     @classmethod
-    def of(cls, light: scene.SphereLight | scene.CylinderLight, *_: Any) -> StretchedLamp:
+    def of(cls, light: scene.SphereLight | scene.CylinderLight, *_: object) -> StretchedLamp:
         """Return the light's parameters, opaque."""
         result = cls()
         linear = np.asarray(light.shape, dtype=np.float64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -19,18 +19,22 @@ from .interfaces import number
 from .media import Media
 from .stage_media import around_glass, is_convex, media_of
 
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MiScene
+    from ..stage_world import StageWorld
+
 mi = mitsuba()
 
 # How many points of each boundary are tested for a surface in the same place.
 _POINTS = 4096
 
 
-def same(these: Sequence[Any], those: Sequence[Any]) -> bool:
+def same(these: Sequence[object], those: Sequence[object]) -> bool:
     """Return whether two sequences have identical elements."""
     return len(these) == len(those) and all(a is b for a, b in zip(these, those, strict=True))
 
 
-def touching(media: Sequence[scene.Medium], surfaces: Any, size: Float) -> bool:
+def touching(media: Sequence[scene.Medium], surfaces: MiScene, size: Float) -> bool:
     """Return whether boundaries of media coincide with surfaces, tested at random points of each boundary."""
     rng = np.random.default_rng(0)
     found = []
@@ -66,7 +70,7 @@ class BoundedMedia:
 
     @classmethod
     def of(
-        cls, description: scene.Scene, host: Any, like: Any, glass: Sequence[scene.Mesh]
+        cls, description: scene.Scene, host: MiScene, like: StageWorld | None, glass: Sequence[scene.Mesh]
     ) -> BoundedMedia:  # fmt: skip
         """Return the media of a scene; those of a world of the same shot if it has the same media and glass."""
         if like is not None and same(like.description.media, description.media) and same(like.glass, glass):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
@@ -11,6 +11,9 @@ from ...numerics.hashing import hash32, unit_float
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..shadow_rays import leaving, size_of
 from ..warp import facing
+
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MediumPtr, MiMedium, MiScene, MiShape, SurfaceInteraction
 
 mi = mitsuba()
 
@@ -27,12 +30,12 @@ _TRANSMITS = int(
 )  # fmt: skip
 
 
-def number(plugin: Any) -> int:
+def number(plugin: MiMedium | None) -> int:
     """Return the number of a medium, 0 for None."""
     return 0 if plugin is None else int(numbers(mi.MediumPtr(plugin))[0])
 
 
-def numbers(media: Any) -> UInt32:
+def numbers(media: MediumPtr) -> UInt32:
     """Return the numbers of an array of media."""
     return UInt32(dr.reinterpret_array(mi.UInt32, media))
 
@@ -42,7 +45,7 @@ def pointers(media: UInt32) -> Any:
     return dr.reinterpret_array(mi.MediumPtr, mi.UInt32(media))
 
 
-def shape_number(plugin: Any) -> int:
+def shape_number(plugin: MiShape) -> int:
     """Return the number by which Mitsuba's arrays know a shape."""
     return int(UInt32(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(plugin)))[0])
 
@@ -70,7 +73,7 @@ class Met:
     transmits: Any
 
 
-def meet(plugin: Any, origin: Any, direction: Any, active: Any) -> Met:
+def meet(plugin: MiScene, origin: Array3f, direction: Array3f, active: Any) -> Met:
     """Return the surfaces that rays meet in a Mitsuba scene, and the media that these name."""
     along = mi.Vector3f(direction)
     hit = plugin.ray_intersect(mi.Ray3f(mi.Point3f(origin), along), active)
@@ -80,23 +83,23 @@ def meet(plugin: Any, origin: Any, direction: Any, active: Any) -> Met:
     return Met(hit, interface, near, far, valid & transmits(hit))
 
 
-def is_left(hit: Any, direction: Any, medium: UInt32) -> Bool:
+def is_left(hit: SurfaceInteraction, direction: Array3f, medium: UInt32) -> Bool:
     """Return whether a hit is on a boundary by which rays may leave their medium, transparent or of glass."""
     return transmits(hit) & hit.is_medium_transition() & (numbers(hit.target_medium(mi.Vector3f(direction))) != medium)
 
 
-def is_boundary(hit: Any) -> Bool:
+def is_boundary(hit: SurfaceInteraction) -> Bool:
     """Return which hits are on boundaries of media that are no surfaces: light passes them, and nothing else."""
     lobes = UInt32(hit.bsdf().flags()) & int(mi.BSDFFlags.All)
     return hit.is_valid() & hit.is_medium_transition() & (lobes == int(mi.BSDFFlags.Null))
 
 
-def transmits(hit: Any) -> Bool:
+def transmits(hit: SurfaceInteraction) -> Bool:
     """Return whether light may pass a surface: glass, a translucent one, or a boundary with a null BSDF."""
     return (UInt32(hit.bsdf().flags()) & _TRANSMITS) != 0
 
 
-def reflected(hit: Any, direction: Any, aside: Any) -> Array3f:
+def reflected(hit: SurfaceInteraction, direction: Array3f, aside: Array3f) -> Array3f:
     """Return directions reflected by surfaces: cosine-distributed, from random unit vectors `aside`."""
     normal = facing(Array3f(hit.n), direction)
     result = normal * 1.001 + aside
@@ -104,8 +107,8 @@ def reflected(hit: Any, direction: Any, aside: Any) -> Array3f:
 
 
 def medium_at(
-    plugin: Any, origin: Array3f, direction: Array3f, otherwise: UInt32, everywhere: UInt32, active: Any = True,
-    size: Float | None = None,
+    plugin: MiScene, origin: Array3f, direction: Array3f, otherwise: UInt32, everywhere: UInt32,
+    active: Bool | bool = True, size: Float | None = None,
 ) -> UInt32:  # fmt: skip
     """Return the number of the medium at points, found by a random walk from each.
 
@@ -160,7 +163,7 @@ def _unit(seed: UInt32) -> Array3f:
 
 
 def distance_to_medium(
-    plugin: Any, origin: Array3f, direction: Array3f, medium: UInt32, active: Bool, size: Float, ends: bool = False
+    plugin: MiScene, origin: Array3f, direction: Array3f, medium: UInt32, active: Bool, size: Float, ends: bool = False
 ) -> Float:
     """Return the distance along rays to the first boundary behind which a medium begins; infinite if there is none.
 
@@ -184,7 +187,7 @@ def distance_to_medium(
     return dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), further, label="to medium")[1]
 
 
-def medium_ahead(plugin: Any, origin: Array3f, direction: Array3f, active: Bool, size: Float) -> UInt32:
+def medium_ahead(plugin: MiScene, origin: Array3f, direction: Array3f, active: Bool, size: Float) -> UInt32:
     """Return the medium that the next interface along rays names on its near side, by number; 0 if there is none.
 
     Rays pass surfaces that transmit light and name no medium; opaque ones stop them. `size` is the scene's diameter.

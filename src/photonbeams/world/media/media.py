@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -22,6 +22,9 @@ from .interfaces import medium_ahead, number, numbers, pointers
 from .parts import boxes, parts
 from .rendered import FAR, extinction_of, rendered
 from .tracking import SEGMENTS, MediumSegment, glow, walk
+
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MiMedium, MiScene, MiShape, MiVolume
 
 mi = mitsuba()
 
@@ -49,8 +52,8 @@ class Media:
     """
 
     def __init__(
-        self, plugins: Iterable[Any], around: Any = None, filling: Any = None, clear: bool = False,
-        unfelt: Sequence[Any] = (), emission: Mapping[int, Any] | None = None,
+        self, plugins: Iterable[Any], around: MiScene | None = None, filling: MiMedium | None = None,
+        clear: bool = False, unfelt: Sequence[MiMedium] = (), emission: Mapping[int, MiVolume] | None = None,
     ) -> None:  # fmt: skip
         found = {number(plugin): plugin for plugin in plugins if plugin is not None}
         for each in found.values():  # first, because a call of one phase function calls those of all media
@@ -73,7 +76,7 @@ class Media:
         self._emission = [(each, emission[each.number]) for each in self.all if emission and each.number in emission]
 
     @classmethod
-    def of(cls, plugin: Any) -> Media:
+    def of(cls, plugin: MiScene) -> Media:
         """Return the media of a Mitsuba scene: those inside and around shapes, and those of sensors and emitters."""
         named = [each.get_medium() for each in (*plugin.sensors(), *plugin.emitters())]
         shapes = parts(plugin, mi.Shape)
@@ -160,7 +163,7 @@ class Media:
         for each, volume in self._emission:
             inside = active & (medium == dr.opaque(UInt32, each.number))
 
-            def emission(point: Any, volume: Any = volume) -> Array3f:
+            def emission(point: Array3f, volume: MiVolume = volume) -> Array3f:
                 place = dr.zeros(mi.Interaction3f, dr.width(point))
                 place.p = mi.Point3f(point)
                 return Array3f(volume.eval(place))
@@ -169,7 +172,7 @@ class Media:
             result += glow(segment, each.extinction, emission, inside)
         return result
 
-    def beyond(self, hit: Any, direction: Any, medium: UInt32, active: Bool) -> UInt32:
+    def beyond(self, hit: Any, direction: Array3f, medium: UInt32, active: Bool) -> UInt32:
         """Return the number of the medium that rays enter at a hit; if that is no interface, `medium`, where they were.
 
         Reflected light stays in its medium if the interface names none on that side. Where two interfaces coincide, a
@@ -189,5 +192,5 @@ class Media:
         return dr.select(lost, ahead, entered)
 
 
-def _repeats(shape: Any) -> bool:
+def _repeats(shape: MiShape) -> bool:
     return bool(shape.class_name() == "Instance")

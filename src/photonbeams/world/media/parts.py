@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,30 +12,33 @@ from ...runtime.device import mitsuba
 from ..bounds import box_of
 from .interfaces import number
 
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import BoundingBox, MiMedium, MiObject, MiShape, MiVolume
+
 mi = mitsuba()
 
 
 class _Parts(mi.TraversalCallback):  # type: ignore[misc, name-defined]
     """Collects the parts of one of Mitsuba's objects, each once."""
 
-    def __init__(self, found: dict[Any, None]) -> None:
+    def __init__(self, found: dict[MiObject, None]) -> None:
         super().__init__()
         self.found = found
 
-    def put(self, name: str, value: Any, flags: Any, cpptype: Any = None) -> None:
+    def put(self, name: str, value: object, flags: int, cpptype: object = None) -> None:
         if isinstance(value, mi.Object) and value not in self.found:
             self.found[value] = None
             value.traverse(_Parts(self.found))  # a new callback: Mitsuba does not call Python methods recursively
 
 
-def parts(plugin: Any, kind: type) -> list[Any]:
+def parts(plugin: MiObject, kind: type) -> list[Any]:
     """Return all parts of a Mitsuba scene that are of a class, including those in shape groups."""
     found: dict[Any, None] = {}
     plugin.traverse(_Parts(found))
     return [each for each in found if isinstance(each, kind)]
 
 
-def boxes(shapes: Iterable[Any]) -> dict[int, Any]:
+def boxes(shapes: Iterable[MiShape]) -> dict[int, BoundingBox]:
     """Return the box around all shapes with a medium inside, by the numbers of media."""
     result: dict[int, Any] = {}
     for shape in shapes:
@@ -51,12 +54,12 @@ class _Volumes(mi.TraversalCallback):  # type: ignore[misc, name-defined]
         super().__init__()
         self.found: dict[str, Any] = {}
 
-    def put(self, name: str, value: Any, flags: Any, cpptype: Any = None) -> None:
+    def put(self, name: str, value: object, flags: int, cpptype: object = None) -> None:
         if isinstance(value, mi.Volume):
             self.found[name] = value
 
 
-def varies(plugin: Any) -> bool:
+def varies(plugin: MiMedium) -> bool:
     """Return whether a medium's coefficients vary; the albedo of Mitsuba's `homogeneous` media may.
 
     Raises
@@ -76,7 +79,7 @@ def varies(plugin: Any) -> bool:
     return any(not is_constant(each) for each in volumes.found.values())
 
 
-def is_constant(volume: Any) -> bool:
+def is_constant(volume: MiVolume) -> bool:
     """Return whether a volume has the same value everywhere."""
     if volume.class_name() == "ConstVolume":
         return True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -13,11 +13,14 @@ from ... import scene
 from ...looks import Attenuation, Look, Scattering
 from ...looks.context import ShadingContext
 from ...looks.factors import Factor, Product
-from ...runtime.device import Array3f, Bool, Float, mitsuba
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..checks import check_numbers
 from ..spectra import rgb
 from .parts import is_constant, parts, varies
 from .tracking import MediumSegment, Track, Tracked, scattering_point
+
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MediumPtr, MiMedium
 
 mi = mitsuba()
 
@@ -33,7 +36,7 @@ class MediumScattering(Factor):
         self._even = not varies(plugin)
         self.rough = not self._even or not all(map(is_constant, parts(plugin, mi.Volume)))
 
-    def evaluate(self, at: ShadingContext) -> Any:
+    def evaluate(self, at: ShadingContext) -> Array3f:
         """Return scattering coefficient times phase function, which depends on the scattering angle alone."""
         place = dr.zeros(mi.MediumInteraction3f)
         place.p = mi.Point3f(at.position)
@@ -69,13 +72,13 @@ class ShortBeamAttenuation(Factor):
         return over_mean(left, getattr(at.beam, "power", Array3f(1)))
 
 
-def _in_grid(plugin: Any, point: Any) -> Any:
+def _in_grid(plugin: MiMedium, point: Array3f) -> Bool:
     """Return whether points lie in a heterogeneous medium's box: it ends there, though its grid is clamped."""
     inside, enter, leave = plugin.intersect_aabb(mi.Ray3f(mi.Point3f(point), mi.Vector3f(0.6, 0.64, 0.48)))
     return inside & (enter <= 0) & (leave >= 0)
 
 
-def over_mean(left: Any, power: Any) -> Any:
+def over_mean(left: Any, power: Array3f) -> Array3f:
     """Return a transmittance over its mean, weighted by the power."""
     return left * dr.sum(power) * dr.rcp(dr.maximum(dr.dot(left, power), 1e-30))
 
@@ -124,27 +127,27 @@ class RenderedMedium:
         result.angle = _with(own.angle, Scattering, look.angle)
         return result
 
-    def extinction(self, point: Any) -> Array3f:
+    def extinction(self, point: Array3f) -> Array3f:
         """Return σt at points."""
         return extinction_of(self.plugin, point, Bool(True))
 
-    def track(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any, active: Any) -> None:
+    def track(self, origin: Array3f, direction: Array3f, near: Float, far: Float, seed: UInt32, active: Bool) -> None:
         """Track rays from `near` to `far` for the factor toward the camera; without effect if σt does not vary."""
         if self.tracked is not None and not self.plugin.is_homogeneous():
             self.tracked.track = Track(self.segment(origin, direction, near, far, seed), self.extinction, active)
 
-    def segment(self, origin: Any, direction: Any, near: Any, far: Any, seed: Any) -> MediumSegment:
+    def segment(self, origin: Array3f, direction: Array3f, near: Float, far: Float, seed: UInt32) -> MediumSegment:
         """Return the segments of rays, from `near` to `far`, that lie in the medium's bounding box."""
         _, enter, leave = self.plugin.intersect_aabb(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
         majorant = dr.opaque(Float, max(self.medium.extinction))
         return MediumSegment(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
 
     def scattering_point(
-        self, origin: Any, direction: Any, far: Any, seed: Any, sample: Any, active: Any
+        self, origin: Array3f, direction: Array3f, far: Float, seed: UInt32, sample: Float, active: Bool
     ) -> tuple[Any, Any]:
         """Return a point on each ray, up to `far`, at which the medium scatters light toward it, and its weight."""
 
-        def scattering(point: Any) -> Array3f:
+        def scattering(point: Array3f) -> Array3f:
             place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
             place.p = mi.Point3f(point)
             return Array3f(self.plugin.get_scattering_coefficients(place, Bool(True))[0])
@@ -153,14 +156,14 @@ class RenderedMedium:
         return scattering_point(segment, self.extinction, scattering, sample, active)
 
 
-def extinction_of(media: Any, point: Any, active: Any) -> Array3f:
+def extinction_of(media: MiMedium | MediumPtr, point: Array3f, active: Bool) -> Array3f:
     """Return σt of a medium, or of media, at points."""
     place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
     place.p = mi.Point3f(point)
     return rgb(media.get_scattering_coefficients(place, active)[2])
 
 
-def rendered(own: int, plugin: Any) -> RenderedMedium:
+def rendered(own: int, plugin: MiMedium) -> RenderedMedium:
     """Return a Mitsuba medium in the form that estimators need."""
     name = plugin.id() or plugin.class_name()
     check_numbers(plugin, name)
@@ -186,13 +189,13 @@ def rendered(own: int, plugin: Any) -> RenderedMedium:
     return RenderedMedium(own, plugin, medium, look, tracked, colored)
 
 
-def _has_color(plugin: Any) -> bool:
+def _has_color(plugin: MiMedium) -> bool:
     """Return whether a medium's extinction may differ between channels."""
     data = next((value for key, value in mi.traverse(plugin) if key == "sigma_t.data"), None)
     return data is None or data.shape[-1] != 1
 
 
-def _scattering(plugin: Any) -> tuple[float, Look]:
+def _scattering(plugin: MiMedium) -> tuple[float, Look]:
     """Return g and the look of a medium; g is 0 where its phase function is not Henyey and Greenstein's."""
     phase = plugin.phase_function()
     if phase.class_name() == "IsotropicPhaseFunction":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from ... import scene
 from ...runtime.device import mitsuba
 from ...scene import Array
 from ..surfaces.shapes import shape_of
+
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MiMedium
 
 mi = mitsuba()
 
@@ -52,7 +55,7 @@ class BuiltMedium:
 
 def media_of(
     media: Sequence[scene.Medium], warned: set[str] | None = None, glass: Sequence[scene.Mesh] = (),
-    known: Mapping[int, Any] | None = None,
+    known: Mapping[int, MiMedium] | None = None,
 ) -> list[BuiltMedium]:  # fmt: skip
     """Return the media of a scene as Mitsuba media, in the same order.
 
@@ -107,7 +110,7 @@ def media_of(
 
 def around_glass(
     built: Sequence[BuiltMedium], glass: Sequence[scene.Mesh], warned: set[str] | None = None
-) -> dict[str, Any]:
+) -> dict[str, MiMedium]:
     """Return Mitsuba's media around closed bodies of glass, by the names of these.
 
     Bodies in empty space have none, and neither have those that are partly in a bounded medium: it goes on in them.
@@ -141,7 +144,7 @@ def is_convex(boundary: scene.Mesh | None) -> bool:
         return True
 
 
-def _plugin(medium: scene.Medium) -> Any:
+def _plugin(medium: scene.Medium) -> MiMedium:
     """Return a medium as a Mitsuba medium.
 
     Everything that may change between frames is data. A `scale` would be a literal in kernels, which would be compiled

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
@@ -21,6 +21,9 @@ from ...looks.factors import Factor
 from ...numerics.hashing import hash32, unit_float
 from ...runtime.device import Array3f, Array4f, Bool, Float, UInt32, mitsuba
 from ..spectra import rgb
+
+if TYPE_CHECKING:
+    pass
 
 mi = mitsuba()
 
@@ -51,8 +54,9 @@ class MediumSegment:
 
 @dr.syntax
 def walk(
-    segment: MediumSegment, extinction: Extinction, active: Any, counter: Any = None, base: Any = None, out: Any = None
-) -> Any:
+    segment: MediumSegment, extinction: Extinction, active: Bool, counter: UInt32 | None = None, base: Any = None,
+    out: Float | None = None,
+) -> Array3f:  # fmt: skip
     """Return the transmittance of rays over their segments.
 
     Parameters
@@ -89,7 +93,7 @@ def walk(
 
 
 @dr.syntax
-def glow(segment: MediumSegment, extinction: Extinction, emission: Extinction, active: Any) -> Any:
+def glow(segment: MediumSegment, extinction: Extinction, emission: Extinction, active: Bool) -> Array3f:
     """Return the radiance that a medium emits along rays' segments, an unbiased estimate: ∫ T(t) ε(t) dt.
 
     In each piece ε is evaluated at one point, at a random distance; the transmittance up to there is that of `walk`.
@@ -118,7 +122,7 @@ def glow(segment: MediumSegment, extinction: Extinction, emission: Extinction, a
 
 @dr.syntax
 def scattering_point(
-    segment: MediumSegment, extinction: Extinction, scattering: Extinction, sample: Any, active: Any
+    segment: MediumSegment, extinction: Extinction, scattering: Extinction, sample: Float, active: Bool
 ) -> tuple[Any, Any]:
     """Return a point on each ray's segment at which a medium scatters light toward the ray's origin, and its weight.
 
@@ -168,8 +172,8 @@ def scattering_point(
 
 @dr.syntax
 def _passed(
-    segment: MediumSegment, extinction: Extinction, begin: Any, stop: Any, place: Any, control: Any, rate: Any,
-    product: Any, drawn: Any,
+    segment: MediumSegment, extinction: Extinction, begin: Float, stop: Float, place: Float, control: Array3f,
+    rate: Float, product: Array3f, drawn: UInt32,
 ) -> tuple[Any, Any, Any]:  # fmt: skip
     """Return the product over a piece's points before `place`, `product` times all of them, and the samples drawn."""
     before, product, drawn = Array3f(1), Array3f(product), UInt32(drawn)
@@ -184,7 +188,7 @@ def _passed(
     return before, product, drawn
 
 
-def _control(segment: MediumSegment, extinction: Extinction, begin: Any, step: Any) -> tuple[Any, Any]:
+def _control(segment: MediumSegment, extinction: Extinction, begin: Float, step: Float) -> tuple[Any, Any]:
     """Return a piece's control, and the rate of its points."""
     first, last = (extinction(dr.fma(segment.direction, begin + place * step, segment.origin)) for place in _PROBES)
     rate = dr.maximum(dr.max(dr.abs(first - last)), _LEAST * segment.majorant)
@@ -194,7 +198,7 @@ def _control(segment: MediumSegment, extinction: Extinction, begin: Any, step: A
 class Track:
     """The transmittance at all distances along rays, which are given by number."""
 
-    def __init__(self, segment: MediumSegment, extinction: Extinction, active: Any) -> None:
+    def __init__(self, segment: MediumSegment, extinction: Extinction, active: Bool) -> None:
         count = dr.width(segment.direction)
         self._near, self._step = Float(segment.near), dr.maximum(segment.far - segment.near, 0) * (1 / SEGMENTS)
         counter = dr.zeros(UInt32, count)
@@ -208,7 +212,7 @@ class Track:
         dr.eval(self._near, self._step, self._first, self._stop, self._points, self._depths)
 
     @dr.syntax
-    def __call__(self, ray: Any, t: Any) -> Any:
+    def __call__(self, ray: UInt32, t: Float) -> Array3f:
         """Return the transmittance of rays up to the distance t."""
         near, step = dr.gather(Float, self._near, ray), dr.gather(Float, self._step, ray)
         x = dr.clip((t - near) * dr.rcp(dr.maximum(step, 1e-30)), 0, SEGMENTS)
@@ -229,7 +233,7 @@ class Track:
 
 
 @dr.syntax
-def _depths(segment: MediumSegment, extinction: Extinction, active: Any) -> Any:
+def _depths(segment: MediumSegment, extinction: Extinction, active: Bool) -> Float:
     """Return the control's optical depth at the ends of pieces, as SEGMENTS + 1 packets for each ray."""
     count = dr.width(segment.direction)
     result = dr.zeros(Float, 4 * (SEGMENTS + 1) * count)
@@ -256,7 +260,7 @@ class Tracked(Factor):
         self.track: Track | None = None
         self._extinction = dr.opaque(Float, extinction)
 
-    def evaluate(self, at: ShadingContext) -> Any:
+    def evaluate(self, at: ShadingContext) -> Array3f:
         """Return the transmittance; without a track, the one at the greatest extinction."""
         if self.track is None or at.ray is None:
             return dr.exp(-self._extinction * at.depth) * Array3f(1)
@@ -264,8 +268,10 @@ class Tracked(Factor):
 
 
 @dr.syntax
-def free_flight(media: Any, origin: Any, direction: Any, length: Any, fractions: Any, seed: Any, active: Any,
-                colored: Any) -> tuple[Any, Any, Any, Any]:  # fmt: skip
+def free_flight(
+    media: Any, origin: Array3f, direction: Array3f, length: Float, fractions: Array3f, seed: UInt32, active: Bool,
+    colored: Bool,
+) -> tuple[Any, Any, Any, Any]:  # fmt: skip
     """Return free flights of light through heterogeneous media.
 
     Parameters

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
@@ -12,6 +12,9 @@ from ..shadow_rays import leaving, size_of
 from ..spectra import rgb
 from .media import Media
 
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MiScene, Ray, SurfaceInteraction
+
 mi = mitsuba()
 
 
@@ -20,9 +23,9 @@ _LAYERS = 64
 
 
 def through(
-    plugin: Any, media: Media, ray: Any, medium: UInt32, seed: UInt32, active: Bool, coarse: bool = False,
+    plugin: MiScene, media: Media, ray: Ray, medium: UInt32, seed: UInt32, active: Bool, coarse: bool = False,
     size: Float | None = None,
-) -> tuple[Array3f, Any]:  # fmt: skip
+) -> tuple[Array3f, SurfaceInteraction]:  # fmt: skip
     """Return the transmittance along rays up to their ends, and the surface that each meets there, if any.
 
     Surfaces transmit light by their null lobes alone.
@@ -43,8 +46,10 @@ def through(
     diameter = size_of(plugin) if size is None else size
     end = dr.minimum(ray.maxt, dr.largest(Float))
 
-    def further(place: Any, along: Any, left: Float, medium: UInt32, passed: Array3f, layer: UInt32, going: Bool,
-                hit: Any) -> tuple[Any, ...]:  # fmt: skip
+    def further(
+        place: Array3f, along: Array3f, left: Float, medium: UInt32, passed: Array3f, layer: UInt32, going: Bool,
+        hit: SurfaceInteraction,
+    ) -> tuple[Any, ...]:  # fmt: skip
         step = mi.Ray3f(place, along)
         step.maxt = left
         found = plugin.ray_intersect(step, going)

@@ -16,11 +16,14 @@ Like every such remedy, they make the BSDF non-reciprocal where they have an eff
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
-from ...runtime.device import Float, mitsuba
+from ...runtime.device import Array2f, Array3f, Bool, Float, mitsuba
+
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import BsdfContext, SurfaceInteraction
 
 mi = mitsuba()
 
@@ -60,7 +63,10 @@ class NormalMap(mi.BSDF):  # type: ignore[name-defined]
         )
         callback.put("nested_bsdf", self._inner, mi.ParamFlags.Differentiable)
 
-    def sample(self, context: Any, hit: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
+    def sample(
+        self, context: BsdfContext, hit: SurfaceInteraction, sample1: Float, sample2: Array2f,
+        active: Bool | bool = True,
+    ) -> Any:  # fmt: skip
         """Sample the BSDF inside; directions through the surface are mirrored, or get no weight."""
         frame, inside = self._turned(hit, active)
         sample, weight = self._inner.sample(context, inside, sample1, sample2, active)
@@ -76,7 +82,9 @@ class NormalMap(mi.BSDF):  # type: ignore[name-defined]
         sample.pdf = dr.select(ideal, sample.pdf, self.pdf(context, hit, sample.wo, active & ~ideal))
         return sample, weight
 
-    def eval_pdf(self, context: Any, hit: Any, outgoing: Any, active: Any = True) -> Any:
+    def eval_pdf(
+        self, context: BsdfContext, hit: SurfaceInteraction, outgoing: Array3f, active: Bool | bool = True
+    ) -> Any:
         """Return value and density, which for specular BSDFs include those of the mirrored direction."""
         frame, inside = self._turned(hit, active)
         reflects = outgoing.z * hit.wi.z > 0
@@ -88,19 +96,19 @@ class NormalMap(mi.BSDF):  # type: ignore[name-defined]
             value, density = value + dr.select(chosen, found, 0), density + dr.select(chosen, pdf, 0)
         return value, density
 
-    def eval(self, context: Any, hit: Any, outgoing: Any, active: Any = True) -> Any:
+    def eval(self, context: BsdfContext, hit: SurfaceInteraction, outgoing: Array3f, active: Bool | bool = True) -> Any:
         """Return the value, as `eval_pdf` does."""
         return self.eval_pdf(context, hit, outgoing, active)[0]
 
-    def pdf(self, context: Any, hit: Any, outgoing: Any, active: Any = True) -> Any:
+    def pdf(self, context: BsdfContext, hit: SurfaceInteraction, outgoing: Array3f, active: Bool | bool = True) -> Any:
         """Return the density, as `eval_pdf` does."""
         return self.eval_pdf(context, hit, outgoing, active)[1]
 
-    def eval_diffuse_reflectance(self, hit: Any, active: Any = True) -> Any:
+    def eval_diffuse_reflectance(self, hit: SurfaceInteraction, active: Bool | bool = True) -> Any:
         """Return the diffuse reflectance of the BSDF inside."""
         return self._inner.eval_diffuse_reflectance(hit, active)
 
-    def normal(self, hit: Any, active: Any = True) -> Any:
+    def normal(self, hit: Any, active: Bool | bool = True) -> Any:
         """Return the mapped normal in the shading frame, before it is turned toward the viewer."""
         found, n = self._map.eval_3(hit, active), hit.sh_frame.n
         area = dr.dot(dr.cross(hit.dp_du, hit.dp_dv), n)
@@ -114,7 +122,7 @@ class NormalMap(mi.BSDF):  # type: ignore[name-defined]
             world = tangent * x + bitangent * y + n * dr.maximum(z, _LEAST)
         return mi.Normal3f(dr.normalize(hit.to_local(world)))
 
-    def _turned(self, hit: Any, active: Any) -> tuple[Any, Any]:
+    def _turned(self, hit: SurfaceInteraction, active: Bool | bool) -> tuple[Any, Any]:
         """Return the frame around the turned normal, in the shading frame, and the hit as the BSDF inside sees it."""
         incident, normal = hit.wi, self.normal(hit, active)
         facing = dr.select(incident.z < 0, -1, 1) * incident

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from ...numerics.arrays import to_float, to_uint
 from ...runtime.device import backend, mitsuba
 from .normal_maps import DIFFUSE, MIXED, NORMAL_MAP, SPECULAR
 
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import MiBsdf, MiEmitter, MiMedium, MiMesh, MiObject, MiScene, MiShape
+
 mi = mitsuba()
 
 #: Roughness up to which a mirror or glass is smooth.
@@ -20,8 +23,8 @@ SMOOTH = 0.05
 
 
 def shapes_of(
-    meshes: Sequence[scene.Mesh], sharp: bool = False, around: Mapping[str, Any] | None = None
-) -> tuple[Any, ...]:
+    meshes: Sequence[scene.Mesh], sharp: bool = False, around: Mapping[str, MiMedium] | None = None
+) -> tuple[MiMesh, ...]:
     """Return all surfaces as Mitsuba shapes, with mirrors and glass if `sharp`; a material's BSDF is shared.
 
     `around` are the media around bodies that are empty inside, by the names of their meshes.
@@ -38,8 +41,9 @@ def shapes_of(
 
 
 def shape_of(
-    mesh: scene.Mesh, bsdf: Any = None, emitter: Any = None, interior: Any = None, exterior: Any = None
-) -> Any:
+    mesh: scene.Mesh, bsdf: MiBsdf | None = None, emitter: MiEmitter | None = None, interior: MiMedium | None = None,
+    exterior: MiMedium | None = None,
+) -> MiMesh:  # fmt: skip
     """Return a mesh as a Mitsuba shape, with the media inside and outside of it."""
     properties = mi.Properties()
     for name, value in (("bsdf", bsdf), ("emitter", emitter), ("interior", interior), ("exterior", exterior)):
@@ -72,13 +76,13 @@ def _vertex_values(material: scene.Material) -> dict[str, scene.Array]:
     return {f"vertex_{name}": value.values for name, value in fields if isinstance(value, scene.VertexValues)}
 
 
-def scene_of(shapes: Sequence[Any], host: Any = None) -> Any:
+def scene_of(shapes: Sequence[MiShape], host: MiScene | None = None) -> MiScene:
     """Return a Mitsuba scene of shapes alone, which keep their ids.
 
     On CUDA, a kernel can only trace rays in several scenes if all share the shader binding table of one, `host`.
     """
     names = [shape.id() for shape in shapes]
-    children = {f"mesh_{index}": shape for index, shape in enumerate(shapes)}
+    children: dict[str, MiObject] = {f"mesh_{index}": shape for index, shape in enumerate(shapes)}
     if host is not None and backend() == "cuda":
         children["host"] = host
     result = mi.load_dict({"type": "scene", **children})
@@ -87,7 +91,7 @@ def scene_of(shapes: Sequence[Any], host: Any = None) -> Any:
     return result
 
 
-def is_null(shape: Any) -> bool:
+def is_null(shape: MiShape) -> bool:
     """Return whether all light passes straight through a shape: its BSDF has only a null lobe."""
     lobes = int(shape.bsdf().flags()) & int(mi.BSDFFlags.All)  # flags hold more than lobes
     return lobes == int(mi.BSDFFlags.Null)
@@ -196,7 +200,7 @@ def emitter_of(material: scene.Material) -> dict[str, Any]:
     return {"type": "area", "radiance": radiance_of(color, image)}
 
 
-def radiance_of(color: Any, image: scene.UVTexture | None = None) -> dict[str, Any]:
+def radiance_of(color: scene.Color, image: scene.UVTexture | None = None) -> dict[str, Any]:
     """Describe a radiance: a colour, times an image where there is one."""
     if image is None:
         return {"type": "rgb", "value": [float(channel) for channel in color]}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ..interfaces import UNKNOWN, number
 from .probes import Walks, first_interface, named_medium
 
 if TYPE_CHECKING:
+    from ....runtime.mitsuba_types import MiShape
     from .surroundings import Place
 
 mi = mitsuba()
@@ -46,7 +47,7 @@ class Statements:
         Numbers of shapes whose normals point inward, so that their `interior` fills the space around them.
     """
 
-    def __init__(self, shapes: Mapping[int, Any], media: Mapping[int, str]) -> None:
+    def __init__(self, shapes: Mapping[int, MiShape], media: Mapping[int, str]) -> None:
         self._shapes, self._media = shapes, media
         self.conflicts: list[str] = []
         self.inside_out: set[int] = set()

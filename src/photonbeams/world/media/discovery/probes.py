@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
@@ -14,6 +14,9 @@ from ....runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ....scene import Array
 from ...shadow_rays import leaving
 from ..interfaces import UNKNOWN, meet, reflected
+
+if TYPE_CHECKING:
+    from ....runtime.mitsuba_types import MiScene
 
 mi = mitsuba()
 
@@ -47,7 +50,7 @@ class Walks:
             yield Walks(*(getattr(self, name)[each] for name in self.__dataclass_fields__))
 
 
-def walk(plugin: Any, origin: Array, direction: Array, rng: np.random.Generator, kind: int, size: Float) -> Walks:
+def walk(plugin: MiScene, origin: Array, direction: Array, rng: np.random.Generator, kind: int, size: Float) -> Walks:
     """Return random walks of a kind (`ASKING`, `CROSSING`, `ONWARD`) in a scene with the diameter `size`."""
     count = len(origin)
     here, along, alive = to_vectors(origin), to_vectors(direction), dr.full(Bool, True, count)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -23,6 +23,9 @@ from ..interfaces import UNKNOWN, medium_at, number
 from ..media import Media
 from .probes import ASKING, CROSSING, ONWARD, walk
 from .survey import MediumEstimate, Survey
+
+if TYPE_CHECKING:
+    from ....runtime.mitsuba_types import MiEmitter, MiMedium, MiScene, MiSensor
 
 mi = mitsuba()
 
@@ -80,7 +83,7 @@ class Surroundings:
         Numbers of shapes whose `interior` fills the space around them.
     """
 
-    def __init__(self, plugin: Any, media: Media, emitters: Sequence[Place], sensor: Place | None = None) -> None:
+    def __init__(self, plugin: MiScene, media: Media, emitters: Sequence[Place], sensor: Place | None = None) -> None:
         self._scene, self._size = plugin, size_of(plugin)
         places = [*emitters, *([] if sensor is None else [sensor])]
         self.everywhere, self.sizes, self.conflicts = 0, dict[int, float](), list[str]()
@@ -160,14 +163,17 @@ def _samples() -> tuple[Any, Any]:
     return mi.Point2f(u), mi.Point2f(v)
 
 
-def _named_by(plugin: Any) -> tuple[Any, Any]:
+def _named_by(plugin: MiEmitter | MiSensor) -> tuple[MiMedium | None, MiMedium | None]:
     """Return the medium that an emitter or a sensor names (its shape's exterior, else its own), and a second one."""
     shape, own = plugin.get_shape(), plugin.get_medium()
     outside = None if shape is None else shape.exterior_medium()
     return (own, None) if outside is None else (outside, own)
 
 
-def place_of(name: str, origin: Any, direction: Any, named: Any = None, other: Any = None, most: int = _WALKS) -> Place:
+def place_of(
+    name: str, origin: Any, direction: Any, named: MiMedium | None = None, other: MiMedium | None = None,
+    most: int = _WALKS,
+) -> Place:  # fmt: skip
     """Return the place of an emitter or a sensor: at most `most` of its rays, and their reverses."""
     wide = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
     origin, direction = ((Array3f(each) + wide).numpy().T.astype(np.float64) for each in (origin, direction))

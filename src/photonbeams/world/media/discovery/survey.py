@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from .conflicts import Statements
 from .probes import Walks, first_interface, known_media, normalized, random_directions
 
 if TYPE_CHECKING:
+    from ....runtime.mitsuba_types import BoundingBox, MiScene
     from .surroundings import Place
 
 mi = mitsuba()
@@ -56,7 +57,7 @@ class Survey:
         The statements about media, with those that contradict each other.
     """
 
-    def __init__(self, plugin: Any, media: Media, rng: np.random.Generator) -> None:
+    def __init__(self, plugin: MiScene, media: Media, rng: np.random.Generator) -> None:
         self._scene, self._rng = plugin, rng
         names = {each.number: each.plugin.id() or each.plugin.class_name() for each in media.all}
         shapes = {shape_number(each): each for each in parts(plugin, mi.Shape)}
@@ -204,7 +205,7 @@ class Survey:
         return result
 
 
-def _corners(box: Any) -> tuple[Array, Array]:
+def _corners(box: BoundingBox) -> tuple[Array, Array]:
     """Return the corners of a Mitsuba box; both are the origin if it is empty."""
     low, high = (np.ravel(np.asarray(each, dtype=np.float64)) for each in (box.min, box.max))
     if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from ...bounds import box_of
 from ..interfaces import number, shape_number
 from ..parts import boxes, parts
 from .surroundings import Surroundings
+
+if TYPE_CHECKING:
+    from ....runtime.mitsuba_types import MiEmitter, MiObject, MiScene, MiShape
 
 mi = mitsuba()
 
@@ -22,7 +25,7 @@ _LIGHT = ("radiance", "intensity", "irradiance", "scale", "data")
 _VALUES = (*_LIGHT, "value", "values")
 
 
-def warn(plugin: Any, surroundings: Surroundings, warned: set[str]) -> None:
+def warn(plugin: MiScene, surroundings: Surroundings, warned: set[str]) -> None:
     """Warn about probable mistakes in a scene.
 
     Parameters
@@ -38,7 +41,7 @@ def warn(plugin: Any, surroundings: Surroundings, warned: set[str]) -> None:
             _LOG.warning("%s", text)
 
 
-def _warnings(plugin: Any, surroundings: Surroundings) -> list[str]:
+def _warnings(plugin: MiScene, surroundings: Surroundings) -> list[str]:
     holes = _holes(plugin, surroundings.everywhere)
     inside_out = [each for each in holes if shape_number(each) in surroundings.inside_out]
     result = [
@@ -59,11 +62,11 @@ def _warnings(plugin: Any, surroundings: Surroundings) -> list[str]:
     return result
 
 
-def _name(plugin: Any) -> str:
+def _name(plugin: MiObject) -> str:
     return str(plugin.id() or plugin.class_name())
 
 
-def _is_black(emitter: Any) -> bool:
+def _is_black(emitter: MiEmitter) -> bool:
     """Return whether any of the factors of an emitter's light is zero everywhere."""
     factors: dict[str, bool] = {}
     for name, value in mi.traverse(emitter):
@@ -73,7 +76,7 @@ def _is_black(emitter: Any) -> bool:
     return not all(factors.values())
 
 
-def _holes(plugin: Any, everywhere: int) -> list[Any]:
+def _holes(plugin: MiScene, everywhere: int) -> list[MiShape]:
     """Return the shapes within a medium that do not name it: those with another one inside, and no exterior.
 
     A medium is taken to fill the bounding box of the shapes that bound it; its exact extent is not known here.
