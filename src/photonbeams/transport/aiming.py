@@ -90,7 +90,7 @@ class Aimed:
         u = pixel_sample(index, hash32(stream, UInt32(Stream.POINT_OF_OPENING)))
         self.direction = dr.normalize(self._corner + u.x * self._across + u.y * self._up)
 
-    def ratio(self, direction: Any, density: Float, smooth: Bool) -> Float:
+    def ratio(self, direction: Array3f, density: Float, smooth: Bool) -> Float:
         """Return the density of directions without openings over their density in the mixture.
 
         Parameters

@@ -9,7 +9,7 @@ wherever it is. (For portals of environments, see Bitterli, Novák and Jarosz 20
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -22,7 +22,10 @@ from ..world.emitters.portals import Portal
 from ..world.media.visibility import through
 from ..world.surfaces.shapes import shape_of
 from ..world.world import World
-from .emission import Stratum
+from .emission import PathEmitter, Stratum
+
+if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import MiScene
 
 mi = mitsuba()
 
@@ -107,7 +110,7 @@ class FittedRectangle:
         share = self.share
         return self.seen * self.light / share, (1 - self.seen) * (1 - self.light) * self.aside / (1 - share)
 
-    def portal(self, host: Any, wider: float = 0.0) -> Portal:
+    def portal(self, host: MiScene, wider: float = 0.0) -> Portal:
         """Return the rectangle as a portal (see `scene_of` for `host`), wider by a fraction `wider` on each side."""
         x, y = (1 + 2 * wider) * self.edges
         corner = self.corner - wider * self.edges.sum(axis=0)
@@ -187,7 +190,7 @@ def fitted(bundle: Bundle, size: float) -> FittedRectangle | None:
     return None if whole is None else whole.rectangle
 
 
-def walled(rectangle: FittedRectangle, bundle: Bundle, emitter: Any, world: World) -> FittedRectangle | None:
+def walled(rectangle: FittedRectangle, bundle: Bundle, emitter: PathEmitter, world: World) -> FittedRectangle | None:
     """Return a rectangle moved into the plane of the wall around it, with its sides moved outward to the wall's edges.
 
     None if no wall stops the light around it, because then there is no hole.
@@ -217,7 +220,7 @@ class _ProbeRays:
     normal: Array
 
     @classmethod
-    def of(cls, rectangle: FittedRectangle, emitter: Any, world: World) -> _ProbeRays:
+    def of(cls, rectangle: FittedRectangle, emitter: PathEmitter, world: World) -> _ProbeRays:
         """Trace rays from an emitter through a rectangle and around it."""
         points = sobol_block(_PROBES, 0, (_PROBES,))
         sample = emitter.at(rectangle.portal(world.host, wider=1.0), True).sample(*points)

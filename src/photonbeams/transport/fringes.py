@@ -87,7 +87,7 @@ def fringe(
         in the medium has its light all along.
     """
 
-    def radius(s: Any) -> Any:
+    def radius(s: Float) -> Float:
         return limits(paths.width(s)) * dr.select(s > paths.clear, paths.narrow, 1)
 
     medium = dr.opaque(UInt32, number)
@@ -198,7 +198,7 @@ def _line(
 
 
 @dr.syntax
-def _nearest(origin: Any, direction: Any, low: Any, high: Any, first: Any, last: Any) -> Any:
+def _nearest(origin: Array3f, direction: Array3f, low: Array3f, high: Array3f, first: Float, last: Float) -> Float:
     """Return the distances along rays, between `first` and `last`, at which they are nearest to a box.
 
     The distance to a box is a convex function of position, so the sign of its derivative says on which side to go on.

@@ -20,6 +20,7 @@ from ..world.world import World
 
 if TYPE_CHECKING:
     from ..estimators.projection import Projection
+    from .segments.records import PhotonHits, Segments
 
 mi = mitsuba()
 
@@ -110,7 +111,7 @@ class Views:
         ]
         sizes = [(each.width, each.height) for each in views]
 
-        def per_size(name: str) -> list[Any]:
+        def per_size(name: str) -> list[Float]:
             values = [[float(each.numpy()[0]) for each in getattr(view, name)] for view in views]
             return [to_float(column) for column in (np.array(values) / np.array(sizes)).T]
 
@@ -161,7 +162,7 @@ class ViewOfLane:
             high = dr.select((slope == 0) & (value < 0), -1, high)
         return low, high
 
-    def _of(self, k: int) -> tuple[Any, Any]:
+    def _of(self, k: int) -> tuple[Float, Float]:
         return self.scale[k], self.center[k]
 
     def part(self, point: Array3f) -> UInt32:
@@ -184,7 +185,7 @@ class CameraImportance:
     def __init__(self, world: World, views: Sequence[Projection]) -> None:
         self._world, self._media, self._views = world, world.media, Views(views)
 
-    def seen(self, segments: Any, hits: Any) -> Sightings:
+    def seen(self, segments: Segments | None, hits: PhotonHits | None) -> Sightings:
         """Return sightings of light that is scattered along segments, and of photons that hit surfaces."""
         found = []
         if segments is not None:
@@ -193,7 +194,7 @@ class CameraImportance:
             found.append(self._at(hits))
         return Sightings.joined(found)
 
-    def _along(self, segments: Any) -> Sightings:
+    def _along(self, segments: Segments) -> Sightings:
         """Return sightings of several points on each segment; in empty space, all light counts."""
         lane = dr.arange(UInt32, _POINTS * dr.width(segments.length))
         which, place = lane // _POINTS, lane % _POINTS
@@ -212,7 +213,7 @@ class CameraImportance:
         light = dr.max(lit) * (high - low)
         return self._sighted(view, origin + s * direction, medium, number, light, high > low, depth == 0)
 
-    def _at(self, hits: Any) -> Sightings:
+    def _at(self, hits: PhotonHits) -> Sightings:
         """Return sightings of photons."""
         view = self._views(hash32(hits.number, UInt32(3)) % self._views.count)
         point = Array3f(hits.position)
@@ -223,7 +224,8 @@ class CameraImportance:
         return self._sighted(view, point, medium, hits.number, dr.max(hits.flux), high >= low, straight)
 
     def _sighted(
-        self, view: ViewOfLane, point: Array3f, medium: Any, number: Any, light: Any, active: Any, straight: Any
+        self, view: ViewOfLane, point: Array3f, medium: UInt32, number: UInt32, light: Float, active: Bool,
+        straight: Bool,
     ) -> Sightings:  # fmt: skip
         """Return the sightings of points that are active."""
         to = view.origin - point

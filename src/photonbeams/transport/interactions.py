@@ -9,7 +9,7 @@ import drjit as dr
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..numerics.streams import Stream
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ..world.media.interfaces import pointers
 from ..world.media.media import Media
 from ..world.media.tracking import free_flight
@@ -18,6 +18,7 @@ from ..world.spectra import rgb
 from ..world.warp import outward
 
 if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import BsdfSample, Spectrum, SurfaceInteraction
     from ..world.world import World
     from .aiming import Aimed
     from .paths import Tracing
@@ -57,7 +58,7 @@ class Interaction:
         Whether the path goes on.
     """
 
-    def __init__(self, tracing: Tracing, paths: LightPaths, hit: Any, stream: UInt32) -> None:
+    def __init__(self, tracing: Tracing, paths: LightPaths, hit: SurfaceInteraction, stream: UInt32) -> None:
         media, index = tracing.world.media, paths.index
         self.hit = hit
         self.valid = hit.is_valid()
@@ -85,7 +86,7 @@ class Interaction:
 
 
 def flight(
-    media: Media, medium: UInt32, branch: UInt32, fractions: Array3f, length: Float, u: Any
+    media: Media, medium: UInt32, branch: UInt32, fractions: Array3f, length: Float, u: Array2f
 ) -> tuple[Float, Array3f]:
     """Return the distances of free flights in homogeneous media, and their weights.
 
@@ -115,7 +116,7 @@ def flight(
     return distance, dr.select(passes, passed, weight)
 
 
-def _ending(depth: Any) -> Any:
+def _ending(depth: dr.ArrayT) -> dr.ArrayT:
     """Return 1 − exp(−x), by its series where float32 would cancel."""
     return dr.select(depth < 1e-3, depth * (1 - 0.5 * depth), 1 - dr.exp(-depth))
 
@@ -137,8 +138,8 @@ class Scatter:
     """
 
     def __init__(
-        self, origin: Any, direction: Any, weight: Any, delta: Any, null: Any, medium: Any, probability: Any,
-        ratio: Any,
+        self, origin: Array3f, direction: Array3f, weight: Array3f, delta: Bool, null: Bool, medium: UInt32,
+        probability: Float, ratio: Float,
     ) -> None:  # fmt: skip
         self.origin, self.direction, self.weight = origin, direction, weight
         self.delta, self.null, self.medium = delta, null, medium
@@ -146,8 +147,9 @@ class Scatter:
 
 
 def reflect(
-    world: World, hit: Any, active: Any, medium: UInt32, index: UInt32, stream: UInt32, aimed: Aimed | None = None
-) -> Scatter:
+    world: World, hit: Any, active: Bool, medium: UInt32, index: UInt32, stream: UInt32,
+    aimed: Aimed | None = None,
+) -> Scatter:  # fmt: skip
     """Return a sample of the BSDF for light that comes through `medium` (Veach 1997, section 5.3: shading normals).
 
     Parameters
@@ -180,7 +182,9 @@ def reflect(
     return Scatter(origin, Array3f(direction), value, delta | null, null, entered, probability, ratio)
 
 
-def _mixed(world: World, hit: Any, active: Any, sample: Any, weight: Any, aimed: Aimed) -> tuple[Any, Any, Float]:
+def _mixed(
+    world: World, hit: Any, active: Bool, sample: BsdfSample, weight: Spectrum, aimed: Aimed
+) -> tuple[Any, Any, Float]:
     """Return samples of a BSDF mixed with directions to openings, their weights, and the ratio of their densities."""
     bsdf, context = hit.bsdf(), mi.BSDFContext(mi.TransportMode.Importance)
     smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
@@ -199,7 +203,7 @@ def _mixed(world: World, hit: Any, active: Any, sample: Any, weight: Any, aimed:
     return sample, weight, dr.select(smooth, ratio, 1)
 
 
-def _of_own_normal(hit: Any, sample: Any, weight: Any, ideal: Any, active: Any) -> Array3f:
+def _of_own_normal(hit: SurfaceInteraction, sample: BsdfSample, weight: Spectrum, ideal: Bool, active: Bool) -> Array3f:
     """Return the weight of a sample without the cosines to the geometric normal, for a BSDF with its own normal N.
 
     In importance mode, Mitsuba's BSDFs multiply by the cosine between N and the outgoing direction, although that of
@@ -217,7 +221,7 @@ def _of_own_normal(hit: Any, sample: Any, weight: Any, ideal: Any, active: Any) 
     return dr.select(ideal, rgb(weight) * ratio, dr.select(pdf > 0, value * dr.rcp(pdf), 0))
 
 
-def sampled(world: World, hit: Any, active: Any, index: UInt32, stream: UInt32) -> Any:
+def sampled(world: World, hit: SurfaceInteraction, active: Any, index: UInt32, stream: UInt32) -> Any:
     """Return Mitsuba's sample of the BSDF and its weight.
 
     That a cut-out surface stops a path was already decided, with the probability of its opacity.

@@ -9,7 +9,7 @@ by phase functions and BSDFs.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -42,6 +42,9 @@ from .segments.radii import Width, width
 from .segments.records import LightPaths, PhotonHits, Segments, tangent
 from .splitting import continued, divisible, split
 from .tracing import Tracing
+
+if TYPE_CHECKING:
+    pass
 
 mi = mitsuba()
 
@@ -287,7 +290,7 @@ def _following(
     return following
 
 
-def _chosen(interaction: Interaction, scattered: Any, reflected: Any, same: Any) -> Any:
+def _chosen(interaction: Interaction, scattered: dr.ArrayT, reflected: dr.ArrayT, same: dr.ArrayT) -> dr.ArrayT:
     """Return, for each path, the value for its kind of interaction."""
     return dr.select(interaction.scatters, scattered, dr.select(interaction.on_surface, reflected, same))
 

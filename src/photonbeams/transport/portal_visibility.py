@@ -6,7 +6,7 @@ passing the portal, the light's other paths are needed, too.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
@@ -20,6 +20,7 @@ from ..world.emitters.portals import Portal
 from ..world.shadow_rays import to_lamp
 
 if TYPE_CHECKING:
+    from ..world.emitters.lamp import Lamp
     from ..world.world import World
 
 _POINTS = 12  # along each ray
@@ -69,7 +70,7 @@ def _aimed(portal: Portal, origin: Array3f) -> tuple[Array3f, Array3f]:
     return eye, dr.normalize(point - eye)
 
 
-def _any_lit(world: World, stopping: World, source: Any, portal: Portal, origin: Array3f, direction: Array3f) -> bool:
+def _any_lit(world: World, stopping: World, source: Lamp, portal: Portal, origin: Array3f, direction: Array3f) -> bool:
     """Return whether any point on the rays is lit past the portal; `stopping` has the surfaces that block the light."""
     width = max(dr.width(origin), dr.width(direction))
     number = dr.arange(UInt32, width)
@@ -87,7 +88,7 @@ def _any_lit(world: World, stopping: World, source: Any, portal: Portal, origin:
     return bool(dr.any(lit))
 
 
-def _lit(world: World, source: Any, portal: Portal, point: Array3f, u: Array2f, seed: UInt32) -> Bool:
+def _lit(world: World, source: Lamp, portal: Portal, point: Array3f, u: Array2f, seed: UInt32) -> Bool:
     """Return which points the light reaches along a free line that does not pass the portal."""
     sample = source.illuminate(point, u)
     carries = dr.max(sample.weight) > 0

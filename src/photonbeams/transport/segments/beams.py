@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -16,7 +16,7 @@ from ...beams.sets import BeamSet
 from ...numerics.arrays import compressed, joined, opaque
 from ...numerics.hashing import hash32, unit_float
 from ...numerics.structs import Struct
-from ...runtime.device import Bool, Float, UInt32
+from ...runtime.device import Array3f, Bool, Float, UInt32
 from ...world.bounds import Box
 from ...world.emitters.sources import Source
 from ...world.media.rendered import RenderedMedium, over_mean
@@ -24,6 +24,10 @@ from ...world.world import World
 from .coverage import medium_coverage
 from .radii import Limits
 from .records import Segments, tangent
+
+if TYPE_CHECKING:
+    from ...looks import Look
+    from ...numerics.given import Number
 
 # A segment is cut at its focus if its radius there is less than this fraction of a straight cone's.
 _WAIST = 0.8
@@ -96,7 +100,7 @@ class Cutting:
         result = copy(segments)
         fine = self._fine(segments, tried)
 
-        def shape(factor: Any) -> tuple[Any, ...]:
+        def shape(factor: Float) -> tuple[Float | Array3f, ...]:
             result.narrow, result.clear = self._narrowed(segments, fine * factor)
             lead, end, plane = self._reach(result)
             first, last = (self._radius(result, each, result.narrow) for each in (0, segments.length))
@@ -195,13 +199,13 @@ class Cutting:
         ahead = dr.select(stopped, segments.against, -segments.direction)
         return dr.select(straight, entering, lead), dr.select(straight, leaving, end), dr.select(straight, ahead, plane)
 
-    def _radius(self, segments: Segments, s: Any, narrow: Any) -> Any:
+    def _radius(self, segments: Segments, s: Number, narrow: Number) -> Any:
         radius, straight = segments.width(s), self.straight
         if self.longest is not None:  # so that the near part of a longer beam is as wide as it would be alone
             straight = straight._replace(ceiling=straight.ceiling * dr.maximum(segments.length / self.longest, 1))
         return dr.select(segments.depth == 0, straight(radius), self.limits(radius)) * narrow
 
-    def _left(self, segments: Segments, s: Any) -> Any:
+    def _left(self, segments: Segments, s: Float) -> Array3f:
         """Return the flux that remains at a distance along segments."""
         if self.medium.tracked is not None:
             return segments.flux
@@ -209,7 +213,7 @@ class Cutting:
         return segments.flux * (over_mean(left, segments.flux) if self.short else left)
 
     def _beams(
-        self, segments: Segments, lead: Any, ends: tuple[Any, Any], radii: tuple[Any, Any], normal: Any
+        self, segments: Segments, lead: Float, ends: tuple[Float, Float], radii: tuple[Float, Float], normal: Array3f
     ) -> Beams:
         result = Beams()
         result.start, result.end = (segments.origin + each * segments.direction for each in ends)
@@ -289,7 +293,9 @@ def _present(own: Piece, other: Piece) -> Beams:
     return result
 
 
-def _set(cutting: Cutting, look: Any, beams: Beams, close: Beams | None = None, depth: Any = None) -> BeamSet:
+def _set(
+    cutting: Cutting, look: Look | None, beams: Beams, close: Beams | None = None, depth: UInt32 | None = None
+) -> BeamSet:
     """Return beams as a set that belongs to their emitter, with a look."""
     source = cutting.source
     dr.eval(beams, close, depth)

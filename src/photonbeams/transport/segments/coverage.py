@@ -13,7 +13,7 @@ that are the fractions of the medium's part and of the other.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -27,6 +27,9 @@ from ...world.shadow_rays import gap_at, leaving
 from ...world.warp import perpendicular
 from ...world.world import World
 from .records import Segments
+
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import SurfaceInteraction
 
 mi = mitsuba()
 
@@ -58,7 +61,7 @@ def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: F
     """
     disc, meet, gap = to_float(_disc(_POINTS)), _past_boundaries(world), gap_at(position, world.size)
 
-    def covered(factor: Any, tried: Any) -> Any:
+    def covered(factor: Float, tried: Bool) -> Float:
         return _on_surface(meet, position, normal, factor * radius, gap, disc, tried)
 
     factor, result = _enough(covered, dr.width(position), _ENOUGH_OF_DISC, 1 / _POINTS)
@@ -69,12 +72,12 @@ def _past_boundaries(world: World) -> MeetSurface:
     """Return what rays meet that pass boundaries of media, which a photon map does not know."""
     size = world.size
 
-    def meet(origin: Any, direction: Any, reach: Any, active: Any, seed: Any) -> Any:
+    def meet(origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> SurfaceInteraction:
         hit = world.intersect(origin, direction, active, seed)
         if not world.media.all:
             return hit
 
-        def further(hit: Any, layer: Any, going: Any) -> tuple[Any, ...]:
+        def further(hit: SurfaceInteraction, layer: UInt32, going: Bool) -> tuple[Any, ...]:
             beyond = leaving(hit, direction, size)
             passed = dr.dot(beyond - origin, direction)
             found = world.intersect(beyond, direction, going, seed)
@@ -88,7 +91,7 @@ def _past_boundaries(world: World) -> MeetSurface:
     return meet
 
 
-def _enough(covered: Callable[[Any, Any], Any], count: int, enough: float, least: float) -> tuple[Float, Float]:
+def _enough(covered: Callable[[Float, Bool], Float], count: int, enough: float, least: float) -> tuple[Float, Float]:
     """Return factors on radii with which enough of each kernel is covered, and that fraction, at least `least`."""
     factor, result = dr.ones(Float, count), dr.zeros(Float, count)
     for number in range(_HALVINGS + 1):
@@ -110,7 +113,9 @@ def _disc(count: int) -> np.ndarray:
 
 
 @dr.syntax
-def _on_surface(meet: MeetSurface, position: Any, normal: Any, radius: Any, gap: Any, disc: Any, active: Any) -> Any:
+def _on_surface(
+    meet: MeetSurface, position: Array3f, normal: Array3f, radius: Float, gap: Float, disc: Float, active: Bool
+) -> Float:
     """Return the fraction of each disc that is on a surface; discs are turned by different angles.
 
     A boundary of a medium is passed, but not within `gap` of the disc: there it may coincide with the surface.
@@ -165,7 +170,7 @@ def medium_coverage(
     """
     disc = to_float(_disc(_LINES))
 
-    def covered(factor: Any, tried: Any, shift: Any = None) -> Any:
+    def covered(factor: Float, tried: Bool, shift: Array3f | None = None) -> Float:
         aside = dr.zeros(Array3f) if shift is None else shift
         within = _in_medium(world.intersect, segments, shape(factor), aside, disc, decay, tried & active)
         return dr.select(active, within, 1)
@@ -182,7 +187,9 @@ def medium_coverage(
     return factor, dr.select(reflected, image, result), dr.select(reflected, shift, 0)
 
 
-def _to_image(meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Any, decay: Any, active: Any) -> Array3f:
+def _to_image(
+    meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Float, decay: Float, active: Bool
+) -> Array3f:
     """Return shifts of beams to their mirror images, 0 for those that stay.
 
     One line of each is chosen at random. If it lies outside of the medium, the boundary before it is the mirror.
@@ -200,20 +207,20 @@ def _to_image(meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Any,
     return dr.select(beyond, 2 * hit.t * dr.dot(aside / rho, normal) * normal, 0)
 
 
-def _straightened(segments: Segments, shape: tuple[Any, ...], decay: Any) -> tuple[Float, Float, Float, Float]:
+def _straightened(segments: Segments, shape: tuple[Any, ...], decay: Float) -> tuple[Float, Float, Float, Float]:
     """Return the first radius of beams, by how much it grows, their length, and the fraction of light lost there."""
     length = dr.minimum(segments.length, 1e18)
     slope = (shape[1] - shape[0]) * dr.rcp(dr.maximum(length, 1e-20))
     return shape[0], slope, length, 1 - dr.exp(-decay * length)
 
 
-def _place(part: float, length: Any, ending: Any, decay: Any) -> Float:
+def _place(part: float, length: Float, ending: Float, decay: Float) -> Float:
     """Return the distance along beams at which a part of the light that they lose is lost."""
     faded = -dr.log(1 - part * ending) * dr.rcp(dr.maximum(decay, 1e-30))
     return dr.select(ending > 1e-3, dr.minimum(faded, length), part * length)
 
 
-def _turned(direction: Any, seed: Any) -> tuple[Array3f, Array3f]:
+def _turned(direction: Array3f, seed: UInt32) -> tuple[Array3f, Array3f]:
     """Return two axes across beams, turned by different angles."""
     across, up = perpendicular(direction)
     sine, cosine = dr.sincos(2 * dr.pi * unit_float(seed))
@@ -222,8 +229,9 @@ def _turned(direction: Any, seed: Any) -> tuple[Array3f, Array3f]:
 
 @dr.syntax
 def _in_medium(
-    meet: Meet, segments: Segments, shape: tuple[Any, ...], shift: Any, disc: Any, decay: Any, active: Any
-) -> Any:
+    meet: Meet, segments: Segments, shape: tuple[Any, ...], shift: Array3f, disc: Float, decay: Float,
+    active: Bool,
+) -> Float:  # fmt: skip
     """Return the fraction of beams' light that is in their medium, if they are shifted."""
     _, last, lead, end, plane = shape
     first, slope, length, ending = _straightened(segments, shape, decay)
@@ -259,7 +267,7 @@ def _in_medium(
     return total * (1 / _LINES)
 
 
-def _free(meet: Meet, origin: Any, direction: Any, medium: Any, seed: Any, active: Any) -> Any:
+def _free(meet: Meet, origin: Array3f, direction: Array3f, medium: UInt32, seed: UInt32, active: Bool) -> Float:
     """Return the distance at which rays leave a medium.
 
     Walls within the medium do not count: the part of a beam behind a board, or beside the hole that it came through, is
@@ -269,6 +277,6 @@ def _free(meet: Meet, origin: Any, direction: Any, medium: Any, seed: Any, activ
     return dr.select(active & _leaves(hit, direction, medium), hit.t, dr.inf)
 
 
-def _leaves(hit: Any, direction: Any, medium: Any) -> Bool:
+def _leaves(hit: SurfaceInteraction, direction: Array3f, medium: UInt32) -> Bool:
     """Return which rays leave a medium where they meet something."""
     return hit.is_valid() & is_left(hit, direction, medium)

@@ -7,7 +7,7 @@ its neighbours: narrow beams among wide ones would be a bright line.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
@@ -31,7 +31,7 @@ _RINGS = 0x51
 _SLACK = 0.25  # radii by which the rim may stop before the plane where the axis ended: surfaces are curved
 
 
-def narrow(world: World, paths: LightPaths, scale: Any, halvings: Any, most: int) -> None:
+def narrow(world: World, paths: LightPaths, scale: Float, halvings: UInt32, most: int) -> None:
     """Find where paths that leave their lamps are stopped, and the factors on their radii.
 
     Parameters

@@ -15,13 +15,16 @@ stops were narrower than those beside them, a line would be seen along the shaft
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
 
 from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Float
 from ...world.differentials import RayDifferentials
+
+if TYPE_CHECKING:
+    from ...numerics.given import Number
 
 
 class Width(Struct):
@@ -36,12 +39,12 @@ class Width(Struct):
     before: Float
     behind: Float
 
-    def __call__(self, s: Any) -> Any:
+    def __call__(self, s: Number) -> Float:
         """Return the radius at a distance."""
         t = s - self.knot
         return dr.maximum(self.radius + dr.abs(t) * dr.select(t < 0, self.before, self.behind), 0)
 
-    def later(self, s: Any) -> Width:
+    def later(self, s: Float) -> Width:
         """Return the width of the part of a segment that begins at a distance."""
         return Width(self.knot - s, self.radius, self.before, self.behind)
 
@@ -53,7 +56,7 @@ class Limits(NamedTuple):
     ceiling: Any
     scale: Any
 
-    def __call__(self, radius: Any) -> Any:
+    def __call__(self, radius: Float) -> Float:
         """Return a radius clamped to the bounds, times the factor."""
         return dr.clip(radius, self.floor, self.ceiling) * self.scale
 
@@ -67,7 +70,7 @@ class _Spread:
     c: Any
 
     @classmethod
-    def of(cls, columns: list[tuple[Any, Any]], direction: Array3f) -> _Spread:
+    def of(cls, columns: list[tuple[Array3f, Array3f]], direction: Array3f) -> _Spread:
         total = [Float(0), Float(0), Float(0)]
         for p, d in columns:
             across, turn = p - direction * dr.dot(p, direction), d - direction * dr.dot(d, direction)
@@ -75,13 +78,14 @@ class _Spread:
             total = [each + part for each, part in zip(total, parts, strict=True)]
         return cls(*total)
 
-    def __call__(self, s: Any) -> Any:
+    def __call__(self, s: Number) -> Any:
         return dr.maximum(dr.fma(dr.fma(self.c, s, self.b), s, self.a), 0)
 
 
 def width(
-    differentials: RayDifferentials, direction: Array3f, length: Float, count: Float, overlap: Float, portal: Any = None
-) -> Width:
+    differentials: RayDifferentials, direction: Array3f, length: Float, count: Float, overlap: Float,
+    portal: Float | None = None,
+) -> Width:  # fmt: skip
     """Return the widths of segments of paths that are `count` samples of one sequence.
 
     The root of the polynomial is replaced by lines between its values at the start, at the knot and at `length`. The
@@ -104,7 +108,7 @@ def width(
     known = dr.isfinite(a + b + c)  # derivatives may be infinite at a grazing angle
     a, b, c = (dr.select(known, each, 0) for each in (a, b, c))
 
-    def radius(s: Any) -> Any:
+    def radius(s: Float) -> Float:
         return dr.safe_sqrt(dr.fma(dr.fma(c, s, b), s, a))
 
     knot = -0.5 * b * dr.rcp(dr.maximum(c, 1e-30))

@@ -130,7 +130,7 @@ class PhotonHits(Struct):
     source: UInt32
 
 
-def tangent(normal: Any, direction: Any) -> Float:
+def tangent(normal: Any, direction: Array3f) -> Float:
     """Return the tangent of the angle between a ray and a surface's normal."""
     cosine2 = dr.square(dr.dot(Array3f(normal), direction))
     return dr.safe_sqrt((1 - cosine2) * dr.rcp(dr.maximum(cosine2, 1e-6)))
