@@ -12,7 +12,7 @@ import numpy as np
 from ..scene import Array, DrawnBeams, Light, Medium, Mesh, MeshLight, Scene
 from .common import schemas as schemas
 from .common.openusd import Usd, UsdGeom
-from .common.reading import Reading, prims_under, quiet
+from .common.reading import Cache, Reading, Time, prims_under, quiet
 from .common.warnings import Warnings
 from .geometry.instancers import Item, items
 from .geometry.meshes import is_surface, read_meshes
@@ -48,11 +48,11 @@ class _Role(NamedTuple):
 
 def read_scene(
     stage: Usd.Stage,
-    time: Any = None,
+    time: Time = None,
     warnings: Warnings | None = None,
-    base: Any = None,
-    lasting: dict[Any, Any] | None = None,
-    surfaces: dict[Any, Any] | None = None,
+    base: Time = None,
+    lasting: Cache | None = None,
+    surfaces: dict[str, tuple[Array, list[Mesh]]] | None = None,
 ) -> Scene:
     """Return the meshes, lights, drawn beams and fog of a stage at a time.
 
@@ -83,7 +83,7 @@ def read_scene(
     return _read(reading, outlines=False)
 
 
-def with_looks(stage: Usd.Stage, time: Any, content: Scene, warnings: Warnings) -> Scene | None:
+def with_looks(stage: Usd.Stage, time: Time, content: Scene, warnings: Warnings) -> Scene | None:
     """Return an earlier reading of a stage with the looks that its lights and drawn beams have now.
 
     The parameters are those of `read_scene`, and `content`, the scene that it returned. Return None if instancers
@@ -101,7 +101,7 @@ def with_looks(stage: Usd.Stage, time: Any, content: Scene, warnings: Warnings) 
     return replace(content, lights=lights, drawn=tuple(replace(each, look=look(each.name)) for each in content.drawn))
 
 
-def read_extent(stage: Usd.Stage, time: Any, lasting: dict[Any, Any]) -> Scene:
+def read_extent(stage: Usd.Stage, time: Time, lasting: Cache) -> Scene:
     """Return the extent of a stage at a time, as a scene whose surfaces are only the corners of their convex hulls.
 
     There are no warnings, because the time may never be rendered. `lasting` is the same as for `read_scene`.

@@ -15,7 +15,7 @@ from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
 from ..scene.cameras import CONFORM_POLICIES
 from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
-from .common.reading import Reading, file_of, is_relationship, target_paths
+from .common.reading import Reading, Time, file_of, is_relationship, target_paths
 from .common.warnings import Warnings
 
 SUFFIXES = (".exr", ".png")
@@ -161,7 +161,7 @@ def read_settings(
     )
 
 
-def product_file(stage: Usd.Stage, product: RenderProduct, time: Any = None) -> Path:
+def product_file(stage: Usd.Stage, product: RenderProduct, time: Time = None) -> Path:
     """Return the file that a product names at a time, because names may be animated.
 
     Raises
@@ -213,8 +213,9 @@ def _rasters(reading: Reading, settings: Usd.Prim) -> list[Usd.Prim]:
 
 
 def _agreed(
-    reading: Reading, settings: Usd.Prim, products: list[Usd.Prim], name: str, read: Callable[[Reading, Usd.Prim], Any]
-) -> Any:
+    reading: Reading, settings: Usd.Prim, products: list[Usd.Prim], name: str,
+    read: Callable[[Reading, Usd.Prim], object],
+) -> Any:  # fmt: skip
     """Return the value of the first product, or else of the settings.
 
     A product's value is stronger than that of its settings. Warn about products that differ from the first, because

@@ -7,7 +7,6 @@ import re
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 from math import isfinite
-from typing import Any
 
 import numpy as np
 
@@ -113,7 +112,7 @@ def up_axis(stage: Usd.Stage) -> Array:
     return np.array([0.0, 0.0, 1.0] if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else [0.0, 1.0, 0.0])
 
 
-def listener(stage: Usd.Stage, changed: Callable[[Any, Usd.Stage], None]) -> Any:
+def listener(stage: Usd.Stage, changed: Callable[[Usd.Notice.ObjectsChanged, Usd.Stage], None]) -> Tf.Notice.Listener:
     """Return a listener that calls `changed` whenever the stage changes, as long as the listener exists."""
     return Tf.Notice.Register(Usd.Notice.ObjectsChanged, changed, stage)
 
@@ -128,7 +127,7 @@ def enable_domes(stage: Usd.Stage) -> None:
                 prim.CreateAttribute(name, Sdf.ValueTypeNames.Bool).Set(True)
 
 
-def time_code(frame: Any) -> Usd.TimeCode:
+def time_code(frame: Usd.TimeCode | float) -> Usd.TimeCode:
     """Return a frame's number as a time code; SceneError if it is not a finite number."""
     return frame if isinstance(frame, Usd.TimeCode) else Usd.TimeCode(real(frame, "frame"))
 
@@ -218,7 +217,7 @@ def check_not_read(stage: Usd.Stage, path: str | os.PathLike[str]) -> None:
 _REPLACED = "\N{REPLACEMENT CHARACTER}"  # in place of bytes that are no text
 
 
-def _reason(error: Any, path: str | os.PathLike[str]) -> str:
+def _reason(error: Tf.ErrorException, path: str | os.PathLike[str]) -> str:
     """Return OpenUSD's message with the line's number first, and the file's name if it is not that of `path`."""
     found = text_of(error)
     if old := re.search(

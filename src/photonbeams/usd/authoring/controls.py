@@ -11,7 +11,7 @@ from typing import Any
 
 from ..common.definitions import LIGHT, LOOK, MEDIUM, PREFIX, Definition, definitions, plain
 from ..common.openusd import Usd, UsdGeom, UsdLux
-from ..common.reading import Reading, prims_under, target_paths
+from ..common.reading import Reading, Time, prims_under, target_paths
 from ..lights.light import is_dome, is_light
 from ..media.medium import is_medium
 
@@ -92,7 +92,7 @@ class Controls:
     uses: tuple[str, ...] = ()
 
 
-def controls_of(stage: Usd.Stage, time: Any = None) -> list[Controls]:
+def controls_of(stage: Usd.Stage, time: Time = None) -> list[Controls]:
     """Return the controls of the lights, media and looks of a stage, with their values at a time."""
     reading = Reading(stage, time)
     looks, media, lights = [], [], []
@@ -197,7 +197,7 @@ def _ramp(reading: Reading, prim: Usd.Prim, name: str, section: str) -> Control:
     )  # fmt: skip
 
 
-def _slider(own: Definition, value: Any) -> tuple[float, float]:
+def _slider(own: Definition, value: object) -> tuple[float, float]:
     """Return the range of a slider: the bounds of the value or, without bounds, twice the present value."""
     if own.slider is not None:
         return own.slider

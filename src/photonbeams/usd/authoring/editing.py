@@ -32,7 +32,7 @@ class Extent(IntEnum):
     ALL = 4
 
 
-def extent_of(notice: Any, stage: Usd.Stage) -> Extent:
+def extent_of(notice: Usd.Notice.ObjectsChanged, stage: Usd.Stage) -> Extent:
     """Return what a notice `Usd.Notice.ObjectsChanged` may have affected on a stage."""
     found = Extent.LOOKS
     for path in notice.GetResyncedPaths():
@@ -84,7 +84,7 @@ class EditLayer:
                 del session.rootPrims[prim.name]
             session.subLayerPaths = [self._layer.identifier, self._below.identifier]
 
-    def set(self, path: str, value: Any) -> None:
+    def set(self, path: str, value: object) -> None:
         """Set an attribute, or the targets of a relationship (a list of paths); None removes the layer's own value.
 
         Raises
@@ -224,7 +224,7 @@ def _found(stage: Usd.Stage, path: str, text: str) -> tuple[Usd.Prim, str]:
 
 def _set(
     stage: Usd.Stage, layer: Sdf.Layer, path: str, text: str, targets: Callable[[], list[Sdf.Path]],
-    converted: Callable[[Sdf.ValueTypeName], Any],
+    converted: Callable[[Sdf.ValueTypeName], object],
 ) -> None:  # fmt: skip
     """Set a property in a layer: the targets of a relationship, or an attribute to a value converted to its type."""
     prim, name = _found(stage, path, text)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from ...scene import FARTHEST, Array, Camera, SceneError
 from ...scene.vectors import unit
 from ..common.openusd import Usd, UsdGeom, UsdRender
-from ..common.reading import LOG, Reading, file_of, prims_under, quiet, target_paths
+from ..common.reading import LOG, Reading, Time, file_of, prims_under, quiet, target_paths
 from ..common.warnings import Warnings
 
 # UsdGeomCamera: focal length and apertures are in tenths of a scene unit.
@@ -25,7 +24,7 @@ def list_cameras(stage: Usd.Stage) -> list[str]:
 
 
 def read_camera(
-    stage: Usd.Stage, name: str | None = None, time: Any = None, warnings: Warnings | None = None
+    stage: Usd.Stage, name: str | None = None, time: Time = None, warnings: Warnings | None = None
 ) -> Camera:
     """Return a camera by its path or name; by default the one of the render settings, or else the first.
 
@@ -41,7 +40,7 @@ def read_camera(
         return _camera(reading, chosen_camera(stage, name, warnings))
 
 
-def read_shutter(stage: Usd.Stage, name: str | None = None, time: Any = None) -> tuple[float, float]:
+def read_shutter(stage: Usd.Stage, name: str | None = None, time: Time = None) -> tuple[float, float]:
     """Return when a camera's shutter opens and closes, in time codes relative to the frame; raises SceneError."""
     reading = Reading(stage, time)
     prim = chosen_camera(stage, name)

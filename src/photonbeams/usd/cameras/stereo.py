@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any
 
 import numpy as np
 
-from ...scene import FARTHEST, Camera, SceneError
+from ...scene import FARTHEST, Array, Camera, SceneError
 from ..common.openusd import Usd, UsdGeom
-from ..common.reading import Reading, file_of
+from ..common.reading import Reading, Time, file_of
 from ..common.warnings import Warnings
 from .camera import chosen_camera, list_cameras, read_camera
 
@@ -72,7 +71,7 @@ def check_stereo(stereo: object) -> None:
 
 
 def read_eyes(
-    stage: Usd.Stage, name: str | None, stereo: Stereo, time: Any = None, warnings: Warnings | None = None
+    stage: Usd.Stage, name: str | None, stereo: Stereo, time: Time = None, warnings: Warnings | None = None
 ) -> tuple[Camera, Camera]:
     """Return the cameras of the left and the right eye; `warnings` is the same as for `read_scene`.
 
@@ -187,7 +186,7 @@ def split(camera: Camera, stereo: Stereo, meters_per_unit: float, name: str) -> 
     )
 
 
-def _sideways(distance: float) -> Any:
+def _sideways(distance: float) -> Array:
     matrix = np.eye(4)
     matrix[0, 3] = distance
     return matrix

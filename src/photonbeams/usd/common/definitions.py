@@ -57,7 +57,7 @@ class Definition:
     doc: str = ""
 
     @classmethod
-    def of(cls, own: Any) -> Definition:
+    def of(cls, own: Sdf.Spec | Usd.PrimDefinition.Property) -> Definition:
         """Return the definition of a property in a layer of schemas (Sdf), or in OpenUSD's registry of schemas."""
         in_layer = isinstance(own, Sdf.Spec)
         name, info = (own.name, own.GetInfo) if in_layer else (own.GetName(), own.GetMetadata)
@@ -84,7 +84,7 @@ class Definition:
             doc=doc,
         )
 
-    def read(self, reading: Reading, prim: Usd.Prim, default: Any = None) -> Any:
+    def read(self, reading: Reading, prim: Usd.Prim, default: object = None) -> Any:
         """Return the value on a prim in plain numbers, texts and tuples, or the pixels of an image; None: no value.
 
         `default` is used instead of the schema's where the prim has no value.
@@ -152,7 +152,7 @@ def definitions(schema: str) -> Mapping[str, Definition]:
     return {each.name: Definition.of(each) for each in layer.GetPrimAtPath(f"/{schema}").properties}
 
 
-def read_attribute(reading: Reading, prim: Usd.Prim, schema: str, name: str, default: Any = None) -> Any:
+def read_attribute(reading: Reading, prim: Usd.Prim, schema: str, name: str, default: object = None) -> Any:
     """Return the value of an attribute, named without its prefix, as `Definition.read` does."""
     return definitions(schema)[PREFIX + name].read(reading, prim, default)
 

@@ -50,7 +50,7 @@ def same(first: T, later: T) -> T:
     return later
 
 
-def equal(a: Any, b: Any) -> bool:
+def equal(a: object, b: object) -> bool:
     """Return whether two values, which may contain arrays, are equal up to the rounding of interpolated keys."""
     if a is b:
         return True

@@ -6,9 +6,10 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar, Union
 
 import numpy as np
+import numpy.typing as npt
 
 from ...scene import FARTHEST, Array, Color, Mesh, SceneError, color, number
 from ...scene.checks import shown
@@ -18,6 +19,11 @@ from .selection import rendered_purposes
 from .warnings import LOG, Warnings
 
 T = TypeVar("T")
+
+#: A time of a stage: a time code, a number, or None for the default time.
+Time: TypeAlias = Union["Usd.TimeCode", float, None]
+#: What readings share, by key.
+Cache: TypeAlias = dict[tuple[object, ...], Any]
 
 
 @contextmanager
@@ -71,9 +77,9 @@ class Reading:
     stage: Usd.Stage
     time: Any = None
     warnings: Warnings = field(default_factory=Warnings)
-    cache: dict[Any, Any] = field(default_factory=dict)
+    cache: Cache = field(default_factory=dict)
     base: Any = None
-    lasting: dict[Any, Any] = field(default_factory=dict)
+    lasting: Cache = field(default_factory=dict)
     surfaces: dict[str, tuple[Array, list[Mesh]]] = field(default_factory=dict)
     triangles: int = 0
     expected: int = 0
@@ -140,7 +146,7 @@ class Reading:
         kind = prim.GetTypeName() or "prim without a type"
         self.warn(prim, f"is not an attribute of a {kind}: it is ignored{meant}", name)
 
-    def value(self, prim: Usd.Prim, name: str, default: Any = None) -> Any:
+    def value(self, prim: Usd.Prim, name: str, default: object = None) -> Any:
         """Return an attribute's value or fallback at the time, or `default` if it has none."""
         attribute = prim.GetAttribute(name)
         result = attribute.Get(self.time) if attribute else None
@@ -178,7 +184,7 @@ class Reading:
             self.warn(prim, f"is {value:g}: expected {expected}; {nearest:g} is used", name)
         return nearest
 
-    def color(self, prim: Usd.Prim, name: str, default: Any) -> Color:
+    def color(self, prim: Usd.Prim, name: str, default: object) -> Color:
         """Return a colour in scene-linear Rec.709, checked to be finite and not negative."""
         value = self.value(prim, name, default)
         try:
@@ -259,7 +265,7 @@ class Reading:
         self.within_reach(prim, result)
         return result
 
-    def within_reach(self, prim: Usd.Prim, values: Any) -> None:
+    def within_reach(self, prim: Usd.Prim, values: npt.ArrayLike) -> None:
         """Raise SceneError if a prim's lengths or coordinates in world space are too large to be rendered."""
         farthest = float(np.max(np.abs(values), initial=0.0))
         if not farthest <= FARTHEST:
@@ -329,7 +335,7 @@ def may_vary(attribute: Usd.Attribute) -> bool:
         return False
 
 
-def prims_under(root: Usd.Prim, predicate: Any = None) -> Iterator[Usd.Prim]:
+def prims_under(root: Usd.Prim, predicate: Usd._PrimFlagsPredicate | None = None) -> Iterator[Usd.Prim]:
     """Return the prims at and below `root`, including those inside instances."""
     chosen = Usd.PrimDefaultPredicate if predicate is None else predicate
     yield from Usd.PrimRange(root, Usd.TraverseInstanceProxies(chosen))

@@ -92,7 +92,7 @@ def _surfaces(reading: Reading, prim: Usd.Prim, instances: Sequence[Instance]) -
     return result, alike
 
 
-def _chosen(reading: Reading, key: Any, triangles: Triangles, faces: Array) -> Triangles:
+def _chosen(reading: Reading, key: tuple[object, ...], triangles: Triangles, faces: Array) -> Triangles:
     """Return the triangles of some faces; the same object at all times if the faces are the same."""
     known = reading.lasting.get(("chosen", key))
     if known is None or known[0] is not triangles or not np.array_equal(known[1], faces):

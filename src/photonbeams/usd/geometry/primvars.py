@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -145,7 +144,9 @@ def _of_instances(reading: Reading, instancer: Usd.Prim, name: str, columns: int
     return read_primvar(reading, instancer, primvar, columns, lengths)
 
 
-def _numbers(reading: Reading, prim: Usd.Prim, name: str, raw: Any, columns: int | None, element: int) -> Array | None:
+def _numbers(
+    reading: Reading, prim: Usd.Prim, name: str, raw: object, columns: int | None, element: int
+) -> Array | None:
     """Return raw values as (N, columns) finite numbers, or None if there are none of this kind."""
     if raw is None:
         return None

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -127,18 +126,18 @@ class Topology:
         weight = np.where(number > 0, total / np.maximum(number, 1), 1.0).clip(0, 1)
         return [(weight, *own, self.sharpness > 0), (1 - weight, *next_, later > 0)]
 
-    def _face_points(self) -> Any:
+    def _face_points(self) -> sparse.csr_array:
         """Return the matrix of the faces' centers."""
         return sparse.csr_array(
             (1 / self.counts[self.faces], (self.faces, self.indices)), shape=(len(self.counts), self.size)
         )
 
-    def _midpoints(self) -> Any:
+    def _midpoints(self) -> sparse.csr_array:
         ends = self._edges[1]
         rows = np.repeat(np.arange(len(ends)), 2)
         return sparse.csr_array((np.full(len(rows), 0.5), (rows, ends.reshape(-1))), shape=(len(ends), self.size))
 
-    def _opposite(self) -> Any:
+    def _opposite(self) -> sparse.csr_array:
         """Return the matrix of the mean beside each edge, of face centers or (Loop) of triangles' third points."""
         edge, ends, count = self._edges
         shape = (len(ends), len(self.counts))
@@ -147,7 +146,7 @@ class Topology:
             return sparse.csr_array((weight, (edge, self.indices[self.preceding])), shape=(len(ends), self.size))
         return sparse.csr_array((weight, (edge, self.faces)), shape=shape) @ self._face_points()
 
-    def _edge_points(self) -> Any:
+    def _edge_points(self) -> sparse.csr_array:
         """Return the matrix of new points on edges."""
         sharp = np.clip(self.sharpness, 0, 1)
         smooth = 0.75 * self._midpoints() + 0.25 * self._opposite()
@@ -155,18 +154,18 @@ class Topology:
             smooth = 0.5 * self._midpoints() + 0.5 * self._opposite()
         return _scaled(smooth, 1 - sharp) + _scaled(self._midpoints(), sharp)
 
-    def _neighbors(self, chosen: Array | None = None) -> Any:
+    def _neighbors(self, chosen: Array | None = None) -> sparse.csr_array:
         """Return the matrix of sums over the neighbors of each point along the chosen edges."""
         ends = self._edges[1] if chosen is None else self._edges[1][chosen]
         both = np.concatenate([ends, ends[:, ::-1]])
         return sparse.csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(self.size, self.size))
 
-    def _around(self, values: Any) -> Any:
+    def _around(self, values: sparse.csr_array) -> sparse.csr_array:
         """Return the matrix of sums of face values over the faces at each point."""
         shape = (self.size, len(self.counts))
         return sparse.csr_array((np.ones(len(self.indices)), (self.indices, self.faces)), shape=shape) @ values
 
-    def _vertex_points(self) -> Any:
+    def _vertex_points(self) -> sparse.csr_array:
         """Return the matrix of the new positions of points."""
         valence = np.maximum(self._incident(np.ones(len(self._edges[1]), dtype=bool)), 1).astype(np.float64)
         if self.loop:
@@ -177,7 +176,7 @@ class Topology:
             smooth = sparse.diags_array(1 - 2 / valence) + ring
         return self._mixed(smooth, (6 / 8, 1 / 8))
 
-    def _mixed(self, smooth: Any, crease_mask: tuple[float, float]) -> Any:
+    def _mixed(self, smooth: sparse.csr_array, crease_mask: tuple[float, float]) -> sparse.csr_array:
         """Return the matrix of the smooth, crease and corner rules, each where it applies."""
         result = sparse.csr_array((self.size, self.size))
         for weight, crease, corner, sharp in self._blended():
@@ -191,12 +190,12 @@ class Topology:
 
     # -- refining --------------------------------------------------------------------------------------------------
 
-    def refined(self) -> tuple[Topology, Any]:
+    def refined(self) -> tuple[Topology, sparse.csr_array]:
         """Return the mesh of the next level, and the matrix from the points of this mesh to its points."""
         blocks = [self._vertex_points(), self._edge_points(), *([] if self.loop else [self._face_points()])]
         return self._split(), sparse.vstack(blocks, format="csr")
 
-    def linear(self) -> Any:
+    def linear(self) -> sparse.csr_array:
         """Return the matrix of the same refinement without smoothing."""
         blocks = [sparse.eye_array(self.size), self._midpoints(), *([] if self.loop else [self._face_points()])]
         return sparse.vstack(blocks, format="csr")
@@ -225,7 +224,7 @@ class Topology:
             np.full(len(faces), faces.shape[1]), faces.reshape(-1), size, sharpness.reshape(-1), points, self.loop
         )
 
-    def limit(self) -> Any:
+    def limit(self) -> sparse.csr_array:
         """Return the matrix from the points to their limit positions; faces must be quads, or triangles for Loop.
 
         Edges and points that are sharp now count as sharp at all further levels.
@@ -260,7 +259,7 @@ class Topology:
         return csgraph.connected_components(graph, directed=False)[1]
 
 
-def _scaled(matrix: Any, rows: Array) -> Any:
+def _scaled(matrix: sparse.csr_array, rows: Array) -> sparse.csr_array:
     """Return a matrix with its rows scaled."""
     return sparse.diags_array(np.asarray(rows, dtype=np.float64)) @ matrix
 

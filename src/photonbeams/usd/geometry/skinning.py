@@ -83,7 +83,9 @@ def _skeletons(reading: Reading, root: Usd.Prim) -> _Skeletons:
     return reading.cache[key]
 
 
-def _deformed(reading: Reading, cache: Any, skeleton: Any, query: Any, points: Array) -> Deformed | None:
+def _deformed(
+    reading: Reading, cache: UsdSkel.Cache, skeleton: UsdSkel.Skeleton, query: UsdSkel.SkinningQuery, points: Array
+) -> Deformed | None:
     prim, skeleton_query = query.GetPrim(), cache.GetSkelQuery(skeleton)
     if not skeleton_query:
         reading.warn(prim, "names a skeleton without joints: its points are used as they are", "skel:skeleton")
@@ -114,12 +116,12 @@ def _deformed(reading: Reading, cache: Any, skeleton: Any, query: Any, points: A
     )
 
 
-def _fit(influences: Any, points: int, joints: int) -> bool:
+def _fit(influences: tuple[Vt.IntArray, Vt.FloatArray], points: int, joints: int) -> bool:
     indices = np.asarray(influences[0])
     return len(indices) % max(points, 1) == 0 and len(indices) > 0 and indices.min() >= 0 and indices.max() < joints
 
 
-def _normal_matrices(influences: Any, joints: Array, points: int) -> Array:
+def _normal_matrices(influences: tuple[Vt.IntArray, Vt.FloatArray], joints: Array, points: int) -> Array:
     """Return the matrices (P, 3, 3) that turn normals: inverse transposes of the joints, blended as in UsdSkel."""
     indices, weights = (np.asarray(each).reshape(points, -1) for each in influences)
     turns = _inverse_transposes(joints[:, :3, :3])
@@ -142,7 +144,9 @@ def _row_matrix(reading: Reading, prim: Usd.Prim) -> Array:
     return np.array(reading.xforms.GetLocalToWorldTransform(prim), dtype=np.float64)
 
 
-def _blended(reading: Reading, skeleton_query: Any, query: Any, points: Any) -> tuple[Any, Array]:
+def _blended(
+    reading: Reading, skeleton_query: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery, points: Vt.Vec3fArray
+) -> tuple[Vt.Vec3fArray, Array]:
     """Return points with blend shapes added, and the offsets of the normals, (P, 3)."""
     offsets = np.zeros((len(points), 3))
     animation = skeleton_query.GetAnimQuery()
@@ -166,7 +170,7 @@ def _blended(reading: Reading, skeleton_query: Any, query: Any, points: Any) -> 
     return points, offsets
 
 
-def _added(values: Array, offsets: Any, indices: Any, weight: float) -> Array:
+def _added(values: Array, offsets: Vt.Vec3fArray | None, indices: Vt.IntArray | None, weight: float) -> Array:
     """Return values with weighted offsets added at some points, or at all; offsets that do not fit are ignored."""
     moves = np.asarray(() if offsets is None else offsets, dtype=np.float64).reshape(-1, 3)
     chosen = np.arange(len(values)) if indices is None else np.asarray(indices, dtype=np.int64)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any
 
 from ..common.openusd import Ar, Sdf
 from ..common.warnings import Warnings
@@ -49,7 +48,7 @@ def leave_out_clips(
     return changed
 
 
-def _problem(layer: Sdf.Layer, clips: Any, problem_of: Callable[[str], str]) -> str:
+def _problem(layer: Sdf.Layer, clips: object, problem_of: Callable[[str], str]) -> str:
     """Return what is wrong with a clip set of a layer, as a clause, or ""."""
     if not isinstance(clips, Mapping):  # OpenUSD ignores it
         return ""
@@ -63,7 +62,7 @@ def _problem(layer: Sdf.Layer, clips: Any, problem_of: Callable[[str], str]) -> 
     return ""
 
 
-def _files(layer: Sdf.Layer, clips: Mapping[str, Any]) -> Iterator[str]:
+def _files(layer: Sdf.Layer, clips: Mapping[str, object]) -> Iterator[str]:
     """Yield the names of the files that a clip set may open."""
     listed = clips.get("assetPaths")
     for asset in (*(listed if isinstance(listed, Iterable) else ()), clips.get("manifestAssetPath")):

@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...runtime.inputs import MOST_TEXT, why_unreadable
 from ...scene import SceneError
 from ...scene.extras import needs
 from ..common.openusd import Ar, Sdf, Usd, UsdShade
 from ..common.textures import asset_content
+
+if TYPE_CHECKING:
+    import MaterialX
 
 _TYPES = {
     "float": Sdf.ValueTypeNames.Float, "integer": Sdf.ValueTypeNames.Int, "boolean": Sdf.ValueTypeNames.Bool,
@@ -69,7 +72,10 @@ def layer_of(path: str) -> Sdf.Layer:
     return layer
 
 
-def _include(document: Any, name: Any, folders: Any, options: Any) -> None:
+def _include(
+    document: MaterialX.Document, name: MaterialX.FilePath, folders: MaterialX.FileSearchPath,
+    options: MaterialX.XmlReadOptions,
+) -> None:  # fmt: skip
     """Read a document that another one includes."""
     import MaterialX
 
@@ -79,7 +85,7 @@ def _include(document: Any, name: Any, folders: Any, options: Any) -> None:
 
 
 @cache
-def _library() -> Any:
+def _library() -> MaterialX.Document:
     """Return MaterialX's own definitions of nodes."""
     import MaterialX
 
@@ -92,13 +98,13 @@ def _library() -> Any:
 class _Translation:
     """Writes one material of a document to a stage; node graphs and custom definitions are replaced by their nodes."""
 
-    def __init__(self, stage: Usd.Stage, path: str, document: Any, graphs: frozenset[str]) -> None:
+    def __init__(self, stage: Usd.Stage, path: str, document: MaterialX.Document, graphs: frozenset[str]) -> None:
         self._stage, self._path, self._document = stage, path, document
         self._own = graphs
         self._shaders: dict[Any, UsdShade.Shader] = {}
         self._scopes: dict[Any, _Scope] = {}
 
-    def write(self, node: Any) -> None:
+    def write(self, node: MaterialX.Node) -> None:
         """Write a material with its surface shader and everything connected to it."""
         material = UsdShade.Material.Define(self._stage, f"/MaterialX/Materials/{_valid(node.getName())}")
         found = node.getInput("surfaceshader")
@@ -107,7 +113,7 @@ class _Translation:
             surface = material.CreateSurfaceOutput("mtlx")
             surface.ConnectToSource(value.shader.ConnectableAPI(), value.name)
 
-    def _value(self, element: Any, scope: _Scope, parent: Sdf.Path) -> _Literal | _NodeOutput | None:
+    def _value(self, element: MaterialX.PortElement, scope: _Scope, parent: Sdf.Path) -> _Literal | _NodeOutput | None:
         """Return the value of an input or an output of the document, or what it is connected to."""
         if element.getInterfaceName():
             return scope.get(element.getInterfaceName())
@@ -126,8 +132,9 @@ class _Translation:
         return _Literal(element.getType(), element.getResolvedValueString(), own)
 
     def _of_graph(
-        self, graph: Any, output: str, scope: _Scope, parent: Sdf.Path, inputs: Any
-    ) -> _Literal | _NodeOutput | None:
+        self, graph: MaterialX.NodeGraph, output: str, scope: _Scope, parent: Sdf.Path,
+        inputs: MaterialX.InterfaceElement,
+    ) -> _Literal | _NodeOutput | None:  # fmt: skip
         """Return an output of a graph, given the inputs with the values of its interface."""
         outputs = graph.getOutputs()
         chosen = graph.getOutput(output) if output else None
@@ -143,7 +150,9 @@ class _Translation:
             self._scopes[key] = inner
         return None if chosen is None else self._value(chosen, self._scopes[key], parent)
 
-    def _of_node(self, node: Any, output: str, scope: _Scope, parent: Sdf.Path) -> _Literal | _NodeOutput | None:
+    def _of_node(
+        self, node: MaterialX.Node, output: str, scope: _Scope, parent: Sdf.Path
+    ) -> _Literal | _NodeOutput | None:
         implementation = node.getImplementation()
         if implementation is not None and implementation.getName() in self._own:
             graph = self._document.getNodeGraph(implementation.getName())
@@ -162,7 +171,7 @@ class _Translation:
         shader.CreateOutput(name, Sdf.ValueTypeNames.Token)
         return _NodeOutput(shader, name)
 
-    def _set(self, shader: UsdShade.Shader, element: Any, value: _Literal | _NodeOutput | None) -> None:
+    def _set(self, shader: UsdShade.Shader, element: MaterialX.Input, value: _Literal | _NodeOutput | None) -> None:
         """Set or connect an input of a shader."""
         kind = _TYPES.get(element.getType())
         if value is None or kind is None:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from ...runtime.files import PathLike, atomic_path, failure_of, sync, write_bytes
 from ...runtime.inputs import why_unreadable
@@ -94,7 +94,7 @@ def _prims(layer: Sdf.Layer) -> list[Sdf.Path]:
     return prims
 
 
-def _resolved(layer: Sdf.Layer, name: str, variables: dict[str, Any]) -> tuple[str, dict[str, str]]:
+def _resolved(layer: Sdf.Layer, name: str, variables: Mapping[str, object]) -> tuple[str, dict[str, str]]:
     """Return the path that a layer refers to by a name, "" if there is none, and the arguments of its file format."""
     if Sdf.VariableExpression.IsExpression(name):
         value = Sdf.VariableExpression(name).Evaluate(variables).value

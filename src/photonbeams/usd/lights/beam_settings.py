@@ -30,7 +30,7 @@ def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | No
     The API need not be applied. A value that cannot be used is replaced by its default, with a warning.
     """
 
-    def attempt(read: Callable[[], Any], instead: str, default: Any = None) -> Any:
+    def attempt(read: Callable[[], object], instead: str, default: object = None) -> Any:
         return reading.attempt(prim, read, default, instead)
 
     known = {field: definitions(LIGHT)[PREFIX + name] for field, name in _FIELDS.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -332,7 +333,9 @@ def _beams(source: _CurvesPrim, nodes: _Nodes, closed: bool, graded: bool, to_wo
     return {name: value if value is None else value[wide] for name, value in fields.items()}
 
 
-def _turn_ends(source: _CurvesPrim, fields: dict[str, Any], curve: Array, following: Array, to_world: Array) -> None:
+def _turn_ends(
+    source: _CurvesPrim, fields: Mapping[str, Array], curve: Array, following: Array, to_world: Array
+) -> None:
     """Set the directions of the light at both ends of each curve to the authored ones."""
     begins = np.ones(len(curve), dtype=bool)
     begins[following[following >= 0]] = False
@@ -345,7 +348,7 @@ def _turn_ends(source: _CurvesPrim, fields: dict[str, Any], curve: Array, follow
         fields[field][use] = turned[use]
 
 
-def _end_normals(fields: dict[str, Any], normals: Array, following: Array, to_world: Array) -> Array:
+def _end_normals(fields: Mapping[str, Array], normals: Array, following: Array, to_world: Array) -> Array:
     """Return the normals of the beams' end planes: at a curve's end, that of the surface that stops it."""
     turned = unit(normals @ np.linalg.inv(to_world[:3, :3]))
     straight = -directions(fields["start"], fields["end"])

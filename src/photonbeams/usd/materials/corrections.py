@@ -17,18 +17,18 @@ def luminance(colors: Array) -> Array:
     return (rgb(colors) @ _LUMINANCE)[..., None]
 
 
-def saturated(colors: Array, amount: Any) -> Array:
+def saturated(colors: Array, amount: Array) -> Array:
     """Return colours with their saturation multiplied: 0 gives their grey, 1 the colours themselves."""
     grey = luminance(colors)
     return grey + amount * (rgb(colors) - grey)
 
 
-def contrasted(colors: Array, amount: Any, pivot: Any) -> Array:
+def contrasted(colors: Array, amount: Array, pivot: Array) -> Array:
     """Return colours with their distance from the pivot multiplied."""
     return (colors - pivot) * amount + pivot
 
 
-def gamma_corrected(colors: Array, gamma: Any) -> Array:
+def gamma_corrected(colors: Array, gamma: Array) -> Array:
     """Return colours to the power of 1 / gamma; negative numbers do not change."""
     return np.where(colors > 0, np.maximum(colors, 1e-30) ** (1 / np.maximum(gamma, 1e-3)), colors)
 
@@ -53,7 +53,7 @@ def from_hsv(colors: Array) -> Array:
     return value - value * saturation * np.clip(np.minimum(place, 4 - place), 0, 1)
 
 
-def hue_shifted(colors: Array, amount: Any) -> Array:
+def hue_shifted(colors: Array, amount: Array) -> Array:
     """Return colours with their hues turned by `amount`, where 1 is a full turn."""
     return from_hsv(to_hsv(colors) + np.asarray(amount)[..., :1] * np.array([1.0, 0.0, 0.0]))
 
@@ -65,8 +65,8 @@ def hsv_adjusted(colors: Array, amount: Array) -> Array:
 
 
 def arnold_corrected(
-    colors: Array, gamma: Any, hue: Any, saturation: Any, contrast: Any, pivot: Any, exposure: Any, factor: Any,
-    added: Any, mask: Any,
+    colors: Array, gamma: Array, hue: Array, saturation: Array, contrast: Array, pivot: Array, exposure: Array,
+    factor: Array, added: Array, mask: Array,
 ) -> Array:  # fmt: skip
     """Return the result of Arnold's `color_correct`, whose steps follow the order of its inputs."""
     found = saturated(hue_shifted(gamma_corrected(rgb(colors), gamma), hue), saturation)
@@ -75,8 +75,9 @@ def arnold_corrected(
 
 
 def materialx_corrected(
-    colors: Array, hue: Any, saturation: Any, gamma: Any, lift: Any, gain: Any, contrast: Any, pivot: Any, exposure: Any
-) -> Array:
+    colors: Array, hue: Array, saturation: Array, gamma: Array, lift: Array, gain: Array, contrast: Array, pivot: Array,
+    exposure: Array,
+) -> Array:  # fmt: skip
     """Return the result of MaterialX's `colorcorrect`, computed as in the graph that defines it."""
     found = gamma_corrected(saturated(hue_shifted(colors, hue), saturation), gamma)
     return contrasted((found * (1 - lift) + lift) * gain, contrast, pivot) * 2.0**exposure

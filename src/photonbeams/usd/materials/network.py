@@ -47,7 +47,7 @@ class Network:
         with np.errstate(all="ignore"):
             return mapped(lambda *arrays: np.nan_to_num(function(*arrays)), *values)
 
-    def color(self, node: UsdShade.Shader, *names: str, default: Any = None) -> Value | None:
+    def color(self, node: UsdShade.Shader, *names: str, default: object = None) -> Value | None:
         """Return the first of these inputs that is authored, as a colour, or else the default."""
         value = self.first(node, *names)
         value = _numbers(default) if value is None else value
@@ -63,7 +63,7 @@ class Network:
         """Return the first of these inputs that is authored, or None."""
         return next((found for name in names if (found := self.value(node, name)) is not None), None)
 
-    def plain(self, node: UsdShade.Shader, name: str, default: Any = None) -> Any:
+    def plain(self, node: UsdShade.Shader, name: str, default: object = None) -> Any:
         """Return an input that is not connected to a node, such as a token, resolved through interfaces."""
         attribute = self.source(node, name)
         value = None if attribute is None or is_output(attribute) else attribute.Get(self.reading.time)
@@ -172,7 +172,7 @@ def is_output(attribute: Usd.Attribute) -> bool:
     return UsdShade.Utils.GetType(attribute.GetName()) == UsdShade.AttributeType.Output
 
 
-def _numbers(value: Any) -> Array | None:
+def _numbers(value: object) -> Array | None:
     """Return a value as an array (C,), or None if it is not numeric."""
     if value is None or isinstance(value, str | Sdf.AssetPath):
         return None

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -30,7 +29,7 @@ def _primvar(*names: str, fallback: tuple[str, ...] = ("fallback", "default")) -
     return read
 
 
-def _function(function: Function, *inputs: tuple[tuple[str, ...], Any]) -> Node:
+def _function(function: Function, *inputs: tuple[tuple[str, ...], float | Sequence[float]]) -> Node:
     """Return a reader of nodes that are a function of inputs; each input has names and a default."""
 
     def read(network: Network, node: UsdShade.Shader, output: str) -> Value | None:

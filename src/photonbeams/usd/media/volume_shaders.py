@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -116,7 +115,7 @@ class _VolumeNetwork:
             self.reading.warn(self.shader.GetPrim(), f"{text}; the nearest is used", f"inputs:{name}")
         return float(np.clip(found, minimum, maximum))
 
-    def color(self, name: str, default: Any) -> Color:
+    def color(self, name: str, default: float) -> Color:
         """Return a colour input; negative numbers become 0, with a warning."""
         found = self._checked(name, default)
         if found.min() < 0:
@@ -124,7 +123,7 @@ class _VolumeNetwork:
             self.reading.warn(self.shader.GetPrim(), text, f"inputs:{name}")
         return color(np.maximum(found, 0), self.reading.place(self.shader.GetPrim(), f"inputs:{name}"))
 
-    def fraction(self, name: str, value: Any, minimum: float = 0.0) -> Array:
+    def fraction(self, name: str, value: Array | Color, minimum: float = 0.0) -> Array:
         """Return a colour, from the input `name`, whose numbers are at most 1; those out of range give a warning."""
         result = np.clip(value, minimum, 1)
         if np.any(np.less(value, minimum)) or np.any(np.greater(value, 1 + 1e-5)):
@@ -132,7 +131,7 @@ class _VolumeNetwork:
             self.reading.warn(self.shader.GetPrim(), text, f"inputs:{name}")
         return np.asarray(result)
 
-    def _checked(self, name: str, default: Any) -> Array:
+    def _checked(self, name: str, default: float) -> Array:
         """Return an input as finite numbers, one or three of them."""
         self.fields = []
         found = self._value(self.shader, name, default, 0)
@@ -145,7 +144,7 @@ class _VolumeNetwork:
         attributes = UsdShade.Utils.GetValueProducingAttributes(source) if source else []
         return attributes[0] if attributes else None
 
-    def _value(self, node: UsdShade.Shader, name: str, default: Any, depth: int) -> Array:
+    def _value(self, node: UsdShade.Shader, name: str, default: float, depth: int) -> Array:
         attribute = self._attribute(node, name)
         if attribute is None or depth > _DEEPEST:
             return np.asarray(default, dtype=np.float64)
@@ -157,7 +156,7 @@ class _VolumeNetwork:
         except (TypeError, ValueError):
             raise self.reading.fail(attribute.GetPrim(), attribute.GetName(), f"is {value}: expected numbers") from None
 
-    def _node(self, node: UsdShade.Shader, default: Any, depth: int) -> Array:
+    def _node(self, node: UsdShade.Shader, default: float, depth: int) -> Array:
         """Evaluate a node: products of constants, primvars and fields; any other node returns its input."""
         kind = str(node.GetShaderId() or "")
         if "multiply" in kind:
@@ -173,7 +172,7 @@ class _VolumeNetwork:
             self.reading.warn(node.GetPrim(), text)
         return self._value(node, "in", default, depth)
 
-    def _property(self, node: UsdShade.Shader, name: str, default: Any, depth: int) -> Array:
+    def _property(self, node: UsdShade.Shader, name: str, default: float, depth: int) -> Array:
         """Return a primvar of the volume, or 1 for a field, which is added to `fields`."""
         if field_of(self.reading, self.prim, name) is not None:
             self.fields += [name] if name != DENSITY else []

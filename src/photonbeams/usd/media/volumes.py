@@ -31,7 +31,7 @@ class _Cache:
     def __init__(self) -> None:
         self._kept: OrderedDict[Any, Voxels] = OrderedDict()
 
-    def __call__(self, key: Any, read: Callable[[], Voxels]) -> Voxels:
+    def __call__(self, key: tuple[object, ...], read: Callable[[], Voxels]) -> Voxels:
         """Return the grid of a key, read at most once while it is kept."""
         if key not in self._kept:
             self._kept[key] = read()
