@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache, partial
@@ -18,7 +18,14 @@ from .render.settings import Settings, parameters
 from .setting import Setting
 
 if TYPE_CHECKING:
+    from types import ModuleType
+
+    from drjit import ADMode
+
     from .render.passes import RunOptions
+    from .runtime.device import Array3f, Bool, UInt32
+    from .runtime.mitsuba_types import ImageBlock, MiFilm, MiScene, MiSensor, Properties, RayDifferential, Sampler
+    from .scene.checks import Array
 
 NAME = "photon_beams"
 
@@ -75,7 +82,7 @@ space. Where the sensor or an emitter names no medium, its medium is found from 
 """
 
 
-def announce(_: Any) -> None:
+def announce(_: object) -> None:
     """Register the plug-in for the variant that Mitsuba has, and for each that is set later."""
     mitsuba = sys.modules["mitsuba"]  # looked up there: Mitsuba replaces its module while it is imported
     mitsuba.detail.add_variant_callback(lambda _, variant: _register(mitsuba, variant))
@@ -83,10 +90,10 @@ def announce(_: Any) -> None:
         _register(mitsuba, mitsuba.variant())
 
 
-def _register(mitsuba: Any, variant: str) -> None:
+def _register(mitsuba: ModuleType, variant: str) -> None:
     made = cache(partial(_integrator, mitsuba, variant))
 
-    def make(properties: Any) -> Any:
+    def make(properties: Properties) -> Any:
         if variant not in VARIANTS:
             raise NotOfferedError(
                 f"{NAME}: the variant is {variant}: expected {', '.join(VARIANTS[:-1])} or {VARIANTS[-1]}"
@@ -106,7 +113,7 @@ def _manual() -> str:
     return _MANUAL.replace("{parameters}", "\n".join(rows))
 
 
-def _settings(properties: Any) -> Settings:
+def _settings(properties: Properties) -> Settings:
     """Return the plug-in's parameters as settings. Mitsuba reports parameters that are never read as unknown."""
     from .quadrature import gauss_legendre
 
@@ -131,7 +138,7 @@ def _value(properties: Any, parameter: Setting) -> Any:
     return None if parameter.default is None and not value else parameter.checked(value, name)
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 
@@ -144,7 +151,7 @@ def _integrator(mi: Any, variant: str) -> type:
     class PhotonBeams(mi.ad.integrators.common.ADIntegrator):  # type: ignore[misc]
         __doc__ = _manual()
 
-        def __init__(self, properties: Any) -> None:
+        def __init__(self, properties: Properties) -> None:
             renderer = _Renderer(mi, _settings(properties), _value(properties, LAYERS))
             super().__init__(properties)
             self.settings, self._renderer = renderer.settings, renderer
@@ -154,12 +161,16 @@ def _integrator(mi: Any, variant: str) -> type:
             return self._renderer.channels
 
         def render(
-            self, scene: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0, develop: bool = True, evaluate: bool = True
-        ) -> Any:
+            self, scene: MiScene, sensor: MiSensor | int = 0, seed: UInt32 | int = 0, spp: int = 0,
+            develop: bool = True, evaluate: bool = True,
+        ) -> Any:  # fmt: skip
             """Render the scene; `spp` is the number of passes."""
             return self._renderer.render(scene, sensor, seed, spp, develop=develop, evaluate=evaluate)
 
-        def sample(self, mode: Any, scene: Any, sampler: Any, ray: Any, *_: Any, active: Any = True, **__: Any) -> Any:
+        def sample(
+            self, mode: ADMode, scene: MiScene, sampler: Sampler, ray: RayDifferential, *_: object,
+            active: Bool | bool = True, **__: object,
+        ) -> Any:  # fmt: skip
             """Return the radiance along rays, for integrators around this one, such as `aov`.
 
             All rays are expected in one call. Each call traces light anew, with a seed from the sampler, in as many
@@ -167,11 +178,11 @@ def _integrator(mi: Any, variant: str) -> type:
             """
             return self._renderer.sample(mode, scene, sampler, ray, active)
 
-        def render_forward(self, *_: Any, **__: Any) -> Any:
+        def render_forward(self, *_: object, **__: object) -> Any:
             """Raise NotOfferedError, as `render_backward` does."""
             return self.render_backward()
 
-        def render_backward(self, *_: Any, **__: Any) -> Any:
+        def render_backward(self, *_: object, **__: object) -> Any:
             """Raise NotOfferedError: `photonbeams.estimate` has derivatives, by beams, fog and looks."""
             raise NotOfferedError(_NO_DERIVATIVES)
 
@@ -184,7 +195,7 @@ def _integrator(mi: Any, variant: str) -> type:
 class _Renderer:
     """The plug-in without Mitsuba's base class; `layers` says whether the picture has the layers as channels."""
 
-    def __init__(self, mi: Any, settings: Settings, layers: bool) -> None:
+    def __init__(self, mi: ModuleType, settings: Settings, layers: bool) -> None:
         self._mi, self.settings, self._layers = mi, settings, layers
         self._warned: set[str] = set()
         self._last: tuple[Any, Any] = (None, None)  # parameters of the scene, and the pilots' findings, of a render
@@ -194,7 +205,9 @@ class _Renderer:
         """The names of the layers' channels."""
         return [f"{layer}.{channel}" for layer in ("beams", "surface") for channel in "RGB"] if self._layers else []
 
-    def render(self, scene: Any, sensor: Any, seed: Any, spp: int, *, develop: bool, evaluate: bool) -> Any:
+    def render(
+        self, scene: MiScene, sensor: MiSensor | int, seed: UInt32 | int, spp: int, *, develop: bool, evaluate: bool
+    ) -> Any:
         """Return the picture of a sensor, or of the sensor of that index."""
         from .runtime import device
 
@@ -219,7 +232,7 @@ class _Renderer:
                 dr.eval(image)
             return image
 
-    def _rendered(self, scene: Any, sensor: Any, settings: Settings) -> dict[str, Any]:
+    def _rendered(self, scene: MiScene, sensor: MiSensor, settings: Settings) -> dict[str, Array]:
         """Return the layers, with what the pilots found in the last render if neither scene nor sensor has changed."""
         from .render.films.denoising import denoised
         from .render.scene_frame import Extras, render
@@ -238,7 +251,7 @@ class _Renderer:
         layers = frame.layers()
         return denoised(layers, frame.sums().views[0], {}) if settings.denoise else layers
 
-    def sample(self, mode: Any, scene: Any, sampler: Any, ray: Any, active: Any) -> Any:
+    def sample(self, mode: ADMode, scene: MiScene, sampler: Sampler, ray: RayDifferential, active: Bool | bool) -> Any:
         """Return the radiance along rays, whether they met something, and the layers' channels."""
         from .runtime import device
 
@@ -285,12 +298,12 @@ def _number(seed: Any) -> int:
     return int(np.ravel(seed)[0])
 
 
-def _spectrum(mi: Any, radiance: Any) -> Any:
+def _spectrum(mi: ModuleType, radiance: Array3f) -> Any:
     """Return a radiance as Mitsuba's spectrum, which has one channel in monochrome variants."""
     return mi.Spectrum(radiance) if len(mi.Spectrum()) == 3 else mi.Spectrum(radiance.x)
 
 
-def _block(mi: Any, film: Any, layers: dict[str, Any], with_layers: bool) -> Any:
+def _block(mi: ModuleType, film: MiFilm, layers: Mapping[str, Array], with_layers: bool) -> ImageBlock:
     """Return the picture as an image block: colours, alpha if the film has it, weight, and the layers if wanted."""
     import numpy as np
 

@@ -59,14 +59,14 @@ class Setting:
         """What its type is called."""
         return "string" if self.choices else self.kind.__name__
 
-    def checked(self, value: Any, name: str) -> Any:
+    def checked(self, value: object, name: str) -> Any:
         """Return a value as Python's own int, float, bool or str; raise SceneError, with the `name`, for any other."""
         from .scene import SceneError, whole
         from .scene.checks import choice, shown
 
         if self.choices:
             return choice(value, name, self.choices)
-        found = whole(value, name) if self.kind is int else value
+        found: Any = whole(value, name) if self.kind is int else value
         if not (self._fits(found) and self._within(found)):
             raise SceneError(f"{name} is {shown(value)}: expected {self.expected or self._expected()}")
         return self.kind(found) if self.kind in (float, bool) else found
@@ -103,7 +103,9 @@ class Setting:
         return " ".join(("a number", " and ".join(bounds)))
 
 
-def setting(default: Any, help: str, flags: _Named | None = None, parameter: _Named | None = None, **own: Any) -> Any:
+def setting(
+    default: object, help: str, flags: _Named | None = None, parameter: _Named | None = None, **own: Any
+) -> Any:
     """Return a field of `Settings`.
 
     Parameters

@@ -19,6 +19,7 @@ from .volumes import COLUMNS, VOLUMES, triple, volume_rows
 if TYPE_CHECKING:
     from pxr import Usd
     from rich.console import Console
+    from rich.table import Table
 
     from ..scene import Camera, Light, Mesh, Scene
 
@@ -95,7 +96,7 @@ def _header_rows(path: Path) -> list[tuple[str, str]]:
     return rows
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """Return a readable text for a header's value: matrices as rows, windows as corners."""
     if isinstance(value, tuple | list):
         return ", ".join(_text(each) for each in value)
@@ -289,7 +290,7 @@ def _look_rows(scene: Scene) -> Iterable[tuple[str, ...]]:
         yield (name, *(_factor_words(getattr(look, factor, None), kind) for factor, kind in factors))
 
 
-def _factor_words(factor: Any, kind: str) -> str:
+def _factor_words(factor: object, kind: str) -> str:
     """Return a description of a factor: its kind, ramp, texture and expression."""
     curve: Any = getattr(factor, "curve", None)
     words = [str(getattr(factor, kind, ""))]
@@ -305,11 +306,11 @@ def _factor_words(factor: Any, kind: str) -> str:
 # -- text ------------------------------------------------------------------------------------------------------------
 
 
-def _name(thing: Any) -> str:
+def _name(thing: object) -> str:
     return "" if thing is None else str(getattr(thing, "name", None) or type(thing).__name__)
 
 
-def _table(columns: tuple[str, ...] | None, rows: Iterable[tuple[str, ...]], right: int = 0) -> Any:
+def _table(columns: tuple[str, ...] | None, rows: Iterable[tuple[str, ...]], right: int = 0) -> Table:
     """Return a plain table, its last `right` columns aligned right; without `columns`, its first column is bold."""
     from rich.table import Table
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from functools import wraps
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import CodeType
+from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -52,7 +52,7 @@ def load_looks(flag: str, texts: Sequence[str]) -> Look | dict[str, Look] | None
     return found.get("") or found or None
 
 
-def _loaded(flag: str, text: str, fits: Callable[[Any], bool], kind: str) -> tuple[Any, Path]:
+def _loaded(flag: str, text: str, fits: Callable[[object], bool], kind: str) -> tuple[Any, Path]:
     """Return the object that FILE.py:NAME names, and the file."""
     name, _, function = text.rpartition(":")
     path = Path(name)
@@ -76,7 +76,7 @@ class _Uncached(SourceFileLoader):
         return code
 
 
-def _module(path: Path) -> Any:
+def _module(path: Path) -> ModuleType:
     """Run a file as a module of its own, which may import its neighbours."""
     name = f"photonbeams_program_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path, loader=_Uncached(name, str(path)))
@@ -91,12 +91,12 @@ def _module(path: Path) -> Any:
     return module
 
 
-def _told(function: Callable[..., Any], path: Path) -> Callable[..., Any]:
+def _told(function: Callable[..., object], path: Path) -> Callable[..., Any]:
     """Return a function that raises exceptions and SystemExit as a SceneError of one sentence; Ctrl-C passes."""
     from ..scene import SceneError
 
     @wraps(function)
-    def called(*given: Any) -> Any:
+    def called(*given: object) -> object:
         try:
             return function(*given)
         except (Exception, SystemExit) as error:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from ..scene import Array
 from ..world.bounds import bounding_sphere
 from ..world.cameras.cameras import Window
 from ..world.surfaces.shapes import bsdf_of, cut_out, emitter_of, glows, shape_of
+
+if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import Bitmap, ScalarTransform, Stream
 
 mi = mitsuba()
 
@@ -154,7 +157,7 @@ def _moved(by: Sequence[float]) -> np.ndarray:
     return result
 
 
-def matrix(values: np.ndarray) -> Any:
+def matrix(values: np.ndarray) -> ScalarTransform:
     """Return a (4, 4) transform of column vectors as Mitsuba's."""
     return mi.ScalarTransform4f(np.asarray(values, dtype=np.float64))
 
@@ -224,7 +227,7 @@ def _closed(mesh: scene.Mesh) -> bool:
     return all((b, a) in there for a, b in there)
 
 
-def _write_image(bitmap: Any, stream: Any) -> None:
+def _write_image(bitmap: Bitmap, stream: Stream) -> None:
     with helping_thread():
         bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -14,6 +14,8 @@ from ..runtime.files import temporary_folder
 from ..scene.extras import needs
 
 if TYPE_CHECKING:
+    from types import ModuleType
+
     from distributed import Client
 
 #: Name of a worker's memory, in bytes, among Dask's resources.
@@ -91,7 +93,7 @@ def dashboard(client: Client) -> str | None:
 
 
 @contextmanager
-def _local(dask: Any, distributed: Any, options: FarmOptions) -> Iterator[Client]:
+def _local(dask: ModuleType, distributed: ModuleType, options: FarmOptions) -> Iterator[Client]:
     count = options.workers or 1
     limit = (memory() or 0) // count
     with (
@@ -109,7 +111,7 @@ def _local(dask: Any, distributed: Any, options: FarmOptions) -> Iterator[Client
             yield client
 
 
-def _started(kind: Any, **given: Any) -> Any:
+def _started(kind: Callable[..., Any], **given: object) -> Any:
     """Return a local cluster; raise FarmError if its processes do not start."""
     try:
         return kind(**given)
@@ -118,7 +120,7 @@ def _started(kind: Any, **given: Any) -> Any:
 
 
 @contextmanager
-def _running(distributed: Any, options: FarmOptions) -> Iterator[Client]:
+def _running(distributed: ModuleType, options: FarmOptions) -> Iterator[Client]:
     address = options.scheduler
     security = None
     if options.tls:

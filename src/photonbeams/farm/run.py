@@ -20,6 +20,8 @@ from .work import MachineError, Opened, WorkerError, render_part, versions
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+    from ..scene.checks import Array
+
 LOG = logging.getLogger("photonbeams")
 
 _LOOK = 1.0  # seconds between two looks at the list of workers
@@ -293,7 +295,7 @@ class Farm:
         future.release()
         self._fetched.put((address, part, state))
 
-    def _join(self, address: str, part: FramePart, state: Mapping[str, Any]) -> None:
+    def _join(self, address: str, part: FramePart, state: Mapping[str, Array]) -> None:
         sender = f"worker {self._names.get(address, address)}: {self._what(part)}"
         try:
             sums = FrameSums.of(state)

@@ -8,9 +8,11 @@ import threading
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from ..scene import Array
+
+T = TypeVar("T")  # what a scene is opened by
 
 _KEPT: dict[str, Any] = {}  # the last scene, by the key of the run
 _ONE = threading.Lock()  # a part uses all threads of its worker
@@ -57,7 +59,7 @@ def threads_here() -> int | None:
 
 
 def render_part(
-    open_scene: Callable[[Any], Opened], request: Any, key: str, expected: Mapping[str, str], frame: int,
+    open_scene: Callable[[T], Opened], request: T, key: str, expected: Mapping[str, str], frame: int,
     numbers: range, planned: int | None,
 ) -> dict[str, Array]:  # fmt: skip
     """Render some passes of a frame, and return the state of their sums.

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenImageIO
 
 from ..runtime.files import PathLike
 from ..scene import Array, SceneError
@@ -217,7 +218,7 @@ def placed(pixels: Array, corner: Size, box: Box, outside: float) -> Array:
     return result
 
 
-def _channels_of(part: int, spec: Any, several: bool) -> Iterator[Channel]:
+def _channels_of(part: int, spec: OpenImageIO.ImageSpec, several: bool) -> Iterator[Channel]:
     """Yield a part's channels, with views removed from their names; each of `several` parts is a layer."""
     view = spec.get_string_attribute("view")
     layer = spec.get_string_attribute("oiio:subimagename")

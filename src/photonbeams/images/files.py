@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import OpenImageIO
@@ -18,6 +18,9 @@ from ..runtime.files import PathLike
 from ..runtime.inputs import check_size, is_special, why_unreadable
 from ..scene import Array, SceneError
 from .display import is_encoded, srgb_decoded
+
+if TYPE_CHECKING:
+    from types import ModuleType
 
 MOST_PIXELS = 1 << 28  # of an image that is read, or of a level of it: a small file may claim to hold more
 _MOST_BYTES = 1 << 33  # of a file: OpenImageIO may read all of it to find out that it is no image
@@ -76,7 +79,7 @@ def summaries(path: PathLike) -> list[Summary]:
         ]
 
 
-def _statistics(path: PathLike, file: Any, index: int) -> dict[str, Any]:
+def _statistics(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> dict[str, Any]:
     """Return the fields of a `Summary` that depend on pixels."""
     file.seek_subimage(index, 0)
     channels, least, greatest, total, count, nans, infinite = file.spec().nchannels, np.inf, -np.inf, 0.0, 0, 0, 0
@@ -124,7 +127,7 @@ def read_image(path: PathLike) -> Array:
 
 
 @contextmanager
-def opened(path: PathLike, config: Any = None) -> Iterator[Any]:
+def opened(path: PathLike, config: OpenImageIO.ImageSpec | None = None) -> Iterator[OpenImageIO.ImageInput]:
     """Open an image file as an OpenImageIO input, for a `with` statement; no part of it is too large to be decoded."""
     path = Path(path)
     if problem := why_unreadable(path, _MOST_BYTES):
@@ -142,7 +145,7 @@ def opened(path: PathLike, config: Any = None) -> Iterator[Any]:
         file.close()
 
 
-def check_image(path: PathLike, spec: Any) -> None:
+def check_image(path: PathLike, spec: OpenImageIO.ImageSpec) -> None:
     """Raise SceneError if a part of an image, or the picture that it is a part of, has too many pixels."""
     for width, height in ((spec.width, spec.height), (spec.full_width, spec.full_height)):
         if width * height * max(spec.depth, 1) > MOST_PIXELS:
@@ -158,12 +161,14 @@ def check_decoded(path: PathLike, values: float) -> None:
         raise UnreadableImageError(path, str(error)) from None
 
 
-def pixels_of(spec: Any) -> int:
+def pixels_of(spec: OpenImageIO.ImageSpec) -> int:
     """Return the number of pixels that a part of an image holds."""
     return int(spec.width) * int(spec.height) * max(int(spec.depth), 1)
 
 
-def strips(file: Any, index: int, level: int, channels: int, factor: int = 1) -> Iterator[tuple[int, Any]]:
+def strips(
+    file: OpenImageIO.ImageInput, index: int, level: int, channels: int, factor: int = 1
+) -> Iterator[tuple[int, Array | None]]:
     """Yield the first row and the pixels of strips, whose height is a multiple of `factor` and of the tiles' height."""
     spec = file.spec()
     step = int(np.lcm(factor, spec.tile_height)) if spec.tile_width else factor
@@ -178,7 +183,7 @@ def strips(file: Any, index: int, level: int, channels: int, factor: int = 1) ->
             yield first, file.read_scanlines(index, level, y + first, y + end, 0, 0, channels, "float")
 
 
-def _headers(path: PathLike, file: Any) -> Iterator[tuple[PartHeader, Any]]:
+def _headers(path: PathLike, file: OpenImageIO.ImageInput) -> Iterator[tuple[PartHeader, OpenImageIO.ImageSpec]]:
     """Yield the header of each part, and OpenImageIO's description of it."""
     names: list[str] = []
     while file.seek_subimage(len(names), 0):
@@ -190,7 +195,7 @@ def _headers(path: PathLike, file: Any) -> Iterator[tuple[PartHeader, Any]]:
         yield PartHeader(names[-1], tuple(spec.channelnames), types, view), spec
 
 
-def _pixels(path: PathLike, file: Any, index: int) -> Array:
+def _pixels(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> Array:
     """Return the pixels of a part, (H, W, C) float32."""
     file.seek_subimage(index, 0)
     spec = file.spec()
@@ -215,7 +220,7 @@ def unreadable(path: PathLike, message: str) -> UnreadableImageError:
     return UnreadableImageError(path, reason(message))
 
 
-def complaint(decoder: Any) -> str:
+def complaint(decoder: OpenImageIO.ImageInput | ModuleType) -> str:
     """Return OpenImageIO's last error message, which may quote bytes of a broken file that are no valid text."""
     try:
         return str(decoder.geterror())

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from ..runtime.files import PathLike
 from ..scene import FARTHEST, Array, SceneError
@@ -314,7 +315,7 @@ def _arrays(pixels: Array, axes: int, views: Sequence[str], what: str, shape: st
     return each
 
 
-def _factor(where: Any, found: Size, size: Size) -> int:
+def _factor(where: ImageFile | str, found: Size, size: Size) -> int:
     """Return how many pixels of a file, along each side, make one of the picture; SceneError if that is not whole."""
     factor = found[0] // size[0]
     if factor and found == (factor * size[0], factor * size[1]):
@@ -334,7 +335,7 @@ def _size(file: PathLike | Array, frame: float, views: Sequence[str], axes: int)
     return (int(width), int(height))
 
 
-def _path_or_pixels(given: Any) -> PathLike | Array:
+def _path_or_pixels(given: PathLike | npt.ArrayLike) -> PathLike | Array:
     return given if isinstance(given, str | os.PathLike) else np.asarray(given)
 
 

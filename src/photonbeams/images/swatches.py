@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -19,6 +19,12 @@ from ..runtime.device import Array3f, Float
 from ..scene import Medium
 from ..scene.extras import needs
 from .display import srgb_encoded, tone_mapped
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ..looks.factors import Value
 
 #: The fog in which a look is shown by itself: its scattering is grey, and it absorbs blue the most.
 FOG = Medium(scattering=0.2, absorption=(0.03, 0.13, 0.28))
@@ -55,8 +61,9 @@ class Specimen:
 
 
 def picture(
-    look: Look, beams: Beams, x: Any, y: Any, medium: Medium = FOG, scale: float | None = None, **given: Any
-) -> np.ndarray:
+    look: Look, beams: Beams, x: np.ndarray, y: np.ndarray, medium: Medium = FOG, scale: float | None = None,
+    **given: Any,
+) -> np.ndarray:  # fmt: skip
     """Return a picture of beams by parallel rays along −z, at x (W,) and y (H,), the top first, from in front of all.
 
     `scale` is a factor on radiances; None chooses one that makes the picture bright. `given` goes to `estimate`.
@@ -128,7 +135,7 @@ def thumbnail(look: Look, factor: str, width: int, height: int) -> np.ndarray:
     return from_the_side(look, specimen, width, height)
 
 
-def sheet(looks: Sequence[tuple[str, Look, Specimen]]) -> Any:
+def sheet(looks: Sequence[tuple[str, Look, Specimen]]) -> Figure:
     """Return a figure of named looks, one below the other: each from the side, in section, and its factors' curves."""
     with needs("plot", "a picture of looks", "matplotlib"):
         from matplotlib.figure import Figure
@@ -140,10 +147,10 @@ def sheet(looks: Sequence[tuple[str, Look, Specimen]]) -> Any:
     return figure
 
 
-def _row(figure: Any, name: str, look: Look, specimen: Specimen, bottom: float, height: float) -> None:
+def _row(figure: Figure, name: str, look: Look, specimen: Specimen, bottom: float, height: float) -> None:
     """Draw a look into a figure of some `height`, `bottom` inches above its lower edge."""
 
-    def panel(left: float, low: float, width: float, high: float) -> Any:
+    def panel(left: float, low: float, width: float, high: float) -> Axes:
         return figure.add_axes((left / _WIDTH, (bottom + low) / height, width / _WIDTH, high / height))
 
     low = _CURVE_HEIGHT + 0.35
@@ -172,7 +179,7 @@ def curves(look: BoundLook, specimen: Specimen) -> list[tuple[str, np.ndarray, n
     s = np.linspace(0, specimen.length, _SAMPLES)
     middle = 0.5 * specimen.length
 
-    def place(x: Any) -> ShadingContext:
+    def place(x: np.ndarray) -> ShadingContext:
         distance = Float(x)
         return look.at(
             distance=distance, depth=distance, from_light=distance, fraction=distance * (1 / specimen.length),
@@ -202,11 +209,11 @@ class _Plain:
     identity = Array3f(0.5, 0.0, 0.0)
 
 
-def _colors(values: Any) -> np.ndarray:
+def _colors(values: Value) -> np.ndarray:
     return np.asarray(dr.zeros(Array3f, _SAMPLES) + values, dtype=float)
 
 
-def plot_colors(axes: Any, x: np.ndarray, values: np.ndarray) -> None:
+def plot_colors(axes: Axes, x: np.ndarray, values: np.ndarray) -> None:
     """Plot colours (3, N) as red, green and blue lines, or as one line if the channels are equal."""
     same = np.allclose(values, values[0])
     channels = values[:1] if same else values
@@ -214,7 +221,7 @@ def plot_colors(axes: Any, x: np.ndarray, values: np.ndarray) -> None:
         axes.plot(x, channel, color=color, linewidth=1.2)
 
 
-def plot(axes: Any, title: str, x: np.ndarray, values: np.ndarray, second: np.ndarray | None = None) -> None:
+def plot(axes: Axes, title: str, x: np.ndarray, values: np.ndarray, second: np.ndarray | None = None) -> None:
     """Plot colours (3, N) below a title, and a second curve as a dashed line."""
     plot_colors(axes, x, values)
     if second is not None:

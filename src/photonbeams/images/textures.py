@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import OpenImageIO
@@ -87,7 +86,7 @@ def linear(pixels: Array, kind: str, color_space: str) -> Array:
     return result
 
 
-def _read(file: Any, level: int, linearize: Linearize, limit: int) -> Array | None:
+def _read(file: OpenImageIO.ImageInput, level: int, linearize: Linearize, limit: int) -> Array | None:
     """Return the pixels of a level, scaled down by a whole number if it is too large; None if that fails."""
     spec = file.spec()
     kind, width, height = str(spec.format), spec.width, spec.height

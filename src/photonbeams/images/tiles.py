@@ -65,7 +65,7 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
     return int(covered.sum()), covered.size
 
 
-def exr_parts(path: Path, *, header_only: bool = False) -> list[Any]:
+def exr_parts(path: Path, *, header_only: bool = False) -> list[OpenEXR.Part]:
     """Return the parts of an EXR, with interleaved channels.
 
     Raises
@@ -94,7 +94,7 @@ def _box(header: dict[str, Any]) -> Box:
     return x0, y0, x1 + 1, y1 + 1
 
 
-def _kind(parts: Sequence[Any]) -> Any:
+def _kind(parts: Sequence[OpenEXR.Part]) -> Any:
     """Return what tiles of one picture must have in common."""
     return [
         (

@@ -19,7 +19,8 @@ from ..scene import Array, SceneError
 from .display import dithered, srgb_encoded, tone_mapped
 from .files import reason
 
-Views = Mapping[str, tuple[Mapping[str, Array], Mapping[str, Any]]]  # view to its layers and metadata
+Metadata = Mapping[str, Any]  # the attributes of a header: text, numbers, vectors and matrices
+Views = Mapping[str, tuple[Mapping[str, Array], Metadata]]  # view to its layers and metadata
 
 LOG = logging.getLogger("photonbeams")
 
@@ -58,7 +59,7 @@ def _picture_path(path: PathLike) -> Path:
 def write_frame(
     path: PathLike,
     layers: Mapping[str, Array],
-    metadata: Mapping[str, Any] | None = None,
+    metadata: Metadata | None = None,
     layer: str = "rgba",
     exposure: float = 0.0,
     views: Views | None = None,
@@ -70,7 +71,7 @@ def write_frame(
 def encoded_frame(
     path: PathLike,
     layers: Mapping[str, Array],
-    metadata: Mapping[str, Any] | None = None,
+    metadata: Metadata | None = None,
     layer: str = "rgba",
     exposure: float = 0.0,
     views: Views | None = None,
@@ -105,7 +106,7 @@ def encoded_frame(
 def encoded_exr(
     path: PathLike,
     layers: Mapping[str, Array],
-    metadata: Mapping[str, Any] | None = None,
+    metadata: Metadata | None = None,
     views: Views | None = None,
 ) -> memoryview:
     """Return a multi-part EXR with a part for each layer, `rgba` first: ZIP, half for colours, float for others.
@@ -214,7 +215,7 @@ def _check_views(path: PathLike, views: Views) -> None:
         raise ValueError(f"while writing {path}, got layers {text}: expected some for each view, all of one size")
 
 
-def _header(metadata: Mapping[str, Any]) -> dict[str, Any]:
+def _header(metadata: Metadata) -> dict[str, Any]:
     """Return metadata as attributes of the types that the OpenEXR module takes."""
     result: dict[str, Any] = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
     for name, value in metadata.items():
@@ -235,7 +236,7 @@ def _header(metadata: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def _all_text(values: list[Any]) -> bool:
+def _all_text(values: list[object]) -> bool:
     return bool(values) and all(isinstance(each, str) for each in values)
 
 

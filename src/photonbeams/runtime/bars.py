@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 #: Called with what is done, the total if it is known, and a description.
 Update = Callable[[int, "int | None", str], None]
 
 
-def terminal(always: bool = False) -> Any | None:
+def terminal(always: bool = False) -> Console | None:
     """Return a console on standard error, or None if that is not a terminal; `always` a console."""
     from rich.console import Console
 
@@ -19,7 +22,7 @@ def terminal(always: bool = False) -> Any | None:
 
 
 @contextmanager
-def drawn(console: Any) -> Iterator[Update]:
+def drawn(console: Console) -> Iterator[Update]:
     """Yield a function that updates a bar on a console; the bar is gone after the context."""
     from rich.progress import (
         BarColumn,

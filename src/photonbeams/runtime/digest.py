@@ -13,7 +13,7 @@ from enum import Enum
 from functools import cached_property, partial
 from hashlib import sha256
 from os import PathLike, fspath
-from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
+from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 _NAMED = (type, ModuleType, BuiltinFunctionType, FunctionType, MethodType)
 
 
-def digest(*values: Any) -> str:
+def digest(*values: object) -> str:
     """Return a hash of values, as text."""
     hashed = sha256()
     _Feed(hashed).add(values)
@@ -69,7 +69,7 @@ class _Feed:
             self._hashed.update(b"%d:" % len(text))
             self._hashed.update(text)
 
-    def add(self, value: Any) -> None:
+    def add(self, value: object) -> None:
         """Feed a value to the hash."""
         if isinstance(value, _PLAIN) and not isinstance(value, Enum):
             self._put(type(value).__name__, value)
@@ -100,7 +100,7 @@ class _Feed:
         else:
             self._add_object(value)
 
-    def _add_object(self, value: Any) -> None:
+    def _add_object(self, value: object) -> None:
         if isinstance(value, FunctionType):
             self._add_function(value)
         elif isinstance(value, MethodType):
@@ -134,7 +134,7 @@ class _Feed:
                 self.add(_source(value) if isinstance(value, type) else value)
 
 
-def fields_of(value: Any) -> dict[str, Any]:
+def fields_of(value: object) -> dict[str, Any]:
     """Return an object's attributes without cached properties, which may not have been computed yet."""
     kinds = [vars(each) for each in type(value).__mro__]
     slots = {name for each in kinds for name in _names_of_slots(each.get("__slots__", ()))}
@@ -148,7 +148,7 @@ def _names_of_slots(given: str | Iterable[str]) -> list[str]:
     return [name for name in names if not name.startswith("__")]
 
 
-def _content(cell: Any) -> Any:
+def _content(cell: CellType) -> Any:
     try:
         return cell.cell_contents
     except ValueError:  # the cell is still empty
@@ -161,7 +161,7 @@ def _names(code: CodeType) -> set[str]:
     return {*code.co_names}.union(*map(_names, inner))
 
 
-def _source(value: Any) -> str:
+def _source(value: type | FunctionType) -> str:
     """Return the source text of a function or a class or, if there is none, its compiled code."""
     try:
         return inspect.getsource(value)

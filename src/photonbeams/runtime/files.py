@@ -25,7 +25,10 @@ from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
 from tempfile import TemporaryDirectory, gettempdir
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 PathLike = str | os.PathLike[str]
 
@@ -76,7 +79,7 @@ class _Draft(io.RawIOBase):
     def writable(self) -> bool:
         return True
 
-    def write(self, data: Any) -> int:
+    def write(self, data: ReadableBuffer) -> int:
         with memoryview(data).cast("B") as view:
             self._file.write(view)
             self._checksum = zlib.crc32(view, self._checksum)

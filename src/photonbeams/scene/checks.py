@@ -6,7 +6,7 @@ import difflib
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
 from numbers import Integral, Real
 from types import NoneType
@@ -76,7 +76,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """Return a value as text for a message: on one line, of at most 61 characters."""
     try:
         text = " ".join((str(value) if isinstance(value, Real) else repr(value)).split())
@@ -85,13 +85,13 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"
 
 
-def has_gradients(value: Any) -> bool:
+def has_gradients(value: object) -> bool:
     """Return whether a value is, or holds, a Dr.Jit array with gradients enabled."""
     drjit = sys.modules.get("drjit")
     return drjit is not None and bool(drjit.grad_enabled(value))
 
 
-def numbers(value: Any, name: str, expected: str) -> Array:
+def numbers(value: object, name: str, expected: str) -> Array:
     """Return numbers of any shape as a NumPy array; a Dr.Jit array of vectors becomes (N, 3).
 
     Parameters
@@ -120,7 +120,7 @@ def numbers(value: Any, name: str, expected: str) -> Array:
     return found
 
 
-def choice(value: Any, name: str, choices: Iterable[str]) -> str:
+def choice(value: object, name: str, choices: Iterable[str]) -> str:
     """Return `value` if it is one of these words, else raise a SceneError that lists them."""
     listed = tuple(choices)
     if not isinstance(value, str) or value not in listed:
@@ -128,7 +128,7 @@ def choice(value: Any, name: str, choices: Iterable[str]) -> str:
     return value
 
 
-def instance(value: Any, name: str, *kinds: type) -> None:
+def instance(value: object, name: str, *kinds: type) -> None:
     """Raise SceneError if a value is of none of these types."""
     if not isinstance(value, kinds):
         known = " or ".join("None" if each is NoneType else f"a {each.__name__}" for each in kinds)
@@ -182,7 +182,7 @@ def unknown(name: str, key: str, expected: Iterable[str]) -> str:
     return shortened(f"{name} has no argument {shown(key)}{hint} Expected {', '.join(listed) or 'none'}")
 
 
-def _misuse(name: str, signature: inspect.Signature, given: int, named: dict[str, Any], error: TypeError) -> str:
+def _misuse(name: str, signature: inspect.Signature, given: int, named: Mapping[str, object], error: TypeError) -> str:
     """Return the message for the arguments of a call that do not match `signature`."""
     parameters = {key: each for key, each in signature.parameters.items() if key != "self"}
     wrong = [key for key in named if key not in parameters]
@@ -228,14 +228,14 @@ def number(value: float, name: str, minimum: float = -np.inf, maximum: float = n
     return float(found.ravel()[0])
 
 
-def whole(value: Any, name: str, of: str = "") -> int:
+def whole(value: object, name: str, of: str = "") -> int:
     """Return a whole number, also a NumPy one, as an int; SceneError for anything else, such as 64.0 and "4"."""
     if not isinstance(value, Integral):
         raise SceneError(f"{name} is {shown(value)}: expected a whole number{of}")
     return int(value)
 
 
-def real(value: Any, name: str, above: float = -np.inf) -> float:
+def real(value: object, name: str, above: float = -np.inf) -> float:
     """Return a finite number above `above`, also a NumPy one, as a float; SceneError for anything else."""
     if isinstance(value, Real) and above < float(value) < np.inf:
         return float(value)
