@@ -235,8 +235,8 @@ class _Renderer:
     def _rendered(self, scene: MiScene, sensor: MiSensor, settings: Settings) -> dict[str, Array]:
         """Return the layers, with what the pilots found in the last render if neither scene nor sensor has changed."""
         from .render.films.denoising import denoised
+        from .render.lights import Findings
         from .render.scene_frame import Extras, render
-        from .render.scene_light import Findings
         from .world.parameters import Parameters
 
         parameters, findings = self._last

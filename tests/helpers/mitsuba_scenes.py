@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from photonbeams.render.lights import Findings
 from photonbeams.render.scene_frame import Extras, render
-from photonbeams.render.scene_light import Findings
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from tests.helpers.comparison import ABSORPTION, BOX, EYE, HOLE_X, HOLE_Y, HOLE_Z, SCATTERING, comparison_scene

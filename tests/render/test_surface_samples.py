@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photonbeams.render import scene_light
+from photonbeams.render import lights
 from photonbeams.render.costs import surface_samples
 from photonbeams.render.scene_frame import render
 from photonbeams.render.settings import Settings
@@ -72,8 +72,8 @@ def test_parameters_are_equal_until_one_is_set():
 
 
 def test_an_integrator_asks_its_pilot_once_while_nothing_changes(monkeypatch):
-    asked, preferred = [], scene_light.preferred
-    monkeypatch.setattr(scene_light, "preferred", lambda *given: asked.append(1) or preferred(*given))
+    asked, preferred = [], lights.preferred
+    monkeypatch.setattr(lights, "preferred", lambda *given: asked.append(1) or preferred(*given))
     forward = {"type": "hg", "g": 0.5}  # rendering makes this number a variable
     scene = load(lamp=LAMP, fog=cube_of(fog(0.5, phase=forward)), sensor=camera(size=4))
     integrator = mi.load_dict({"type": "photon_beams", "paths": 256, "max_depth": 3})

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
@@ -27,7 +27,7 @@ from .paths.camera_paths import Lighting
 from .ray_passes import PassRenderer, ViewRays
 
 if TYPE_CHECKING:
-    from .scene_light import Lights
+    from .lights import Lights
 
 mi = mitsuba()
 
@@ -61,12 +61,6 @@ class Pixels:
     averaged: float = 1.0
 
 
-def is_sharp(emitter: Any) -> bool:
-    """Return whether an emitter looks small from a point: a lamp or the sun, not a sky."""
-    flags = emitter.flags()
-    return not mi.has_flag(flags, mi.EmitterFlags.Infinite) or mi.has_flag(flags, mi.EmitterFlags.Delta)
-
-
 def preferred(lights: Lights, emitters: Sequence[int], pixels: Pixels) -> list[int]:
     """Return the numbers of those emitters whose light walks should meet, for passes of these pixels.
 
@@ -80,7 +74,7 @@ def preferred(lights: Lights, emitters: Sequence[int], pixels: Pixels) -> list[i
     kinds: dict[bool, list[int]] = {}
     for each in emitters:
         if each not in result:
-            kinds.setdefault(is_sharp(world.plugin.emitters()[each]), []).append(each)
+            kinds.setdefault(world.emitters[each].lamp.bare.sharp, []).append(each)
     for own in kinds.values() if lights.cameras else ():
         if _prefers_walks(lights, own, frozenset(everyone) - set(own), pixels):
             result += own
@@ -202,7 +196,7 @@ class _Pilot:
         scale = 1 / (max(self._portion, 1e-30) * len(self.found))
         beams, photons = scale * self._light.beams, scale * self._light.photons
         return (of_beams(beams + photons, beams, pixels) if self.traces else 0.0) + (
-            WALK * pixels if self._light.walks else 0.0
+            WALK * pixels if self._light.walks(self._light.world) else 0.0
         )
 
     def add(self, passes: int) -> None:

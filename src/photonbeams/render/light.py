@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import drjit as dr
 
@@ -27,6 +26,9 @@ from .paths.single_scattering import SingleScattering
 from .paths.walks import Walking
 from .settings import Settings
 from .worlds import Worlds
+
+if TYPE_CHECKING:
+    from .lights import Findings
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,8 @@ class FrameLight(Protocol):
     def varies(self) -> bool:
         """Whether passes differ in more than the samples of camera paths."""
 
-    @property
-    def walks(self) -> Mapping[str, Walking]:
-        """By light groups, the walks that meet the light of emitters which send no light paths."""
+    def walks(self, world: World) -> Mapping[str, Walking]:
+        """Return, by light groups, the walks in a world that meet the light of emitters which send no light paths."""
 
     def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
         """Return the beams and photons of pass `number`; `step` is called between parts of the pass."""
@@ -86,18 +87,20 @@ class Light:
     paths, varies
         As in `FrameLight`.
     walks
-        By light groups, the walks that meet the light of some emitters.
-    portal
-        The portal before Mitsuba's environment, or None.
+        Returns, by light groups, the walks in a world that meet the light of some emitters.
+    portal, findings
+        The portal before Mitsuba's environment, or None; and the results of its pilots.
     """
 
     def __init__(
         self, worlds: Worlds, simulation: Simulation, settings: Settings, max_depth: int | None,
-        paths: int, varies: bool = True, walks: Mapping[str, Walking] = MappingProxyType({}),
-        portal: EnvironmentPortal | None = None,
+        paths: int, varies: bool = True, walks: Callable[[World], Mapping[str, Walking]] = lambda _: {},
+        portal: EnvironmentPortal | None = None, findings: Findings | None = None,
     ) -> None:  # fmt: skip
         self.worlds, self.simulation, self.settings, self.max_depth = worlds, simulation, settings, max_depth
-        self.paths, self.varies, self.walks, self._portal = paths, varies, walks, portal
+        self.paths, self.varies, self._walks, self._portal = paths, varies, walks, portal
+        self.findings = findings
+        self._walking: tuple[World, Mapping[str, Walking]] | None = None
 
     @property
     def world(self) -> World:
@@ -129,6 +132,12 @@ class Light:
     def clock(self, number: int) -> tuple[float, float]:
         """Return the frame number and the time in seconds of a pass, for looks that change with time."""
         return self.worlds.clock(number)
+
+    def walks(self, world: World) -> Mapping[str, Walking]:
+        """Return, by light groups, the walks in a world that meet the light of emitters which send no light paths."""
+        if self._walking is None or self._walking[0] is not world:
+            self._walking = world, self._walks(world)
+        return self._walking[1]
 
     def lighting(self, world: World) -> Lighting:
         """Return the lighting of a world."""

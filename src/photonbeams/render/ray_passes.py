@@ -105,7 +105,7 @@ class PassRenderer:
         """Return what camera rays see, except beams; `order` are their numbers in the sample sequences."""
         statistics, count = self.statistics, dr.width(rays.primary.direction)
         tracing = self.camera_tracing(light.world, rays)
-        walkings, picture = self.light.walks, CameraImage(count, tracing.albedo)
+        walkings, picture = self.light.walks(light.world), CameraImage(count, tracing.albedo)
         sky = self.light.single_scattering(light.world, count, samples)
         scattered = {group: dr.zeros(Array3f, count) for group in walkings}
         with statistics.phase("surfaces"):
@@ -180,7 +180,7 @@ class PassRenderer:
             return CameraTracing(world, NoLighting(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
         return CameraTracing(
             world, self.light.lighting(world), self._max_depth, settings.rr_depth, settings.hide_emitters,
-            settings.surfaces, world.sharp, walks=settings.surfaces and bool(self.light.walks),
+            settings.surfaces, world.sharp, walks=settings.surfaces and bool(self.light.walks(world)),
             normals=settings.denoise, albedo=settings.denoise or settings.albedo,
         )  # fmt: skip
 

@@ -18,9 +18,10 @@ from .films.layers import group_layers
 from .films.pixel_filters import averaged, reconstruction_filter
 from .frame import DEFAULTS, FrameRenderer
 from .holdouts import HoldoutDepth
+from .lights import Findings
 from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, Statistics, accumulate
-from .scene_light import EmitterSettings, Findings, light_of
+from .scene_light import EmitterSettings, light_of
 from .settings import Settings, as_passes
 from .views import FrameView
 

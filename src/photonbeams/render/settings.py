@@ -134,8 +134,8 @@ class Settings:
     method: str = setting(
         "auto", 'How the light of emitters is found: "beams" traces light paths from them; "paths" traces paths from '
         "the camera, except for emitters that have a look, a portal, a gobo or settings of their beams; "
-        '"auto" runs a pilot and takes whichever has less noise.',
-        None, {"method": {}}, choices=METHODS, reader="scene",
+        '"auto" runs a pilot and takes whichever has less noise, on stages only if light may be scattered repeatedly.',
+        None, {"method": {}}, choices=METHODS,
     )  # fmt: skip
     short: bool = _yes_or_no(
         "End beams where their light is scattered, instead of at the next surface.",

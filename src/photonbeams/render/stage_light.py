@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Protocol
 
 from .. import scene
-from ..estimators.projection import Projection
-from ..transport.guides import Guides
 from ..transport.portal_visibility import lights_seen
 from ..transport.simulation import Simulation
 from ..transport.strata import Allotment
 from ..world.cameras.cameras import View, Window
-from ..world.shutter import Moment, Shutter
+from ..world.shutter import Shutter
 from ..world.stage_world import StageWorld
+from .choice import Pixels
 from .light import Light, tuning_of
+from .lights import Findings, Lights
 from .passes import Statistics
 from .settings import Settings
 from .worlds import ShutterWorlds
@@ -38,8 +37,8 @@ class Earlier(Protocol):
     worlds: Sequence[StageWorld]
     light_side: frozenset[str] | None
 
-    def guides(self, world: StageWorld) -> Guides | None:
-        """Return the earlier frame's guides; None if they have to be found again."""
+    def findings(self, world: StageWorld) -> Findings | None:
+        """Return what the earlier frame's pilots found; None if it has to be found again."""
 
 
 def light_of_stage(
@@ -72,17 +71,17 @@ def light_of_stage(
     with statistics.phase("build"):
         light_side = _seen_past_portals(worlds, window, None if earlier is None else earlier.light_side)
     simulation = Simulation(tuning_of(settings, max_depth, all_beams), Allotment(usual, past=light_side))
-    if settings.guiding in (None, True):
-        with statistics.phase("guide"):
-            known = None if earlier is None else earlier.guides(worlds.opened)
-            if known is None:
-                whole = window.whole()  # a crop and overscan have the guides of the whole picture
-                simulation = simulation.guided(worlds.opened, _projections(viewers, opened, whole))
-            else:
-                simulation = replace(simulation, guides=known)
     counts = [usual if light.beam_count is None else light.beam_count for light in opened.scene.lights]
     paths = sum(counts) + sum(len(each.start) for each in opened.scene.drawn)
-    return Light(worlds, simulation, settings, max_depth, paths), worlds
+    known = None if earlier is None else earlier.findings(worlds.opened)
+    findings = Findings() if known is None else known
+    cameras = [View(camera, window) for camera in (viewers() if viewers else opened.cameras)]
+    lights = Lights(worlds, settings, max_depth, simulation, cameras, findings, paths)
+    walked: Sequence[int] = ()
+    if not all_beams and (settings.method != "auto" or max_depth != 2):
+        walked = lights.walked(Pixels(window.width * window.height), statistics)
+    with statistics.phase("guide"):
+        return lights.light(walked), worlds
 
 
 def _seen_past_portals(worlds: ShutterWorlds, window: Window, known: frozenset[str] | None) -> frozenset[str]:
@@ -99,9 +98,3 @@ def _seen_past_portals(worlds: ShutterWorlds, window: Window, known: frozenset[s
     for name in sorted(beyond - result):
         LOG.warning("%s is seen before its portal in overscan alone, where its beams are left out", name)
     return result
-
-
-def _projections(
-    viewers: Callable[[], Sequence[scene.Camera]] | None, moment: Moment, window: Window
-) -> list[Projection]:  # fmt: skip
-    return [View(camera, window).projection for camera in (viewers() if viewers else moment.cameras)]

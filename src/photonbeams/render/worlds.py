@@ -23,6 +23,10 @@ class Worlds(Protocol):
     def opened(self) -> World:
         """The world when the shutter opens."""
 
+    @property
+    def varies(self) -> bool:
+        """Whether passes may differ although no light paths are sent."""
+
     def medium(self, number: int) -> scene.Medium | None:
         """Return the first homogeneous medium in the middle of a pass, for programs."""
 
@@ -44,6 +48,8 @@ class Worlds(Protocol):
 
 class StillWorld:
     """The world of a shot in which nothing moves, and no look changes with time."""
+
+    varies = False
 
     def __init__(self, world: World) -> None:
         self.opened = world
@@ -87,6 +93,8 @@ class ShutterWorlds:
     known
         Worlds of an earlier frame of the same shot, parts of which may be used again.
     """
+
+    varies = True
 
     def __init__(
         self, shutter: Shutter, sharp: bool, planned: int | None = None, known: Sequence[StageWorld] = ()

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from ..render.films.frame_sums import FrameSums
     from ..render.frame import Lit, Seen
     from ..render.light import Light, TracedLight
+    from ..render.lights import Findings
     from ..render.worlds import ShutterWorlds
     from ..shot.request import Prepared
-    from ..transport.guides import Guides
 
 # The number of passes whose light and surfaces are kept, for the first pictures after an edit.
 _KEPT = 1
@@ -153,11 +153,11 @@ class _Reuse:
         same_size = (own.width, own.height) == (other.width, other.height)
         self._same_views = same_size and equal(frame._viewers, like._viewers)
 
-    def guides(self, world: StageWorld) -> Guides | None:
-        """Return the earlier frame's guides; None if they have to be found again."""
+    def findings(self, world: StageWorld) -> Findings | None:
+        """Return what the earlier frame's pilots found; None if it has to be found again."""
         if not self._keeps_guides and not (self._same_views and _same_light(self._settings, world, self._known)):
             return None
-        return self._known._emission.simulation.guides
+        return self._known._emission.findings
 
 
 def _same_light(settings: Settings, world: StageWorld, like: LiveFrame) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -42,12 +42,16 @@ class Simulation:
         What a pilot has found out about the strata.
     named
         Whether beams carry the data that only looks and programs read.
+    caustics
+        The numbers of emitters whose light paths only count as caustics: a mirror or glass must be the first to turn
+        them. They have sources of their own, which follow those of the world.
     """
 
     tuning: Tuning
     allotment: Allotment = ALLOTMENT
     guides: Guides = UNGUIDED
     named: bool = True
+    caustics: Collection[int] = ()
     _known: list[tuple[World, list[Stratum]]] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def strata(self, world: World) -> list[Stratum]:
@@ -56,6 +60,9 @@ class Simulation:
             if known is world:
                 return strata
         found = self.guides.applied(self.allotment.strata(world, self.tuning))
+        for each in found:
+            if each.emitter.number in self.caustics:
+                each.emitter.source = world.emitters[each.emitter.number].source + len(world.sources)
         self._known[:] = [*self._known[1 - _KEPT :], (world, found)]
         return found
 
@@ -65,7 +72,11 @@ class Simulation:
         Emitters whose beams are bent along guides are left out, because their beams do not go where the paths go.
         """
         # Copies, because the pilot gives them guides.
-        strata = [replace(each) for each in self.strata(world) if not world.sources[each.emitter.source].guides]
+        strata = [
+            replace(each)
+            for each in self.strata(world)
+            if not world.sources[world.emitters[each.emitter.number].source].guides
+        ]
         if not strata or not views:
             return self
         return replace(self, guides=Guides.of(strata, self._tracer(world, strata).guide(views)))
@@ -117,6 +128,9 @@ class Simulation:
             replace(each, look=each.look if looks is None else looks.get(each.name, each.look))
             for each in world.sources
         ]
+        if self.caustics:
+            count = len(sources)
+            sources += [replace(each, number=each.number + count, caustics=True) for each in sources]
         return LightTracer(world, Emission(strata, self.allotment.shared), self.tuning, sources, self.named, step)
 
 

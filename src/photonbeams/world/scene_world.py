@@ -59,6 +59,7 @@ class SceneWorld(World):
         beams: Sequence[scene.BeamSettings] = (), numbers: Sequence[int] = (),
     ) -> None:  # fmt: skip
         self.plugin = self.surfaces = self.host = plugin
+        self.sources = tuple(sources)
         self.media = Media.of(plugin)
         places = places_of(plugin)
         finite = [each for each in [*places, *([] if eye is None else [eye])] if not each.infinite]
@@ -67,7 +68,8 @@ class SceneWorld(World):
         self.bounds = Bounds(center, self.radius)
         settings = beams or [scene.BeamSettings()] * len(plugin.emitters())
         self.emitters = emitters_of(plugin, settings, self.bounds)
-        self._give(sources, numbers or [0] * len(self.emitters))
+        own = numbers or [0] * len(self.emitters)
+        self.emitters = [each._replace(source=source) for each, source in zip(self.emitters, own, strict=True)]
         self.perturbed, self.translucent = perturbs(plugin), translucent(plugin)
         self.mirrors = mirrors(plugin)
         self.surroundings = Surroundings(plugin, self.media, places, eye)
@@ -77,16 +79,6 @@ class SceneWorld(World):
         self.endless = endless_length(self.extent, open_)
         self._fog_beyond = bool(open_) and (self.extent > self.radius or not plugin.shapes())
         self._escape = dr.opaque(Float, scene.ESCAPE * self.extent)
-
-    def _give(self, sources: Sequence[Source], numbers: Sequence[int]) -> None:
-        self.sources = tuple(sources)
-        self.emitters = [each._replace(source=own) for each, own in zip(self.emitters, numbers, strict=True)]
-
-    def with_sources(self, sources: Sequence[Source], numbers: Sequence[int]) -> SceneWorld:
-        """Return the world with other sources, and the number of the source of each emitter."""
-        result = copy(self)
-        result._give(sources, numbers)
-        return result
 
     def short_of_fog(self, emitters: Iterable[int]) -> list[int]:
         """Return those emitters at infinity whose beams, which begin around the shapes, do not reach all endless fog.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -148,6 +148,10 @@ class World:
         portal, rather than on the emitter.
         """
         raise NotImplementedError
+
+    def short_of_fog(self, emitters: Iterable[int]) -> list[int]:
+        """Return those emitters at infinity whose beams, which begin around shapes, do not reach all endless fog."""
+        return []
 
     def radius_of(self, medium: RenderedMedium) -> float:
         """Return the radius of a medium, at most that of the region with everything in it."""

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from photonbeams.render.lights import Findings
 from photonbeams.render.scene_frame import Extras, begin
-from photonbeams.render.scene_light import Findings
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import BeamSettings, SceneError
@@ -108,7 +108,7 @@ def parts_of(scene, passes, **settings):
         light, lights = frame.light, {}
         lights["both"], lights["caustics"] = light, copy(light)
         lights["walks"], lights["neither"] = dark(light), dark(light)
-        lights["caustics"].walks = lights["neither"].walks = {}
+        lights["caustics"].walks = lights["neither"].walks = lambda _: {}
         for name, each in lights.items():
             frame.clear()
             frame.light = each

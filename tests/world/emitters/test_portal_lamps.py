@@ -7,7 +7,7 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
-from photonbeams.render.scene_light import Lights
+from photonbeams.render.lights import Lights
 from photonbeams.runtime.device import Array2f, Array3f, UInt32, mitsuba
 from photonbeams.world.emitters.portal_lamps import ThroughPortal, behind
 from photonbeams.world.emitters.portals import Portal

@@ -9,162 +9,37 @@ the phase function or BSDF, combined by the power heuristic (Veach 1997), as in 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
-import numpy as np
 
 from ...estimators.estimate import ENDLESS
-from ...numerics.arrays import compressed, padded, to_float, to_uint
+from ...numerics.arrays import compressed
 from ...numerics.samples import Samples
-from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
-from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...transport.interactions import SAMPLED, SCATTERED, flight, survival
-from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.media.interfaces import pointers
 from ...world.media.tracking import free_flight
-from ...world.media.visibility import through
-from ...world.scene_world import SceneWorld
-from ...world.shadow_rays import leaving, to_point
+from ...world.shadow_rays import leaving
 from ...world.spectra import rgb
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex
+from .walk_vertices import Vertex, Walk
+from .walked_emitters import Walked
 
 mi = mitsuba()
 
-# The fraction of samples that is spread evenly over all emitters: a weak one may be near.
-_EVENLY = 0.25
-
 # Steps after which walks end if nothing else ends them, as in a box of mirrors.
 _STEPS = 1024
-
-
-class Walk(Struct):
-    """Walks.
-
-    Attributes
-    ----------
-    origin, direction, medium
-        The current rays of walks, and the media in which these begin.
-    first, length
-        Whether a walk is still on the camera's own segment. It ends there unless it is scattered before `length`.
-    throughput, initial
-        The path's throughput, and its largest channel after the first scattering event. Where that event is certain,
-        the latter is small.
-    depth
-        How often the path was scattered.
-    counts
-        Whether emitters that the ray meets count: not after the first surface, whose direct light is counted elsewhere.
-    place, pdf
-        Where the walk was last scattered, and the density of its direction per solid angle, 0 after ideal lobes.
-    order, pixel, branch
-        The pixel's place in the sample sequences, the pixel, and the branch of its camera paths.
-    name
-        The name of the camera vertex at which the walk began.
-    """
-
-    origin: Array3f
-    direction: Array3f
-    medium: UInt32
-    first: Bool
-    length: Float
-    throughput: Array3f
-    initial: Float
-    depth: UInt32
-    counts: Bool
-    place: Array3f
-    pdf: Float
-    order: UInt32
-    pixel: UInt32
-    branch: UInt32
-    name: UInt32
-
-
-class WalkedEmitters:
-    """The emitters of a Mitsuba scene that walks meet; their samples choose an emitter mostly by its power.
-
-    Parameters
-    ----------
-    world
-        The scene.
-    numbers
-        The numbers of the emitters in the scene, at least one.
-    power
-        The power of each.
-    sharp
-        Emitters whose caustics are left to photons and beams.
-    portal
-        The portal before the scene's environment, or None.
-    """
-
-    def __init__(
-        self, world: SceneWorld, numbers: Sequence[int], power: Sequence[float], sharp: Collection[int] = (),
-        portal: EnvironmentPortal | None = None,
-    ) -> None:  # fmt: skip
-        emitters = world.plugin.emitters()
-        known = [int(UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(each)))[0]) for each in emitters]
-        part = np.asarray(power) / sum(power) if sum(power) > 0 else np.zeros(len(numbers))
-        part = _EVENLY / len(numbers) + (1 - _EVENLY) * part
-        part /= part.sum()
-        table = np.zeros(max(known) + 2, dtype=np.float32)
-        table[[known[each] for each in numbers]] = part
-        self.world, self._table, self._sharp = world, to_float(table), None
-        self._size = len(numbers)
-        self._portal = portal
-        if sharp:
-            caustics = np.zeros(len(table), dtype=np.uint32)
-            caustics[[known[each] for each in sharp]] = 1
-            self._sharp = to_uint(caustics)
-        places = to_uint(padded(numbers))
-        self._own = dr.gather(mi.EmitterPtr, world.plugin.emitters_dr(), places)
-        self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part, 0.0])))
-        self._visible = any(not mi.has_flag(emitters[each].flags(), mi.EmitterFlags.Delta) for each in numbers)
-
-    def __len__(self) -> int:
-        """Return how many emitters there are."""
-        return self._size
-
-    def sample(self, reference: Any, which: Float, aim: Any, active: Bool) -> tuple[Any, Array3f]:
-        """Return a sample of one of the emitters from a point, and its radiance over the density."""
-        index, probability = self._choice.sample_pmf(which, active)
-        emitter = dr.gather(mi.EmitterPtr, self._own, index, active)
-        light, radiance = emitter.sample_direction(reference, mi.Point2f(aim), active)
-        light.pdf *= probability
-        brought = rgb(radiance) * dr.rcp(dr.maximum(probability, 1e-30))
-        if self._portal is None:
-            return light, brought
-        return self._portal.sampled(Array3f(reference.p), light, brought, aim, probability)
-
-    def met(self, hit: Any, place: Array3f, ideal: Bool, active: Bool) -> tuple[Array3f, Float]:
-        """Return the radiance of these emitters where rays meet them, and the density with which `sample` chooses it.
-
-        `ideal` says which rays come from mirrors or glass.
-        """
-        if not self._visible:
-            return dr.zeros(Array3f, dr.width(place)), dr.zeros(Float, dr.width(place))
-        emitter: Any = hit.emitter(self.world.plugin, active)
-        numbers: Any = dr.reinterpret_array(UInt32, emitter)
-        probability = dr.gather(Float, self._table, numbers, active)
-        own = active & (probability > 0)
-        if self._sharp is not None:
-            own &= ~(ideal & (dr.gather(UInt32, self._sharp, numbers, active) > 0))
-        reference = _interaction(place, Array3f(0))
-        light = mi.DirectionSample3f(self.world.plugin, hit, reference)
-        pdf = emitter.pdf_direction(reference, light, own) * probability
-        if self._portal is not None:
-            pdf = self._portal.density(emitter, place, Array3f(light.d), pdf, probability)
-        return dr.select(own, rgb(emitter.eval(hit, own)), 0), dr.select(own, pdf, 0)
 
 
 @dataclass(frozen=True)
 class Walking:
     """How walks are followed: the emitters that they meet, and depths as in `CameraTracing`."""
 
-    emitters: WalkedEmitters
+    emitters: Walked
     max_depth: int | None
     rr_depth: int
 
@@ -224,20 +99,18 @@ class Walking:
 
     def _step(self, walk: Walk, going: Bool, samples: Samples, name: tuple[Any, ...]) -> tuple[Array3f, Walk, Bool]:
         world = self.emitters.world
-        ray = mi.Ray3f(mi.Point3f(walk.origin), mi.Vector3f(walk.direction))
-        hit = world.plugin.ray_intersect(ray, going & ~walk.first)
+        seed = samples.bits(walk.order, Stream.PATH_CUTOUT, *name)
+        hit = world.intersect(walk.origin, walk.direction, going & ~walk.first, seed)
         beyond = dr.select(hit.is_valid(), hit.t, dr.largest(Float))
         flown = self._flown(walk, dr.select(walk.first, walk.length, beyond), going, samples, name)
         distance, weight, scattered, tinted = flown
         throughput = walk.throughput * weight
         on = going & ~walk.first & ~scattered & ~tinted
-        found, density = self.emitters.met(
-            hit, walk.place, walk.pdf <= 0, on & walk.counts & self.within(walk.depth, 1)
-        )
-        share = dr.select(walk.pdf > 0, power_heuristic(walk.pdf, density), 1)
-        result: Any = dr.select(dr.max(found) > 0, throughput * found * share, 0)
-        vertex = _Vertex(walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
-        result += throughput * self._direct(vertex, samples, name)
+        found = self.emitters.met(walk, hit, on & walk.counts & self.within(walk.depth, 1))
+        result: Any = dr.select(dr.max(found) > 0, throughput * found, 0)
+        vertex = Vertex(walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
+        lit = (vertex.scattered | vertex.smooth) & self.within(walk.depth, 2)
+        result += throughput * self.emitters.direct(vertex, samples, name, lit)
         following, weight, goes = self._onward(vertex, samples, name)
         following.throughput = throughput * weight
         # After a null collision, which only changes the colour, a walk continues straight.
@@ -274,34 +147,7 @@ class Walking:
             scattered, tinted = dr.select(varying, scatters, scattered), varying & collided & ~scatters
         return dr.minimum(distance, length), weight, scattered, tinted
 
-    def _direct(self, vertex: _Vertex, samples: Samples, name: tuple[Any, ...]) -> Array3f:
-        """Return the light of one sample of the emitters that vertices scatter along the path, over its density."""
-        walk, hit, world = vertex.walk, vertex.hit, self.emitters.world
-        smooth = vertex.on_surface & mi.has_flag(hit.bsdf().flags(), mi.BSDFFlags.Smooth)
-        active = (vertex.scattered | smooth) & self.within(walk.depth, 2)
-        order = walk.order
-        reference = _interaction(vertex.position, dr.select(smooth, Array3f(hit.n), 0))
-        which, aim = (
-            samples.single(order, Stream.PATH_WHICH_EMITTER, *name),
-            samples.pair(order, Stream.PATH_EMITTER, *name),
-        )
-        light, radiance = self.emitters.sample(reference, which, aim, active)
-        lit = active & (light.pdf > 0)
-        phase = vertex.phase()
-        value, pdf = phase.eval_pdf(mi.PhaseFunctionContext(), vertex.place(), light.d, lit & vertex.scattered)
-        reflected, density = hit.bsdf().eval_pdf(mi.BSDFContext(), hit, hit.to_local(light.d), lit & smooth)
-        value = dr.select(vertex.scattered, rgb(value), rgb(reflected))
-        pdf = dr.select(vertex.scattered, pdf, density)
-        value = value * radiance * dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
-        lit &= (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
-        entered = world.media.beyond(hit, light.d, walk.medium, lit & smooth)
-        medium = dr.select(vertex.scattered, walk.medium, entered)
-        seed = samples.bits(order, Stream.PATH_SHADOW, *name)
-        ray = to_point(reference, Array3f(light.p), world.size).ray()
-        passed, _ = through(world.plugin, world.media, ray, medium, seed, lit, coarse=True, size=world.size)
-        return dr.select(lit, value * passed, 0)
-
-    def _onward(self, vertex: _Vertex, samples: Samples, name: tuple[Any, ...]) -> tuple[Walk, Array3f, Bool]:
+    def _onward(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...]) -> tuple[Walk, Array3f, Bool]:
         """Return the walks after their vertices, the weights of their new directions, and which walks continue."""
         walk, hit, media = vertex.walk, vertex.hit, self.emitters.world.media
         lobe, turn = (
@@ -311,7 +157,9 @@ class Walking:
         turned, own, pdf = vertex.phase().sample(
             mi.PhaseFunctionContext(), vertex.place(), lobe, turn, vertex.scattered
         )
-        sample, weight = hit.bsdf().sample(mi.BSDFContext(), hit, lobe, turn, vertex.on_surface)
+        # A cut-out surface was already sampled as opaque.
+        opacity = self.emitters.world.opacity(hit, vertex.on_surface)
+        sample, weight = hit.bsdf().sample(mi.BSDFContext(), hit, lobe * opacity, turn, vertex.on_surface)
         kind, direction = sample.sampled_type, hit.to_world(sample.wo)
         null = vertex.on_surface & mi.has_flag(kind, mi.BSDFFlags.Null)
         ideal = vertex.on_surface & mi.has_flag(kind, mi.BSDFFlags.Delta)
@@ -326,7 +174,8 @@ class Walking:
         following.depth = walk.depth + dr.select(null, 0, 1)
         following.counts = walk.counts | ~null
         following.place = dr.select(null, walk.place, vertex.position)
-        following.pdf = dr.select(null, walk.pdf, dr.select(ideal, 0, dr.select(vertex.scattered, pdf, sample.pdf)))
+        density = dr.select(vertex.scattered, pdf, sample.pdf * dr.rcp(opacity))
+        following.pdf = dr.select(null, walk.pdf, dr.select(ideal, 0, density))
         factor: Any = dr.select(vertex.scattered, rgb(own), rgb(weight))
         good = vertex.scattered | (vertex.on_surface & (sample.pdf > 0))
         good &= dr.isfinite(dr.sum(factor)) & self.within(following.depth, 1)
@@ -340,29 +189,3 @@ class Walking:
         survives = samples.single(walk.order, Stream.PATH_ROULETTE, *name) < surviving
         walk.throughput = walk.throughput * dr.select(tried, dr.rcp(dr.maximum(surviving, 1e-30)), 1)
         return going & (most > 0) & (~tried | survives)
-
-
-class _Vertex:
-    """The vertices of a step: scattered in a medium, or on a surface."""
-
-    def __init__(self, walk: Walk, hit: Any, position: Array3f, scattered: Bool, on_surface: Bool) -> None:
-        self.walk, self.hit, self.scattered, self.on_surface = walk, hit, scattered, on_surface
-        self.position = dr.select(on_surface, Array3f(hit.p), position)
-
-    def phase(self) -> Any:
-        """Return pointers to the phase functions of the media in which light is scattered."""
-        return pointers(dr.select(self.scattered, self.walk.medium, 0)).phase_function()
-
-    def place(self) -> Any:
-        """Return Mitsuba's interactions with media."""
-        result = dr.zeros(mi.MediumInteraction3f, dr.width(self.walk.order))
-        result.p, result.wi = mi.Point3f(self.position), mi.Vector3f(-self.walk.direction)
-        result.sh_frame = mi.Frame3f(result.wi)
-        result.medium = pointers(dr.select(self.scattered, self.walk.medium, 0))
-        return result
-
-
-def _interaction(place: Array3f, normal: Array3f) -> Any:
-    result = dr.zeros(mi.Interaction3f, dr.width(place))
-    result.p, result.n = mi.Point3f(place), mi.Normal3f(normal)
-    return result

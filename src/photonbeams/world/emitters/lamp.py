@@ -89,6 +89,11 @@ class Lamp(Struct):
         return isinstance(light, cls.record) and (getattr(light, "shape", None) is not None) == cls.stretched
 
     @property
+    def sharp(self) -> bool:
+        """Whether it looks small from a point: a lamp or the sun, not a sky."""
+        return not self.environment
+
+    @property
     def bare(self) -> Any:
         """The lamp without its images."""
         return self

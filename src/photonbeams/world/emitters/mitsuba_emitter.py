@@ -35,6 +35,11 @@ class MitsubaEmitter(Lamp):
         self.illuminates = not (surface and mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta))
         self._entry = _entry(plugin) if self.infinite and plugin is not None else None
 
+    @property
+    def sharp(self) -> bool:
+        """Whether it looks small from a point: a lamp or the sun, not a sky."""
+        return not self.infinite or bool(mi.has_flag(self.emitter.flags(), mi.EmitterFlags.Delta))
+
     def emit(self, u: Array2f, v: Array2f, bounds: Bounds) -> EmittedRays:
         """Return light paths as Mitsuba samples them, with `u` and `v` for position and direction."""
         differentials = self._differentials(u, v, bounds)

@@ -1,0 +1,91 @@
+"""Walks and their vertices: see `walks`."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import drjit as dr
+
+from ...numerics.structs import Struct
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.media.interfaces import pointers
+
+mi = mitsuba()
+
+
+class Walk(Struct):
+    """Walks.
+
+    Attributes
+    ----------
+    origin, direction, medium
+        The current rays of walks, and the media in which these begin.
+    first, length
+        Whether a walk is still on the camera's own segment. It ends there unless it is scattered before `length`.
+    throughput, initial
+        The path's throughput, and its largest channel after the first scattering event. Where that event is certain,
+        the latter is small.
+    depth
+        How often the path was scattered.
+    counts
+        Whether emitters that the ray meets count: not after the first surface, whose direct light is counted elsewhere.
+    place, pdf
+        Where the walk was last scattered, and the density of its direction per solid angle, 0 after ideal lobes.
+    order, pixel, branch
+        The pixel's place in the sample sequences, the pixel, and the branch of its camera paths.
+    name
+        The name of the camera vertex at which the walk began.
+    """
+
+    origin: Array3f
+    direction: Array3f
+    medium: UInt32
+    first: Bool
+    length: Float
+    throughput: Array3f
+    initial: Float
+    depth: UInt32
+    counts: Bool
+    place: Array3f
+    pdf: Float
+    order: UInt32
+    pixel: UInt32
+    branch: UInt32
+    name: UInt32
+
+
+class Vertex:
+    """The vertices of a step: scattered in a medium, or on a surface."""
+
+    def __init__(self, walk: Walk, hit: Any, position: Array3f, scattered: Bool, on_surface: Bool) -> None:
+        self.walk, self.hit, self.scattered, self.on_surface = walk, hit, scattered, on_surface
+        self.position = dr.select(on_surface, Array3f(hit.p), position)
+
+    @cached_property
+    def smooth(self) -> Bool:
+        """Which vertices are on surfaces that scatter light other than by ideal lobes."""
+        return self.on_surface & mi.has_flag(self.hit.bsdf().flags(), mi.BSDFFlags.Smooth)
+
+    def reference(self) -> Any:
+        """Return the places as Mitsuba's interactions, with a normal where they are on smooth surfaces."""
+        return interaction(self.position, dr.select(self.smooth, Array3f(self.hit.n), 0))
+
+    def phase(self) -> Any:
+        """Return pointers to the phase functions of the media in which light is scattered."""
+        return pointers(dr.select(self.scattered, self.walk.medium, 0)).phase_function()
+
+    def place(self) -> Any:
+        """Return Mitsuba's interactions with media."""
+        result = dr.zeros(mi.MediumInteraction3f, dr.width(self.walk.order))
+        result.p, result.wi = mi.Point3f(self.position), mi.Vector3f(-self.walk.direction)
+        result.sh_frame = mi.Frame3f(result.wi)
+        result.medium = pointers(dr.select(self.scattered, self.walk.medium, 0))
+        return result
+
+
+def interaction(place: Array3f, normal: Array3f) -> Any:
+    """Return Mitsuba's interactions at places."""
+    result = dr.zeros(mi.Interaction3f, dr.width(place))
+    result.p, result.n = mi.Point3f(place), mi.Normal3f(normal)
+    return result

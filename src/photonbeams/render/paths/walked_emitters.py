@@ -1,0 +1,146 @@
+"""Emitters whose light walks meet: those of a Mitsuba scene."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Any, Protocol
+
+import drjit as dr
+import numpy as np
+
+from ...numerics.arrays import padded, to_float, to_uint
+from ...numerics.samples import Samples
+from ...numerics.sampling import power_heuristic
+from ...numerics.streams import Stream
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.emitters.portal_lamps import EnvironmentPortal
+from ...world.media.visibility import through
+from ...world.shadow_rays import to_point
+from ...world.spectra import rgb
+from ...world.world import World
+from .walk_vertices import Vertex, Walk, interaction
+
+mi = mitsuba()
+
+# The fraction of samples that is spread evenly over all emitters: a weak one may be near.
+_EVENLY = 0.25
+
+
+class Walked(Protocol):
+    """Emitters whose light walks meet."""
+
+    world: World
+
+    def __len__(self) -> int:
+        """Return how many emitters there are."""
+
+    def direct(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool) -> Array3f:
+        """Return the light of one sample of the emitters that vertices scatter along the path, over its density."""
+
+    def met(self, walk: Walk, hit: Any, active: Bool) -> Array3f:
+        """Return the radiance of these emitters where walks meet them, weighted against that of `direct`."""
+
+
+def chances(power: Sequence[float]) -> np.ndarray:
+    """Return the probabilities with which emitters of these powers are sampled."""
+    part = np.asarray(power) / sum(power) if sum(power) > 0 else np.zeros(len(power))
+    part = _EVENLY / len(power) + (1 - _EVENLY) * part
+    result: np.ndarray = part / part.sum()
+    return result
+
+
+class WalkedEmitters:
+    """The emitters of a Mitsuba scene that walks meet; their samples choose an emitter mostly by its power.
+
+    Parameters
+    ----------
+    world
+        The scene.
+    numbers
+        The numbers of the emitters in the scene, at least one.
+    power
+        The power of each.
+    sharp
+        Emitters whose caustics are left to photons and beams.
+    portal
+        The portal before the scene's environment, or None.
+    """
+
+    def __init__(
+        self, world: World, numbers: Sequence[int], power: Sequence[float], sharp: Collection[int] = (),
+        portal: EnvironmentPortal | None = None,
+    ) -> None:  # fmt: skip
+        emitters = world.plugin.emitters()
+        known = [int(UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(each)))[0]) for each in emitters]
+        part = chances(power)
+        table = np.zeros(max(known) + 2, dtype=np.float32)
+        table[[known[each] for each in numbers]] = part
+        self.world, self._table, self._sharp = world, to_float(table), None
+        self._size = len(numbers)
+        self._portal = portal
+        if sharp:
+            caustics = np.zeros(len(table), dtype=np.uint32)
+            caustics[[known[each] for each in sharp]] = 1
+            self._sharp = to_uint(caustics)
+        places = to_uint(padded(numbers))
+        self._own = dr.gather(mi.EmitterPtr, world.plugin.emitters_dr(), places)
+        self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part, 0.0])))
+        self._visible = any(not mi.has_flag(emitters[each].flags(), mi.EmitterFlags.Delta) for each in numbers)
+
+    def __len__(self) -> int:
+        """Return how many emitters there are."""
+        return self._size
+
+    def sample(self, reference: Any, which: Float, aim: Any, active: Bool) -> tuple[Any, Array3f]:
+        """Return a sample of one of the emitters from a point, and its radiance over the density."""
+        index, probability = self._choice.sample_pmf(which, active)
+        emitter = dr.gather(mi.EmitterPtr, self._own, index, active)
+        light, radiance = emitter.sample_direction(reference, mi.Point2f(aim), active)
+        light.pdf *= probability
+        brought = rgb(radiance) * dr.rcp(dr.maximum(probability, 1e-30))
+        if self._portal is None:
+            return light, brought
+        return self._portal.sampled(Array3f(reference.p), light, brought, aim, probability)
+
+    def met(self, walk: Walk, hit: Any, active: Bool) -> Array3f:
+        """Return the radiance of these emitters where walks meet them, weighted against samples of emitters."""
+        place, ideal = walk.place, walk.pdf <= 0
+        if not self._visible:
+            return dr.zeros(Array3f, dr.width(place))
+        emitter: Any = hit.emitter(self.world.plugin, active)
+        numbers: Any = dr.reinterpret_array(UInt32, emitter)
+        probability = dr.gather(Float, self._table, numbers, active)
+        own = active & (probability > 0)
+        if self._sharp is not None:
+            own &= ~(ideal & (dr.gather(UInt32, self._sharp, numbers, active) > 0))
+        reference = interaction(place, Array3f(0))
+        light = mi.DirectionSample3f(self.world.plugin, hit, reference)
+        pdf = emitter.pdf_direction(reference, light, own) * probability
+        if self._portal is not None:
+            pdf = self._portal.density(emitter, place, Array3f(light.d), pdf, probability)
+        share = dr.select(ideal, 1, power_heuristic(walk.pdf, dr.select(own, pdf, 0)))
+        return dr.select(own, rgb(emitter.eval(hit, own)) * share, 0)
+
+    def direct(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool) -> Array3f:
+        """Return the light of one sample of the emitters that vertices scatter along the path, over its density."""
+        walk, hit, world, smooth = vertex.walk, vertex.hit, self.world, vertex.smooth
+        order, reference = walk.order, vertex.reference()
+        which, aim = (
+            samples.single(order, Stream.PATH_WHICH_EMITTER, *name),
+            samples.pair(order, Stream.PATH_EMITTER, *name),
+        )
+        light, radiance = self.sample(reference, which, aim, active)
+        lit = active & (light.pdf > 0)
+        phase = vertex.phase()
+        value, pdf = phase.eval_pdf(mi.PhaseFunctionContext(), vertex.place(), light.d, lit & vertex.scattered)
+        reflected, density = hit.bsdf().eval_pdf(mi.BSDFContext(), hit, hit.to_local(light.d), lit & smooth)
+        value = dr.select(vertex.scattered, rgb(value), rgb(reflected))
+        pdf = dr.select(vertex.scattered, pdf, density)
+        value = value * radiance * dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
+        lit &= (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
+        entered = world.media.beyond(hit, light.d, walk.medium, lit & smooth)
+        medium = dr.select(vertex.scattered, walk.medium, entered)
+        seed = samples.bits(order, Stream.PATH_SHADOW, *name)
+        ray = to_point(reference, Array3f(light.p), world.size).ray()
+        passed, _ = through(world.plugin, world.media, ray, medium, seed, lit, coarse=True, size=world.size)
+        return dr.select(lit, value * passed, 0)
