@@ -134,7 +134,7 @@ class Settings:
     method: str = setting(
         "auto", 'How the light of emitters is found: "beams" traces light paths from them; "paths" traces paths from '
         "the camera, except for emitters that have a look, a portal, a gobo or settings of their beams; "
-        '"auto" runs a pilot and takes whichever has less noise, on stages only if light may be scattered repeatedly.',
+        '"auto" runs a pilot and takes whichever has less noise; on stages, it takes paths where there is no fog.',
         None, {"method": {}}, choices=METHODS,
     )  # fmt: skip
     short: bool = _yes_or_no(

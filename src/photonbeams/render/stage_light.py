@@ -78,7 +78,9 @@ def light_of_stage(
     cameras = [View(camera, window) for camera in (viewers() if viewers else opened.cameras)]
     lights = Lights(worlds, settings, max_depth, simulation, cameras, findings, paths)
     walked: Sequence[int] = ()
-    if not all_beams and (settings.method != "auto" or max_depth != 2):
+    # Not by a pilot, which could decide otherwise in the next frame: in fog, light is beams unless paths are asked for.
+    plain = settings.method != "auto" or (max_depth != 2 and not worlds.opened.hazy)
+    if plain and not all_beams:
         walked = lights.walked(Pixels(window.width * window.height), statistics)
     with statistics.phase("guide"):
         return lights.light(walked), worlds
