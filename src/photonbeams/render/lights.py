@@ -103,11 +103,11 @@ class Lights:
 
     def light(self, walked: Sequence[int], dark: Collection[int] = ()) -> Light:
         """Return the light of which walks meet some emitters, by their numbers; emitters that are `dark` have none."""
-        world, portal = self.world, self.portal
+        world = self.world
         sharp = frozenset(each for each in walked if world.mirrors and world.emitters[each].lamp.bare.sharp)
         without = frozenset({*dark, *(each for each in walked if each not in sharp)})
-        allotment = replace(self.simulation.allotment, without=without)
-        simulation = replace(self.simulation, allotment=allotment, caustics=sharp)
+        allotment = replace(self.simulation.allotment, without=without, caustics=sharp)
+        simulation = replace(self.simulation, allotment=allotment)
         simulation = replace(simulation, guides=self._guides(simulation, (tuple(walked), frozenset(dark))))
         portal = self.portal  # the pilot may have found one
         power = [float(max(PathEmitter(world, each).flux)) for each in walked]

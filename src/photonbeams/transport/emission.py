@@ -48,6 +48,9 @@ class PathEmitter:
     margin
         For light from infinity, the distance from media up to which its paths begin around these, in radii of the
         world: that of the beams, or those at the boundary of a medium would lack neighbours.
+    caustics
+        Whether the paths only count as caustics: a mirror or glass must be the first to turn them. They have a source
+        of their own, which follows those of the world.
     """
 
     portal: Portal | None = None
@@ -55,10 +58,11 @@ class PathEmitter:
     through = False
     halvings = HALVINGS
 
-    def __init__(self, world: World, number: int, margin: float = 0.0) -> None:
+    def __init__(self, world: World, number: int, margin: float = 0.0, caustics: bool = False) -> None:
         own = world.emitters[number]
-        self.world, self.number, self.margin = world, number, margin
-        self.name, self.lamp, self.link, self.source = own.name, own.lamp, own.link, own.source
+        self.world, self.number, self.margin, self.caustics = world, number, margin, caustics
+        self.name, self.lamp, self.link = own.name, own.lamp, own.link
+        self.source = own.source + (len(world.sources) if caustics else 0)
         self.bounds = world.bounds.around(list(world.boxes.values()), margin) if margin else world.bounds
 
     def at(self, portal: Portal, through: bool, without: Portal | None = None) -> PathEmitter:

@@ -129,7 +129,7 @@ def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments
 
 
 def straight(tracing: Tracing, paths: LightPaths, last: Last | None = None) -> Iterator[tuple[Segments, Bool]]:
-    """Yield segments of light straight from its lamp, step by step, and which lanes have one.
+    """Yield segments of light straight from its lamp, step by step, and which lanes have one that counts.
 
     In empty space there are segments, too, whose length is 0 if they end nowhere. Paths keep their lanes, so they can
     be paired with the same paths at another time. The segments are those of `trace`, up to the `last` of each path.
@@ -138,7 +138,7 @@ def straight(tracing: Tracing, paths: LightPaths, last: Last | None = None) -> I
     while True:
         paths.branch = continued(divisible(tracing, paths)) + dr.zeros(UInt32, dr.width(paths.branch))
         segments, _, _, _, following, going = _step(tracing, paths, step)
-        yield segments, alive & (dr.max(paths.flux) > 0)
+        yield segments, alive & (dr.max(paths.flux) > 0) & ~tracing.undecided(paths)
         alive = alive & going
         if last is not None:
             alive &= ~last(segments, following)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -42,16 +42,12 @@ class Simulation:
         What a pilot has found out about the strata.
     named
         Whether beams carry the data that only looks and programs read.
-    caustics
-        The numbers of emitters whose light paths only count as caustics: a mirror or glass must be the first to turn
-        them. They have sources of their own, which follow those of the world.
     """
 
     tuning: Tuning
     allotment: Allotment = ALLOTMENT
     guides: Guides = UNGUIDED
     named: bool = True
-    caustics: Collection[int] = ()
     _known: list[tuple[World, list[Stratum]]] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def strata(self, world: World) -> list[Stratum]:
@@ -60,9 +56,6 @@ class Simulation:
             if known is world:
                 return strata
         found = self.guides.applied(self.allotment.strata(world, self.tuning))
-        for each in found:
-            if each.emitter.number in self.caustics:
-                each.emitter.source = world.emitters[each.emitter.number].source + len(world.sources)
         self._known[:] = [*self._known[1 - _KEPT :], (world, found)]
         return found
 
@@ -101,10 +94,10 @@ class Simulation:
         first, last = worlds[0], worlds[-1]
         strata, changed, scatters = self.strata(first), _changed(first, last), self.tuning.scatters
         # Light of a lamp that changes, and is not scattered, is traced at both times alone.
-        traced = [each for each in strata if scatters or each.emitter.source not in changed]
+        traced = [each for each in strata if scatters or each.emitter.number not in changed]
         whole = self._tracer(first, traced, looks, step)
         still = last.surfaces is first.surfaces and last.media is first.media
-        tried = [each for each in strata if not still or each.emitter.source in changed]
+        tried = [each for each in strata if not still or each.emitter.number in changed]
         sets: list[BeamSet] = []
         moving: Moving = {}
         if tried:
@@ -128,7 +121,7 @@ class Simulation:
             replace(each, look=each.look if looks is None else looks.get(each.name, each.look))
             for each in world.sources
         ]
-        if self.caustics:
+        if self.allotment.caustics:
             count = len(sources)
             sources += [replace(each, number=each.number + count, caustics=True) for each in sources]
         return LightTracer(world, Emission(strata, self.allotment.shared), self.tuning, sources, self.named, step)
@@ -146,7 +139,7 @@ def _numbers(some: Sequence[Stratum], strata: Sequence[Stratum]) -> UInt32:
 def _later(stratum: Stratum, last: World) -> Stratum:
     """Return the stratum of the same light paths in the world `last`."""
     own = stratum.emitter
-    emitter = PathEmitter(last, own.number, own.margin)
+    emitter = PathEmitter(last, own.number, own.margin, own.caustics)
     if own.portal is not None:  # a fitted portal does not move
         emitter = emitter.at(last.emitters[own.number].portal or own.portal, own.through)
     return replace(stratum, emitter=emitter)

@@ -43,14 +43,15 @@ class Allotment:
         The number of each emitter or, if it is `shared`, of all together, which divide it by their power.
     past
         Names of emitters whose paths past their portal are wanted, too (see `portal_visibility`); None: of all.
-    without
-        The numbers of emitters that send no light paths.
+    without, caustics
+        The numbers of emitters that send no light paths, and of those whose paths only count as caustics.
     """
 
     count: int = DEFAULT_BEAMS
     shared: bool = False
     past: Collection[str] | None = frozenset()
     without: Collection[int] = frozenset()
+    caustics: Collection[int] = frozenset()
 
     def strata(self, world: World, tuning: Tuning) -> list[Stratum]:
         """Return the strata of the emitters whose light is wanted.
@@ -85,7 +86,7 @@ class Allotment:
 
     def _parts(self, world: World, number: int) -> list[tuple[PathEmitter, float]]:
         """Return an emitter's light as a whole, or through its portal and past it, and the fractions of its paths."""
-        emitter, whole = world.emitters[number], PathEmitter(world, number)
+        emitter, whole = world.emitters[number], PathEmitter(world, number, caustics=number in self.caustics)
         if emitter.portal is None:
             return [(whole, 1.0)]
         through = whole.at(emitter.portal, True)
@@ -123,7 +124,7 @@ def _stratum(
     world, lamp = emitter.world, emitter.lamp
     margin = radius_from_infinity(lamp, count, overlap) if world.boxes else 0.0
     if margin:
-        whole = PathEmitter(world, emitter.number, margin)
+        whole = PathEmitter(world, emitter.number, margin, emitter.caustics)
         emitter = whole if emitter.portal is None else whole.at(emitter.portal, emitter.through)
     most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
     count = min(count_candidates(max(lit_fraction(emitter), 1 / _MOST_DARK), count), most)

@@ -87,3 +87,42 @@ def test_stages_take_beams_unless_light_is_scattered_more_than_once(usd):
     clear = pb.Shot(usd(ROOM.replace("(0.1, 0.12, 0.15)", "(0, 0, 0)") + lamp("RectLight")))
     one, other = (clear.render(**given, max_depth=4, **more).layers["rgba"] for more in ({}, {"method": "paths"}))
     assert np.array_equal(one, other)
+
+
+#: The ball is of glass, and the fog, around it, ends within the room.
+GLASS = ROOM.replace('def Sphere "Ball"\n{', '''def Material "Glass"
+{
+    token outputs:surface.connect = </Glass/Shader.outputs:surface>
+    def Shader "Shader"
+    {
+        uniform token info:id = "UsdPreviewSurface"
+        float inputs:opacity = 0
+        float inputs:roughness = 0
+        float inputs:ior = 1.5
+        token outputs:surface
+    }
+}
+def Sphere "Ball" (
+    prepend apiSchemas = ["MaterialBindingAPI"]
+)
+{
+    rel material:binding = </Glass>''').replace('def Scope "Fog"', 'def Cube "Fog"').replace(
+    "color3f photonbeams:scattering", "double size = 2.4\n    color3f photonbeams:scattering"
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("moving", ["lamp", "ball"])
+def test_light_that_glass_turns_counts_once(usd, moving):
+    """Caustics come from the lamp, all other light from paths, also beside bounded fog, while something moves."""
+    text = GLASS + lamp("SphereLight")
+    place = {"lamp": "(-0.6, 1.7, 0.3)", "ball": "(0.3, -0.4, -0.5)"}[moving]
+    x, rest = place[1:].split(",", 1)
+    samples = f"{{0: {place}, 1: ({float(x) + 0.3},{rest}}}"
+    text = text.replace(f"translate = {place}", f"translate.timeSamples = {samples}")
+    text = text.replace("float focalLength = 20", "float focalLength = 20\n    double shutter:close = 1")
+    shot = pb.Shot(usd(text))
+    given = {"frame": 0, "max_depth": 4, "beams": 2048}
+    paths, error = means(shot, passes=4, method="paths", **given)
+    beams, own_error = means(shot, passes=4, method="beams", **given)
+    assert np.all(np.abs(paths - beams) < 5 * np.hypot(error, own_error) + 0.015 * beams)
+    assert np.all(paths > 0)
