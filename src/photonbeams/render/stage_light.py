@@ -13,7 +13,6 @@ from ..transport.strata import Allotment
 from ..world.cameras.cameras import View, Window
 from ..world.shutter import Shutter
 from ..world.stage_world import StageWorld
-from .choice import Pixels
 from .light import Light, tuning_of
 from .lights import Findings, Lights
 from .passes import Statistics
@@ -77,11 +76,9 @@ def light_of_stage(
     findings = Findings() if known is None else known
     cameras = [View(camera, window) for camera in (viewers() if viewers else opened.cameras)]
     lights = Lights(worlds, settings, max_depth, simulation, cameras, findings, paths)
-    walked: Sequence[int] = ()
     # Not by a pilot, which could decide otherwise in the next frame: in fog, light is beams unless paths are asked for.
-    plain = settings.method != "auto" or (max_depth != 2 and not worlds.opened.hazy)
-    if plain and not all_beams:
-        walked = lights.walked(Pixels(window.width * window.height), statistics)
+    usual_beams = settings.method == "auto" and (max_depth == 2 or worlds.opened.hazy)
+    walked = [] if all_beams or usual_beams else lights.free
     with statistics.phase("guide"):
         return lights.light(walked), worlds
 

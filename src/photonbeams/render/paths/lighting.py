@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from typing import Any, Protocol
+from typing import Any
 
 import drjit as dr
 
@@ -18,7 +18,7 @@ from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.emitters.stage_lamps import Lamps, LinkedSurfaces
-from ...world.shadow_rays import ShadowRay, leaving, to_lamp
+from ...world.shadow_rays import ShadowRay, to_lamp
 from ...world.world import World
 from .camera_paths import NearestLamp, ShadingPoint
 from .mitsuba_lighting import MitsubaLighting
@@ -120,32 +120,62 @@ def _each(lamps: Lamps, state: tuple[Any, ...], body: Any) -> tuple[Any, ...]:
     return dr.while_loop((start, *state), lambda number, *_: number < lamps.count, step, label=lamps.kind.__name__)[1:]
 
 
-class _Lit(Protocol):
-    """Points that scatter light toward the camera, on surfaces or in media, each with one sample of a direction."""
+class LitPoints:
+    """Points that scatter light toward the camera, on surfaces or in media, each with one sample of a direction.
 
-    point: Any
+    Attributes
+    ----------
+    point, place, active
+        The samples' numbers and the medium of each point, where it is, and whether it is lit at all.
+    reference, size
+        The points, or hits on surfaces of a scene with this diameter, from which shadow rays begin: see `to_lamp`.
+    direction, weight, pdf, seed, open
+        The sample of a direction, its weight and density, the seed of its ray, and whether no surface blocks that.
+    shadow_reach, shadow
+        Surfaces farther away cast no shadow; and what a shadow leaves of the light, None: nothing.
+    """
+
+    point: ShadingPoint
     place: Array3f
     active: Bool
+    reference: Any
+    size: Float | None
+    direction: Array3f
     weight: Array3f
     pdf: Float
-    direction: Array3f
+    seed: UInt32
+    open: Bool
     shadow_reach: Any
-    shadow: Any
+    shadow: Any = None
 
     def toward(self, direction: Array3f, distance: Float) -> ShadowRay:
         """Return the shadow rays to light at a distance, which may be infinite."""
+        return to_lamp(self.reference, direction, distance, self.size)
 
     def sees(self, world: World, met: Bool, distance: Float) -> Bool:
         """Return which samples that meet a light, at this distance, are not blocked."""
+        # Small lights are met seldom. The seed is that of `open`: a cut-out that lets one ray through lets the other.
+        behind = met & ~self.open & dr.isfinite(distance)
+        ray = self.toward(self.direction, distance)
+        reach = dr.minimum(ray.length, self.shadow_reach)
+        return met & (self.open | (behind & ~world.blocked(ray.origin, ray.direction, reach, behind, self.seed)))
 
     def left(self, free: Bool, lit: Bool) -> Array3f:
         """Return the factor on light: 1 where nothing blocks it (`free`), else the shadow at points that are `lit`."""
+        return dr.select(free, Array3f(1), 0 if self.shadow is None else dr.select(lit, self.shadow, 0))
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
         """Return the factor on light from a direction, and the pdf with which that direction is sampled."""
+        raise NotImplementedError
+
+    def unblocked(self, world: World) -> Bool:
+        """Return whether no surface blocks the sample: this takes half the time of finding the nearest surface."""
+        alive = self.active & (dr.max(self.weight) > 0)
+        origin = self.toward(self.direction, Float(dr.inf)).origin
+        return alive & ~world.blocked(origin, self.direction, self.shadow_reach, alive, self.seed)
 
 
-class _Reflection:
+class _Reflection(LitPoints):
     """The BSDFs at camera vertices, and one sample of each."""
 
     def __init__(self, world: World, point: ShadingPoint, active: Bool) -> None:
@@ -163,29 +193,10 @@ class _Reflection:
         self.weight = dr.select(active & (self.pdf > 0) & ~ideal, Array3f(weight), 0)
         self.direction = Array3f(hit.to_world(sample.wo))
         self.seed = point.samples.bits(point.order, Stream.REFLECTION, point.step)
-        self.place, self._size = Array3f(hit.p), world.size
-        self._origin = leaving(hit, self.direction, self._size)
+        self.place, self.reference, self.size = Array3f(hit.p), hit, world.size
         self.shadow_reach: Any = Float(dr.inf)
         self.scale: Any = Float(1)
-        self.shadow: Any = None
-        self.open = self._open(world)
-
-    def _open(self, world: World) -> Bool:
-        """Return whether no surface blocks the sample: this takes half the time of finding the nearest surface."""
-        alive = self.active & (dr.max(self.weight) > 0)
-        return alive & ~world.blocked(self._origin, self.direction, self.shadow_reach, alive, self.seed)
-
-    def toward(self, direction: Array3f, distance: Float) -> ShadowRay:
-        """Return the shadow rays to light at a distance, which may be infinite."""
-        return to_lamp(self.hit, direction, distance, self._size)
-
-    def sees(self, world: World, met: Bool, distance: Float) -> Bool:
-        """Return which BSDF samples that meet a light, at a distance, are not blocked."""
-        # Small lights are met seldom. The seed is that of `open`: a cut-out that lets one ray through lets the other.
-        behind = met & ~self.open & dr.isfinite(distance)
-        ray = self.toward(self.direction, distance)
-        reach = dr.minimum(ray.length, self.shadow_reach)
-        return met & (self.open | (behind & ~world.blocked(ray.origin, ray.direction, reach, behind, self.seed)))
+        self.open = self.unblocked(world)
 
     def of_lights(self, links: LinkedSurfaces) -> _Reflection:
         """Return the reflection of lights with links: they light some surfaces, and some surfaces block them."""
@@ -193,12 +204,8 @@ class _Reflection:
         result.active = links.lights(self.hit, self.active)
         result.scale, result.shadow_reach, result.shadow = links.scale, links.reach, links.shadow
         result.weight = dr.select(result.active, self.weight * links.scale, 0)
-        result.open = result._open(links.world)
+        result.open = result.unblocked(links.world)
         return result
-
-    def left(self, free: Bool, lit: Bool) -> Array3f:
-        """Return the factor on light: 1 where nothing blocks it (`free`), else the shadow at paths that are `lit`."""
-        return dr.select(free, Array3f(1), 0 if self.shadow is None else dr.select(lit, self.shadow, 0))
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
         """Return BSDF times cosine, and the pdf of sampling that direction."""
@@ -224,7 +231,7 @@ def _linked(world: World, reflection: _Reflection, links: LinkedSurfaces | None)
     return (world, reflection) if links is None else (links.world, reflection.of_lights(links))
 
 
-def scattered(world: World, reflection: _Lit, light: Any, names: tuple[Any, ...]) -> Array3f:
+def scattered(world: World, reflection: LitPoints, light: Any, names: tuple[Any, ...]) -> Array3f:
     """Return the scattered radiance of one light: a sample of the light and the sample of a direction, weighted."""
     point, place = reflection.point, reflection.place
     medium = point.medium

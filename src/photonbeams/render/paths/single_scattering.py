@@ -18,11 +18,10 @@ from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.stage_lamps import LinkedSurfaces
 from ...world.media.interfaces import pointers
-from ...world.shadow_rays import ShadowRay, to_lamp
 from ...world.world import World
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex, ShadingPoint
-from .lighting import scattered
+from .lighting import LitPoints, scattered
 
 mi = mitsuba()
 
@@ -79,7 +78,7 @@ class SingleScattering:
             add_to_pixels(self.radiance[light.group], value, paths.pixel, paths.branch, lit)
 
 
-class _ScatteringPoints:
+class _ScatteringPoints(LitPoints):
     """Points in media that scatter light toward the camera, and a sample of the phase function at each."""
 
     def __init__(
@@ -91,8 +90,8 @@ class _ScatteringPoints:
         active: Bool,
         links: LinkedSurfaces | None,
     ) -> None:
-        self.point, self.place, self.active = point, place, active
-        self.shadow_reach = Float(dr.inf) if links is None else links.reach
+        self.point, self.place, self.reference, self.size, self.active = point, place, place, None, active
+        self.shadow_reach: Any = Float(dr.inf) if links is None else links.reach
         self.shadow = None if links is None else links.shadow
         self._interaction = dr.zeros(mi.MediumInteraction3f, dr.width(place))
         self._interaction.p, self._interaction.wi = mi.Point3f(place), mi.Vector3f(-ray)
@@ -103,23 +102,12 @@ class _ScatteringPoints:
         sample = self._phase.sample(mi.PhaseFunctionContext(), self._interaction, lobe, u, active)
         self.direction, self.pdf = Array3f(sample[0]), Float(sample[2])
         self.weight = dr.select(active, Array3f(sample[1]), 0)
-        self._seed = point.samples.bits(point.order, Stream.PHASE_LOBE, point.step)
-        self._open = self._free(world, active, self.shadow_reach)
+        self.seed = point.samples.bits(point.order, Stream.PHASE_LOBE, point.step)
+        self.open = self.unblocked(world)
 
-    def _free(self, world: World, active: Bool, reach: Float) -> Bool:
-        return active & ~world.blocked(self.place, self.direction, reach, active, self._seed)
-
-    def toward(self, direction: Array3f, distance: Float) -> ShadowRay:
-        """Return the shadow rays to light at a distance, which may be infinite."""
-        return to_lamp(self.place, direction, distance)
-
-    def sees(self, _: World, met: Bool, __: Float) -> Bool:
+    def sees(self, world: World, met: Bool, distance: Float) -> Bool:
         """Return which samples that meet a dome are not blocked."""
-        return met & self._open
-
-    def left(self, free: Bool, lit: Bool) -> Array3f:
-        """Return the factor on light: 1 where nothing blocks it (`free`), else the shadow at points that are `lit`."""
-        return dr.select(free, Array3f(1), 0 if self.shadow is None else dr.select(lit, self.shadow, 0))
+        return met & self.open
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
         """Return the phase function, and the pdf of sampling that direction."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 
 from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.media.interfaces import pointers
+from ...world.spectra import rgb
+from ...world.world import World
 
 mi = mitsuba()
 
@@ -55,12 +57,25 @@ class Walk(Struct):
     name: UInt32
 
 
+class DirectionSample(NamedTuple):
+    """A sample of a phase function or BSDF: a direction, its weight and density, and Mitsuba's sample of the BSDF."""
+
+    direction: Array3f
+    weight: Any
+    pdf: Any
+    bsdf: Any
+
+
 class Vertex:
     """The vertices of a step: scattered in a medium, or on a surface."""
 
-    def __init__(self, walk: Walk, hit: Any, position: Array3f, scattered: Bool, on_surface: Bool) -> None:
+    def __init__(
+        self, world: World, walk: Walk, hit: Any, position: Array3f, scattered: Bool, on_surface: Bool
+    ) -> None:  # fmt: skip
         self.walk, self.hit, self.scattered, self.on_surface = walk, hit, scattered, on_surface
         self.position = dr.select(on_surface, Array3f(hit.p), position)
+        # A cut-out surface was already sampled as opaque: undo the opacity factor of Mitsuba's `mask`.
+        self._opacity = world.opacity(hit, on_surface)
 
     @cached_property
     def smooth(self) -> Bool:
@@ -82,6 +97,28 @@ class Vertex:
         result.sh_frame = mi.Frame3f(result.wi)
         result.medium = pointers(dr.select(self.scattered, self.walk.medium, 0))
         return result
+
+    def evaluate(self, direction: Any, active: Bool) -> tuple[Any, Any]:
+        """Return the phase function, or BSDF times cosine, for a direction, and the density of sampling that."""
+        towards = mi.Vector3f(direction)
+        scattered = active & self.scattered
+        value, pdf = self.phase().eval_pdf(mi.PhaseFunctionContext(), self.place(), towards, scattered)
+        own = active & self.smooth
+        reflected, density = self.hit.bsdf().eval_pdf(mi.BSDFContext(), self.hit, self.hit.to_local(towards), own)
+        reflected, density = rgb(reflected) / self._opacity, density / self._opacity
+        return dr.select(self.scattered, rgb(value), reflected), dr.select(self.scattered, pdf, density)
+
+    def sampled(self, lobe: Float, turn: Any, active: Bool | bool = True) -> DirectionSample:
+        """Return a sample of the phase functions and BSDFs."""
+        turned, own, pdf = self.phase().sample(
+            mi.PhaseFunctionContext(), self.place(), lobe, turn, self.scattered & active
+        )
+        sample, weight = self.hit.bsdf().sample(
+            mi.BSDFContext(), self.hit, lobe * self._opacity, turn, self.on_surface & active
+        )  # fmt: skip
+        direction = Array3f(dr.select(self.scattered, turned, self.hit.to_world(sample.wo)))
+        density = dr.select(self.scattered, pdf, sample.pdf / self._opacity)
+        return DirectionSample(direction, dr.select(self.scattered, rgb(own), rgb(weight)), density, sample)
 
 
 def interaction(place: Array3f, normal: Array3f) -> Any:

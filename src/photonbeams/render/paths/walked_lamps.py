@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from copy import copy
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -15,11 +16,9 @@ from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.portal_lamps import behind
 from ...world.emitters.stage_lamps import Lamps
-from ...world.shadow_rays import ShadowRay, leaving, to_lamp
-from ...world.spectra import rgb
 from ...world.world import World
 from .camera_paths import ShadingPoint
-from .lighting import scattered
+from .lighting import LitPoints, scattered
 from .walk_vertices import Vertex, Walk
 from .walked_emitters import chances
 
@@ -47,13 +46,14 @@ class WalkedLamps:
             lamp = world.emitters[number].lamp
             kinds.setdefault(type(lamp) if lamp.bare.DRJIT_STRUCT else number, []).append(place)
         part, first = chances(power), 0
-        self._groups: list[tuple[Any, UInt32, UInt32]] = []
+        self._groups: list[tuple[Callable[[UInt32], Any], UInt32, UInt32]] = []
         for places in kinds.values():
             emitters = [world.emitters[numbers[each]] for each in places]
             lamps = [behind(each.lamp, each.portal) for each in emitters]
-            group = Lamps.of(lamps, None) if emitters[0].lamp.bare.DRJIT_STRUCT else lamps[0]
+            packed = emitters[0].lamp.bare.DRJIT_STRUCT
+            lamp_of = Lamps.of(lamps, None).light if packed else partial(_single, lamps[0])
             stop = first + len(places)
-            self._groups.append((group, dr.opaque(UInt32, first), dr.opaque(UInt32, stop)))
+            self._groups.append((lamp_of, dr.opaque(UInt32, first), dr.opaque(UInt32, stop)))
             first = stop
         order = [place for places in kinds.values() for place in places]
         self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part[order], 0.0])))
@@ -71,9 +71,9 @@ class WalkedLamps:
         which = samples.single(vertex.walk.order, Stream.PATH_WHICH_EMITTER, *name)
         index, probability = self._choice.sample_pmf(mi.Float(which), active)
         result = Array3f(0)
-        for group, first, stop in self._groups:
+        for lamp_of, first, stop in self._groups:
             own = active & (index >= first) & (index < stop)
-            lamp = group.light(dr.select(own, UInt32(index) - first, 0)) if isinstance(group, Lamps) else group
+            lamp = lamp_of(dr.select(own, UInt32(index) - first, 0))
             result += scattered(self.world, points.among(own), lamp, (UInt32(Stream.PATH_EMITTER),))
         return result * dr.rcp(dr.maximum(Float(probability), 1e-30))
 
@@ -85,34 +85,31 @@ class WalkedLamps:
         return dr.select(away, result, 0)
 
 
-class _WalkPoints:
-    """The vertices of walks, and one sample of the phase function or the smooth BSDF at each: see `lighting`."""
+def _single(lamp: Any, _: UInt32) -> Any:
+    """Return a lamp that is not packed."""
+    return lamp
+
+
+class _WalkPoints(LitPoints):
+    """The vertices of walks, and one sample of the phase function or the smooth BSDF at each."""
 
     def __init__(
         self, world: World, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool
     ) -> None:  # fmt: skip
-        walk, hit = vertex.walk, vertex.hit
-        self.point = ShadingPoint(hit, walk.medium, walk.order, hash32(*(UInt32(each) for each in name)), samples)
-        self.place, self.active, self._vertex, self._size = vertex.position, active, vertex, world.size
-        self._reference = vertex.reference()
-        self.shadow_reach, self.shadow = Float(dr.inf), None
-        self._opacity = world.opacity(hit, vertex.smooth)
+        walk = vertex.walk
+        step = hash32(*(UInt32(each) for each in name))
+        self.point = ShadingPoint(vertex.hit, walk.medium, walk.order, step, samples)
+        self.place, self._vertex, self.shadow_reach = vertex.position, vertex, Float(dr.inf)
+        self.reference, self.size, self.active = vertex.reference(), world.size, active
         lobe = samples.single(walk.order, Stream.PATH_REFLECTION, *name)
         turn = mi.Point2f(samples.pair(walk.order, Stream.PATH_REFLECTION_TURN, *name))
-        turned, own, pdf = vertex.phase().sample(
-            mi.PhaseFunctionContext(), vertex.place(), lobe, turn, active & vertex.scattered
-        )
-        sample, weight = hit.bsdf().sample(
-            mi.BSDFContext(), hit, lobe * self._opacity, turn, active & vertex.smooth
-        )  # fmt: skip
-        self.direction = Array3f(dr.select(vertex.scattered, turned, hit.to_world(sample.wo)))
-        self.pdf = dr.select(vertex.scattered, Float(pdf), sample.pdf / self._opacity)
-        good = active & (self.pdf > 0) & (vertex.scattered | ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta))
-        self.weight = dr.select(good, dr.select(vertex.scattered, rgb(own), rgb(weight)), 0)
-        self._origin = leaving(self._reference, self.direction, self._size)
-        self._seed = samples.bits(walk.order, Stream.PATH_SHADOW, *name)
-        alive = good & (dr.max(self.weight) > 0)
-        self._open = alive & ~world.blocked(self._origin, self.direction, Float(dr.inf), alive, self._seed)
+        chosen = vertex.sampled(lobe, turn, active)
+        self.direction, self.pdf = chosen.direction, Float(chosen.pdf)
+        ideal = mi.has_flag(chosen.bsdf.sampled_type, mi.BSDFFlags.Delta)
+        good = active & (self.pdf > 0) & (vertex.scattered | ~ideal)
+        self.weight = dr.select(good, chosen.weight, 0)
+        self.seed = samples.bits(walk.order, Stream.PATH_SHADOW, *name)
+        self.open = self.unblocked(world)
 
     def among(self, own: Bool) -> _WalkPoints:
         """Return the points that are lit by the lamps of one kind."""
@@ -120,30 +117,7 @@ class _WalkPoints:
         result.active, result.weight = self.active & own, dr.select(own, self.weight, 0)
         return result
 
-    def toward(self, direction: Array3f, distance: Float) -> ShadowRay:
-        """Return the shadow rays to light at a distance, which may be infinite."""
-        return to_lamp(self._reference, direction, distance, self._size)
-
-    def sees(self, world: World, met: Bool, distance: Float) -> Bool:
-        """Return which samples that meet a lamp, at this distance, are not blocked."""
-        behind_it = met & ~self._open & dr.isfinite(distance)
-        ray = self.toward(self.direction, distance)
-        blocked = world.blocked(ray.origin, ray.direction, ray.length, behind_it, self._seed)
-        return met & (self._open | (behind_it & ~blocked))
-
-    def left(self, free: Bool, lit: Bool) -> Array3f:
-        """Return 1 where nothing blocks the light, else 0."""
-        return dr.select(free, Array3f(1), 0)
-
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
         """Return the factor on light from a direction, and the pdf with which that direction is sampled."""
-        vertex, towards = self._vertex, mi.Vector3f(direction)
-        value, pdf = vertex.phase().eval_pdf(
-            mi.PhaseFunctionContext(), vertex.place(), towards, self.active & vertex.scattered
-        )
-        reflected, density = vertex.hit.bsdf().eval_pdf(
-            mi.BSDFContext(), vertex.hit, vertex.hit.to_local(towards), self.active & vertex.smooth
-        )  # fmt: skip
-        scattered_there = vertex.scattered
-        result = dr.select(scattered_there, rgb(value), rgb(reflected) / self._opacity)
-        return Array3f(result), dr.select(scattered_there, Float(pdf), density / self._opacity)
+        value, pdf = self._vertex.evaluate(direction, self.active)
+        return Array3f(value), Float(pdf)

@@ -23,7 +23,6 @@ from ...transport.interactions import SAMPLED, SCATTERED, flight, survival
 from ...world.media.interfaces import pointers
 from ...world.media.tracking import free_flight
 from ...world.shadow_rays import leaving
-from ...world.spectra import rgb
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex
 from .walk_vertices import Vertex, Walk
@@ -108,7 +107,7 @@ class Walking:
         on = going & ~walk.first & ~scattered & ~tinted
         found = self.emitters.met(walk, hit, on & walk.counts & self.within(walk.depth, 1))
         result: Any = dr.select(dr.max(found) > 0, throughput * found, 0)
-        vertex = Vertex(walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
+        vertex = Vertex(world, walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
         lit = (vertex.scattered | vertex.smooth) & self.within(walk.depth, 2)
         result += throughput * self.emitters.direct(vertex, samples, name, lit)
         following, weight, goes = self._onward(vertex, samples, name)
@@ -154,17 +153,12 @@ class Walking:
             samples.single(walk.order, Stream.PATH_LOBE, *name),
             mi.Point2f(samples.pair(walk.order, Stream.PATH_TURN, *name)),
         )
-        turned, own, pdf = vertex.phase().sample(
-            mi.PhaseFunctionContext(), vertex.place(), lobe, turn, vertex.scattered
-        )
-        # A cut-out surface was already sampled as opaque.
-        opacity = self.emitters.world.opacity(hit, vertex.on_surface)
-        sample, weight = hit.bsdf().sample(mi.BSDFContext(), hit, lobe * opacity, turn, vertex.on_surface)
-        kind, direction = sample.sampled_type, hit.to_world(sample.wo)
+        chosen = vertex.sampled(lobe, turn)
+        kind, direction = chosen.bsdf.sampled_type, hit.to_world(chosen.bsdf.wo)
         null = vertex.on_surface & mi.has_flag(kind, mi.BSDFFlags.Null)
         ideal = vertex.on_surface & mi.has_flag(kind, mi.BSDFFlags.Delta)
         following = Walk()
-        following.direction = Array3f(dr.select(vertex.scattered, turned, direction))
+        following.direction = chosen.direction
         origin = leaving(hit, direction, self.emitters.world.size)
         following.origin = dr.select(vertex.on_surface, origin, vertex.position)
         following.medium = dr.select(
@@ -174,10 +168,9 @@ class Walking:
         following.depth = walk.depth + dr.select(null, 0, 1)
         following.counts = walk.counts | ~null
         following.place = dr.select(null, walk.place, vertex.position)
-        density = dr.select(vertex.scattered, pdf, sample.pdf * dr.rcp(opacity))
-        following.pdf = dr.select(null, walk.pdf, dr.select(ideal, 0, density))
-        factor: Any = dr.select(vertex.scattered, rgb(own), rgb(weight))
-        good = vertex.scattered | (vertex.on_surface & (sample.pdf > 0))
+        following.pdf = dr.select(null, walk.pdf, dr.select(ideal, 0, chosen.pdf))
+        factor = chosen.weight
+        good = vertex.scattered | (vertex.on_surface & (chosen.bsdf.pdf > 0))
         good &= dr.isfinite(dr.sum(factor)) & self.within(following.depth, 1)
         return following, dr.select(good, factor, 0), good
 
