@@ -12,7 +12,7 @@ from photonbeams.beams.guides import Guide, led, pieces_along
 from photonbeams.beams.modify import bend
 from photonbeams.beams.programs import PassContext
 from photonbeams.scene import SceneError
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
 from tests.helpers.kernels import compiled
 from tests.helpers.tracing import trace
 
@@ -134,7 +134,7 @@ LAMP = scene.DistantLight("/sun", (1.0, 1.0, 1.0), axis=np.array([1.0, 0, 0]), a
 
 
 def world_of(light):
-    return StageWorld.build(scene.Scene(lights=(light,), bounds=(np.zeros(3), 3.0)))
+    return world_of_scene(scene.Scene(lights=(light,), bounds=(np.zeros(3), 3.0)))
 
 
 def test_light_tracing_follows_a_lights_guides_and_moves_with_them():

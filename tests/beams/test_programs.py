@@ -16,8 +16,8 @@ from photonbeams.render.stage_frame import render, simulate
 from photonbeams.runtime.device import Array3f, Float, UInt32
 from photonbeams.scene import SceneError
 from photonbeams.world.cameras.cameras import Window
+from photonbeams.world.described import world_of_scene
 from photonbeams.world.shutter import Moment, Shutter
-from photonbeams.world.stage_world import StageWorld
 from tests.helpers.comparison import comparison_scene
 from tests.helpers.kernels import compiled
 from tests.helpers.tracing import trace
@@ -29,7 +29,7 @@ CONTEXT = PassContext("/light")
 @pytest.fixture(scope="module")
 def traced():
     """Return beams through a portal, two or more for each path: where surfaces block the rim, they become narrower."""
-    return trace(StageWorld.build(comparison_scene(), viewpoints=[EYE]), beams_per_light=256)[0].beams
+    return trace(world_of_scene(comparison_scene(), viewpoints=[EYE]), beams_per_light=256)[0].beams
 
 
 @pytest.fixture
@@ -204,7 +204,7 @@ def test_modifiers_chain_in_their_order(beams):
 def test_another_pass_of_all_modifiers_compiles_nothing(traced):
     program = chain(aim((1, 0.5, 0), 0.5), thin(0.5), recolor((1, 0.5, 0.2)), clamp(power=1.0),
                     bend(lambda p: Array3f(0, -0.1, 0) + 0 * p, 8))  # fmt: skip
-    world = StageWorld.build(comparison_scene(), viewpoints=[EYE])
+    world = world_of_scene(comparison_scene(), viewpoints=[EYE])
 
     def run(number):
         beams = trace(world, beams_per_light=256, pass_index=number)[0].beams

@@ -12,7 +12,7 @@ from photonbeams.estimators.lanes import PixelRays
 from photonbeams.estimators.points import Points
 from photonbeams.runtime.device import Bool, Float, UInt32
 from photonbeams.world.cameras.cameras import View, Window
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
 from tests.helpers.tracing import trace
 
 STAGE = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
@@ -23,7 +23,7 @@ def test_no_frame_of_the_flight_pops():
     """The change from each frame to the next exceeds that of the converged estimator by at most 1 % (issue 3)."""
     shot = pb.Shot.open(STAGE, camera="Flight", overrides=["/World/Light/Key.photonbeams:count=96"])
     content, _ = shot.read(1)
-    world = StageWorld.build(content, [(0, 1.5, 2)])
+    world = world_of_scene(content, [(0, 1.5, 2)])
     (beams,) = trace(world, light_side={light.name for light in content.lights})
     rules = {"auto": Points(pb.gauss_legendre(6)), "frustum": Points(pb.gauss_legendre(64))}
     pictures = {"auto": [], "frustum": []}

@@ -14,8 +14,8 @@ from photonbeams.transport.interactions import reflect
 from photonbeams.transport.simulation import Simulation
 from photonbeams.transport.strata import SURROUND, Allotment, with_surrounds
 from photonbeams.transport.tuning import Tuning
-from photonbeams.world.scene_world import SceneWorld
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
+from photonbeams.world.plugin import world_of_plugin
 from photonbeams.world.warp import sphere
 from tests.helpers.comparison import EYE, HOLE_X, HOLE_Y, HOLE_Z, comparison_scene
 from tests.helpers.mitsuba_scenes import T, bumpy, load, rgb, tilted
@@ -77,7 +77,7 @@ BSDFS = {
 def test_surfaces_reflect_as_much_light_to_all_sides_as_without_openings(name):
     bsdf = BSDFS[name] if "glass" in name else {"type": "twosided", "bsdf": BSDFS[name]}
     floor = {"type": "rectangle", "to_world": T().scale(2), "bsdf": BSDFS[name] if "mask" in name else bsdf}
-    world = SceneWorld(load(floor=floor, lamp={"type": "constant"}), None)
+    world = world_of_plugin(load(floor=floor, lamp={"type": "constant"}), None)
     lane = dr.arange(UInt32, COUNT)
     u = pixel_sample(lane, UInt32(9))
     origin = Array3f(u.x - 0.5, u.y - 0.5, 0) - 2 * Array3f(0.4, 0.1, -0.9)
@@ -99,7 +99,7 @@ def test_surfaces_reflect_as_much_light_to_all_sides_as_without_openings(name):
 
 
 def test_the_surround_of_a_portal_and_the_rest_are_the_light_beside_it():
-    world = StageWorld.build(comparison_scene(), viewpoints=[EYE])
+    world = world_of_scene(comparison_scene(), viewpoints=[EYE])
     emitter = PathEmitter(world, 0).at(world.emitters[0].portal, False)
     beside = Stratum(emitter, 1 << 14, (1, 2))
     near, far = with_surrounds([beside])
@@ -131,7 +131,7 @@ def test_the_surround_of_a_portal_and_the_rest_are_the_light_beside_it():
 
 
 def test_as_much_scattered_light_gets_into_the_room_and_more_evenly(monkeypatch):
-    world = StageWorld.build(comparison_scene(), viewpoints=[EYE])
+    world = world_of_scene(comparison_scene(), viewpoints=[EYE])
     tuning = Tuning(3, 2, alpha=1.0)
     passes = 48
 
@@ -161,7 +161,7 @@ def test_as_much_scattered_light_gets_into_the_room_and_more_evenly(monkeypatch)
 
 @pytest.mark.parametrize("swapped", [False, True])
 def test_openings_face_the_way_that_light_takes(swapped):
-    world = StageWorld.build(comparison_scene(), viewpoints=[EYE])
+    world = world_of_scene(comparison_scene(), viewpoints=[EYE])
     portal = world.emitters[0].portal
     if swapped:
         corner, across, up = portal.sides

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from photonbeams.runtime.device import Float, mitsuba
-from photonbeams.world.scene_world import SceneWorld
+from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.tracing import emission_of
 
 mi = mitsuba()
@@ -37,7 +37,7 @@ def scene_of(emitter):
 
 @pytest.mark.parametrize("name", FLUX)
 def test_paths_carry_the_power_of_their_emitter(name):
-    (emitted,) = emission_of(SceneWorld(scene_of(EMITTERS[name]), None), 1024).emit(0)
+    (emitted,) = emission_of(world_of_plugin(scene_of(EMITTERS[name]), None), 1024).emit(0)
     # Weights of these emitters are the same for all directions: only rounding is left.
     np.testing.assert_allclose(emitted.flux.numpy().sum(axis=1), FLUX[name] * np.array([3, 2, 1]), rtol=1e-4)
 
@@ -55,7 +55,7 @@ def test_light_from_infinity_falls_on_meshes_that_mitsuba_merged(name):
         for merged in (False, True)
     ]
     assert [len(each.shapes()) for each in scenes] == [2, 1]
-    apart, merged = (emission_of(SceneWorld(each, None), 64).emit(0)[0] for each in scenes)
+    apart, merged = (emission_of(world_of_plugin(each), 64).emit(0)[0] for each in scenes)
     np.testing.assert_allclose(merged.origin.numpy(), apart.origin.numpy(), rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose(merged.flux.numpy(), apart.flux.numpy(), rtol=1e-3)
 
@@ -64,7 +64,7 @@ def test_light_from_infinity_falls_on_meshes_that_mitsuba_merged(name):
 def test_tangents_are_the_derivatives_of_rays(name):
     count, step = 64, 1e-3
     scene = scene_of(EMITTERS[name])
-    (stratum,) = emission_of(SceneWorld(scene, None), count).strata
+    (stratum,) = emission_of(world_of_plugin(scene), count).strata
     emitted, base = stratum.emit(0), stratum.points(0).T
 
     def rays(numbers):
@@ -91,6 +91,6 @@ def test_emitters_share_paths_by_their_power():
         "dark": {"type": "point", "position": [0, 0, 3], "intensity": {"type": "rgb", "value": 0.0}},
     }
     scene = mi.load_dict({"type": "scene", **emitters})
-    emitted = emission_of(SceneWorld(scene, None), 1000).emit(0)
+    emitted = emission_of(world_of_plugin(scene), 1000).emit(0)
     heights = {round(float(each.origin.z.numpy()[0])): dr.width(each.origin) for each in emitted}
     assert heights == {1: 250, 2: 750}

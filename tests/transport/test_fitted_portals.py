@@ -10,7 +10,7 @@ from photonbeams.transport.simulation import Simulation
 from photonbeams.transport.strata import Allotment
 from photonbeams.transport.tuning import Tuning
 from photonbeams.world.cameras.cameras import View, Window
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
 from tests.helpers.comparison import EYE, HOLE_X, HOLE_Y, HOLE_Z, comparison_scene
 from tests.helpers.comparison import camera as stage_camera
 from tests.helpers.fog_room import LAMPS, room
@@ -51,7 +51,7 @@ def test_a_hole_in_a_box_whose_walls_name_their_fog_is_found():
 
 @pytest.mark.parametrize("bounces", [0, 2])
 def test_the_hole_of_a_stage_is_found(bounces):
-    world = StageWorld.build(comparison_scene(portal=False), viewpoints=[EYE])
+    world = world_of_scene(comparison_scene(portal=False), viewpoints=[EYE])
     simulation = Simulation(Tuning(0, max_bounces=bounces), Allotment(4096))
     views = [View(stage_camera(EYE), Window.full(48, 27)).projection]
     (opening,) = simulation.guided(world, views).guides.openings.values()

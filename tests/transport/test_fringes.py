@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photonbeams import scene
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
 from tests.helpers.comparison import box
 from tests.helpers.tracing import trace
 from tests.transport.fluences import estimated, lamp, unit
@@ -23,7 +23,7 @@ def draw(kind, rng):
     center = place + np.linalg.norm(half) * (1.5 + 3 * rng.random()) * unit(rng)
     light, fluence_at = lamp(kind, center, 0.2 * scale, rng, place)
     fog = scene.Medium(1e-6 / scale, mesh=box("/fog", place - half, place + half))
-    world = StageWorld.build(scene.Scene(lights=[light], media=[fog]))
+    world = world_of_scene(scene.Scene(lights=[light], media=[fog]))
     points = place + half * np.concatenate([0.99 * UNIT, rng.uniform(-1, 1, (8, 3))])
     passes = [trace(world, beams_per_light=1 << 12, pass_index=number, overlap=2.2) for number in range(PASSES)]
     ratios = np.array([estimated(each, points) for each in passes]) / fluence_at(points)
@@ -47,7 +47,7 @@ def test_fluence_is_right_in_the_corners_of_fogs_of_any_size_and_place():
 def test_a_lamp_that_moves_has_the_beams_beside_a_fog_of_one_that_stands_still():
     fog, bounds = scene.Medium(1e-6, mesh=box("/fog", (-0.2,) * 3, (0.2,) * 3), name="/fog"), (np.zeros(3), 4.0)
     worlds = [
-        StageWorld.build(
+        world_of_scene(
             scene.Scene(lights=[scene.SphereLight("/l", 1.0, center=(0, height, 0))], media=[fog], bounds=bounds)
         )
         for height in (3.0, 3.01)
@@ -91,7 +91,7 @@ def test_fluence_is_right_in_fogs_that_lines_leave_and_enter_again(shape):
         fog, media, points = reentrant(shape, rng, scale, place)
         center = place + scale * (4 + 2 * rng.random()) * unit(rng)
         light, fluence_at = lamp(kind, center, 0.5 * scale, rng, place)
-        world = StageWorld.build(scene.Scene(lights=[light], media=media))
+        world = world_of_scene(scene.Scene(lights=[light], media=media))
         passes = [trace(world, beams_per_light=1 << 10, pass_index=number, overlap=2.2) for number in range(PASSES)]
         own = [[each for each in sets if each.medium == world.numbers[fog.name]] for sets in passes]
         found.append(np.mean([estimated(each, points) for each in own], axis=1) / fluence_at(points).mean())

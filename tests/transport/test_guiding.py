@@ -16,7 +16,7 @@ from photonbeams.transport.simulation import Simulation
 from photonbeams.transport.strata import Allotment
 from photonbeams.transport.tuning import Tuning
 from photonbeams.world.cameras.cameras import View, Window
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
 from tests.helpers.comparison import EYE, camera_rays, comparison_scene, lit, single_scattering, wall_distance
 from tests.helpers.comparison import camera as stage_camera
 from tests.helpers.mitsuba_scenes import by_beams, camera, comparison, cube_of, fog, frames, load, rgb
@@ -122,7 +122,7 @@ def test_lights_that_are_not_seen_get_fewer_paths():
 def test_a_stage_without_a_portal_is_guided_to_the_same_mean_with_less_noise(eye):
     """Guiding keeps the mean and has less noise, also from inside the shaft, where most light is behind the camera."""
     description = comparison_scene(portal=False)
-    world = StageWorld.build(description, viewpoints=[eye])
+    world = world_of_scene(description, viewpoints=[eye])
     wanted, (origin, direction) = single_scattering(32, 18, eye, light_points=12), camera_rays(32, 18, eye)
     errors, mask = [], lit(wanted)
     for guided in (True, False):
@@ -194,7 +194,7 @@ def test_samples_are_found_of_rays(usd):
     for lamp in (SUN.replace("angle = 0", "angle = 0.5"), SPOT.replace("radius = 0", "radius = 0.1")):
         shot = pb.Shot(usd(BARN.format(lamp=lamp.replace("bool treatAsPoint = 1", ""))))
         description, view = shot.read()
-        world = StageWorld.build(description, [np.asarray(view.to_world)[:3, 3]])
+        world = world_of_scene(description, [np.asarray(view.to_world)[:3, 3]])
         emitter = PathEmitter(world, 0)
         sample = emitter.sample(*sobol_block(512, 3, (9,)))
         direction = sample.direction.numpy().T

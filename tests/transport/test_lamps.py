@@ -10,9 +10,9 @@ from photonbeams import scene
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array3f, Float
 from photonbeams.scene.vectors import ellipsoid_area
+from photonbeams.world.described import world_of_scene
 from photonbeams.world.emitters.build import lamp_of
 from photonbeams.world.emitters.portals import emit_through
-from photonbeams.world.stage_world import StageWorld
 
 RADIANCE = (3.0, 2.0, 1.0)
 COUNT = 1 << 14
@@ -94,7 +94,7 @@ def sheet(**given):
 
 def world(light):
     """Return a world of one light, within a sphere of radius 4."""
-    return StageWorld.build(scene.Scene(lights=(light,)), viewpoints=[(-4, 0, 0), (4, 0, 0)])
+    return world_of_scene(scene.Scene(lights=(light,)), viewpoints=[(-4, 0, 0), (4, 0, 0)])
 
 
 def emission(light, count=COUNT, block=0):

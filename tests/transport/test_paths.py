@@ -10,7 +10,7 @@ from photonbeams.runtime.device import Array3f, Float, UInt32, mitsuba
 from photonbeams.transport import paths
 from photonbeams.world.media.interfaces import number
 from photonbeams.world.media.media import Media
-from photonbeams.world.scene_world import SceneWorld
+from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.mitsuba_scenes import T, cube_of, fog, load, rgb
 from tests.helpers.tracing import emission_of
 
@@ -29,15 +29,14 @@ def ball_in_fog(light=SPOT, **ball):
 
 def tracing(scene, medium, **given):
     """Return the tracing of light paths in a scene whose space a medium fills."""
-    world = SceneWorld(scene, None)
-    world.media = Media([medium])
+    world = replace(world_of_plugin(scene), media=Media([medium]))
     plain = {"max_bounces": None, "rr_depth": 5, "overlap": OVERLAP, "region": 1.0, "paths": [COUNT], "power": [1.0]}
     return paths.Tracing(world, **{**plain, **given})
 
 
 def emitted(scene, medium, count):
     """Return light paths that begin in a medium."""
-    found = emission_of(SceneWorld(scene, None), count).emit(0)
+    found = emission_of(world_of_plugin(scene), count).emit(0)
     wide = dr.zeros(UInt32, count)
     return [replace(each, medium=dr.opaque(UInt32, number(medium)) + wide) for each in found]
 
@@ -55,7 +54,7 @@ def steps(tracing, begun, limit=12):
 def shifted(scene, medium, k, step):
     """Return the light paths with number `k` of their emission samples increased by `step`."""
     (own,) = emitted(scene, medium, COUNT)
-    (stratum,) = emission_of(SceneWorld(scene, None), COUNT).strata
+    (stratum,) = emission_of(world_of_plugin(scene), COUNT).strata
     numbers = stratum.points(0).T.copy()
     numbers[k] += step
     u, v = (mi.Point2f(*(Float(row.astype(np.float32)) for row in pair)) for pair in (numbers[:2], numbers[2:]))

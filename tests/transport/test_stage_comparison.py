@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photonbeams.estimators.estimate import estimate
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
 from tests.helpers.comparison import camera_rays, comparison_scene, lit, single_scattering, wall_distance
 from tests.helpers.tracing import trace
 
@@ -25,7 +25,7 @@ def test_plain_integration_has_converged(reference):
 
 def test_beams_of_both_strata_are_the_single_scattering_of_the_comparison_scene(reference):
     description = comparison_scene()
-    world = StageWorld.build(description, viewpoints=[(0, 1.5, 1.95)])
+    world = world_of_scene(description, viewpoints=[(0, 1.5, 1.95)])
     beams = trace(world, beams_per_light=4096, light_side={"/light"}, overlap=1.5)[0].beams
     origin, direction = camera_rays(64, 36)
     value = estimate(

@@ -10,7 +10,7 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, UInt32
 from photonbeams.transport.portal_visibility import lights_seen
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
 from tests.helpers.comparison import HOLE_X, across_x, box, comparison_scene, quad
 from tests.helpers.kernels import compiled
 from tests.helpers.tracing import trace
@@ -20,7 +20,7 @@ EYE = (0.0, 1.5, 1.95)
 
 @pytest.fixture(scope="module")
 def room():
-    return StageWorld.build(comparison_scene(), viewpoints=[EYE])
+    return world_of_scene(comparison_scene(), viewpoints=[EYE])
 
 
 def only(sets):
@@ -37,7 +37,7 @@ def only(sets):
 
 
 def world_of(*lights, **parts):
-    return StageWorld.build(scene.Scene(lights=lights, **parts))
+    return world_of_scene(scene.Scene(lights=lights, **parts))
 
 
 LAMP = scene.SphereLight("/lamp", (1.0, 1.0, 1.0), center=np.array([0.0, 0.0, 0.0]), radius=0.1)
@@ -79,7 +79,7 @@ def test_a_world_at_another_time_keeps_what_stops_its_lights():
     lamp = dataclasses.replace(LAMP, unshadowed=frozenset({"/inner"}))
     first = world_of(lamp, meshes=(inner,))
     moved = scene.Scene(lights=(dataclasses.replace(lamp, center=np.array([0.1, 0, 0])),), meshes=(inner,))
-    later = StageWorld.build(moved, like=first)
+    later = world_of_scene(moved, like=first)
     links = first.emitters[0].links
     assert later.stopping(links).surfaces is first.stopping(links).surfaces is not first.surfaces
     assert first.stopping(world_of(LAMP).emitters[0].links) is first
@@ -130,9 +130,9 @@ def test_a_path_through_a_portal_is_two_beams_that_fit(room):
 
 def test_what_blocks_the_way_to_a_portal_stops_its_beams(room):
     blocked = dataclasses.replace(
-        room.description, meshes=(*room.description.meshes, across_x("/lid", -1.5, (1.0, 2.0), (-1, 1)))
+        room.parts.content, meshes=(*room.parts.content.meshes, across_x("/lid", -1.5, (1.0, 2.0), (-1, 1)))
     )
-    beams = only(trace(StageWorld.build(blocked, viewpoints=[EYE]), beams_per_light=128))
+    beams = only(trace(world_of_scene(blocked, viewpoints=[EYE]), beams_per_light=128))
     assert np.all(beams["offset"] == 0)
     assert np.allclose(beams["end"][:, 0], -1.5, atol=1e-5)
     assert np.allclose(beams["end_normal"], [-1, 0, 0], atol=1e-6)
@@ -257,8 +257,8 @@ def test_the_camera_sees_the_light_side_through_the_hole_and_not_from_behind_a_w
     beside = (-1.0, 1.5, 1.0)
     assert lights_seen(room, *grid(beside, [1, 0, 0])) == {"/light"}  # looks away, but rays are aimed at the hole
     baffle = across_x("/baffle", -1.2, (0.9, 2.1), (-0.6, 0.6))
-    closed = dataclasses.replace(room.description, meshes=(*room.description.meshes, baffle))
-    assert lights_seen(StageWorld.build(closed, viewpoints=[EYE]), *grid((1.0, 1.5, 0.0), [-1, 0, 0])) == frozenset()
+    closed = dataclasses.replace(room.parts.content, meshes=(*room.parts.content.meshes, baffle))
+    assert lights_seen(world_of_scene(closed, viewpoints=[EYE]), *grid((1.0, 1.5, 0.0), [-1, 0, 0])) == frozenset()
     on_light_side = (-1.9, 1.5, 1.9)
     assert lights_seen(room, *grid(on_light_side, [0, 0, -1])) == {"/light"}
 
@@ -279,7 +279,7 @@ def test_a_second_frame_compiles_nothing():
         light = dataclasses.replace(
             comparison_scene().lights[0], radiance=(1.0 + number, 2.0, 3.0), center=np.array([-1.9, 1.5, 0.01 * number])
         )
-        world = StageWorld.build(dataclasses.replace(comparison_scene(), lights=(light,)), viewpoints=[EYE])
+        world = world_of_scene(dataclasses.replace(comparison_scene(), lights=(light,)), viewpoints=[EYE])
         trace(world, beams_per_light=256, pass_index=number, seed=number, overlap=1 + number, light_side={"/light"})
         lights_seen(world, *grid(EYE, [0.1 * number, 0, -1]))
 
@@ -313,7 +313,7 @@ def test_beams_keep_their_width_over_any_number_of_null_collisions():
     place[:3, 3] = -4
     smoke = scene.Medium((4.0, 3.0, 2.0), name="/smoke", grid=scene.DensityGrid(density, place))
     lamp = scene.SphereLight("/lamp", (1.0, 1.0, 1.0), center=np.zeros(3), radius=0.0)
-    world = StageWorld.build(scene.Scene(lights=(lamp,), media=(smoke,)), [(0, 0, 9)])
+    world = world_of_scene(scene.Scene(lights=(lamp,), media=(smoke,)), [(0, 0, 9)])
     (found,) = trace(world, beams_per_light=256)
     beams = found.beams
     assert len(beams) > 8 * 256

@@ -13,7 +13,7 @@ from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Bool, UInt32, mitsuba
 from photonbeams.transport.emission import PathEmitter
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
 from tests.helpers.shading import shade
 
 mi = mitsuba()
@@ -76,7 +76,7 @@ def unit(vector):
 
 def irradiance(draw, light, walls, eye):
     """Return the irradiance at the place over the mean of many samples, and its standard error."""
-    world = StageWorld.build(scene.Scene(tuple(walls), (light,)), viewpoints=[eye])
+    world = world_of_scene(scene.Scene(tuple(walls), (light,)), viewpoints=[eye])
     rays = (to_vectors(np.broadcast_to(each, (COUNT, 3))) for each in (eye, unit(draw.place - eye)))
     radiance = shade(world, *rays, dr.arange(UInt32, COUNT)).radiance.numpy()[0].astype(np.float64)
     value = radiance / 0.5 * np.pi
@@ -114,7 +114,7 @@ def test_all_light_paths_leave_a_lamp_in_the_plane_of_a_surface(kind):
     for seed in range(6):
         draw = Draw((seed, 20 + KINDS.index(kind)))
         light, ceiling, _ = draw.lamp(kind)
-        world = StageWorld.build(scene.Scene((ceiling,), (light,)), viewpoints=[draw.place])
+        world = world_of_scene(scene.Scene((ceiling,), (light,)), viewpoints=[draw.place])
         paths = PathEmitter(world, 0).sample(*sobol_block(COUNT, 0, (seed,)))
         hit = world.intersect(paths.origin, paths.direction, Bool(True), dr.arange(UInt32, COUNT))
         assert not np.any(hit.is_valid().numpy()), (seed, vars(draw))
@@ -125,7 +125,7 @@ def test_cameras_see_all_of_a_lamp_in_the_plane_of_a_surface(kind):
     for seed in range(6):
         draw = Draw((seed, 40 + KINDS.index(kind)))
         light, ceiling, _ = draw.lamp(kind)
-        world = StageWorld.build(scene.Scene((ceiling,), (light,)), viewpoints=[draw.place])
+        world = world_of_scene(scene.Scene((ceiling,), (light,)), viewpoints=[draw.place])
         side = 0.6 * draw.half * np.random.default_rng(seed).uniform(-1, 1, (2, COUNT, 1))
         ray = draw.center + side[0] * draw.x + side[1] * draw.y - draw.place
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)

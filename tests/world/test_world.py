@@ -9,8 +9,8 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from photonbeams.world.scene_world import SceneWorld
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
+from photonbeams.world.plugin import world_of_plugin
 from photonbeams.world.surfaces import shapes
 from tests.helpers.comparison import box, comparison_scene, quad
 
@@ -20,19 +20,19 @@ CUBE = box("/fog", [-1, -1, -1], [1, 1, 1])
 
 def dimming(mesh, origin, direction, distance):
     """Return the transmittance of a fog along a ray."""
-    world = StageWorld.build(scene.Scene(media=(scene.Medium((0.5, 1.0, 2.0), mesh=mesh),)))
+    world = world_of_scene(scene.Scene(media=(scene.Medium((0.5, 1.0, 2.0), mesh=mesh),)))
     start, ahead, always = Array3f(*origin), Array3f(*direction), dr.full(Bool, True, 1)
     medium = world.medium_of_view(start, ahead)
     return world.dimming(start, ahead, Float(distance), medium, UInt32(0), always).numpy().ravel()
 
 
 def test_bounds_hold_everything_there_is():
-    world = StageWorld.build(comparison_scene(), viewpoints=[(10.0, 1.5, 0.0)])
+    world = world_of_scene(comparison_scene(), viewpoints=[(10.0, 1.5, 0.0)])
     center = world.bounds.center.numpy().ravel()
     for point in [(10.0, 1.5, 0.0), (-2, 0, -2), (-2, 3, 2), (-1.9, 1.5, 0)]:
         assert np.linalg.norm(center - point) <= world.radius
     assert world.radius < 7
-    assert StageWorld.build(scene.Scene()).radius == 1
+    assert world_of_scene(scene.Scene()).radius == 1
 
 
 @pytest.mark.parametrize("inward", [False, True])
@@ -74,7 +74,7 @@ def test_materials_of_every_kind_become_surfaces():
         for i, material in enumerate(materials)
     ]
     empty = scene.Mesh("/empty", np.zeros((0, 3)), np.zeros((0, 3), dtype=int))
-    world = StageWorld.build(scene.Scene(meshes=(*cards, empty)))
+    world = world_of_scene(scene.Scene(meshes=(*cards, empty)))
     assert world.cutouts and world.glowing
     origin = Array3f(Float(np.arange(4) + 0.5), 0.5, 1.0)
     hit = world.surfaces.ray_intersect(_ray(origin))
@@ -90,11 +90,13 @@ def test_rays_pass_many_clear_layers_to_the_solid_one():
     clear = scene.Material(opacity=0.0)
     sheets = [quad(f"/{i}", [[-9, -9, -i], [9, -9, -i], [9, 9, -i], [-9, 9, -i]], clear) for i in range(1, 20)]
     solid = quad("/solid", [[-9, -9, -21], [9, -9, -21], [9, 9, -21], [-9, 9, -21]])
-    world = StageWorld.build(scene.Scene(meshes=(*sheets, solid)))
+    world = world_of_scene(scene.Scene(meshes=(*sheets, solid)))
     always = dr.full(Bool, True, 1)
     hit = world.intersect(Array3f(0.3, 0.2, 0), Array3f(0, 0, -1), always, UInt32(1))
     assert np.isclose(hit.t[0], 21, rtol=1e-5)
-    blocked = [world.blocked(Array3f(0.3, 0.2, 0), Array3f(0, 0, -1), Float(t), always, UInt32(1))[0] for t in (20, 22)]
+    blocked = [
+        world.solids.blocked(Array3f(0.3, 0.2, 0), Array3f(0, 0, -1), Float(t), always, UInt32(1))[0] for t in (20, 22)
+    ]
     assert blocked == [False, True]
 
 
@@ -113,7 +115,7 @@ def test_rays_in_fog_meet_the_floor_that_its_box_stands_on(angle):
     down, always = Array3f(*(turn @ [0, -1, 0]).tolist()), dr.full(Bool, True, 500)
     for depth, transmits in ((0, False), (0.01, True)):
         floor = quad("/floor", (corners - [0, depth, 0]) @ turn.T)
-        world = StageWorld.build(scene.Scene(meshes=(floor,), media=(fog,)))
+        world = world_of_scene(scene.Scene(meshes=(floor,), media=(fog,)))
         hit = world.intersect(origin, down, always, UInt32(1))
         assert np.allclose(hit.t.numpy(), 1, atol=1e-5)
         assert np.all(hit.is_medium_transition().numpy() == transmits)
@@ -142,7 +144,7 @@ def test_on_cuda_all_scenes_in_which_a_kernel_traces_rays_share_the_table_of_one
     monkeypatch.setattr(shapes, "mi", spy)
     wall, lamp, hole = (quad(f"/{x}", [[x, -1, -1], [x, 1, -1], [x, 1, 1], [x, -1, 1]]) for x in (3, 4, 2))
     white = {"radiance": (1.0, 1.0, 1.0)}
-    world = StageWorld.build(
+    world = world_of_scene(
         scene.Scene(
             meshes=(wall,),
             lights=(
@@ -156,7 +158,7 @@ def test_on_cuda_all_scenes_in_which_a_kernel_traces_rays_share_the_table_of_one
         next(each.portal for each in world.emitters if each.name == "/bulb").scene,
         world.emitters[0].lamp._scene,
     )
-    scenes = [world.surfaces, world.plugin, world.around, *world.blocking_scenes(), portal, light]
+    scenes = [world.surfaces, world.plugin, world.around, *world.everything.others, portal, light]
     assert all((each, world.host) in spy.hosts for each in [*scenes, *world.blockers.values()])
     ray = mi.Ray3f(mi.Point3f(dr.linspace(Float, 0, 1, 2), 0.5, 0.25), mi.Vector3f(1, 0, 0))
     found = sum(each.ray_intersect(ray).t for each in scenes)
@@ -164,4 +166,4 @@ def test_on_cuda_all_scenes_in_which_a_kernel_traces_rays_share_the_table_of_one
 
     fog = {"type": "cube", "bsdf": {"type": "null"}, "interior": {"type": "homogeneous"}}
     plugin = mi.load_dict({"type": "scene", "fog": fog, "lamp": {"type": "point"}})
-    assert (SceneWorld(plugin, None).without_surfaces().plugin, plugin) in spy.hosts
+    assert (world_of_plugin(plugin).without_surfaces().plugin, plugin) in spy.hosts

@@ -249,9 +249,9 @@ def _reach_rows(scene: Scene, watching: Mapping[str, Camera]) -> list[tuple[str,
         return []
     from ..transport.reach import reach_of_lamps
     from ..world.cameras.cameras import View, Window
-    from ..world.stage_world import StageWorld
+    from ..world.described import world_of_scene
 
-    world = StageWorld.build(scene, [np.asarray(camera.to_world)[:3, 3] for camera in watching.values()])
+    world = world_of_scene(scene, [np.asarray(camera.to_world)[:3, 3] for camera in watching.values()])
     views = []
     for camera in watching.values():
         height = max(1, round(128 * camera.vertical_aperture / camera.horizontal_aperture))

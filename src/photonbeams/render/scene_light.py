@@ -17,7 +17,8 @@ from ..world.emitters.mitsuba_scene import names_of
 from ..world.emitters.sources import Source
 from ..world.media.discovery.surroundings import Place
 from ..world.media.discovery.warnings import warn
-from ..world.scene_world import SceneWorld
+from ..world.plugin import world_of_plugin
+from ..world.world import World
 from .choice import Pixels
 from .light import Light, tuning_of
 from .lights import Findings, Lights
@@ -99,10 +100,8 @@ def light_of(
     warned = set() if warned is None else warned
     with statistics.phase("build"):
         own = EmitterSettings.of(plugin, beams)
-        world = SceneWorld(plugin, eye, own.sources, own.beams, own.numbers)
-        if settings.short:
-            world.media.all = tuple(each.for_short_beams() for each in world.media.all)
-    warn(plugin, world.surroundings, warned)
+        world = world_of_plugin(plugin, eye, own.sources, own.beams, own.numbers, settings.short)
+    warn(plugin, world.parts, warned)
     allotment = Allotment(settings.beams or DEFAULT_PATHS, shared=True, past=None)
     simulation = Simulation(tuning_of(settings, settings.depth()), allotment, named=own.named)
     findings = Findings() if findings is None else findings
@@ -113,7 +112,7 @@ def light_of(
         return lights.light(walked)
 
 
-def _tell(world: SceneWorld, walked: Sequence[int], warned: set[str]) -> None:
+def _tell(world: World, walked: Sequence[int], warned: set[str]) -> None:
     """Say which emitters' light walks find, and warn of emitters whose beams do not reach all fog."""
     log = logging.getLogger("photonbeams")
     names = [(names_of(each) or [each.class_name()])[-1] for each in world.plugin.emitters()]

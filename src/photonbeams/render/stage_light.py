@@ -12,7 +12,7 @@ from ..transport.simulation import Simulation
 from ..transport.strata import Allotment
 from ..world.cameras.cameras import View, Window
 from ..world.shutter import Shutter
-from ..world.stage_world import StageWorld
+from ..world.world import World
 from .light import Light, tuning_of
 from .lights import Findings, Lights
 from .passes import Statistics
@@ -33,10 +33,10 @@ class Earlier(Protocol):
         Names of the lights that are seen past their portals; None: they have to be found again.
     """
 
-    worlds: Sequence[StageWorld]
+    worlds: Sequence[World]
     light_side: frozenset[str] | None
 
-    def findings(self, world: StageWorld) -> Findings | None:
+    def findings(self, world: World) -> Findings | None:
         """Return what the earlier frame's pilots found; None if it has to be found again."""
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from .. import scene
+from ..world.described import world_of_scene
 from ..world.shutter import CameraMotion, Moment, Shutter, slice_of
-from ..world.stage_world import StageWorld
 from ..world.world import World
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class ShutterWorlds:
     shutter
         The scene and cameras over the shutter interval.
     sharp
-        As in `StageWorld.build`.
+        As in `described.world_of_scene`.
     planned
         How many passes share the interval; further passes begin it again. None: the number is not known.
     known
@@ -97,20 +97,20 @@ class ShutterWorlds:
     varies = True
 
     def __init__(
-        self, shutter: Shutter, sharp: bool, planned: int | None = None, known: Sequence[StageWorld] = ()
+        self, shutter: Shutter, sharp: bool, planned: int | None = None, known: Sequence[World] = ()
     ) -> None:  # fmt: skip
         self.shutter, self.planned, self.known = shutter, planned, list(known)
         self._sharp = sharp
         cameras = [camera for moment in shutter.ends(0.0, 1.0) for camera in moment.cameras]
         self._eyes = [np.asarray(each.to_world)[:3, 3] for each in cameras]
 
-    def at(self, moment: Moment) -> StageWorld:
+    def at(self, moment: Moment) -> World:
         """Return the world of a moment; parts of earlier worlds that are still the same are used again."""
         for world in self.known:
-            if world.description is moment.scene:
+            if world.parts.content is moment.scene:
                 return world
         like = self.known[-1] if self.known else None
-        world = StageWorld.build(moment.scene, self._eyes, like=like, sharp=self._sharp)
+        world = world_of_scene(moment.scene, self._eyes, like=like, sharp=self._sharp)
         self.known = [*self.known[-2:], world]
         return world
 
@@ -126,7 +126,7 @@ class ShutterWorlds:
         return self.shutter.at(0.5 * sum(self._times(number)))
 
     @property
-    def opened(self) -> StageWorld:
+    def opened(self) -> World:
         """The world when the shutter opens."""
         return self.at(self.shutter.at(0.0))
 
@@ -134,11 +134,11 @@ class ShutterWorlds:
         """Return the first homogeneous medium in the middle of a pass."""
         return self._between(number).scene.medium
 
-    def ends(self, number: int) -> list[StageWorld]:
+    def ends(self, number: int) -> list[World]:
         """Return the worlds at the start of pass `number` and at its end; one if nothing moves."""
         return [self.at(moment) for moment in self.shutter.ends(*self._times(number))]
 
-    def middle(self, number: int) -> StageWorld:
+    def middle(self, number: int) -> World:
         """Return the world in the middle of pass `number`."""
         return self.at(self._between(number))
 

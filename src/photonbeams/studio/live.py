@@ -13,7 +13,7 @@ from ..render.settings import Settings, as_passes
 from ..render.stage_frame import begin
 from ..usd.common.motion import equal
 from ..world.cameras.cameras import View
-from ..world.stage_world import StageWorld
+from ..world.world import World
 
 if TYPE_CHECKING:
     from ..estimators.projection import Projection
@@ -101,7 +101,7 @@ class LiveFrame:
     def described_media(self) -> dict[int, scene.Medium]:
         """Return the media by the numbers by which beams refer to them."""
         world = self._worlds.known[-1]
-        both = zip(world.description.media, world.media.all, strict=True)
+        both = zip(world.parts.content.media, world.media.all, strict=True)
         return {rendered.number: described for described, rendered in both}
 
     def projection(self) -> Projection:
@@ -153,18 +153,18 @@ class _Reuse:
         same_size = (own.width, own.height) == (other.width, other.height)
         self._same_views = same_size and equal(frame._viewers, like._viewers)
 
-    def findings(self, world: StageWorld) -> Findings | None:
+    def findings(self, world: World) -> Findings | None:
         """Return what the earlier frame's pilots found; None if it has to be found again."""
         if not self._keeps_guides and not (self._same_views and _same_light(self._settings, world, self._known)):
             return None
         return self._known._emission.findings
 
 
-def _same_light(settings: Settings, world: StageWorld, like: LiveFrame) -> bool:
+def _same_light(settings: Settings, world: World, like: LiveFrame) -> bool:
     """Return whether a world and an earlier one have the same lights, media, surfaces and settings but for looks."""
     if as_passes(settings) != as_passes(like._emission.settings):
         return False
-    own, other = world.description, like._worlds.known[-1].description
+    own, other = world.parts.content, like._worlds.known[-1].parts.content
     if own is other:
         return True
     rest = [each.name for each in fields(own) if each.name not in ("lights", "drawn")]

@@ -81,7 +81,7 @@ class Connections:
         dr.eval(sample, distance, active)
         seed = hash32(points.number, UInt32(8))
         link = dr.zeros(UInt32, dr.width(seed)) + dr.opaque(UInt32, emitter.link)
-        free = ~world.blocked(points.position, sample.direction, distance, active, seed, link)
+        free = ~world.solids.blocked(points.position, sample.direction, distance, active, seed, link)
         if emitter.portal is not None:
             passes = emitter.portal.crosses(points.position, sample.direction, distance)
             active &= passes if emitter.through else ~passes
@@ -103,7 +103,7 @@ def _visible(world: World, views: Views) -> tuple[Bool, VisiblePoints]:
     place = pixel_sample(number, dr.opaque(UInt32, 5))
     depth = pixel_sample(number, dr.opaque(UInt32, 6)).x
     origin, direction = view.ray(place)
-    hit = world.solid(origin, direction, Bool(True), number)
+    hit = world.solids.first(origin, direction, Bool(True), number)
     far = dr.select(hit.is_valid(), hit.t, world.bounds.exit(origin, direction))
     distance = depth * far
     result = VisiblePoints()

@@ -218,7 +218,7 @@ class LightTracer:
             surfaces = self.tuning.surfaces
             return Sightings.joined([camera.seen(segments, hits if surfaces else None) for segments, hits in steps])
 
-        if not self.world.connects:
+        if not self.world.apart:
             return guide(self.emission.strata, seen, self.world)
         lines, straight = Connections(self.world, views), self.tuning.max_bounces == 0
         return guide(self.emission.strata, seen, self.world, lambda each: lines(each.emitter), straight)
@@ -275,7 +275,7 @@ class LightTracer:
         """Return the bounds of radii for scattered light, and for light straight from an emitter."""
         widest = np.inf if medium.tracked is not None else FREE_PATHS / max(*medium.medium.extinction, 1e-30)
         limits = self.tuning.limits(number, self.world.radius_of(medium), widest)
-        if not self.world.narrows or self.tuning.radius or self.tuning.max_radius:
+        if not self.world.apart or self.tuning.radius or self.tuning.max_radius:
             return limits, limits
         # Without a ceiling: `narrowing` keeps each wide beam out of walls.
         return limits, limits._replace(ceiling=dr.opaque(Float, np.inf))

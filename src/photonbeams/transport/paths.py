@@ -103,7 +103,7 @@ def leaving(tracing: Tracing, emitted: Sequence[EmittedRays]) -> LightPaths | No
     across = tracing.world.bounds.beyond(paths.origin, paths.direction)
     overlap = dr.opaque(Float, tracing.overlap)
     paths.width = width(paths.differentials, paths.direction, across, paths.count, overlap, paths.portal)
-    if tracing.world.narrows:
+    if tracing.world.apart:
         halvings = joined(
             [dr.opaque(UInt32, each.halvings) + dr.zeros(UInt32, dr.width(each.index)) for each in emitted]
         )

@@ -75,7 +75,7 @@ def _any_lit(world: World, stopping: World, source: Lamp, portal: Portal, origin
     width = max(dr.width(origin), dr.width(direction))
     number = dr.arange(UInt32, width)
     always = dr.full(Bool, True, width)
-    hit = world.solid(origin, direction, always, number)
+    hit = world.solids.first(origin, direction, always, number)
     near, far = Float(0), dr.select(hit.is_valid(), hit.t, world.bounds.exit(origin, direction))
     far = far - opaque(_NUDGE * world.radius)
     lit = dr.full(Bool, False, width)
@@ -93,5 +93,5 @@ def _lit(world: World, source: Lamp, portal: Portal, point: Array3f, u: Array2f,
     sample = source.illuminate(point, u)
     carries = dr.max(sample.weight) > 0
     distance = dr.minimum(to_lamp(point, sample.direction, sample.distance).length, dr.largest(Float))
-    free = ~world.blocked(point, sample.direction, distance, carries, seed)
+    free = ~world.solids.blocked(point, sample.direction, distance, carries, seed)
     return carries & free & ~portal.crosses(point, sample.direction, distance)

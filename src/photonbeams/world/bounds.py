@@ -77,7 +77,7 @@ class Bounds:
         """Return the distance along rays to the point nearest to the sphere's center, at least half of its radius."""
         return dr.maximum(dr.dot(self.center - origin, direction), 0.5 * self.radius)
 
-    def exit(self, origin: Array3f, direction: Array3f, scale: float = 1.0) -> Float:
+    def exit(self, origin: Array3f, direction: Array3f, scale: Float | float = 1.0) -> Float:
         """Return the distance at which a ray leaves the sphere scaled by `scale`, at least the radius itself."""
         to = self.center - origin
         along = dr.dot(to, direction)

@@ -1,123 +1,156 @@
-"""The surfaces and media that light paths and camera paths meet, of a stage or of a Mitsuba scene."""
+"""The world that light paths and camera paths meet: surfaces, media and emitters, of a stage or of a Mitsuba scene.
+
+`described.world_of_scene` builds the world of a stage, or of a scene that is built in Python, and
+`plugin.world_of_plugin` that of a Mitsuba scene. Nothing asks afterwards which it was.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import drjit as dr
 import numpy as np
 
-from ..numerics.hashing import hash32, unit_float
+from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..scene import DrawnBeams
+from ..scene import ESCAPE, DrawnBeams
 from .bounds import Bounds, Box
 from .emitters.emitter import Emitter, Links
+from .emitters.packed import LampGroups
 from .emitters.rays import EmittedRays
 from .emitters.sources import Source
+from .media.interfaces import is_boundary, medium_at, transmits
 from .media.media import Media
 from .media.parts import parts
 from .media.rendered import RenderedMedium
-from .shadow_rays import rounding, size_of
+from .media.visibility import through
+from .shadow_rays import gap_at, gap_before, size_of
 from .surfaces.normal_maps import NormalMap
+from .surfaces.rays import RayScenes
+from .surfaces.shapes import scene_of
 
 if TYPE_CHECKING:
-    from ..runtime.mitsuba_types import EmitterPtr, MiBsdf, MiScene, SurfaceInteraction
+    from ..runtime.mitsuba_types import MiBsdf, MiScene, MiShape, SurfaceInteraction
 
 mi = mitsuba()
 
-_LAYERS = 32  # most cut-out surfaces that a ray may pass
+
+class Surroundings(Protocol):
+    """The media in which paths begin, by number, where shapes alone do not tell."""
+
+    def of_emitter(self, index: int, origin: Array3f, direction: Array3f) -> UInt32:
+        """Return the numbers of the media in which paths of an emitter begin."""
+
+    def of_sensor(self, origin: Array3f, direction: Array3f) -> UInt32:
+        """Return the numbers of the media in which camera paths begin."""
 
 
+@dataclass(frozen=True, eq=False)
 class World:
-    """The surfaces and media that rays meet.
+    """The surfaces, media and emitters that rays meet, at one time.
 
     Attributes
     ----------
-    plugin
-        The Mitsuba scene of surfaces and of the media's boundaries (Embree on the CPU, OptiX on a GPU).
+    plugin, surfaces, around
+        Mitsuba scenes (Embree on the CPU, OptiX on a GPU): of the surfaces and of the media's boundaries; of the
+        surfaces alone, if `apart`; and of boundaries that light passes, and of bodies of glass in media as boundaries
+        of empty space. They are built early, because their first use may be in a kernel's loop.
+    host
+        The Mitsuba scene whose shader binding table all others share on CUDA: see `shapes.scene_of`.
     media
-        Its media.
-    radius, bounds
-        Radius of a sphere around everything, and that sphere.
+        The media.
+    emitters, sources
+        The emitters; and what the beams of each have in common, by the numbers of sources.
+    bounds, radius
+        A sphere around everything, and its radius.
     extent
         Radius of a region that has all surfaces, finite lamps and cameras, if any medium is endless; else as `radius`.
     endless
         Length at which light in endless media no longer matters (`bounds.endless_length`); 0 if `escape` is as long.
-    emitters
-        The emitters.
-    sources
-        What the beams of each emitter have in common, by the emitters' numbers.
+    parts
+        What its builder keeps to build the world of another time.
+    emits, apart
+        Whether the emitters are those of `plugin`; and whether surfaces and boundaries are known apart, so that
+        straight lines can be tested by `solids`, and beams straight from a lamp become narrower at surfaces.
+    surroundings
+        What tells the media in which paths begin; None: rays find them, by `medium_at`.
+    nested, touching
+        Whether any media have boundaries, and whether a boundary coincides with a surface somewhere.
+    fog_beyond, reach_from_infinity
+        Whether endless fog goes on outside of the bounds where a camera or a lamp is; and how far light from infinity
+        goes on, in radii of the bounds.
     cutouts
         Whether cut-out surfaces stop rays with the probability of their opacity: `intersect` then skips those that do
         not. If not, they are ordinary surfaces, whose BSDFs have null lobes.
     perturbed, translucent
         Whether BSDFs may perturb the normal (bump and normal maps), and whether any has diffuse or glossy transmission.
-    mirrors
-        Whether there are mirrors or glass.
-    narrows
-        Whether beams straight from a lamp are narrowed where a surface blocks their rim.
+    mirrors, glowing
+        Whether there are mirrors or glass, and whether surfaces shine without being emitters, to both sides.
+    boundaries, shapes
+        Mitsuba's shapes of the media's boundaries, or that light passes; and of the surfaces, with their names.
+    blockers
+        For lights with shadow links: Mitsuba scenes without some of the surfaces, by the names of these.
     boxes
         Boxes around media, by number, beside which light straight from lamps makes beams: see `transport.fringes`.
-    reentrant
-        Numbers of the media that a line may leave and enter again.
-    lit_by_domes
-        Numbers of the media that domes light without beams.
     sizes
         Radius of each medium, by number; a medium without an entry has the world's.
+    reentrant, lit_by_domes
+        Numbers of the media that a line may leave and enter again; and of those that domes light without beams.
+    sky
+        Numbers of the environments that light those.
     numbers
         Numbers of the media by name, which may be others at another time; media without a name have none.
     drawn
         Beams that no lamp makes.
-    lamps, domes, mesh_lamps
-        Lights that are no part of `plugin`: packed by kind; and environments and mesh lights, each with its links.
-    sky
-        Environments that light media without beams, with their lamps and their links.
-    glowing, emits
-        Whether any surfaces shine, to both sides; and whether the emitters are those of `plugin`.
-    surfaces, boundaries
-        The Mitsuba scene of the surfaces, and the shapes of the media's boundaries, if they are known apart.
-    connects
-        Whether `blocked`, `clear`, `solid`, `medium_at` and `dimming` answer for straight lines to lamps.
-    host
-        The Mitsuba scene that the scenes of portals share on CUDA: see `shapes.scene_of`.
     """
 
     plugin: Any
+    surfaces: Any
+    around: Any
+    host: Any
     media: Media
-    radius: float
-    bounds: Bounds
-    extent: float
-    endless: float
     emitters: Sequence[Emitter]
     sources: Sequence[Source]
-    cutouts: bool
-    perturbed: bool
-    boxes: Mapping[int, Box]
-    reentrant: Collection[int]
-    translucent: bool
-    mirrors: bool
-    narrows: bool
-    lit_by_domes: Collection[int] = ()
-    sizes: Mapping[int, float]
-    numbers: Mapping[str, int] = {}
+    bounds: Bounds
+    radius: float
+    extent: float
+    endless: float
+    parts: Any = None
+    emits: bool = False
+    apart: bool = True
+    surroundings: Surroundings | None = None
+    nested: bool = False
+    touching: bool = False
+    fog_beyond: bool = False
+    reach_from_infinity: float = 1.0
+    cutouts: bool = False
+    perturbed: bool = False
+    translucent: bool = False
+    mirrors: bool = False
+    glowing: bool = False
+    boundaries: Sequence[Any] = ()
+    shapes: Sequence[tuple[str, MiShape]] = ()
+    blockers: Mapping[frozenset[str], Any] = field(default_factory=dict)
+    boxes: Mapping[int, Box] = field(default_factory=dict)
+    sizes: Mapping[int, float] = field(default_factory=dict)
+    reentrant: Collection[int] = frozenset()
+    lit_by_domes: Collection[int] = frozenset()
+    sky: Sequence[int] = ()
+    numbers: Mapping[str, int] = field(default_factory=dict)
     drawn: Sequence[DrawnBeams] = ()
-    lamps: Sequence[Any] = ()
-    domes: Sequence[Any] = ()
-    mesh_lamps: Sequence[Any] = ()
-    sky: Sequence[Any] = ()
-    glowing: bool
-    emits = False
-    connects = False
-    boundaries: Sequence[Any]
-    surfaces: Any
-    host: Any
 
     @cached_property
     def size(self) -> Float:
         """Diameter of the surfaces and boundaries, for rays that leave them: see `shadow_rays`."""
         return size_of(self.plugin)
+
+    @cached_property
+    def lamps(self) -> LampGroups:
+        """The lamps that are no part of `plugin`, as kernels need them."""
+        return LampGroups.of(self)
 
     @property
     def hazy(self) -> bool:
@@ -127,86 +160,66 @@ class World:
     @property
     def sharp(self) -> bool:
         """Whether camera paths may continue somewhere: at a boundary of media, a mirror or glass."""
-        return True
-
-    def feeling_all(self) -> World:
-        """Return the world in which light feels all of its media, beams-only ones, too."""
-        return self
-
-    def without_surfaces(self) -> World:
-        """Return the world with its media alone."""
-        raise NotImplementedError
-
-    def blocking_scenes(self) -> Sequence[MiScene]:
-        """Return the Mitsuba scenes that block light instead of `plugin`, by link number minus 1."""
-        return ()
-
-    def entered(self, number: int, rays: EmittedRays, bounds: Bounds, through: bool) -> EmittedRays:
-        """Return rays of an emitter as they begin in the world, with `reach` and `medium`.
-
-        `bounds` is the sphere which light from infinity enters, and `through` says whether the rays were sampled on a
-        portal, rather than on the emitter.
-        """
-        raise NotImplementedError
-
-    def short_of_fog(self, emitters: Iterable[int]) -> list[int]:
-        """Return those emitters at infinity whose beams, which begin around shapes, do not reach all endless fog."""
-        return []
+        return self.mirrors or bool(self.boundaries)
 
     def radius_of(self, medium: RenderedMedium) -> float:
         """Return the radius of a medium, at most that of the region with everything in it."""
         return min(self.sizes.get(medium.number, np.inf), self.extent)
 
-    def medium_at(self, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
-        """Return the numbers of the media at points, found by rays along `direction`."""
-        raise NotImplementedError
+    def short_of_fog(self, emitters: Iterable[int]) -> list[int]:
+        """Return those emitters at infinity whose beams, which begin around shapes, do not reach all endless fog."""
+        return [each for each in emitters if self.fog_beyond and self.emitters[each].lamp.infinite]
 
-    def solid(
-        self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None
-    ) -> SurfaceInteraction:
-        """Return the first surface that rays hit, as a SurfaceInteraction3f; boundaries of media do not count."""
-        raise NotImplementedError
+    def feeling_all(self) -> World:
+        """Return the world in which light feels all of its media, beams-only ones, too."""
+        media = self.media.all_felt()
+        return self if media is self.media else replace(self, media=media)
 
-    def blocked(
-        self, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32,
-        link: UInt32 | None = None,
-    ) -> Bool:  # fmt: skip
-        """Return which rays hit a surface before `distance`."""
-        raise NotImplementedError
-
-    def clear(
-        self, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32, link: UInt32
-    ) -> Float:
-        """Return how far rays are clear: the distances at which they hit a surface before `distance`, else infinity."""
-        raise NotImplementedError
+    def without_surfaces(self) -> World:
+        """Return the world with its media alone."""
+        return replace(self, plugin=self.around, touching=False, cutouts=False, mirrors=False)
 
     def stopping(self, links: Links) -> World:
-        """Return the world with only the surfaces that block lights with these links."""
-        return self
+        """Return the world with only the surfaces that block lights with these links; the world itself if all do."""
+        return replace(self, surfaces=self.blockers[links.unshadowed]) if links.unshadowed else self
 
-    def colors(self, emitter: EmitterPtr, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the colours of the images that light passes on its way from Mitsuba's emitters to points."""
-        return Array3f(1)
+    @cached_property
+    def _unshadowing(self) -> list[frozenset[str]]:
+        """The names of the surfaces that do not block lights, by link number minus 1."""
+        return sorted(self.blockers, key=sorted)
 
-    def dimming(
-        self, origin: Array3f, direction: Array3f, distance: Float, medium: UInt32, seed: UInt32, active: Bool
-    ) -> Array3f:
-        """Return the transmittance, as surfaces feel it, along rays that begin in a medium and meet no surface."""
-        raise NotImplementedError
+    @cached_property
+    def solids(self) -> RayScenes:
+        """The surfaces alone, without the boundaries of media, as rays meet them."""
+        others = [self.blockers[names] for names in self._unshadowing]
+        return RayScenes(self.surfaces, others, self.cutouts, self.size)
 
-    def escape(self, origin: Array3f, direction: Array3f) -> Float:
-        """Return the lengths of light paths that meet nothing."""
-        raise NotImplementedError
+    @cached_property
+    def everything(self) -> RayScenes:
+        """The surfaces and boundaries, as rays meet them."""
+        if not self.boundaries or not self.blockers:
+            return replace(self.solids, plugin=self.plugin)
+        rest = ([shape for name, shape in self.shapes if name not in names] for names in self._unshadowing)
+        return RayScenes(
+            self.plugin, [scene_of([*each, *self.boundaries], self.host) for each in rest], self.cutouts, self.size
+        )
 
-    def medium_of_view(self, origin: Array3f, direction: Array3f) -> UInt32:
-        """Return the numbers of the media in which camera rays begin."""
-        raise NotImplementedError
+    def intersect(
+        self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None
+    ) -> SurfaceInteraction:
+        """Return the first surface, or boundary of a medium, that rays meet, as a SurfaceInteraction3f.
 
-    def shading_normal(self, hit: SurfaceInteraction, active: Bool) -> Array3f:
-        """Return the normals of surfaces in world space; on stages, normal and bump maps are applied."""
-        if not any(isinstance(each, NormalMap) for each in parts(self.plugin, mi.BSDF)):
-            return Array3f(hit.sh_frame.n)
-        return Array3f(dr.dispatch(hit.bsdf(), _mapped_normal, hit, active))
+        `seed` and `link` are those of `RayScenes`. Where an opaque surface and a boundary coincide, rays meet the
+        surface.
+        """
+        hit = self.everything.first(origin, direction, active, seed, link)
+        if not self.touching:
+            return hit
+        on_boundary = active & is_boundary(hit)
+        solid = self.solids.first(origin, direction, on_boundary, seed, link)
+        behind = (solid.t - hit.t) * dr.abs(dr.dot(Array3f(hit.n), direction))
+        met = on_boundary & solid.is_valid() & ~transmits(solid) & (behind <= gap_at(Array3f(hit.p), self.size))
+        return dr.select(met, solid, hit)
 
     def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> SurfaceInteraction:
         """Return the first surface, or boundary of a medium, that camera rays meet within `reach`."""
@@ -214,64 +227,81 @@ class World:
         hit.t = dr.select(hit.t < reach, hit.t, dr.inf)
         return hit
 
-    def intersect(
-        self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None
-    ) -> SurfaceInteraction:
-        """Return the first surface, or boundary of a medium, that rays meet, as a SurfaceInteraction3f.
+    def entered(self, number: int, rays: EmittedRays, bounds: Bounds, through: bool) -> EmittedRays:
+        """Return rays of an emitter as they begin in the world, with `reach` and `medium`.
 
-        `seed` decides which cut-out surfaces a ray passes. `link` selects the surfaces that block light: see
-        `blocking_scenes`.
+        `bounds` is the sphere which light from infinity enters, and `through` says whether the rays were sampled on a
+        portal, rather than on the emitter.
         """
-        return self._first(self.plugin, self.blocking_scenes(), origin, direction, active, seed, link)
+        rays.flux = dr.select(rays.valid, rays.flux, 0)
+        active, lamp = dr.max(rays.flux) > 0, self.emitters[number].lamp
+        if through and self.emits:  # they begin beyond the portal, which is a shape of the scene
+            step = gap_at(rays.origin, self.size)
+            rays.origin, rays.portal = rays.origin + step * rays.direction, rays.portal - step
+        if lamp.flat:
+            rays.origin = self._off_surfaces(number, rays.origin, active)
+        reach = self._reach_from_infinity if lamp.infinite else self._reach
+        rays.reach = bounds.exit(rays.origin, rays.direction, reach)
+        rays.medium = (
+            self.medium_at(rays.origin, rays.direction, active)
+            if self.surroundings is None
+            else self.surroundings.of_emitter(number, rays.origin, rays.direction)
+        )
+        return rays
 
-    def _first(
-        self, plugin: MiScene, others: Sequence[MiScene], origin: Array3f, direction: Array3f, active: Bool,
-        seed: UInt32, link: UInt32 | None,
-    ) -> SurfaceInteraction:  # fmt: skip
-        first, *more = by_link(plugin, others, link)
-        hit = self._met(first[0], origin, direction, active & first[1], seed)
-        for each, own in more:
-            hit = dr.select(own, self._met(each, origin, direction, active & own, seed), hit)
-        return hit
+    def _off_surfaces(self, number: int, origin: Array3f, active: Bool) -> Array3f:
+        """Return origins of paths; those on a flat lamp in the plane of a surface begin before that surface."""
+        emitter = self.emitters[number]
+        gap, axis = gap_before(origin, self.size), emitter.lamp.bare.axis + 0 * origin.x
+        seed = dr.arange(UInt32, dr.width(origin))
+        link = dr.opaque(UInt32, emitter.link) + 0 * seed
+        flush = self.solids.blocked(origin - gap * axis, axis, 2 * gap, active, seed, link)
+        return dr.select(flush, origin + gap * axis, origin)
 
-    def _met(
-        self, plugin: MiScene, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32
-    ) -> SurfaceInteraction:
-        ray, skip = self._beyond_cutouts(plugin, origin, direction, active, seed)
-        hit = plugin.ray_intersect(ray, active)
-        if self.cutouts:
-            hit.t += skip
-        return hit
+    @cached_property
+    def _reach(self) -> Float:
+        """How far light goes on, in radii of the bounds."""
+        return opaque(ESCAPE * self.extent / self.radius)
 
-    def _beyond_cutouts(
-        self, plugin: MiScene, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32
-    ) -> tuple[Any, Any]:
-        """Return rays moved beyond the cut-out surfaces that they pass, and the distances by which they were moved."""
-        skip = self._skipped(plugin, origin, direction, active, seed) if self.cutouts else 0
-        return mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction)), skip
+    @cached_property
+    def _reach_from_infinity(self) -> Float:
+        return opaque(self.reach_from_infinity)
 
-    def _skipped(self, plugin: Any, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32) -> Float:
-        """Return the distance to the last cut-out surface that rays pass; boundaries of media stop them."""
-        origin, direction = dr.detach(Array3f(origin)), dr.detach(Array3f(direction))
-        # More than the rounding error of a hit's place.
-        extent = dr.max(dr.abs(origin))
-        step = 1e-5 * extent
+    def escape(self, origin: Array3f, direction: Array3f) -> Float:
+        """Return the lengths of light paths that meet nothing."""
+        return self.bounds.exit(origin, direction, self._reach)
 
-        def passing(skip: Float, layer: UInt32, going: Bool) -> tuple[Float, UInt32, Bool]:
-            ray = mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
-            hit = plugin.ray_intersect(ray, going)
-            clear = dr.mean(hit.bsdf().eval_null_transmission(hit, going))
-            passes = hit.is_valid() & ~hit.is_medium_transition() & (unit_float(hash32(seed, layer)) < clear)
-            going = going & passes
-            # No further than the next leaf, in small scenes and far from the origin.
-            most = dr.maximum(mi.math.RayEpsilon * self.size, rounding(hit.t + extent))
-            usual = 1e-5 * hit.t + step <= most
-            beyond = dr.select(usual, skip + hit.t * (1 + 1e-5) + step, skip + hit.t + most)
-            return dr.select(going, beyond, skip), layer + 1, going
+    def medium_of_view(self, origin: Array3f, direction: Array3f) -> UInt32:
+        """Return the numbers of the media in which camera rays begin."""
+        if self.surroundings is None:
+            return self.medium_at(origin, direction, Bool(True))
+        return self.surroundings.of_sensor(origin, direction)
 
-        state = (0 * origin.x + 0 * direction.x, dr.zeros(UInt32, dr.width(origin)), Bool(active))
-        skip, _, _ = dr.while_loop(state, lambda _, layer, going: going & (layer < _LAYERS), passing, label="cutouts")
-        return skip
+    def medium_at(self, origin: Array3f, direction: Array3f, active: Bool) -> UInt32:
+        """Return the numbers of the media at points, found by rays along `direction`."""
+        filling = dr.opaque(UInt32, self.media.filling)
+        if not self.nested:
+            return filling + dr.zeros(UInt32, max(dr.width(origin), dr.width(direction)))
+        return medium_at(self.around, origin, direction, filling, filling, active, self.size)
+
+    def dimming(
+        self, origin: Array3f, direction: Array3f, distance: Float, medium: UInt32, seed: UInt32, active: Bool
+    ) -> Array3f:
+        """Return the transmittance, as surfaces feel it, along rays that begin in a medium and meet no surface."""
+        if not self.media.all:
+            return Array3f(1)
+        if not self.nested:
+            passed = self.media.transmittance(medium, origin, direction, distance, seed, active)
+            return self.media.felt(medium, passed)
+        ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+        ray.maxt = dr.minimum(distance, dr.largest(Float))
+        return through(self.around, self.media, ray, medium, seed, active, size=self.size)[0]
+
+    def shading_normal(self, hit: SurfaceInteraction, active: Bool) -> Array3f:
+        """Return the normals of surfaces in world space; on stages, normal and bump maps are applied."""
+        if not any(isinstance(each, NormalMap) for each in parts(self.plugin, mi.BSDF)):
+            return Array3f(hit.sh_frame.n)
+        return Array3f(dr.dispatch(hit.bsdf(), _mapped_normal, hit, active))
 
     def opacity(self, hit: Any, active: Bool) -> Float:
         """Return the opacity of the cut-out surfaces that stopped rays, above 0; 1 for other surfaces."""
@@ -286,14 +316,6 @@ def _mapped_normal(bsdf: MiBsdf, hit: SurfaceInteraction, active: Bool) -> Any:
     return mi.Normal3f(hit.to_world(maps[0].normal(hit, active))) if maps else hit.sh_frame.n
 
 
-def by_link(plugin: MiScene, others: Sequence[MiScene], link: UInt32 | None) -> list[tuple[Any, Bool]]:
-    """Return Mitsuba scenes and which rays meet them: link 0 meets `plugin`, link 1 the first of the others."""
-    if not others or link is None:
-        return [(plugin, Bool(True))]
-    linked = [(each, link == dr.opaque(UInt32, number)) for number, each in enumerate(others, 1)]
-    return [(plugin, link == 0), *linked]
-
-
 def perturbs(plugin: MiScene) -> bool:
     """Return whether a scene has BSDFs that perturb the normal."""
     return any(each.class_name() in ("NormalMap", "BumpMap") for each in parts(plugin, mi.BSDF))
@@ -302,6 +324,11 @@ def perturbs(plugin: MiScene) -> bool:
 def translucent(plugin: MiScene) -> bool:
     """Return whether a scene has surfaces with diffuse or glossy transmission."""
     return _has_lobes(plugin, mi.BSDFFlags.DiffuseTransmission, mi.BSDFFlags.GlossyTransmission)
+
+
+def passes(bsdf: MiBsdf) -> bool:
+    """Return whether some light passes straight through a surface."""
+    return bool(mi.has_flag(int(bsdf.flags()), mi.BSDFFlags.Null))
 
 
 def mirrors(plugin: MiScene) -> bool:

@@ -9,7 +9,7 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
 from tests.helpers.comparison import box, quad
 from tests.helpers.kernels import compiled
 from tests.helpers.shading import Shaded, shade
@@ -49,7 +49,7 @@ def render(world, origin, direction, passes=64):
 
 
 def built(meshes, *lights, medium=None):
-    return StageWorld.build(
+    return world_of_scene(
         scene.Scene(tuple(meshes), lights, media=() if medium is None else (medium,)), viewpoints=[(0, 2, 4)]
     )
 
@@ -212,12 +212,12 @@ def test_an_image_on_a_portal_tints_the_lamp_behind_it_also_through_a_boundary_o
     pane = quad("/pane", [[-1, -1, 2], [1, -1, 2], [1, 1, 2], [-1, 1, 2]], DIFFUSE)
     lamp = scene.SphereLight("/s", (1.0, 2.0, 3.0), radius=0.5, portal=pane, portal_gobo=green)
     fog = scene.Medium((0.0,) * 3, (depth,) * 3, mesh=box("/fog", (-3, -3, 3), (3, 3, 4)))
-    world = StageWorld.build(scene.Scene((), (lamp,), media=(fog,)), viewpoints=[(0, 0, 6)])
+    world = world_of_scene(scene.Scene((), (lamp,), media=(fog,)), viewpoints=[(0, 0, 6)])
     mean, _, _ = render(world, *rays([0, 0, 6], [0.0, 0, 0]), passes=1)
     # The ray meets both sides of the slab of fog, one unit thick, before it passes the pane.
     assert np.allclose(mean[:, 0], [0, 2 * np.exp(-depth), 0], rtol=1e-3)
     behind = dataclasses.replace(fog, mesh=box("/fog", (-3, -3, 1), (3, 3, 1.5)))
-    world = StageWorld.build(scene.Scene((), (lamp,), media=(behind,)), viewpoints=[(0, 0, 6)])
+    world = world_of_scene(scene.Scene((), (lamp,), media=(behind,)), viewpoints=[(0, 0, 6)])
     mean, _, _ = render(world, *rays([0, 0, 6], [0.0, 0, 0]), passes=1)
     assert np.allclose(mean[:, 0], [0, 2 * np.exp(-0.5 * depth), 0], rtol=1e-3)
 

@@ -10,7 +10,7 @@ from photonbeams.runtime.device import Bool, Float, UInt32, mitsuba
 from photonbeams.transport.segments.coverage import medium_coverage, surface_coverage
 from photonbeams.transport.segments.records import Segments
 from photonbeams.transport.tuning import FREE_PATHS
-from photonbeams.world.scene_world import SceneWorld
+from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
@@ -25,7 +25,7 @@ def below(x):
 
 
 def world(**parts):
-    return SceneWorld(load(**parts, sensor=camera()), None)
+    return world_of_plugin(load(**parts, sensor=camera()), None)
 
 
 @pytest.mark.parametrize("edge", [2.0, 0.8, 0.3])

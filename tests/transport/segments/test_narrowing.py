@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photonbeams import scene
-from photonbeams.world.stage_world import StageWorld
+from photonbeams.world.described import world_of_scene
 from tests.helpers.comparison import quad
 from tests.helpers.tracing import trace
 from tests.transport.fluences import estimated, lamp
@@ -34,7 +34,7 @@ def test_no_line_runs_along_a_shaft_to_a_silhouette(kind, blocker):
     fog, bounds = scene.Medium(1e-6), (np.zeros(3), 6.0)
 
     def traced(*meshes):
-        world = StageWorld.build(scene.Scene(lights=[light], meshes=list(meshes), media=[fog], bounds=bounds))
+        world = world_of_scene(scene.Scene(lights=[light], meshes=list(meshes), media=[fog], bounds=bounds))
         return trace(world, beams_per_light=1 << 12, overlap=2.2)
 
     towards = EDGE - LAMP
@@ -63,7 +63,7 @@ def test_light_beside_a_shadow_is_even_up_to_half_a_radius_from_its_edge():
     points = (LAMP + 1.5 * towards + offsets[:, None, None] * across + places).reshape(-1, 3)
 
     def profile(*meshes):
-        world = StageWorld.build(scene.Scene(lights=[light], meshes=list(meshes), media=[fog], bounds=bounds))
+        world = world_of_scene(scene.Scene(lights=[light], meshes=list(meshes), media=[fog], bounds=bounds))
         passes = [
             estimated(trace(world, beams_per_light=1 << 14, pass_index=number, overlap=2.2), points)
             for number in range(8)

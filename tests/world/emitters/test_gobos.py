@@ -10,8 +10,8 @@ from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.runtime.device import Array2f, Array3f, Float, UInt32
+from photonbeams.world.described import world_of_scene
 from photonbeams.world.emitters.portals import emit_through
-from photonbeams.world.stage_world import StageWorld
 from tests.helpers.tracing import trace
 
 RADIANCE = (3.0, 2.0, 1.0)
@@ -55,7 +55,7 @@ def point(image=NOISE, portal=WINDOW, **given):
 
 
 def world(*lights, **parts):
-    return StageWorld.build(scene.Scene(lights=lights, **parts), viewpoints=[(-4, 0, 0), (4, 0, 0)])
+    return world_of_scene(scene.Scene(lights=lights, **parts), viewpoints=[(-4, 0, 0), (4, 0, 0)])
 
 
 def paths_of(light, count=COUNT):
@@ -269,7 +269,7 @@ def test_packed_masked_lights_have_their_own_images():
         for i, (image, angle) in enumerate([(CORNERS, 90.0), (plain, 30.0), (NOISE, 50.0)])
     ]
     built = world(*lights)
-    (lamps,) = built.lamps
+    (lamps,) = built.lamps.packed
     at = np.random.default_rng(1).uniform([-1, -1, -3], [1, 1, -2], (64, 3))
     for number, source in enumerate(each.lamp for each in built.emitters):
         taken = lamps.light(UInt32(number))
@@ -313,7 +313,7 @@ def test_a_bent_portal_holds_no_image():
 
 def test_an_image_is_on_the_device_once_while_it_is_in_use():
     first = world(spot(), distant())
-    later = StageWorld.build(scene.Scene(lights=(spot(angle=50.0),)), like=first)
+    later = world_of_scene(scene.Scene(lights=(spot(angle=50.0),)), like=first)
     one, *others = (each.lamp.pixels["slide"] for each in [*first.emitters, *later.emitters])
     assert len(others) == 2 and all(each is one for each in others)
 

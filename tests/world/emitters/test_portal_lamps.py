@@ -9,9 +9,9 @@ from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
 from photonbeams.render.lights import Lights
 from photonbeams.runtime.device import Array2f, Array3f, UInt32, mitsuba
+from photonbeams.world.described import world_of_scene
 from photonbeams.world.emitters.portal_lamps import ThroughPortal, behind
 from photonbeams.world.emitters.portals import Portal
-from photonbeams.world.stage_world import StageWorld
 from photonbeams.world.surfaces.shapes import scene_of, shape_of
 from tests.helpers.fog_room import room
 from tests.helpers.shading import shade
@@ -42,7 +42,7 @@ def irradiance(point, corners):
 
 def sky(image=None):
     light = scene.DomeLight("/sky", (1.0, 1.0, 1.0), image=image, portal=WINDOW)
-    return StageWorld.build(scene.Scene(lights=(light,)), viewpoints=[(-4, 0, 0), (4, 3, 0)]).domes[0][0]
+    return world_of_scene(scene.Scene(lights=(light,)), viewpoints=[(-4, 0, 0), (4, 3, 0)]).lamps.domes[0][0]
 
 
 def points(place):
@@ -125,7 +125,7 @@ def test_surfaces_of_a_stage_are_lit_through_a_portal():
     for portal in (WINDOW, None):
         light = scene.DomeLight("/sky", (1.0, 1.0, 1.0), portal=portal)
         given = scene.Scene(lights=(light,), meshes=room_of_quads(black, grey))
-        world = StageWorld.build(given, viewpoints=[(3, 3, 0)])
+        world = world_of_scene(given, viewpoints=[(3, 3, 0)])
         rays = (to_vectors([each]) + dr.zeros(Array3f, count) for each in (place - DOWN, DOWN))
         radiance = shade(world, *rays, dr.arange(UInt32, count)).radiance.numpy()[0].astype(np.float64)
         found.append(radiance)

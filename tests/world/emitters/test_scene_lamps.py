@@ -7,7 +7,7 @@ import pytest
 
 from photonbeams.render.scene_frame import Extras, render
 from photonbeams.scene import BeamSettings, Gobo, Mesh, SceneError
-from photonbeams.world.scene_world import SceneWorld
+from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb
 from tests.helpers.tracing import emission_of
 
@@ -37,7 +37,7 @@ HALF = np.array([[[1.0], [0.0]]] * 2)
 
 def emitted(name, **given):
     scene = load(lamp=EMITTERS[name], window=WINDOW, wall={"type": "cube", "to_world": T().scale(3)})
-    world = SceneWorld(scene, None, beams=[BeamSettings(**given)])
+    world = world_of_plugin(scene, None, beams=[BeamSettings(**given)])
     # With as many paths for each image, whatever passes it.
     return [replace(each, count=COUNT).emit(0) for each in emission_of(world, COUNT).strata], world
 
@@ -82,7 +82,7 @@ def test_an_emitter_keeps_as_many_paths_as_it_says():
     scene = load(lamp=EMITTERS["point"], other=EMITTERS["constant"], wall={"type": "rectangle"})
     said = {each.id(): BeamSettings(beam_count=321) if each.id() == "lamp" else BeamSettings() for each in
             scene.emitters()}  # fmt: skip
-    strata = emission_of(SceneWorld(scene, None, beams=list(said.values())), 1000).strata
+    strata = emission_of(world_of_plugin(scene, None, beams=list(said.values())), 1000).strata
     assert {each.emitter.name: each.count for each in strata}["lamp"] == 321
 
 

@@ -7,8 +7,8 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Bool, UInt32
+from photonbeams.world.described import world_of_scene
 from photonbeams.world.media.stage_media import around_glass, media_of
-from photonbeams.world.stage_world import StageWorld
 from tests.helpers.comparison import box, quad
 from tests.helpers.shading import shade
 
@@ -52,7 +52,7 @@ def draw(seed):
 @pytest.mark.parametrize("seed", range(6))
 def test_no_fog_is_in_glass(seed):
     center, radius, mesh, media = draw(seed)
-    world = StageWorld.build(scene.Scene((mesh,), media=tuple(media)), sharp=True)
+    world = world_of_scene(scene.Scene((mesh,), media=tuple(media)), sharp=True)
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=(4096, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -68,7 +68,7 @@ def test_no_fog_is_in_glass(seed):
     # Refracted rays change the medium, and those that are reflected stay in theirs.
     for start, along, sides in ((center, 1, (fog, 0)), (center + 2 * radius * direction, -1, (0, fog))):
         origin, ray = to_vectors(np.broadcast_to(start, points.shape)), to_vectors(along * direction)
-        hit = world.solid(origin, ray, Bool(True), UInt32(0))
+        hit = world.solids.first(origin, ray, Bool(True), UInt32(0))
         for turn, expected in zip((1, -1), sides, strict=True):
             entered = world.media.beyond(hit, to_vectors(turn * along * direction), UInt32(sides[1]), Bool(True))
             assert np.all(entered.numpy() == expected)
@@ -83,7 +83,7 @@ def test_glass_takes_its_length_from_the_fog(inward):
     glowing = scene.Material(diffuse=scene.BLACK, ior=1.0, emissive=(1.0,) * 3)
     wall = quad("/Wall", [[-9, -9, -4], [9, -9, -4], [9, 9, -4], [-9, 9, -4]], glowing)
     smog = scene.Medium(scene.BLACK, absorption=(0.1, 0.2, 0.4), name="/Smog")
-    world = StageWorld.build(scene.Scene((cube, wall), media=(smog,)), viewpoints=[(0, 0, 4)], sharp=True)
+    world = world_of_scene(scene.Scene((cube, wall), media=(smog,)), viewpoints=[(0, 0, 4)], sharp=True)
     rays = (to_vectors(np.broadcast_to(each, (4096, 3))) for each in ([0.1, 0.2, 4.0], [0.0, 0.0, -1.0]))
     found = shade(world, *rays, dr.arange(UInt32, 4096), max_depth=16).radiance.numpy().mean(axis=1)
     expected = np.exp(-6 * np.array(smog.extinction)) * (1 - 0.04) / (1 + 0.04)
@@ -92,8 +92,8 @@ def test_glass_takes_its_length_from_the_fog(inward):
 
 def test_glass_that_is_open_or_partly_in_a_medium_is_filled_as_what_is_around_it(caplog):
     pane = quad("/Pane", [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], GLASS)
-    world = StageWorld.build(scene.Scene((pane, ball([5, 0, 0], 1.0)), media=(FOG,)), sharp=True)
-    assert set(world.outside) == {"/Ball"}
+    world = world_of_scene(scene.Scene((pane, ball([5, 0, 0], 1.0)), media=(FOG,)), sharp=True)
+    assert set(world.parts.media.outside) == {"/Ball"}
     tank = scene.Medium((0.3,) * 3, mesh=box("/Tank", [-4] * 3, [0.3, 4, 4]), name="/Tank")
     body = ball([0, 0, 0], 1.0)
     assert around_glass(media_of([tank]), [body]) == {}

@@ -16,8 +16,8 @@ from ...numerics.hashing import hash32
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.emitters.packed import Lamps, LinkedSurfaces
 from ...world.emitters.portal_lamps import EnvironmentPortal
-from ...world.emitters.stage_lamps import Lamps, LinkedSurfaces
 from ...world.shadow_rays import ShadowRay, to_lamp
 from ...world.world import World
 from .camera_paths import NearestLamp, ShadingPoint
@@ -33,13 +33,13 @@ class EmitterLighting:
     """
 
     def __init__(self, world: World, portal: EnvironmentPortal | None = None) -> None:
-        self._world = world
+        self._world, self._lamps = world, world.lamps
         self._mitsuba = MitsubaLighting(world, portal) if world.emits else None
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
         """Return the nearest lamp that emits toward rays which have come the distance `flown`."""
-        packed = [lamps for lamps in self._world.lamps if lamps.seen]
-        single = [lamp for lamp, links in self._world.mesh_lamps if lamp.seen and (links is None or links.seen)]
+        packed = [lamps for lamps in self._lamps.packed if lamps.seen]
+        single = [lamp for lamp, links in self._lamps.meshes if lamp.seen and (links is None or links.seen)]
         if not packed and not single:
             return None
         # Images on portals also tint light that passed them before the ray's segment begins.
@@ -71,7 +71,7 @@ class EmitterLighting:
     def _background(self, origin: Array3f, direction: Array3f) -> Array3f:
         """Return the radiance at infinity: environments and the discs of distant lights."""
         result = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
-        for dome, links in self._world.domes:
+        for dome, links in self._lamps.domes:
             if links is None or links.seen:
                 result += dome.see(origin, direction).radiance
 
@@ -79,7 +79,7 @@ class EmitterLighting:
             found = light.see(origin, direction)
             return (state[0] + dr.select(dr.isfinite(found.distance), 0, found.radiance),)
 
-        for lamps in self._world.lamps:
+        for lamps in self._lamps.packed:
             if lamps.seen:
                 (result,) = _each(lamps, (result,), add)
         return result
@@ -96,13 +96,13 @@ class EmitterLighting:
         """Return the direct light that surfaces reflect along the path, by one sample of each lamp."""
         if self._mitsuba is not None:
             return self._mitsuba.direct(point, active)
-        world, radiance = self._world, dr.zeros(Array3f, dr.width(point.hit.t))
-        if not world.lamps and not world.domes and not world.mesh_lamps:
+        world, lights, radiance = self._world, self._lamps, dr.zeros(Array3f, dr.width(point.hit.t))
+        if not lights.packed and not lights.domes and not lights.meshes:
             return radiance
         reflection = _Reflection(world, point, active)
-        for kind, lamps in enumerate(world.lamps):
+        for kind, lamps in enumerate(lights.packed):
             (radiance,) = _each(lamps, (radiance,), _adding(world, reflection, lamps.links, kind))
-        for number, (lamp, links) in enumerate([*world.domes, *world.mesh_lamps]):
+        for number, (lamp, links) in enumerate([*lights.domes, *lights.meshes]):
             radiance += scattered(
                 *_linked(world, reflection, links), lamp, (UInt32(Stream.SINGLE_LAMP), UInt32(number))
             )
@@ -158,7 +158,7 @@ class LitPoints:
         behind = met & ~self.open & dr.isfinite(distance)
         ray = self.toward(self.direction, distance)
         reach = dr.minimum(ray.length, self.shadow_reach)
-        return met & (self.open | (behind & ~world.blocked(ray.origin, ray.direction, reach, behind, self.seed)))
+        return met & (self.open | (behind & ~world.solids.blocked(ray.origin, ray.direction, reach, behind, self.seed)))
 
     def left(self, free: Bool, lit: Bool) -> Array3f:
         """Return the factor on light: 1 where nothing blocks it (`free`), else the shadow at points that are `lit`."""
@@ -172,7 +172,7 @@ class LitPoints:
         """Return whether no surface blocks the sample: this takes half the time of finding the nearest surface."""
         alive = self.active & (dr.max(self.weight) > 0)
         origin = self.toward(self.direction, Float(dr.inf)).origin
-        return alive & ~world.blocked(origin, self.direction, self.shadow_reach, alive, self.seed)
+        return alive & ~world.solids.blocked(origin, self.direction, self.shadow_reach, alive, self.seed)
 
 
 class _Reflection(LitPoints):
@@ -244,7 +244,7 @@ def scattered(world: World, reflection: LitPoints, light: Any, names: tuple[Any,
     ray = reflection.toward(sample.direction, sample.distance)
     reach = dr.minimum(ray.length, reflection.shadow_reach)
     seed = point.samples.bits(point.order, *stream)
-    free = useful & ~world.blocked(ray.origin, ray.direction, reach, useful, seed)
+    free = useful & ~world.solids.blocked(ray.origin, ray.direction, reach, useful, seed)
     shown = free if reflection.shadow is None else useful
     dimming = world.dimming(ray.origin, sample.direction, sample.distance, medium, seed, shown)
     result = dr.select(shown, value * dimming * reflection.left(free, useful), 0)

@@ -6,13 +6,13 @@ heuristic, Veach 1997), as in Mitsuba's `volpath`. Light that is scattered or re
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
-from ...runtime.device import Array3f, Bool, UInt32, mitsuba
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.media.visibility import through
 from ...world.shadow_rays import leaving, to_point
@@ -20,6 +20,9 @@ from ...world.spectra import rgb
 from ...world.world import World
 from .branches import IDEAL
 from .camera_paths import ShadingPoint
+
+if TYPE_CHECKING:
+    from ...runtime.mitsuba_types import EmitterPtr
 
 mi = mitsuba()
 
@@ -35,7 +38,7 @@ class MitsubaLighting:
         """Return the emitted radiance of surfaces, and of the environment."""
         emitter = hit.emitter(self._world.plugin, active)
         distance = dr.select(hit.is_valid(), dr.norm(Array3f(hit.p) - origin), dr.inf)
-        value = rgb(emitter.eval(hit, active)) * self._world.colors(emitter, origin, direction, distance)
+        value = rgb(emitter.eval(hit, active)) * _colors(self._world, emitter, origin, direction, distance)
         return dr.select(active & dr.isfinite(dr.sum(value)), value, 0)
 
     def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
@@ -54,7 +57,7 @@ class MitsubaLighting:
         lit = active & (light.pdf > 0)
         value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
         weight = dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
-        colors = self._world.colors(light.emitter, Array3f(hit.p), Array3f(light.d), light.dist)
+        colors = _colors(self._world, light.emitter, Array3f(hit.p), Array3f(light.d), light.dist)
         value = rgb(value) * radiance * colors * weight
         lit &= dr.max(value) > 0
         ray = to_point(hit, Array3f(light.p), self._world.size).ray()
@@ -81,5 +84,16 @@ class MitsubaLighting:
             other = self._portal.density(emitter, Array3f(hit.p), Array3f(direction), other, self._portal.chosen)
         value = rgb(weight) * rgb(emitter.eval(met, reflected)) * passed * power_heuristic(sample.pdf, other)
         distance = dr.select(met.is_valid(), dr.norm(met.p - hit.p), dr.inf)
-        colors = self._world.colors(emitter, Array3f(hit.p), Array3f(direction), distance)
+        colors = _colors(self._world, emitter, Array3f(hit.p), Array3f(direction), distance)
         return result + dr.select(reflected, value * colors, 0)
+
+
+def _colors(world: World, emitter: EmitterPtr, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
+    """Return the colours of the images that light passes on its way from emitters to points."""
+    result = Array3f(1)
+    for plugin, each in zip(world.plugin.emitters(), world.emitters, strict=True):
+        if each.lamp.images:
+            number: Any = dr.reinterpret_array(UInt32, mi.EmitterPtr(plugin))
+            own = dr.reinterpret_array(UInt32, emitter) == dr.opaque(UInt32, int(number[0]))
+            result = dr.select(own, each.lamp.colors(point, direction, distance), result)
+    return result

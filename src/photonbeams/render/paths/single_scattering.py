@@ -16,7 +16,7 @@ from ...numerics.hashing import hash32
 from ...numerics.samples import Samples
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...world.emitters.stage_lamps import LinkedSurfaces
+from ...world.emitters.packed import LinkedSurfaces
 from ...world.media.interfaces import pointers
 from ...world.world import World
 from .branches import CameraPaths, add_to_pixels
@@ -42,7 +42,9 @@ class SingleScattering:
     def __init__(self, world: World, count: int, samples: Samples, max_depth: int | None) -> None:
         self._world = world.feeling_all()
         self._samples, self._max_depth = samples, max_depth
-        self.radiance: dict[str, Any] = {light.group: dr.zeros(Array3f, count) for light, _, _ in world.sky}
+        self._lights = [world.emitters[each].beams for each in world.sky]
+        self._groups = [each.group for each in self._lights]
+        self.radiance: dict[str, Any] = {group: dr.zeros(Array3f, count) for group in self._groups}
 
     def add(self, paths: CameraPaths, vertex: CameraVertex) -> None:
         """Add the segments of one step of camera paths."""
@@ -68,7 +70,8 @@ class SingleScattering:
         weight *= paths.throughput
         point = ShadingPoint(None, paths.medium, paths.order, vertex.name, self._samples)
         place, lit = start + distance * paths.direction, inside & (dr.max(dr.abs(weight)) > 0)
-        for number, (light, lamp, links) in enumerate(self._world.sky):
+        lamps = zip(self._lights, self._world.lamps.sky, strict=True)
+        for number, (light, (lamp, links)) in enumerate(lamps):
             world = self._world if links is None else links.world
             points = _ScatteringPoints(world, point, place, paths.direction, lit, links)
             incident = scattered(world, points, lamp, (UInt32(Stream.DOME), UInt32(number)))

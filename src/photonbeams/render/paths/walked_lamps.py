@@ -14,8 +14,8 @@ from ...numerics.hashing import hash32
 from ...numerics.samples import Samples
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.emitters.packed import Lamps
 from ...world.emitters.portal_lamps import behind
-from ...world.emitters.stage_lamps import Lamps
 from ...world.world import World
 from .camera_paths import ShadingPoint
 from .lighting import LitPoints, scattered

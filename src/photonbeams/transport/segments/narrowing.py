@@ -43,7 +43,7 @@ def narrow(world: World, paths: LightPaths, scale: Float, halvings: UInt32, most
         one that is too wide a soft edge.
     """
     alive = paths.initial > 0
-    hit = world.solid(paths.origin, paths.direction, alive, hash32(paths.index, paths.key), paths.link)
+    hit = world.solids.first(paths.origin, paths.direction, alive, hash32(paths.index, paths.key), paths.link)
     met = hit.is_valid()
     paths.total = dr.select(met, hit.t, paths.total)
     paths.against = dr.select(met, facing(Array3f(hit.n), paths.direction), -paths.direction)
@@ -80,6 +80,6 @@ def _clear(world: World, paths: LightPaths, begin: Float, at_end: Float, active:
         facing = dr.dot(ray, paths.against)
         plane = dr.dot(end - start, paths.against) / dr.minimum(facing, -1e-3)
         reach = dr.minimum(plane, length + at_end) - _SLACK * at_end
-        clear = world.clear(start, ray, reach, active & (reach > 0), seed, paths.link)
+        clear = world.solids.clear(start, ray, reach, active & (reach > 0), seed, paths.link)
         result = dr.minimum(result, begin + clear * dr.dot(ray, paths.direction))
     return result

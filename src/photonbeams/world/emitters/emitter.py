@@ -38,7 +38,7 @@ class Emitter(NamedTuple):
     links
         Which surfaces it lights, and which block it.
     link
-        The number of the set of surfaces that block it: see `World.blocking_scenes`.
+        The number of the set of surfaces that block it: see `World.blockers`.
     source
         The number of its source among `World.sources`.
     """

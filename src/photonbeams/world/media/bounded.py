@@ -20,8 +20,7 @@ from .media import Media
 from .stage_media import around_glass, is_convex, media_of
 
 if TYPE_CHECKING:
-    from ...runtime.mitsuba_types import MiScene
-    from ..stage_world import StageWorld
+    from ...runtime.mitsuba_types import MiMedium, MiScene
 
 mi = mitsuba()
 
@@ -59,7 +58,7 @@ def touching(media: Sequence[scene.Medium], surfaces: MiScene, size: Float) -> b
 
 @dataclass(frozen=True)
 class BoundedMedia:
-    """The media of a world, and what bounds them: see `StageWorld`; `outside` are the media around bodies of glass."""
+    """The media of a world, and what bounds them: see `World`; `outside` are the media around bodies of glass."""
 
     media: Media
     boundaries: tuple[Any, ...]
@@ -70,16 +69,12 @@ class BoundedMedia:
 
     @classmethod
     def of(
-        cls, description: scene.Scene, host: MiScene, like: StageWorld | None, glass: Sequence[scene.Mesh]
+        cls, given: Sequence[scene.Medium], host: MiScene, glass: Sequence[scene.Mesh], known: Mapping[int, MiMedium]
     ) -> BoundedMedia:  # fmt: skip
-        """Return the media of a scene; those of a world of the same shot if it has the same media and glass."""
-        if like is not None and same(like.description.media, description.media) and same(like.glass, glass):
-            return cls(like.media, like.boundaries, like.around, like.boxes, like.reentrant, like.outside)
-        known = {} if like is None else {id(each): like.media.all[place].plugin for place, each in enumerate(
-            like.description.media)}  # fmt: skip
+        """Return media as Mitsuba's; `known` has Mitsuba media by the ids of media for which they were built."""
         solids = [each.solid() for each in glass]
         warned = set[str]()
-        built = media_of(description.media, warned, solids, known)
+        built = media_of(given, warned, solids, known)
         outside = around_glass(built, solids, warned)
         unfelt = [each.plugin for each in built if not each.medium.surfaces]
         filling = next((each.plugin for each in built if each.shape is None), None)

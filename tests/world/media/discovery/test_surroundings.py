@@ -8,7 +8,7 @@ from photonbeams.runtime.device import Array3f, mitsuba
 from photonbeams.world.media.discovery.surroundings import Surroundings, place_of_sensor, places_of
 from photonbeams.world.media.interfaces import number
 from photonbeams.world.media.media import Media
-from photonbeams.world.scene_world import SceneWorld
+from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.mitsuba_pictures import SMALL, agree, pictures
 from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb, volpath
 
@@ -154,7 +154,7 @@ def test_a_world_is_as_large_as_its_merged_walls():
     """The radius of a world includes merged walls, although Mitsuba gives them no box."""
     scene = load(**room(), light=LAMP, sensor=camera(**INSIDE))
     assert len(scene.shapes()) == 2
-    assert SceneWorld(scene, None).radius == pytest.approx(ROOM, rel=1e-6)
+    assert world_of_plugin(scene).radius == pytest.approx(ROOM, rel=1e-6)
 
 
 def test_fog_that_a_lamp_names_in_the_open_fills_the_space():

@@ -1,0 +1,175 @@
+"""The world of a scene in plain numbers, such as a stage at one time: surfaces and boundaries of media, media, lights.
+
+Lights are not part of the Mitsuba scene: `world.emitters` sample and intersect them, so that beams and surfaces have
+the same light. A glowing surface has an `area` emitter, which is evaluated where a ray hits it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import scene
+from .bounds import Bounds, bounding_sphere, endless_length
+from .emitters.build import emitters_of
+from .emitters.emitter import Emitter
+from .emitters.sources import Source
+from .media.bounded import BoundedMedia, same, touching
+from .shadow_rays import size_of
+from .surfaces.shapes import cut_out, glows, is_glass, is_mirror, scene_of, shapes_of
+from .world import World, translucent
+
+if TYPE_CHECKING:
+    from ..runtime.mitsuba_types import MiScene, MiShape
+
+
+@dataclass(frozen=True)
+class Described:
+    """What `world_of_scene` keeps to build the world of another time.
+
+    Attributes
+    ----------
+    content
+        The scene.
+    meshes, shapes
+        The surfaces, each as a Mitsuba shape.
+    media
+        The media and their boundaries.
+    glass
+        Closed meshes of glass, which are empty inside.
+    """
+
+    content: scene.Scene
+    meshes: tuple[scene.Mesh, ...]
+    shapes: tuple[Any, ...]
+    media: BoundedMedia
+    glass: tuple[scene.Mesh, ...]
+
+
+def world_of_scene(
+    description: scene.Scene, viewpoints: Sequence[npt.ArrayLike] = (), like: World | None = None, sharp: bool = False
+) -> World:  # fmt: skip
+    """Build the world of a scene.
+
+    Parameters
+    ----------
+    description
+        The scene.
+    viewpoints
+        The camera's positions, which the bounds contain unless the scene gives its own bounds.
+    like
+        A world of the same shot at another time. Objects that are identical in both scenes are not built again.
+    sharp
+        Whether smooth metal is an ideal mirror and transparent materials are glass. Camera paths need more than two
+        edges to show what these reflect and refract.
+
+    Raises
+    ------
+    SceneError
+        A portal has no area.
+    """
+    known: Described | None = None if like is None else like.parts
+    center, radius = description.bounds or bounding_sphere([description], viewpoints)
+    meshes = _surfaces(description)
+    materials = [mesh.material for mesh in meshes]
+    host = scene_of(()) if like is None else like.host
+    glass = tuple(each for each in meshes if sharp and is_glass(each.material) and each.closed)
+    content = _media(description, host, known, glass)
+    # Bodies of glass in media are built with the media around them.
+    still = known is not None and same(meshes, known.meshes) and (not content.outside or content is known.media)
+    shapes = known.shapes if known and still else shapes_of(_solid(meshes, glass), sharp, content.outside)
+    surfaces = like.surfaces if like and still else scene_of(shapes, host)
+    kept = still and known is not None and content.boundaries is known.media.boundaries
+    plugin = surfaces if not content.boundaries else scene_of([*shapes, *content.boundaries], host)
+    if like is not None and kept:
+        plugin = like.plugin
+    names = [mesh.name for mesh in meshes]
+    emitters = emitters_of(
+        description.lights, frozenset(names), host, [plugin], () if like is None else like.emitters
+    )  # fmt: skip
+    shown = list(zip(names, shapes, strict=True))
+    numbers = {each.name: own.number for each, own in zip(description.media, content.media.all, strict=True)}
+    sky = {id(light) for light in description.sky}
+    endless = [each for each in content.media.all if each.number not in content.boxes]
+    return World(
+        plugin, surfaces, content.around, host, content.media, emitters, _sources(description, emitters),
+        Bounds(center, radius), radius, extent=radius, endless=endless_length(radius, endless),
+        parts=Described(description, meshes, shapes, content, glass),
+        nested=bool(content.boundaries or content.outside),
+        touching=like.touching if like and kept
+        else bool(shapes) and touching(description.media, surfaces, size_of(plugin)),
+        cutouts=any(cut_out(each) and not (sharp and is_glass(each)) for each in materials),
+        perturbed=any(each.perturbed for each in materials),
+        translucent=translucent(plugin),
+        mirrors=sharp and any(is_glass(each) or is_mirror(each) for each in materials),
+        glowing=any(map(glows, materials)),
+        boundaries=content.boundaries,
+        shapes=shown,
+        blockers=_blockers(emitters, host, shown, like.blockers if like and still else {}),
+        boxes=content.boxes,
+        sizes={own: 0.5 * float(np.linalg.norm(high - low)) for own, (low, high) in content.boxes.items()},
+        reentrant=content.reentrant,
+        lit_by_domes=frozenset(numbers[each.name] for each in description.media if each.lit_by_domes),
+        sky=[number for number, each in enumerate(emitters) if id(each.beams) in sky],
+        numbers=numbers,
+        drawn=description.drawn,
+    )  # fmt: skip
+
+
+def _surfaces(description: scene.Scene) -> tuple[scene.Mesh, ...]:
+    """Return the meshes that are surfaces: not portals, and not boundaries of media."""
+    hidden = {light.portal.name for light in description.lights if light.portal is not None}
+    hidden |= {each.mesh.name for each in description.media if each.mesh is not None}
+    return tuple(mesh for mesh in description.meshes if mesh.name not in hidden and len(mesh.faces))
+
+
+def _media(
+    description: scene.Scene, host: MiScene, known: Described | None, glass: Sequence[scene.Mesh]
+) -> BoundedMedia:  # fmt: skip
+    """Return the media of a scene; those of a world of the same shot if it has the same media and glass."""
+    if known is None:
+        return BoundedMedia.of(description.media, host, glass, {})
+    if same(known.content.media, description.media) and same(known.glass, glass):
+        return known.media
+    built = zip(known.content.media, known.media.media.all, strict=True)
+    return BoundedMedia.of(description.media, host, glass, {id(each): own.plugin for each, own in built})
+
+
+def _sources(description: scene.Scene, emitters: Sequence[Emitter]) -> tuple[Source, ...]:
+    """Return what the beams of each light have in common."""
+    media = [each.bounces for each in description.media if each.bounces is not None]
+    usual = max(media) if media else None
+    return tuple(
+        _source(number, light, each.lamp.infinite, usual)
+        for number, (light, each) in enumerate(zip(description.lights, emitters, strict=True))
+    )
+
+
+def _source(number: int, light: scene.Light, infinite: bool, bounces: int | None) -> Source:
+    return Source(
+        number, light.name, light.group, light.look, light.emits_beams, light.beam_scale, light.scattered,
+        light.lights_surfaces, bounces if light.bounces is None else light.bounces, light.frame, light.guides,
+        light.lights_media, endless=not (light.guides or infinite),
+    )  # fmt: skip
+
+
+def _blockers(
+    emitters: Sequence[Emitter], host: MiScene, shapes: Sequence[tuple[str, MiShape]],
+    known: Mapping[frozenset[str], MiScene],
+) -> dict[frozenset[str], MiScene]:  # fmt: skip
+    """Return Mitsuba scenes of the surfaces that block lights with shadow links, by the names of those that do not."""
+    absent = {each.links.unshadowed for each in emitters} - {frozenset()}
+    return {
+        names: known.get(names) or scene_of([shape for name, shape in shapes if name not in names], host)
+        for names in absent
+    }
+
+
+def _solid(meshes: Sequence[scene.Mesh], glass: Sequence[scene.Mesh]) -> list[scene.Mesh]:
+    """Return meshes, those of glass with their faces outward."""
+    bodies = {id(each) for each in glass}
+    return [each.solid() if id(each) in bodies else each for each in meshes]
