@@ -4,7 +4,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.numerics.arrays import to_float, to_numpy
+from photonbeams.numerics.arrays import to_numpy
 from photonbeams.numerics.sampling import pixel_sample
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from photonbeams.transport import light_tracer
@@ -24,7 +24,7 @@ mi = mitsuba()
 
 COUNT = 1 << 16
 CORNER, ACROSS, UP = np.array([1.0, -0.2, -0.1]), np.array([0.0, 0.4, 0.0]), np.array([0.0, 0.0, 0.3])
-OPENINGS = Openings(to_float(CORNER), to_float(ACROSS), to_float(UP), UInt32(1))
+OPENINGS = Openings.from_sides([(CORNER, ACROSS, UP)])
 
 
 def solid_angle(a, b, c):
@@ -82,9 +82,7 @@ def test_surfaces_reflect_as_much_light_to_all_sides_as_without_openings(name):
     u = pixel_sample(lane, UInt32(9))
     origin = Array3f(u.x - 0.5, u.y - 0.5, 0) - 2 * Array3f(0.4, 0.1, -0.9)
     hit = world.intersect(origin, dr.normalize(Array3f(0.4, 0.1, -0.9)), Bool(True), lane)
-    openings = Openings(
-        to_float([0.8, -0.3, 0.2]), to_float([0.0, 0.5, 0.0]), to_float([0.0, 0.0, 0.5]), UInt32(1)
-    )  # fmt: skip
+    openings = Openings.from_sides([np.array([[0.8, -0.3, 0.2], [0, 0.5, 0], [0, 0, 0.5]])])
     results = []
     for seed, own in ((1, None), (2, openings)):
         stream = UInt32(seed)
@@ -168,7 +166,7 @@ def test_openings_face_the_way_that_light_takes(swapped):
         portal.sides = corner, up, across
     stratum = Stratum(PathEmitter(world, 0).at(portal, True), 256, (1,))
     openings = Openings.of([stratum], [stratum.emit(0)])
-    across, up = (np.asarray(each.numpy()) for each in (openings.across, openings.up))
+    across, up = (each.numpy()[:, 0] for each in (openings.packed.across, openings.packed.up))
     assert np.cross(across, up)[0] > 0  # from the lamp, along x
     assert int(openings.count[0]) == 1
     aside = Stratum(PathEmitter(world, 0).at(portal, False), 256, (1,))

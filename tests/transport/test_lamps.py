@@ -235,7 +235,7 @@ def test_flux_of_a_point_through_a_portal_is_its_solid_angle(mesh):
     total, error = flux(paths)
     expected = np.multiply(solid_angle(mesh), RADIANCE)
     assert np.all(np.abs(total - expected) < 2 * error + 1e-4 * expected)
-    assert (built.emitters[0].portal.rectangle is None) == (mesh is BENT)
+    assert (built.emitters[0].portal.sides is None) == (mesh is BENT)
     assert np.isclose(paths.valid.numpy().mean(), built.emitters[0].portal.fill, atol=0.01)
 
 

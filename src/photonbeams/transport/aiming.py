@@ -14,12 +14,14 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import to_float, to_numpy
+from ..numerics.arrays import to_numpy
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..numerics.streams import Stream
+from ..numerics.structs import pack
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.emitters.rays import EmittedRays
+from ..world.emitters.rectangles import Rectangle, Sides
 from .emission import Stratum
 
 # Probability with which a direction is that of a point on a portal.
@@ -28,14 +30,12 @@ _AIMED = 0.5
 
 @dataclass(frozen=True)
 class Openings:
-    """The surrounds of planar portals: a corner and two edges each, as flat arrays of K × 3 numbers.
+    """The surrounds of planar portals, packed, and their number (opaque).
 
     The cross product of the edges points in the direction of the light.
     """
 
-    corners: Any
-    across: Any
-    up: Any
+    packed: Rectangle
     count: UInt32
 
     @classmethod
@@ -47,17 +47,19 @@ class Openings:
             if emitter.portal is None or not emitter.through or emitter.without is not None:
                 continue
             surround = emitter.portal.surround
-            if surround is None:
+            if surround is None or surround.sides is None:
                 continue
             corner, across, up = surround.sides
             light = np.asarray(to_numpy(paths.direction) @ to_numpy(paths.flux).max(axis=0), dtype=float)
             if light @ np.cross(across, up) < 0:
                 across, up = up, across
             found[tuple(np.concatenate([corner, across, up]))] = corner, across, up
-        if not found:
-            return None
-        corners, across, up = (to_float(each) for each in zip(*found.values(), strict=True))
-        return cls(corners, across, up, dr.opaque(UInt32, len(found)))
+        return cls.from_sides(list(found.values())) if found else None
+
+    @classmethod
+    def from_sides(cls, openings: Sequence[Sides]) -> Openings:
+        """Return openings by their corners and edges."""
+        return cls(pack([Rectangle.of(each) for each in openings]), dr.opaque(UInt32, len(openings)))
 
     def aimed(self, point: Array3f, index: UInt32, stream: UInt32) -> Aimed:
         """Return a direction from each point to one of the openings, by the sample `index` of a `stream`."""
@@ -79,16 +81,11 @@ class Aimed:
 
     def __init__(self, openings: Openings, point: Array3f, index: UInt32, stream: UInt32) -> None:
         number = hash32(index, stream, UInt32(Stream.WHICH_OPENING)) % openings.count
-        corner, self._across, self._up = (
-            dr.gather(Array3f, each, number) for each in (openings.corners, openings.across, openings.up)
-        )
-        self._corner: Any = corner - point
-        self._normal: Any = dr.cross(self._across, self._up)
-        self._depth = dr.dot(self._corner, self._normal)
-        self.able = self._depth > 0
+        self._opening, self._point = dr.gather(Rectangle, openings.packed, number), point
+        self.able = self._opening.depth(point) > 0
         self.taken = self.able & (unit_float(hash32(index, stream, UInt32(Stream.WHETHER_AIMED))) < _AIMED)
         u = pixel_sample(index, hash32(stream, UInt32(Stream.POINT_OF_OPENING)))
-        self.direction = dr.normalize(self._corner + u.x * self._across + u.y * self._up)
+        self.direction = dr.normalize(self._opening.point(u) - point)
 
     def ratio(self, direction: Array3f, density: Float, smooth: Bool) -> Float:
         """Return the density of directions without openings over their density in the mixture.
@@ -100,13 +97,6 @@ class Aimed:
         smooth
             Whether directions have a density. Those of ideal lobes have none, but the mixture samples them less often.
         """
-        cosine = dr.dot(direction, self._normal)
-        distance = self._depth * dr.rcp(dr.select(cosine > 0, cosine, 1))
-        place: Any = distance * direction - self._corner
-        area2 = dr.squared_norm(self._normal)
-        x = dr.dot(dr.cross(place, self._up), self._normal)
-        y = dr.dot(dr.cross(self._across, place), self._normal)
-        within = (cosine > 0) & (x >= 0) & (x <= area2) & (y >= 0) & (y <= area2)
-        aimed = dr.select(within & smooth, dr.square(distance) * dr.rcp(cosine), 0)
+        aimed: Any = dr.select(smooth, self._opening.density(self._point, direction), 0)
         mixed = (1 - _AIMED) * density + _AIMED * aimed
         return dr.select(self.able, dr.select(smooth, density * dr.rcp(dr.maximum(mixed, 1e-30)), 1 / (1 - _AIMED)), 1)

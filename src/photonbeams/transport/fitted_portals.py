@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from .. import scene
 from ..numerics.sampling import sobol_block
 from ..runtime.device import Array3f, Float, UInt32, mitsuba
 from ..scene import Array
 from ..world.emitters.portals import Portal
+from ..world.emitters.rectangles import mesh_of, widened
 from ..world.media.visibility import through
 from ..world.surfaces.shapes import shape_of
 from ..world.world import World
@@ -112,10 +112,7 @@ class FittedRectangle:
 
     def portal(self, host: MiScene, wider: float = 0.0) -> Portal:
         """Return the rectangle as a portal (see `scene_of` for `host`), wider by a fraction `wider` on each side."""
-        x, y = (1 + 2 * wider) * self.edges
-        corner = self.corner - wider * self.edges.sum(axis=0)
-        points = np.array([corner, corner + x, corner + x + y, corner + y])
-        mesh = scene.Mesh("fitted portal", points, np.array([[0, 1, 2], [0, 2, 3]]))
+        mesh = mesh_of("fitted portal", widened((self.corner, self.edges[0], self.edges[1]), wider))
         return Portal(mesh, shape_of(mesh), host)
 
     @classmethod

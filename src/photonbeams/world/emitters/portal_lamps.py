@@ -9,13 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
-import numpy as np
 
-from ...numerics.arrays import opaque
 from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from .lamp import Illumination, Lamp, LightHit
 from .mitsuba_emitter import MitsubaEmitter
 from .portals import Portal
+from .rectangles import Rectangle, widened
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import DirectionSample, EmitterPtr
@@ -39,22 +38,14 @@ class ThroughPortal:
 
     def __init__(self, lamp: Lamp, portal: Portal) -> None:
         assert portal.sides is not None
-        corner, *edges = portal.sides
-        wide = [(1 + 2 * _MARGIN) * each for each in edges]
-        normal = np.cross(*wide)
-        area = float(np.linalg.norm(normal))
-        self.lamp, self._area = lamp, opaque(area)
-        self._corner, self._normal = opaque(corner - _MARGIN * np.sum(edges, axis=0)), opaque(normal / area)
-        self._edges = [opaque(each) for each in wide]
-        self._across = [opaque(each / (each @ each)) for each in wide]
+        self.lamp, self._opening = lamp, Rectangle.of(widened(portal.sides, _MARGIN))
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
         """Return a sample of the light, by either way with the same probability."""
         first = u.x < 0.5
         own = Array2f(dr.select(first, 2 * u.x, 2 * u.x - 1), u.y)
-        to = self._corner + own.x * self._edges[0] + own.y * self._edges[1] - point
         sample = self.lamp.illuminate(point, own)
-        direction = dr.select(first, dr.normalize(to), sample.direction)
+        direction = dr.select(first, dr.normalize(self._opening.point(own) - point), sample.direction)
         found = self.see(point, direction)
         weight = dr.select(found.pdf > 0, found.radiance / dr.maximum(found.pdf, 1e-30), 0)
         return Illumination(direction, sample.distance, weight, found.pdf)
@@ -66,13 +57,7 @@ class ThroughPortal:
 
     def density(self, point: Array3f, direction: Array3f, own: Float) -> Float:
         """Return the density of a direction per solid angle, where the environment alone has `own`."""
-        cosine = dr.dot(direction, self._normal)
-        distance = dr.dot(self._corner - point, self._normal) / cosine
-        place = point + distance * direction - self._corner
-        x, y = (dr.dot(place, each) for each in self._across)
-        inside = (distance > 0) & (x >= 0) & (x <= 1) & (y >= 0) & (y <= 1)
-        portal = distance * distance / (dr.abs(cosine) * self._area)
-        return 0.5 * (own + dr.select(inside & dr.isfinite(portal), portal, 0))
+        return 0.5 * (own + self._opening.density(point, direction))
 
 
 def behind(lamp: Lamp, portal: Portal | None) -> Any:

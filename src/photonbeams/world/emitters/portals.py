@@ -6,7 +6,6 @@ that miss the portal are dropped: an outline such as a keyhole's costs candidate
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +15,12 @@ import numpy as np
 from ... import scene
 from ...numerics.arrays import opaque
 from ...runtime.device import Array2f, Array3f, Bool, Float, mitsuba
-from ...scene.vectors import FLAT
+from ...scene.vectors import FLAT, Plane
 from ..bounds import Bounds
 from ..surfaces.shapes import scene_of, shape_of
 from .lamp import Lamp
 from .rays import GRAZING, EmittedRays, isotropic
+from .rectangles import Rectangle, Sides, mesh_of, widened
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import MiScene
@@ -29,17 +29,6 @@ mi = mitsuba()
 
 # How much wider than the portal its surround is on each side, as a fraction of the portal's width.
 _SURROUND = 0.3
-
-_TWO_TRIANGLES = [[0, 1, 2], [0, 2, 3]]
-
-
-@dataclass(frozen=True)
-class _Rectangle:
-    corner: Any
-    edge_x: Any
-    edge_y: Any
-    normal: Any
-    lift: Any  # distance from the rectangle at which rays that look for the portal begin
 
 
 class Portal:
@@ -61,9 +50,13 @@ class Portal:
             raise scene.SceneError(f"{mesh.name}: the portal has no area, so no light passes it")
         self.shape, self._host = shape, host
         self.scene = scene_of([shape], host)
-        self.rectangle, rectangle_area, self.sides = _bounding_rectangle(mesh)
-        self.area = rectangle_area if self.rectangle else area
+        plane = mesh.plane()
+        self.sides = None if plane is None else _bounding_rectangle(mesh, plane)
+        self.area = area if self.sides is None else float(np.linalg.norm(np.cross(self.sides[1], self.sides[2])))
         self.fill = min(1.0, area / self.area)
+        if plane is not None and self.sides is not None:
+            self._rectangle, self._normal = Rectangle.of(self.sides), opaque(plane.normal)
+            self._lift = opaque(2 * FLAT * plane.extent)  # from where rays look for the portal
 
     @cached_property
     def surround(self) -> Portal | None:
@@ -73,23 +66,18 @@ class Portal:
         """
         if self.sides is None:
             return None
-        corner, *edges = self.sides
-        x, y = ((1 + 2 * _SURROUND) * each for each in edges)
-        corner = corner - _SURROUND * sum(edges)
-        points = np.array([corner, corner + x, corner + x + y, corner + y])
-        mesh = scene.Mesh("portal", points, np.array(_TWO_TRIANGLES))
+        mesh = mesh_of("portal", widened(self.sides, _SURROUND))
         return Portal(mesh, shape_of(mesh), self._host)
 
     def sample(self, u: Array2f) -> tuple[Array3f, Array3f, Bool]:
         """Return points uniform over `area`, the unit normals there, and which of the points lie on the portal."""
-        if self.rectangle is None:
+        if self.sides is None:
             sample = self.shape.sample_position(0.0, mi.Point2f(u))
             return Array3f(sample.p), Array3f(sample.n), dr.full(Bool, True, dr.width(u))
-        box = self.rectangle
-        point = box.corner + u.x * box.edge_x + u.y * box.edge_y
-        normal = box.normal + 0 * u.x
-        ray = mi.Ray3f(mi.Point3f(point - box.lift * normal), mi.Vector3f(normal))
-        ray.maxt = 2 * box.lift
+        point = self._rectangle.point(u)
+        normal = self._normal + 0 * u.x
+        ray = mi.Ray3f(mi.Point3f(point - self._lift * normal), mi.Vector3f(normal))
+        ray.maxt = 2 * self._lift
         return point, normal, self.scene.ray_test(ray)
 
     def crosses(self, origin: Array3f, direction: Array3f, distance: Float | None = None) -> Bool:
@@ -123,31 +111,21 @@ def emit_through(lamp: Lamp, portal: Portal, bounds: Bounds, u: Array2f, v: Arra
     return EmittedRays(point - distance * direction, direction, flux, differentials, distance, valid)
 
 
-def _bounding_rectangle(mesh: scene.Mesh) -> tuple[_Rectangle | None, float, Any]:
-    """Return a planar portal's bounding rectangle, its area, and its corner and edges; None, 0, None if not planar.
-
-    It is the smallest one that is parallel to one of the portal's edges.
-    """
-    plane = mesh.plane()
-    if plane is None:
-        return None, 0.0, None
-    center, normal = plane.center, plane.normal
+def _bounding_rectangle(mesh: scene.Mesh, plane: Plane) -> Sides:
+    """Return the smallest rectangle around a planar mesh that is parallel to one of its edges."""
     points, corners = mesh.used_points, mesh.corners
     edges = (corners - np.roll(corners, 1, axis=1)).reshape(-1, 3)
     edges = edges[np.linalg.norm(edges, axis=1) > 1e-9 * plane.extent]
     edges /= np.linalg.norm(edges, axis=1, keepdims=True)
-    best: tuple[float, Any] | None = None
+    best: tuple[float, Sides] | None = None
     for x in edges:
-        y = np.cross(normal, x)
-        local = (points - center) @ np.array([x, y]).T
+        y = np.cross(plane.normal, x)
+        local = (points - plane.center) @ np.array([x, y]).T
         low, size = local.min(axis=0), np.ptp(local, axis=0)
         if best is None or size[0] * size[1] < best[0] * (1 - 1e-9):
-            best = float(size[0] * size[1]), (center + low[0] * x + low[1] * y, size[0] * x, size[1] * y)
+            best = float(size[0] * size[1]), (plane.center + low[0] * x + low[1] * y, size[0] * x, size[1] * y)
     assert best is not None
-    corner, edge_x, edge_y = best[1]
-    lift = 2 * FLAT * plane.extent
-    rectangle = _Rectangle(opaque(corner), opaque(edge_x), opaque(edge_y), opaque(normal), opaque(lift))
-    return rectangle, best[0], (corner, edge_x, edge_y)
+    return best[1]
 
 
 def count_candidates(fill: float, count: int) -> int:
