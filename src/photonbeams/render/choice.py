@@ -22,7 +22,7 @@ from ..world.cameras.cameras import View
 from ..world.cameras.sensors import PrimaryRays
 from ..world.world import World
 from .costs import WALK, of_beams
-from .light import Light, NoLighting, TracedLight
+from .light import NoLighting, ShotLight, TracedLight
 from .paths.camera_paths import Lighting
 from .ray_passes import PassRenderer, ViewRays
 
@@ -141,7 +141,7 @@ def noise(found: Array, mean: Array, block: int = _BLOCK) -> float:
 class _Indirect:
     """The light of a scene except what comes straight from emitters; it counts the `beams` and `photons` of passes."""
 
-    def __init__(self, light: Light) -> None:
+    def __init__(self, light: ShotLight) -> None:
         self._light, self.world, self.paths, self.varies = light, light.world, light.paths, light.varies
         self.walks, self.single_scattering, self.clock = light.walks, light.single_scattering, light.clock
         self.beams = self.photons = 0
@@ -167,7 +167,7 @@ class _Pilot:
         The radiance of rays in passes, the mean of the channels, (P, H, W).
     """
 
-    def __init__(self, light: Light, camera: View) -> None:
+    def __init__(self, light: ShotLight, camera: View) -> None:
         strata = light.simulation.strata(light.world)
         fewer = {each.name: max(each.count // _FEWER, min(each.count, _FEWEST)) for each in strata}
         self._light, self._camera = _Indirect(light.with_counts(fewer)), camera

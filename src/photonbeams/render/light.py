@@ -12,7 +12,7 @@ import drjit as dr
 from ..beams.sets import BeamSet
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float
-from ..transport.guides import Name
+from ..transport.guiding.guides import Name
 from ..transport.segments.radii import Limits
 from ..transport.segments.records import PhotonHits
 from ..transport.simulation import Simulation, renumbering
@@ -75,7 +75,7 @@ class FrameLight(Protocol):
         """Return the frame number and the time in seconds of a pass, for looks that change with time."""
 
 
-class Light:
+class ShotLight:
     """The light of a frame: of some emitters as beams and photons, of others by walks.
 
     Parameters
@@ -107,7 +107,7 @@ class Light:
         """The world when the shutter opens."""
         return self.worlds.opened
 
-    def with_counts(self, counts: Mapping[Name, int]) -> Light:
+    def with_counts(self, counts: Mapping[Name, int]) -> ShotLight:
         """Return the same light with other numbers of light paths, by the names of strata."""
         result, guides = copy(self), self.simulation.guides
         result.simulation = replace(self.simulation, guides=replace(guides, counts={**guides.counts, **counts}))

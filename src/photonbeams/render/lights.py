@@ -15,14 +15,14 @@ from typing import Any
 
 from .. import scene
 from ..transport.emission import PathEmitter
-from ..transport.guides import UNGUIDED, Guides
+from ..transport.guiding.guides import UNGUIDED, Guides
 from ..transport.simulation import Simulation
 from ..world.cameras.cameras import View
 from ..world.emitters.emitter import Emitter, Links
 from ..world.emitters.portal_lamps import EnvironmentPortal
 from ..world.world import World
 from .choice import Pixels, preferred
-from .light import Light
+from .light import ShotLight
 from .passes import Statistics
 from .paths.walked_emitters import Walked, WalkedEmitters
 from .paths.walked_lamps import WalkedLamps
@@ -101,7 +101,7 @@ class Lights:
         """The portal before Mitsuba's environment, placed by the user or fitted; or None."""
         return self.findings.portal if self._placed is None else self._placed
 
-    def light(self, walked: Sequence[int], dark: Collection[int] = ()) -> Light:
+    def light(self, walked: Sequence[int], dark: Collection[int] = ()) -> ShotLight:
         """Return the light of which walks meet some emitters, by their numbers; emitters that are `dark` have none."""
         world = self.world
         sharp = frozenset(each for each in walked if world.mirrors and world.emitters[each].lamp.bare.sharp)
@@ -128,7 +128,7 @@ class Lights:
 
         paths = sum(each.count for each in simulation.strata(world)) if self.paths is None else self.paths
         varies = paths > 0 or self.worlds.varies
-        return Light(
+        return ShotLight(
             self.worlds, simulation, self.settings, self.max_depth, paths, varies, walks, portal, self.findings
         )
 

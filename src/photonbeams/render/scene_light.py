@@ -20,7 +20,7 @@ from ..world.media.discovery.warnings import warn
 from ..world.plugin import world_of_plugin
 from ..world.world import World
 from .choice import Pixels
-from .light import Light, tuning_of
+from .light import ShotLight, tuning_of
 from .lights import Findings, Lights
 from .passes import Statistics
 from .settings import Settings
@@ -72,7 +72,7 @@ class EmitterSettings:
 def light_of(
     plugin: Any, eye: Place, settings: Settings, beams: Mapping[str, scene.BeamSettings], cameras: Sequence[View],
     pixels: Pixels, warned: set[str] | None, statistics: Statistics, findings: Findings | None = None,
-) -> Light:  # fmt: skip
+) -> ShotLight:  # fmt: skip
     """Return the light of a Mitsuba scene.
 
     Parameters

@@ -13,7 +13,7 @@ from ..transport.strata import Allotment
 from ..world.cameras.cameras import View, Window
 from ..world.shutter import Shutter
 from ..world.world import World
-from .light import Light, tuning_of
+from .light import ShotLight, tuning_of
 from .lights import Findings, Lights
 from .passes import Statistics
 from .settings import Settings
@@ -44,7 +44,7 @@ def light_of_stage(
     shutter: Shutter, window: Window, settings: Settings, statistics: Statistics,
     viewers: Callable[[], Sequence[scene.Camera]] | None = None, planned: int | None = None,
     all_beams: bool = False, earlier: Earlier | None = None,
-) -> tuple[Light, ShutterWorlds]:  # fmt: skip
+) -> tuple[ShotLight, ShutterWorlds]:  # fmt: skip
     """Return the light of a stage, and its worlds.
 
     Parameters

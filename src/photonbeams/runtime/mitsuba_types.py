@@ -1,4 +1,4 @@
-"""Names for the types of what Mitsuba gives, for annotations: plug-ins, and what they take and return.
+"""The types of Mitsuba's plug-ins, and of what these take and return, by names for annotations.
 
 Plug-ins begin with "Mi", because the program has classes of the same names. Mitsuba's vectors are annotated as
 `Array3f`, to which they convert; an argument is Any where Mitsuba's stubs refuse what Mitsuba accepts.

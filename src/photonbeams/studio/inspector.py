@@ -15,7 +15,7 @@ from ..estimators.estimate import estimate
 from ..quadrature import gauss_legendre, riemann
 from ..runtime.device import Array2f, Float, UInt32
 from ..scene import Array
-from ..transport.importance import Views
+from ..transport.guiding.importance import Views
 from .protocol import BeamPart, RayIntegral, RuleCurves
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..estimators.projection import Projection
     from ..render.films.frame_sums import FrameSums
     from ..render.frame import Lit, Seen
-    from ..render.light import Light, TracedLight
+    from ..render.light import ShotLight, TracedLight
     from ..render.lights import Findings
     from ..render.worlds import ShutterWorlds
     from ..shot.request import Prepared
@@ -69,7 +69,7 @@ class LiveFrame:
             self._shutter, ready.window, ready.settings, ready.holdouts, lambda: viewers, planned,
             earlier=earlier, memory=weakref.proxy(self), interrupt=interrupt,
         )  # fmt: skip
-        self._emission = cast("Light", self._frame.light)
+        self._emission = cast("ShotLight", self._frame.light)
         self._worlds = cast("ShutterWorlds", self._emission.worlds)
         if like is not None and self._lit_like(like) and planned == like._frame.planned:
             self._lights = dict(like._lights)

@@ -25,7 +25,7 @@ from ..world.differentials import RayDifferentials
 from ..world.emitters.portals import Portal, emit_through
 from ..world.emitters.rays import EmittedRays
 from ..world.world import World
-from .guiding import GuidingMap
+from .guiding.maps import GuidingMap
 
 # Number of paths that estimate an emitter's flux.
 PROBE = 4096

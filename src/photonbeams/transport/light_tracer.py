@@ -21,11 +21,11 @@ from ..world.media.rendered import RenderedMedium
 from ..world.world import World
 from . import paths
 from .aiming import Openings
-from .connections import Connections
 from .emission import Emission, Stratum
 from .fringes import Steps, entering, fringe, unscattered
-from .importance import CameraImportance, Sightings
-from .pilot import Found, guide
+from .guiding.connections import Connections
+from .guiding.importance import CameraImportance, Sightings
+from .guiding.pilot import Found, guide
 from .segments.beams import Cutting, Moments, moving_sets, sets_of
 from .segments.radii import Limits
 from .segments.records import LightPaths, PhotonHits, Segments

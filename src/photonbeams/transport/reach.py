@@ -11,7 +11,7 @@ import numpy as np
 from ..world.world import World
 from . import paths
 from .emission import Emission, Stratum
-from .importance import CameraImportance
+from .guiding.importance import CameraImportance
 from .light_tracer import LightTracer
 from .strata import Allotment
 from .tuning import Tuning

@@ -16,7 +16,7 @@ from ..numerics.arrays import compressed, to_uint
 from ..runtime.device import Bool, UInt32
 from ..world.world import World
 from .emission import Emission, PathEmitter, Stratum
-from .guides import UNGUIDED, Guides
+from .guiding.guides import UNGUIDED, Guides
 from .light_tracer import LightTracer, Moving, nothing
 from .segments.records import PhotonHits
 from .strata import ALLOTMENT, Allotment, with_surrounds

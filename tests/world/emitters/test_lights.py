@@ -11,8 +11,8 @@ from photonbeams.numerics.sampling import sobol_block
 from photonbeams.numerics.structs import pack
 from photonbeams.runtime.device import Array3f, Float, UInt32
 from photonbeams.world.emitters.build import lamp_of
+from photonbeams.world.emitters.kinds.sphere import SphereLamp
 from photonbeams.world.emitters.shaping import ShapingFactor
-from photonbeams.world.emitters.sphere import SphereLamp
 
 POINTS = 1 << 14
 AXIS = np.array([0.6, 0.0, -0.8])

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 from ... import scene
 from ..surfaces.shapes import shape_of
-from .cylinder import CylinderLamp
-from .distant import DistantLamp
-from .dome import DomeLamp
 from .emitter import Emitter, Links
-from .flat import FlatLamp
 from .gobos import Images, projected
+from .kinds.cylinder import CylinderLamp
+from .kinds.distant import DistantLamp
+from .kinds.dome import DomeLamp
+from .kinds.flat import FlatLamp
+from .kinds.mesh import MeshLamp
+from .kinds.sphere import SphereLamp
+from .kinds.stretched import EllipsoidLamp, EllipticCylinderLamp
 from .lamp import Lamp
-from .mesh import MeshLamp
 from .portals import Portal
-from .sphere import SphereLamp
-from .stretched import EllipsoidLamp, EllipticCylinderLamp
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import MiScene

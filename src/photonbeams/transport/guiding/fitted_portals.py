@@ -14,18 +14,18 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.sampling import sobol_block
-from ..runtime.device import Array3f, Float, UInt32, mitsuba
-from ..scene import Array
-from ..world.emitters.portals import Portal
-from ..world.emitters.rectangles import mesh_of, widened
-from ..world.media.visibility import through
-from ..world.surfaces.shapes import shape_of
-from ..world.world import World
-from .emission import PathEmitter, Stratum
+from ...numerics.sampling import sobol_block
+from ...runtime.device import Array3f, Float, UInt32, mitsuba
+from ...scene import Array
+from ...world.emitters.portals import Portal
+from ...world.emitters.rectangles import mesh_of, widened
+from ...world.media.visibility import through
+from ...world.surfaces.shapes import shape_of
+from ...world.world import World
+from ..emission import PathEmitter, Stratum
 
 if TYPE_CHECKING:
-    from ..runtime.mitsuba_types import MiScene
+    from ...runtime.mitsuba_types import MiScene
 
 mi = mitsuba()
 

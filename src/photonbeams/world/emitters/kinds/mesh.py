@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
-from ... import scene
-from ...numerics.arrays import opaque
-from ...runtime.device import Array2f, Array3f, Bool, Float, mitsuba
-from ..bounds import Bounds
-from ..shadow_rays import leaving, size_of
-from ..surfaces.shapes import radiance_of, scene_of, shape_of
-from ..warp import power_cone
-from .lamp import Illumination, Lamp, LightHit, unit
-from .rays import EmittedRays
-from .shaping import ShapingFactor
+from .... import scene
+from ....numerics.arrays import opaque
+from ....runtime.device import Array2f, Array3f, Bool, Float, mitsuba
+from ...bounds import Bounds
+from ...shadow_rays import leaving, size_of
+from ...surfaces.shapes import radiance_of, scene_of, shape_of
+from ...warp import power_cone
+from ..lamp import Illumination, Lamp, LightHit, unit
+from ..rays import EmittedRays
+from ..shaping import ShapingFactor
 
 if TYPE_CHECKING:
-    from ...runtime.mitsuba_types import MiScene, PositionSample, SurfaceInteraction
+    from ....runtime.mitsuba_types import MiScene, PositionSample, SurfaceInteraction
 
 mi = mitsuba()
 

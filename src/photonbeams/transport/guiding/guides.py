@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from .emission import Stratum
+from ..emission import Stratum
+from ..strata import guided_count, redistributed
 from .fitted_portals import Opening, parted
-from .guiding import GuidingMap
+from .maps import GuidingMap
 from .pilot import Found
-from .strata import guided_count, redistributed
 
 #: The name of a stratum: see `Stratum.name`.
 Name = tuple[int, ...]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import drjit as dr
 import numpy as np
 
-from ... import scene
-from ...numerics.arrays import opaque
-from ...runtime.device import Array2f, Array3f, Float
-from ..bounds import Bounds
-from ..warp import cone
-from .lamp import Illumination, Lamp, LightHit, emit_from_infinity, unit
-from .rays import EmittedRays
+from .... import scene
+from ....numerics.arrays import opaque
+from ....runtime.device import Array2f, Array3f, Float
+from ...bounds import Bounds
+from ...warp import cone
+from ..lamp import Illumination, Lamp, LightHit, emit_from_infinity, unit
+from ..rays import EmittedRays
 
 
 class DistantLamp(Lamp):

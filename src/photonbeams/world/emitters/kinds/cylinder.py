@@ -5,11 +5,11 @@ from __future__ import annotations
 import drjit as dr
 import numpy as np
 
-from ... import scene
-from ...numerics.arrays import opaque
-from ...runtime.device import Array2f, Array3f, Float
-from .lamp import Body, Illumination, LightHit, unit
-from .shaping import ConeSampler, ShapingFactor
+from .... import scene
+from ....numerics.arrays import opaque
+from ....runtime.device import Array2f, Array3f, Float
+from ..lamp import Body, Illumination, LightHit, unit
+from ..shaping import ConeSampler, ShapingFactor
 
 
 class CylinderLamp(Body):

@@ -10,8 +10,8 @@ from photonbeams.estimators.estimate import estimate
 from photonbeams.numerics.sampling import pairs, sobol_block, sobol_points
 from photonbeams.render.scene_frame import begin, render
 from photonbeams.transport.emission import PathEmitter
-from photonbeams.transport.guiding import learn
-from photonbeams.transport.inversion import samples_of
+from photonbeams.transport.guiding.inversion import samples_of
+from photonbeams.transport.guiding.maps import learn
 from photonbeams.transport.simulation import Simulation
 from photonbeams.transport.strata import Allotment
 from photonbeams.transport.tuning import Tuning

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import padded, to_float, to_uint, to_vectors
-from ..numerics.hashing import hash32, unit_float
-from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
-from ..scene import Array
-from ..world.media.visibility import through
-from ..world.shadow_rays import rounding
-from ..world.world import World
+from ...numerics.arrays import padded, to_float, to_uint, to_vectors
+from ...numerics.hashing import hash32, unit_float
+from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
+from ...scene import Array
+from ...world.media.visibility import through
+from ...world.shadow_rays import rounding
+from ...world.world import World
 
 if TYPE_CHECKING:
-    from ..estimators.projection import Projection
-    from .segments.records import PhotonHits, Segments
+    from ...estimators.projection import Projection
+    from ..segments.records import PhotonHits, Segments
 
 mi = mitsuba()
 

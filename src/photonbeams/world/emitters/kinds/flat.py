@@ -5,14 +5,14 @@ from __future__ import annotations
 import drjit as dr
 import numpy as np
 
-from ... import scene
-from ...numerics.arrays import opaque
-from ...runtime.device import Array2f, Array3f, Float
-from ..bounds import Bounds
-from ..warp import disk
-from .lamp import Illumination, Lamp, LightHit, unit
-from .rays import EmittedRays
-from .shaping import ConeSampler, ShapingFactor
+from .... import scene
+from ....numerics.arrays import opaque
+from ....runtime.device import Array2f, Array3f, Float
+from ...bounds import Bounds
+from ...warp import disk
+from ..lamp import Illumination, Lamp, LightHit, unit
+from ..rays import EmittedRays
+from ..shaping import ConeSampler, ShapingFactor
 
 
 class FlatLamp(Lamp):

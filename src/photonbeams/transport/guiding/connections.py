@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import compressed, to_numpy
-from ..numerics.hashing import hash32
-from ..numerics.sampling import pixel_sample
-from ..numerics.structs import Struct
-from ..runtime.device import Array3f, Bool, Float, UInt32
-from ..scene import Array
-from ..world.shadow_rays import to_lamp
-from ..world.world import World
-from .emission import PathEmitter
+from ...numerics.arrays import compressed, to_numpy
+from ...numerics.hashing import hash32
+from ...numerics.sampling import pixel_sample
+from ...numerics.structs import Struct
+from ...runtime.device import Array3f, Bool, Float, UInt32
+from ...scene import Array
+from ...world.shadow_rays import to_lamp
+from ...world.world import World
+from ..emission import PathEmitter
 from .importance import Views, relative
 
 if TYPE_CHECKING:
-    from ..estimators.projection import Projection
+    from ...estimators.projection import Projection
 
 # Number of points, for all cameras together.
 _POINTS = 1 << 16

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ... import scene
-from ...runtime.device import Array2f, mitsuba
-from ..bounds import Bounds
-from .lamp import emit_from_infinity
-from .mitsuba_emitter import MitsubaEmitter
-from .rays import EmittedRays
+from .... import scene
+from ....runtime.device import Array2f, mitsuba
+from ...bounds import Bounds
+from ..lamp import emit_from_infinity
+from ..mitsuba_emitter import MitsubaEmitter
+from ..rays import EmittedRays
 
 mi = mitsuba()
 

@@ -11,12 +11,12 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ... import scene
-from ...numerics.arrays import opaque
-from ...runtime.device import Array2f, Array3f, Float
+from .... import scene
+from ....numerics.arrays import opaque
+from ....runtime.device import Array2f, Array3f, Float
+from ..lamp import Body, Illumination, LightHit, unit
+from ..shaping import ConeSampler, ShapingFactor
 from .cylinder import CylinderLamp
-from .lamp import Body, Illumination, LightHit, unit
-from .shaping import ConeSampler, ShapingFactor
 from .sphere import SphereLamp
 
 

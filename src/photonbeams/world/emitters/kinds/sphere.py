@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import drjit as dr
 
-from ... import scene
-from ...numerics.arrays import opaque
-from ...runtime.device import Array2f, Array3f, Bool, Float
-from ..bounds import Bounds
-from ..warp import cone, disk, perpendicular
-from .lamp import Body, Illumination, LightHit, unit
-from .rays import EmittedRays
-from .shaping import ConeSampler, ShapingFactor
+from .... import scene
+from ....numerics.arrays import opaque
+from ....runtime.device import Array2f, Array3f, Bool, Float
+from ...bounds import Bounds
+from ...warp import cone, disk, perpendicular
+from ..lamp import Body, Illumination, LightHit, unit
+from ..rays import EmittedRays
+from ..shaping import ConeSampler, ShapingFactor
 
 
 class SphereLamp(Body):

@@ -8,15 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
-from ..scene import Array
-from ..world.emitters.rays import EmittedRays
-from ..world.world import World
+from ...scene import Array
+from ...world.emitters.rays import EmittedRays
+from ...world.world import World
+from ..emission import PathEmitter, Stratum
 from .connections import ShadowRays
-from .emission import PathEmitter, Stratum
 from .fitted_portals import UNIT, Bundle, FittedRectangle, Opening, fitted, parted, walled
-from .guiding import BRIGHTEST, ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap, learn
 from .importance import Sightings
 from .inversion import rays_of, samples_of
+from .maps import BRIGHTEST, ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap, learn
 
 # Light paths in a round, for all strata together; number of rounds; fewest paths of a stratum that is guided.
 _ROUND, _ROUNDS, _FEWEST = 1 << 13, 2, 1 << 9

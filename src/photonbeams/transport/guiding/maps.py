@@ -1,6 +1,6 @@
 """Guided emission: learn which emission samples cameras see (Jensen 1995; Guo et al. 2018, simplified).
 
-A pilot (`transport.pilot`) finds emission samples, points of the 4D unit cube, whose light cameras see. A tree of boxes
+A pilot (`guiding.pilot`) finds emission samples, points of the 4D unit cube, whose light cameras see. A tree of boxes
 learns their density: each box is halved as long as it has enough samples. The tree warps uniform samples to that
 density: they descend it, and at each box they are stretched in proportion to the probabilities of its halves.
 
@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from ..scene import Array
+from ...scene import Array
 
 # Fractions of samples that stay uniform. Half of them do where the pilot found too little to tell where light is: what
 # few samples say is then wrong at some places, whose beams would be bright streaks. Where only light straight from its

@@ -5,9 +5,9 @@ from __future__ import annotations
 import drjit as dr
 import numpy as np
 
-from ..numerics.sampling import pairs, sobol_points
-from ..scene import Array
-from .emission import PathEmitter
+from ...numerics.sampling import pairs, sobol_points
+from ...scene import Array
+from ..emission import PathEmitter
 
 # Number of rays among which the nearest is the first guess, number of iterations, and the step of finite differences.
 _GUESSES, _STEPS, _DIFFERENCE = 1 << 12, 6, 1e-3
