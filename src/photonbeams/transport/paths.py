@@ -9,23 +9,24 @@ by phase functions and BSDFs.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import compressed, indices, joined, to_float, unaliased
+from ..numerics.arrays import compressed, joined, to_float, unaliased
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..numerics.streams import Stream
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ..world.differentials import RayDifferentials, copies, differentiate, of_copies
+from ..world.differentials import RayDifferentials
 from ..world.emitters.rays import EmittedRays
 from ..world.media.interfaces import distance_to_medium, is_left, pointers
 from ..world.spectra import rgb
 from ..world.warp import facing
 from ..world.world import World
 from .aiming import Aimed
+from .bending import carry
 from .interactions import (
     IDEAL,
     REFLECTED,
@@ -34,7 +35,6 @@ from .interactions import (
     Interaction,
     Scatter,
     reflect,
-    sampled,
     survival,
 )
 from .segments.narrowing import narrow
@@ -42,9 +42,6 @@ from .segments.radii import Width, width
 from .segments.records import LightPaths, PhotonHits, Segments, tangent
 from .splitting import continued, divisible, split
 from .tracing import Tracing
-
-if TYPE_CHECKING:
-    pass
 
 mi = mitsuba()
 
@@ -173,7 +170,7 @@ def _step(tracing: Tracing, paths: LightPaths, step: int) -> tuple[Any, ...]:
         _reach_on(tracing.world, segments, paths.straight)
     dr.eval(segments, in_medium, hits, on_surface, following, going, bent, width_there)
     if step < _COHERENT:
-        _carry(tracing, paths, following, bent, stream)
+        carry(tracing, paths, following, bent, stream)
     else:  # null collisions and boundaries, which are many in smoke, leave differentials as they are
         following.radius = dr.select(bent, width_there, following.radius)
         following.coherent &= ~bent
@@ -275,7 +272,7 @@ def _following(
     following.width = paths.width.later(interaction.distance)
     following.branch = dr.zeros(UInt32, dr.width(paths.number))
     following.fraction = paths.fraction * dr.select(interaction.on_surface, scatter.probability, 1)
-    # Along a segment, the derivative of the origin grows with the distance; `_carry` handles mirrors and lenses.
+    # Along a segment, the derivative of the origin grows with the distance; `bending.carry` handles mirrors and lenses.
     following.differentials = RayDifferentials.of(
         [(p + interaction.distance * d, d) for p, d in paths.differentials.columns()]
     )
@@ -324,42 +321,6 @@ def _roulette(tracing: Tracing, paths: LightPaths, passes: Bool, stream: UInt32,
     factor: Any = dr.select(tried, dr.select(survives, dr.rcp(dr.maximum(surviving, 1e-30)), 0), 1)
     paths.flux = paths.flux * factor
     paths.fraction = dr.select(tried & survives, paths.fraction * surviving, paths.fraction)
-
-
-def _carry(tracing: Tracing, paths: LightPaths, following: LightPaths, bent: Bool, stream: UInt32) -> None:
-    """Propagate ray differentials over mirrors and through lenses, by forward-mode differentiation.
-
-    Each path has four lanes, one for each derivative, because Dr.Jit can traverse a graph with BSDF calls only once.
-    """
-    lanes = indices(bent)
-    if not len(lanes):
-        return
-    count = len(lanes)
-    copy, which = copies(count)
-    lane = dr.gather(UInt32, lanes, copy)
-    shift, turn = Array3f(0), Array3f(0)
-    for k, (p, d) in enumerate(paths.differentials.columns()):
-        shift = dr.select(which == k, dr.gather(Array3f, p, lane), shift)
-        turn = dr.select(which == k, dr.gather(Array3f, d, lane), turn)
-    origin = mi.Point3f(dr.gather(Array3f, paths.origin, lane))
-    direction = mi.Vector3f(dr.gather(Array3f, paths.direction, lane))
-    index, own, link = (dr.gather(UInt32, each, lane) for each in (paths.index, stream, paths.link))
-    with dr.resume_grad():
-        dr.enable_grad(origin, direction)
-        hit = tracing.world.intersect(origin, direction, Bool(True), hash32(own, index), link)
-        sample, _ = sampled(tracing.world, hit, True, index, own)
-        p, d = differentiate([origin, direction], [hit.p, hit.to_world(sample.wo)], [shift, turn])
-    shift, turn = Array3f(p), Array3f(d)
-    dr.eval(shift, turn)
-    columns = []
-    bent_columns = of_copies(shift, turn, count).columns()
-    for unbent, changed in zip(following.differentials.columns(), bent_columns, strict=True):
-        column = [Array3f(each) for each in unbent]
-        for each, value in zip(column, changed, strict=True):
-            dr.scatter(each, value, lanes)
-        columns.append((column[0], column[1]))
-    following.differentials = RayDifferentials.of(columns)
-    dr.eval(following.differentials)
 
 
 def _segments(tracing: Tracing, paths: LightPaths, interaction: Interaction) -> Segments:

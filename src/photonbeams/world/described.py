@@ -75,7 +75,6 @@ def world_of_scene(
     known: Described | None = None if like is None else like.parts
     center, radius = description.bounds or bounding_sphere([description], viewpoints)
     meshes = _surfaces(description)
-    materials = [mesh.material for mesh in meshes]
     host = scene_of(()) if like is None else like.host
     glass = tuple(each for each in meshes if sharp and is_glass(each.material) and each.closed)
     content = _media(description, host, known, glass)
@@ -102,11 +101,7 @@ def world_of_scene(
         nested=bool(content.boundaries or content.outside),
         touching=like.touching if like and kept
         else bool(shapes) and touching(description.media, surfaces, size_of(plugin)),
-        cutouts=any(cut_out(each) and not (sharp and is_glass(each)) for each in materials),
-        perturbed=any(each.perturbed for each in materials),
-        translucent=translucent(plugin),
-        mirrors=sharp and any(is_glass(each) or is_mirror(each) for each in materials),
-        glowing=any(map(glows, materials)),
+        translucent=translucent(plugin), **_traits([mesh.material for mesh in meshes], sharp),
         boundaries=content.boundaries,
         shapes=shown,
         blockers=_blockers(emitters, host, shown, like.blockers if like and still else {}),
@@ -118,6 +113,16 @@ def world_of_scene(
         numbers=numbers,
         drawn=description.drawn,
     )  # fmt: skip
+
+
+def _traits(materials: Sequence[scene.Material], sharp: bool) -> dict[str, Any]:
+    """Return what kinds of surfaces there are, by the names of attributes of `World`."""
+    return {
+        "cutouts": any(cut_out(each) and not (sharp and is_glass(each)) for each in materials),
+        "perturbed": any(each.perturbed for each in materials),
+        "mirrors": sharp and any(is_glass(each) or is_mirror(each) for each in materials),
+        "glowing": any(map(glows, materials)),
+    }
 
 
 def _surfaces(description: scene.Scene) -> tuple[scene.Mesh, ...]:

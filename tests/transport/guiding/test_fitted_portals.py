@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from photonbeams.render.scene_frame import begin
+from photonbeams.transport.guiding import pilot
 from photonbeams.transport.guiding.fitted_portals import Bundle, fitted
-from photonbeams.transport.guiding.maps import pilot
 from photonbeams.transport.simulation import Simulation
 from photonbeams.transport.strata import Allotment
 from photonbeams.transport.tuning import Tuning

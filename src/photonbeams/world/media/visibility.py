@@ -68,14 +68,7 @@ def through(
         going = going & ~solid
         passed = dr.select(going, passed * clear, passed)
         medium = dr.select(going, media.beyond(found, along, medium, going), medium)
-        beyond = mi.Point3f(leaving(found, along, diameter))
-        # The ray still ends where it did, though it begins beside its line; it may end before that.
-        to = place + dr.select(endless, 1, left) * along - beyond
-        going &= endless | (dr.dot(to, along) > 0)
-        on = going & ~endless
-        left = dr.select(on, dr.norm(to), left)
-        along = dr.select(on, to * dr.rcp(dr.maximum(left, 1e-30)), along)
-        place = dr.select(going, beyond, place)
+        place, along, left, going = _onward(place, along, left, mi.Point3f(leaving(found, along, diameter)), going)
         return place, along, left, medium, passed, layer + 1, going & (dr.max(passed) > 0), hit
 
     width = dr.width(ray.o)
@@ -87,3 +80,17 @@ def through(
     )  # fmt: skip
     result = dr.while_loop(state, lambda *each: each[6] & (each[5] < _LAYERS), further, label="through")
     return result[4], result[7]
+
+
+def _onward(place: Any, along: Any, left: Float, beyond: Any, going: Bool) -> tuple[Any, Any, Float, Bool]:
+    """Return rays that go on `beyond` a surface: where, in which direction and how far, and which still do.
+
+    A ray still ends where it did, though it begins beside its line; it may end before that.
+    """
+    endless = left >= dr.largest(Float)
+    to = place + dr.select(endless, 1, left) * along - beyond
+    going &= endless | (dr.dot(to, along) > 0)
+    on = going & ~endless
+    left = dr.select(on, dr.norm(to), left)
+    along = dr.select(on, to * dr.rcp(dr.maximum(left, 1e-30)), along)
+    return dr.select(going, beyond, place), along, left, going
