@@ -9,6 +9,7 @@ import OpenEXR
 import pytest
 
 import photonbeams as pb
+from examples.vdb import write_vdb
 from photonbeams import scene
 from photonbeams.export.scene import Twin, _grid_of, ply
 from photonbeams.export.shot import _write
@@ -21,7 +22,6 @@ from photonbeams.runtime.device import mitsuba
 from photonbeams.studio.autosave import Autosave
 from photonbeams.usd.common.openusd import Gf, Sdf, Vt
 from photonbeams.usd.layers.writing import write_layer
-from photonbeams.volumes.writing import write_vdb
 from tests.helpers.disks import limited
 
 pytestmark = pytest.mark.usefixtures("helping_thread")

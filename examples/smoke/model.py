@@ -35,8 +35,7 @@ from staging import (
     tube,
     write_image,
 )
-
-from photonbeams.volumes.writing import write_vdb
+from vdb import write_vdb
 
 HERE = Path(__file__).resolve().parent
 LOW, HIGH = np.array([-4.2, -0.4, -1.5]), np.array([4.4, 4.2, 1.5])  # of the smoke

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from examples.vdb import write_vdb
 from photonbeams.cli.info import info
 from photonbeams.images.writing import write_frame
 from photonbeams.scene import SceneError
-from photonbeams.volumes.writing import write_vdb
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

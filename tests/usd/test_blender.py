@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from examples.vdb import write_vdb
 from photonbeams.usd.stage import open_stage, read_camera, read_scene
-from photonbeams.volumes.writing import write_vdb
 
 STAGE = Path(__file__).parent / "data" / "blender" / "blender.usda"
 

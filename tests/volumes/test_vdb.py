@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from examples.vdb import write_vdb
 from photonbeams.runtime.inputs import opened
 from photonbeams.scene import SceneError
 from photonbeams.volumes.dense import voxels_of
 from photonbeams.volumes.vdb import read_grids
-from photonbeams.volumes.writing import write_vdb
 
 DATA = Path(__file__).parent / "data"
 KINDS = gzip.decompress((DATA / "kinds.vdb.gz").read_bytes())

@@ -1,1 +1,1 @@
-"""Volume files: OpenVDB's .vdb and Mitsuba's .vol, read into NumPy arrays; .vdb files are written, too."""
+"""Volume files: OpenVDB's .vdb and Mitsuba's .vol, read into NumPy arrays."""

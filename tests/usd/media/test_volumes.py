@@ -5,11 +5,11 @@ import struct
 import numpy as np
 import pytest
 
+from examples.vdb import write_vdb
 from photonbeams import Shot
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.usd.stage import read_scene
-from photonbeams.volumes.writing import write_vdb
 
 FOG = """
     color3f photonbeams:scattering = (0.1, 0.2, 0.3)

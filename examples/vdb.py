@@ -1,4 +1,4 @@
-"""Writing of OpenVDB files: dense arrays become float grids, without their empty leaves."""
+"""Write OpenVDB files: dense arrays become float grids, without their empty leaves."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ..runtime.files import PathLike, write_bytes
-from ..scene import Array, SceneError
-from .bytes import ACTIVE_MASK, ZIP
+from photonbeams.runtime.files import PathLike, write_bytes
+from photonbeams.scene import Array, SceneError
+from photonbeams.volumes.bytes import ACTIVE_MASK, ZIP
 
-_LEVELS = (5, 4, 3)
 _LEAF = 8
 _OFFSETS = struct.Struct("<3q")
 
@@ -37,7 +36,7 @@ def write_vdb(path: PathLike, grids: Mapping[str, Array], to_file: Array | None 
     SceneError
         Arrays of another shape, or with numbers that are not finite.
     OSError
-        As for `files.atomic_path`: the file is written whole or not at all.
+        As for `runtime.files.atomic_path`: the file is written whole or not at all.
     """
     unique = str(uuid.uuid5(uuid.NAMESPACE_OID, "photonbeams")).encode()
     parts = [struct.pack("<8s3IB36s", b" BDV\0\0\0\0", 224, 11, 0, 1, unique), struct.pack("<2i", 0, len(grids))]
