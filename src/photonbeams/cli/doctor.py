@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
+import platform
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from importlib.metadata import PackageNotFoundError, version
 
 import typer
 
-if TYPE_CHECKING:
-    from ..runtime.device import Description
+_PACKAGES = ("photonbeams", "mitsuba", "drjit", "usd-core", "OpenEXR", "OpenImageIO", "mitsuba-oidn", "numpy", "scipy")
 
 # Traces one ray against a sphere, 2 away, and ends in the maximum that LLVM 15 cannot compile for AVX-512.
 # With a home folder of its own, Dr.Jit compiles the kernel instead of loading it from its cache.
@@ -44,17 +44,19 @@ def doctor() -> None:
     from ..runtime import device
 
     problem, crashed = trial()
-    # A library that has just killed a child process must not be loaded into this one.
-    found = device.describe(start=not crashed)
+    try:
+        if not crashed:  # a library that has just killed a child process must not be loaded into this one
+            device.select()
+    except device.DeviceError as error:
+        problem = str(error)
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
-    for name, value in rows(found):
+    for name, value in rows():
         table.add_row(name, value)
     console = Console(highlight=False, markup=False)
     console.print(table)
     console.print()
-    problem = found.problem or problem
     if problem is None:
         console.print(
             "This machine can render: a test kernel compiled, ran, and gave the right answer.", soft_wrap=True
@@ -79,25 +81,26 @@ def trial() -> tuple[str | None, bool]:
     return f"the test kernel ended in {ending} with {library}: set DRJIT_LIBLLVM_PATH to another libLLVM", True
 
 
-def rows(found: Description) -> Iterator[tuple[str, str]]:
+def rows() -> Iterator[tuple[str, str]]:
     """Yield the rows of the table, each a name and a value."""
-    yield "Python", found.python
-    yield "Platform", found.platform
-    yield "Processors", f"{found.processors}"
-    yield "Memory", f"{_gibibytes(found.memory)}, {_gibibytes(found.memory_free)} of it free"
-    for package, version in found.versions.items():
-        yield package, version or "not installed"
+    from ..runtime import device, libllvm
+
+    yield "Python", f"{platform.python_version()} ({sys.executable})"
+    yield "Platform", platform.platform()
+    yield "Processors", f"{device.processors()}"
+    yield "Memory", f"{_gibibytes(device.memory())}, {_gibibytes(device.memory('SC_AVPHYS_PAGES'))} of it free"
+    for package in _PACKAGES:
+        try:
+            yield package, version(package)
+        except PackageNotFoundError:
+            yield package, "not installed"
     yield "", ""
-    yield "Backend", found.backend or "none"
-    if found.backend == "llvm":
-        yield "LLVM", ".".join(map(str, found.llvm_version))
-        yield "Vector width", f"{found.vector_width or 'unknown'}"
-        yield "Threads", f"{found.threads}"
-    yield "libLLVM", f"{found.library} ({found.library_origin})" if found.library else "none"
-    yield "CUDA", found.cuda_problem or "usable"
-    for candidate in found.candidates:
-        version = ".".join(map(str, candidate.version)) or "unknown version"
-        yield "Found", f"{candidate.path}, {version}: {candidate.problem or 'accepted'}"
+    yield from device.running().items()
+    yield "libLLVM", device.library()
+    yield "CUDA", device.cuda_problem() or "usable"
+    for candidate in libllvm.candidates():
+        known = ".".join(map(str, candidate.version)) or "unknown version"
+        yield "Found", f"{candidate.path}, {known}: {candidate.problem or 'accepted'}"
 
 
 def _gibibytes(size: int | None) -> str:

@@ -18,49 +18,25 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from glob import glob
-from importlib import import_module, metadata
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import libllvm
-from .libllvm import Candidate, Version
 
 if TYPE_CHECKING:
     from drjit.auto.ad import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32, UInt64
 
 __all__ = [
-    "Array2f", "Array3f", "Array4f", "Bool", "Candidate", "Description", "DeviceError", "Float", "Int32", "UInt32",
-    "UInt64", "backend", "check_recording", "describe", "mitsuba", "mitsuba_variant", "prepare", "select",
-    "set_threads",
+    "Array2f", "Array3f", "Array4f", "Bool", "DeviceError", "Float", "Int32", "UInt32", "UInt64", "backend",
+    "check_recording", "mitsuba", "mitsuba_variant", "prepare", "select", "set_threads",
 ]  # fmt: skip
 
 _ARRAY_TYPES = ("Array2f", "Array3f", "Array4f", "Bool", "Float", "Int32", "UInt32", "UInt64")
-_PACKAGES = ("photonbeams", "mitsuba", "drjit", "usd-core", "OpenEXR", "OpenImageIO", "mitsuba-oidn", "numpy", "scipy")
 
 
 class DeviceError(RuntimeError):
     """The machine cannot run the kernels as requested; the message is one sentence for the user."""
-
-
-@dataclass(frozen=True)
-class Description:
-    """The data that `photonbeams doctor` prints; `problem` says why this machine cannot render, or is None."""
-
-    python: str
-    platform: str
-    processors: int
-    memory: int | None  # bytes
-    memory_free: int | None  # bytes
-    versions: dict[str, str | None]  # by package; None: not installed
-    candidates: tuple[Candidate, ...]
-    cuda_problem: str | None
-    library: str | None
-    library_origin: str
-    backend: str | None = None
-    llvm_version: Version = ()
-    vector_width: int | None = None
-    threads: int | None = None
-    problem: str | None = None
 
 
 @dataclass
@@ -87,7 +63,7 @@ def prepare() -> None:
 
 
 @cache
-def _cuda_problem() -> str | None:
+def cuda_problem() -> str | None:
     """Return why CUDA cannot be used, or None. Ray tracing of meshes needs OptiX, which some drivers lack."""
     windows = sys.platform == "win32"
     try:
@@ -122,7 +98,7 @@ def _automatic() -> str:
     variant = str(mitsuba_module.variant()) if mitsuba_module else ""
     if variant.startswith(("llvm_", "cuda_")):
         return variant[:4]
-    return "llvm" if _cuda_problem() else "cuda"
+    return "llvm" if cuda_problem() else "cuda"
 
 
 def select(name: str | None = None) -> None:
@@ -152,7 +128,7 @@ def select(name: str | None = None) -> None:
 def _start(name: str) -> None:
     """Import Dr.Jit with the backend `name` and keep its array types."""
     prepare()
-    if name == "cuda" and (problem := _cuda_problem()):
+    if name == "cuda" and (problem := cuda_problem()):
         raise DeviceError(f"device is cuda, but {problem}")
     if name == "llvm" and "drjit" not in sys.modules and not os.environ.get("DRJIT_LIBLLVM_PATH"):
         raise DeviceError(_no_library())
@@ -270,54 +246,28 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def describe(start: bool = True) -> Description:
-    """Return what this machine has to render with, and what it lacks.
-
-    With `start` the default device is started; otherwise the fields that only a running Dr.Jit knows are left out.
-    """
-    import platform
-
-    problem = None
-    try:
-        if start:
-            select()
-    except DeviceError as error:
-        problem = str(error)
+def library() -> str:
+    """Return which libLLVM Dr.Jit has and why, or "none"."""
     path = os.environ.get("DRJIT_LIBLLVM_PATH")
-    return Description(
-        python=f"{platform.python_version()} ({sys.executable})",
-        platform=platform.platform(),
-        processors=processors(),
-        memory=memory(),
-        memory_free=_memory("SC_AVPHYS_PAGES"),
-        versions={package: _package_version(package) for package in _PACKAGES},
-        candidates=libllvm.candidates(),
-        cuda_problem=_cuda_problem(),
-        library=path,
-        library_origin=_library_origin(path),
-        problem=problem,
-        **(_running() if _state.backend else {}),
-    )
+    if not path:
+        return "none"
+    packaged = path == libllvm.packaged_library()
+    chosen = f"of the package {libllvm.PACKAGE}" if packaged else "the system's newest that works"
+    return f"{path} ({chosen if path == _state.library else 'named by DRJIT_LIBLLVM_PATH'})"
 
 
-def _library_origin(path: str | None) -> str:
-    """Return why Dr.Jit has the library at `path`."""
-    if path != _state.library:
-        return "named by DRJIT_LIBLLVM_PATH"
-    packaged = path is not None and path == libllvm.packaged_library()
-    return f"of the package {libllvm.PACKAGE}" if packaged else "the system's newest that works"
-
-
-def _running() -> dict[str, Any]:
-    """Return the fields of `Description` that only a started Dr.Jit knows."""
+def running() -> dict[str, str]:
+    """Return what runs the kernels, in words by name."""
+    if _state.backend is None:
+        return {"Backend": "none"}
     import drjit
 
-    return {
-        "backend": backend(),
-        "llvm_version": tuple(drjit.detail.llvm_version()) if backend() == "llvm" else (),
-        "vector_width": _vector_width(drjit) if backend() == "llvm" else None,
-        "threads": drjit.thread_count(),
-    }
+    found = {"Backend": _state.backend}
+    if _state.backend == "llvm":
+        found["LLVM"] = ".".join(map(str, drjit.detail.llvm_version()))
+        found["Vector width"] = f"{_vector_width(drjit) or 'unknown'}"
+        found["Threads"] = f"{drjit.thread_count()}"
+    return found
 
 
 def _vector_width(drjit: Any) -> int | None:
@@ -329,22 +279,9 @@ def _vector_width(drjit: Any) -> int | None:
         return None
 
 
-def memory() -> int | None:
-    """Return the machine's memory in bytes, or None if the system does not tell."""
-    return _memory("SC_PHYS_PAGES")
-
-
-def _memory(name: str) -> int | None:
-    """Return an amount of memory in bytes, or None if the system does not tell."""
+def memory(pages: str = "SC_PHYS_PAGES") -> int | None:
+    """Return the machine's memory in bytes, or how much of it has other `pages`; None if the system does not tell."""
     try:
-        return os.sysconf(name) * os.sysconf("SC_PAGE_SIZE")
+        return os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):
-        return None
-
-
-def _package_version(package: str) -> str | None:
-    """Return the installed version of a package, or None."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
         return None
