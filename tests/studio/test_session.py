@@ -16,7 +16,7 @@ from photonbeams.render import gathering
 from photonbeams.render.films import denoising
 from photonbeams.render.passes import PlannedPasses
 from photonbeams.shot.development import Development
-from photonbeams.studio import session as session_module
+from photonbeams.studio import viewing
 from photonbeams.studio.live import Cancelled
 from photonbeams.studio.session import Session, SessionView
 from tests.studio.sessions import INTENSITY, STAGE, TINT, VIEW, Watched, are_equal, rendered
@@ -87,7 +87,7 @@ def test_a_later_edit_ends_what_is_under_way(stage):
 def test_a_closed_session_keeps_no_scene(stage):
     with Watched(stage) as shown:
         shown.finished()
-        frame = weakref.ref(shown.session._chains[False].frame)
+        frame = weakref.ref(shown.session._live.frame())
         gc.disable()
     try:
         assert frame() is None
@@ -242,8 +242,8 @@ def test_pictures_of_few_passes_are_denoised_and_the_finished_one_is_that_of_a_r
 
 
 def test_later_pictures_are_few_where_they_are_denoised(stage, monkeypatch):
-    monkeypatch.setattr(session_module, "_EACH", 2)
-    monkeypatch.setattr(session_module, "_ONE_OF", 3)
+    monkeypatch.setattr(viewing, "_EACH", 2)
+    monkeypatch.setattr(viewing, "_ONE_OF", 3)
     for denoise, passes in ((True, [1, 2, 3, 6, 7]), (False, [1, 2, 3, 4, 5, 6, 7])):
         with Watched(stage, view=replace(VIEW, passes=7, denoise=denoise)) as shown:
             shown.finished()
@@ -312,7 +312,8 @@ def test_a_frame_that_is_unwanted_ends_between_two_sets_of_beams(tmp_path, monke
 
     monkeypatch.setattr(gathering, "estimate_image", counted)
     with Session(path, view=replace(VIEW, paused=True)) as session:
-        frame, _ = session._begun(session.view, 1.0, False, lambda: len(gathered) >= most)
+        live = session._live
+        frame, _ = live.begun(session.view, live._whole, 1.0, lambda: len(gathered) >= most)
         with pytest.raises(Cancelled) if most == 1 else nullcontext():
             frame.add_pass(0)
     assert len(gathered) == count

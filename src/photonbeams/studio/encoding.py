@@ -1,48 +1,34 @@
-"""A session's pictures for a browser: PNG if they are finished, JPEG if better ones will follow."""
+"""Pictures for a browser: a session's, PNG if they are finished and JPEG if not, and thumbnails of presets."""
 
 from __future__ import annotations
 
+from functools import cache
 from io import BytesIO
-from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
 
 from ..images.anaglyph import anaglyph
+from ..images.swatches import thumbnail
 from ..images.view_transforms import OWN, viewed
 from ..scene import Array
+from ..usd.authoring.presets import preset_look, preset_of
 from ..usd.cameras.stereo import EYES
-from .session import Picture
+from ..usd.looks.shading import build_look
+from .pictures import Picture
+from .protocol import PictureHeader
 
 #: Ways to show both eyes: in one picture for red and cyan glasses, and beside each other at half the size.
 ANAGLYPH, BESIDE = "anaglyph", "side-by-side"
 #: All ways to show two eyes.
 SHOWN = (ANAGLYPH, BESIDE, *EYES)
 
-
-class EncodedPicture(NamedTuple):
-    """A picture for a browser.
-
-    Attributes
-    ----------
-    data, mime
-        The file's bytes, and their MIME type.
-    layer
-        The layer that is shown.
-    width, height
-        Pixels.
-    """
-
-    data: bytes
-    mime: str
-    layer: str
-    width: int
-    height: int
+_THUMBNAIL = 144, 60  # pixels
 
 
 def encoded(
     picture: Picture, layer: str = "rgba", exposure: float = 0.0, display: str = OWN, eye: str = EYES[0]
-) -> EncodedPicture:
+) -> tuple[PictureHeader, bytes]:
     """Return a layer of a picture, or `rgba` if it has no such layer, at an exposure in stops, by a view transform.
 
     If the picture has two eyes, `eye` chooses one, or both in one picture of the same size: `ANAGLYPH`, `BESIDE`.
@@ -58,13 +44,14 @@ def encoded(
         shown = anaglyph(*both) if eye == ANAGLYPH else beside(*both)
     else:
         shown = _viewed(picture.views.get(eye, picture.layers)[layer], display, exposure)
-    data = BytesIO()
-    if picture.is_finished:
-        Image.fromarray(shown).save(data, "PNG", compress_level=1)
-    else:  # a better one replaces it soon, so that losses do not matter
-        Image.fromarray(shown).save(data, "JPEG", quality=92, subsampling=0)
-    mime = "image/png" if picture.is_finished else "image/jpeg"
-    return EncodedPicture(data.getvalue(), mime, layer, shown.shape[1], shown.shape[0])
+    data, kind = BytesIO(), "png" if picture.is_finished else "jpeg"  # what is replaced soon may have losses
+    options: dict[str, int] = {"compress_level": 1} if picture.is_finished else {"quality": 92, "subsampling": 0}
+    Image.fromarray(shown).save(data, kind, **options)
+    height, width = shown.shape[:2]
+    header = PictureHeader(
+        picture.version, picture.passes, picture.planned, layer, width, height, picture.scale, f"image/{kind}"
+    )
+    return header, data.getvalue()
 
 
 def beside(left: Array, right: Array) -> Array:
@@ -85,3 +72,12 @@ def _viewed(pixels: Array, display: str, exposure: float) -> Array:
     if pixels.ndim == 2 or pixels.shape[2] == 1:
         pixels = pixels.reshape(*pixels.shape[:2], 1).repeat(3, axis=2)
     return viewed(pixels, display, exposure)
+
+
+@cache
+def thumbnail_of(name: str) -> bytes:
+    """Return a preset's thumbnail, made by the renderer, as a PNG; SceneError if no preset has this name."""
+    pixels = thumbnail(build_look(preset_look(name)), preset_of(name).factor, *_THUMBNAIL)
+    data = BytesIO()
+    Image.fromarray((255 * np.clip(pixels, 0, 1) + 0.5).astype(np.uint8)).save(data, "PNG")
+    return data.getvalue()

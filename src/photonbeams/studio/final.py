@@ -11,12 +11,11 @@ import tempfile
 import zipfile
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ..runtime.files import atomic_file, temporary_folder, write_bytes
 from ..scene import SceneError
-from ..usd.cameras.stereo import Stereo
 
 _PROGRESS = re.compile(rb"openjd_progress: ([\d.]+)")
 
@@ -24,45 +23,12 @@ _PROGRESS = re.compile(rb"openjd_progress: ([\d.]+)")
 Told = Callable[[int, Path | None, str | None], Awaitable[None]]
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What a final render needs.
-
-    Attributes
-    ----------
-    stage, layers, overrides
-        The stage's file; the layers over it, the strongest first; and values over these, as for the command.
-    edits
-        The text of a .usda layer with the edits.
-    camera, width, height
-        The camera, None: the stage's own; and the size in pixels.
-    passes, frames
-        The number of passes; and the first and the last frame, None: the stage's default.
-    stereo
-        How the camera becomes two eyes; None: it does not.
-    """
+class Wanted(NamedTuple):
+    """What a final render needs: the stage's file, a .usda layer of edits as text, and the command's other flags."""
 
     stage: Path
-    layers: Sequence[str]
-    overrides: Sequence[str]
     edits: str
-    camera: str | None
-    width: int
-    height: int
-    passes: int
-    frames: tuple[float, float] | None
-    stereo: Stereo | None = None
-
-    def flags(self) -> list[str]:
-        """Return the command's flags for the camera, the frames and stereo."""
-        words = ["--camera", self.camera] if self.camera else []
-        words += ["--frames", f"{self.frames[0]:g}:{self.frames[1]:g}"] if self.frames else []
-        if self.stereo is not None:
-            words.append("--stereo")
-            for name in ("interaxial", "convergence"):
-                if (value := getattr(self.stereo, name)) is not None:
-                    words += [f"--{name}", repr(float(value))]
-        return words
+    flags: Sequence[str]
 
 
 class FinalRender:
@@ -91,14 +57,9 @@ class FinalRender:
         layer = work / "edits.usda"
         write_bytes(layer, wanted.edits.encode())
         name = wanted.stage.stem
-        pattern = f"{name}.####.exr" if wanted.frames else f"{name}.exr"
+        pattern = f"{name}.####.exr" if "--frames" in wanted.flags else f"{name}.exr"
         words = [sys.executable, "-m", "photonbeams", "render", str(wanted.stage), "--session-layer", str(layer)]
-        for each in wanted.layers:
-            words += ["--session-layer", each]
-        for each in wanted.overrides:
-            words += ["--set", each]
-        words += [*wanted.flags(), "--res", str(wanted.width), str(wanted.height), "--passes", str(wanted.passes)]
-        words += ["-o", str(work / pattern), "--progress", "openjd"]
+        words += [*wanted.flags, "-o", str(work / pattern), "--progress", "openjd"]
         # A process group of its own: Ctrl-C in a terminal ends only the studio, which then ends the render properly.
         process = self._process = await asyncio.create_subprocess_exec(
             *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, start_new_session=True

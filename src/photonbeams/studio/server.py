@@ -33,11 +33,10 @@ from ..usd.authoring.presets import PRESETS
 from ..usd.cameras.stereo import EYES, Stereo, usual_interaxial
 from . import protocol
 from .control_messages import described, flat, note, shape
-from .encoding import ANAGLYPH, SHOWN, encoded
+from .encoding import ANAGLYPH, SHOWN, encoded, thumbnail_of
 from .final import FinalRender, Wanted
 from .guard import HEADERS, Guard
 from .session import Picture, Problem, Session
-from .thumbnails import thumbnail_of
 
 PAGE = Path(__file__).parent / "page"
 
@@ -375,12 +374,7 @@ class Studio:
 
 def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
     """Return a picture as a page shows it, after its header."""
-    found = encoded(picture, watcher.layer, watcher.exposure, watcher.display, watcher.eye)
-    header = protocol.PictureHeader(
-        version=picture.version, passes=picture.passes, planned=picture.planned, layer=found.layer,
-        width=found.width, height=found.height, scale=picture.scale, mime=found.mime,
-    )  # fmt: skip
-    return protocol.framed(header, found.data)
+    return protocol.framed(*encoded(picture, watcher.layer, watcher.exposure, watcher.display, watcher.eye))
 
 
 def _file_of(folder: Path, request: Request, download: bool = False) -> Response:

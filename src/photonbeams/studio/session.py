@@ -8,42 +8,28 @@ import os
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from ..images.frame import pixels_of
 from ..runtime.files import PathLike
-from ..scene import Array, Camera, Scene, SceneError, whole
-from ..shot.development import Development
-from ..shot.request import Prepared, prepare
+from ..scene import Camera, SceneError, whole
 from ..shot.shot import Shot
 from ..shot.subject import Viewpoint
 from ..usd.authoring.controls import Controls, controls_of
 from ..usd.authoring.editing import EditLayer
 from ..usd.authoring.presets import BEAM, apply_preset, preset_of
 from ..usd.cameras.stereo import check_stereo, is_eye
-from ..usd.common.motion import equal, followed, same
 from ..usd.layers.frames import time_range
 from ..usd.stage import list_cameras, up_axis
-from ..world.cameras.cameras import Window
-from ..world.shutter import Moment, Shutter
 from .edits import Edits
 from .final import Wanted
 from .inspector import Inspected, inspected
-from .live import Cancelled, LiveFrame
+from .live import Cancelled
 from .pictures import Picture, Problem, SessionView
-from .viewing import alone, between, can_denoise, checked_pose, placed, with_fewer_paths
-
-# The most pixels of the first picture after an edit, and its most light paths per light.
-_FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 1024
-
-# Denoised pictures come with each of the first 16 passes, then with every eighth: denoising takes longer than a pass,
-# and pictures hardly change from one pass to the next.
-_EACH, _ONE_OF = 16, 8
+from .viewing import LivePictures, between, checked_pose
 
 # The most that a view may ask for: a page must not be able to fill the memory.
 _MOST_PIXELS, _MOST_PASSES = 1 << 23, 1 << 16
@@ -51,38 +37,6 @@ _MOST_PIXELS, _MOST_PASSES = 1 << 23, 1 << 16
 
 #: A listener; it is called in the thread that renders.
 Told = Callable[[Picture | Problem], None]
-
-
-@dataclass
-class _Chain:
-    """The last frame of one size, whose unchanged parts the next frame reuses; its scene and denoised layers.
-
-    `whole` are the layers of the last whole picture by views; the view "" is that of the picture's own layers.
-    """
-
-    frame: LiveFrame | None = None
-    moment: Moment | None = None
-    filtered: dict[str, Any] = field(default_factory=dict)
-    whole: dict[str, Mapping[str, Array]] = field(default_factory=dict)
-
-    def whole_of(
-        self, views: dict[str, Mapping[str, Array]], window: Window, area: tuple[float, float, float, float] | None
-    ) -> dict[str, Mapping[str, Array]]:
-        """Return layers of an area pasted into those of the last whole picture, by views; remember whole pictures."""
-        if area is None:
-            self.whole = dict(views)
-            return views
-        x0, y0, x1, y1 = pixels_of(area, window.width, window.height)
-        result: dict[str, Mapping[str, Array]] = {}
-        for view, layers in views.items():
-            result[view] = pasted = {}
-            for name, pixels in layers.items():
-                shape = (window.height, window.width, *pixels.shape[2:])
-                before = self.whole.get(view, {}).get(name)
-                known = before is not None and before.shape == shape
-                pasted[name] = before.copy() if known else np.zeros(shape, pixels.dtype)  # type: ignore[union-attr]
-                pasted[name][y0:y1, x0:x1] = pixels
-        return result
 
 
 class Session:
@@ -150,8 +104,8 @@ class Session:
             self.view = replace(self.view, stereo=stereo)
         self.version = 0
         self._listeners: list[Told] = []
-        self._chains = {True: _Chain(), False: _Chain()}
         self._lock = threading.RLock()  # of the stage and the view
+        self._live = LivePictures(self.shot, self._viewpoint, self.edits.paths, self._lock)
         self._changed = threading.Condition(self._lock)
         self._closed = False
         self._check(self.view)
@@ -213,8 +167,7 @@ class Session:
 
     def _size(self) -> float:
         """Return roughly how long the stage's beams are: the radius of its bounding sphere."""
-        moments = (chain.moment for chain in self._chains.values())
-        found = next((each.scene for each in moments if each is not None), None)
+        found = self._live.scene()
         if found is None:  # there is no picture yet
             exposure = self.shot.subject.exposure(self._viewpoint(self.view), self.view.frame, blur=False, lens=True)
             found = exposure(0.0)[0]
@@ -303,7 +256,7 @@ class Session:
             The planar depth of the first surface there; None: there is none.
         """
         with self._lock:
-            frame = self._chains[False].frame or self._chains[True].frame
+            frame = self._live.frame()
             if frame is None or not all(0 <= each <= 1 for each in at):
                 return [], None
             return inspected(frame, at, depth)
@@ -331,13 +284,17 @@ class Session:
         self._check(replace(view, passes=passes, frame=last))
         if first is not None and last is not None and first > last:
             raise SceneError(f"the frames are {first:g} to {last:g}: expected the first before the last")
-        number = None if first is None or last is None else (first, last)
+        flags = [word for each in self._layers for word in ("--session-layer", each)]
+        flags += [word for each in self._overrides for word in ("--set", each)]
+        flags += ["--camera", camera] if (camera := self._viewpoint(view).camera) else []
+        flags += [] if first is None or last is None else ["--frames", f"{first:g}:{last:g}"]
+        flags += ["--res", str(view.width), str(view.height), "--passes", str(passes)]
+        if view.stereo is not None:
+            eyes = {"--interaxial": view.stereo.interaxial, "--convergence": view.stereo.convergence}
+            given = [(name, repr(float(value))) for name, value in eyes.items() if value is not None]
+            flags += ["--stereo", *(word for pair in given for word in pair)]
         with self._lock:
-            text = self.edits.text()
-        return Wanted(
-            self._path, self._layers, self._overrides, text, self._viewpoint(view).camera, view.width, view.height,
-            passes, number, view.stereo,
-        )  # fmt: skip
+            return Wanted(self._path, self.edits.text(), flags)
 
     def cameras(self) -> list[str]:
         """Return the paths of the stage's cameras."""
@@ -376,8 +333,7 @@ class Session:
             self._closed = True
             self._changed.notify_all()
         self._thread.join()
-        # Kernels have code for the surfaces and media of every scene in memory.
-        self._chains = {True: _Chain(), False: _Chain()}
+        self._live.forget()
         self.edits.close()
         atexit.unregister(self.close)
 
@@ -409,7 +365,8 @@ class Session:
                     return
                 shown = self.version
             try:
-                self._render(shown)
+                for picture in self._live.pictures(self.view, shown, partial(self._is_old, shown), self._is_closed):
+                    self._tell(picture)
             except Cancelled:
                 continue
             except SceneError as error:
@@ -417,119 +374,18 @@ class Session:
             except Exception as error:  # of any kind: the session must survive errors of the renderer
                 self._tell(Problem(shown, f"the picture could not be rendered: {error}"[:300]))
 
-    def _tell(self, what: Picture | Problem) -> None:
-        for told in [*self._listeners]:
-            try:
-                told(what)
-            except Exception:  # the session must survive errors of a listener
-                logging.getLogger("photonbeams").exception("a listener of the session failed")
-
-    def _render(self, version: int) -> None:
-        """Render the pictures of a version, until there is a later one."""
-        view = self.view
-        for first in (True, False):
-            # First pictures are never cancelled: there would be none while edits come faster than pictures.
-            unwanted = self._is_closed if first else partial(self._is_old, version)
-            scale = min(1.0, (_FIRST_PIXELS / (view.width * view.height)) ** 0.5) if first else 1.0
-            frame, ready = self._begun(view, scale, first, unwanted)
-            passes = 1 if first else view.passes
-            for number in range(passes):
-                frame.add_pass(number)
-                if unwanted():
-                    raise Cancelled
-                development, done = self._development(ready, first, number, view), number + 1
-                if development.denoise and done > _EACH and done % _ONE_OF:
-                    continue
-                made = development.frame(frame.sums(), frame.statistics)
-                if unwanted():
-                    raise Cancelled
-                views = {name: layers for name, (layers, _) in made.views.items()}
-                whole = self._chains[first].whole_of({"": made.layers, **views}, ready.window, view.area)
-                layers, statistics = whole.pop(""), frame.statistics
-                self._tell(Picture(version, layers, done, view.passes, scale, statistics, whole, first))
-
-    def _development(self, ready: Prepared, first: bool, number: int, view: SessionView) -> Development:
-        """Return how the passes up to `number` become a picture."""
-        if not first and number >= view.passes - 1:
-            return replace(ready.development, denoise=False)
-        # After an edit of a look, denoised layers of surfaces can be reused.
-        return replace(ready.development, filtered=self._chains[first].filtered) if number == 0 else ready.development
-
     def _is_old(self, version: int) -> bool:
         return self._closed or version != self.version
 
     def _is_closed(self) -> bool:
         return self._closed
 
-    def _begun(
-        self, view: SessionView, scale: float, first: bool, unwanted: Callable[[], bool]
-    ) -> tuple[LiveFrame, Prepared]:  # fmt: skip
-        """Return the frame of a view, which has no passes yet."""
-        chain = self._chains[first]
-        with self._lock:
-            ready = self._ready(view, scale, first, chain)
-        planned = None if first else view.passes
-        before = chain.frame
-        frame = LiveFrame(ready, planned, before, first and before is not None, unwanted)
-        chain.frame, chain.moment = frame, ready.content.shutter.at(0.0)
-        return frame, ready
-
-    def _ready(self, view: SessionView, scale: float, first: bool, chain: _Chain) -> Prepared:
-        """Return what a frame needs; what did not change since the last frame are the same objects."""
-        before = chain.moment
-        width, height = (max(1, round(scale * each)) for each in (view.width, view.height))
-        # `denoise` leaves the passes' bits as they are; whether pictures are denoised is up to `Development.denoise`.
-        settings = {"denoise": view.denoise and can_denoise(), **({"beams": _FIRST_PATHS} if first else {})}
-        picture = {"width": width, "height": height, "crop": view.area, "blur": view.blur and not first}
-        ready = prepare(
-            self.shot.subject, self._viewpoint(view), view.frame, 1 if first else view.passes, None,
-            {**settings, **picture, "lens": view.lens},
-        )  # fmt: skip
-        self._check_edits()
-        shutter, viewers = ready.content.shutter, ready.content.viewers
-        moment = shutter.at(0.0)
-
-        def seen(content: Scene) -> Scene:
-            content = with_fewer_paths(content, _FIRST_PATHS) if first else content
-            return alone(content, view.solo) if view.solo else content
-
-        content = seen(moment.scene)
-        if before is not None:  # the widths of beams depend on the bounds, which an edit may change
-            bounds, content = content.bounds, followed(before.scene, content)
-            content = content if equal(content.bounds, bounds) else replace(content, bounds=bounds)
-        cameras = moment.cameras
-        if view.pose is not None:
-            cameras = placed(cameras, view.pose)
-        if before is not None and len(before.cameras) == len(cameras):
-            cameras = tuple(map(same, before.cameras, cameras))
-        seen_from = viewers() if view.pose is None else cameras
-        shutter = self._beginning(shutter, Moment(content, cameras), seen, view.pose is not None)
-        return replace(ready, content=replace(ready.content, shutter=shutter, viewers=lambda: seen_from))
-
-    def _beginning(self, shutter: Shutter, moment: Moment, seen: Callable[[Scene], Scene], free: bool) -> Shutter:
-        """Return a shutter that begins with the given moment; the scenes of later ones go through `seen`.
-
-        A `free` camera does not move.
-        """
-
-        def at(fraction: float, of: Callable[[float], Moment] = shutter.at) -> Moment:
-            if fraction == 0:
-                return moment
-            with self._lock:  # the stage is read
-                found = of(fraction)
-            cameras = moment.cameras if free else tuple(map(same, moment.cameras, found.cameras))
-            return Moment(followed(moment.scene, seen(found.scene)), cameras)
-
-        before = shutter.before
-        return replace(shutter, at=at, before=None if before is None else partial(at, of=before))
-
-    def _check_edits(self) -> None:
-        """Raise a warning about what was edited as a SceneError: who edits a value does not want a substitute."""
-        warnings, edited = self.shot.warnings, self.edits.paths()
-        wrong = [text for text in warnings.given if any(path in text for path in edited)]
-        warnings.given.difference_update(wrong)  # so that they can be given again
-        if wrong:
-            raise SceneError(warnings.causes.get(wrong[0], wrong[0]))
+    def _tell(self, what: Picture | Problem) -> None:
+        for told in [*self._listeners]:
+            try:
+                told(what)
+            except Exception:  # the session must survive errors of a listener
+                logging.getLogger("photonbeams").exception("a listener of the session failed")
 
 
 __all__ = ["Picture", "Problem", "Session", "SessionView"]

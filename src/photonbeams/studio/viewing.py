@@ -1,17 +1,201 @@
-"""Scenes and cameras as a session's view changes them."""
+"""The pictures of a session's views, and scenes and cameras as views change them."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import replace
-from functools import cache
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
+from ..images.frame import pixels_of
 from ..render.films.denoising import lacking_denoiser
 from ..scene import BLACK, Array, Camera, Scene, SceneError
+from ..shot.development import Development
+from ..shot.request import Prepared, prepare
+from ..shot.shot import Shot
+from ..shot.subject import Viewpoint
+from ..usd.common.motion import equal, followed, same
+from ..world.cameras.cameras import Window
+from ..world.shutter import Moment, Shutter
+from .live import Cancelled, LiveFrame
+from .pictures import Picture, SessionView
+
+# The most pixels of the first picture after an edit, and its most light paths per light.
+_FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 1024
+
+# Denoised pictures come with each of the first 16 passes, then with every eighth: denoising takes longer than a pass,
+# and pictures hardly change from one pass to the next.
+_EACH, _ONE_OF = 16, 8
+
+
+@dataclass
+class _Chain:
+    """The last frame of one size, whose unchanged parts the next frame reuses; its scene and denoised layers.
+
+    `whole` are the layers of the last whole picture by views; the view "" is that of the picture's own layers.
+    """
+
+    frame: LiveFrame | None = None
+    moment: Moment | None = None
+    filtered: dict[str, Any] = field(default_factory=dict)
+    whole: dict[str, Mapping[str, Array]] = field(default_factory=dict)
+
+    def whole_of(
+        self, views: dict[str, Mapping[str, Array]], window: Window, area: tuple[float, float, float, float] | None
+    ) -> dict[str, Mapping[str, Array]]:
+        """Return layers of an area pasted into those of the last whole picture, by views; remember whole pictures."""
+        if area is None:
+            self.whole = dict(views)
+            return views
+        x0, y0, x1, y1 = pixels_of(area, window.width, window.height)
+        result: dict[str, Mapping[str, Array]] = {}
+        for view, layers in views.items():
+            result[view] = pasted = {}
+            for name, pixels in layers.items():
+                shape = (window.height, window.width, *pixels.shape[2:])
+                before = self.whole.get(view, {}).get(name)
+                known = before is not None and before.shape == shape
+                pasted[name] = before.copy() if known else np.zeros(shape, pixels.dtype)  # type: ignore[union-attr]
+                pasted[name][y0:y1, x0:x1] = pixels
+        return result
+
+
+class LivePictures:
+    """The pictures of a session's views: a quick small one, then a whole one, then more passes.
+
+    Parameters
+    ----------
+    shot, viewpoint, edited, lock
+        The shot, functions that return the viewpoint of a view and the paths of what was edited, and the stage's lock.
+    """
+
+    def __init__(
+        self, shot: Shot, viewpoint: Callable[[SessionView], Viewpoint], edited: Callable[[], Sequence[str]],
+        lock: AbstractContextManager[Any],
+    ) -> None:  # fmt: skip
+        self._shot, self._viewpoint, self._edited, self._lock = shot, viewpoint, edited, lock
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget all frames: kernels have code for the surfaces and media of every scene in memory."""
+        self._first, self._whole = _Chain(), _Chain()
+
+    def frame(self) -> LiveFrame | None:
+        """Return the last frame, of a whole picture if there is one."""
+        return self._whole.frame or self._first.frame
+
+    def scene(self) -> Scene | None:
+        """Return a scene that was rendered last, if there is one."""
+        moment = self._first.moment or self._whole.moment
+        return None if moment is None else moment.scene
+
+    def pictures(
+        self, view: SessionView, version: int, is_old: Callable[[], bool], is_closed: Callable[[], bool]
+    ) -> Iterator[Picture]:
+        """Yield the pictures of a view; raise `Cancelled` once it is old."""
+        scale = min(1.0, (_FIRST_PIXELS / (view.width * view.height)) ** 0.5)
+        # First pictures are never cancelled: there would be none while edits come faster than pictures.
+        yield from self._passes(view, version, self._first, scale, is_closed)
+        yield from self._passes(view, version, self._whole, 1.0, is_old)
+
+    def _passes(
+        self, view: SessionView, version: int, chain: _Chain, scale: float, unwanted: Callable[[], bool]
+    ) -> Iterator[Picture]:
+        """Yield the pictures of a chain, pass after pass."""
+        frame, ready = self.begun(view, chain, scale, unwanted)
+        first = chain is self._first
+        for number in range(1 if first else view.passes):
+            frame.add_pass(number)
+            if unwanted():
+                raise Cancelled
+            development, done = self._development(ready, chain, number, view), number + 1
+            if development.denoise and done > _EACH and done % _ONE_OF:
+                continue
+            made = development.frame(frame.sums(), frame.statistics)
+            if unwanted():
+                raise Cancelled
+            views = {name: layers for name, (layers, _) in made.views.items()}
+            whole = chain.whole_of({"": made.layers, **views}, ready.window, view.area)
+            layers, statistics = whole.pop(""), frame.statistics
+            yield Picture(version, layers, done, view.passes, scale, statistics, whole, first)
+
+    def _development(self, ready: Prepared, chain: _Chain, number: int, view: SessionView) -> Development:
+        """Return how the passes up to `number` become a picture."""
+        if chain is self._whole and number >= view.passes - 1:
+            return replace(ready.development, denoise=False)
+        # After an edit of a look, denoised layers of surfaces can be reused.
+        return replace(ready.development, filtered=chain.filtered) if number == 0 else ready.development
+
+    def begun(
+        self, view: SessionView, chain: _Chain, scale: float, unwanted: Callable[[], bool]
+    ) -> tuple[LiveFrame, Prepared]:  # fmt: skip
+        """Return the frame of a view, which has no passes yet, and what it needs."""
+        first, before = chain is self._first, chain.frame
+        with self._lock:
+            ready = self._ready(view, scale, first, chain.moment)
+        frame = LiveFrame(ready, None if first else view.passes, before, first and before is not None, unwanted)
+        chain.frame, chain.moment = frame, ready.content.shutter.at(0.0)
+        return frame, ready
+
+    def _ready(self, view: SessionView, scale: float, first: bool, before: Moment | None) -> Prepared:
+        """Return what a frame needs; what did not change since the last frame are the same objects."""
+        width, height = (max(1, round(scale * each)) for each in (view.width, view.height))
+        # `denoise` leaves the passes' bits as they are; whether pictures are denoised is up to `Development.denoise`.
+        settings = {"denoise": view.denoise and can_denoise(), **({"beams": _FIRST_PATHS} if first else {})}
+        picture = {"width": width, "height": height, "crop": view.area, "blur": view.blur and not first}
+        ready = prepare(
+            self._shot.subject, self._viewpoint(view), view.frame, 1 if first else view.passes, None,
+            {**settings, **picture, "lens": view.lens},
+        )  # fmt: skip
+        self._check_edits()
+        shutter, viewers = ready.content.shutter, ready.content.viewers
+        moment = shutter.at(0.0)
+
+        def seen(content: Scene) -> Scene:
+            content = with_fewer_paths(content, _FIRST_PATHS) if first else content
+            return alone(content, view.solo) if view.solo else content
+
+        content = seen(moment.scene)
+        if before is not None:  # the widths of beams depend on the bounds, which an edit may change
+            bounds, content = content.bounds, followed(before.scene, content)
+            content = content if equal(content.bounds, bounds) else replace(content, bounds=bounds)
+        cameras = moment.cameras
+        if view.pose is not None:
+            cameras = placed(cameras, view.pose)
+        if before is not None and len(before.cameras) == len(cameras):
+            cameras = tuple(map(same, before.cameras, cameras))
+        seen_from = viewers() if view.pose is None else cameras
+        shutter = self._beginning(shutter, Moment(content, cameras), seen, view.pose is not None)
+        return replace(ready, content=replace(ready.content, shutter=shutter, viewers=lambda: seen_from))
+
+    def _beginning(self, shutter: Shutter, moment: Moment, seen: Callable[[Scene], Scene], free: bool) -> Shutter:
+        """Return a shutter that begins with the given moment; the scenes of later ones go through `seen`.
+
+        A `free` camera does not move.
+        """
+
+        def at(fraction: float, of: Callable[[float], Moment] = shutter.at) -> Moment:
+            if fraction == 0:
+                return moment
+            with self._lock:  # the stage is read
+                found = of(fraction)
+            cameras = moment.cameras if free else tuple(map(same, moment.cameras, found.cameras))
+            return Moment(followed(moment.scene, seen(found.scene)), cameras)
+
+        before = shutter.before
+        return replace(shutter, at=at, before=None if before is None else partial(at, of=before))
+
+    def _check_edits(self) -> None:
+        """Raise a warning about what was edited as a SceneError: who edits a value does not want a substitute."""
+        warnings, edited = self._shot.warnings, self._edited()
+        wrong = [text for text in warnings.given if any(path in text for path in edited)]
+        warnings.given.difference_update(wrong)  # so that they can be given again
+        if wrong:
+            raise SceneError(warnings.causes.get(wrong[0], wrong[0]))
 
 
 def with_fewer_paths(content: Scene, most: int) -> Scene:

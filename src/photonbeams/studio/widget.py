@@ -143,10 +143,10 @@ class Widget(anywidget.AnyWidget):
         last = self._last
         if last is None:
             return
-        found = encoded(last, self.layer, self.exposure)
+        found, data = encoded(last, self.layer, self.exposure)
         whole = [round(each / last.scale) for each in (found.width, found.height)]
         self.picture = {
-            "data": found.data, "mime": found.mime, "width": found.width, "height": found.height, "whole": whole,
+            "data": data, "mime": found.mime, "width": found.width, "height": found.height, "whole": whole,
             "passes": 0 if last.is_first else last.passes, "planned": last.planned,
         }  # fmt: skip
         self._sent = time.monotonic()

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from photonbeams.scene import SceneError
-from photonbeams.studio.thumbnails import thumbnail_of
+from photonbeams.studio.encoding import thumbnail_of
 from photonbeams.usd.authoring.presets import PRESETS
 
 
