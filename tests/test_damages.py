@@ -12,7 +12,7 @@ import pytest
 import photonbeams as pb
 from photonbeams.images.files import read_parts, summaries
 from photonbeams.images.tiles import join_tiles
-from photonbeams.images.writing import write_frame, write_png
+from photonbeams.images.writing import write_png
 from photonbeams.render.films.frame_sums import FrameSums
 from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime.inputs import arrays, opened
@@ -24,6 +24,7 @@ from photonbeams.usd.lights.ies import parse
 from photonbeams.usd.stage import default_time, open_stage, read_scene, sample_times
 from photonbeams.volumes.vol import HEADER, read_vol
 from tests.helpers import mutations
+from tests.helpers.frames import write_frame
 from tests.helpers.full_stage import STAGE
 
 IES = "IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 5 2 1 2 0 0 0\n1 1 50\n0 22.5 45 67.5 90\n0 90\n" + "9 8 7 6 5\n" * 2

@@ -23,6 +23,7 @@ from photonbeams.studio.autosave import Autosave
 from photonbeams.usd.common.openusd import Gf, Sdf, Vt
 from photonbeams.usd.layers.writing import write_layer
 from tests.helpers.disks import limited
+from tests.helpers.frames import write_frame
 
 pytestmark = pytest.mark.usefixtures("helping_thread")
 
@@ -35,12 +36,12 @@ def noise(*shape):
 
 
 def write_exr(path, size):
-    images.write_frame(path, {"rgba": noise(8, size // 80, 4), "depth": noise(8, size // 80)})
+    write_frame(path, {"rgba": noise(8, size // 80, 4), "depth": noise(8, size // 80)})
 
 
 def write_views(path, size):
     layers = {"rgba": noise(8, size // 160, 4), "depth": noise(8, size // 160)}
-    images.write_frame(path, {}, views={"left": (layers, {}), "right": (layers, {})})
+    write_frame(path, {}, views={"left": (layers, {}), "right": (layers, {})})
 
 
 def write_tiles(path, size):

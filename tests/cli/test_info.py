@@ -10,8 +10,8 @@ import pytest
 
 from examples.vdb import write_vdb
 from photonbeams.cli.info import info
-from photonbeams.images.writing import write_frame
 from photonbeams.scene import SceneError
+from tests.helpers.frames import write_frame
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

@@ -10,7 +10,9 @@ import OpenImageIO
 import pytest
 
 from photonbeams.images import display, files, writing
+from photonbeams.runtime.files import try_path
 from photonbeams.scene import SceneError
+from tests.helpers.frames import write_frame
 
 SIZE = (30, 44)
 
@@ -53,7 +55,7 @@ def names_in(folder):
 
 
 def test_an_exr_has_a_part_for_each_layer_with_rgba_first(tmp_path, layers):
-    writing.write_frame(tmp_path / "a.exr", layers, METADATA)
+    write_frame(tmp_path / "a.exr", layers, METADATA)
     found = [
         (s.get_string_attribute("oiio:subimagename"), tuple(s.channelnames), str(s.format))
         for s in subimages(tmp_path / "a.exr")
@@ -70,7 +72,7 @@ def test_an_exr_has_a_part_for_each_layer_with_rgba_first(tmp_path, layers):
 
 
 def test_layers_read_back_as_written_to_the_precision_of_their_type(tmp_path, layers):
-    writing.write_frame(tmp_path / "a.exr", layers)
+    write_frame(tmp_path / "a.exr", layers)
     found = files.read_layers(tmp_path / "a.exr")
     assert list(found) == ["rgba", "surface", "beams", "beams_key", "transmittance", "depth"]
     for name, pixels in layers.items():
@@ -79,7 +81,7 @@ def test_layers_read_back_as_written_to_the_precision_of_their_type(tmp_path, la
 
 
 def test_headers_keep_their_values_and_types(tmp_path, layers):
-    writing.write_frame(tmp_path / "a.exr", layers, METADATA)
+    write_frame(tmp_path / "a.exr", layers, METADATA)
     with OpenEXR.File(str(tmp_path / "a.exr"), header_only=True) as file:
         assert len({part.name() for part in file.parts}) == 6
         for part in file.parts:
@@ -98,7 +100,7 @@ def test_headers_keep_their_values_and_types(tmp_path, layers):
 
 def test_a_cropped_frame_keeps_its_place_in_the_whole(tmp_path, layers):
     windows = {"dataWindow": (10, 5, 53, 34), "displayWindow": (0, 0, 99, 49)}
-    writing.write_frame(tmp_path / "a.exr", layers, windows)
+    write_frame(tmp_path / "a.exr", layers, windows)
     for spec in subimages(tmp_path / "a.exr"):
         assert (spec.x, spec.y, spec.width, spec.height) == (10, 5, 44, 30)
         assert (spec.full_width, spec.full_height) == (100, 50)
@@ -108,7 +110,7 @@ def test_colours_too_bright_for_half_become_the_largest_half_and_are_named(tmp_p
     pixels = np.full((2, 2, 3), 1e6, np.float32)
     pixels[0, 0] = np.inf, -np.inf, 65519.0
     alpha = np.full((2, 2, 4), (0.0, 0.0, 0.0, 1.0), np.float32)
-    writing.write_frame(tmp_path / "a.exr", {"rgba": alpha, "beams": pixels, "surface": 2e-8 * alpha[..., 1:]})
+    write_frame(tmp_path / "a.exr", {"rgba": alpha, "beams": pixels, "surface": 2e-8 * alpha[..., 1:]})
     found = files.read_layers(tmp_path / "a.exr")["beams"]
     assert [each.getMessage() for each in caplog.records] == [
         f"{tmp_path / 'a.exr'}: beams: colours beyond 65504, the largest half float: they are clamped, and layers do "
@@ -121,28 +123,28 @@ def test_colours_too_bright_for_half_become_the_largest_half_and_are_named(tmp_p
 
 def test_nan_stays_nan_so_that_it_can_be_found(tmp_path):
     pixels = np.full((2, 2, 3), np.nan, np.float32)
-    writing.write_frame(tmp_path / "a.exr", {"beams": pixels})
+    write_frame(tmp_path / "a.exr", {"beams": pixels})
     assert np.isnan(files.read_layers(tmp_path / "a.exr")["beams"]).all()
 
 
 def test_the_same_layers_make_the_same_bytes(tmp_path, layers):
     for name in ("a", "b"):
-        writing.write_frame(tmp_path / f"{name}.exr", layers, METADATA)
-        writing.write_frame(tmp_path / f"{name}.png", layers)
+        write_frame(tmp_path / f"{name}.exr", layers, METADATA)
+        write_frame(tmp_path / f"{name}.png", layers)
     assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
 def test_a_missing_folder_is_made(tmp_path, layers):
-    writing.write_frame(tmp_path / "new" / "deep" / "a.exr", layers)
+    write_frame(tmp_path / "new" / "deep" / "a.exr", layers)
     assert names_in(tmp_path / "new" / "deep") == ["a.exr"]
 
 
 def test_a_file_has_the_mode_that_the_umask_says(tmp_path, layers):
     before = os.umask(0o027)
     try:
-        writing.write_frame(tmp_path / "a.exr", layers)
-        writing.write_frame(tmp_path / "a.png", layers)
+        write_frame(tmp_path / "a.exr", layers)
+        write_frame(tmp_path / "a.png", layers)
     finally:
         os.umask(before)
     assert {(tmp_path / name).stat().st_mode & 0o777 for name in ("a.exr", "a.png")} == {0o640}
@@ -150,28 +152,27 @@ def test_a_file_has_the_mode_that_the_umask_says(tmp_path, layers):
 
 def test_layers_of_several_sizes_are_refused(tmp_path, layers):
     with pytest.raises(ValueError, match=r"depth \(2, 2\)"):
-        writing.write_frame(tmp_path / "a.exr", {**layers, "depth": np.ones((2, 2))})
+        write_frame(tmp_path / "a.exr", {**layers, "depth": np.ones((2, 2))})
     assert names_in(tmp_path) == []
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.tif", "a", ".exr"])
 def test_other_suffixes_are_refused(tmp_path, layers, name):
-    for call in (lambda p: writing.write_frame(p, layers), writing.prepare_output):
-        with pytest.raises(SceneError, match=r"\.exr \(layers\) or \.png"):
-            call(tmp_path / name)
+    with pytest.raises(SceneError, match=r"\.exr \(layers\) or \.png"):
+        write_frame(tmp_path / name, layers)
     assert names_in(tmp_path) == []
 
 
 def test_a_layer_without_colours_is_no_picture(tmp_path):
     depth = {"depth": np.ones((2, 3, 1), dtype=np.float32)}
     with pytest.raises(SceneError, match=r"cannot write .*a\.png: 'depth' has no colours: expected another layer"):
-        writing.write_frame(tmp_path / "a.png", depth, layer="depth")
+        write_frame(tmp_path / "a.png", depth, layer="depth")
     assert names_in(tmp_path) == []
 
 
 def test_a_layer_that_is_not_there_is_named(tmp_path, layers):
     with pytest.raises(SceneError, match="no layer 'fog', only surface, beams"):
-        writing.write_frame(tmp_path / "a.png", layers, layer="fog")
+        write_frame(tmp_path / "a.png", layers, layer="fog")
 
 
 # -- two eyes --------------------------------------------------------------------------------------------------------
@@ -188,7 +189,7 @@ def views(layers):
 
 
 def test_a_stereo_exr_has_the_parts_of_the_left_eye_and_then_of_the_right(tmp_path, views):
-    writing.write_frame(tmp_path / "a.exr", *views["left"], views=views)
+    write_frame(tmp_path / "a.exr", *views["left"], views=views)
     found = [
         (s.get_string_attribute("name"), s.get_string_attribute("view"), tuple(s.channelnames), str(s.format))
         for s in subimages(tmp_path / "a.exr")
@@ -207,7 +208,7 @@ def test_a_stereo_exr_has_the_parts_of_the_left_eye_and_then_of_the_right(tmp_pa
 
 
 def test_each_eye_of_an_exr_has_its_own_matrices_and_no_legacy_header(tmp_path, views):
-    writing.write_frame(tmp_path / "a.exr", *views["left"], views=views)
+    write_frame(tmp_path / "a.exr", *views["left"], views=views)
     assert OpenEXR.isOpenExrFile(str(tmp_path / "a.exr"))
     with OpenEXR.File(str(tmp_path / "a.exr")) as file:
         assert len({part.name() for part in file.parts}) == 12
@@ -222,7 +223,7 @@ def test_each_eye_of_an_exr_has_its_own_matrices_and_no_legacy_header(tmp_path, 
 
 
 def test_each_eye_reads_back_by_itself(tmp_path, views):
-    writing.write_frame(tmp_path / "a.exr", {}, views=views)
+    write_frame(tmp_path / "a.exr", {}, views=views)
     parts = files.read_parts(tmp_path / "a.exr")
     assert [(part.layer, part.view) for part in parts[::6]] == [("rgba", "left"), ("rgba", "right")]
     both = files.read_layers(tmp_path / "a.exr")
@@ -238,8 +239,8 @@ def test_each_eye_reads_back_by_itself(tmp_path, views):
 
 
 def test_a_view_that_is_not_there_is_named(tmp_path, layers, views):
-    writing.write_frame(tmp_path / "one.exr", layers)
-    writing.write_frame(tmp_path / "two.exr", layers, views=views)
+    write_frame(tmp_path / "one.exr", layers)
+    write_frame(tmp_path / "two.exr", layers, views=views)
     with pytest.raises(SceneError, match=r"one\.exr has no view 'left': its views are none"):
         files.read_layers(tmp_path / "one.exr", "left")
     with pytest.raises(SceneError, match=r"two\.exr has no view 'centre': its views are left, right"):
@@ -247,15 +248,15 @@ def test_a_view_that_is_not_there_is_named(tmp_path, layers, views):
 
 
 def test_one_eye_alone_says_which_it_is_under_the_names_of_a_mono_file(tmp_path, layers):
-    writing.write_frame(tmp_path / "a.exr", layers, {"view": "right"})
-    writing.write_frame(tmp_path / "b.exr", {}, views={"right": (layers, {})})
+    write_frame(tmp_path / "a.exr", layers, {"view": "right"})
+    write_frame(tmp_path / "b.exr", {}, views={"right": (layers, {})})
     assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
     assert {part.view for part in files.read_parts(tmp_path / "a.exr")} == {"right"}
     assert list(files.read_layers(tmp_path / "a.exr"))[:2] == ["rgba", "surface"]
 
 
 def test_a_mono_file_says_no_view(tmp_path, layers):
-    writing.write_frame(tmp_path / "a.exr", layers, METADATA, views={})
+    write_frame(tmp_path / "a.exr", layers, METADATA, views={})
     with OpenEXR.File(str(tmp_path / "a.exr"), header_only=True) as file:
         assert [part.name() for part in file.parts][:2] == ["rgba", "surface"]
         assert not any({"view", "multiView"} & set(part.header) for part in file.parts)
@@ -265,7 +266,7 @@ def test_a_cropped_stereo_frame_keeps_its_place_in_both_eyes(tmp_path, layers):
     display = {"displayWindow": (0, 0, 99, 49)}
     places = {"left": (10, 5, 53, 34), "right": (12, 5, 55, 34)}
     views = {view: (layers, {**display, "dataWindow": window}) for view, window in places.items()}
-    writing.write_frame(tmp_path / "a.exr", {}, views=views)
+    write_frame(tmp_path / "a.exr", {}, views=views)
     for spec in subimages(tmp_path / "a.exr"):
         left, top = places[spec.get_string_attribute("view")][:2]
         assert (spec.x, spec.y, spec.width, spec.height) == (left, top, 44, 30)
@@ -279,9 +280,9 @@ def test_a_stereo_picture_shows_the_eyes_side_by_side_each_as_it_is_alone(tmp_pa
         file.close()
         return result
 
-    writing.write_frame(tmp_path / "both.png", *views["left"], "beams", 1.5, views=views)
+    write_frame(tmp_path / "both.png", *views["left"], "beams", 1.5, views=views)
     for view, (layers, metadata) in views.items():
-        writing.write_frame(tmp_path / f"{view}.png", layers, metadata, "beams", 1.5)
+        write_frame(tmp_path / f"{view}.png", layers, metadata, "beams", 1.5)
     both = pixels(tmp_path / "both.png")
     assert both.shape == (SIZE[0], 2 * SIZE[1], 3)
     np.testing.assert_array_equal(both[:, : SIZE[1]], pixels(tmp_path / "left.png"))
@@ -307,20 +308,20 @@ def test_views_that_cannot_be_in_one_file_are_refused_before_a_byte_is_written(t
         for view, (shapes, metadata) in (("left", left), ("right", right))
     }
     with pytest.raises(ValueError, match=message) as error:
-        writing.write_frame(tmp_path / "a.exr", {}, views=views)
+        write_frame(tmp_path / "a.exr", {}, views=views)
     assert "\n" not in str(error.value)
     assert names_in(tmp_path) == []
 
 
 def test_one_view_without_a_name_is_refused_beside_another(tmp_path, layers):
     with pytest.raises(ValueError, match="got views '', 'right': expected a name for each"):
-        writing.write_frame(tmp_path / "a.exr", {}, views={"": (layers, {}), "right": (layers, {})})
+        write_frame(tmp_path / "a.exr", {}, views={"": (layers, {}), "right": (layers, {})})
 
 
 def test_a_stereo_picture_of_unlike_eyes_is_refused(tmp_path, layers):
     with pytest.raises(SceneError, match=r"no layer 'beams', only rgba"):
         views = {"left": (layers, {}), "right": ({"rgba": layers["rgba"]}, {})}
-        writing.write_frame(tmp_path / "a.png", layers, layer="beams", views=views)
+        write_frame(tmp_path / "a.png", layers, layer="beams", views=views)
     with pytest.raises(ValueError, match=r"eyes \[30, 29\] pixels high"):
         writing.write_png(tmp_path / "a.png", layers["rgba"], layers["rgba"][1:])
     assert names_in(tmp_path) == []
@@ -331,8 +332,8 @@ def test_a_stereo_picture_of_unlike_eyes_is_refused(tmp_path, layers):
 
 def test_an_output_is_tried_before_rendering_and_leaves_no_trace(tmp_path):
     (tmp_path / "old.exr").write_bytes(b"yesterday")
-    assert writing.prepare_output(tmp_path / "old.exr") == tmp_path / "old.exr"
-    writing.prepare_output(tmp_path / "sub" / "new.png")
+    try_path(tmp_path / "old.exr")
+    try_path(tmp_path / "sub" / "new.png")
     assert (tmp_path / "old.exr").read_bytes() == b"yesterday"
     assert names_in(tmp_path) == ["old.exr"]
 
@@ -340,17 +341,17 @@ def test_an_output_is_tried_before_rendering_and_leaves_no_trace(tmp_path):
 def test_a_folder_in_the_way_is_an_error_that_names_it(tmp_path, layers):
     (tmp_path / "a.exr").mkdir()
     with pytest.raises(IsADirectoryError) as error:
-        writing.write_frame(tmp_path / "a.exr", layers)
+        write_frame(tmp_path / "a.exr", layers)
     assert error.value.filename == str(tmp_path / "a.exr")
 
 
 def test_a_file_in_the_folders_place_is_an_error(tmp_path, layers):
     (tmp_path / "out").write_text("a file")
     with pytest.raises(OSError) as error:
-        writing.write_frame(tmp_path / "out" / "a.exr", layers)
+        write_frame(tmp_path / "out" / "a.exr", layers)
     assert error.value.filename == str(tmp_path / "out" / "a.exr")
     with pytest.raises(OSError):
-        writing.write_frame(tmp_path / "out" / "sub" / "a.exr", layers)
+        write_frame(tmp_path / "out" / "sub" / "a.exr", layers)
     assert names_in(tmp_path) == ["out"]
 
 
@@ -358,14 +359,14 @@ def test_a_file_in_the_folders_place_is_an_error(tmp_path, layers):
 def test_an_unwritable_folder_is_an_error_that_names_the_file(tmp_path, layers):
     tmp_path.chmod(0o555)
     with pytest.raises(PermissionError) as error:
-        writing.write_frame(tmp_path / "a.exr", layers)
+        write_frame(tmp_path / "a.exr", layers)
     assert error.value.filename == str(tmp_path / "a.exr")
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder where nobody may write")
 def test_a_folder_where_nobody_may_write_is_an_error_that_names_the_file(layers):
     with pytest.raises(OSError) as error:
-        writing.write_frame("/proc/self/a.exr", layers)
+        write_frame("/proc/self/a.exr", layers)
     assert error.value.filename == "/proc/self/a.exr"
 
 
@@ -402,7 +403,7 @@ def test_a_file_that_is_no_image_is_named(tmp_path):
 
 def test_a_truncated_exr_is_an_error(tmp_path, layers):
     path = tmp_path / "a.exr"
-    writing.write_frame(path, layers)
+    write_frame(path, layers)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(SceneError, match=r"a\.exr cannot be read"):
         files.read_layers(path)

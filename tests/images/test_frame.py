@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from photonbeams.images import previews
+from photonbeams.images import frame as frames
 from photonbeams.images.display import srgb_decoded
 from photonbeams.images.frame import Frame
 from photonbeams.render.passes import Statistics
@@ -39,11 +39,11 @@ def test_a_frame_says_its_size_passes_and_layers_in_one_line(noise):
     assert repr(frame_of(noise, noise)) == "Frame(two eyes of 160 x 90 pixels, 3 passes, rgba)"
 
 
-@pytest.mark.parametrize("name, limit", [("MOST_BYTES", 20_000), ("MOST_PIXELS", 5000)])
+@pytest.mark.parametrize("name, limit", [("MOST_BYTES", 20_000), ("MOST_PREVIEWED", 5000)])
 def test_large_pictures_are_made_smaller_and_keep_their_aspect_and_their_light(noise, monkeypatch, name, limit):
     noise += np.linspace(-0.1, 0.1, 160, dtype=np.float32)[None, :, None]
-    monkeypatch.setattr(previews, name, limit)
-    found = previews.preview(noise)
+    monkeypatch.setattr(frames, name, limit)
+    found = frames.preview(noise)
     small = pixels_of(found)
     assert (len(found) if name == "MOST_BYTES" else small.shape[0] * small.shape[1]) <= 1.02 * limit
     assert small.shape[0] < 90 and small.shape[1] / small.shape[0] == pytest.approx(160 / 90, rel=0.02)
@@ -54,15 +54,15 @@ def test_large_pictures_are_made_smaller_and_keep_their_aspect_and_their_light(n
 
 def test_a_limit_that_nothing_meets_is_met_by_all_that_is_usual(rng):
     """Even noise meets the limit, although no picture is harder to compress: 800 x 480 pixels exceed a megabyte."""
-    found = previews.preview(rng.uniform(0, 1, (480, 800, 3)).astype(np.float32))
-    assert 300_000 < len(found) <= previews.MOST_BYTES
+    found = frames.preview(rng.uniform(0, 1, (480, 800, 3)).astype(np.float32))
+    assert 300_000 < len(found) <= frames.MOST_BYTES
 
 
 def test_broken_and_infinite_pixels_stay_where_they_are(monkeypatch):
-    monkeypatch.setattr(previews, "MOST_PIXELS", 40 * 40)
+    monkeypatch.setattr(frames, "MOST_PREVIEWED", 40 * 40)
     pixels = np.full((80, 80, 3), 0.2, np.float32)
     pixels[10, 10], pixels[60, 60] = np.nan, np.inf
-    small = pixels_of(previews.preview(pixels)).astype(int)
+    small = pixels_of(frames.preview(pixels)).astype(int)
     usual = small[20, 20]
     assert (small[5, 5] < usual).all() and (small[30, 30] == 255).all()
     away = np.abs(small - usual).max(axis=2) > 1  # beyond what dithering does

@@ -62,11 +62,11 @@ def quadrature(
 
 def _check(plot: Path) -> None:
     """Refuse a plot that cannot be written, before anything is computed."""
-    from ..images.writing import prepare_output
+    from ..runtime.files import try_path
 
     if plot.suffix.lower() != ".png":
         raise typer.BadParameter(f"{plot} is not the name of a picture: expected FILE.png", param_hint="'--plot'")
-    prepare_output(plot)
+    try_path(plot)
 
 
 def _study(rays: int, max_order: int, seed: int) -> dict[str, list[Curve]]:

@@ -40,8 +40,7 @@ def swatch(
 
     Examples: photonbeams swatch look.usda -o look.png, or photonbeams swatch shot.usda --look Ember -o ember.png
     """
-    from ..images.writing import prepare_output
-    from ..runtime.files import atomic_file
+    from ..runtime.files import atomic_file, try_path
     from ..runtime.limits import check_address_space
 
     if output.suffix.lower() != ".png":
@@ -50,7 +49,7 @@ def swatch(
         raise typer.BadParameter(
             f"--radius is {radius[0]:g} {radius[1]:g}: expected radii of at least 0 that are not both 0"
         )
-    prepare_output(output)
+    try_path(output)
     check_address_space()
     with messages(quiet=False, verbose=False):
         from ..usd.look_library import find_looks

@@ -17,7 +17,7 @@ import OpenImageIO
 
 from ..runtime.files import PathLike
 from ..scene import Array, SceneError
-from .files import check_decoded, check_image, complaint, opened, pixels_of, unreadable
+from .files import check_decoded, check_image, opened, pixels_of, read_pixels
 from .numbering import numbered
 from .writing import REC709
 
@@ -186,11 +186,7 @@ class ImageFile:
         spec = self._specs[part]
         check_decoded(self._path, pixels_of(spec) * spec.nchannels + self.size[0] * self.size[1] * len(channels))
         with opened(self._path) as file:
-            data = file.read_image(part, 0, 0, spec.nchannels, "float")
-            message = complaint(file)
-        if data is None or message:
-            raise unreadable(self._path, message)
-        data = np.asarray(data, np.float32).reshape(spec.height, spec.width, spec.nchannels)
+            data = read_pixels(self._path, file, part)
         corner = spec.x - spec.full_x, spec.y - spec.full_y
         return placed(data[..., [each.index for each in channels]], corner, box, outside)
 

@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import OpenImageIO
 
 from ..runtime.files import PathLike
-from ..runtime.inputs import check_size, is_special, why_unreadable
+from ..runtime.inputs import check_size, problem_of
 from ..scene import Array, SceneError
 from .display import is_encoded, srgb_decoded
 
@@ -67,7 +66,7 @@ def read_parts(path: PathLike) -> list[Part]:
     with opened(path) as file:
         headers = list(_headers(path, file))
         check_decoded(path, sum(pixels_of(spec) * spec.nchannels for _, spec in headers))
-        return [Part(**vars(header), pixels=_pixels(path, file, i)) for i, (header, _) in enumerate(headers)]
+        return [Part(**vars(header), pixels=read_pixels(path, file, i)) for i, (header, _) in enumerate(headers)]
 
 
 def summaries(path: PathLike) -> list[Summary]:
@@ -119,7 +118,7 @@ def read_image(path: PathLike) -> Array:
     8-bit images of three or four channels are taken as sRGB, others as linear.
     """
     with opened(path) as file:
-        pixels = _pixels(path, file, 0)
+        pixels = read_pixels(path, file, 0)
         kind = str(file.spec().format)
     if is_encoded(kind, pixels.shape[2]):
         pixels[..., :3] = srgb_decoded(pixels[..., :3])
@@ -129,10 +128,7 @@ def read_image(path: PathLike) -> Array:
 @contextmanager
 def opened(path: PathLike, config: OpenImageIO.ImageSpec | None = None) -> Iterator[OpenImageIO.ImageInput]:
     """Open an image file as an OpenImageIO input, for a `with` statement; no part of it is too large to be decoded."""
-    path = Path(path)
-    if problem := why_unreadable(path, _MOST_BYTES):
-        if not (is_special(path) or path.is_dir()):
-            path.open("rb").close()  # for the system's own error if the file does not exist or may not be read
+    if problem := problem_of(path, _MOST_BYTES):
         raise UnreadableImageError(path, problem)
     given = [] if config is None else [config]
     file: Any = OpenImageIO.ImageInput.open(str(path), *given)
@@ -195,7 +191,7 @@ def _headers(path: PathLike, file: OpenImageIO.ImageInput) -> Iterator[tuple[Par
         yield PartHeader(names[-1], tuple(spec.channelnames), types, view), spec
 
 
-def _pixels(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> Array:
+def read_pixels(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> Array:
     """Return the pixels of a part, (H, W, C) float32."""
     file.seek_subimage(index, 0)
     spec = file.spec()

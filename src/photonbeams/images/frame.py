@@ -5,18 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import floor
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..runtime.files import PathLike, write_bytes
 from ..scene import MOST_PIXELS, Array, SceneError
-from .previews import preview
-from .writing import encoded_frame
+from .textures import resized
+from .writing import encoded_exr, png_of
 
 if TYPE_CHECKING:
     from ..render.passes import Statistics
 
+# A notebook stores pictures as text: a few large ones make it slow to open and to compare.
+MOST_BYTES = 1_000_000
+MOST_PREVIEWED = 1 << 21  # pixels, about 1920 x 1080
 
 _EDGE = 1e-4  # of a pixel: added to edges, so that rounding down gives the right pixel
 
@@ -85,7 +89,18 @@ class Frame:
 
         `layer` and `exposure` are as for `write`.
         """
-        return encoded_frame(path, self.layers, self.metadata, layer, exposure, self.views)
+        path, views = Path(path), self.views or {"": (self.layers, self.metadata)}
+        if path.suffix.lower() == ".exr":
+            return encoded_exr(path, views)
+        if path.suffix.lower() != ".png":
+            raise SceneError(f"cannot write {path}: expected a name that ends in .exr (layers) or .png (a picture)")
+        for layers, _ in views.values():
+            if layer not in layers:
+                raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(layers)}")
+            if layers[layer].shape[2] < 3:
+                raise SceneError(f"cannot write {path}: '{layer}' has no colours: expected another layer, or an .exr")
+        eyes, ratio = [layers[layer] for layers, _ in views.values()], self.metadata.get("pixelAspectRatio", 1.0)
+        return png_of(*eyes, exposure=exposure, pixel_aspect=ratio)
 
     def __repr__(self) -> str:
         height, width = self.layers["rgba"].shape[:2]
@@ -96,6 +111,30 @@ class Frame:
     def _repr_png_(self) -> bytes:
         """Return the PNG that `write` writes, for notebooks; large pictures are scaled down: see `preview`."""
         return preview(*(layers["rgba"] for layers, _ in self.views.values() or [(self.layers, {})]))
+
+
+def preview(*eyes: Array) -> bytes:
+    """Return the PNG that `png_of` returns for eyes, scaled down if it has many pixels or bytes.
+
+    Raises
+    ------
+    ValueError
+        Eyes of different heights.
+    """
+    scale = min(1.0, (MOST_PREVIEWED / sum(np.shape(each)[0] * np.shape(each)[1] for each in eyes)) ** 0.5)
+    while len(data := png_of(*(_smaller(each, scale) for each in eyes))) > MOST_BYTES:
+        scale *= min(0.9, (MOST_BYTES / len(data)) ** 0.5)
+    return data
+
+
+def _smaller(pixels: Array, scale: float) -> Array:
+    """Return a scene-linear picture scaled by up to 1; each pixel is the mean of those that it covers."""
+    if scale == 1.0:
+        return pixels
+    height, width = (max(1, round(scale * count)) for count in np.shape(pixels)[:2])
+    # One infinite pixel or NaN would spoil its neighbours.
+    finite = np.nan_to_num(np.asarray(pixels, dtype=np.float32)[..., :3], nan=0.0, posinf=1e30, neginf=0.0)
+    return resized(finite, height, width)
 
 
 def tile_of(

@@ -98,7 +98,7 @@ def _read(file: OpenImageIO.ImageInput, level: int, linearize: Linearize, limit:
         if stored is None or not np.size(stored):
             return None
         pixels = linearize(np.asarray(stored, dtype=np.float32).reshape(height, width, -1), kind)
-        return _resized(pixels, limit)
+        return _limited(pixels, limit)
     result = np.empty((-(-height // factor), -(-width // factor), channels), np.float32)
     for first, strip in strips(file, 0, level, channels, factor):
         if strip is None:
@@ -106,21 +106,24 @@ def _read(file: OpenImageIO.ImageInput, level: int, linearize: Linearize, limit:
         rows = np.asarray(strip, dtype=np.float32).reshape(-1, width, channels)
         scaled = _means(linearize(rows, kind), factor)
         result[first // factor : first // factor + len(scaled)] = scaled
-    return _resized(result, limit)
+    return _limited(result, limit)
 
 
-def _resized(pixels: Array, limit: int) -> Array:
+def _limited(pixels: Array, limit: int) -> Array:
     """Return pixels, with less than twice the limit along a side, scaled down to it; the aspect ratio stays."""
-    height, width, channels = pixels.shape
+    height, width, _ = pixels.shape
     size = max(height, width)
     if size <= limit:
         return pixels
-    small = max(1, round(height * limit / size)), max(1, round(width * limit / size))
-    spec = OpenImageIO.ImageSpec(small[1], small[0], channels, "float")
-    result = OpenImageIO.ImageBuf(spec)
-    if not OpenImageIO.ImageBufAlgo.resize(result, OpenImageIO.ImageBuf(pixels), filtername="box"):
-        return pixels
-    return np.asarray(result.get_pixels("float"), dtype=np.float32).reshape(*small, channels)
+    return resized(pixels, max(1, round(height * limit / size)), max(1, round(width * limit / size)))
+
+
+def resized(pixels: Array, height: int, width: int) -> Array:
+    """Return pixels, (H, W, C) float32, at a smaller size; each is the mean of those that it covers."""
+    region = OpenImageIO.ROI(0, width, 0, height, 0, 1, 0, pixels.shape[2])
+    source = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
+    made = OpenImageIO.ImageBufAlgo.resize(source, filtername="box", roi=region)
+    return np.asarray(made.get_pixels("float"), dtype=np.float32).reshape(height, width, -1)
 
 
 def _means(pixels: Array, factor: int) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import OpenEXR
 
 from ..runtime.files import PathLike, write_bytes
-from ..runtime.inputs import is_special, why_unreadable
+from ..runtime.inputs import problem_of
 from ..scene import Array, SceneError
 from .files import MOST_PIXELS
 from .writing import encoded_parts
@@ -75,9 +75,7 @@ def exr_parts(path: Path, *, header_only: bool = False) -> list[OpenEXR.Part]:
     OSError
         A file that does not exist or may not be read.
     """
-    if problem := why_unreadable(path):
-        if not (is_special(path) or path.is_dir()):
-            path.open("rb").close()  # for the system's own error if the file does not exist or may not be read
+    if problem := problem_of(path):
         raise SceneError(f"{path}: expected an EXR, but {problem}")
     try:
         parts = list(OpenEXR.File(str(path), separate_channels=False, header_only=header_only).parts)

@@ -1,4 +1,4 @@
-"""Write image files: layered EXRs and tone-mapped PNGs, whole or not at all (`runtime.files`)."""
+"""Encode pictures: layered EXRs and tone-mapped PNGs."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ import zlib
 from collections.abc import Mapping
 from fractions import Fraction
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import OpenEXR
 
-from ..runtime.files import PathLike, try_path, write_bytes
+from ..runtime.files import PathLike, write_bytes
 from ..scene import Array, SceneError
 from .display import dithered, srgb_encoded, tone_mapped
 from .files import reason
@@ -32,102 +31,26 @@ SHARED = ("displayWindow", "pixelAspectRatio", "chromaticities")
 _PNG_UNIT = 10_000  # pixels in the unit of length in which a PNG gives the shape of its pixels
 
 
-def prepare_output(path: PathLike) -> Path:
-    """Check, before hours of rendering, that a picture can be written to `path`, and return it.
-
-    The check leaves no trace. When the picture is written its folder is made, if it does not exist, as by usdrecord.
-
-    Raises
-    ------
-    SceneError
-        A name that ends neither in .exr nor in .png.
-    OSError
-        The folder cannot be made or written to, or there is a folder with the file's name.
-    """
-    path = _picture_path(path)
-    try_path(path)
-    return path
-
-
-def _picture_path(path: PathLike) -> Path:
-    path = Path(path)
-    if path.suffix.lower() not in (".exr", ".png"):
-        raise SceneError(f"cannot write {path}: expected a name that ends in .exr (layers) or .png (a picture)")
-    return path
-
-
-def write_frame(
-    path: PathLike,
-    layers: Mapping[str, Array],
-    metadata: Metadata | None = None,
-    layer: str = "rgba",
-    exposure: float = 0.0,
-    views: Views | None = None,
-) -> None:
-    """Write the file that `encoded_frame` returns; its folder is made if it does not exist."""
-    write_bytes(path, encoded_frame(path, layers, metadata, layer, exposure, views))
-
-
-def encoded_frame(
-    path: PathLike,
-    layers: Mapping[str, Array],
-    metadata: Metadata | None = None,
-    layer: str = "rgba",
-    exposure: float = 0.0,
-    views: Views | None = None,
-) -> bytes | memoryview:
-    """Return a frame as the file that will be at `path`: all layers as an .exr, or one `layer` tone-mapped as a .png.
-
-    Parameters
-    ----------
-    views
-        As for `encoded_exr`; a .png shows them side by side at full size, the first on the left.
-
-    Raises
-    ------
-    SceneError
-        Another suffix, no such layer, or a .png of a layer without colours, such as `depth`.
-    ValueError
-        As `encoded_exr` and `png_of`.
-    """
-    path = _picture_path(path)
-    if path.suffix.lower() == ".exr":
-        return encoded_exr(path, layers, metadata, views)
-    eyes = [each for each, _ in views.values()] if views else [layers]
-    for each in eyes:
-        if layer not in each:
-            raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(each)}")
-        if each[layer].shape[2] < 3:
-            raise SceneError(f"cannot write {path}: '{layer}' has no colours: expected another layer, or an .exr")
-    ratio = (metadata or {}).get("pixelAspectRatio", 1.0)
-    return png_of(*(each[layer] for each in eyes), exposure=exposure, pixel_aspect=ratio)
-
-
-def encoded_exr(
-    path: PathLike,
-    layers: Mapping[str, Array],
-    metadata: Metadata | None = None,
-    views: Views | None = None,
-) -> memoryview:
+def encoded_exr(path: PathLike, views: Views) -> memoryview:
     """Return a multi-part EXR with a part for each layer, `rgba` first: ZIP, half for colours, float for others.
+
+    Layers are pixels by name, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), those of
+    `normal` X, Y, Z, and (H, W) or (H, W, 1) becomes Z. Colours beyond ±65504, the largest half, are clamped, with a
+    warning; infinite depth stays.
+
+    Metadata are header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (2,)
+    and (4, 4) arrays. The matrices worldToCamera and worldToNDC are for row vectors, as in Imath and USD. For a cropped
+    frame, or one with overscan, `dataWindow` and `displayWindow` are (x0, y0, x1, y1), the last pixel included.
+    Chromaticities are Rec. 709 unless given.
 
     Parameters
     ----------
     path
         Where the file will be, for messages.
-    layers
-        Pixels by name, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), those of
-        `normal` X, Y, Z, and (H, W) or (H, W, 1) becomes Z. Colours beyond ±65504, the largest half, are clamped,
-        with a warning; infinite depth stays.
-    metadata
-        Header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (2,) and
-        (4, 4) arrays. The matrices worldToCamera and worldToNDC are for row vectors, as in Imath and USD. For a cropped
-        frame, or one with overscan, `dataWindow` and `displayWindow` are (x0, y0, x1, y1), the last pixel included.
-        Chromaticities are Rec. 709 unless given.
     views
-        Layers and metadata of each view, instead of `layers` and `metadata`: "left" and "right", the default one
-        first. Each part has the attribute `view`; if there are several views, the part's name ends with it, as in
-        beams.left, since names must be unique.
+        Layers and metadata of each view, "left" and "right", the default one first; a single one may have no name. Each
+        part has the attribute `view`; if there are several views, the part's name ends with it, as in beams.left, since
+        names must be unique.
 
     Raises
     ------
@@ -140,7 +63,6 @@ def encoded_exr(
     Storing multi-view images, https://openexr.com/en/latest/MultiViewOpenEXR.html: this is the preferred one of its two
     forms.
     """
-    views = views or {"": (layers, metadata or {})}
     views = {
         view: (seen, {"chromaticities": REC709, **about, **({"view": view} if view else {})})
         for view, (seen, about) in views.items()

@@ -51,6 +51,14 @@ def why_unreadable(path: PathLike, most: int | None = None) -> str:
     return _wrong(status, most) or ("" if os.access(path, os.R_OK) else os.strerror(EACCES))
 
 
+def problem_of(path: PathLike, most: int | None = None) -> str:
+    """Return what `why_unreadable` does; raise the system's own error if there is no file, or it may not be read."""
+    problem = why_unreadable(path, most)
+    if problem and not (is_special(path) or os.path.isdir(path)):
+        open(path, "rb").close()
+    return problem
+
+
 def is_special(path: PathLike) -> str:
     """Return what a path leads to, such as "it is a named pipe"; "" for files, folders, and if there is nothing."""
     try:
