@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from photonbeams.farm.dispatch import MOST_LOST, Dispatcher, FramePart, LostError, most_passes, parts_of
 
 
-def simulate(frames, workers, seconds, deaths=(), hung=(), queued=2):
+def simulate(frames, workers, seconds, deaths=(), hung=()):
     """Return the time when all is done, the parts in the order in which they finish, and the number of rendered passes.
 
     `seconds(worker, part)` is how long a part takes, `deaths` are pairs (time, worker), `hung` workers never finish.
     """
-    dispatcher, now, rendered, finished = Dispatcher(frames, queued), 0.0, 0, []
+    dispatcher, now, rendered, finished = Dispatcher(frames), 0.0, 0, []
     free_at = dict.fromkeys(workers, 0.0)
     events = [(time, "death", name, None) for time, name in deaths]
     heapq.heapify(events)

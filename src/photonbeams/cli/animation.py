@@ -23,15 +23,7 @@ if TYPE_CHECKING:
 
 
 class FrameError(Exception):
-    """A render ended at a frame; its cause is the error that ended it.
-
-    Attributes
-    ----------
-    frame
-        "frame 7: ", or "" if there is only one frame.
-    done
-        A message about what was written before, and what is `kept` of the unfinished frame.
-    """
+    """A render ended at a `frame`, "frame 7: " or "", after it had `done` what a message says; its cause says why."""
 
     def __init__(self, frame: str, written: int, kept: str | None = None) -> None:
         super().__init__(frame, written, kept)
@@ -143,20 +135,10 @@ class Animation:
         return [task for task in self.tasks if not (self.skip_existing and task.exists())]
 
     def render(self, finish: Finish, check: Callable[[], None]) -> None:
-        """Render the frames, and report what was done.
+        """Render the frames, and report what was done; raise FrameError from an error that ends this.
 
-        Parameters
-        ----------
-        finish
-            Renders and writes a frame. Its second argument is a function to call with the number of passes done and a
-            note on them.
-        check
-            Raises KeyboardInterrupt if Ctrl-C was pressed.
-
-        Raises
-        ------
-        FrameError
-            From the error that ended the render. The frames before are written.
+        `finish` renders and writes a frame; its second argument is called with the number of passes done and a note on
+        them. `check` raises KeyboardInterrupt if Ctrl-C was pressed.
         """
         begin = time.perf_counter()
         done: list[tuple[Task, Statistics]] = []

@@ -318,15 +318,9 @@ class PassFlags(Flags):
 
 @dataclass(frozen=True)
 class SettingsFlags(Flags):
-    """The flags of `Settings`; their options are made from what its fields say of themselves.
+    """The flags of `Settings`; their options are made from what its fields say of themselves."""
 
-    Attributes
-    ----------
-    values
-        The flags that are given, by the names of their parameters: "bounces" for --bounces.
-    """
-
-    values: Mapping[str, Any]
+    values: Mapping[str, Any]  # of the flags that are given, by the names of their parameters: "bounces" for --bounces
 
     @classmethod
     def options(cls) -> Iterator[Parameter]:

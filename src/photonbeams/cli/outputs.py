@@ -30,19 +30,11 @@ NUMBERS = ("depth", "normal")
 
 @dataclass(frozen=True)
 class Output:
-    """A file to write.
-
-    Attributes
-    ----------
-    path, layer
-        The file, and the layer that a picture shows.
-    variables
-        Layers that a render product asks for. If empty, an .exr holds the layers of `--layers`, a picture `layer`.
-    """
+    """A file to write. If `variables` are empty, an .exr holds the layers of `--layers`, a picture `layer`."""
 
     path: Path
-    layer: str = "rgba"
-    variables: tuple[str, ...] = ()
+    layer: str = "rgba"  # which a picture shows
+    variables: tuple[str, ...] = ()  # layers that a render product asks for
 
     def numbered(self, frame: float) -> Output:
         """Return the output of a frame, with its padded number for the run of # in the name."""

@@ -19,26 +19,15 @@ if TYPE_CHECKING:
 
 
 def load_function(flag: str, text: str | None) -> Callable[..., Any] | None:
-    """Return the function that a flag names, or None without the flag.
+    """Return the function that a flag names, or None without the flag; BadParameter if there is none.
 
     Exceptions of the file or the function become a SceneError of one sentence, with file and line.
-
-    Raises
-    ------
-    typer.BadParameter
-        No such file, or no such function in it.
     """
     return None if text is None else _told(*_loaded(flag, text, callable, "a function"))
 
 
 def load_looks(flag: str, texts: Sequence[str]) -> Look | dict[str, Look] | None:
-    """Return the looks that a flag names: FILE.py:NAME for all beams, PRIM=FILE.py:NAME for some, or None.
-
-    Raises
-    ------
-    typer.BadParameter
-        No such file, no look of that name in it, or two of them for the same beams.
-    """
+    """Return the looks that a flag names: FILE.py:NAME for all beams, PRIM=FILE.py:NAME for some, or None."""
     from ..looks import Look
 
     found: dict[str, Look] = {}

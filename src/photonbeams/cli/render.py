@@ -40,26 +40,14 @@ _SUMS_BYTES, _PROGRAM_BYTES = 300, 1 << 30
 
 @dataclass(frozen=True)
 class Job:
-    """An open scene, and what is asked of it. Methods raise SceneError or BadParameter.
-
-    Attributes
-    ----------
-    request, shot
-        What the user asks, and the shot.
-    own
-        The render settings that the stage has; flags are stronger.
-    settings, tasks
-        How frames are rendered, and which.
-    size
-        Width and height of all frames in pixels; `ready` finds it.
-    """
+    """An open scene, and what is asked of it. Methods raise SceneError or BadParameter."""
 
     request: RenderRequest
     shot: Shot
-    own: RenderSettings
+    own: RenderSettings  # those of the stage; flags are stronger
     settings: Settings
     tasks: Sequence[Task]
-    size: tuple[int, int] = (0, 0)
+    size: tuple[int, int] = (0, 0)  # of all frames, in pixels; `ready` finds it
 
     @classmethod
     def open(cls, request: RenderRequest, check: Callable[[], None]) -> Job:

@@ -17,13 +17,7 @@ COLUMNS = ("grid", "type", "class", "voxels", "box", "from", "voxel size", "rang
 
 
 def volume_rows(path: Path) -> list[tuple[str, ...]]:
-    """Return a row for each grid of a file.
-
-    Raises
-    ------
-    SceneError
-        A file that cannot be read.
-    """
+    """Return a row for each grid of a file; SceneError if it cannot be read."""
     try:
         with opened(path) as file:
             if path.suffix.lower() == ".vdb":

@@ -39,24 +39,12 @@ Write = Callable[[Any], None]
 
 @dataclass
 class Twin:
-    """A Mitsuba scene that is being written.
+    """A Mitsuba scene that is being written."""
 
-    Attributes
-    ----------
-    folder
-        The folder of its files, as the scene names it.
-    parts
-        Its plug-ins by id, as `mi.load_dict` takes them, except for the names of files.
-    files
-        Functions that return the files' bytes, by the names of these in the folder.
-    lost
-        Warnings about what is left out.
-    """
-
-    folder: str
-    parts: dict[str, Any] = field(default_factory=dict)
-    files: dict[str, Callable[[], bytes]] = field(default_factory=dict)
-    lost: list[str] = field(default_factory=list)
+    folder: str  # of its files, as the scene names it
+    parts: dict[str, Any] = field(default_factory=dict)  # plug-ins by id, as `mi.load_dict` takes them but for files
+    files: dict[str, Callable[[], bytes]] = field(default_factory=dict)  # their bytes, by their names in the folder
+    lost: list[str] = field(default_factory=list)  # warnings about what is left out
     _taken: set[str] = field(default_factory=set)
 
     def id_of(self, path: str) -> str:
@@ -85,15 +73,7 @@ class Twin:
 
 
 def twin_of(content: scene.Scene, camera: scene.Camera, window: Window, folder: str) -> Twin:
-    """Return the twin of a scene as its camera sees it.
-
-    Parameters
-    ----------
-    content, camera, window
-        The scene, its camera, and the picture's size and crop.
-    folder
-        Path of the folder for the twin's files, relative to the file that names them.
-    """
+    """Return the twin of a scene as its camera sees it; `folder` is for its files, beside the file that names them."""
     from .lights import add_lights  # here, because it imports this module
 
     twin = Twin(folder)

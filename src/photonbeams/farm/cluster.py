@@ -30,24 +30,12 @@ class FarmError(Exception):
 
 @dataclass(frozen=True)
 class FarmOptions:
-    """Where the workers are.
+    """Where the workers are."""
 
-    Attributes
-    ----------
-    workers
-        The number of workers to start on this machine; None with a scheduler.
-    scheduler
-        The address of a running Dask scheduler, such as tcp://farm:8786 or tls://farm:8786.
-    threads
-        Processor threads of each worker that is started here; None divides the processors among them.
-    tls
-        Files for TLS, by the names `ca`, `cert` and `key`.
-    """
-
-    workers: int | None = None
-    scheduler: str | None = None
-    threads: int | None = None
-    tls: Mapping[str, str] | None = None
+    workers: int | None = None  # to start on this machine; None with a scheduler
+    scheduler: str | None = None  # address of a running Dask scheduler, such as tcp://farm:8786 or tls://farm:8786
+    threads: int | None = None  # of each worker that is started here; None divides the processors among them
+    tls: Mapping[str, str] | None = None  # files by the names `ca`, `cert` and `key`
 
     def threads_each(self) -> int | None:
         """Return the processor threads of each worker; None if workers of a scheduler choose their own."""

@@ -19,6 +19,7 @@ SLOW, LEAST = 4.0, 5.0
 LOOK = 0.5  # seconds between two searches for such parts
 #: When this many workers are lost at one part, the part is to blame.
 MOST_LOST = 3
+_QUEUED = 2  # parts that a worker has at a time, so that it never waits for the next one
 _MOST_PARTS = 1 << 17
 
 
@@ -53,23 +54,14 @@ class LostError(Exception):
 
 
 class Dispatcher:
-    """The state of a farm's work.
+    """The state of a farm's work: the parts of each frame that are to be rendered, each a range of passes."""
 
-    Parameters
-    ----------
-    frames
-        The parts of each frame that are to be rendered, each a range of passes.
-    queued
-        The number of parts that a worker has at a time; with two, it never waits for the next one.
-    """
-
-    def __init__(self, frames: Sequence[Sequence[range]], queued: int = 2) -> None:
+    def __init__(self, frames: Sequence[Sequence[range]]) -> None:
         self._todo = [[FramePart(k, numbers) for numbers in parts] for k, parts in enumerate(frames)]
         self._left = [{*parts} for parts in self._todo]
         self._count = sum(map(len, self._left))
         self._open = {frame for frame, parts in enumerate(self._todo) if parts}  # frames with parts that no worker has
         self._fresh = deque(sorted(self._open))  # frames that no worker has begun
-        self._queued = queued
         self._workers: dict[str, _Worker] = {}
         self._free: dict[str, None] = {}  # workers that may be given more
         self._times: deque[float] = deque(maxlen=50)  # seconds a pass
@@ -120,7 +112,7 @@ class Dispatcher:
         worker = self._workers[name]
         worker.frame = part.frame
         worker.running.append(_Running(part, now))
-        if len(worker.running) >= self._queued:
+        if len(worker.running) >= _QUEUED:
             del self._free[name]
         return name, part
 
@@ -208,16 +200,9 @@ def most_passes(workers: int) -> int:
 
 
 def parts_of(missing: Sequence[range], frames: int, workers: int, most: int) -> list[range]:
-    """Return the passes of a frame in aligned parts, small enough that every worker has several parts to do.
+    """Return the missing passes of a frame in aligned parts, of which every worker has several to do.
 
-    Parameters
-    ----------
-    missing
-        The passes that are still to be rendered.
-    frames, workers
-        The number of frames, and the number of workers that share them.
-    most
-        The greatest number of passes in a part, a power of two. A lost worker loses this much.
+    `most` is the greatest number of passes in a part, a power of two: a lost worker loses this much.
     """
     total = sum(map(len, missing)) * frames
     size = most

@@ -32,26 +32,14 @@ _BLAMED = 5.0  # seconds with only unfit workers until the farm gives up
 
 @dataclass
 class FarmFrame:
-    """A frame to render: how many passes it gets, and the sums of those that are done already.
-
-    Attributes
-    ----------
-    passes, planned
-        The number of passes, and the number that was planned (see `FrameSums`).
-    left
-        The passes that are still to be rendered, None for all of them.
-    file
-        A checkpoint with the other passes. It is read when the frame begins, because the checkpoints of all frames may
-        not fit into memory.
-    sums
-        The sums so far, None before the frame begins.
-    """
+    """A frame to render: how many passes it gets, and the sums of those that are done already."""
 
     passes: int
-    planned: int | None
-    left: Sequence[range] | None = None
+    planned: int | None  # see `FrameSums`
+    left: Sequence[range] | None = None  # the passes that are still to be rendered, None for all of them
+    # A checkpoint with the other passes, read when the frame begins: those of all frames may not fit into memory.
     file: Path | None = None
-    sums: FrameSums | None = None
+    sums: FrameSums | None = None  # so far, None before the frame begins
 
     def missing(self) -> Sequence[range]:
         """Return the passes that are still to be rendered."""
@@ -79,27 +67,15 @@ class FarmFrame:
 
 @dataclass
 class FarmWork:
-    """The work of a farm.
+    """The work of a farm."""
 
-    Attributes
-    ----------
-    open_scene, request
-        A function at the top level of a module, which a worker calls with the request to open the scene.
-    key
-        A name for the open scene, which stays open on the worker for further parts.
-    memory
-        The approximate number of bytes that a part needs.
-    frames, names, places
-        The frames, their names, and their places in the worker's own list of frames.
-    """
-
-    open_scene: Callable[[Any], Opened]
+    open_scene: Callable[[Any], Opened]  # at the top level of a module; a worker calls it with the request
     request: Any
-    key: str
-    memory: int
+    key: str  # of the open scene, which stays open on the worker for further parts
+    memory: int  # bytes that a part needs, roughly
     frames: Sequence[FarmFrame]
     names: Sequence[str]
-    places: Sequence[int]
+    places: Sequence[int]  # of the frames in the worker's own list
 
 
 @dataclass
@@ -115,27 +91,13 @@ class FarmState:
 
 @dataclass
 class Farm:
-    """A farm that renders frames.
-
-    Parameters
-    ----------
-    client
-        Dask's client.
-    work
-        The frames to render, and how.
-    joined
-        Called with the place of a frame whenever passes of it have arrived.
-    finished
-        Called with the place of a frame when all of its passes have arrived; its sums are released afterwards.
-    tick
-        Called several times a second with the progress of the farm. An exception that it raises ends the work.
-    """
+    """A farm that renders frames."""
 
     client: Client
     work: FarmWork
-    joined: Callable[[int], None]
-    finished: Callable[[int], None]
-    tick: Callable[[FarmState], None]
+    joined: Callable[[int], None]  # called with the place of a frame whenever passes of it have arrived
+    finished: Callable[[int], None]  # the same when all have arrived; its sums are released afterwards
+    tick: Callable[[FarmState], None]  # called several times a second; an exception that it raises ends the work
     _ready: queue.SimpleQueue[Future] = field(default_factory=queue.SimpleQueue)
     _fetched: queue.SimpleQueue[tuple[str, FramePart, Any]] = field(default_factory=queue.SimpleQueue)
     _running: dict[Any, tuple[str, FramePart, Any]] = field(default_factory=dict)

@@ -127,14 +127,7 @@ def picture_channels(file: ImageFile, channels: Sequence[Channel], warn: Warn) -
 class ImageFile:
     """An image file: its headers, and its channels over the whole display window.
 
-    `apart` is whether each view has a file of its own, whose name contains the view.
-
-    Raises
-    ------
-    OSError
-        A file that does not exist or may not be read.
-    SceneError
-        A file that is no image, or a deep one.
+    `apart` is whether each view has a file of its own, whose name contains the view. SceneError for a deep image.
     """
 
     def __init__(self, path: Path, apart: bool) -> None:
@@ -161,13 +154,7 @@ class ImageFile:
         return [each for part, spec in enumerate(self._specs) for each in _channels_of(part, spec, several)]
 
     def channels_of(self, view: str, views: Sequence[str]) -> list[Channel]:
-        """Return the channels of `view`, one of the frame's `views`; for "", those of the file's first view.
-
-        Raises
-        ------
-        SceneError
-            The file does not have this view, or has no views, and the frame has two.
-        """
+        """Return the channels of `view`, one of the frame's `views`; for "", those of the file's first view."""
         own = list(dict.fromkeys(each.view for each in self._channels if each.view))
         if len(views) > 1 and not own and not self._apart:
             wanted = f"expected parts of the views {' and '.join(views)}, or a name with %V for the view"

@@ -66,15 +66,7 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
 
 
 def exr_parts(path: Path, *, header_only: bool = False) -> list[OpenEXR.Part]:
-    """Return the parts of an EXR, with interleaved channels.
-
-    Raises
-    ------
-    SceneError
-        A file that is no EXR, or a broken one.
-    OSError
-        A file that does not exist or may not be read.
-    """
+    """Return the parts of an EXR, with interleaved channels; SceneError for other files, OSError as `problem_of`."""
     if problem := problem_of(path):
         raise SceneError(f"{path}: expected an EXR, but {problem}")
     try:

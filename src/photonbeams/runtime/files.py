@@ -173,13 +173,7 @@ def failure_of(path: Path, message: str) -> OSError:
 
 
 def try_path(path: PathLike) -> None:
-    """Raise the error that `atomic_path` would raise, before hours of work; the trial leaves no trace.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be made or written to, or a folder has the file's name.
-    """
+    """Raise the error that `atomic_path` would raise, before hours of work; the trial leaves no trace."""
     with suppress(_Undone), atomic_path(path):
         raise _Undone
 

@@ -37,21 +37,11 @@ Version = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Candidate:
-    """A libLLVM that was found.
+    """A libLLVM that was found."""
 
-    Attributes
-    ----------
-    path
-        Path of the library, without symbolic links.
-    version
-        Version from the name or from the library itself; empty if neither tells it.
-    problem
-        Why the library is refused, or None.
-    """
-
-    path: str
-    version: Version = ()
-    problem: str | None = None
+    path: str  # without symbolic links
+    version: Version = ()  # from the name or from the library itself; empty if neither tells it
+    problem: str | None = None  # why it is refused
 
 
 def packaged_library() -> str | None:

@@ -26,38 +26,19 @@ _NAME = "development"
 
 @dataclass(frozen=True)
 class Development:
-    """What is needed to make a picture of the sums of a frame.
+    """What is needed to make a picture of the sums of a frame."""
 
-    Attributes
-    ----------
-    shape
-        Height and width in pixels.
-    groups
-        The layer of each light group.
-    views
-        The metadata of an EXR's header for each view, by the view's name.
-    plates
-        The pixels (H, W, 4) that beams are added to, for each view; empty if there is no plate.
-    plate_fog
-        Whether the fog dims these.
-    shown
-        The first row and column that are shown, and the number of rows and columns: the others were only rendered for
-        the pixel filter. None: all.
-    albedo, denoise, keep_noisy
-        As in `Settings`.
-    filtered
-        A cache of denoised layers for each view; None: nothing is cached.
-    """
-
-    shape: tuple[int, int]
-    groups: Mapping[str, str]
-    views: Mapping[str, Mapping[str, Any]]
-    plates: Sequence[Array] = ()
-    plate_fog: bool = False
+    shape: tuple[int, int]  # height and width in pixels
+    groups: Mapping[str, str]  # the layer of each light group
+    views: Mapping[str, Mapping[str, Any]]  # the metadata of an EXR's header by the view's name
+    plates: Sequence[Array] = ()  # pixels (H, W, 4) that beams are added to, for each view
+    plate_fog: bool = False  # whether the fog dims these
+    # The first row and column that are shown, and how many: others were rendered for the pixel filter. None: all.
     shown: tuple[int, int, int, int] | None = None
-    albedo: bool = False
+    albedo: bool = False  # this and the next two are as in `Settings`
     denoise: bool = False
     keep_noisy: bool = False
+    # A cache of denoised layers for each view; None: nothing is cached.
     filtered: dict[str, dict[str, Filtered]] | None = field(default=None, compare=False, repr=False)
 
     def frame(self, sums: FrameSums, statistics: Statistics | None = None) -> Frame:

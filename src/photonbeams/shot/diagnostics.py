@@ -26,12 +26,7 @@ def check_content(content: scene.Scene, name: str) -> None:
 def warn_of_darkness(content: scene.Scene, name: str, number: float, warnings: Warnings) -> None:
     """Warn once if no beams are visible: there is no fog, nothing makes beams now, or all lights are black.
 
-    That is no error, so that a light that fades out does not end a film.
-
-    Parameters
-    ----------
-    name, number
-        How messages begin, and the number of the frame, which they name.
+    That is no error, so that a light that fades out does not end a film. Messages begin with `name`.
     """
     from ..render.stage_frame import black, makers
 

@@ -23,13 +23,7 @@ _PNG, _TEXT = "image/png", "text/plain"
 
 
 def shown(shot: Shot, include: Collection[str] | None = None, exclude: Collection[str] | None = None) -> dict[str, str]:
-    """Return what a notebook shows of a shot, by MIME type: a PNG in base64 and a line of text, or only a sentence.
-
-    Parameters
-    ----------
-    include, exclude
-        The MIME types that are wanted, None: all; and those that are not.
-    """
+    """Return what a notebook shows of a shot, by MIME type: a PNG in base64 and a line of text, or only a sentence."""
     if _PNG in (exclude or ()) or _PNG not in (include or (_PNG,)):
         return {_TEXT: repr(shot)}
     try:

@@ -83,26 +83,14 @@ class FrameRequest:
 
 @dataclass(frozen=True)
 class Prepared:
-    """What the passes of a frame need.
-
-    Attributes
-    ----------
-    content
-        What the subject shows.
-    window, settings, holdouts, run
-        What is rendered, more than is shown; how; and for each view, the depth at which beams end.
-    digest
-        A hash of the content, where passes are saved.
-    development
-        How the sums of the passes become a picture.
-    """
+    """What the passes of a frame need."""
 
     content: FrameContent
-    window: Window
+    window: Window  # what is rendered, more than is shown
     settings: Settings
-    holdouts: Sequence[HoldoutDepth]
+    holdouts: Sequence[HoldoutDepth]  # the depth at which beams end, for each view
     run: RunOptions
-    digest: str
+    digest: str  # a hash of the content, where passes are saved
     development: Development
 
     def render(self) -> FrameRenderer:
@@ -114,15 +102,7 @@ def prepare(
     subject: Subject, viewpoint: Viewpoint, frame: float | None, passes: int | None, settings: Settings | None,
     given: Mapping[str, Any],
 ) -> Prepared:  # fmt: skip
-    """Return everything that the passes of a frame need; raises what `Shot.render` does.
-
-    Parameters
-    ----------
-    subject, viewpoint
-        What is rendered, seen from where.
-    frame, passes, settings, given
-        As for `FrameRequest.of`.
-    """
+    """Return everything that the passes of a frame need, for arguments of `Shot.render`; raises what that does."""
     request = FrameRequest.of(subject, viewpoint, frame, passes, settings, given)
     names, number, warn = views_of(viewpoint.stereo, request.view), subject.number(frame), subject.warnings.give
     window, grown = subject.windows(viewpoint, request)

@@ -24,21 +24,9 @@ _MISSING = re.compile(rf'({"|".join(_REPLACED)}) plugin of type "([^"]*)": \[Plu
 
 
 def load(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
-    """Return the Mitsuba scene of a file.
+    """Return the Mitsuba scene of a file, with values of its own parameters; SceneError for any other file.
 
-    Parameters
-    ----------
-    path
-        The .xml file.
-    parameters
-        Values of the file's own parameters ($name).
-    merge
-        Whether equal plugins become one, and meshes are merged, which then lose their ids.
-
-    Raises
-    ------
-    SceneError
-        A file that is not there, that Mitsuba cannot read, or that holds something else.
+    With `merge`, equal plugins become one, and meshes are merged, which then lose their ids.
     """
     from ..runtime.device import helping_thread, mitsuba
 

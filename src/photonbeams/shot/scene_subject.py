@@ -49,14 +49,8 @@ class SceneSubject(Subject):
     source
         A scene that Mitsuba has loaded, a dictionary for `mi.load_dict`, or an .xml file; a run of # in its name is the
         frame number.
-    looks, groups
-        Looks by the ids of emitters or of their shapes, or one look for all; light groups by the same ids.
-    beams
-        All settings of beams, by the same ids: see `scene.BeamSettings`.
-    parameters
-        Values of the file's own parameters ($name).
-    session_layers
-        USD layers with the same settings, on prims that are named by these ids; arguments are stronger.
+    looks, groups, beams, parameters, session_layers
+        As for `Shot`; arguments are stronger than layers.
     """
 
     def __init__(

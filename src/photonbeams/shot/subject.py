@@ -42,32 +42,14 @@ class Viewpoint(NamedTuple):
 
 @dataclass(frozen=True)
 class FrameContent:
-    """What a subject shows in a frame: from here on a frame is rendered without asking which subject it is of.
+    """What a subject shows in a frame: from here on a frame is rendered without asking which subject it is of."""
 
-    Attributes
-    ----------
-    groups
-        The layer of each light group.
-    views
-        The camera of each view within the rendered window; None for a sensor that is no camera.
-    headers
-        The metadata of an EXR's header for each view, beside those of its camera, the window and the seed.
-    render
-        Returns the frame with its passes, given what these need.
-    shutter
-        The scene and the cameras over the shutter interval; of a Mitsuba scene, the cameras alone.
-    viewers
-        Returns the cameras of all frames, for which emission is guided.
-    program
-        A function that changes the beams.
-    """
-
-    groups: Mapping[str, str]
-    views: Sequence[View | None]
-    headers: Sequence[Mapping[str, Any]]
-    render: Callable[[Prepared], FrameRenderer]
-    shutter: Shutter
-    viewers: Callable[[], Sequence[scene.Camera]]
+    groups: Mapping[str, str]  # the layer of each light group
+    views: Sequence[View | None]  # cameras within the rendered window; None for a sensor that is no camera
+    headers: Sequence[Mapping[str, Any]]  # metadata for each view, beside those of its camera, the window and the seed
+    render: Callable[[Prepared], FrameRenderer]  # returns the frame with its passes
+    shutter: Shutter  # of a Mitsuba scene, the cameras alone
+    viewers: Callable[[], Sequence[scene.Camera]]  # returns the cameras of all frames, for which emission is guided
     program: Program | None = None
 
 

@@ -29,10 +29,7 @@ def autosave_path(path: Path) -> Path:
 class Autosave:
     """Writes and removes the autosave of edits, in a thread of its own.
 
-    Parameters
-    ----------
-    unsaved
-        Returns the file of the edits, None if there is none, and their text, None if everything is saved.
+    `unsaved` returns the file of the edits, None if there is none, and their text, None if everything is saved.
     """
 
     def __init__(self, unsaved: Callable[[], tuple[Path | None, str | None]]) -> None:

@@ -44,13 +44,7 @@ class FinalRender:
         return Path(self._folder.name)
 
     async def run(self, wanted: Wanted, told: Told) -> None:
-        """Render, and call `told` with the progress.
-
-        Raises
-        ------
-        SceneError
-            Another final render is under way.
-        """
+        """Render, and call `told` with the progress; SceneError if another final render is under way."""
         if self._process is not None:
             raise SceneError("a final render is under way: wait until it ends, or cancel it")
         work = Path(tempfile.mkdtemp(dir=self.folder))

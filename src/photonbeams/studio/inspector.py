@@ -42,14 +42,7 @@ class _Ray:
 def inspected(frame: LiveFrame, at: tuple[float, float], depth: float | None) -> Inspected:
     """Return the beams of a pixel's ray by light, the brightest first, and the integrand of the brightest beam.
 
-    Parameters
-    ----------
-    frame
-        A frame whose first pass is done.
-    at
-        The place in the picture, in fractions from the top left.
-    depth
-        Planar depth of the first surface there; None or infinite: there is none.
+    The frame's first pass is done; `at` and `depth` are as for `Session.inspect`, and the depth may be infinite.
     """
     light, ray = frame.first_light(), _ray(frame, at, depth)
     if light is None or not light.sets:

@@ -35,20 +35,9 @@ class Cancelled(Exception):  # noqa: N818 - not an error: another picture is wan
 class LiveFrame:
     """A frame of a stage that reuses the unchanged parts of an earlier frame.
 
-    Its passes have the bits of those of `stage_frame.render`, unless `keeps_guides` is set.
-
-    Parameters
-    ----------
-    ready
-        What its passes need.
-    planned
-        The number of passes for which samples are chosen.
-    like
-        The earlier frame; None for the first.
-    keeps_guides
-        Whether emission is guided as in the earlier frame, whatever has changed. This is for quick first pictures.
-    unwanted
-        Returns whether the frame is no longer wanted; it then ends with `Cancelled` before the next part of a phase.
+    Its passes have the bits of those of `stage_frame.render`, unless it `keeps_guides`: then emission is guided as in
+    the earlier frame, whatever has changed, for quick first pictures. Samples are chosen for the `planned` number of
+    passes. Once it is `unwanted`, it ends with `Cancelled` before the next part of a phase.
     """
 
     def __init__(

@@ -65,13 +65,7 @@ class _Chain:
 
 
 class LivePictures:
-    """The pictures of a session's views: a quick small one, then a whole one, then more passes.
-
-    Parameters
-    ----------
-    shot, viewpoint, edited, lock
-        The shot, functions that return the viewpoint of a view and the paths of what was edited, and the stage's lock.
-    """
+    """The pictures of a session's views: a quick small one, then a whole one, then more passes."""
 
     def __init__(
         self, shot: Shot, viewpoint: Callable[[SessionView], Viewpoint], edited: Callable[[], Sequence[str]],

@@ -17,21 +17,11 @@ MOST_VALUES = 1 << 26
 
 @dataclass(frozen=True)
 class Voxels:
-    """A dense box of voxels.
+    """A dense box of voxels."""
 
-    Attributes
-    ----------
-    values
-        (Z, Y, X) or (Z, Y, X, 3) float32, at the centres of cells.
-    to_file
-        (4, 4) transform from the unit cube, which the box fills, to the space of the file, for column vectors.
-    step
-        How many of the file's voxels make one cell, along each edge: more than 1 if the file has too many.
-    """
-
-    values: Array
-    to_file: Array
-    step: int = 1
+    values: Array  # (Z, Y, X) or (Z, Y, X, 3) float32, at the centres of cells
+    to_file: Array  # (4, 4) from the unit cube, which the box fills, to the space of the file, for column vectors
+    step: int = 1  # how many of the file's voxels make one cell, along each edge: more than 1 if it has too many
 
     def at(self, points: Array) -> Array:
         """Return values at points (N, 3) in the file's space, linear between the centres of cells, 0 outside."""

@@ -85,16 +85,12 @@ class Tree:
     ----------
     topology, values
         Cursors at the file's topology and values.
-    levels
-        The binary logarithms of the sizes of nodes.
     kind, channels
         The NumPy type of values, and the number of values per voxel.
-    half
-        Whether floats are stored as half floats.
-    compression
-        Compression flags.
     name
         OpenVDB's name of the type: leaves of "bool" and "mask" are stored differently.
+    levels, half, compression
+        As in `VDBGrid`.
 
     Attributes
     ----------

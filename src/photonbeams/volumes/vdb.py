@@ -55,38 +55,18 @@ TYPES = {
 
 @dataclass(frozen=True)
 class VDBGrid:
-    """A grid of a file.
+    """A grid of a file."""
 
-    Attributes
-    ----------
-    name
-        Several grids of a file may have the same name.
-    type
-        The type of its values, such as "float" or "vec3s".
-    levels
-        The binary logarithms of its nodes' sizes, from the root's children to the leaves: 5, 4, 3.
-    half
-        Whether floats are stored as half floats.
-    compression
-        Compression flags.
-    to_file
-        (4, 4) transform from indices of voxels to the file's space, for column vectors; None if it is not linear, as
-        for a frustum.
-    metadata
-        The grid's metadata in the file.
-    data
-        The bytes of its tree.
-    """
-
-    name: str
-    type: str
-    levels: tuple[int, ...]
-    half: bool
-    compression: int
+    name: str  # several grids of a file may have the same
+    type: str  # of its values, such as "float" or "vec3s"
+    levels: tuple[int, ...]  # binary logarithms of its nodes' sizes, from the root's children to the leaves: 5, 4, 3
+    half: bool  # whether floats are stored as half floats
+    compression: int  # flags
+    # (4, 4) from indices of voxels to the file's space, for column vectors; None if not linear, as for a frustum.
     to_file: Array | None
     metadata: dict[str, Any]
-    data: bytes
-    _topology: int
+    data: bytes  # of its tree
+    _topology: int  # this and the next are places in the data
     _values: int
 
     @property
@@ -102,13 +82,7 @@ class VDBGrid:
 
     @cached_property
     def tree(self) -> Tree:
-        """Its voxels.
-
-        Raises
-        ------
-        SceneError
-            A type of values that is not supported; a tree that is broken.
-        """
+        """Its voxels; SceneError for a type of values that is not supported, or a broken tree."""
         if self.type not in TYPES:
             known = ", ".join(TYPES)
             raise SceneError(f"its grid {self.name} has voxels of the type {self.type}: expected one of {known}")
@@ -117,13 +91,7 @@ class VDBGrid:
 
 
 def read_grids(file: BinaryIO) -> list[VDBGrid]:
-    """Return the grids of a file.
-
-    Raises
-    ------
-    SceneError
-        A file of another format, of an unsupported version, or broken; the message continues a sentence about the file.
-    """
+    """Return the grids of a file; raise SceneError, a clause about the file, for any other."""
     return list(_grids(file))
 
 

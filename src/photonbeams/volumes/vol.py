@@ -19,13 +19,7 @@ HEADER = struct.Struct("<3sB5i6f")
 
 
 def vol_shape(file: BinaryIO) -> tuple[int, int, int, int]:
-    """Return the counts of cells along x, y, z, and of channels; check that the file holds as many values.
-
-    Raises
-    ------
-    SceneError
-        A file of another format, or broken; the message continues a sentence about the file.
-    """
+    """Return the counts of cells along x, y, z, and of channels; SceneError if the file does not hold as many."""
     size = file.seek(0, io.SEEK_END)
     if size < HEADER.size:
         raise SceneError(f"it has {size} bytes")
@@ -44,13 +38,7 @@ def vol_shape(file: BinaryIO) -> tuple[int, int, int, int]:
 
 
 def read_vol(file: BinaryIO, most: int = MOST_VALUES) -> Voxels:
-    """Return the grid of a file with one or three channels.
-
-    Raises
-    ------
-    SceneError
-        As `vol_shape`; more than `most` values.
-    """
+    """Return the grid of a file with one or three channels; SceneError as `vol_shape`, or for more than `most`."""
     x, y, z, channels = vol_shape(file)
     if channels not in (1, 3):
         raise SceneError(f"it has {channels} channels: expected 1 or 3")
