@@ -19,7 +19,7 @@ from photonbeams.render.films.frame_sums import FrameSums
 from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime import files
 from photonbeams.runtime.device import mitsuba
-from photonbeams.studio.autosave import Autosave
+from photonbeams.studio.edits import Autosave
 from photonbeams.usd.common.openusd import Gf, Sdf, Vt
 from photonbeams.usd.layers.writing import write_layer
 from tests.helpers.disks import limited

@@ -15,7 +15,7 @@ from photonbeams import integrator
 from photonbeams.render.scene_frame import render
 from photonbeams.render.settings import parameters
 from photonbeams.runtime.device import mitsuba
-from photonbeams.runtime.messages import reason
+from photonbeams.shot.scene_loading import reason
 from tests.helpers.mitsuba_scenes import camera, cube_of, fog, grey, load, rgb
 
 mi = mitsuba()

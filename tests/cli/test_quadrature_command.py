@@ -29,7 +29,7 @@ def run(*arguments):
 )
 def test_the_studied_integral_is_that_of_the_frustum(across, along):
     chords = convergence.Chords.random(40, seed=1)
-    ours = convergence.chord_integral(chords, across, along, pb.gauss_legendre(12))
+    (ours,) = convergence.chord_integrals(chords, across, along, [(pb.gauss_legendre(12), 1)])
     beams = pb.Beams([[0, 0, 0]], [[0, 0, LENGTH]], *RADII, [[1, 1, 1]])
     look = pb.Look(along=along, across=across, angle=1.0)
     theirs = pb.estimate(beams, chords.origin, chords.direction, look=look, medium=MEDIUM, estimator="frustum",
@@ -41,7 +41,7 @@ def test_the_studied_integral_is_that_of_the_frustum(across, along):
 
 def test_the_study_uses_a_rule_as_the_rule_does_itself():
     chords = convergence.Chords.random(5, seed=2)
-    ours = convergence.chord_integral(chords, Uniform(), pb.looks.Constant(1.0), pb.riemann(3))
+    (ours,) = convergence.chord_integrals(chords, Uniform(), pb.looks.Constant(1.0), [(pb.riemann(3), 1)])
     red = np.array(MEDIUM.extinction)[0]
     rule = pb.riemann(3).integrate(
         lambda t: np.exp(-red * t) / (np.pi * chords.radius(t) ** 2), np.zeros(5), chords.exit()

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from photonbeams.studio import autosave
+from photonbeams.studio import edits as editing
 from photonbeams.studio.edits import Edits
 from photonbeams.usd.authoring.editing import EditLayer
 from photonbeams.usd.stage import open_stage
@@ -23,7 +23,7 @@ INTENSITY = "/Lamp.inputs:intensity"
 @pytest.fixture
 def begin(tmp_path, monkeypatch):
     """Return a function that begins edits of a stage as a studio does when it starts; the autosave's timer is off."""
-    monkeypatch.setattr(autosave, "SOON", 1000.0)
+    monkeypatch.setattr(editing, "SOON", 1000.0)
     path = tmp_path / "shot.usda"
     path.write_text(STAGE)
     all_edits = []
@@ -54,7 +54,7 @@ def wait_for(fact):
 
 def test_edits_are_kept_soon_and_restored_and_the_file_is_as_it_was(begin, kept, tmp_path, monkeypatch, caplog):
     edits = begin()
-    monkeypatch.setattr(autosave, "SOON", 0.05)
+    monkeypatch.setattr(editing, "SOON", 0.05)
     edits.set({INTENSITY: 2.0})
     saved = edits.save().read_bytes()
     edits.set({INTENSITY: 3.0})
@@ -122,7 +122,7 @@ def test_reverting_removes_what_is_kept_and_is_kept_itself_where_the_file_says_o
 
 def test_undoing_to_what_is_saved_removes_what_was_kept(begin, kept, monkeypatch):
     edits = begin()
-    monkeypatch.setattr(autosave, "SOON", 0.02)
+    monkeypatch.setattr(editing, "SOON", 0.02)
     edits.set({INTENSITY: 2.0})
     wait_for(kept.exists)
     edits.undo()
@@ -174,14 +174,14 @@ def test_a_save_is_never_followed_by_an_autosave_of_older_edits(begin, kept, mon
     edits = begin()
     edits.set({INTENSITY: 2.0})
     inside, go_on = threading.Event(), threading.Event()
-    written = autosave.write_bytes
+    written = editing.write_bytes
 
     def slow(path, data):
         inside.set()
         assert go_on.wait(20)
         return written(path, data)
 
-    monkeypatch.setattr(autosave, "write_bytes", slow)
+    monkeypatch.setattr(editing, "write_bytes", slow)
     writer = threading.Thread(target=edits._autosave._now)
     writer.start()
     assert inside.wait(20)

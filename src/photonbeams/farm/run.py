@@ -185,10 +185,15 @@ class Farm:
             raise FarmError(f"there has been no worker for {_NOBODY:.0f} seconds: expected at least one")
 
     def _lose(self, address: str) -> None:
-        """Give the parts of a lost worker to others."""
+        """Give the parts of a lost worker to others; raise FarmError if several were lost at the same part."""
         LOG.warning("worker %s is lost; others render its passes again", self._names.get(address, address))
         self._forget(address)
-        self._drop(address)
+        try:
+            self._dispatcher.lose_worker(address)
+        except LostError as error:
+            raise FarmError(
+                f"{self._what(error.part)}: {error.lost} workers were lost at this part; expected more memory for each"
+            ) from None
 
     def _forget(self, address: str) -> None:
         """Take back the parts that a worker was given."""
@@ -196,15 +201,6 @@ class Farm:
             if worker == address:
                 del self._running[key]
                 future.cancel(force=True)
-
-    def _drop(self, address: str) -> None:
-        """Remove a worker; raise FarmError if several were lost at the same part."""
-        try:
-            self._dispatcher.lose_worker(address)
-        except LostError as error:
-            raise FarmError(
-                f"{self._what(error.part)}: {error.lost} workers were lost at this part; expected more memory for each"
-            ) from None
 
     def _what(self, part: FramePart) -> str:
         numbers = part.numbers

@@ -13,8 +13,6 @@ from .. import scene
 from ..images.frame import pixels_of
 from ..images.plates import Holdout, Plate
 from ..runtime.digest import digest
-from ..runtime.files import PathLike
-from ..usd.authoring.beams import write_beams
 from ..usd.cameras.stereo import EYES, split, views_of
 from ..usd.common.motion import Exposure
 from ..usd.common.warnings import Warnings
@@ -90,9 +88,6 @@ class DescribedSubject(Subject):
     def _viewers(self, viewpoint: Viewpoint) -> Sequence[scene.Camera]:
         """Return cameras at times all over the shot, to guide emission: guided frame by frame, films would flicker."""
         return self.cameras(viewpoint, None)
-
-    def check_target(self, path: PathLike) -> None:
-        """Raise SceneError for a file that the subject is read from."""
 
     def _check_frame(self, frame: float | None) -> None:
         """Raise SceneError for a frame that the subject does not have."""
@@ -285,10 +280,6 @@ class BuiltSubject(DescribedSubject):
             text = "expected a scene.Camera, such as Camera.look_at(...)"
             raise scene.SceneError(f"camera is {viewpoint.camera!r}: {text}")
 
-    def number(self, frame: float | None) -> float:
-        """Return the number of a frame."""
-        return 0.0 if frame is None else scene.real(frame, "frame")
-
     def cameras(self, viewpoint: Viewpoint, frame: float | None) -> tuple[scene.Camera, ...]:
         """Return the camera, or those of the left and the right eye."""
         camera, stereo = viewpoint
@@ -310,10 +301,6 @@ class BuiltSubject(DescribedSubject):
     def digest(self, viewpoint: Viewpoint, frame: float | None) -> str:
         """Return a hash of what a frame shows."""
         return digest(self.scene, self.number(frame), self._arguments(viewpoint))
-
-    def write_beams(self, beams: Sequence[scene.DrawnBeams], path: PathLike, frame: float | None) -> None:
-        """Write beams, in no particular units."""
-        write_beams(beams, path)
 
     def _content(self, frame: float | None, base: float | None) -> scene.Scene:
         return self.scene

@@ -97,6 +97,11 @@ class Prepared:
         """Return the frame with its passes."""
         return self.content.render(self)
 
+    def frame(self) -> Frame:
+        """Return the picture of the frame with its passes."""
+        rendered = self.render()
+        return self.development.frame(rendered.sums(), rendered.statistics)
+
 
 def prepare(
     subject: Subject, viewpoint: Viewpoint, frame: float | None, passes: int | None, settings: Settings | None,

@@ -19,7 +19,6 @@ from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..scene import SceneError
 from ..scene.cameras import CONFORM_POLICIES
-from ..usd.authoring.beams import write_beams
 from ..usd.cameras.stereo import EYES, split
 from ..usd.common.reading import LOG
 from ..usd.common.warnings import Warnings
@@ -27,7 +26,7 @@ from ..usd.layers.header import origin
 from ..usd.scene_layers import SceneLayers
 from ..usd.stage import check_not_read
 from .scene_loading import check_scene, contents_of, load
-from .subject import FrameContent, Subject, Viewpoint, size_of
+from .subject import FrameContent, Subject, Viewpoint, several, size_of
 
 if TYPE_CHECKING:
     from ..beams.sets import BeamSet
@@ -69,7 +68,7 @@ class SceneSubject(Subject):
         self._parameters = dict(parameters or {})
         self._arguments = looks, groups or {}, beams or {}
         self._beams = _beams(*self._arguments)
-        self._session_layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else [*session_layers]
+        self._session_layers = several(session_layers)
         self._layers = SceneLayers(self._session_layers) if self._session_layers else None
         self._layered: tuple[Path | None, float | None] | None = None  # file and frame for which the layers were read
         self._looks: dict[str, Look] = {}
@@ -139,10 +138,6 @@ class SceneSubject(Subject):
         """Load the scene, unless its file depends on the frame, and find the sensor."""
         if self.path is None or not PLACEHOLDER.search(self.path.name):
             self.sensor(viewpoint)
-
-    def number(self, frame: float | None) -> float:
-        """Return the number of a frame."""
-        return 0.0 if frame is None else float(frame)
 
     def settings(self, viewpoint: Viewpoint, frame: float | None) -> Settings:
         """Return the settings of the scene's integrator, with its sampler's passes.
@@ -277,10 +272,6 @@ class SceneSubject(Subject):
         """Raise SceneError for a file that the scene's layers are read from."""
         if self._layers is not None:
             check_not_read(self._layers.stage, path)
-
-    def write_beams(self, beams: Sequence[scene.DrawnBeams], path: PathLike, frame: float | None) -> None:
-        """Write beams, in no particular units."""
-        write_beams(beams, path)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from ..usd.cameras.stereo import Stereo, check_stereo, views_of
 from ..usd.common.warnings import Warnings
 from .described_subject import BuiltSubject, MediumOverride
 from .stage_subject import StageSubject
-from .subject import FOR_SCENES, FOR_STAGES, Subject, Viewpoint, refuse
+from .subject import FOR_SCENES, FOR_STAGES, Subject, Viewpoint, refuse, several
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..render.settings import Settings, SettingsArguments
     from ..scene import Array
     from ..usd.common.motion import Exposure
-    from .request import Snapshot
+    from .request import Prepared, Snapshot
 
 
 class Shot:
@@ -153,16 +153,13 @@ class Shot:
         texture_limit
             For a stage: textures with more pixels than this along a side are scaled down, textures of lights if they
             have more than twice as many; None: 4096.
-        variants
-            For a stage: one choice of a variant or several, each "/prim{set=choice}".
-        mask
-            For a stage: paths of the prims that are read, with what is above and below them and what they refer to;
-            None: all prims.
-        purposes
-            For a stage: the purposes that are rendered beside "default"; None: "render".
-        complexity
-            For a stage: how finely subdivision surfaces are refined, "low", "medium", "high" or "veryhigh"; None:
-            "high" for meshes that author a subdivision scheme or creases, none for others.
+        variants, mask
+            For a stage: one choice of a variant or several, each "/prim{set=choice}". Paths of the prims that are read,
+            with what is above and below them and what they refer to; None: all prims.
+        purposes, complexity
+            For a stage: the purposes that are rendered beside "default"; None: "render". How finely subdivision
+            surfaces are refined, "low", "medium", "high" or "veryhigh"; None: "high" for meshes that author a
+            subdivision scheme or creases, none for others.
 
         Raises
         ------
@@ -172,8 +169,6 @@ class Shot:
         if not isinstance(path, str | os.PathLike) or not os.fspath(path):
             text = "expected the name of a file; pb.Shot(...) takes what is open, or made in Python"
             raise scene.SceneError(f"path is {scene.shown(path)}: {text}")
-        session_layers = [session_layers] if isinstance(session_layers, str | os.PathLike) else session_layers
-        overrides = [overrides] if isinstance(overrides, str) else overrides
         if Path(path).suffix.lower() == ".xml":
             refuse(
                 FOR_STAGES, medium=medium, simulate=simulate, emit=emit, strict=strict, variants=variants, mask=mask,
@@ -181,13 +176,14 @@ class Shot:
             )  # fmt: skip
             from .scene_subject import SceneSubject, overridden
 
-            subject = SceneSubject(path, looks, groups, beams, overridden(overrides), session_layers)
+            subject = SceneSubject(path, looks, groups, beams, overridden(several(overrides)), session_layers)
             return cls(subject, camera, stereo=stereo)
         refuse(FOR_SCENES, groups=groups, beams=beams)
         if texture_limit is not None and scene.whole(texture_limit, "texture_limit", " of pixels") < 1:
             raise scene.SceneError(f"texture_limit is {texture_limit}: expected at least 1 pixel")
         selection = stages.Selection.of(mask, purposes, variants, complexity)
-        stage = stages.open_stage(path, session_layers, overrides, Warnings(strict), texture_limit, selection)
+        layers = several(session_layers), several(overrides)
+        stage = stages.open_stage(path, *layers, Warnings(strict), texture_limit, selection)
         shot = cls(stage, camera, medium, stereo, simulate, emit, looks, strict)
         shot.cameras()  # so that a wrong name is an error now, not after a long read
         return shot
@@ -265,7 +261,7 @@ class Shot:
         lens: bool = True, view: str | None = None, holdout: PathLike | Array | Holdout | None = None,
         over: PathLike | Array | Plate | None = None, **given: Unpack[SettingsArguments],
     ) -> Frame:  # fmt: skip
-        """Render a frame.
+        """Render a frame: the layers of the crop window, of each eye if there are two, and an EXR's metadata.
 
         Parameters
         ----------
@@ -273,33 +269,26 @@ class Shot:
             Frame number; None is the stage's start or default time. Of a Mitsuba scene it chooses the file, where the
             shot's name has a run of #.
         passes, settings, **given
-            How to render: fields of `Settings` by name (time_limit, beams, seed, pixel_filter, …), all of
-            them at once as `settings`, or both; None: the defaults.
+            How to render: fields of `Settings` by name (time_limit, beams, seed, pixel_filter, …), all of them at once
+            as `settings`, or both; None: the defaults.
         width, height
             Pixels; if one is missing it follows from the camera's aperture. Without either the picture is 1280 wide.
         crop
             The part to render: x0, y0, x1, y1 in fractions of the picture from the top left. Numbers below 0 and above
             1 are overscan, which leaves the bits of the picture itself as they are.
-        pixel_aspect
-            Width of a pixel over its height.
-        conform
-            How the camera's aperture fits a picture of another aspect, as UsdRenderSettings defines it:
-            "expandAperture", "cropAperture", "adjustApertureWidth", "adjustApertureHeight", or
-            "adjustPixelAspectRatio", which chooses the `pixel_aspect`.
-        progress
-            Called with the number of passes done and the statistics so far, before the first pass and after each.
+        pixel_aspect, conform
+            Width of a pixel over its height; and how the camera's aperture fits a picture of another aspect, as
+            UsdRenderSettings defines it: "expandAperture", "cropAperture", "adjustApertureWidth",
+            "adjustApertureHeight", or "adjustPixelAspectRatio", which chooses the `pixel_aspect`.
+        progress, snapshot
+            `progress` is called with the number of passes done and the statistics so far, before the first pass and
+            after each; `snapshot` after each, with a function that returns the frame so far.
         checkpoint
             A file to which the passes are written every minute. If the same render is started again it continues from
-            there, and gives the same bits. The file is not removed: do so once the frame is written. A `Checkpoint`
-            describes more.
-        snapshot
-            Called after each pass with a function that returns the frame so far.
-        blur
-            If False, there is no motion blur: everything is as at the frame's own time.
-        lens
-            If False, there is no depth of field.
-        view
-            "left" or "right" for one of two eyes; None renders both.
+            there, and gives the same bits. Remove it once the frame is written. A `Checkpoint` describes more.
+        blur, lens, view
+            False: no motion blur, everything is as at the frame's own time; no depth of field. "left" or "right": only
+            this eye.
         holdout
             Another renderer's depth. Beams end there instead of at the stage's own surfaces, which are not seen then,
             but still block the light. A file, (H, W) planar depths in scene units, or a `Holdout`.
@@ -307,30 +296,28 @@ class Shot:
             A picture of the same size, to which `rgba` adds the beams. A file, (H, W, 3 or 4) scene-linear pixels, or
             a `Plate`.
 
-        Returns
-        -------
-        Frame
-            The layers of the crop window, of each eye if there are two, and the metadata of an EXR's header.
-
         Raises
         ------
         SceneError
-            Something that cannot be read or rendered at this frame: a stage without anything that makes beams; a
-            resolution, a crop, a view or settings out of range; a name that is no setting; a holdout or a plate without
-            a depth or a picture, or of another size; a checkpoint of another render.
+            Something that cannot be read or rendered at this frame: a stage without anything that makes beams; an
+            argument out of range, or no setting; a holdout or a plate without a depth or a picture, or of another size;
+            a checkpoint of another render.
         OSError
             A holdout or a plate that does not exist or may not be read.
         """
+        return self._prepared(
+            frame, passes, settings, width=width, height=height, crop=crop, pixel_aspect=pixel_aspect, conform=conform,
+            progress=progress, checkpoint=checkpoint, snapshot=snapshot, blur=blur, lens=lens, view=view,
+            holdout=holdout, over=over, **given,
+        ).frame()  # fmt: skip
+
+    def _prepared(
+        self, frame: float | None, passes: int | None, settings: Settings | None, **given: Any
+    ) -> Prepared:  # fmt: skip
+        """Return what the passes of a frame need."""
         from .request import prepare
 
-        arguments = {
-            "width": width, "height": height, "crop": crop, "pixel_aspect": pixel_aspect, "conform": conform,
-            "progress": progress, "checkpoint": checkpoint, "snapshot": snapshot, "blur": blur, "lens": lens,
-            "view": view, "holdout": holdout, "over": over, **given,
-        }  # fmt: skip
-        ready = prepare(self.subject, self.viewpoint, frame, passes, settings, arguments)
-        rendered = ready.render()
-        return ready.development.frame(rendered.sums(), rendered.statistics)
+        return prepare(self.subject, self.viewpoint, frame, passes, settings, given)
 
     def render_part(
         self, part: PlannedPasses, frame: float | None = None, *, settings: Settings | None = None, **given: Any
@@ -339,10 +326,7 @@ class Shot:
 
         `part` are the passes to render; `frame`, `settings` and `given` are as for `render`.
         """
-        from .request import prepare
-
-        arguments = {"part": part, "kept": self._kept, **given}
-        ready = prepare(self.subject, self.viewpoint, frame, None, settings, arguments)
+        ready = self._prepared(frame, None, settings, part=part, kept=self._kept, **given)
         return replace(ready.render().sums(), development=ready.development.state())
 
     def beams(

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from ..scene import MOST_PIXELS, SceneError, whole
+from ..runtime.files import PathLike
+from ..scene import MOST_PIXELS, SceneError, real, whole
+from ..usd.authoring.beams import write_beams
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -19,7 +22,6 @@ if TYPE_CHECKING:
     from ..images.plates import Holdout, Plate
     from ..render.frame import FrameRenderer
     from ..render.settings import Settings
-    from ..runtime.files import PathLike
     from ..usd.cameras.stereo import Stereo
     from ..usd.common.motion import Exposure
     from ..usd.common.warnings import Warnings
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
     from ..world.shutter import Shutter
     from .request import FrameRequest, Prepared
 
+
+T = TypeVar("T", bound=PathLike)
 
 #: Why arguments are refused.
 FOR_STAGES = "is for stages: a Mitsuba scene (.xml) has no use for it"
@@ -73,9 +77,9 @@ class Subject(ABC):
     def check_viewpoint(self, viewpoint: Viewpoint) -> None:
         """Raise SceneError for a camera that is of the wrong type."""
 
-    @abstractmethod
     def number(self, frame: float | None) -> float:
         """Return the number of a frame, as it appears in file names."""
+        return 0.0 if frame is None else real(frame, "frame")
 
     @abstractmethod
     def settings(self, viewpoint: Viewpoint, frame: float | None) -> Settings:
@@ -126,12 +130,11 @@ class Subject(ABC):
     def digest(self, viewpoint: Viewpoint, frame: float | None) -> str:
         """Return a hash of what a frame shows, with the files that it names."""
 
-    @abstractmethod
     def write_beams(self, beams: Sequence[scene.DrawnBeams], path: PathLike, frame: float | None) -> None:
-        """Write beams with the subject's units and looks."""
+        """Write beams with the subject's units and looks, if it has any."""
+        write_beams(beams, path)
 
-    @abstractmethod
-    def check_target(self, path: PathLike) -> None:
+    def check_target(self, path: PathLike) -> None:  # noqa: B027 (only files can be read from)
         """Raise SceneError for a file that the subject is read from."""
 
     # What only some subjects have.
@@ -179,3 +182,8 @@ def refuse(why: str, **given: Any) -> None:
     for name, value in given.items():
         if value:
             raise SceneError(f"{name} {why}")
+
+
+def several(given: T | Iterable[T]) -> list[T]:
+    """Return the texts or paths of an argument that may be a single one."""
+    return [given] if isinstance(given, str | os.PathLike) else [*given]  # type: ignore[list-item]

@@ -41,18 +41,6 @@ from ..quadrature import MOST_POINTS, Rule, gauss_legendre, riemann
 from ..runtime import device
 from ..scene import Medium
 
-__all__ = [
-    "ACCURACY",
-    "GAUSS_POINTS",
-    "Chords",
-    "Curve",
-    "chord_integral",
-    "chord_integrals",
-    "curves",
-    "falloffs",
-    "profiles",
-]
-
 Array = npt.NDArray[np.float64]
 Case = tuple[str, Across, Factor]
 
@@ -235,11 +223,6 @@ def _curve(case: Case, chords: Chords, orders: range) -> Curve:
     gauss, rest = pairs[: len(orders)], pairs[len(orders) :]
     mean = float(np.concatenate(pieces).mean())
     return Curve(name, mean, dict(zip(orders, gauss, strict=True)), dict(zip(counts, rest, strict=True)))
-
-
-def chord_integral(chords: Chords, across: Across, along: Factor, rule: Rule) -> Array:
-    """Return the chord integrals, (3, N), by one rule on each smooth piece."""
-    return chord_integrals(chords, across, along, [(rule, 1)])[0]
 
 
 def chord_integrals(chords: Chords, across: Across, along: Factor, rules: Sequence[tuple[Rule, int]]) -> list[Array]:

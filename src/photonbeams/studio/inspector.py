@@ -12,8 +12,10 @@ import drjit as dr
 import numpy as np
 
 from ..estimators.estimate import estimate
+from ..estimators.geometry import chord
+from ..estimators.records import load, pack
 from ..quadrature import gauss_legendre, riemann
-from ..runtime.device import Array2f, Float, UInt32
+from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..scene import Array
 from ..transport.guiding.importance import Views
 from .protocol import BeamPart, RayIntegral, RuleCurves
@@ -87,14 +89,14 @@ def _radiance(each: BeamSet, ray: _Ray, media: dict[int, Any], **given: Any) -> 
 
 def _integrated(each: BeamSet, ray: _Ray, media: dict[int, Any]) -> RayIntegral | None:
     """Return how the light of a set's brightest beam is integrated along a ray; None if the ray meets no beam."""
-    number = _brightest(each, ray)
-    if number is None:
+    found = _brightest(each, ray)
+    if found is None:
         return None
+    number, (low, high) = found
     single = each._replace(beams=each.beams[number : number + 1])
-    interval, radii, length = _crossed(single, ray)
-    if interval is None:
-        return None
-    low, high = interval
+    beam = single.beams
+    radii = float(beam.radius_start.numpy()[0]), float(beam.radius_end.numpy()[0])
+    length = float(np.linalg.norm((beam.end - beam.start).numpy()))
 
     def up_to(ends: Array, rule: Any = _EXACT) -> Array:
         """Return the radiance along the ray up to each of these distances."""
@@ -134,42 +136,15 @@ def _rules(
     return result
 
 
-def _brightest(each: BeamSet, ray: _Ray) -> int | None:
-    """Return the index of the beam that is roughly the brightest along a ray; None if the ray misses all of them."""
-    start, end = (np.asarray(state.numpy()).T.astype(np.float64) for state in (each.beams.start, each.beams.end))
-    radii = [np.asarray(state.numpy()).astype(np.float64) for state in (each.beams.radius_start, each.beams.radius_end)]
-    power = np.asarray(each.beams.power.numpy()).mean(axis=0)
-    axis = end - start
-    length = np.maximum(np.linalg.norm(axis, axis=1), 1e-30)
-    axis = axis / length[:, None]
-    to = start - ray.origin
-    cosine = axis @ ray.direction
-    # The closest points of two lines; the denominator is kept above 0 for parallel ones.
-    across = np.maximum(1 - cosine**2, 1e-9)
-    s = np.clip(((to @ ray.direction) * cosine - (to * axis).sum(axis=1)) / across, 0, length)
-    place = start + s[:, None] * axis
-    t = np.clip((place - ray.origin) @ ray.direction, 0, ray.length)
-    aside = np.linalg.norm(place - ray.origin - t[:, None] * ray.direction, axis=1)
-    radius = radii[0] + (radii[1] - radii[0]) * s / length
-    inside = np.maximum(1 - (aside / np.maximum(radius, 1e-30)) ** 2, 0)
-    weight = power * inside / np.maximum(radius * np.sqrt(across), 1e-12)
-    return int(np.argmax(weight)) if weight.max(initial=0.0) > 0 else None
-
-
-def _crossed(single: BeamSet, ray: _Ray) -> tuple[tuple[float, float] | None, tuple[float, float], float]:
-    """Return the interval of distances in which a ray is inside a beam, or None, and the beam's radii and length."""
-    beams = single.beams
-    start, end = (np.ravel(state.numpy()).astype(np.float64) for state in (beams.start, beams.end))
-    first, last = (float(np.ravel(state.numpy())[0]) for state in (beams.radius_start, beams.radius_end))
-    length = float(np.linalg.norm(end - start))
-    axis = (end - start) / max(length, 1e-30)
-    far = min(ray.length, float(np.linalg.norm(start - ray.origin)) + length + max(first, last))
-    t = np.linspace(0, far, 4096)
-    to = ray.origin + t[:, None] * ray.direction - start
-    s = to @ axis
-    rho = np.linalg.norm(to - s[:, None] * axis, axis=1)
-    inside = (s >= 0) & (s <= length) & (rho <= first + (last - first) * s / max(length, 1e-30))
-    if np.count_nonzero(inside) < 2:
-        return None, (first, last), length
-    within = np.flatnonzero(inside)
-    return (float(t[within[0]]), float(t[within[-1]])), (first, last), length
+def _brightest(each: BeamSet, ray: _Ray) -> tuple[int, tuple[float, float]] | None:
+    """Return the index of roughly the brightest beam along a ray, and where the ray is in it; None if it meets none."""
+    origin, direction = (Array3f(*vector.tolist()) for vector in (ray.origin, ray.direction))
+    beam = load(pack(each.beams, origin, shared=True), dr.arange(UInt32, len(each.beams)))
+    inside = chord(beam, None, direction, Float(0), Float(ray.length))
+    radius = dr.fma(inside.growth, 0.5 * (inside.a + inside.b), inside.radius)
+    light = dr.mean(beam.power) * (inside.b - inside.a) / dr.maximum(dr.square(radius), 1e-24)
+    light, low, high = (
+        dr.select(inside.valid, each, 0).numpy() for each in (light, inside.t + inside.a, inside.t + inside.b)
+    )
+    number = int(np.argmax(light))
+    return (number, (float(low[number]), float(high[number]))) if light[number] > 0 else None

@@ -6,9 +6,12 @@ page/src/protocol.ts, which tools/protocol.py writes.
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Any, Literal, cast
 
 import msgspec
+
+from ..usd.authoring.controls import Control, Controls
 
 #: Limits: bytes in a message of a page, its messages per second, and values in an edit.
 LONGEST, PER_SECOND, MOST_VALUES = 1 << 16, 240, 256
@@ -283,6 +286,51 @@ class PictureHeader(msgspec.Struct):
     height: int
     scale: float
     mime: str
+
+
+def described(found: Sequence[Controls]) -> list[ControlGroup]:
+    """Return controls as pages get them."""
+    return [
+        ControlGroup(
+            group.path, cast(Any, group.kind), group.label, group.type, [_item(each) for each in group.controls],
+            group.uses,
+        )
+        for group in found
+    ]  # fmt: skip
+
+
+def _item(control: Control) -> ControlItem:
+    return ControlItem(
+        path=control.path, label=control.label, section=control.section, kind=cast(Any, control.kind),
+        value=control.value, default=control.default, authored=control.authored, min=control.least, max=control.most,
+        soft=control.slider, choices=control.choices, unit=control.unit, doc=control.doc, parts=dict(control.parts),
+    )  # fmt: skip
+
+
+def shape(groups: list[ControlGroup]) -> list[Any]:
+    """Return the parts of controls that only the message about the scene carries."""
+    return [(group.path, group.uses, [(each.path, each.choices) for each in group.controls]) for group in groups]
+
+
+def flat(groups: list[ControlGroup]) -> dict[str, tuple[Any, bool]]:
+    """Return the values of controls by path, and whether they are authored; ramps have a path for each part."""
+    found: dict[str, tuple[Any, bool]] = {}
+    for control in (each for group in groups for each in group.controls):
+        if control.kind == "ramp":
+            found |= {path: (control.value[part], control.authored) for part, path in control.parts.items()}
+        else:
+            found[control.path] = (control.value, control.authored)
+    return found
+
+
+def note(groups: list[ControlGroup], edited: dict[str, Any]) -> None:
+    """Change the values of controls to edited ones."""
+    for control in (each for group in groups for each in group.controls):
+        for part, path in control.parts.items():
+            if path in edited:
+                control.value, control.authored = {**control.value, part: edited[path]}, True
+        if control.path in edited:
+            control.value, control.authored = edited[control.path], True
 
 
 _DECODER: msgspec.json.Decoder[Messages] = msgspec.json.Decoder(Messages)

@@ -32,7 +32,6 @@ from ..scene import SceneError
 from ..usd.authoring.presets import PRESETS
 from ..usd.cameras.stereo import EYES, Stereo, usual_interaxial
 from . import protocol
-from .control_messages import described, flat, note, shape
 from .encoding import ANAGLYPH, SHOWN, encoded, thumbnail_of
 from .final import FinalRender, Wanted
 from .guard import HEADERS, Guard
@@ -194,7 +193,7 @@ class Studio:
 
     def _scene(self) -> str:
         session, last = self.session, self._last
-        self._groups = described(session.controls())
+        self._groups = protocol.described(session.controls())
         stereo, pose, focal = session.view.stereo, None, 1.0
         with suppress(SceneError):  # edits may have broken the camera; the state says so
             camera = session.camera()
@@ -326,9 +325,9 @@ class Studio:
 
     async def _tell_edited(self, edited: dict[str, Any] | None) -> None:
         """Tell all pages about an edit: see `_values`; if there are other controls now, tell them the scene first."""
-        before = shape(self._groups)
+        before = protocol.shape(self._groups)
         text = await self._command(self._values, edited)
-        if shape(self._groups) != before:
+        if protocol.shape(self._groups) != before:
             await self._tell_scene()
         self._tell_all(text)
 
@@ -340,15 +339,15 @@ class Studio:
         """
         edits, values, authored = self.session.edits, {}, {}
         if edited is None or any(value is None or path.endswith(":look") for path, value in edited.items()):
-            before = flat(self._groups)
-            self._groups = described(self.session.controls())
-            now = flat(self._groups)
+            before = protocol.flat(self._groups)
+            self._groups = protocol.described(self.session.controls())
+            now = protocol.flat(self._groups)
             values = {path: value for path, value in now.items() if before.get(path) != value}
             authored = {path: each for path, (_, each) in values.items()}
             values = {path: each for path, (each, _) in values.items()}
         else:
             values, authored = dict(edited), dict.fromkeys(edited, True)
-            note(self._groups, edited)
+            protocol.note(self._groups, edited)
         return protocol.encoded(protocol.ValuesMessage(
             values=values, authored=authored, canUndo=edits.can_undo, canRedo=edits.can_redo,
             saved=edits.is_saved, restored=edits.restored and not edits.is_saved,

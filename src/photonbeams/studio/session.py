@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import logging
-import os
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -17,7 +16,7 @@ from ..images.frame import pixels_of
 from ..runtime.files import PathLike
 from ..scene import Camera, SceneError, whole
 from ..shot.shot import Shot
-from ..shot.subject import Viewpoint
+from ..shot.subject import Viewpoint, several
 from ..usd.authoring.controls import Controls, controls_of
 from ..usd.authoring.editing import EditLayer
 from ..usd.authoring.presets import BEAM, apply_preset, preset_of
@@ -95,9 +94,8 @@ class Session:
         stereo = given.pop("stereo", None)
         self.shot = Shot.open(path, camera, **given)
         self._path, self._camera = Path(path), camera
-        layers, overrides = given.get("session_layers", ()), given.get("overrides", ())
-        self._layers = [str(layers)] if isinstance(layers, str | os.PathLike) else [str(each) for each in layers]
-        self._overrides = [overrides] if isinstance(overrides, str) else [*overrides]
+        self._layers = [str(each) for each in several(given.get("session_layers", ()))]
+        self._overrides = [str(each) for each in several(given.get("overrides", ()))]
         self.edits = Edits(EditLayer(self.shot.stage), layer)
         self.view = view or SessionView()
         if stereo is not None:

@@ -139,15 +139,14 @@ def _grid(
     parts = re.fullmatch(r"Tree_(\w+?)((?:_\d)+)", kind)
     value, levels = (parts[1], tuple(int(each) for each in parts[2][1:].split("_"))) if parts else (kind, ())
     half = kind != names[1] or metadata.get("is_saved_as_half_float") is True
-    if shared is None:
-        return VDBGrid(name, value, levels, half, compression, to_file, metadata,
-                       _body(file, places, size), cursor.place, places[1] - first)  # fmt: skip
-    other = Cursor.of(file, shared[0], shared[2] - shared[0])
-    (compression,) = other.unpack(_FLAGS)
-    _metadata(other)
-    _transform(other)
-    return VDBGrid(name, value, levels, half, compression, to_file, metadata, _body(file, shared, size), other.place,
-                   shared[1] - shared[0])  # fmt: skip
+    if shared is not None:
+        places = shared
+        cursor = Cursor.of(file, places[0], places[2] - places[0])
+        (compression,) = cursor.unpack(_FLAGS)
+        _metadata(cursor)
+        _transform(cursor)
+    return VDBGrid(name, value, levels, half, compression, to_file, metadata, _body(file, places, size),
+                   cursor.place, places[1] - places[0])  # fmt: skip
 
 
 def _body(file: BinaryIO, places: tuple[int, int, int], size: int) -> bytes:
