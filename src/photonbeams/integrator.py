@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from drjit import ADMode
 
     from .render.passes import RunOptions
-    from .runtime.device import Array3f, Bool, UInt32
+    from .runtime.device import Bool, UInt32
     from .runtime.mitsuba_types import ImageBlock, MiFilm, MiScene, MiSensor, Properties, RayDifferential, Sampler
     from .scene.checks import Array
 
@@ -274,7 +274,9 @@ class _Renderer:
             settings = replace(self.settings, passes=int(sampler.sample_count()), seed=seed)
             found = radiance(scene, ray, active, settings, self._warned)
             layers = [channel for layer in found[:2] for channel in layer] if self._layers else []
-            return _spectrum(self._mi, found.beams + found.surface), found.alpha > 0, layers, None
+            light = found.beams + found.surface
+            spectrum = self._mi.Spectrum(light if len(self._mi.Spectrum()) == 3 else light.x)  # or of one channel
+            return spectrum, found.alpha > 0, layers, None
 
 
 @contextmanager
@@ -296,11 +298,6 @@ def _number(seed: Any) -> int:
     import numpy as np
 
     return int(np.ravel(seed)[0])
-
-
-def _spectrum(mi: ModuleType, radiance: Array3f) -> Any:
-    """Return a radiance as Mitsuba's spectrum, which has one channel in monochrome variants."""
-    return mi.Spectrum(radiance) if len(mi.Spectrum()) == 3 else mi.Spectrum(radiance.x)
 
 
 def _block(mi: ModuleType, film: MiFilm, layers: Mapping[str, Array], with_layers: bool) -> ImageBlock:

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from photonbeams.images.anaglyph import anaglyph
-from photonbeams.images.display import srgb_decoded
+from photonbeams.images.display import anaglyph, srgb_decoded
 from photonbeams.scene import SceneError
 
 

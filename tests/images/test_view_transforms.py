@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from photonbeams.images import view_transforms as module
-from photonbeams.images.display import srgb_encoded, tone_mapped
-from photonbeams.images.view_transforms import view_transforms, viewed
+from photonbeams.images import display as module
+from photonbeams.images.display import srgb_encoded, tone_mapped, view_transforms, viewed
 from photonbeams.scene import SceneError
 
 #: A configuration in the format of 2011, with linear colours, a gamma of 2.2, and raw colours.

@@ -4,7 +4,7 @@ import resource
 
 import pytest
 
-from photonbeams.runtime.limits import check_address_space
+from photonbeams.runtime.device import check_address_space
 
 
 @pytest.mark.parametrize(

@@ -22,8 +22,8 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 import photonbeams as pb
+from photonbeams.images.display import viewed
 from photonbeams.images.files import read_layers
-from photonbeams.images.view_transforms import viewed
 from tests.studio.serving import TOKEN, Served
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")

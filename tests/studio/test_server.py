@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from photonbeams.images.display import viewed
 from photonbeams.images.files import read_layers
-from photonbeams.images.view_transforms import viewed
 from tests.studio.serving import TOKEN, Served, asked
 from tests.studio.sessions import INTENSITY, TINT, rendered
 

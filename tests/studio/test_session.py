@@ -236,7 +236,10 @@ def test_pictures_of_few_passes_are_denoised_and_the_finished_one_is_that_of_a_r
             same = [np.array_equal(each["surface"], before["surface"]) for each, before in pairs]
             assert same == [count == 0] * 2
     part = pb.Shot.open(stage).render_part(PlannedPasses(range(1), 2), width=48, height=27, denoise=True)
-    denoised, noisy = (replace(Development.of(part.development), denoise=each).frame(part) for each in (True, False))
+    kept = Development.of(part.development)
+    denoised, noisy = (
+        replace(kept, settings=replace(kept.settings, denoise=each)).frame(part) for each in (True, False)
+    )  # fmt: skip
     assert are_equal(second, denoised.layers) and not are_equal(second, noisy.layers)
     assert are_equal(finished, rendered(stage))
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.images.anaglyph import anaglyph
-from photonbeams.images.view_transforms import viewed
+from photonbeams.images.display import anaglyph, viewed
 from photonbeams.studio.encoding import beside
 from photonbeams.studio.session import Session, SessionView
 from photonbeams.usd.cameras.stereo import Stereo

@@ -15,7 +15,7 @@ from comm.base_comm import BaseComm
 from PIL import Image
 
 import photonbeams as pb
-from photonbeams.images.view_transforms import viewed
+from photonbeams.images.display import viewed
 from photonbeams.render.passes import Statistics
 from photonbeams.scene import SceneError
 from photonbeams.studio.navigation import moved, orbited

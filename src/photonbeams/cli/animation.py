@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..render.passes import Statistics
     from ..shot import Shot
     from ..usd.settings import RenderProduct
+    from .request import RenderRequest
 
 
 class FrameError(Exception):
@@ -48,9 +49,6 @@ class Task:
     def files(self) -> list[Path]:
         """The paths of its outputs."""
         return [output.path for output in self.outputs]
-
-
-Finish = Callable[[Task, Callable[..., None]], "Statistics"]
 
 
 def frame_numbers(text: str | None, outputs: Sequence[Output]) -> list[float | None]:
@@ -120,55 +118,44 @@ def opened_frames(
     return shot, tasks_of(shot, numbers, [target], ())
 
 
-@dataclass(frozen=True)
-class Animation:
-    """The frames of a render, and how to go through them. Each has `passes` passes, None if that is not known yet."""
+def render_frames(
+    tasks: Sequence[Task], passes: int | None, request: RenderRequest,
+    finish: Callable[[Task, Callable[..., None]], Statistics], check: Callable[[], None],
+) -> None:  # fmt: skip
+    """Render frames as a request asks, and report what was done; raise FrameError from an error that ends this.
 
-    tasks: Sequence[Task]
-    passes: int | None
-    skip_existing: bool = False
-    progress: str | None = None
-    quiet: bool = False
+    Each has `passes` passes, None if that is not known yet. `finish` renders and writes a frame; its second argument is
+    called with the number of passes done and a note on them. `check` raises KeyboardInterrupt if Ctrl-C was pressed.
+    """
+    begin, several, shown = time.perf_counter(), len(tasks) > 1, request.shown
+    done: list[tuple[Task, Statistics]] = []
 
-    def todo(self) -> list[Task]:
-        """Return the frames to render."""
-        return [task for task in self.tasks if not (self.skip_existing and task.exists())]
-
-    def render(self, finish: Finish, check: Callable[[], None]) -> None:
-        """Render the frames, and report what was done; raise FrameError from an error that ends this.
-
-        `finish` renders and writes a frame; its second argument is called with the number of passes done and a note on
-        them. `check` raises KeyboardInterrupt if Ctrl-C was pressed.
-        """
-        begin = time.perf_counter()
-        done: list[tuple[Task, Statistics]] = []
-        several = len(self.tasks) > 1
-        with bar(self.progress, self.quiet, len(self.tasks), self.passes) as show:
-            for index, task in enumerate(self.tasks):
-                try:
-                    check()
-                    # Ask again for each frame: another machine may have rendered it by now.
-                    if self.skip_existing and task.exists():
-                        self._say(f"frame {task.name}: skipped, all its files exist")
-                        continue
-                    begun = time.perf_counter()
-                    statistics = finish(task, _advancing(partial(show, index, task.name), check))
-                    done.append((task, statistics))
-                    if several:
-                        self._say(frame_line(task.name, statistics, task.files, time.perf_counter() - begun))
-                except (Exception, KeyboardInterrupt) as error:
-                    kept = getattr(error, "done", None)
-                    raise FrameError(f"frame {task.name}: " if several else "", len(done), kept) from error
-        seconds = time.perf_counter() - begin
-        if several or not done:
-            files = sum(len(task.outputs) for task, _ in done)
-            self._say(report_line(len(done), len(self.tasks) - len(done), files, seconds))
-        else:
-            self._say("\n".join(summary_lines(done[0][1], self.tasks[0].files, seconds, self.passes)))
-
-    def _say(self, text: str) -> None:
-        if not self.quiet:
+    def say(text: str) -> None:
+        if not shown.quiet:
             print(text, file=sys.stderr)
+
+    with bar(shown.progress, shown.quiet, len(tasks), passes) as show:
+        for index, task in enumerate(tasks):
+            try:
+                check()
+                # Ask again for each frame: another machine may have rendered it by now.
+                if request.files.skip_existing and task.exists():
+                    say(f"frame {task.name}: skipped, all its files exist")
+                    continue
+                begun = time.perf_counter()
+                statistics = finish(task, _advancing(partial(show, index, task.name), check))
+                done.append((task, statistics))
+                if several:
+                    say(frame_line(task.name, statistics, task.files, time.perf_counter() - begun))
+            except (Exception, KeyboardInterrupt) as error:
+                kept = getattr(error, "done", None)
+                raise FrameError(f"frame {task.name}: " if several else "", len(done), kept) from error
+    seconds = time.perf_counter() - begin
+    if several or not done:
+        files = sum(len(task.outputs) for task, _ in done)
+        say(report_line(len(done), len(tasks) - len(done), files, seconds))
+    else:
+        say("\n".join(summary_lines(done[0][1], tasks[0].files, seconds, passes)))
 
 
 def print_plan(what: str, tasks: Sequence[Task], todo: Sequence[Task], layers: Sequence[str]) -> None:

@@ -125,7 +125,7 @@ class DeviceFlags(Flags):
 
     def start(self) -> None:
         """Start the device."""
-        from ..runtime.limits import check_address_space
+        from ..runtime.device import check_address_space
 
         check_address_space()
         from ..runtime import device

@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from ..runtime.limits import check_address_space
+from ..runtime.device import check_address_space
+from ..runtime.inputs import opened
+from ..scene import Array, SceneError
+from ..volumes.vdb import VDBGrid, read_grids
+from ..volumes.vol import read_vol
 from .flags import SessionLayers
 from .progress import messages, standard_output
-from .volumes import COLUMNS, VOLUMES, triple, volume_rows
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -25,6 +28,8 @@ if TYPE_CHECKING:
 
 MESHES_SHOWN, CAMERAS_WATCHING = 60, 3
 STAGES = (".usd", ".usda", ".usdc", ".usdz")
+VOLUMES = (".vdb", ".vol")
+VOLUME_COLUMNS = ("grid", "type", "class", "voxels", "box", "from", "voxel size", "range", "dense", "compression")
 _NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "screenWindowCenter", "screenWindowWidth")
 
 
@@ -46,7 +51,7 @@ def info(
     elif session_layer:
         raise typer.BadParameter(f"--session-layer is for stages, but {path} is not one: expected {', '.join(STAGES)}")
     elif path.suffix.lower() in VOLUMES:
-        console.print(_table(COLUMNS, volume_rows(path)))
+        console.print(_table(VOLUME_COLUMNS, volume_rows(path)))
     else:
         _show_image(console, path)
 
@@ -188,7 +193,6 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
 def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
     from pxr import UsdGeom
 
-    from ..scene import SceneError
     from ..usd import stage as stages
     from ..usd.cameras.camera import read_shutter
 
@@ -233,7 +237,6 @@ def _light_row(light: Light) -> tuple[str, ...]:
 
 def _watching(stage: Usd.Stage, time: Usd.TimeCode) -> dict[str, Camera]:
     """Return the first few valid cameras, by name."""
-    from ..scene import SceneError
     from ..usd import stage as stages
 
     result = {}
@@ -301,6 +304,66 @@ def _factor_words(factor: object, kind: str) -> str:
     if getattr(curve, "expression", ""):
         words.append(curve.expression)
     return " x ".join(words)
+
+
+# -- volumes --------------------------------------------------------------------------------------------------------
+
+
+def volume_rows(path: Path) -> list[tuple[str, ...]]:
+    """Return a row for each grid of a file; SceneError if it cannot be read."""
+    try:
+        with opened(path) as file:
+            if path.suffix.lower() == ".vdb":
+                return [_grid_row(each) for each in read_grids(file)]
+            voxels = read_vol(file)
+    except SceneError as error:
+        raise SceneError(f"{path}: expected a grid that can be read, but {error}") from None
+    values, size = voxels.values, np.abs(np.diag(voxels.to_file)[:3])
+    shape = np.array(values.shape[2::-1])
+    kind = "float" if values.ndim == 3 else "vec3s"
+    return [
+        ("", kind, "", f"{np.prod(shape):,}", _times(shape), triple(voxels.to_file[:3, 3]), triple(size / shape),
+         _range([values]), _memory(values.nbytes), "none")
+    ]  # fmt: skip
+
+
+def _grid_row(grid: VDBGrid) -> tuple[str, ...]:
+    kind = grid.type + (", half" if grid.half else "")
+    word = str(grid.metadata.get("class", ""))
+    size = "frustum" if grid.to_file is None else triple(np.linalg.norm(grid.to_file[:3, :3], axis=0))
+    try:
+        tree = grid.tree
+    except SceneError:  # points and text have no voxels
+        return (grid.name, kind, word, "not read", "", "", size, "", "", grid.codec)
+    if tree.box is None:
+        return (grid.name, kind, word, "none", "", "", size, "", "", grid.codec)
+    low, high = tree.box
+    parts = [values[masks] for _, masks, values in tree.leaves()]
+    parts += [tile.value for tile in tree.tiles if tile.active]
+    count = high - low + 1
+    dense = 4 * tree.channels * float(np.prod(count.astype(np.float64)))
+    return (grid.name, kind, word, f"{tree.active_voxels:,}", _times(count), " ".join(str(each) for each in low), size,
+            _range(parts), _memory(dense), grid.codec)  # fmt: skip
+
+
+def _range(parts: list[Array]) -> str:
+    """Return a text with the least and the greatest value."""
+    some = [part for part in parts if part.size]
+    return f"{min(part.min() for part in some):.5g} to {max(part.max() for part in some):.5g}" if some else ""
+
+
+def _times(counts: Array) -> str:
+    return " x ".join(str(each) for each in counts)
+
+
+def triple(values: Iterable[float]) -> str:
+    """Return numbers in a row, or one number if all are the same."""
+    words = [f"{value:.4g}" for value in values]
+    return words[0] if len(set(words)) == 1 else " ".join(words)
+
+
+def _memory(size: float) -> str:
+    return f"{size / 1e6:,.1f} MB" if size >= 1e5 else f"{size / 1e3:,.1f} kB"
 
 
 # -- text ------------------------------------------------------------------------------------------------------------

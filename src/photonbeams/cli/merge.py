@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..images.numbering import numbered
-from ..runtime.limits import check_address_space
+from ..runtime.device import check_address_space
 from .animation import frame_numbers
 from .flags import PictureFlags, Quiet
 from .outputs import Output, chosen_layers, parse_outputs, prepare_outputs, write_outputs

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ..runtime.limits import check_address_space
-from .animation import Animation, Task, frame_numbers, print_plan, tasks_of
+from ..runtime.device import check_address_space
+from .animation import Task, frame_numbers, print_plan, render_frames, tasks_of
 from .outputs import (
     check_outputs,
     checkpoint_of,
@@ -169,8 +169,7 @@ def render(request: RenderRequest) -> None:
             job = Job.open(request, check)
         part = None if passes.part is None else passes.part.of(job.settings.passes)
         count = len(part) if part is not None else None if job.settings.error else job.settings.passes
-        animation = Animation(job.tasks, count, request.files.skip_existing, shown.progress, shown.quiet)
-        todo = animation.todo()
+        todo = [task for task in job.tasks if not (request.files.skip_existing and task.exists())]
         job, kept = _ready(job, todo, check)
         if shown.dry_run:
             if not shown.quiet:
@@ -190,7 +189,7 @@ def render(request: RenderRequest) -> None:
             finish_frame(frame, task.outputs, request, kept)
             return frame.statistics
 
-        animation.render(finish, check)
+        render_frames(job.tasks, count, request, finish, check)
 
 
 def _ready(job: Job, todo: Sequence[Task], check: HeldSignals) -> tuple[Job, Sequence[str]]:

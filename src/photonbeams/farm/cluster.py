@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -48,12 +48,7 @@ class FarmOptions:
 def connected(options: FarmOptions) -> Iterator[Client]:
     """Yield a client of the cluster; a local cluster ends with it and leaves no process or folder behind.
 
-    Raises
-    ------
-    SceneError
-        Dask is not installed.
-    FarmError
-        The scheduler does not answer, or local workers do not start.
+    FarmError if the scheduler does not answer or local workers do not start; SceneError if Dask is not installed.
     """
     with needs("farm", "a farm", "Dask"):
         import dask
@@ -84,27 +79,18 @@ def dashboard(client: Client) -> str | None:
 def _local(dask: ModuleType, distributed: ModuleType, options: FarmOptions) -> Iterator[Client]:
     count = options.workers or 1
     limit = (memory() or 0) // count
-    with (
-        temporary_folder("farm") as folder,
-        dask.config.set({"temporary-directory": folder}),
-    ):
-        cluster = _started(
-            distributed.LocalCluster,
-            n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address="127.0.0.1:0",
-            memory_limit=limit or "auto",
-            resources={MEMORY: limit} if limit else None, local_directory=folder, silence_logs=logging.CRITICAL,
-            preload=["photonbeams.farm.preload"],
-        )  # fmt: skip
+    with temporary_folder("farm") as folder, dask.config.set({"temporary-directory": folder}):
+        try:
+            cluster = distributed.LocalCluster(
+                n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1",
+                dashboard_address="127.0.0.1:0", memory_limit=limit or "auto",
+                resources={MEMORY: limit} if limit else None, local_directory=folder, silence_logs=logging.CRITICAL,
+                preload=["photonbeams.farm.preload"],
+            )  # fmt: skip
+        except (RuntimeError, OSError, TimeoutError) as error:  # its processes do not start
+            raise FarmError(f"the workers of the farm do not start: {' '.join(str(error).split())[:200]}") from None
         with cluster, distributed.Client(cluster, set_as_default=False, direct_to_workers=True) as client:
             yield client
-
-
-def _started(kind: Callable[..., Any], **given: object) -> Any:
-    """Return a local cluster; raise FarmError if its processes do not start."""
-    try:
-        return kind(**given)
-    except (RuntimeError, OSError, TimeoutError) as error:
-        raise FarmError(f"the workers of the farm do not start: {' '.join(str(error).split())[:200]}") from None
 
 
 @contextmanager

@@ -110,15 +110,7 @@ class Farm:
     _seen: float = field(default_factory=time.monotonic)
 
     def run(self) -> None:
-        """Render all frames.
-
-        Raises
-        ------
-        SceneError
-            A frame cannot be rendered on any machine.
-        FarmError
-            The scheduler or all workers are gone, or several workers were lost at the same part.
-        """
+        """Render all frames; SceneError for one that nothing can render, FarmError if scheduler or workers are gone."""
         frames = self.work.frames
         workers = max(1, len(self._workers()))
         parts = [parts_of(each.missing(), len(frames), workers, most_passes(workers)) for each in frames]

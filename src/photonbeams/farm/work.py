@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from ..scene import Array
 
@@ -21,11 +21,8 @@ _ONE = threading.Lock()  # a part uses all threads of its worker
 PACKAGES = ("photonbeams", "mitsuba", "drjit", "usd-core", "numpy")
 
 
-class Opened(Protocol):
-    """An open scene: a function that renders passes of a frame and returns the state of their sums."""
-
-    def __call__(self, frame: int, numbers: range, planned: int | None) -> dict[str, Array]:
-        """Render passes `numbers` of a frame; `planned` is as in `FrameSums`."""
+#: An open scene: a function of a frame, a range of passes and a planned number that returns the state of their sums.
+Opened = Callable[[int, range, "int | None"], dict[str, Array]]
 
 
 class WorkerError(Exception):
@@ -64,14 +61,8 @@ def render_part(
 ) -> dict[str, Array]:  # fmt: skip
     """Render some passes of a frame, and return the state of their sums.
 
-    The scene stays open under `key`, with its textures and kernels, for further parts of the same run.
-
-    Raises
-    ------
-    MachineError
-        This machine has other versions than expected, or a file or a library is missing here.
-    WorkerError
-        The scene cannot be opened, or the frame cannot be rendered.
+    The scene stays open under `key`, with its textures and kernels, for further parts of the same run. MachineError if
+    this machine lacks something or has other versions than expected; WorkerError if the frame cannot be rendered.
     """
     with _ONE:
         own = versions()

@@ -1,14 +1,27 @@
-"""From scene-linear light to the 8 bits of a display: tone mapping, the sRGB curve, dithering."""
+"""From scene-linear light to the 8 bits of a display: tone mapping, the sRGB curve, dithering, view transforms."""
 
 from __future__ import annotations
 
-import numpy as np
+import logging
+import os
+from functools import cache
 
-from ..scene import Array
+import numpy as np
+import OpenImageIO
+
+from ..scene import Array, SceneError
+
+LOG = logging.getLogger("photonbeams")
 
 SHOULDER = 0.5  # scene-linear value up to which `tone_mapped` changes nothing
 WHITENING = 0.15  # how fast the shoulder turns bright colours white; the value of Khronos' PBR Neutral
 
+#: The name of our own view transform, which PNGs have.
+OWN = "photonbeams"
+
+_DEFAULT = "ocio://default"  # OpenColorIO's built-in configuration
+_SCREEN = "sRGB - Display"  # its display for most screens
+_LINEAR = "lin_rec709_scene"  # the colour space of pictures
 
 # The fraction of lit pixels that should be below the shoulder: the rest are lamps and their surroundings.
 _JUDGED = 0.95
@@ -56,6 +69,10 @@ def srgb_decoded(encoded: Array) -> Array:
     return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.0) + 0.055) / 1.055) ** 2.4)
 
 
+#: The linear values of sRGB's 256 steps: a power for each pixel would take a hundred times as long.
+DECODED = srgb_decoded(np.arange(256) / 255).astype(np.float32)
+
+
 def is_encoded(kind: str, channels: int) -> bool:
     """Return whether an image file's colours are sRGB rather than linear, by the rule of UsdUVTexture's "auto".
 
@@ -74,3 +91,72 @@ def dithered(picture: Array) -> Array:
     y, x, c = np.ogrid[:height, :width, :channels]
     pattern = np.modf(52.9829189 * np.modf(0.06711056 * (x + 47 * c) + 0.00583715 * (y + 17 * c))[0])[0]
     return np.clip(np.floor(picture * 255.0 + pattern), 0, 255).astype(np.uint8)
+
+
+# -- view transforms ------------------------------------------------------------------------------------------------
+
+
+def view_transforms() -> list[str]:
+    """Return the names of the view transforms: ours, and those of the user's OpenColorIO configuration ($OCIO).
+
+    Of the built-in configuration, only those for sRGB screens are listed.
+    """
+    return [OWN, *_views()]
+
+
+def viewed(pixels: Array, name: str = OWN, exposure: float = 0.0) -> Array:
+    """Return a scene-linear picture, (H, W, 3 or more), as a screen shows it, (H, W, 3) of 8 bits."""
+    if name == OWN:
+        return dithered(srgb_encoded(tone_mapped(np.asarray(pixels)[..., :3], exposure)))
+    if name not in _views():
+        raise SceneError(f"there is no view transform {name!r}: expected one of {', '.join(view_transforms())}")
+    display, view = _views()[name]
+    scaled = np.nan_to_num(np.asarray(pixels, dtype=np.float32)[..., :3] * np.float32(2.0**exposure), posinf=6e4)
+    source = OpenImageIO.ImageBuf(np.ascontiguousarray(scaled))
+    shown = OpenImageIO.ImageBufAlgo.ociodisplay(source, display, view, _LINEAR, colorconfig=_config())
+    if shown.has_error:
+        raise SceneError(f"the view transform {name!r} cannot be used: {shown.geterror()}"[:300])
+    return dithered(np.clip(np.asarray(shown.get_pixels(OpenImageIO.FLOAT)), 0, 1))
+
+
+def _config() -> str:
+    return os.environ.get("OCIO") or _DEFAULT
+
+
+@cache
+def _views() -> dict[str, tuple[str, str]]:
+    """Return OpenColorIO's displays and views by the names that users see."""
+    config = OpenImageIO.ColorConfig(_config())
+    if problem := config.geterror():
+        LOG.warning("OCIO=%s cannot be used: %s; only photonbeams' own view is available", _config(), problem)
+        return {}
+    own = _config() != _DEFAULT
+    displays = [each for each in config.getDisplayNames() if own or each == _SCREEN]
+    return {
+        f"{display}, {view}" if own and len(displays) > 1 else str(view): (display, view)
+        for display in displays
+        for view in config.getViewNames(display)
+    }
+
+
+# -- two eyes -------------------------------------------------------------------------------------------------------
+
+# Eric Dubois' matrices ("A projection method to generate anaglyph stereo images", ICASSP 2001), for linear light, sRGB
+# screens and gelatin filters, with the digits that other programs use: they bring what each eye sees through its filter
+# as close as possible to the two pictures.
+_LEFT = np.array([[0.456, 0.500, 0.176], [-0.040, -0.038, -0.016], [-0.015, -0.021, -0.005]], dtype=np.float32)
+_RIGHT = np.array([[-0.043, -0.088, -0.002], [0.378, 0.734, -0.018], [-0.072, -0.113, 1.226]], dtype=np.float32)
+_STEPS = 4095
+_ENCODED = np.round(255 * srgb_encoded(np.arange(_STEPS + 1) / _STEPS)).astype(np.uint8)
+
+
+def anaglyph(left: Array, right: Array) -> Array:
+    """Return two eyes' pictures in one, for glasses with a red filter on the left and a cyan one on the right.
+
+    All three are (H, W, 3) of 8 bits, as a screen shows them.
+    """
+    if left.shape != right.shape:
+        raise SceneError(f"the left eye's picture is {left.shape} and the right one's {right.shape}: expected one size")
+    mixed = DECODED[left] @ _LEFT.T + DECODED[right] @ _RIGHT.T
+    shown: Array = _ENCODED[np.clip(np.rint(_STEPS * mixed), 0, _STEPS).astype(np.int32)]
+    return shown

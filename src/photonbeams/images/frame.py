@@ -114,13 +114,7 @@ class Frame:
 
 
 def preview(*eyes: Array) -> bytes:
-    """Return the PNG that `png_of` returns for eyes, scaled down if it has many pixels or bytes.
-
-    Raises
-    ------
-    ValueError
-        Eyes of different heights.
-    """
+    """Return the PNG that `png_of` returns for eyes, scaled down if it has many pixels or bytes."""
     scale = min(1.0, (MOST_PREVIEWED / sum(np.shape(each)[0] * np.shape(each)[1] for each in eyes)) ** 0.5)
     while len(data := png_of(*(_smaller(each, scale) for each in eyes))) > MOST_BYTES:
         scale *= min(0.9, (MOST_BYTES / len(data)) ** 0.5)

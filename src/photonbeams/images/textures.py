@@ -9,15 +9,13 @@ import numpy as np
 import OpenImageIO
 
 from ..scene import Array, SceneError
-from .display import is_encoded, srgb_decoded
+from .display import DECODED, is_encoded, srgb_decoded
 from .files import UnreadableImageError, check_image, complaint, opened, reason, strips
 
 #: Textures with more pixels along a side are scaled down, unless a user sets another limit.
 TEXTURE_LIMIT = 4096
 
 _LARGEST = 16384  # megabytes of uncompressed pixels: even a small file may claim to hold more
-
-_DECODED = srgb_decoded(np.arange(256) / 255).astype(np.float32)
 
 OpenImageIO.attribute("limits:imagesize_MB", _LARGEST)
 
@@ -79,8 +77,8 @@ def linear(pixels: Array, kind: str, color_space: str) -> Array:
         return pixels
     result = pixels.copy()
     count = channels if channels not in (2, 4) else channels - 1  # alpha is never encoded
-    if kind == "uint8":  # a table of 256 values: a power for each pixel would take a hundred times as long
-        result[..., :count] = _DECODED[(pixels[..., :count] * 255 + 0.5).astype(np.uint8)]
+    if kind == "uint8":
+        result[..., :count] = DECODED[(pixels[..., :count] * 255 + 0.5).astype(np.uint8)]
     else:
         result[..., :count] = srgb_decoded(result[..., :count])
     return result

@@ -55,12 +55,9 @@ def write_bytes(path: PathLike, data: bytes | memoryview) -> None:
 
 @contextmanager
 def atomic_file(path: PathLike) -> Iterator[IO[bytes]]:
-    """Yield a binary stream to write to, without `seek`; at the end, `path` has its bytes if the disk has all of them.
+    """Yield a binary stream to write to, without `seek`; at the end, `path` has its bytes.
 
-    Raises
-    ------
-    OSError
-        As `atomic_path`, or the file holds other bytes than were written.
+    OSError as for `atomic_path`, or if the file holds other bytes than were written.
     """
     with atomic_path(path) as beside:
         with _Draft(beside) as draft:

@@ -20,8 +20,8 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 import numpy as np
 
 from ..scene import Array, SceneError
+from .device import usable_memory
 from .files import PathLike
-from .limits import usable_memory
 
 #: Bytes of files of text that is read as a whole, such as scenes in XML.
 MOST_TEXT = 1 << 28
@@ -69,13 +69,7 @@ def is_special(path: PathLike) -> str:
 
 
 def opened(path: PathLike, most: int | None = None) -> BinaryIO:
-    """Return a file, opened for reading.
-
-    Raises
-    ------
-    SceneError
-        As `why_unreadable`; the message is a clause about the file.
-    """
+    """Return a file, opened for reading; raise SceneError, a clause about the file, as `why_unreadable`."""
     if problem := why_unreadable(path, most):
         raise SceneError(problem)
     try:

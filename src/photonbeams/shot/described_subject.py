@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from math import log2, pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,6 @@ from ..usd.common.motion import Exposure
 from ..usd.common.warnings import Warnings
 from ..usd.layers.header import origin
 from ..usd.looks.look import LookSpec
-from .diagnostics import check_content, warn_of_darkness, warn_of_dim_suns
 from .subject import FrameContent, Subject, Viewpoint, size_of
 
 if TYPE_CHECKING:
@@ -32,20 +32,16 @@ if TYPE_CHECKING:
 
 DEFAULT_WIDTH = 1280
 
+_NOTHING = "nothing makes beams"  # a warning that names the first such frame, and is given once
+_DIM = "the suns are dim"  # likewise
+_BLACK = 0.03  # an irradiance in which a surface of 18 % grey is below a level of 6 of 255
+
 #: A function that makes a medium from the subject's own, or from None if it has none.
 MediumOverride = Callable[[scene.Medium | None], scene.Medium | None]
 
 
 class DescribedSubject(Subject):
-    """A subject in plain numbers.
-
-    Parameters
-    ----------
-    medium, simulate, emit, looks
-        As for `Shot`.
-    strict
-        Whether warnings are errors.
-    """
+    """A subject in plain numbers; its arguments are as for `Shot`."""
 
     #: Time codes in a second.
     rate = 1.0
@@ -185,8 +181,14 @@ class DescribedSubject(Subject):
         return layer_names(content)
 
     def _check(self, content: scene.Scene, frame: float | None) -> None:
-        check_content(content, self.name)
-        warn_of_darkness(content, self.name, self.number(frame), self.warnings)
+        """Raise SceneError if there is nothing to render, and warn if all of it is dark."""
+        from ..render.stage_frame import check
+
+        try:
+            check(content)
+        except scene.SceneError as error:
+            raise scene.SceneError(f"{self.name}: {error}") from None
+        _warn_of_darkness(content, self.name, self.number(frame), self.warnings)
 
     def windows(self, viewpoint: Viewpoint, request: FrameRequest) -> tuple[Window, Window]:
         """Return what is shown of a frame, and what is rendered."""
@@ -213,7 +215,7 @@ class DescribedSubject(Subject):
         exposure = self.exposure(viewpoint, frame, request.blur, request.lens)
         content, cameras = exposure(0.0)
         self._check(content, frame)
-        warn_of_dim_suns(content, cameras, self.name, self.warnings)
+        _warn_of_dim_suns(content, cameras, self.name, self.warnings)
         eyes = _eyes(views)
         time = self._header(frame, exposure.duration)
         shutter = exposure.shutter(eyes, self.rate)
@@ -246,7 +248,7 @@ class DescribedSubject(Subject):
 
         self._check_frame(frame)
         exposure = self.exposure(viewpoint, frame, blur=False, lens=False)
-        warn_of_darkness(exposure(0.0)[0], self.name, self.number(frame), self.warnings)
+        _warn_of_darkness(exposure(0.0)[0], self.name, self.number(frame), self.warnings)
         size = self.resolution(viewpoint, frame, 128, None, (), None, 1.0)
         chosen = Settings.of(settings, given)
         if chosen.program is None:
@@ -311,6 +313,46 @@ class BuiltSubject(DescribedSubject):
 
     def _header(self, frame: float | None, duration: float) -> dict[str, Any]:
         return origin("", frame)
+
+
+def _warn_of_darkness(content: scene.Scene, name: str, number: float, warnings: Warnings) -> None:
+    """Warn once if no beams are visible: there is no fog, nothing makes beams now, or all lights are black.
+
+    That is no error, so that a light that fades out does not end a film. Messages begin with `name`.
+    """
+    from ..render.stage_frame import black, makers
+
+    names = ", ".join(black(content))
+    if not content.media:
+        fog = "expected a prim with PhotonBeamsMediumAPI, or a fog given by --scattering"
+        warnings.give(f"{name}: there is no fog, so no beams are seen: {fog}")
+    elif names:
+        warnings.give(f"{name}: no beams have any light: expected some of {names} to shine")
+    elif not makers(content) and not content.sky and _NOTHING not in warnings.given:
+        warnings.given.add(_NOTHING)
+        idle = ", ".join(light.name for light in content.lights)
+        expected = f"photonbeams:enabled on {idle}" if idle else "a light that is on"
+        at = f"{name}: {_NOTHING} at frame {number:.10g}"
+        warnings.give(f"{at}: expected {expected}; frames without one have no beams")
+
+
+def _warn_of_dim_suns(content: scene.Scene, cameras: Sequence[scene.Camera], name: str, warnings: Warnings) -> None:
+    """Warn if the lights that shine are all suns, in whose light, times the exposure, surfaces look black.
+
+    Without `normalize` an intensity is the radiance of the sun's disc: 0.53 degrees have a 15,000th of it.
+    """
+    shining = [light for light in content.lights if max(light.radiance) > 0]
+    suns = [light for light in shining if isinstance(light, scene.DistantLight)]
+    if not suns or len(suns) < len(shining) or content.drawn or _DIM in warnings.given:
+        return
+    total = sum(sun.irradiance for sun in suns) * max(camera.exposure_scale for camera in cameras)
+    if 0 < total < _BLACK:
+        warnings.given.add(_DIM)  # frames with other numbers are no news
+        sun = max(suns, key=lambda each: each.irradiance)
+        disc = f" (a radiance of {max(sun.radiance):.3g} over {sun.angle:.3g} degrees)" if sun.angle > 0 else ""
+        more = f"{log2(pi / total):.1f} stops more show them, by --exposure or inputs:exposure"
+        text = f"{name}: {sun.name} gives an irradiance of {total:.2g}{disc}, in which surfaces look black"
+        warnings.give(f"{text}: {more}, as does inputs:normalize, if that is off")
 
 
 def _eyes(views: Sequence[str]) -> list[int]:

@@ -18,10 +18,11 @@ from ..render.films.frame_sums import FrameSums
 from ..render.films.layers import develop
 from ..render.films.sums import ALBEDO, PassSums
 from ..render.passes import Statistics, known
+from ..render.settings import Settings
 from ..scene import MOST_PIXELS, Array, SceneError
 from ..scene import shown as shown_value
 
-_NAME = "development"
+_NAME, _SETTINGS = "development", ("albedo", "denoise", "keep_noisy")
 
 
 @dataclass(frozen=True)
@@ -31,13 +32,11 @@ class Development:
     shape: tuple[int, int]  # height and width in pixels
     groups: Mapping[str, str]  # the layer of each light group
     views: Mapping[str, Mapping[str, Any]]  # the metadata of an EXR's header by the view's name
+    settings: Settings = field(default_factory=Settings)  # of which only those in _SETTINGS matter
     plates: Sequence[Array] = ()  # pixels (H, W, 4) that beams are added to, for each view
     plate_fog: bool = False  # whether the fog dims these
     # The first row and column that are shown, and how many: others were rendered for the pixel filter. None: all.
     shown: tuple[int, int, int, int] | None = None
-    albedo: bool = False  # this and the next two are as in `Settings`
-    denoise: bool = False
-    keep_noisy: bool = False
     # A cache of denoised layers for each view; None: nothing is cached.
     filtered: dict[str, dict[str, Filtered]] | None = field(default=None, compare=False, repr=False)
 
@@ -45,7 +44,7 @@ class Development:
         """Return the frame of these sums; `statistics` says how it was rendered, as far as that is known."""
         if statistics is None:
             statistics = Statistics(len(sums), sums.beams, sums.tests, error=known(sums.error()))
-        with statistics.phase("denoise") if self.denoise else nullcontext():
+        with statistics.phase("denoise") if self.settings.denoise else nullcontext():
             pictures = [self._layers(name, each) for name, each in zip(self.views, sums.views, strict=True)]
         for layers, pixels in zip(pictures, self.plates, strict=False):
             layers["rgba"] = Plate(pixels, self.plate_fog).composite(layers, pixels)
@@ -56,9 +55,9 @@ class Development:
         """Return the layers of a view, cut to what is shown."""
         known = None if self.filtered is None else self.filtered.setdefault(view, {})
         layers = develop(sums, self.shape, self.groups)
-        if self.denoise:  # before the cut: pixels around the shown part help at its edges
-            layers = denoised(layers, sums, self.groups, self.keep_noisy, known)
-        if not self.albedo:
+        if self.settings.denoise:  # before the cut: pixels around the shown part help at its edges
+            layers = denoised(layers, sums, self.groups, self.settings.keep_noisy, known)
+        if not self.settings.albedo:
             layers.pop(ALBEDO, None)
         top, left, rows, columns = self.shown or (0, 0, *self.shape)
         part = np.s_[top : top + rows, left : left + columns]
@@ -68,7 +67,7 @@ class Development:
         """Return this as arrays by name, for `FrameSums.development`."""
         about = {
             "shape": self.shape, "groups": self.groups, "fog": self.plate_fog, "shown": self.shown,
-            "albedo": self.albedo, "denoise": self.denoise, "keep_noisy": self.keep_noisy,
+            **{name: getattr(self.settings, name) for name in _SETTINGS},
             "views": {name: {key: _plain(value) for key, value in each.items()} for name, each in self.views.items()},
         }  # fmt: skip
         plates = {f"plate {k}": np.asarray(each) for k, each in enumerate(self.plates)}
@@ -84,7 +83,7 @@ class Development:
             shown = None if about["shown"] is None else _whole(about["shown"], 4, 0)
             groups = {str(name): str(layer) for name, layer in about["groups"].items()}
             plates = [np.asarray(state[f"plate {k}"]) for k in range(sum(name.startswith("plate ") for name in state))]
-            layers: dict[str, Any] = {name: bool(about[name]) for name in ("albedo", "denoise", "keep_noisy")}
+            settings: dict[str, Any] = {name: bool(about[name]) for name in _SETTINGS}
             fog = bool(about["fog"])
         except (KeyError, ValueError, TypeError, AttributeError, ZeroDivisionError, RecursionError) as error:
             raise SceneError(f"does not say how its passes become a picture: {shown_value(error)}") from None
@@ -96,7 +95,7 @@ class Development:
         wanted = (len(views), (rows, columns, 4))
         if plates and {(len(plates), each.shape) for each in plates} != {wanted}:
             raise SceneError(f"has {len(plates)} plates of {plates[0].shape}: expected {wanted[0]} of {wanted[1]}")
-        return cls((height, width), groups, views, plates, fog, shown, **layers)  # type: ignore[arg-type]
+        return cls((height, width), groups, views, Settings(**settings), plates, fog, shown)  # type: ignore[arg-type]
 
     def check(self, sums: FrameSums) -> None:
         """Raise SceneError if these sums are not of as many views and pixels as this is."""

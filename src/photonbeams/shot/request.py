@@ -125,8 +125,8 @@ def prepare(
     }
     top, left = (window.crop[k] - grown.crop[k] for k in (1, 0))
     development = Development(
-        grown.shape, content.groups, headers, pixels, over is not None and over.fog, (top, left, *window.shape),
-        chosen.albedo, chosen.denoise, chosen.keep_noisy,
+        grown.shape, content.groups, headers, chosen, pixels, over is not None and over.fog,
+        (top, left, *window.shape),
     )  # fmt: skip
     run = _run_options(request, development)
     holdouts = [depth.seen_by(_camera(view)) for depth, view in zip(depths, content.views, strict=False)]

@@ -47,12 +47,7 @@ _MOST_ZIPPED = 1032  # how much smaller zlib makes data at most
 def check_files(path: Path, parameters: Mapping[str, str]) -> None:
     """Check the files that a scene refers to. Those that do not exist are left to Mitsuba.
 
-    Raises
-    ------
-    SceneError
-        A file that cannot be read, or that claims to hold more than there is, or more than can be read.
-    RuntimeError
-        From Mitsuba: a scene that cannot be parsed.
+    SceneError for one that cannot be read, or that claims to hold more than there is, or more than can be read.
     """
     folders = [path.parent, *_check_paths(path, parameters)]
     own = parse(path, parameters)

@@ -58,20 +58,10 @@ class FrameContent:
 
 
 class Subject(ABC):
-    """What a shot shows.
+    """What a shot shows. Frames are numbers; None is a stage's start or default time. Methods raise SceneError."""
 
-    Frames are numbers; None is a stage's start or default time. Methods raise SceneError.
-
-    Attributes
-    ----------
-    name
-        The beginning of messages about the whole.
-    warnings
-        The warnings about it so far.
-    """
-
-    name: str
-    warnings: Warnings
+    name: str  # the beginning of messages about the whole
+    warnings: Warnings  # about it so far
 
     @abstractmethod
     def check_viewpoint(self, viewpoint: Viewpoint) -> None:

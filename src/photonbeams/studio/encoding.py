@@ -8,9 +8,8 @@ from io import BytesIO
 import numpy as np
 from PIL import Image
 
-from ..images.anaglyph import anaglyph
+from ..images.display import OWN, anaglyph, viewed
 from ..images.swatches import thumbnail
-from ..images.view_transforms import OWN, viewed
 from ..scene import Array
 from ..usd.authoring.presets import preset_look, preset_of
 from ..usd.cameras.stereo import EYES
@@ -32,11 +31,6 @@ def encoded(
     """Return a layer of a picture, or `rgba` if it has no such layer, at an exposure in stops, by a view transform.
 
     If the picture has two eyes, `eye` chooses one, or both in one picture of the same size: `ANAGLYPH`, `BESIDE`.
-
-    Raises
-    ------
-    SceneError
-        `display` is no view transform.
     """
     layer = layer if layer in picture.layers else "rgba"
     if picture.views and eye in (ANAGLYPH, BESIDE):

@@ -28,18 +28,10 @@ def moved(pose: Array, right: float, up: float, forward: float) -> Array:
 
 
 def orbited(pose: Array, world_up: Array, distance: float, yaw: float, pitch: float) -> Array:
-    """Return a pose after a turn about a point that is `distance` in front of the camera.
+    """Return a pose after a turn about a point that is `distance` in front of the camera; a scale in it is removed.
 
-    Parameters
-    ----------
-    pose
-        (4, 4); a scale in it is removed.
-    world_up
-        (3,) the stage's up axis, about which `yaw` turns.
-    distance
-        From the camera to the point, in scene units.
-    yaw, pitch
-        Radians; positive angles turn the view to the left and up. The turn stops before the camera would turn over.
+    `yaw` turns about the stage's up axis, (3,), to the left, and `pitch` up; both are in radians. The turn stops before
+    the camera would turn over.
     """
     return moved(_turned(moved(pose, 0, 0, distance), world_up, yaw, pitch), 0, 0, -distance)
 

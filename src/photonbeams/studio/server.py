@@ -27,7 +27,7 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from ..images.view_transforms import OWN, view_transforms
+from ..images.display import OWN, view_transforms
 from ..scene import SceneError
 from ..usd.authoring.presets import PRESETS
 from ..usd.cameras.stereo import EYES, Stereo, usual_interaxial
@@ -80,15 +80,7 @@ class _Watcher:
 
 
 class Studio:
-    """A session and the pages that watch it.
-
-    Attributes
-    ----------
-    session
-        What is shown and edited.
-    token
-        The token that lets a page in.
-    """
+    """A session and the pages that watch it; the `token` lets a page in."""
 
     def __init__(self, session: Session, token: str | None = None) -> None:
         self.session, self.token = session, token or secrets.token_urlsafe(24)

@@ -107,7 +107,7 @@ class LivePictures:
             if unwanted():
                 raise Cancelled
             development, done = self._development(ready, chain, number, view), number + 1
-            if development.denoise and done > _EACH and done % _ONE_OF:
+            if development.settings.denoise and done > _EACH and done % _ONE_OF:
                 continue
             made = development.frame(frame.sums(), frame.statistics)
             if unwanted():
@@ -120,7 +120,7 @@ class LivePictures:
     def _development(self, ready: Prepared, chain: _Chain, number: int, view: SessionView) -> Development:
         """Return how the passes up to `number` become a picture."""
         if chain is self._whole and number >= view.passes - 1:
-            return replace(ready.development, denoise=False)
+            return replace(ready.development, settings=replace(ready.development.settings, denoise=False))
         # After an edit of a look, denoised layers of surfaces can be reused.
         return replace(ready.development, filtered=chain.filtered) if number == 0 else ready.development
 

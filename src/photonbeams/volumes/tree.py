@@ -81,16 +81,8 @@ class _Encoding:
 class Tree:
     """The voxels of a grid.
 
-    Parameters
-    ----------
-    topology, values
-        Cursors at the file's topology and values.
-    kind, channels
-        The NumPy type of values, and the number of values per voxel.
-    name
-        OpenVDB's name of the type: leaves of "bool" and "mask" are stored differently.
-    levels, half, compression
-        As in `VDBGrid`.
+    It is read by cursors at the file's topology and values. `kind` is the NumPy type of values, and `name` OpenVDB's:
+    leaves of "bool" and "mask" are stored differently. The rest is as in `VDBGrid`.
 
     Attributes
     ----------
