@@ -139,14 +139,6 @@ class Job:
         return (right - left) * (bottom - top) * (PIXEL_BYTES + views * _SUMS_BYTES)
 
 
-class Kept(KeyboardInterrupt):
-    """A signal that ended a render after a checkpoint was written; `done` says so."""
-
-    def __init__(self, done: str) -> None:
-        super().__init__(done)
-        self.done = done
-
-
 def render(request: RenderRequest) -> None:
     """Render frames of a USD stage or a Mitsuba scene.
 
@@ -260,6 +252,5 @@ def _rendered(
         with check.forced(rescue):
             return job.render(task, progress, checkpoint=checkpoint, snapshot=snapshot)
     except KeyboardInterrupt as interrupt:
-        if (text := kept_passes()) is None:
-            raise
-        raise Kept(text) from interrupt
+        interrupt.done = kept_passes()  # type: ignore[attr-defined]  # for the message about how the render ended
+        raise

@@ -30,6 +30,8 @@ def export(
 ) -> list[Path]:
     """Write a shot as a Mitsuba scene; warn of everything that Mitsuba cannot describe.
 
+    Return the files that were written, the .xml first. Either all are written or none.
+
     Parameters
     ----------
     shot
@@ -40,11 +42,6 @@ def export(
         Frame number; None is the stage's start or default time.
     width, height, crop
         As for `Shot.render`.
-
-    Returns
-    -------
-    list[Path]
-        The files that were written, the .xml first. Either all are written or none.
 
     Raises
     ------

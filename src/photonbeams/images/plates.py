@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from ..runtime.files import PathLike
 from ..scene import FARTHEST, Array, SceneError
@@ -56,7 +56,41 @@ class Depth:
 
 
 @dataclass(frozen=True)
-class Holdout:
+class _Picture(ABC):
+    """What holdouts and plates have in common: a file of another renderer, or pixels."""
+
+    file: PathLike | Array
+    axes: ClassVar[int]  # of the pixels of one view
+
+    @classmethod
+    def of(cls, given: Any) -> Self | None:
+        """Return what is `given`, a file's path or pixels or one of these, as one of these; None for None."""
+        if given is None or isinstance(given, cls):
+            return given
+        return cls(given if isinstance(given, str | os.PathLike) else np.asarray(given))
+
+    def size(self, frame: float, views: Sequence[str]) -> Size:
+        """Return the width and height for `frame` and `views`, which are as for `read`."""
+        if not isinstance(self.file, np.ndarray):
+            return next(image_files(self.file, frame, views))[0].size
+        if self.file.ndim < self.axes:
+            raise SceneError(f"the pixels are of shape {self.file.shape}: expected at least {self.axes} axes")
+        height, width = self.file.shape[-self.axes :][:2]
+        return int(width), int(height)
+
+    def check(self, frame: float, views: Sequence[str], size: Size) -> None:
+        """Raise what `read` would raise for `frame`, `views` and `size`, as far as headers show it."""
+        for file, view in image_files(self.file, frame, views):
+            _factor(file, file.size, size)
+            self._channels(file, file.channels_of(view, views), lambda _: None)
+
+    @abstractmethod
+    def _channels(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
+        """Return the channels that are read; SceneError if there are none."""
+
+
+@dataclass(frozen=True)
+class Holdout(_Picture):
     """Another renderer's depth, at which beams end.
 
     Attributes
@@ -88,31 +122,16 @@ class Holdout:
     `shot.render(holdout=holdout)` ends the beams there; `pb.Holdout("depth.####.exr")` reads a file for each frame.
     """
 
-    file: PathLike | Array
     channel: str | None = None
     kind: str = "auto"
     scale: float = 1.0
+    axes = 2
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise SceneError(f"holdout-depth is {self.kind}: expected one of {', '.join(KINDS)}")
         if not 0 < self.scale <= FARTHEST:
             raise SceneError(f"holdout-scale is {self.scale}: expected more than 0 and no more than {FARTHEST:g}")
-
-    @classmethod
-    def of(cls, given: PathLike | Array | Holdout | None) -> Holdout | None:
-        """Return the holdout of what is `given`: a file's path, planar depths, a holdout, or None."""
-        return given if given is None or isinstance(given, Holdout) else cls(_path_or_pixels(given))
-
-    def size(self, frame: float, views: Sequence[str]) -> Size:
-        """Return the width and height of the depths for `frame` and `views`, which are as for `read`."""
-        return _size(self.file, frame, views, axes=2)
-
-    def check(self, frame: float, views: Sequence[str], size: Size) -> None:
-        """Raise what `read` would raise for `frame`, `views` and `size`, as far as headers show it."""
-        for file, view in image_files(self.file, frame, views):
-            _factor(file, file.size, size)
-            self._channel(file, file.channels_of(view, views), _in_silence)
 
     def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None) -> list[Depth]:
         """Return the depths of each view.
@@ -133,11 +152,6 @@ class Holdout:
             The part of the picture to return, (left, top, right, bottom); None: the whole. Beyond the picture there is
             no surface, except in the data window of an EXR with overscan.
 
-        Returns
-        -------
-        list[Depth]
-            One for each view.
-
         Raises
         ------
         OSError
@@ -153,7 +167,7 @@ class Holdout:
             return [self._depth(each, "float", factor, self.kind == "distance") for each in parts]
         result = []
         for file, view in image_files(self.file, frame, views):
-            channel = self._channel(file, file.channels_of(view, views), warn)
+            (channel,) = self._channels(file, file.channels_of(view, views), warn)
             distance = self.kind == "distance" or (self.kind == "auto" and says_distance(channel))
             factor = _factor(file, file.size, size)
             around = _around(box, size)
@@ -164,7 +178,7 @@ class Holdout:
             result.append(replace(depth, values=placed(depth.values, around[:2], box or around, np.inf)))
         return result
 
-    def _channel(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> Channel:
+    def _channels(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
         """Return the channel that holds the depth."""
         found = channels_named(channels, self.channel) if self.channel is not None else depth_channels(channels)
         if not found:
@@ -179,7 +193,7 @@ class Holdout:
         if found[0].kind not in ("half", "float", "double"):
             text = f"{file} holds {found[0].name} as {found[0].kind}"
             raise SceneError(f"{text}: expected a depth of half or single precision")
-        return found[0]
+        return found[:1]
 
     def _depth(self, values: Array, stored: str, factor: int, distance: bool) -> Depth:
         """Return depths in scene units, of pixels that are merged from `factor` ones along each side."""
@@ -192,7 +206,7 @@ class Holdout:
 
 
 @dataclass(frozen=True)
-class Plate:
+class Plate(_Picture):
     """A picture that beams are added to.
 
     Attributes
@@ -214,23 +228,11 @@ class Plate:
     `shot.render(over=plate)` does that for its `rgba`; `pb.Plate("plate.####.exr")` reads a file for each frame.
     """
 
-    file: PathLike | Array
     fog: bool = False
+    axes = 3
 
-    @classmethod
-    def of(cls, given: PathLike | Array | Plate | None) -> Plate | None:
-        """Return the plate of what is `given`: a file's path, pixels, a plate, or None."""
-        return given if given is None or isinstance(given, Plate) else cls(_path_or_pixels(given))
-
-    def size(self, frame: float, views: Sequence[str]) -> Size:
-        """Return the width and height of the plate for `frame` and `views`, which are as for `Holdout.read`."""
-        return _size(self.file, frame, views, axes=3)
-
-    def check(self, frame: float, views: Sequence[str], size: Size) -> None:
-        """Raise what `read` would raise for `frame`, `views` and `size`, as far as headers show it."""
-        for file, view in image_files(self.file, frame, views):
-            _factor(file, file.size, size)
-            picture_channels(file, file.channels_of(view, views), _in_silence)
+    def _channels(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
+        return picture_channels(file, channels, warn)
 
     def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None) -> list[Array]:
         """Return the scene-linear pixels of each view, (H, W, 4) float32, black beyond the plate.
@@ -243,7 +245,7 @@ class Plate:
             return [_shrunk(placed(each, (0, 0), _finer(box, size, factor), 0.0), factor) for each in plates]
         result = []
         for file, view in image_files(self.file, frame, views):
-            channels = picture_channels(file, file.channels_of(view, views), warn)
+            channels = self._channels(file, file.channels_of(view, views), warn)
             factor = _factor(file, file.size, size)
             file.warn_of_primaries(channels[0].part, warn)
             pixels = file.pixels(channels, 0.0, _finer(box, size, factor))
@@ -324,20 +326,3 @@ def _factor(where: ImageFile | str, found: Size, size: Size) -> int:
         f"{where} is {found[0]} x {found[1]} pixels, and the picture {size[0]} x {size[1]}: expected one size, or a "
         f"whole multiple (--res {found[0]} {found[1]} would do)"
     )
-
-
-def _size(file: PathLike | Array, frame: float, views: Sequence[str], axes: int) -> Size:
-    if not isinstance(file, np.ndarray):
-        return next(image_files(file, frame, views))[0].size
-    if file.ndim < axes:
-        raise SceneError(f"the pixels are of shape {file.shape}: expected at least {axes} axes")
-    height, width = file.shape[-axes:][:2]
-    return (int(width), int(height))
-
-
-def _path_or_pixels(given: PathLike | npt.ArrayLike) -> PathLike | Array:
-    return given if isinstance(given, str | os.PathLike) else np.asarray(given)
-
-
-def _in_silence(_: str) -> None:
-    """Ignore a warning; it is given again when pixels are read."""

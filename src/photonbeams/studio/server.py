@@ -217,7 +217,9 @@ class Studio:
         except WebSocketDisconnect:
             pass
         except protocol.Malformed as error:
-            await self._refuse(watcher, str(error), _MALFORMED)
+            with suppress(RuntimeError, WebSocketDisconnect):
+                await socket.send_text(protocol.encoded(protocol.Refused(str(error))))
+                await socket.close(_MALFORMED, str(error)[:120])
         finally:
             self._watchers.discard(watcher)
             sender.cancel()
@@ -233,11 +235,6 @@ class Studio:
             await self._do(watcher, asked)
         except (SceneError, OSError) as error:
             watcher.tell(protocol.encoded(protocol.Refused(str(error)[:300])))
-
-    async def _refuse(self, watcher: _Watcher, text: str, code: int) -> None:
-        with suppress(RuntimeError, WebSocketDisconnect):
-            await watcher.socket.send_text(protocol.encoded(protocol.Refused(text)))
-            await watcher.socket.close(code, text[:120])
 
     async def _do(self, watcher: _Watcher, asked: protocol.Messages) -> None:
         """Do what a page asks for."""
