@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from photonbeams.farm.cluster import FarmOptions, connected
+from photonbeams.farm.cluster import connected
 from photonbeams.farm.run import Farm, FarmFrame, FarmWork
 from photonbeams.render.films.frame_sums import FrameSums
 from photonbeams.render.films.sums import PassSums
@@ -78,7 +78,7 @@ def tasks(console: Console) -> None:
     table = Table(title="A task that renders nothing, one worker")
     for name in ("", "tasks", "milliseconds each", "goal", "MB moved each", "MB a second"):
         table.add_column(name, justify="right" if name else "left")
-    with connected(FarmOptions(workers=1, threads=1)) as client:
+    with connected(workers=1) as client:
         for name, count, pixels, goal in (("one pixel", TASKS, 1, "< 50"), ("4K", 8, 4 * SIZE_4K, "")):
             frames = [FarmFrame(8, 8) for _ in range(count)]
             work = FarmWork(open_nothing, pixels, name, 0, frames, [str(k) for k in range(count)], range(count))

@@ -1,12 +1,14 @@
 """Options of commands in groups, and the flags that are made from settings."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 
 import pytest
 import typer
 
 from photonbeams.cli.flags import SettingsFlags
 from photonbeams.cli.groups import Flags, option, with_groups
+from photonbeams.cli.request import RenderRequest
 from photonbeams.render.settings import Settings, flags
 
 VALUES = {int: 3, float: 0.25, bool: True}
@@ -60,3 +62,16 @@ def test_a_flag_sets_its_setting_alone(name, flag):
     changed = SettingsFlags.of(values).over(own)
     found = {each.name for each in fields(Settings) if getattr(changed, each.name) != getattr(own, each.name)}
     assert found == ({"error", "passes"} if name == "error" else {name})
+
+
+def test_a_request_can_be_changed_where_its_certificate_is_not(tmp_path):
+    """A worker opens the scene of a request, on another machine than the command."""
+    certificate = tmp_path / "a.pem"
+    certificate.write_text("")
+    usual = {each.name: each.default for each in RenderRequest.options()}
+    given = {"scene": Path("a.usda"), "output": [Path("a.exr")], "scheduler": "tls://a:1", "tls_cert": certificate}
+    request = RenderRequest.of({**usual, **given})
+    certificate.unlink()
+    assert replace(request, scene=Path("b.usda")).farm.files == {"cert": str(certificate)}
+    with pytest.raises(typer.BadParameter, match="no such file"):
+        RenderRequest.of({**usual, **given})

@@ -12,11 +12,12 @@ from uuid import uuid4
 
 import typer
 
-from ..farm.cluster import FarmOptions, connected, dashboard
+from ..farm.cluster import connected, dashboard
 from ..farm.run import Farm, FarmFrame, FarmState, FarmWork
 from ..farm.work import threads_here
 from ..render.checkpoint import Checkpoint, check_passes
 from ..render.films.frame_sums import FrameSums
+from ..runtime.device import processors
 from ..scene import SceneError
 from .animation import FrameError, Task, report_line
 from .outputs import checkpoint_of, finish_frame, snapshots_of, write_frame
@@ -70,13 +71,13 @@ class FarmAnimation:
     _written: int = 0
     _files: int = 0
 
-    def render(self, options: FarmOptions) -> None:
+    def render(self) -> None:
         """Render the frames of `todo`; raise FrameError from the error that ends it."""
         self._saved = dict.fromkeys(range(len(self.todo)), time.perf_counter())
         try:
             self._frames = [self._begin(task) for task in self.todo]
             if self.todo:
-                self._run(options)
+                self._run()
         except (Exception, KeyboardInterrupt) as error:
             raise FrameError("", self._written, self._keep()) from error
         if not self.job.request.shown.quiet:
@@ -97,16 +98,18 @@ class FarmAnimation:
             self.job.render(task, None, checkpoint=Checkpoint(path, None))
         return FarmFrame(passes, sums.planned, left, path)
 
-    def _run(self, options: FarmOptions) -> None:
-        shown = self.job.request.shown
+    def _run(self) -> None:
+        shown, farm, threads = self.job.request.shown, self.job.request.farm, self.job.request.device.threads
+        if farm.scheduler is None:
+            threads = threads or max(1, processors() // (farm.workers or 1))
         with ExitStack() as stack:
-            client = stack.enter_context(connected(options))
+            client = stack.enter_context(connected(farm.workers, farm.scheduler, farm.files))
             if not shown.quiet and (address := dashboard(client)) is not None:
                 print(f"Dask's dashboard: {address}", file=sys.stderr)
             show = stack.enter_context(farm_bar(shown.progress, shown.quiet))
             numbers = {task: number for number, task in enumerate(self.job.tasks)}
             places = [numbers[task] for task in self.todo]
-            request = Request(self.job.request.anywhere(), places[0], options.threads_each())
+            request = Request(self.job.request.anywhere(), places[0], threads)
             work = FarmWork(
                 open_scene,
                 request,

@@ -167,11 +167,10 @@ def render(request: RenderRequest) -> None:
             if not shown.quiet:
                 print_plan(job.seen((todo or job.tasks)[0]), job.tasks, todo, kept)
             return
-        farm = request.farm.options_of(request.device.threads)
-        if farm is not None:
+        if request.farm.renders:
             from .farm import FarmAnimation
 
-            FarmAnimation(job, todo, kept, check, due).render(farm)
+            FarmAnimation(job, todo, kept, check, due).render()
             return
 
         def finish(task: Task, advance: Callable[[int, str], None]) -> Statistics:

@@ -30,7 +30,6 @@ from .groups import Flags, option
 from .outputs import Output, PictureExposure, parse_outputs, part_outputs
 
 if TYPE_CHECKING:
-    from ..farm.cluster import FarmOptions
     from ..images.plates import Holdout, Plate
     from ..usd.settings import RenderProduct
 
@@ -100,25 +99,28 @@ class FarmFlags(Flags):
     tls_cert: Path | None = option(None, "File with the certificate of this client for it.")
     tls_key: Path | None = option(None, "File with the key of that certificate.")
 
-    def options_of(self, threads: int | None) -> FarmOptions | None:
-        """Return where the workers are, or None to render in this process."""
-        from ..farm.cluster import FarmOptions
-
-        tls = {"ca": self.tls_ca, "cert": self.tls_cert, "key": self.tls_key}
-        files = {name: str(path) for name, path in tls.items() if path is not None}
-        if files and not (self.scheduler or "").startswith("tls://"):
+    def __post_init__(self) -> None:
+        if self.files and not (self.scheduler or "").startswith("tls://"):
             raise typer.BadParameter(
                 "--tls-ca-file, --tls-cert and --tls-key need a tls:// scheduler: "
                 "expected --scheduler tls://ADDRESS, too"
             )
-        for path in files.values():
+        for path in self.files.values():
             if not Path(path).is_file():
                 raise typer.BadParameter(f"{path}: no such file; expected a certificate or its key")
-        if self.workers is None and self.scheduler is None:
-            return None
         if self.workers is not None and self.scheduler is not None:
             raise typer.BadParameter("--workers and --scheduler name two farms: expected only one of them")
-        return FarmOptions(self.workers, self.scheduler, threads, tls=files)
+
+    @property
+    def files(self) -> dict[str, str]:
+        """The files for TLS, as `farm.cluster.connected` takes them."""
+        tls = {"ca": self.tls_ca, "cert": self.tls_cert, "key": self.tls_key}
+        return {name: str(path) for name, path in tls.items() if path is not None}
+
+    @property
+    def renders(self) -> bool:
+        """Whether a farm renders."""
+        return self.workers is not None or self.scheduler is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -283,13 +285,13 @@ class RenderRequest(Flags):
 
     def _check_parts(self) -> None:
         """Refuse flags that do not go with parts of the picture, or of its passes."""
-        given, part, farm = self.settings.values, self.passes.part, self.farm.options_of(self.device.threads)
-        if part is not None and farm is not None:
+        given, part, farm = self.settings.values, self.passes.part, self.farm.renders
+        if part is not None and farm:
             raise typer.BadParameter(
                 "--pass-range is for one process: a farm divides the passes itself, so leave out --pass-range"
             )
         for name in ("time_limit", "error"):
-            if name in given and (part is not None or farm is not None):
+            if name in given and (part is not None or farm):
                 raise typer.BadParameter(
                     f"--{name.replace('_', '-')} is for frames that one process renders: "
                     "expected --passes instead for parts and farms"

@@ -5,11 +5,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from ..runtime.device import memory, processors
+from ..runtime.device import memory
 from ..runtime.files import temporary_folder
 from ..scene.extras import needs
 
@@ -28,27 +27,21 @@ class FarmError(Exception):
     """The farm failed, for the reason in the message; the same work may succeed if it is started again."""
 
 
-@dataclass(frozen=True)
-class FarmOptions:
-    """Where the workers are."""
-
-    workers: int | None = None  # to start on this machine; None with a scheduler
-    scheduler: str | None = None  # address of a running Dask scheduler, such as tcp://farm:8786 or tls://farm:8786
-    threads: int | None = None  # of each worker that is started here; None divides the processors among them
-    tls: Mapping[str, str] | None = None  # files by the names `ca`, `cert` and `key`
-
-    def threads_each(self) -> int | None:
-        """Return the processor threads of each worker; None if workers of a scheduler choose their own."""
-        if self.scheduler is not None:
-            return self.threads
-        return self.threads or max(1, processors() // (self.workers or 1))
-
-
 @contextmanager
-def connected(options: FarmOptions) -> Iterator[Client]:
-    """Yield a client of the cluster; a local cluster ends with it and leaves no process or folder behind.
+def connected(
+    workers: int | None, scheduler: str | None = None, tls: Mapping[str, str] | None = None
+) -> Iterator[Client]:
+    """Yield a client of a cluster; a local cluster ends with it and leaves no process or folder behind.
 
     FarmError if the scheduler does not answer or local workers do not start; SceneError if Dask is not installed.
+
+    Parameters
+    ----------
+    workers
+        How many to start on this machine, unless there is a scheduler.
+    scheduler, tls
+        The address of a running Dask scheduler, such as tcp://farm:8786 or tls://farm:8786; and files for TLS, by the
+        names `ca`, `cert` and `key`.
     """
     with needs("farm", "a farm", "Dask"):
         import dask
@@ -60,11 +53,11 @@ def connected(options: FarmOptions) -> Iterator[Client]:
     settings["distributed.comm.timeouts.connect"] = f"{_CONNECT_SECONDS}s"
     settings["distributed.scheduler.worker-ttl"] = "60s"
     with dask.config.set(settings):
-        if options.scheduler is None:
-            with _local(dask, distributed, options) as client:
+        if scheduler is None:
+            with _local(dask, distributed, workers or 1) as client:
                 yield client
         else:
-            with _running(distributed, options) as client:
+            with _running(distributed, scheduler, tls) as client:
                 yield client
 
 
@@ -76,8 +69,7 @@ def dashboard(client: Client) -> str | None:
 
 
 @contextmanager
-def _local(dask: ModuleType, distributed: ModuleType, options: FarmOptions) -> Iterator[Client]:
-    count = options.workers or 1
+def _local(dask: ModuleType, distributed: ModuleType, count: int) -> Iterator[Client]:
     limit = (memory() or 0) // count
     with temporary_folder("farm") as folder, dask.config.set({"temporary-directory": folder}):
         try:
@@ -94,14 +86,11 @@ def _local(dask: ModuleType, distributed: ModuleType, options: FarmOptions) -> I
 
 
 @contextmanager
-def _running(distributed: ModuleType, options: FarmOptions) -> Iterator[Client]:
-    address = options.scheduler
+def _running(distributed: ModuleType, address: str, tls: Mapping[str, str] | None) -> Iterator[Client]:
     security = None
-    if options.tls:
+    if tls:
         names = {"ca": "tls_ca_file", "cert": "tls_client_cert", "key": "tls_client_key"}
-        security = distributed.Security(
-            require_encryption=True, **{names[name]: path for name, path in options.tls.items()}
-        )
+        security = distributed.Security(require_encryption=True, **{names[name]: path for name, path in tls.items()})
     try:
         client = distributed.Client(
             address, security=security, timeout=_CONNECT_SECONDS, set_as_default=False, direct_to_workers=True

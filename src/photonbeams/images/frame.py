@@ -137,21 +137,8 @@ def tile_of(
     """Return the crop window of one of several tiles, which are bands of rows of a picture or of a crop window.
 
     Bands begin where tiles of the estimators do, in which pixels share their places on the lens. So a band has the bits
-    that the whole picture would have.
-
-    Parameters
-    ----------
-    crop
-        As for `pixels_of`.
-    width, height
-        Pixels of the whole picture.
-    tile
-        The number of the tile, from 1, and the number of tiles.
-
-    Raises
-    ------
-    SceneError
-        More tiles than there are bands.
+    that the whole picture would have. `tile` is the number of the tile, from 1, and the number of tiles; SceneError if
+    these are more than bands.
     """
     from ..estimators.projection import TILE
 
@@ -177,12 +164,8 @@ def pixels_of(
 ) -> tuple[int, int, int, int]:
     """Return the pixels of a crop window, at least one: left, top, right, bottom, the last two not included.
 
-    With `overscan`, the window may reach beyond the picture.
-
-    Raises
-    ------
-    SceneError
-        A crop window that is not four numbers, is empty, leaves the picture, or has too many pixels with overscan.
+    With `overscan`, the window may reach beyond the picture. SceneError for one that is not four numbers, is empty,
+    leaves the picture, or has too many pixels with overscan.
     """
     if crop is None:
         return (0, 0, width, height)

@@ -43,13 +43,8 @@ _ANY_DEPTH = 0xFFFFFFFF
 class SceneSubject(Subject):
     """A Mitsuba scene; its cameras are ids or numbers of sensors, None is the first.
 
-    Parameters
-    ----------
-    source
-        A scene that Mitsuba has loaded, a dictionary for `mi.load_dict`, or an .xml file; a run of # in its name is the
-        frame number.
-    looks, groups, beams, parameters, session_layers
-        As for `Shot`; arguments are stronger than layers.
+    `source` is a scene that Mitsuba has loaded, a dictionary for `mi.load_dict`, or an .xml file; a run of # in the
+    name is its frame number. The rest is as for `Shot`; arguments are stronger than layers.
     """
 
     def __init__(

@@ -166,15 +166,7 @@ class Edits:
         self.change(set_all, step)
 
     def change(self, work: Callable[[EditLayer], T], step: str | None = None) -> T:
-        """Let a function change the layer in one step, and return what it returns; a SceneError undoes its changes.
-
-        Parameters
-        ----------
-        work
-            The function.
-        step
-            As for `set`.
-        """
+        """Let a function change the layer in one step, and return what it returns; a SceneError undoes its changes."""
         with self._lock:
             before = self._layer.text()
             try:

@@ -94,11 +94,6 @@ class Tree:
         (leaves, 3) the least index of each leaf, and (leaves, bytes) which of its voxels are active, as bits.
     size
         Voxels along the edge of a leaf.
-
-    Raises
-    ------
-    SceneError
-        A tree that is broken, or has too many tiles.
     """
 
     def __init__(
