@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from photonbeams.farm.cluster import connected
-from photonbeams.farm.run import Farm, FarmFrame, FarmWork
+from photonbeams.farm.run import Farm, FarmFrame
 from photonbeams.render.films.frame_sums import FrameSums
 from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime.device import processors
@@ -80,10 +80,9 @@ def tasks(console: Console) -> None:
         table.add_column(name, justify="right" if name else "left")
     with connected(workers=1) as client:
         for name, count, pixels, goal in (("one pixel", TASKS, 1, "< 50"), ("4K", 8, 4 * SIZE_4K, "")):
-            frames = [FarmFrame(8, 8) for _ in range(count)]
-            work = FarmWork(open_nothing, pixels, name, 0, frames, [str(k) for k in range(count)], range(count))
+            frames = [FarmFrame(str(k), k, 8, 8) for k in range(count)]
             begin = perf_counter()
-            Farm(client, work, lambda _: None, lambda _: None, lambda _: None).run()
+            Farm(client, open_nothing, pixels, 0, frames, lambda _: None, lambda _: None, lambda _: None).run()
             each = (perf_counter() - begin) / count
             moved = 4 * 4 * pixels / 1e6
             table.add_row(name, f"{count}", f"{1e3 * each:.1f}", goal, f"{moved:,.1f}", f"{moved / each:,.0f}")

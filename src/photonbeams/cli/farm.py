@@ -8,12 +8,11 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
-from uuid import uuid4
 
 import typer
 
 from ..farm.cluster import connected, dashboard
-from ..farm.run import Farm, FarmFrame, FarmState, FarmWork
+from ..farm.run import Farm, FarmFrame, FarmState
 from ..farm.work import threads_here
 from ..render.checkpoint import Checkpoint, check_passes
 from ..render.films.frame_sums import FrameSums
@@ -75,7 +74,8 @@ class FarmAnimation:
         """Render the frames of `todo`; raise FrameError from the error that ends it."""
         self._saved = dict.fromkeys(range(len(self.todo)), time.perf_counter())
         try:
-            self._frames = [self._begin(task) for task in self.todo]
+            todo = {*self.todo}
+            self._frames = [self._begin(place, task) for place, task in enumerate(self.job.tasks) if task in todo]
             if self.todo:
                 self._run()
         except (Exception, KeyboardInterrupt) as error:
@@ -85,18 +85,18 @@ class FarmAnimation:
             seconds = time.perf_counter() - self._begun
             print(report_line(self._written, skipped, self._files, seconds), file=sys.stderr)
 
-    def _begin(self, task: Task) -> FarmFrame:
+    def _begin(self, place: int, task: Task) -> FarmFrame:
         """Return a frame, with the passes of its checkpoint if it resumes one."""
         passes = self.job.settings.passes
         path = checkpoint_of(task.outputs)
         if not (self.job.request.passes.resume and path.exists()):
-            return FarmFrame(passes, passes)
+            return FarmFrame(task.name, place, passes, passes)
         sums = FrameSums.load(path)
         check_passes(path, sums, passes)
         left = sums.missing(passes)
         if not left:  # no worker will render a part, which would check that the checkpoint is of this picture
             self.job.render(task, None, checkpoint=Checkpoint(path, None))
-        return FarmFrame(passes, sums.planned, left, path)
+        return FarmFrame(task.name, place, passes, sums.planned, left, path)
 
     def _run(self) -> None:
         shown, farm, threads = self.job.request.shown, self.job.request.farm, self.job.request.device.threads
@@ -107,18 +107,7 @@ class FarmAnimation:
             if not shown.quiet and (address := dashboard(client)) is not None:
                 print(f"Dask's dashboard: {address}", file=sys.stderr)
             show = stack.enter_context(farm_bar(shown.progress, shown.quiet))
-            numbers = {task: number for number, task in enumerate(self.job.tasks)}
-            places = [numbers[task] for task in self.todo]
-            request = Request(self.job.request.anywhere(), places[0], threads)
-            work = FarmWork(
-                open_scene,
-                request,
-                uuid4().hex,
-                self.job.memory(),
-                self._frames,
-                [each.name for each in self.todo],
-                places,
-            )
+            request = Request(self.job.request.anywhere(), self._frames[0].place, threads)
 
             def tick(state: FarmState) -> None:
                 self.check()
@@ -126,7 +115,8 @@ class FarmAnimation:
                 if self.due():
                     self._snapshot()
 
-            Farm(client, work, self._joined, self._finished, tick).run()
+            memory = self.job.memory()
+            Farm(client, open_scene, request, memory, self._frames, self._joined, self._finished, tick).run()
 
     def _joined(self, place: int) -> None:
         """Write a checkpoint of the passes that have come in, if one is due."""

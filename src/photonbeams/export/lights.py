@@ -47,20 +47,15 @@ def add_lights(twin: Twin, lights: Sequence[scene.Light], exposure: float, radiu
             twin.lost.append(f"{light.name} is left out: in Mitsuba its light is what its material emits")
             continue
         name = twin.id_of(light.name)
-        size, part = _emitter(twin, light, name)
+        if getattr(light, "shape", None) is not None:
+            twin.lost.append(f"{light.name} is stretched: in Mitsuba it is a round light of the same power")
+        size, part = _EMITTERS[type(light)](twin, light, name)
         twin.parts[f"{name}-shape" if size > 0 else name] = part
         if size > _LARGE * radius:
             twin.lost.append(f"{light.name}: what is behind the lamp is seen through it, because it casts no shadow")
         if size == 0 and not isinstance(light, scene.DistantLight):
             part |= media.named("medium", media.at(_place(light)))
     _add_domes(twin, domes)
-
-
-def _emitter(twin: Twin, light: scene.Light, name: str) -> tuple[float, dict[str, Any]]:
-    """Return the size of a light, which is 0 for a point, and its description."""
-    if getattr(light, "shape", None) is not None:
-        twin.lost.append(f"{light.name} is stretched: in Mitsuba it is a round light of the same power")
-    return _EMITTERS[type(light)](twin, light, name)
 
 
 def _sphere(twin: Twin, light: scene.SphereLight, name: str) -> tuple[float, dict[str, Any]]:

@@ -225,18 +225,13 @@ class TwinMedia:
     """The media of a twin. One that fills a closed mesh is the interior of a shape with a null BSDF."""
 
     def __init__(self, twin: Twin, content: scene.Scene) -> None:
-        self._known, self._boundaries = dict[str, scene.Medium](), dict[str, scene.Mesh | None]()
-        for each in content.media:
-            if max(each.extinction) > 0:
-                name = twin.id_of(each.name or "fog")
-                self._known[name], self._boundaries[name] = each, each.boundary
+        self._known = {twin.id_of(each.name or "fog"): each for each in content.media if max(each.extinction) > 0}
         for name, each in self._known.items():
-            boundary = self._boundaries[name]
             twin.parts[f"{name}-medium"] = _medium_of(twin, each, name)
-            if boundary is not None:
-                around = self.at(boundary.points[0], than=name)
+            if each.boundary is not None:
+                around = self.at(each.boundary.points[0], than=name)
                 sides = {**self.named("interior", name), **self.named("exterior", around)}
-                twin.parts[name] = {**ply(twin, boundary, name), "bsdf": {"type": "null"}, **sides}
+                twin.parts[name] = {**ply(twin, each.boundary, name), "bsdf": {"type": "null"}, **sides}
             if not each.surfaces:
                 where = each.name or "the fog"
                 twin.lost.append(f"{where}.photonbeams:surfaces is on: Mitsuba's surfaces are dimmed by every fog")
@@ -244,8 +239,8 @@ class TwinMedia:
     def at(self, point: np.ndarray, than: str | None = None) -> str | None:
         """Return the id of the smallest medium at a point, leaving out `than`; None where there is none."""
         found = [
-            (np.inf if boundary is None else boundary.volume, name) for name, boundary in self._boundaries.items()
-            if name != than and (boundary is None or boundary.winding(point) > 0.5)
+            (np.inf if each.boundary is None else each.boundary.volume, name) for name, each in self._known.items()
+            if name != than and (each.boundary is None or each.boundary.winding(point) > 0.5)
         ]  # fmt: skip
         return min(found, default=(0.0, None))[1]
 
@@ -256,7 +251,7 @@ class TwinMedia:
     @property
     def endless(self) -> bool:
         """Whether a medium fills the whole space."""
-        return None in self._boundaries.values()
+        return any(each.boundary is None for each in self._known.values())
 
 
 def _medium_of(twin: Twin, medium: scene.Medium, name: str) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 from ..render.films.frame_sums import FrameSums
 from ..scene import SceneError
@@ -34,6 +35,8 @@ _BLAMED = 5.0  # seconds with only unfit workers until the farm gives up
 class FarmFrame:
     """A frame to render: how many passes it gets, and the sums of those that are done already."""
 
+    name: str
+    place: int  # in the worker's list of frames
     passes: int
     planned: int | None  # see `FrameSums`
     left: Sequence[range] | None = None  # the passes that are still to be rendered, None for all of them
@@ -66,19 +69,6 @@ class FarmFrame:
 
 
 @dataclass
-class FarmWork:
-    """The work of a farm."""
-
-    open_scene: Callable[[Any], Opened]  # at the top level of a module; a worker calls it with the request
-    request: Any
-    key: str  # of the open scene, which stays open on the worker for further parts
-    memory: int  # bytes that a part needs, roughly
-    frames: Sequence[FarmFrame]
-    names: Sequence[str]
-    places: Sequence[int]  # of the frames in the worker's own list
-
-
-@dataclass
 class FarmState:
     """The progress of a farm: passes and frames, done and in total, and the number of workers."""
 
@@ -94,10 +84,14 @@ class Farm:
     """A farm that renders frames."""
 
     client: Client
-    work: FarmWork
+    open_scene: Callable[[Any], Opened]  # at the top level of a module; a worker calls it with the request
+    request: Any
+    memory: int  # bytes that a part needs, roughly
+    frames: Sequence[FarmFrame]
     joined: Callable[[int], None]  # called with the place of a frame whenever passes of it have arrived
     finished: Callable[[int], None]  # the same when all have arrived; its sums are released afterwards
     tick: Callable[[FarmState], None]  # called several times a second; an exception that it raises ends the work
+    _key: str = field(default_factory=lambda: uuid4().hex)  # of the open scene, which stays open on the worker
     _ready: queue.SimpleQueue[Future] = field(default_factory=queue.SimpleQueue)
     _fetched: queue.SimpleQueue[tuple[str, FramePart, Any]] = field(default_factory=queue.SimpleQueue)
     _running: dict[Any, tuple[str, FramePart, Any]] = field(default_factory=dict)
@@ -111,7 +105,7 @@ class Farm:
 
     def run(self) -> None:
         """Render all frames; SceneError for one that nothing can render, FarmError if scheduler or workers are gone."""
-        frames = self.work.frames
+        frames = self.frames
         workers = max(1, len(self._workers()))
         parts = [parts_of(each.missing(), len(frames), workers, most_passes(workers)) for each in frames]
         self._dispatcher = Dispatcher(parts)
@@ -140,8 +134,8 @@ class Farm:
         limits = {address: each.get("resources", {}).get(MEMORY) for address, each in known.items()}
         self._bounded = {address for address, limit in limits.items() if limit is not None}
         for address in self._bounded - self._bad.keys():
-            if limits[address] < self.work.memory:
-                need, there = (f"{each / 2**30:.1f} GiB" for each in (self.work.memory, limits[address]))
+            if limits[address] < self.memory:
+                need, there = (f"{each / 2**30:.1f} GiB" for each in (self.memory, limits[address]))
                 name = known[address].get("name", address)
                 text = f"worker {name} has {there} of memory, but a part needs {need}: use fewer workers, or --tile"
                 self._bad[address] = WorkerError(text)
@@ -196,7 +190,7 @@ class Farm:
 
     def _what(self, part: FramePart) -> str:
         numbers = part.numbers
-        return f"frame {self.work.names[part.frame]}, passes {numbers.start} to {numbers.stop - 1}"
+        return f"frame {self.frames[part.frame].name}, passes {numbers.start} to {numbers.stop - 1}"
 
     def _submit(self) -> None:
         """Give free workers their next parts."""
@@ -204,11 +198,11 @@ class Farm:
             return
         while (given := self._dispatcher.next(time.monotonic())) is not None:
             address, part = given
-            work, frame = self.work, self.work.frames[part.frame]
+            frame = self.frames[part.frame]
             future = self.client.submit(
-                render_part, work.open_scene, work.request, work.key, versions(), work.places[part.frame], part.numbers,
+                render_part, self.open_scene, self.request, self._key, versions(), frame.place, part.numbers,
                 frame.planned, pure=False, workers=[address], allow_other_workers=False, retries=0,
-                resources={MEMORY: work.memory} if address in self._bounded else None,
+                resources={MEMORY: self.memory} if address in self._bounded else None,
             )  # fmt: skip
             self._running[future.key] = address, part, future
             future.add_done_callback(self._ready.put)
@@ -251,7 +245,7 @@ class Farm:
             sums = FrameSums.of(state)
         except (KeyError, ValueError) as error:
             raise SceneError(f"{sender}: the result is not a sum of passes: {error}") from None
-        self.work.frames[part.frame].join(sums, sender)
+        self.frames[part.frame].join(sums, sender)
         self._state.passes += len(part.numbers)
         if self._dispatcher.frame_done(part.frame):
             self._finish(part.frame)
@@ -259,7 +253,7 @@ class Farm:
             self.joined(part.frame)
 
     def _finish(self, place: int) -> None:
-        frame = self.work.frames[place]
+        frame = self.frames[place]
         frame.begin()
         self.finished(place)
         frame.sums = frame.file = None
@@ -277,7 +271,7 @@ class Farm:
         text, name = str(error), self._names.get(address, address)
         before = self._failed.get(part)
         if before is not None and before[0] != address and before[1] == text and not isinstance(error, MachineError):
-            raise SceneError(f"frame {self.work.names[part.frame]}: {text}")
+            raise SceneError(f"frame {self.frames[part.frame].name}: {text}")
         self._failed[part] = address, text
         self._bad[address] = type(error)(f"worker {name}: {text}")
         if len(self._dispatcher.workers) > 1:
