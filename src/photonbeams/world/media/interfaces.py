@@ -13,7 +13,7 @@ from ..shadow_rays import leaving, size_of
 from ..warp import facing
 
 if TYPE_CHECKING:
-    from ...runtime.mitsuba_types import MediumPtr, MiMedium, MiScene, MiShape, SurfaceInteraction
+    from ...runtime.mitsuba_types import MediumPtr, MiMedium, MiScene, SurfaceInteraction
 
 mi = mitsuba()
 
@@ -43,11 +43,6 @@ def numbers(media: MediumPtr) -> UInt32:
 def pointers(media: UInt32) -> Any:
     """Return pointers to the media with these numbers."""
     return dr.reinterpret_array(mi.MediumPtr, mi.UInt32(media))
-
-
-def shape_number(plugin: MiShape) -> int:
-    """Return the number by which Mitsuba's arrays know a shape."""
-    return int(UInt32(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(plugin)))[0])
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,14 @@
 
 The media that emitters, sensors and shapes name are taken as stated. Where they name none, random walks find them: a
 walk stays in one medium while surfaces reflect it, or while it passes surfaces that name no media, so the first
-interface that it meets tells in which medium it began. A wall that names no medium tells nothing. Walks that pass
-interfaces measure the extent of each medium, and find statements that contradict each other.
+interface that it meets tells in which medium it began. A wall that names no medium tells nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -21,8 +20,8 @@ from ....scene import Array
 from ...shadow_rays import size_of
 from ..interfaces import UNKNOWN, medium_at, number
 from ..media import Media
-from .probes import ASKING, CROSSING, ONWARD, walk
-from .survey import MediumEstimate, Survey
+from .probes import Walks, walk
+from .survey import RARE, background, media_inside, radii, rays_from_outside
 
 if TYPE_CHECKING:
     from ....runtime.mitsuba_types import MiEmitter, MiMedium, MiScene, MiSensor
@@ -45,8 +44,6 @@ class Place:
         (N, 3) each; N may be 0.
     named
         The Mitsuba medium that the emitter or the sensor names, or None.
-    other
-        A second one that it names, or None.
     infinite
         Whether it is an emitter infinitely far away, whose rays begin around the scene.
     """
@@ -55,8 +52,14 @@ class Place:
     origin: Array
     direction: Array
     named: Any = None
-    other: Any = None
     infinite: bool = False
+
+
+class _Around(NamedTuple):
+    """The medium around a place: that of most of its rays, and whether all rays have it."""
+
+    medium: int
+    everyone: bool = True
 
 
 class Surroundings:
@@ -78,23 +81,20 @@ class Surroundings:
     sizes
         Radius of each medium, by its number; media as large as the scene have no entry.
     conflicts
-        Sentences about statements that contradict each other.
-    inside_out
-        Numbers of shapes whose `interior` fills the space around them.
+        Sentences about emitters and sensors that name another medium than the shapes around them.
     """
 
     def __init__(self, plugin: MiScene, media: Media, emitters: Sequence[Place], sensor: Place | None = None) -> None:
         self._scene, self._size = plugin, size_of(plugin)
         places = [*emitters, *([] if sensor is None else [sensor])]
         self.everywhere, self.sizes, self.conflicts = 0, dict[int, float](), list[str]()
-        self.inside_out: set[int] = set()
-        self._sensor = len(places) - 1
-        self._answers = [MediumEstimate(0, True)] * len(places)
+        self._names = {each.number: each.plugin.id() or each.plugin.class_name() for each in media.all}
+        self._answers = [_Around(0)] * len(places)
         if media.all and plugin.shapes():
-            self._survey(media, places, len(emitters))
+            self._survey(places, len(emitters))
         elif media.all:
             self.everywhere = next((number(each.named) for each in places if each.named is not None), 0)
-            self._answers = [MediumEstimate(number(each.named) or self.everywhere, True) for each in places]
+            self._answers = [_Around(number(each.named) or self.everywhere) for each in places]
 
     def of_emitter(self, index: int, origin: Array3f, direction: Array3f) -> UInt32:
         """Return the numbers of the media in which paths of an emitter begin."""
@@ -102,41 +102,66 @@ class Surroundings:
 
     def of_sensor(self, origin: Array3f, direction: Array3f) -> UInt32:
         """Return the numbers of the media in which camera paths begin."""
-        return self._around(self._answers[self._sensor], origin, direction)
+        return self._around(self._answers[-1], origin, direction)
 
-    def _around(self, answer: MediumEstimate, origin: Array3f, direction: Array3f) -> UInt32:
+    def _around(self, answer: _Around, origin: Array3f, direction: Array3f) -> UInt32:
         width = max(dr.width(origin), dr.width(direction))
-        usual = dr.opaque(UInt32, answer.usual, width)
-        if answer.known:
+        usual = dr.opaque(UInt32, answer.medium, width)
+        if answer.everyone:
             return usual
         return medium_at(self._scene, origin, direction, usual, dr.opaque(UInt32, self.everywhere), size=self._size)
 
-    def _survey(self, media: Media, places: Sequence[Place], emitters: int) -> None:
-        rng = np.random.default_rng(0)
-        survey = Survey(self._scene, media, rng)
-        origins, directions = [each.origin for each in places], [each.direction for each in places]
-        bounds = np.cumsum([0, *(len(each) for each in origins)]).tolist()
-        outside = survey.outside()
-        begin = np.concatenate([*origins, outside[0]]), np.concatenate([*directions, outside[1]])
-        asking, onward = (walk(self._scene, *begin, rng, kind, self._size) for kind in (ASKING, ONWARD))
-        self.everywhere = survey.everywhere(asking.part(bounds[-1], None), places)
-        self._answers, states = [], []
+    def _survey(self, places: Sequence[Place], emitters: int) -> None:
+        rng, inside = np.random.default_rng(0), media_inside(self._scene)
+        outside = rays_from_outside(self._scene, rng)
+        origin = np.concatenate([*(each.origin for each in places), outside[0]])
+        direction = np.concatenate([*(each.direction for each in places), outside[1]])
+        asking, onward = (walk(self._scene, origin, direction, rng, self._size, each) for each in (False, True))
+        bounds = np.cumsum([0, *(len(each.origin) for each in places)]).tolist()
+        self.everywhere = background(asking.part(bounds[-1], None), [each.named for each in places], inside)
+        self.sizes = {own: size for own, size in radii(self._scene).items() if own != self.everywhere}
+        self._answers = []
         for index, (place, *part) in enumerate(zip(places, bounds[:-1], bounds[1:], strict=True)):
-            answer = survey.answer(place, asking.part(*part), onward.part(*part), self.everywhere)
-            # Rays to either side of an interface begin in different media. So do a lamp's rays through a hole in a
-            # shape with a medium inside: a camera path that leaves the shape through the hole stays in that medium.
-            through = index < emitters and survey.sees_within(place, answer, asking.part(*part))
-            known = answer.known and not survey.on_interface(place)
-            self._answers.append(MediumEstimate(answer.usual, known and not through))
-            states.append(np.full(len(place.origin), answer.usual if known else UNKNOWN))
-        around = survey.around()
-        begin = np.concatenate([*origins, around[0]]), np.concatenate([*directions, around[1]])
-        state = np.concatenate([*states, np.full(len(around[0]), UNKNOWN)])
-        source = np.repeat(np.arange(len(places) + 1), [*map(len, origins), len(around[0])])
-        if len(state):
-            walks = walk(self._scene, *begin, rng, CROSSING, self._size)
-            self.sizes = survey.measure(walks, state, [*(each.name for each in places), ""], source)
-        self.conflicts, self.inside_out = survey.statements.conflicts, survey.statements.inside_out
+            if place.named is not None:
+                self._answers.append(_Around(number(place.named)))
+                self._check(place, asking.part(*part), inside)
+            else:
+                answer = self._found(asking.part(*part), onward.part(*part))
+                # A camera path that enters a shape through a hole stays in the medium where it began. A lamp's path,
+                # which a camera path meets in the shape, begins in the medium of the shape.
+                pinhole = index >= emitters and _is_one_point(place.origin)
+                self._answers.append(_Around(answer.medium, answer.everyone or pinhole))
+
+    def _found(self, asking: Walks, onward: Walks) -> _Around:
+        """Return the medium that most walks from a place find.
+
+        Walls that name no medium lie within the medium around them. If walks find no medium, those that pass walls
+        (`onward`) may; if these find none either, it is `everywhere`.
+        """
+        told = asking.known(self.everywhere)
+        told = told if len(told) else onward.known(self.everywhere)
+        if not len(told):
+            return _Around(self.everywhere)
+        values, counts = np.unique(told, return_counts=True)
+        return _Around(int(values[counts.argmax()]), len(values) == 1)
+
+    def _check(self, place: Place, walks: Walks, inside: set[int]) -> None:
+        """Note a contradiction between what an emitter or a sensor names and what the shapes around it name."""
+        own, told = number(place.named), walks.told[walks.told != UNKNOWN]
+        if not len(told) or (told == own).mean() > RARE:
+            return
+        values, counts = np.unique(told, return_counts=True)
+        other = int(values[counts.argmax()])
+        if other or own in inside:  # `warnings` reports shapes that name no exterior
+            there = f"name medium {self._names[other]}" if other else "name none"
+            self.conflicts.append(
+                f"{place.name} names medium {self._names[own]}, but the shapes around it {there} on that side: "
+                "expected one medium"
+            )
+
+
+def _is_one_point(points: Array) -> bool:
+    return bool(np.ptp(points, axis=0).max() <= 1e-6 * np.abs(points).max(initial=1e-30))
 
 
 def places_of(plugin: Any) -> list[Place]:
@@ -146,7 +171,7 @@ def places_of(plugin: Any) -> list[Place]:
     for each in plugin.emitters():
         ray, _ = each.sample_ray(Float(0), Float(0.5), u, v, True)
         name = (each.get_shape() or each).id() or each.class_name()
-        place = place_of(f"emitter {name}", ray.o, ray.d, *_named_by(each))
+        place = place_of(f"emitter {name}", ray.o, ray.d, _named_by(each))
         result.append(replace(place, infinite=mi.has_flag(each.flags(), mi.EmitterFlags.Infinite)))
     return result
 
@@ -154,7 +179,7 @@ def places_of(plugin: Any) -> list[Place]:
 def place_of_sensor(plugin: Any) -> Place:
     """Return the place where camera paths of a Mitsuba sensor begin."""
     ray, _ = plugin.sample_ray_differential(Float(0), Float(0.5), *_samples(), True)
-    return place_of(f"sensor {plugin.id() or plugin.class_name()}", ray.o, ray.d, *_named_by(plugin))
+    return place_of(f"sensor {plugin.id() or plugin.class_name()}", ray.o, ray.d, _named_by(plugin))
 
 
 def _samples() -> tuple[Any, Any]:
@@ -163,22 +188,19 @@ def _samples() -> tuple[Any, Any]:
     return mi.Point2f(u), mi.Point2f(v)
 
 
-def _named_by(plugin: MiEmitter | MiSensor) -> tuple[MiMedium | None, MiMedium | None]:
-    """Return the medium that an emitter or a sensor names (its shape's exterior, else its own), and a second one."""
-    shape, own = plugin.get_shape(), plugin.get_medium()
+def _named_by(plugin: MiEmitter | MiSensor) -> MiMedium | None:
+    """Return the medium that an emitter or a sensor names: its shape's exterior, else its own."""
+    shape = plugin.get_shape()
     outside = None if shape is None else shape.exterior_medium()
-    return (own, None) if outside is None else (outside, own)
+    return plugin.get_medium() if outside is None else outside
 
 
-def place_of(
-    name: str, origin: Any, direction: Any, named: MiMedium | None = None, other: MiMedium | None = None,
-    most: int = _WALKS,
-) -> Place:  # fmt: skip
-    """Return the place of an emitter or a sensor: at most `most` of its rays, and their reverses."""
+def place_of(name: str, origin: Any, direction: Any, named: MiMedium | None = None) -> Place:
+    """Return the place of an emitter or a sensor: some of its rays, and their reverses."""
     wide = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
     origin, direction = ((Array3f(each) + wide).numpy().T.astype(np.float64) for each in (origin, direction))
     good = np.isfinite(origin).all(axis=1) & np.isfinite(direction).all(axis=1) & (np.abs(direction).max(axis=1) > 0)
     origin, direction = origin[good], direction[good]
-    chosen = np.unique(np.linspace(0, len(origin) - 1, most).astype(int)) if len(origin) else np.zeros(0, dtype=int)
+    chosen = np.unique(np.linspace(0, len(origin) - 1, _WALKS).astype(int)) if len(origin) else np.zeros(0, dtype=int)
     origin, direction = origin[chosen], direction[chosen]
-    return Place(name, np.concatenate([origin, origin]), np.concatenate([direction, -direction]), named, other)
+    return Place(name, np.concatenate([origin, origin]), np.concatenate([direction, -direction]), named)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ....runtime.device import mitsuba
 from ...bounds import box_of
-from ..interfaces import number, shape_number
+from ..interfaces import number
 from ..parts import boxes, parts
 from .surroundings import Surroundings
 
@@ -42,18 +42,11 @@ def warn(plugin: MiScene, surroundings: Surroundings, warned: set[str]) -> None:
 
 
 def _warnings(plugin: MiScene, surroundings: Surroundings) -> list[str]:
-    holes = _holes(plugin, surroundings.everywhere)
-    inside_out = [each for each in holes if shape_number(each) in surroundings.inside_out]
     result = [
-        f"shape {_name(each)}: its normals point inward, so that its interior medium {_name(each.interior_medium())} "
-        "fills the space around it: expected normals that point outward, or that medium as its exterior"
-        for each in inside_out
-    ]
-    result += [
         f"shape {_name(each)}: stands in a medium, but names no exterior, so that the space around it counts as empty: "
-        "expected that medium as its exterior"
-        for each in holes if each not in inside_out
-    ]  # fmt: skip
+        "expected that medium as its exterior, and normals that point outward"
+        for each in _holes(plugin, surroundings.everywhere)
+    ]
     if not plugin.emitters():
         return [*result, "the scene has no emitter and will be black: expected one"]
     if all(map(_is_black, plugin.emitters())):
