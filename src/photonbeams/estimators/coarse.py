@@ -10,14 +10,14 @@ objects, where a ray does not reach as far as its neighbours predict.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import drjit as dr
 
 from ..runtime.device import Array2f, Array3f, Bool, Float, Int32, UInt32
-from .lanes import NO_MARGIN, Margin, PixelRays, pixels_of, tiles_of
+from .lanes import PixelRays, pixels_of, tiles_of
 from .projection import TILE, Projection
 from .tiles import Widths
 
@@ -39,19 +39,8 @@ class Level:
 
     number: int  # k
     view: Projection  # with a margin up to a corner of tiles of the whole picture's coarsest level
-    margin: Margin  # pixels without rays at the left and at the top
-    rays: PixelRays  # of `across` × `down` pixels
+    rays: PixelRays
     first: tuple[int, int] = (0, 0)  # column and row of its first pixel, in pixels
-
-    @property
-    def across(self) -> int:
-        """Number of pixels in a row."""
-        return self.view.width - self.margin[0]
-
-    @property
-    def down(self) -> int:
-        """Number of rows."""
-        return self.view.height - self.margin[1]
 
     def widths(self, levels: int) -> Widths:
         """Return the widths of the beams of this level, out of so many `levels`."""
@@ -62,7 +51,7 @@ class Level:
     def of_coarser(self, some: Bool, farthest: Float) -> tuple[Float, Widths]:
         """Return depths of tiles and widths for lists of all coarser levels' beams, for `some` rays (a mask)."""
         own = dr.full(Float, -1, self.view.tiles)
-        tile = tiles_of(self.view, self.rays, self.margin)
+        tile = tiles_of(self.view, self.rays)
         dr.scatter(own, dr.gather(Float, farthest, tile), tile, some)
         dr.eval(own)
         return own, Widths(None, dr.opaque(Float, 2 * _HALF_WIDTH))
@@ -85,13 +74,13 @@ def levels_of(view: Projection, rays: PixelRays) -> list[Level]:
     result = []
     for number in range(levels + 1):
         step = 1 << number
-        reduced = view.reduced(number, margin)
         first = (-lattice.corner[0] % step, -lattice.corner[1] % step)
         own = ((margin[0] + first[0]) >> number, (margin[1] + first[1]) >> number)
-        level = Level(number, reduced, own, rays, first)
+        reduced = replace(view.reduced(number, margin), margin=own)
+        level = Level(number, reduced, rays, first)
         if number:
-            width, across, each = (dr.opaque(UInt32, size) for size in (view.width, level.across, step))
-            index = dr.arange(UInt32, level.across * level.down)
+            width, across, each = (dr.opaque(UInt32, size) for size in (view.width, reduced.across, step))
+            index = dr.arange(UInt32, reduced.across * reduced.down)
             x, y = (dr.opaque(UInt32, place) for place in first)
             level.rays = rays.taken((y + index // across * each) * width + x + index % across * each)
         result.append(level)
@@ -124,11 +113,11 @@ def foretold(level: Level, radiance: Array3f, dim: Float, tolerance: float) -> B
     A block of 3 × 3 rays decides, whose corners are rays of the next coarser level: the five others are compared with
     what the corners predict for them.
     """
-    across, down = (dr.opaque(UInt32, each) for each in (level.across, level.down))
-    lattice = level.rays.lattice
+    view, lattice = level.view, level.rays.lattice
+    across, down = (dr.opaque(UInt32, each) for each in (view.across, view.down))
     assert lattice is not None
-    cells = max((level.across - 1) * (level.down - 1), 1)
-    columns = dr.opaque(UInt32, max(level.across - 1, 1))
+    cells = max((view.across - 1) * (view.down - 1), 1)
+    columns = dr.opaque(UInt32, max(view.across - 1, 1))
     cell = dr.arange(UInt32, cells)
 
     def block(place: UInt32, axis: int, count: UInt32) -> tuple[UInt32, Bool]:
@@ -172,7 +161,7 @@ def interpolated(level: Level, coarser: Level, radiance: Array3f, good: Any, tol
     off the plane through its neighbours' ends.
     """
     (x, y), known = _place(level, coarser)
-    across, down = coarser.across, coarser.down
+    across, down = coarser.view.across, coarser.view.down
 
     def cell(place: Float, count: int) -> tuple[UInt32, Float]:
         first = UInt32(dr.clip(dr.floor(place), 0, dr.opaque(Float, max(count - 2, 0))))
@@ -190,7 +179,7 @@ def interpolated(level: Level, coarser: Level, radiance: Array3f, good: Any, tol
     told, own = between(Array2f, coarser.inverse_depths()), level.inverse_depths()
     near = dr.abs(told - own) <= dr.opaque(Float, _ENDS * tolerance) * dr.minimum(told, own)
     # Extra rays of a pixel are there because it has an edge.
-    known &= dr.arange(UInt32, dr.width(x)) < dr.opaque(UInt32, level.across * level.down)
+    known &= dr.arange(UInt32, dr.width(x)) < dr.opaque(UInt32, level.view.across * level.view.down)
     # Rays of pixels beside the first or last pixels of the lattice may lie a little beyond these.
     usable, result = known & near.x & near.y, dr.maximum(between(Array3f, radiance), 0)
     dr.eval(usable, result)
@@ -199,27 +188,28 @@ def interpolated(level: Level, coarser: Level, radiance: Array3f, good: Any, tol
 
 def _place(level: Level, coarser: Level) -> tuple[tuple[Float, Float], Bool]:
     """Return where rays of a level lie among those of the coarser level, in its pixels, and whether between them."""
-    index, columns = pixels_of(level.rays, level.across * level.down), dr.opaque(UInt32, level.across)
+    index, columns = pixels_of(level.rays, level.view.across * level.view.down), dr.opaque(UInt32, level.view.across)
     begin = [dr.opaque(Int32, each) for each in coarser.first]
     own = [dr.opaque(Int32, each) for each in level.first]
     fine = dr.opaque(Int32, 1 << level.number)
     x, y = (Int32(each) * fine + first for each, first in zip((index % columns, index // columns), own, strict=True))
     step = dr.opaque(Float, 1 / (1 << coarser.number))
     columns_from, rows_from = x - begin[0], y - begin[1]
-    last_x, last_y = (dr.opaque(Int32, (count - 1) << coarser.number) for count in (coarser.across, coarser.down))
+    ends = coarser.view.across, coarser.view.down
+    last_x, last_y = (dr.opaque(Int32, (count - 1) << coarser.number) for count in ends)
     amid = (columns_from >= 0) & (rows_from >= 0) & (columns_from <= last_x) & (rows_from <= last_y)
     if level.number:
         return (Float(columns_from) * step, Float(rows_from) * step), amid
     assert level.rays.lattice is not None
-    film, place = on_film(level.view, level.rays.direction, level.margin), Array2f(level.rays.lattice.place)
+    film, place = on_film(level.view, level.rays.direction), Array2f(level.rays.lattice.place)
     offset = (Float(begin[0]) + place.x, Float(begin[1]) + place.y)
     return ((film.x - offset[0]) * step, (film.y - offset[1]) * step), amid
 
 
-def on_film(view: Projection, direction: Array3f, margin: Margin = NO_MARGIN) -> Array2f:
+def on_film(view: Projection, direction: Array3f) -> Array2f:
     """Return where rays from the view's origin pass the picture, in pixels."""
     pose = view.poses[0]
     (sx, sy), (cx, cy) = view.scale, view.center
     depth = dr.rcp(dr.dot(direction, pose.forward))
     x, y = dr.dot(direction, pose.right) * depth, dr.dot(direction, pose.up) * depth
-    return Array2f(cx - dr.opaque(Float, margin[0]) + sx * x, cy - dr.opaque(Float, margin[1]) - sy * y)
+    return Array2f(cx - dr.opaque(Float, view.margin[0]) + sx * x, cy - dr.opaque(Float, view.margin[1]) - sy * y)

@@ -24,7 +24,7 @@ from .estimate import ENDLESS, bind, check_estimator, check_motion
 from .footprints import footprints
 from .frustum import frustum_sum
 from .geometry import Rays
-from .lanes import NO_MARGIN, PIXELS, Lanes, Margin, PixelRays, lanes_of_pixels, lanes_of_some, tiles_of
+from .lanes import PIXELS, Lanes, PixelRays, lanes_of_pixels, lanes_of_some, tiles_of
 from .points import Points
 from .projection import Projection
 from .records import Packed, pack
@@ -62,7 +62,7 @@ def estimate_image(
     check_motion(beams, close, rays.times)
     if len(beams) == 0:
         return Estimate(dr.zeros(Array3f, dr.width(rays.direction)))
-    bound, levels = bind(look, beams, close, medium, context), [Level(0, view, NO_MARGIN, rays)]
+    bound, levels = bind(look, beams, close, medium, context), [Level(0, view, rays)]
     if tolerance > 0 and rays.lattice is not None and rays.shared_origin and close is None and bound.smooth:
         levels = levels_of(view, rays)
     gather = _ImageGather(levels, beams, close, bound, points, estimator, tolerance)
@@ -107,7 +107,7 @@ class _ImageGather:
         self._packed = pack(beams, first.rays.origin if shared else first.view.origin, shared, close, look.of_beams)
         self._levels, self._look, self._points = levels, look, points
         self._estimator, self._tolerance = estimator, tolerance
-        self._depth = depths(levels, tile_depth(first.view, first.rays, first.margin))
+        self._depth = depths(levels, tile_depth(first.view, first.rays))
         self._marks = [footprints(beams, level.view, close) for level in levels]
         self.result = Estimate(dr.zeros(Array3f, dr.width(first.rays.direction)))
 
@@ -152,7 +152,7 @@ class _ImageGather:
     def _sum(self, radiance: Array3f, level: Level, lists: TileLists, lanes: Callable[..., Lanes | None]) -> None:
         """Add the radiance of listed beams along the rays of a level that lanes carry."""
         flags = None
-        if self._estimator != "frustum" and (lane := lanes(PIXELS, margin=level.margin)) is not None:
+        if self._estimator != "frustum" and (lane := lanes(PIXELS)) is not None:
             flags = dr.zeros(UInt32, lists.entries) if self._estimator == "auto" else None
             rays = [_lane_rays(level, *ray, lane.group) for ray in lane.rays]
             self.result.billboard_tests += _tests(lists, lane)
@@ -162,7 +162,7 @@ class _ImageGather:
             _add(radiance, lane, values)
         if flags is not None:
             lists = lists.keep(flags)
-        if self._estimator == "billboard" or not lists.entries or (lane := lanes(1, margin=level.margin)) is None:
+        if self._estimator == "billboard" or not lists.entries or (lane := lanes(1)) is None:
             return
         self.result.frustum_tests += _tests(lists, lane)
         ray = _lane_rays(level, *lane.rays[0], lane.group)
@@ -191,11 +191,11 @@ def _tests(lists: TileLists, lane: Lanes) -> int:
     return int(dr.sum(UInt64(found))[0]) * len(lane.rays)
 
 
-def tile_depth(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) -> Float:
+def tile_depth(view: Projection, rays: PixelRays) -> Float:
     """Return (tiles,) the planar depth of the farthest surface in each tile."""
     depth = dr.minimum(rays.t_max, ENDLESS) * rays.facing
     result = dr.zeros(Float, view.tiles)
-    dr.scatter_reduce(dr.ReduceOp.Max, result, depth, tiles_of(view, rays, margin))
+    dr.scatter_reduce(dr.ReduceOp.Max, result, depth, tiles_of(view, rays))
     dr.eval(result)
     return result
 

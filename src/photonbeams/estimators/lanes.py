@@ -25,10 +25,6 @@ _BLOCKS_ACROSS = TILE // _BLOCK_WIDTH
 _LEVELS = 4  # most levels at which every second ray stands for all
 _COARSEST = 192  # least width of a picture with the coarsest rays alone
 
-#: Numbers of pixels without rays at the left and at the top of a picture; with them, tiles are the whole picture's.
-Margin = tuple[int, int]
-NO_MARGIN: Margin = (0, 0)
-
 # Groups of pixels in a tile that share an origin and a time: those of the billboard's lanes.
 _GROUPS = TILE * TILE // PIXELS
 
@@ -112,11 +108,10 @@ class Lanes(NamedTuple):
         return result
 
 
-def lanes_of_pixels(view: Projection, rays: PixelRays, count: int, margin: Margin = NO_MARGIN) -> Lanes:
+def lanes_of_pixels(view: Projection, rays: PixelRays, count: int) -> Lanes:
     """Return lanes of `count` pixels each: tile after tile, block after block within a tile.
 
-    After these come lanes with further rays, of one pixel each. `margin` are the numbers of pixels without rays, at the
-    left and at the top.
+    After these come lanes with further rays, of one pixel each.
     """
     per_tile = TILE * TILE // count
     lane = dr.arange(UInt32, view.tiles * per_tile)
@@ -124,39 +119,37 @@ def lanes_of_pixels(view: Projection, rays: PixelRays, count: int, margin: Margi
     tile, local = lane // per_tile, lane % per_tile
     block, place = local // _BLOCK * count, local % _BLOCK
     column, row = tile % columns, tile // columns
-    carried = [_pixel(view, margin, column, row, block + number, place) for number in range(count)]
+    carried = [_pixel(view, column, row, block + number, place) for number in range(count)]
     result = Lanes(tile, _group(tile, block, place), carried)
     dr.eval(result)
-    return result if rays.more is None else Lanes.joined(result, lanes_of_more(view, rays.more, count, margin))
+    return result if rays.more is None else Lanes.joined(result, lanes_of_more(view, rays.more, count))
 
 
-def lanes_of_more(view: Projection, more: MoreSamples, count: int, margin: Margin = NO_MARGIN) -> Lanes:
+def lanes_of_more(view: Projection, more: MoreSamples, count: int) -> Lanes:
     """Return lanes of `count` further rays each, of one pixel."""
     for_pixel, edges = dr.opaque(UInt32, -(-more.each // count)), dr.width(more.pixels)
     lane = dr.arange(UInt32, edges * -(-more.each // count))
     edge, sample = lane // for_pixel, lane % for_pixel * count
-    width, height = (dr.opaque(UInt32, each) for each in _size(view, margin))
+    width, height, left, top = (dr.opaque(UInt32, each) for each in (view.across, view.down, *view.margin))
     # Two entries more, because a gather from one is another kernel: see `numerics.arrays.padded`.
     pixel = dr.gather(UInt32, joined([more.pixels, dr.zeros(UInt32, 2)]), edge)
     each, step, first = dr.opaque(UInt32, more.each), dr.opaque(UInt32, edges), width * height
     carried = [(first + edge + (sample + number) * step, sample + number < each) for number in range(count)]
-    x, y = pixel % width + dr.opaque(UInt32, margin[0]), pixel // width + dr.opaque(UInt32, margin[1])
-    result = Lanes(tile_of(view, pixel, margin), lane_of(x, y, dr.opaque(UInt32, view.columns)), carried)
+    x, y = pixel % width + left, pixel // width + top
+    result = Lanes(tile_of(view, pixel), lane_of(x, y, dr.opaque(UInt32, view.columns)), carried)
     dr.eval(result)
     return result
 
 
-def lanes_of_some(
-    view: Projection, rays: PixelRays, some: Bool, count: int, margin: Margin = NO_MARGIN
-) -> Lanes | None:
+def lanes_of_some(view: Projection, rays: PixelRays, some: Bool, count: int) -> Lanes | None:
     """Return lanes of `count` pixels each, of one tile, for the pixels in the mask `some`; None if there are none.
 
     After these come lanes with all further rays, of one pixel each.
     """
-    further = None if rays.more is None else lanes_of_more(view, rays.more, count, margin)
+    further = None if rays.more is None else lanes_of_more(view, rays.more, count)
     slot = dr.arange(UInt32, view.tiles * TILE * TILE)
     tile, local, columns = slot // (TILE * TILE), slot % (TILE * TILE), dr.opaque(UInt32, view.columns)
-    pixel, exists = _pixel(view, margin, tile % columns, tile // columns, local // _BLOCK, local % _BLOCK)
+    pixel, exists = _pixel(view, tile % columns, tile // columns, local // _BLOCK, local % _BLOCK)
     here = exists & dr.gather(Bool, some, pixel, exists)
     dr.eval(here, pixel)
     chosen = indices(here)
@@ -192,31 +185,23 @@ def lanes_of_some(
     return result if further is None else Lanes.joined(result, further)
 
 
-def _pixel(
-    view: Projection, margin: Margin, column: UInt32, row: UInt32, block: UInt32, place: UInt32
-) -> tuple[UInt32, Bool]:
+def _pixel(view: Projection, column: UInt32, row: UInt32, block: UInt32, place: UInt32) -> tuple[UInt32, Bool]:
     """Return the index of the pixel at a place in a block of a tile, and whether there is one."""
-    width, height, left, top = (dr.opaque(UInt32, each) for each in (*_size(view, margin), *margin))
+    width, height, left, top = (dr.opaque(UInt32, each) for each in (view.across, view.down, *view.margin))
     x = column * TILE + block % _BLOCKS_ACROSS * _BLOCK_WIDTH + place % _BLOCK_WIDTH - left
     y = row * TILE + block // _BLOCKS_ACROSS * _BLOCK_HEIGHT + place // _BLOCK_WIDTH - top
     return y * width + x, (x < width) & (y < height)  # unsigned: in the margin x or y wraps to a large number
 
 
-def _size(view: Projection, margin: Margin) -> tuple[int, int]:
-    """Return how many pixels have rays, across and down."""
-    return view.width - margin[0], view.height - margin[1]
-
-
-def tile_of(view: Projection, pixel: UInt32, margin: Margin = NO_MARGIN) -> UInt32:
+def tile_of(view: Projection, pixel: UInt32) -> UInt32:
     """Return the tile of pixels."""
-    width, left, top = (dr.opaque(UInt32, each) for each in (view.width - margin[0], *margin))
+    width, left, top = (dr.opaque(UInt32, each) for each in (view.across, *view.margin))
     return (pixel // width + top) // TILE * dr.opaque(UInt32, view.columns) + (pixel % width + left) // TILE
 
 
-def tiles_of(view: Projection, rays: PixelRays, margin: Margin = NO_MARGIN) -> UInt32:
+def tiles_of(view: Projection, rays: PixelRays) -> UInt32:
     """Return the tile of each ray."""
-    across, down = _size(view, margin)
-    return tile_of(view, pixels_of(rays, across * down), margin)
+    return tile_of(view, pixels_of(rays, view.across * view.down))
 
 
 def pixels_of(rays: PixelRays, count: int) -> UInt32:

@@ -47,6 +47,8 @@ class Projection:
         Greatest |x/z| and |y/z| in the picture (perspective); opaque, because each lens and crop has its own.
     lens
         Radius of the lens and the distance at which it is in focus (opaque); None for a pinhole.
+    margin
+        Numbers of pixels without rays at the left and at the top; with them, tiles are those of a larger picture.
     """
 
     poses: tuple[Pose, ...]
@@ -58,6 +60,17 @@ class Projection:
     edge_x: Any
     edge_y: Any
     lens: tuple[Any, Any] | None = None
+    margin: tuple[int, int] = (0, 0)
+
+    @property
+    def across(self) -> int:
+        """Number of pixels with rays in a row."""
+        return self.width - self.margin[0]
+
+    @property
+    def down(self) -> int:
+        """Number of rows with rays."""
+        return self.height - self.margin[1]
 
     @property
     def origin(self) -> Any:
