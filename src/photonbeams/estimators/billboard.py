@@ -16,7 +16,7 @@ import drjit as dr
 from ..looks import BoundLook
 from ..looks.factors import Value
 from ..runtime.device import Array3f, Bool, Float, UInt32
-from .blend import NARROW, frustum_weight, need, touched
+from .blend import NARROW, factors, frustum_weight, need, touched
 from .geometry import ClosestApproach, Rays, passing
 from .points import Points
 from .records import Packed, Record, load
@@ -43,13 +43,7 @@ def _cosine(at: ClosestApproach) -> Float:
 
 def _light(beam: Record, at: ClosestApproach, rho2: Float, look: BoundLook, ray: Rays) -> Value:
     """Return the factors at the closest approach, for the squared distance ρ² from the axis in radii."""
-    distance = at.along + beam.offset
-    where = look.at(
-        distance=distance, depth=beam.depth(distance), from_light=distance, fraction=beam.fraction(distance),
-        to_camera=at.t, cosine=-_cosine(at), rho2=rho2, place=lambda: ray.point(at.t), beam=beam,
-        ray=ray.index,
-    )  # fmt: skip
-    return look.light(where, at.t - ray.t_min)
+    return factors(beam, ray, look, at.along, at.t, _cosine(at), rho2)
 
 
 @dr.syntax
@@ -89,8 +83,7 @@ def in_range(
     if at.course is not None:
         inside &= (at.course.a > 0) if beam.cap is not None else (at.course.a > 0) & (at.course.b > 0)
     if beam.cap is not None:
-        height = beam.cap_offset - (0.0 if origin is None else dr.dot(origin, beam.cap))
-        inside &= dr.dot(direction, beam.cap) * at.t > height
+        inside &= dr.dot(direction, beam.cap) * at.t > beam.height(origin)
     return inside
 
 

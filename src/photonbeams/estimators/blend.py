@@ -11,8 +11,9 @@ from __future__ import annotations
 import drjit as dr
 
 from ..looks import BoundLook
+from ..looks.factors import Value
 from ..runtime.device import Array3f, Bool, Float
-from .geometry import ClosestApproach, Course
+from .geometry import ClosestApproach, Course, Rays
 from .records import Record
 
 # The frustum takes over where the chord comes nearer to a boundary than this, in half chords.
@@ -44,13 +45,26 @@ def need(
     if at.course is not None:
         margin = dr.minimum(margin, _to_joints(at.course, beam.cap is None))
     if beam.cap is not None:
-        height = beam.cap_offset - (0.0 if origin is None else dr.dot(origin, beam.cap))
+        height = beam.height(origin)
         facing = dr.dot(direction, beam.cap)
         margin = dr.minimum(margin, dr.abs(dr.fma(facing, at.t, -height)) * dr.rcp(dr.maximum(dr.abs(facing), 1e-6)))
     boundary = _CLEARANCE * half * dr.rcp(dr.maximum(margin, 1e-20))
     change = (half * change_rate(beam, c, look) + taper * at.inv_sine) * (1 / _CHANGE)
     narrow = NARROW * dr.square(at.inv_sine)
     return boundary, dr.maximum(change, narrow)
+
+
+def factors(beam: Record, ray: Rays, look: BoundLook, along: Float, t: Float, cosine: Float, rho2: Float) -> Value:
+    """Return the factors that may change along a ray, where it is at t and beside the place `along` on the beam's axis.
+
+    `cosine` is that between ray and light, and `rho2` the squared distance from the axis in radii.
+    """
+    distance = along + beam.offset
+    where = look.at(
+        distance=distance, depth=beam.depth(distance), from_light=distance, fraction=beam.fraction(distance),
+        to_camera=t, cosine=-cosine, rho2=rho2, place=lambda: ray.point(t), beam=beam, ray=ray.index,
+    )  # fmt: skip
+    return look.light(where, t - ray.t_min)
 
 
 def change_rate(beam: Record, cosine: Float, look: BoundLook) -> Float:

@@ -17,7 +17,7 @@ import drjit as dr
 from ..looks.bound_look import MOST_CORNERS, BoundLook
 from ..looks.factors import Value
 from ..runtime.device import Array3f, Bool, Float, UInt32
-from .blend import change_rate, frustum_weight, need
+from .blend import change_rate, factors, frustum_weight, need
 from .geometry import Chord, Rays, chord, closest_approach
 from .points import Points
 from .records import Packed, Record, load
@@ -61,16 +61,9 @@ def integrand(beam: Record, ray: Chord, tau: Float, look: BoundLook, camera: Ray
     s = ray.along(tau)
     radius = dr.maximum(dr.fma(beam.slope, s, beam.radius), 1e-12)
     inv = dr.rcp(radius * radius)
-    distance = s + beam.offset
-    t = ray.t + tau
     rho2 = dr.minimum(ray.radius2(tau) * inv, 1)
     cosine = ray.cosine if ray.course is None else ray.course.cosine(tau)
-    where = look.at(
-        distance=distance, depth=beam.depth(distance), from_light=distance, fraction=beam.fraction(distance),
-        to_camera=t, cosine=-cosine, rho2=rho2, place=lambda: camera.point(t), beam=beam,
-        ray=camera.index,
-    )  # fmt: skip
-    light = look.light(where, t - camera.t_min)
+    light = factors(beam, camera, look, s, ray.t + tau, cosine, rho2)
     if beam.gain is not None:
         light *= beam.light(s)
     if ray.course is not None:

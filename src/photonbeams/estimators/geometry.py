@@ -283,17 +283,16 @@ def _secant(beam: Record, bend: Course, a: Float, b: Float, radius: Float, growt
 def _slab(beam: Record, origin: Array3f | None, direction: Array3f, c: Float, reach: Float) -> tuple[Float, Float]:
     """Return the ray interval between a beam's two ends: planes across the axis, or the plane of its last surface."""
     low, high = between(c, reach + beam.begin, reach + beam.stop)
+    ends: list[tuple[Any, Any]] = []
     if beam.bend is not None:
-        bend = beam.bend
-        ends = [(bend.first, bend.first_height)] + ([(-bend.last, -bend.last_height)] if beam.cap is None else [])
-        for normal, distance in ends:
-            height = distance - (0.0 if origin is None else dr.dot(origin, normal))
-            cut_low, cut_high = between(dr.dot(direction, normal), height, _HUGE)
-            low, high = dr.maximum(low, cut_low), dr.minimum(high, cut_high)
+        ends.append((beam.bend.first, beam.bend.first_height))
     if beam.cap is not None:
-        facing = dr.dot(direction, beam.cap)
-        height = beam.cap_offset - (0.0 if origin is None else dr.dot(origin, beam.cap))
-        cut_low, cut_high = between(facing, height, _HUGE)
+        ends.append((beam.cap, beam.cap_offset))
+    elif beam.bend is not None:
+        ends.append((-beam.bend.last, -beam.bend.last_height))
+    for normal, distance in ends:
+        height = distance - (0.0 if origin is None else dr.dot(origin, normal))
+        cut_low, cut_high = between(dr.dot(direction, normal), height, _HUGE)
         low, high = dr.maximum(low, cut_low), dr.minimum(high, cut_high)
     return low, high
 

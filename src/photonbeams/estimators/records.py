@@ -20,29 +20,30 @@ SHORTEST = 1e-12
 
 @dataclass
 class Packed:
-    """Beams packed for gathering: `groups` packets of four floats for each beam, relative to the point `origin`.
+    """Beams packed for gathering: for each beam, packets of four floats, relative to the point `origin`.
 
-    Beams at rest: (axis, radius at the start) · (start, slope k of the radius) · (power, length) · then, if present,
-    (w × e, w·e) for a shared ray origin · (end normal, its plane's distance from the origin) · (offset, total, entry,
-    0) · (T0, its plane's distance from the origin) and (T1, likewise) · (power at the end, 0).
+    Beams at rest have the packets "axis" (axis, radius at the start), "start" (start, slope k of the radius) and
+    "power" (power, length). Then, if present: "moment" (w × e, w·e) for a shared ray origin, "cap" (end normal, its
+    plane's distance from the origin), "path" (offset, total, entry, 0), "first" (T0, its plane's distance from the
+    origin) and "last" (T1, likewise), "power_end" (power at the end, 0).
 
-    Moving beams, first at shutter open and then at shutter close: (start, radius) · (end, radius) · (power, 0) · then,
-    if present, (end normal, 0) · (offset, total, entry, 0) · (T0, 0) and (T1, 0) · (power at the end, 0).
+    Moving beams have "start" (start, radius), "end" (end, radius) and "power" (power, 0), and the same others with 0
+    for the scalars, first at shutter open and then at shutter close.
 
     Last, if asked for: (random number, number, generation, 0).
     """
 
     data: Any
-    groups: int
+    names: tuple[str, ...]  # of the packets, once
     origin: Any
-    shared: bool
-    caps: bool
-    path: bool
     count: int
-    moving: bool = False
-    bent: bool = False
-    graded: bool = False
-    identity: bool = False
+    moving: bool
+    identity: bool
+
+    @property
+    def groups(self) -> int:
+        """Number of packets of a beam."""
+        return len(self.names) * (2 if self.moving else 1) + self.identity
 
 
 def pack(beams: Beams, origin: Array3f, shared: bool, close: Beams | None = None, identity: bool = False) -> Packed:
@@ -51,9 +52,8 @@ def pack(beams: Beams, origin: Array3f, shared: bool, close: Beams | None = None
     `close` are the same beams at shutter close, if they move; both have the same optional fields. With `identity`, the
     beams' random number, number and generation are packed too, for looks that use them.
     """
-    caps = beams.end_normal is not None
-    path = any(value is not None for value in (beams.offset, beams.total, beams.entry))
-    packets = _at_rest(beams, origin, shared) if close is None else _ends(beams, origin) + _ends(close, origin)
+    states = [_at_rest(beams, origin, shared)] if close is None else [_ends(each, origin) for each in (beams, close)]
+    packets = [packet for state in states for packet in state.values()]
     if identity:  # last, once: it is the same at all times
         packets.append((beams.identity(), dr.zeros(Float, len(beams))))
     count, groups = len(beams), len(packets)
@@ -62,49 +62,45 @@ def pack(beams: Beams, origin: Array3f, shared: bool, close: Beams | None = None
     for number, (vector, scalar) in enumerate(packets):
         dr.scatter(data, Array4f(vector.x, vector.y, vector.z, scalar), place + number)
     dr.eval(data)
-    bent, graded = beams.start_tangent is not None, beams.power_end is not None
-    return Packed(
-        data, groups, origin, shared and close is None, caps, path, count, close is not None, bent, graded, identity
-    )
+    return Packed(data, tuple(states[0]), origin, count, close is not None, identity)
 
 
-def _at_rest(beams: Beams, origin: Array3f, shared: bool) -> list[tuple[Array3f, Float]]:
+def _at_rest(beams: Beams, origin: Array3f, shared: bool) -> dict[str, tuple[Array3f, Float]]:
     start, end = beams.start - origin, beams.end - origin
     axis = end - start
     length = dr.norm(axis)
     axis = axis * dr.select(length > SHORTEST, dr.rcp(length), 0)
     slope = (beams.radius_end - beams.radius_start) * dr.select(length > SHORTEST, dr.rcp(length), 0)
-    packets = [(axis, beams.radius_start), (start, slope), (beams.power, length)]
+    packets = {"axis": (axis, beams.radius_start), "start": (start, slope), "power": (beams.power, length)}
     if shared:
-        packets.append((dr.cross(axis, start), dr.dot(axis, start)))
+        packets["moment"] = dr.cross(axis, start), dr.dot(axis, start)
     if beams.end_normal is not None:
-        packets.append((beams.end_normal, dr.dot(beams.end_normal, end)))
-    packets += _path(beams, length)
+        packets["cap"] = beams.end_normal, dr.dot(beams.end_normal, end)
+    packets |= _path(beams, length)
     if beams.start_tangent is not None:
-        for tangent, place in ((beams.start_tangent, start), (beams.end_tangent, end)):
-            unit = _unit(tangent, axis)
-            packets.append((unit, dr.dot(unit, place)))
-    return packets + _power_end(beams)
+        first, last = _unit(beams.start_tangent, axis), _unit(beams.end_tangent, axis)
+        packets |= {"first": (first, dr.dot(first, start)), "last": (last, dr.dot(last, end))}
+    return packets | _power_end(beams)
 
 
-def _ends(beams: Beams, origin: Array3f) -> list[tuple[Array3f, Float]]:
+def _ends(beams: Beams, origin: Array3f) -> dict[str, tuple[Array3f, Float]]:
     nothing = dr.zeros(Float, len(beams))
-    packets = [
-        (beams.start - origin, beams.radius_start),
-        (beams.end - origin, beams.radius_end),
-        (beams.power, nothing),
-    ]
+    packets = {
+        "start": (beams.start - origin, beams.radius_start), "end": (beams.end - origin, beams.radius_end),
+        "power": (beams.power, nothing),
+    }  # fmt: skip
     if beams.end_normal is not None:
-        packets.append((beams.end_normal, nothing))
-    packets += _path(beams, dr.norm(beams.end - beams.start))
+        packets["cap"] = beams.end_normal, nothing
+    packets |= _path(beams, dr.norm(beams.end - beams.start))
     if beams.start_tangent is not None:
         axis = dr.normalize(beams.end - beams.start)
-        packets += [(_unit(each, axis), nothing) for each in (beams.start_tangent, beams.end_tangent)]
-    return packets + _power_end(beams)
+        packets["first"] = _unit(beams.start_tangent, axis), nothing
+        packets["last"] = _unit(beams.end_tangent, axis), nothing
+    return packets | _power_end(beams)
 
 
-def _power_end(beams: Beams) -> list[tuple[Array3f, Float]]:
-    return [] if beams.power_end is None else [(beams.power_end, dr.zeros(Float, len(beams)))]
+def _power_end(beams: Beams) -> dict[str, tuple[Array3f, Float]]:
+    return {} if beams.power_end is None else {"power_end": (beams.power_end, dr.zeros(Float, len(beams)))}
 
 
 def _unit(tangent: Any, axis: Array3f) -> Array3f:
@@ -113,14 +109,14 @@ def _unit(tangent: Any, axis: Array3f) -> Array3f:
     return dr.select(squared > SHORTEST, tangent * dr.rsqrt(dr.maximum(squared, SHORTEST)), axis)
 
 
-def _path(beams: Beams, length: Float) -> list[tuple[Array3f, Float]]:
+def _path(beams: Beams, length: Float) -> dict[str, tuple[Array3f, Float]]:
     if beams.offset is None and beams.total is None and beams.entry is None:
-        return []
+        return {}
     nothing = dr.zeros(Float, len(beams))
     offset = beams.offset if beams.offset is not None else nothing
     total = beams.total if beams.total is not None else offset + length
     entry = beams.entry if beams.entry is not None else nothing
-    return [(Array3f(offset, total, entry), nothing)]
+    return {"path": (Array3f(offset, total, entry), nothing)}
 
 
 @dataclass
@@ -191,6 +187,10 @@ class Record:
             return self.length
         return self.length + dr.fma(self.slope, self.length, self.radius)
 
+    def height(self, origin: Array3f | None) -> Float:
+        """Return the distance of the end's plane from the origin of rays; None is the packed origin."""
+        return self.cap_offset - (0.0 if origin is None else dr.dot(origin, self.cap))
+
     @property
     def begin(self) -> Number:
         """Distance from the start before which there is no part of the beam: a joint's rim may reach back a radius."""
@@ -218,40 +218,38 @@ class Record:
 def load(packed: Packed, number: UInt32, time: Float | None = None) -> Record:
     """Gather the beams with these numbers, as they are at a `time` of the shutter interval."""
     base = number * packed.groups
-    packets = [dr.gather(Array4f, packed.data, base + group) for group in range(packed.groups)]
+    packets: list[Any] = [dr.gather(Array4f, packed.data, base + group) for group in range(packed.groups)]
     identity = packets.pop().xyz if packed.identity else None
-    record = _moved(packets, packed, time) if packed.moving else _loaded(packets, packed)
+    if packed.moving:
+        ends = packets[: len(packed.names)], packets[len(packed.names) :]
+        packets = [dr.lerp(first, last, time) for first, last in zip(*ends, strict=True)]
+    at = dict(zip(packed.names, packets, strict=True))
+    record = _moved(at) if packed.moving else _loaded(at)
+    if "path" in at:
+        record.path = at["path"].xyz
+    if "power_end" in at:
+        record.gain = at["power_end"].xyz - record.power
     record.identity = identity
     record.inv_total = dr.rcp(record.total)  # once for each beam, not for each ray
     return record
 
 
-def _moved(packets: list[Array4f], packed: Packed, time: Any) -> Record:
-    half = len(packets) // 2
-    at = [dr.lerp(first, last, time) for first, last in zip(packets[:half], packets[half:], strict=True)]
-    start, end = at[0].xyz, at[1].xyz
+def _moved(at: dict[str, Array4f]) -> Record:
+    start, end = at["start"].xyz, at["end"].xyz
     axis = end - start
     squared = dr.maximum(dr.squared_norm(axis), SHORTEST * SHORTEST)
     inv = dr.rsqrt(squared)
     axis *= inv
     record = Record(
-        axis=axis, radius=at[0].w, start=start, slope=(at[1].w - at[0].w) * inv,
-        power=at[2].xyz, length=squared * inv, inv_total=None,
+        axis=axis, radius=at["start"].w, start=start, slope=(at["end"].w - at["start"].w) * inv,
+        power=at["power"].xyz, length=squared * inv, inv_total=None,
     )  # fmt: skip
-    rest = at[3:]
-    if packed.caps:
-        record.cap = dr.normalize(rest[0].xyz)
+    if "cap" in at:
+        record.cap = dr.normalize(at["cap"].xyz)
         record.cap_offset = dr.dot(record.cap, end)
-        rest = rest[1:]
-    if packed.path:
-        record.path = rest[0].xyz
-        rest = rest[1:]
-    if packed.bent:
-        first, last = dr.normalize(rest[0].xyz), dr.normalize(rest[1].xyz)
+    if "first" in at:
+        first, last = dr.normalize(at["first"].xyz), dr.normalize(at["last"].xyz)
         record.bend = _bend(axis, first, last, dr.dot(first, start), dr.dot(last, end))
-        rest = rest[2:]
-    if packed.graded:
-        record.gain = rest[0].xyz - record.power
     return record
 
 
@@ -261,24 +259,16 @@ def _bend(axis: Any, first: Array3f, last: Array3f, first_height: Float, last_he
     return Bend(first, last, first_height, last_height, first_inv, last_inv, 1 - dr.dot(first, last))
 
 
-def _loaded(packets: list[Array4f], packed: Packed) -> Record:
+def _loaded(at: dict[str, Array4f]) -> Record:
     record = Record(
-        axis=packets[0].xyz, radius=packets[0].w, start=packets[1].xyz, slope=packets[1].w,
-        power=packets[2].xyz, length=packets[2].w, inv_total=None,
+        axis=at["axis"].xyz, radius=at["axis"].w, start=at["start"].xyz, slope=at["start"].w,
+        power=at["power"].xyz, length=at["power"].w, inv_total=None,
     )  # fmt: skip
-    rest = packets[3:]
-    if packed.shared:
-        record.moment, record.reach = rest[0].xyz, rest[0].w
-        rest = rest[1:]
-    if packed.caps:
-        record.cap, record.cap_offset = rest[0].xyz, rest[0].w
-        rest = rest[1:]
-    if packed.path:
-        record.path = rest[0].xyz
-        rest = rest[1:]
-    if packed.bent:
-        record.bend = _bend(record.axis, rest[0].xyz, rest[1].xyz, rest[0].w, rest[1].w)
-        rest = rest[2:]
-    if packed.graded:
-        record.gain = rest[0].xyz - record.power
+    if "moment" in at:
+        record.moment, record.reach = at["moment"].xyz, at["moment"].w
+    if "cap" in at:
+        record.cap, record.cap_offset = at["cap"].xyz, at["cap"].w
+    if "first" in at:
+        first, last = at["first"], at["last"]
+        record.bend = _bend(record.axis, first.xyz, last.xyz, first.w, last.w)
     return record
