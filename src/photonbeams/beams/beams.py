@@ -8,6 +8,7 @@ struct of arrays.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from copy import copy
 from typing import Any, ClassVar
 
 import drjit as dr
@@ -235,11 +236,10 @@ class Beams:
 
     def _filled(self, names: set[str], first: int) -> Beams:
         """Return the beams with all optional arrays of these names; `first` is the first beam's index in the whole."""
-        result = Beams()
-        for name in self.DRJIT_STRUCT:
-            value = getattr(self, name)
-            missing = value is None and name in names
-            setattr(result, name, self._default(name, first) if missing else value)
+        result = copy(self)
+        for name in names:
+            if getattr(self, name) is None:
+                setattr(result, name, self._default(name, first))
         return result
 
     def _default(self, name: str, first: int) -> Any:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
+from copy import copy
 from typing import Any
 
 import drjit as dr
@@ -64,7 +65,7 @@ def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
         to = to * dr.rsqrt(dr.maximum(dr.squared_norm(to), 1e-30))
         mixed = dr.lerp(paths.direction, to, dr.opaque(Float, amount))
         direction = dr.select(dr.squared_norm(mixed) > 1e-12, dr.normalize(mixed), paths.direction)
-        result = _copy(beams)
+        result = copy(beams)
         result.start = paths.origin + paths.offset * direction
         result.end = paths.origin + (paths.offset + paths.length) * direction
         if beams.end_normal is not None:
@@ -232,7 +233,7 @@ def recolor(color: npt.ArrayLike | Callable[[Beams], Array3f]) -> Modifier:
 
     def recolored(beams: Beams, _: PassContext) -> Beams:
         tint = Array3f(color(beams)) if callable(color) else opaque(fixed)
-        result = _copy(beams)
+        result = copy(beams)
         result.power = _mean(beams.power) * tint
         if beams.power_end is not None:
             result.power_end = _mean(beams.power_end) * tint
@@ -293,17 +294,10 @@ def clamp(power: float | None = None, radiance: float | None = None) -> Modifier
 
 
 def _scaled(beams: Beams, factor: Float) -> Beams:
-    result = _copy(beams)
+    result = copy(beams)
     result.power = beams.power * factor
     if beams.power_end is not None:
         result.power_end = beams.power_end * factor
-    return result
-
-
-def _copy(beams: Beams) -> Beams:
-    result = Beams()
-    for name in Beams.DRJIT_STRUCT:
-        setattr(result, name, getattr(beams, name))
     return result
 
 

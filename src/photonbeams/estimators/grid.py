@@ -34,7 +34,7 @@ from .cones import around, half_line
 from .frustum import frustum
 from .geometry import Rays, between
 from .points import Points
-from .records import SHORTEST, Packed, Record, load
+from .records import SHORTEST, Packed, load
 
 # A billboard of `auto` reaches out to 1/√(1 − 0.1²) radii (see blend), and a radius is rounded.
 _WIDER = 1.006
@@ -63,9 +63,9 @@ def sum_over_grid(
     for lists in batches(partial(Sorting, grid.cells, marks.visit), len(beams)):
         if not lists.entries:
             continue
-        visitor = _CellVisitor(packed, look, estimator, points)
+        visitor = partial(_added, packed, look, estimator, points)
 
-        def along(some: UInt32, lists: CellLists = lists, visitor: _CellVisitor = visitor) -> Array3f:
+        def along(some: UInt32, lists: CellLists = lists, visitor: Callable[..., Array3f] = visitor) -> Array3f:
             own = [dr.gather(Float, each, some) for each in span]
             return traverse_grid(rays.taken(some), (own[0], own[1]), grid, lists, visitor)
 
@@ -299,23 +299,13 @@ def _best(
 # -- Rays through it ---------------------------------------------------------------------------------------------------
 
 
-class _CellVisitor:
-    """Adds the radiance of the beams of a cell to a ray's."""
-
-    def __init__(self, packed: Packed, look: BoundLook, estimator: str, points: Points) -> None:
-        self._packed, self._look, self._estimator, self._points = packed, look, estimator, points
-
-    def __call__(self, radiance: Array3f, ray: Rays, number: UInt32, span: tuple[Float, Float]) -> Array3f:
-        beam = load(self._packed, number, ray.time)
-        return _added(radiance, beam, ray, self._look, self._points, self._estimator, span)
-
-
 @dr.syntax
 def _added(
-    radiance: Array3f, beam: Record, ray: Rays, look: BoundLook, points: Points, estimator: str,
+    packed: Packed, look: BoundLook, estimator: str, points: Points, radiance: Array3f, ray: Rays, number: UInt32,
     span: tuple[Float, Float],
 ) -> Array3f:  # fmt: skip
     """Return `radiance` plus a beam's, if closest approach or the chord's middle lies in a span of the ray."""
+    beam = load(packed, number, ray.time)
     if dr.hint(estimator == "frustum", mode="scalar"):
         radiance = frustum(radiance, beam, ray, look, points, False, span)
     else:

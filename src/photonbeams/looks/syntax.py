@@ -9,6 +9,7 @@ from ..scene import SceneError
 
 LONGEST = 4096  # characters
 DEEPEST = 64  # parts within parts
+_WIDTH = 60  # characters of a text in a message
 
 
 class ExpressionError(SceneError):
@@ -40,11 +41,11 @@ class ExpressionError(SceneError):
         return f'expression "{excerpt(self.text, self.column)}", column {self.column}: {self.reason}'
 
 
-def excerpt(text: str, column: int, width: int = 60) -> str:
+def excerpt(text: str, column: int) -> str:
     """Return the part of a text around a column, printable and on one line."""
-    first = max(0, min(column - 1 - width // 2, len(text) - width))
-    part = "".join(c if c.isprintable() else "�" for c in text[first : first + width])
-    return f"{'…' if first else ''}{part}{'…' if len(text) > first + width else ''}"
+    first = max(0, min(column - 1 - _WIDTH // 2, len(text) - _WIDTH))
+    part = "".join(c if c.isprintable() else "�" for c in text[first : first + _WIDTH])
+    return f"{'…' if first else ''}{part}{'…' if len(text) > first + _WIDTH else ''}"
 
 
 _PUNCTUATION = frozenset("_+-*/%.,()[]<>=! ")

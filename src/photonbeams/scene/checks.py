@@ -235,9 +235,8 @@ def whole(value: object, name: str, of: str = "") -> int:
     return int(value)
 
 
-def real(value: object, name: str, above: float = -np.inf) -> float:
-    """Return a finite number above `above`, also a NumPy one, as a float; SceneError for anything else."""
-    if isinstance(value, Real) and above < float(value) < np.inf:
+def real(value: object, name: str) -> float:
+    """Return a finite number, also a NumPy one, as a float; SceneError for anything else."""
+    if isinstance(value, Real) and abs(float(value)) < np.inf:
         return float(value)
-    shown = value if isinstance(value, Real) else repr(value)
-    raise SceneError(f"{name} is {shown}: expected a finite number" + (f" above {above:g}" if above > -np.inf else ""))
+    raise SceneError(f"{name} is {value if isinstance(value, Real) else repr(value)}: expected a finite number")

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from .checks import Array
 
 FLAT = 1e-4  # points are in one plane if they leave it by less than this fraction of their extent
 
