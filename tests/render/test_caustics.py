@@ -5,7 +5,8 @@ import pytest
 
 from photonbeams.render.scene_frame import render
 from photonbeams.runtime.device import Float, UInt32, mitsuba
-from tests.helpers.mitsuba_scenes import T, by_beams, camera, fog, frames, load, rgb, volpath
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, fog, frames, load, rgb
+from tests.helpers.references import blocks, reference
 
 mi = mitsuba()
 SEEDS = 4
@@ -64,12 +65,12 @@ def test_light_through_glass_is_where_it_should_be(name):
     scene = scene_with(name)
     settings = by_beams(passes=2, beams=1 << 15, max_depth=8, max_radius=0.05, guiding=False)
     ours = np.array([each.layers()["rgba"][..., 0] for each in frames(scene, settings, SEEDS)])
-    reference = np.array([volpath(scene, 4096, seed, max_depth=8)[..., 0] for seed in range(SEEDS)])
-    assert abs(ours.mean() / reference.mean() - 1) < 0.02 + 4 * _error(ours) + 4 * _error(reference)
+    theirs = reference(f"caustics/{name}", scene, 4096, SEEDS, max_depth=8)[..., 0]
+    assert abs(ours.mean() / theirs.mean() - 1) < 0.02 + 4 * _error(ours) + 4 * _error(theirs)
     # In blocks of 4 x 4 pixels, the focus behind the glass and the fog around it are as bright as in the reference.
-    blocks = [each.reshape(SEEDS, 4, 4, 4, 4).mean(axis=(2, 4)) for each in (ours, reference)]
-    center = [each.mean(axis=0) for each in blocks]
-    error = np.sqrt(sum(each.std(axis=0, ddof=1) ** 2 / SEEDS for each in blocks))
+    found = [blocks(ours[..., None])[..., 0], theirs]
+    center = [each.mean(axis=0) for each in found]
+    error = np.sqrt(sum(each.std(axis=0, ddof=1) ** 2 / SEEDS for each in found))
     typical = np.maximum(error, np.median(error / center[1]) * center[1])
     # In addition to noise, beams with radii of at most 0.05 blur pixels of 0.2.
     assert (np.abs(center[0] - center[1]) < 4.5 * typical + 0.03 * center[1].max()).all()

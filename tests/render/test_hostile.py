@@ -9,7 +9,8 @@ from photonbeams.render.scene_frame import render
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from tests.helpers.mitsuba_pictures import INSIDE, LAMP, SMALL, agree, pictures
-from tests.helpers.mitsuba_scenes import T, by_beams, camera, cloud, cube_of, fog, frames, load, rgb, volpath
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, cloud, cube_of, fog, frames, load, rgb
+from tests.helpers.references import reference
 from tests.render.hostile import LOBES, Maker
 
 mi = mitsuba()
@@ -165,8 +166,11 @@ def test_fog_that_scatters_nothing_has_no_beams():
     scene = load(**scene, sensor=camera((0, 1.5, 4), (0, -1, 0), size=32))
     frame = render(scene, scene.sensors()[0], by_beams(passes=16, beams=256, max_depth=2, hide_emitters=True))
     assert frame.statistics.beams == 0 and not frame.layers()["beams"].any()
-    ours, theirs = frame.layers()["rgba"][..., :3], volpath(scene, 256, max_depth=2, hide_emitters=True)
-    np.testing.assert_allclose(ours.mean(axis=(0, 1)), theirs.mean(axis=(0, 1)), rtol=0.01)
+    ours, theirs = (
+        frame.layers()["rgba"][..., :3],
+        reference("hostile/black fog", scene, 256, max_depth=2, hide_emitters=True),
+    )
+    np.testing.assert_allclose(ours.mean(axis=(0, 1)), theirs.mean(axis=(0, 1, 2)), rtol=0.01)
 
 
 # -- against volpath -------------------------------------------------------------------------------------------------
@@ -193,8 +197,8 @@ def test_odd_scenes_are_those_of_volpath(name):
     parts, depth, bias = ODD[name]
     scene = load(**parts, sensor=camera(size=32))
     ours = pictures(scene, max_depth=depth, hide_emitters=True, **SMALL)
-    reference = [volpath(scene, 128, seed, max_depth=depth, hide_emitters=True) for seed in range(len(ours))]
-    assert agree(ours, np.array(reference), bias)
+    theirs = reference(f"hostile/{name}", scene, 128, len(ours), max_depth=depth, hide_emitters=True)
+    assert agree(ours, theirs, bias)
 
 
 def test_a_sensor_in_nested_media_need_not_say_so():
@@ -204,9 +208,9 @@ def test_a_sensor_in_nested_media_need_not_say_so():
     scene = load(**parts, sensor=camera((0, 0, 0.3), (-0.5, 0.2, -1), fov=70))
     declared = load(**parts, sensor=camera((0, 0, 0.3), (-0.5, 0.2, -1), fov=70, medium=inner))
     ours = pictures(scene, 4, max_depth=3, hide_emitters=True, **{**SMALL, "passes": 3, "beams": 65536})
-    theirs = [volpath(declared, 1024, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
+    theirs = reference("hostile/a sensor in nested media", declared, 1024, 4, max_depth=3, hide_emitters=True)
     # Beams near the camera are bright and few, so the spread of a few pictures underestimates the error.
-    np.testing.assert_allclose(ours.mean(axis=(0, 1, 2)), np.mean(theirs, axis=(0, 1, 2)), rtol=0.03)
+    np.testing.assert_allclose(ours.mean(axis=(0, 1, 2)), theirs.mean(axis=(0, 1, 2)), rtol=0.03)
 
 
 def test_a_medium_of_the_sensor_ends_at_its_border():
@@ -215,7 +219,7 @@ def test_a_medium_of_the_sensor_ends_at_its_border():
     scene = load(fog=cube_of(medium), light=LAMP, floor=FLOOR,
                  sensor=camera((0, 0.5, 0.5), (-0.1, -1.5, -0.3), medium=medium, fov=90))  # fmt: skip
     ours = pictures(scene, 4, hide_emitters=True, **{**SMALL, "passes": 3, "beams": 65536}).mean(axis=(1, 2))
-    theirs = np.mean([volpath(scene, 512, seed, hide_emitters=True) for seed in range(4)], axis=(0, 1, 2))
+    theirs = reference("hostile/a sensor at a border", scene, 512, 4, hide_emitters=True).mean(axis=(0, 1, 2))
     error = ours.std(axis=0, ddof=1) / np.sqrt(len(ours))
     np.testing.assert_array_less(np.abs(ours.mean(axis=0) - theirs), 4.5 * error + 0.01 * theirs)
 
@@ -226,9 +230,12 @@ def test_a_cornell_box_without_fog_is_that_of_path():
     scene = mi.load_dict(plain)
     # Subtract the lamp itself, whose brightness in so few pixels depends on the places that are sampled.
     settings = (by_beams(passes=3, beams=65536, max_depth=depth, surface_samples=16) for depth in (None, 1))
-    ours = [render(scene, scene.sensors()[0], own).layers()["surface"] for own in settings]
-    theirs = [volpath(scene, 128, 0, "path", max_depth=depth) for depth in (-1, 1)]
-    ours, theirs = ((whole - lamp).mean(axis=(0, 1)) for whole, lamp in (ours, theirs))
+    ours = [render(scene, scene.sensors()[0], own).layers()["surface"].mean(axis=(0, 1)) for own in settings]
+    theirs = [
+        reference(f"hostile/a cornell box, depth {depth}", scene, 128, plugin="path", max_depth=depth)
+        for depth in (-1, 1)
+    ]
+    ours, theirs = ours[0] - ours[1], (theirs[0] - theirs[1]).mean(axis=(0, 1, 2))
     np.testing.assert_allclose(ours, theirs, rtol=0.03)
 
 
@@ -239,7 +246,7 @@ def test_caustics_on_surfaces_are_those_of_path():
     scene = load(ball=ball, light=lamp, floor=FLOOR, mirror=mirror, sensor=camera((0, 1, 4), (0, -0.5, 0)))
     settings = by_beams(passes=6, beams=8192, hide_emitters=True, max_depth=6)
     each = [found.layers()["surface"].mean() for found in frames(scene, settings, 6)]
-    theirs = volpath(scene, 4096, 0, "path", hide_emitters=True, max_depth=6).mean()
+    theirs = reference("hostile/caustics", scene, 4096, plugin="path", hide_emitters=True, max_depth=6).mean()
     # Seen in the ball, the lamp is smaller than a pixel, so few camera rays meet it: the seeds give the error.
     assert abs(np.mean(each) - theirs) < 4 * np.std(each, ddof=1) / np.sqrt(len(each))
 
@@ -255,9 +262,9 @@ def test_rough_glass_is_lit_by_photons():
     lamp = {"type": "sphere", "center": [-2.0, 3.5, 0.5], "radius": 1.0, "emitter": {"type": "area", "radiance": 5.0}}
     scene = load(ball=ball, light=lamp, sensor=camera(size=32))
     ours = pictures(scene, passes=3, beams=65536, max_depth=3, hide_emitters=True, radius=0.02)
-    theirs = [volpath(scene, 128, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
+    theirs = reference("hostile/rough glass", scene, 128, len(ours), max_depth=3, hide_emitters=True)
     # The mean of 24 seeds, which spread by 1.8 % each, agreed with `volpath` to 0.4 %, its standard error.
-    assert agree(ours, np.array(theirs), bias=0.005)
+    assert agree(ours, theirs, bias=0.005)
 
 
 def test_a_border_that_lies_on_another_surface_is_not_missed_by_single_rays():

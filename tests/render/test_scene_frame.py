@@ -21,8 +21,8 @@ from tests.helpers.mitsuba_scenes import (
     frames,
     load,
     rgb,
-    volpath,
 )
+from tests.helpers.references import reference
 
 mi = mitsuba()
 
@@ -56,24 +56,24 @@ def test_pictures_are_those_of_volpath(name):
     parts, depth = SCENES[name]
     scene = load(**parts, sensor=camera(size=32))
     ours = pictures(scene, max_depth=None if depth < 0 else depth, hide_emitters=True, **SMALL)
-    reference = [volpath(scene, 128, seed, max_depth=depth, hide_emitters=True) for seed in range(SEEDS)]
+    theirs = reference(f"scene_frame/{name}", scene, 128, SEEDS, max_depth=depth, hide_emitters=True)
     # Beams of radius r lose the part that lies outside the fog: in theory about r / 2 at each boundary, of a side of 2.
-    assert agree(ours, np.array(reference), bias=0.006)
+    assert agree(ours, theirs, bias=0.006)
 
 
 def test_short_beams_make_the_same_picture():
     medium = fog([0.3, 0.6, 1.5], [0.9, 0.8, 0.5], phase=HG)
     scene = load(fog=cube_of(medium), light=LAMP, sensor=camera(size=32))
     ours = pictures(scene, hide_emitters=True, short=True, **{**SMALL, "beams": 32768})
-    reference = [volpath(scene, 128, seed, hide_emitters=True) for seed in range(SEEDS)]
-    assert agree(ours, np.array(reference), bias=0.006)
+    theirs = reference("scene_frame/short beams", scene, 128, SEEDS, hide_emitters=True)
+    assert agree(ours, theirs, bias=0.006)
 
 
 def test_a_coloured_cloud_is_that_of_volpathmis():
     scene = load(fog=cube_of(cloud((1.0, 0.5, 0.2))), light=LAMP, sensor=camera(size=32))
     ours = pictures(scene, hide_emitters=True, **SMALL)
-    reference = [volpath(scene, 128, seed, "volpathmis", hide_emitters=True) for seed in range(SEEDS)]
-    assert agree(ours, np.array(reference), bias=0.006)
+    theirs = reference("scene_frame/a coloured cloud", scene, 128, SEEDS, "volpathmis", hide_emitters=True)
+    assert agree(ours, theirs, bias=0.006)
 
 
 def test_fog_without_a_border_fills_the_space():
@@ -81,8 +81,8 @@ def test_fog_without_a_border_fills_the_space():
     spot = {"type": "spot", "to_world": T().look_at([-2, 0, 0], [0, 0.2, 0], [0, 1, 0]), "intensity": rgb(5.0)}
     scene = load(light=spot, sensor=camera(size=32, medium=medium))
     ours = pictures(scene, **SMALL)
-    reference = [volpath(scene, 256, seed) for seed in range(SEEDS)]
-    assert agree(ours, np.array(reference), bias=0.01)
+    theirs = reference("scene_frame/fog without a border", scene, 256, SEEDS)
+    assert agree(ours, theirs, bias=0.01)
 
 
 def test_white_fog_in_a_white_sky_is_not_seen():
@@ -109,8 +109,8 @@ def test_a_sensor_inside_of_fog_need_not_say_so(sensor):
     scene = load(fog=cube_of(medium), light=INSIDE, sensor=seen)
     declared = load(fog=cube_of(medium), light=INSIDE, sensor=camera((0, 0, 0.9), medium=medium, size=32))
     ours = pictures(scene, max_depth=2, **SMALL)
-    reference = [volpath(declared, 256, seed, max_depth=2) for seed in range(SEEDS)]
-    assert agree(ours, np.array(reference), bias=0.01)
+    theirs = reference("scene_frame/a sensor inside of fog", declared, 256, SEEDS, max_depth=2)
+    assert agree(ours, theirs, bias=0.01)
 
 
 def test_a_mirror_shows_what_stands_before_it():

@@ -6,7 +6,8 @@ import pytest
 from photonbeams.render.scene_frame import render
 from photonbeams.runtime.device import mitsuba
 from photonbeams.world.world import perturbs
-from tests.helpers.mitsuba_scenes import T, bumpy, by_beams, camera, load, rgb, tilted, volpath
+from tests.helpers.mitsuba_scenes import T, bumpy, by_beams, camera, load, rgb, tilted
+from tests.helpers.references import reference
 
 mi = mitsuba()
 
@@ -38,7 +39,7 @@ CASES = {
 def test_light_off_turned_normals_is_that_of_path(name):
     bsdf, side = CASES[name]
     scene = floor_and_wall(bsdf, side)
-    expected = volpath(scene, 1 << 13, plugin="path", max_depth=3).mean()
+    expected = reference(f"normals/{name}", scene, 1 << 13, plugin="path", max_depth=3).mean()
     settings = by_beams(passes=3, beams=1 << 18, radius=0.06, alpha=1.0, max_depth=3)
     found = render(scene, scene.sensors()[0], settings).layers()["rgba"][..., :3].mean()
     # Four seeds spread by 0.3 to 1 %, and discs blur by 1 %; with the cosines of a flat floor, light is 20 to 70 % off.

@@ -11,7 +11,8 @@ from photonbeams.render.scene_frame import Extras, begin
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import BeamSettings, SceneError
-from tests.helpers.mitsuba_scenes import camera, cube_of, fog, frames, load, rgb, volpath
+from tests.helpers.mitsuba_scenes import camera, cube_of, fog, frames, load, rgb
+from tests.helpers.references import reference
 
 mi = mitsuba()
 SKY = {"type": "constant", "radiance": rgb([1.0, 0.5, 0.25])}
@@ -72,10 +73,8 @@ def test_walks_have_the_mean_of_beams_and_emitters_add_up():
 
 def test_walks_count_no_longer_paths_than_allowed():
     scene = load(fog=cube_of(fog(2.0, 0.9)), floor=FLOOR, lamp=LAMP, sensor=camera(size=16))
-    volpath = mi.load_dict({"type": "volpath", "max_depth": 3})
-    reference = np.array([np.array(mi.render(scene, integrator=volpath, seed=seed, spp=64)) for seed in range(4)])
     mean, error = mean_and_error(pictures(scene, 6, passes=2, max_depth=3))
-    expected, own = mean_and_error(reference)
+    expected, own = mean_and_error(reference("walks/short paths", scene, 64, 4, max_depth=3))
     assert np.all(np.abs(mean - expected) < 4 * np.hypot(error, own))
 
 
@@ -125,8 +124,7 @@ def test_caustics_of_lamps_come_from_the_lamp_and_all_other_light_from_walks():
     assert np.all(caustics[0] > 1.05 * neither[0])
     assert np.all(np.abs(both[0] - sum_of_parts) < 4 * (both[1] + walks[1] + caustics[1] + neither[1]))
     # A path tracer finds the same light.
-    reference = np.array([volpath(scene, 256, seed, "path", max_depth=6) for seed in range(4)])
-    expected, error = mean_and_error(reference)
+    expected, error = mean_and_error(reference("walks/caustics", scene, 256, 4, "path", max_depth=6))
     # Photon discs blur, and the parts of them beside the floor count as on the floor: half a per cent.
     assert np.all(np.abs(both[0] - expected) < 4 * np.hypot(both[1], error) + 0.005 * expected)
 

@@ -14,6 +14,7 @@ from photonbeams.world.emitters.portal_lamps import ThroughPortal, behind
 from photonbeams.world.emitters.portals import Portal
 from photonbeams.world.surfaces.shapes import scene_of, shape_of
 from tests.helpers.fog_room import room
+from tests.helpers.references import reference
 from tests.helpers.shading import shade
 
 mi = mitsuba()
@@ -137,10 +138,15 @@ def test_surfaces_of_a_stage_are_lit_through_a_portal():
 
 
 def integrated(plugin, spp, seeds, **integrator):
-    """Return pictures of the room without the window itself, (S, H, W), rendered by a plug-in of Mitsuba."""
+    """Return pictures of the room without the window itself, (S, H, W), by this renderer as Mitsuba's plug-in."""
     method = mi.load_dict({"max_depth": 3, **integrator})
     pictures = [np.array(mi.render(plugin, integrator=method, spp=spp, seed=seed)) for seed in range(seeds)]
-    result = np.array(pictures)[..., 1].astype(np.float64)
+    return without_window(np.array(pictures))
+
+
+def without_window(pictures):
+    """Return the green half of pictures, (S, H, W), in which the window is not seen."""
+    result = pictures[..., 1].astype(np.float64)
     return result[:, :, result.shape[2] // 2 :]
 
 
@@ -152,8 +158,8 @@ def test_a_room_under_the_sky_is_as_a_path_tracer_has_it_with_less_noise(monkeyp
     """
     plugin, photon_beams = room("sky"), {"type": "photon_beams", "method": method, "paths": 2048}
     own = integrated(plugin, 2, 6, **photon_beams)
-    reference = integrated(plugin, 512, 4, type="volpath")
-    means = [each.mean(axis=(1, 2)) for each in (own, reference)]
+    theirs = without_window(reference("portal_lamps/the sky", plugin, 512, 4, max_depth=3))
+    means = [each.mean(axis=(1, 2)) for each in (own, theirs)]
     errors = [each.std(ddof=1) / len(each) ** 0.5 for each in means]
     assert abs(means[0].mean() - means[1].mean()) < 4 * np.hypot(*errors)
     monkeypatch.setattr(Lights, "portal", None)

@@ -10,7 +10,8 @@ from photonbeams.world.media.interfaces import number
 from photonbeams.world.media.media import Media
 from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.mitsuba_pictures import SMALL, agree, pictures
-from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb, volpath
+from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb
+from tests.helpers.references import reference
 
 mi = mitsuba()
 SIZE = 2.0
@@ -93,8 +94,8 @@ def test_plain_walls_do_not_hide_fog(name):
     scene = load(**parts, sensor=camera(**view, size=32))
     declared = load(**parts, sensor=camera(**view, size=32, medium=medium if name == "lamp" else None))
     ours = pictures(scene, max_depth=3, hide_emitters=True, **SMALL)
-    reference = [volpath(declared, 128, seed, max_depth=3, hide_emitters=True) for seed in range(len(ours))]
-    assert agree(ours, np.array(reference), bias=0.01)
+    theirs = reference(f"surroundings/{name}", declared, 128, len(ours), max_depth=3, hide_emitters=True)
+    assert agree(ours, theirs, bias=0.01)
 
 
 def test_a_window_tells_what_is_on_both_of_its_sides():
