@@ -20,6 +20,7 @@ import pytest
 from docs.scripts.pages import ROOT, anchors, blocks, commands, links, saved_files
 from photonbeams import Shot, integrator
 from photonbeams.cli import main
+from photonbeams.render import lights
 
 PAGES = {
     "README.md": 5, "docs/guide.md": 17, "docs/stages.md": 13, "docs/beams.md": 6, "docs/examples.md": 19,
@@ -51,6 +52,8 @@ def clone(tmp_path, monkeypatch):
         shutil.copy(path, tmp_path)
     shutil.copy(ROOT / "examples" / "keyhole" / "keyhole.usda", tmp_path / "shot.usda")
     monkeypatch.chdir(tmp_path)
+    # A pilot that compares beams and paths compiles as much as all the rest. It is tested in tests/render.
+    monkeypatch.setattr(lights, "preferred", lambda *_: [])
     return tmp_path
 
 
@@ -177,9 +180,9 @@ def test_every_python_block_runs(name, clone, monkeypatch):
     render = Shot.render
     small = {"passes": 1, "width": 64, "beams": 64}
     monkeypatch.setattr(Shot, "render", lambda shot, *args, **settings: render(shot, *args, **{**settings, **small}))
-    # Mitsuba's own `render` uses the number of paths in the scene's file; the pilot compiles as much as all the rest.
+    # Mitsuba's own `render` uses the number of paths in the scene's file.
     given = integrator._settings
-    monkeypatch.setattr(integrator, "_settings", lambda each: replace(given(each), beams=256, method="beams"))
+    monkeypatch.setattr(integrator, "_settings", lambda each: replace(given(each), beams=256))
     names = {}
     for index, source in enumerate(blocks(page(name), "python")):
         # Each block of a page continues from those before it, as for its reader.
