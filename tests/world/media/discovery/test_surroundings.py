@@ -69,7 +69,7 @@ def around(scene):
 def test_a_room_is_full_of_its_fog_whoever_names_it(light):
     for name, (scene, medium) in makes(light, **INSIDE).items():
         assert around(scene) == (number(medium),) * 2, name
-        size = SceneWorld(scene, place_of_sensor(scene.sensors()[0])).radius_of(Media.of(scene).all[0])
+        size = world_of_plugin(scene, place_of_sensor(scene.sensors()[0])).radius_of(Media.of(scene).all[0])
         assert size == pytest.approx(ROOM * (1.05 if name == "box around" else 1), rel=1e-3), name
 
 
