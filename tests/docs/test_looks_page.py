@@ -32,8 +32,8 @@ def test_the_stage_on_the_page_is_read(tmp_path):
     stage = stages.open_stage(tmp_path / "a.usda")
     (light,) = stages.read_scene(stage, stages.default_time(stage)).lights
     assert isinstance(light.look, LookSpec)
-    assert light.look.along.curve.knots == pytest.approx((0, 0.4, 1))
-    assert light.look.across.hardness == pytest.approx(0.3)
+    assert light.look.values["along:ramp:knots"] == pytest.approx((0, 0.4, 1))
+    assert light.look.values["across:hardness"] == pytest.approx(0.3)
 
 
 def test_the_page_names_all_attributes_and_no_others():

@@ -13,8 +13,9 @@ from pxr import Sdf, UsdGeom
 import photonbeams as pb
 from photonbeams.numerics.samples import Samples
 from photonbeams.render.films.film import Film
+from photonbeams.usd.authoring.presets import preset_look
 from photonbeams.usd.layers.header import frame_rate
-from photonbeams.usd.looks.look import AlongSpec, CurveSpec, LookSpec
+from photonbeams.usd.looks.look import LookSpec
 from photonbeams.usd.stage import open_stage, read_scene
 from tests.helpers.comparison import camera_rays, lit, scattered_along, single_scattering
 from tests.helpers.kernels import compiled
@@ -36,7 +37,8 @@ def test_looks_that_differ_in_one_of_a_thousand_numbers_are_two(usd):
     changed[1000] = 0.5  # NumPy leaves this one out when it prints
 
     def look(texture):
-        return shot.subject._look("/Lamp", LookSpec("/Look", AlongSpec(curve=CurveSpec(texture=texture))))
+        values = {**preset_look("look-physical").values, "along:texture": texture}
+        return shot.subject._look("/Lamp", LookSpec("/Look", values))
 
     first = look(row)
     assert look(row.copy()) is first and look(changed) is not first

@@ -1,14 +1,13 @@
 """PhotonBeamsLook prims, and the schemas."""
 
-from dataclasses import fields, is_dataclass
-
 import numpy as np
 import pytest
 from pxr import Usd
 
+from photonbeams.looks import ColorRamp
 from photonbeams.scene import Medium, SceneError
+from photonbeams.usd.common.definitions import LOOK, PREFIX, definitions
 from photonbeams.usd.common.reading import Reading
-from photonbeams.usd.looks.look import AcrossSpec, AngleSpec, CurveSpec, EyeSpec, LookSpec, NoiseSpec, Span
 from photonbeams.usd.looks.shading import build_look
 
 MEDIUM = Medium((0.1, 0.1, 0.1))
@@ -24,24 +23,23 @@ def read(scene):
     return lambda body: scene(look(body)).lights[0].look
 
 
-def flat(value, name=""):
-    """Return a spec's fields as pairs of names and values."""
-    if not is_dataclass(value):
-        return [(name, pytest.approx(value, rel=1e-7) if isinstance(value, float) else value)]
-    return [pair for each in fields(value) for pair in flat(getattr(value, each.name), f"{name}:{each.name}")]
+@pytest.fixture
+def values(read):
+    return lambda body: read(body).values
 
 
 def test_a_look_without_attributes_is_physical(read):
-    """The fallbacks in schema.usda are the defaults of the dataclasses, and are physical."""
-    expected = LookSpec(
-        "/Look",
-        across=AcrossSpec(curve=CurveSpec(span=Span("radius"))),
-        eye=EyeSpec(curve=CurveSpec(span=Span("distance"))),
-        angle=AngleSpec(curve=CurveSpec(span=Span("angle", 0, 180))),
-    )
-    assert flat(read("")) == flat(expected)
-    physical = (expected.along.falloff, expected.eye.falloff, expected.angle.shading)
-    assert physical == ("physical",) * 3 and expected.across.profile == "epanechnikov"
+    """What is read are the fallbacks of the schema, which are physical."""
+    found = read("")
+    assert found.name == "/Look"
+    for name, own in definitions(LOOK).items():
+        value = found.values[name.removeprefix(PREFIX)]
+        if isinstance(value, float):
+            assert value == pytest.approx(own.default, rel=1e-7)
+        else:
+            assert (list(value) if isinstance(value, tuple) else value) == own.default
+    physical = [found.values[name] for name in ("along:falloff", "eye:falloff", "angle:shading")]
+    assert physical == ["physical"] * 3 and found.values["across:profile"] == "epanechnikov"
 
 
 def test_what_is_read_is_all_that_the_schema_has(scene, monkeypatch):
@@ -59,8 +57,8 @@ def test_what_is_read_is_all_that_the_schema_has(scene, monkeypatch):
     assert asked == {name for name in definition.GetPropertyNames() if name.startswith("photonbeams:")}
 
 
-def test_a_ramp_is_read(read):
-    spec = read("""
+def test_a_ramp_is_read(values):
+    spec = values("""
         float[] photonbeams:along:ramp:knots = [0, 0.5, 2]
         color3f[] photonbeams:along:ramp:colors = [(1, 1, 1), (1, 0.5, 0), (0.25, 0, 0)]
         uniform token photonbeams:along:ramp:interpolation = "catmullRom"
@@ -68,30 +66,30 @@ def test_a_ramp_is_read(read):
         float photonbeams:along:begin = 1
         float photonbeams:along:end = 3
         bool photonbeams:along:physical = 0
-        color3f photonbeams:along:tint = (0.5, 1, 1)""").along
-    assert spec.curve.knots == (0, 0.5, 2)
-    assert spec.curve.colors == ((1, 1, 1), (1, 0.5, 0), (0.25, 0, 0))
-    assert spec.curve.interpolation == "catmullRom"
-    assert spec.curve.span == Span("distance", 1, 3)
-    assert not spec.physical
-    assert spec.tint == (0.5, 1, 1)
+        color3f photonbeams:along:tint = (0.5, 1, 1)""")
+    assert spec["along:ramp:knots"] == (0, 0.5, 2)
+    assert spec["along:ramp:colors"] == ((1, 1, 1), (1, 0.5, 0), (0.25, 0, 0))
+    assert spec["along:ramp:interpolation"] == "catmullRom"
+    assert [spec[f"along:{name}"] for name in ("space", "begin", "end")] == ["distance", 1, 3]
+    assert not spec["along:physical"]
+    assert spec["along:tint"] == (0.5, 1, 1)
 
 
-def test_falloffs_are_read(read):
-    spec = read("""
+def test_falloffs_are_read(values):
+    spec = values("""
         uniform token photonbeams:along:falloff = "polynomial"
         float[] photonbeams:along:coefficients = [1, -2, 1]
         float photonbeams:along:length = 3
         float photonbeams:along:exponent = 1.5
         uniform token photonbeams:eye:falloff = "exponential"
         float photonbeams:eye:length = 7""")
-    assert (spec.along.falloff, spec.along.coefficients) == ("polynomial", (1, -2, 1))
-    assert (spec.along.length, spec.along.exponent) == (3, 1.5)
-    assert (spec.eye.falloff, spec.eye.length) == ("exponential", 7)
+    assert (spec["along:falloff"], spec["along:coefficients"]) == ("polynomial", (1, -2, 1))
+    assert (spec["along:length"], spec["along:exponent"]) == (3, 1.5)
+    assert (spec["eye:falloff"], spec["eye:length"]) == ("exponential", 7)
 
 
-def test_profiles_and_angles_are_read(read):
-    spec = read("""
+def test_profiles_and_angles_are_read(values):
+    spec = values("""
         uniform token photonbeams:across:profile = "tabulated"
         float[] photonbeams:across:values = [1, 0.5, 0]
         float photonbeams:across:hardness = 0.25
@@ -100,18 +98,18 @@ def test_profiles_and_angles_are_read(read):
         float photonbeams:angle:anisotropy = 0.5
         float photonbeams:angle:mix = 0.25
         float photonbeams:angle:gain = 2""")
-    across, angle = spec.across, spec.angle
-    assert (across.profile, across.width, across.hardness, across.values) == ("tabulated", 0.5, 0.25, (1, 0.5, 0))
-    assert (angle.shading, angle.anisotropy, angle.mix, angle.gain) == ("glow", 0.5, 0.25, 2)
+    across = [spec[f"across:{name}"] for name in ("profile", "width", "hardness", "values")]
+    assert across == ["tabulated", 0.5, 0.25, (1, 0.5, 0)]
+    assert [spec[f"angle:{name}"] for name in ("shading", "anisotropy", "mix", "gain")] == ["glow", 0.5, 0.25, 2]
 
 
 def test_every_factor_takes_a_ramp_a_texture_and_an_expression(read, image):
     path = image("ramp.exr", [[[1, 0, 0], [0, 1, 0]]], "float")
-    for slot, span in (
-        ("along", Span()),
-        ("across", Span("radius")),
-        ("eye", Span("distance", 2, 5)),
-        ("angle", Span("angle", 0, 180)),
+    for slot, place in (
+        ("along", ("fraction", 0, 1)),
+        ("across", ("radius", 0, 1)),
+        ("eye", ("distance", 2, 5)),
+        ("angle", ("angle", 0, 180)),
     ):
         found = read(f"""
             float[] photonbeams:{slot}:ramp:knots = [0, 1]
@@ -121,10 +119,13 @@ def test_every_factor_takes_a_ramp_a_texture_and_an_expression(read, image):
             string photonbeams:{slot}:expression = "1 - r"
             float photonbeams:eye:begin = 2
             float photonbeams:eye:end = 5""")
-        curve = getattr(found, slot).curve
-        assert (curve.knots, curve.colors) == ((0, 1), ((1, 1, 1), (1, 0.5, 0)))
-        assert (curve.interpolation, curve.expression, curve.span) == ("smooth", "1 - r", span)
-        assert np.allclose(curve.texture, [[1, 0, 0], [0, 1, 0]])
+        own = {name.removeprefix(f"{slot}:"): value for name, value in found.values.items()}
+        assert (own["ramp:knots"], own["ramp:colors"]) == ((0, 1), ((1, 1, 1), (1, 0.5, 0)))
+        assert (own["ramp:interpolation"], own["expression"]) == ("smooth", "1 - r")
+        assert np.allclose(own["texture"], [[1, 0, 0], [0, 1, 0]])
+        space, begin, end = place
+        ramp = ColorRamp((0, 1), ((1, 1, 1), (1, 0.5, 0)), "smooth", begin=begin, end=end, space=space)
+        assert repr(ramp) in repr(build_look(found))
         built = build_look(found).bind(MEDIUM, 5.0)
         assert "radius" in built.uses and built.by_radius
 
@@ -145,30 +146,32 @@ def test_noise_fade_and_variation_are_read_and_built(read):
         uniform token photonbeams:across:profile = "hollow"
         float photonbeams:across:inner = 0.25
         float photonbeams:across:softness = 0.5""")
-    assert (found.along.inner, found.along.outer, found.along.fade) == (1, 3, "linear")
-    assert found.noise == NoiseSpec(0.5, 2, 3, 1.5, (0, 0.5, 0), 0.25, "light")
-    assert found.variation == 0.125
-    assert (found.across.profile, found.across.inner, found.across.softness) == ("hollow", 0.25, 0.5)
+    own = found.values
+    assert (own["along:inner"], own["along:outer"], own["along:fade"]) == (1, 3, "linear")
+    noise = [own[f"noise:{name}"] for name in ("amount", "scale", "octaves", "contrast", "drift", "evolution", "space")]
+    assert noise == [0.5, 2, 3, 1.5, (0, 0.5, 0), 0.25, "light"]
+    assert own["variation"] == 0.125
+    assert (own["across:profile"], own["across:inner"], own["across:softness"]) == ("hollow", 0.25, 0.5)
     built = build_look(found).bind(MEDIUM, 5.0)
     assert {"local", "random", "time"} <= built.uses
     assert ("distance", pytest.approx(1)) in built.corners and ("distance", pytest.approx(3)) in built.corners
 
 
-def test_a_texture_along_the_beam_is_decoded_and_its_rows_averaged(read, image):
+def test_a_texture_along_the_beam_is_decoded_and_its_rows_averaged(values, image):
     path = image("ramp.exr", [[[1, 0, 0], [0, 1, 0]], [[3, 0, 0], [0, 1, 2]]], "float")
-    found = read(f"asset photonbeams:along:texture = @{path}@").along.curve.texture
+    found = values(f"asset photonbeams:along:texture = @{path}@")["along:texture"]
     assert np.allclose(found, [[2, 0, 0], [0, 1, 1]])
 
 
-def test_the_ends_of_a_range_are_in_it(read):
+def test_the_ends_of_a_range_are_in_it(values):
     """The ends of a range are accepted, although USD's single precision stores 0.99 as a little less or more."""
-    found = read("""
+    found = values("""
         float photonbeams:across:width = 0.02
         float photonbeams:across:inner = 0.99
         float photonbeams:across:softness = 0.01
         float photonbeams:angle:anisotropy = -0.99""")
-    assert (found.across.width, found.across.inner, found.across.softness) == (0.02, 0.99, 0.01)
-    assert found.angle.anisotropy == -0.99
+    assert [found[f"across:{name}"] for name in ("width", "inner", "softness")] == [0.02, 0.99, 0.01]
+    assert found["angle:anisotropy"] == -0.99
 
 
 def test_a_look_that_is_no_relationship_is_an_error(scene):

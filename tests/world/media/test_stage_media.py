@@ -8,7 +8,8 @@ from photonbeams import scene
 from photonbeams.looks import Attenuation
 from photonbeams.render.scene_frame import begin, render
 from photonbeams.runtime.device import Array3f, mitsuba
-from photonbeams.usd.looks.look import AlongSpec, LookSpec
+from photonbeams.usd.authoring.presets import preset_look
+from photonbeams.usd.looks.look import LookSpec
 from photonbeams.usd.looks.shading import build_look
 from photonbeams.world.media.interfaces import number
 from photonbeams.world.media.media import Media
@@ -183,7 +184,7 @@ def interpolated(values, unit):
 def test_looks_of_stages_have_the_grids_own_physical_factors():
     """Looks are products, with the density in the factors of scattering and of transmittance."""
     (found,) = Media([media_of([smoke(np.random.default_rng(0).random((2, 2, 2)))])[0].plugin]).all
-    look = build_look(LookSpec("look", along=AlongSpec(tint=(1.0, 0.5, 0.25))))
+    look = build_look(LookSpec("look", {**preset_look("look-physical").values, "along:tint": (1.0, 0.5, 0.25)}))
     shaded = found.shaded(look)
     for given, factor in ((shaded.eye, Tracked), (shaded.angle, MediumScattering)):
         assert [type(each) for each in given.factors] == [factor]

@@ -6,10 +6,10 @@ sliders, and as `customData` whether the ends of a range are outside of it (`ope
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -155,45 +155,6 @@ def definitions(schema: str) -> Mapping[str, Definition]:
 def read_attribute(reading: Reading, prim: Usd.Prim, schema: str, name: str, default: object = None) -> Any:
     """Return the value of an attribute, named without its prefix, as `Definition.read` does."""
     return definitions(schema)[PREFIX + name].read(reading, prim, default)
-
-
-class PrimRecord:
-    """A dataclass whose fields are attributes of a schema."""
-
-    def problems(self) -> Iterable[tuple[str, str]]:
-        """Return what does not go together, as names of attributes and texts such as "is empty: expected ..."."""
-        return ()
-
-
-S = TypeVar("S", bound=PrimRecord)
-
-
-def read_record(reading: Reading, prim: Usd.Prim, schema: str, default: S, within: str = "") -> S:
-    """Return a dataclass whose fields have the values of a prim's attributes, checked as their schema defines them.
-
-    A field is the attribute of the same name, or of the `name` in its metadata, in the namespace `within`; a dataclass
-    in a field has the attributes in the namespace of that name, or in the same one if the name is "". What is no
-    attribute of the schema is as in `default`. A `convert` in the metadata is applied to a value.
-
-    Raises
-    ------
-    SceneError
-        A value cannot be used, or values do not go together.
-    """
-    known = definitions(schema)
-    found: dict[str, Any] = {}
-    for each in fields(default):  # type: ignore[arg-type]
-        name, value = each.metadata.get("name", each.name), getattr(default, each.name)
-        if isinstance(value, PrimRecord):
-            found[each.name] = read_record(reading, prim, schema, value, f"{within}{name}:" if name else within)
-        elif own := known.get(f"{PREFIX}{within}{name}"):
-            value = own.read(reading, prim)
-            convert = each.metadata.get("convert")
-            found[each.name] = convert(value) if convert and value is not None else value
-    result = replace(default, **found)  # type: ignore[type-var]
-    for name, text in result.problems():
-        raise reading.fail(prim, f"{PREFIX}{within}{name}", text)
-    return result
 
 
 def _kind_of(value_type: Sdf.ValueTypeName) -> str:

@@ -60,6 +60,8 @@ def equal(a: object, b: object) -> bool:
         return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=_ROUNDING, atol=0)
     if isinstance(a, tuple) and isinstance(b, tuple):
         return len(a) == len(b) and all(map(equal, a, b))
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(equal(value, b[name]) for name, value in a.items())
     return bool(type(a) is type(b) and a == b)
 
 

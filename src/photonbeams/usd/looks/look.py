@@ -2,159 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
-from ...scene import Array, Color, rgb
-from ..common.definitions import LOOK, PREFIX, PrimRecord, definitions, read_record
+from ...scene import Array, rgb
+from ..common.definitions import LOOK, PREFIX, definitions
 from ..common.openusd import Usd
 from ..common.reading import Reading
 
-
-def _row(pixels: Array) -> Array:
-    """Return a 1D texture, which may be several pixels high, as colours (M, 3)."""
-    return rgb(pixels.mean(axis=0, dtype=np.float64))
+#: The factors of a look that may have a ramp, a texture and an expression.
+FACTORS = ("along", "across", "eye", "angle")
 
 
 @dataclass(frozen=True)
-class Span(PrimRecord):
-    """Where a ramp, texture or polynomial begins and ends: fractions of the beam, or scene units along it."""
+class LookSpec:
+    """A checked look in plain numbers.
 
-    space: str = "fraction"  # fraction | distance; radius and angle where a stage has no choice
-    begin: float = 0.0
-    end: float = 1.0
-
-    def problems(self) -> Iterator[tuple[str, str]]:
-        """Return whether the end is before the beginning."""
-        if self.end <= self.begin:
-            yield "end", f"is {self.end:g}: expected more than begin, {self.begin:g}"
-
-
-@dataclass(frozen=True)
-class CurveSpec(PrimRecord):
-    """A part that every factor may have: the product of a ramp, a texture and an expression, if set.
-
-    A ramp has knots (M,) and colours (M, 3), without knots for none. A texture has colours (M, 3) from begin to end.
-    """
-
-    knots: tuple[float, ...] = field(default=(), metadata={"name": "ramp:knots"})
-    colors: tuple[Color, ...] = field(default=(), metadata={"name": "ramp:colors"})
-    interpolation: str = field(default="linear", metadata={"name": "ramp:interpolation"})
-    texture: Array | None = field(default=None, metadata={"convert": _row})
-    span: Span = field(default=Span(), metadata={"name": ""})
-    expression: str = ""
-
-    def problems(self) -> Iterator[tuple[str, str]]:
-        """Return knots that do not ascend or lack colours, and what is wrong with the texture and the expression."""
-        if len(self.knots) != len(self.colors):
-            text = f"has {len(self.knots)} values but ramp:colors has {len(self.colors)}: expected as many of each"
-            yield "ramp:knots", text
-        if any(b <= a for a, b in pairwise(self.knots)):
-            yield "ramp:knots", f"is {list(self.knots)}: expected ascending positions"
-        if self.texture is not None and np.any(self.texture < 0):
-            yield "texture", "has negative pixels: expected colours of 0 or more"
-        if self.expression:
-            try:
-                from ...looks.expression import parse  # starts Dr.Jit
-
-                parse(self.expression)
-            except ValueError as error:
-                yield "expression", f"is wrong: {error}"
-
-
-@dataclass(frozen=True)
-class AlongSpec(PrimRecord):
-    """The colour along the beam: the product of everything that is set; the span applies to the polynomial, too."""
-
-    falloff: str = "physical"
-    length: float = 1.0
-    exponent: float = 2.0
-    coefficients: tuple[float, ...] = ()
-    physical: bool = True
-    tint: Color = (1.0, 1.0, 1.0)
-    inner: float = 0.0
-    outer: float = 0.0
-    fade: str = "smooth"
-    curve: CurveSpec = field(default=CurveSpec(), metadata={"name": ""})
-
-    def problems(self) -> Iterator[tuple[str, str]]:
-        """Return a polynomial without coefficients, and a fade that ends before it begins."""
-        if self.falloff == "polynomial" and not self.coefficients:
-            yield "coefficients", "is empty: a polynomial falloff expects its coefficients"
-        if 0 < self.outer <= self.inner:
-            yield "outer", f"is {self.outer:g}: expected more than inner, {self.inner:g}, or 0"
-
-
-@dataclass(frozen=True)
-class AcrossSpec(PrimRecord):
-    """The profile, and its curve, whose ramp and texture run from the axis to the rim."""
-
-    profile: str = "epanechnikov"
-    width: float = 0.35
-    hardness: float = 0.0
-    inner: float = 0.5
-    softness: float = 1.0
-    values: tuple[float, ...] = ()
-    curve: CurveSpec = field(default=CurveSpec(span=Span("radius")), metadata={"name": ""})
-
-    def problems(self) -> Iterator[tuple[str, str]]:
-        """Return values that are no profile."""
-        values = self.values
-        if self.profile == "tabulated" and (len(values) < 2 or min(values) < 0 or max(values) == 0):
-            text = f"is {list(values)}: a tabulated profile expects two values or more, none negative and not all 0"
-            yield "values", text
-
-
-@dataclass(frozen=True)
-class EyeSpec(PrimRecord):
-    """The change toward the camera; the curve is over distance."""
-
-    falloff: str = "physical"
-    length: float = 1.0
-    curve: CurveSpec = field(default=CurveSpec(span=Span("distance")), metadata={"name": ""})
-
-
-@dataclass(frozen=True)
-class AngleSpec(PrimRecord):
-    """The view-angle shading; the curve is over degrees: 0 looks straight into the light."""
-
-    shading: str = "physical"
-    anisotropy: float = 0.8
-    mix: float = 0.5
-    gain: float = 1.0
-    curve: CurveSpec = field(default=CurveSpec(span=Span("angle", 0.0, 180.0)), metadata={"name": ""})
-
-
-@dataclass(frozen=True)
-class NoiseSpec(PrimRecord):
-    """Dust and wisps; see `looks.Noise`."""
-
-    amount: float = 0.0
-    scale: float = 1.0
-    octaves: int = 4
-    contrast: float = 2.0
-    drift: Color = (0.0, 0.0, 0.0)
-    evolution: float = 0.0
-    space: str = "world"
-
-
-@dataclass(frozen=True)
-class LookSpec(PrimRecord):
-    """A checked look in plain numbers: the attributes of a `PhotonBeamsLook`, and the prim's path as its `name`.
-
-    The schema says what each attribute means. Its fallbacks are the defaults here; a test compares them.
+    Attributes
+    ----------
+    name
+        The path of the prim.
+    values
+        The values of the attributes of a `PhotonBeamsLook`, by their names without "photonbeams:". The schema says what
+        each means. A texture is colours (M, 3) from begin to end, or None.
     """
 
     name: str
-    along: AlongSpec = AlongSpec()
-    across: AcrossSpec = AcrossSpec()
-    eye: EyeSpec = EyeSpec()
-    angle: AngleSpec = AngleSpec()
-    noise: NoiseSpec = NoiseSpec()
-    variation: float = 0.0
+    values: Mapping[str, Any]
 
 
 def read_look(reading: Reading, user: Usd.Prim, prim: Usd.Prim) -> LookSpec:
@@ -174,6 +52,53 @@ def read_look(reading: Reading, user: Usd.Prim, prim: Usd.Prim) -> LookSpec:
         for name in prim.GetAuthoredPropertyNames():
             if name.startswith(PREFIX) and name not in definitions(LOOK):
                 reading.warn_of_unknown(prim, str(name), definitions(LOOK))
-        reading.cache[key] = read_record(reading, prim, LOOK, LookSpec(str(prim.GetPath())))
+        values = {name.removeprefix(PREFIX): own.read(reading, prim) for name, own in definitions(LOOK).items()}
+        for factor in FACTORS:
+            values[f"{factor}:texture"] = _row(values[f"{factor}:texture"])
+        for name, text in _problems(values):
+            raise reading.fail(prim, f"{PREFIX}{name}", text)
+        reading.cache[key] = LookSpec(str(prim.GetPath()), values)
     look: LookSpec = reading.cache[key]
     return look
+
+
+def _row(pixels: Array | None) -> Array | None:
+    """Return a 1D texture, which may be several pixels high, as colours (M, 3)."""
+    return None if pixels is None else rgb(pixels.mean(axis=0, dtype=np.float64))
+
+
+def _problems(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Return what does not go together, as names of attributes and texts such as "is empty: expected ..."."""
+    for factor in FACTORS:
+        yield from ((f"{factor}:{name}", text) for name, text in _problems_of_factor(values, factor))
+    if values["along:falloff"] == "polynomial" and not values["along:coefficients"]:
+        yield "along:coefficients", "is empty: a polynomial falloff expects its coefficients"
+    inner, outer = values["along:inner"], values["along:outer"]
+    if 0 < outer <= inner:
+        yield "along:outer", f"is {outer:g}: expected more than inner, {inner:g}, or 0"
+    profile = values["across:values"]
+    if values["across:profile"] == "tabulated" and (len(profile) < 2 or min(profile) < 0 or max(profile) == 0):
+        text = f"is {list(profile)}: a tabulated profile expects two values or more, none negative and not all 0"
+        yield "across:values", text
+
+
+def _problems_of_factor(values: Mapping[str, Any], factor: str) -> Iterator[tuple[str, str]]:
+    """Return an end before the beginning, and what is wrong with the ramp, the texture and the expression."""
+    begin, end = values.get(f"{factor}:begin", 0), values.get(f"{factor}:end", 1)
+    if end <= begin:
+        yield "end", f"is {end:g}: expected more than begin, {begin:g}"
+    knots, colors = values[f"{factor}:ramp:knots"], values[f"{factor}:ramp:colors"]
+    if len(knots) != len(colors):
+        yield "ramp:knots", f"has {len(knots)} values but ramp:colors has {len(colors)}: expected as many of each"
+    if any(b <= a for a, b in pairwise(knots)):
+        yield "ramp:knots", f"is {list(knots)}: expected ascending positions"
+    texture = values[f"{factor}:texture"]
+    if texture is not None and np.any(texture < 0):
+        yield "texture", "has negative pixels: expected colours of 0 or more"
+    if expression := values[f"{factor}:expression"]:
+        try:
+            from ...looks.expression import parse  # starts Dr.Jit
+
+            parse(expression)
+        except ValueError as error:
+            yield "expression", f"is wrong: {error}"

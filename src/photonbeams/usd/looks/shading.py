@@ -2,86 +2,99 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from ... import looks
 from ...looks import Factor, Look
-from .look import AlongSpec, CurveSpec, LookSpec
+from .look import LookSpec
 
 _INTERPOLATIONS: dict[str, Any] = {"catmullRom": "catmull-rom"}  # the tokens that are not the names in Python
+# Where the ramp, the texture and the polynomial of each factor begin and end, if the schema has no attribute for it.
+_PLACES: dict[str, dict[str, Any]] = {
+    "along": {"space": "fraction", "begin": 0.0, "end": 1.0},
+    "across": {"space": "radius", "begin": 0.0, "end": 1.0},
+    "eye": {"space": "distance", "begin": 0.0, "end": 1.0},
+    "angle": {"space": "angle", "begin": 0.0, "end": 180.0},
+}
 
 
 def build_look(spec: LookSpec) -> Look:
     """Return the look that a LookSpec describes."""
-    across = spec.across
+    own = spec.values
     profile = {
         "constant": looks.Uniform,
         "epanechnikov": looks.Epanechnikov,
         "biweight": looks.Biweight,
-        "gaussian": lambda: looks.Gaussian(across.width),
-        "smoothstep": lambda: looks.Smoothstep(across.hardness),
-        "hollow": lambda: looks.Hollow(across.inner, across.softness),
-        "tabulated": lambda: looks.Tabulated(across.values),
-    }[across.profile]()
+        "gaussian": lambda: looks.Gaussian(own["across:width"]),
+        "smoothstep": lambda: looks.Smoothstep(own["across:hardness"]),
+        "hollow": lambda: looks.Hollow(own["across:inner"], own["across:softness"]),
+        "tabulated": lambda: looks.Tabulated(own["across:values"]),
+    }[own["across:profile"]]()
     toward = {
         "physical": looks.Attenuation,
         "none": lambda: looks.Constant(1.0),
-        "exponential": lambda: looks.Exponential(spec.eye.length),
-    }[spec.eye.falloff]
+        "exponential": lambda: looks.Exponential(own["eye:length"]),
+    }[own["eye:falloff"]]
     shading = {
         "physical": looks.Scattering,
         "constant": looks.Isotropic,
-        "glow": lambda: looks.Glow(spec.angle.anisotropy, spec.angle.mix, spec.angle.gain),
-    }[spec.angle.shading]
-    around = [*_curves(across.curve), *_noises(spec)]
+        "glow": lambda: looks.Glow(own["angle:anisotropy"], own["angle:mix"], own["angle:gain"]),
+    }[own["angle:shading"]]
+    around = [*_curves(own, "across"), *_noises(own)]
     return looks.Look(
-        along=looks.Product(tuple(_alongs(spec.along))),
+        along=looks.Product(tuple(_alongs(own))),
         across=profile * looks.Product(tuple(around)) if around else profile,
-        eye=looks.Product((toward(), *_curves(spec.eye.curve))),
-        angle=looks.Product((shading(), *_curves(spec.angle.curve))),
+        eye=looks.Product((toward(), *_curves(own, "eye"))),
+        angle=looks.Product((shading(), *_curves(own, "angle"))),
     )
 
 
-def _alongs(along: AlongSpec) -> list[Factor]:
+def _alongs(own: Mapping[str, Any]) -> list[Factor]:
     """Return the factors along the beam."""
-    span = along.curve.span
-    place: dict[str, Any] = {"space": span.space, "begin": span.begin, "end": span.end}
     falloff = {
-        "exponential": lambda: looks.Exponential(along.length),
-        "power": lambda: looks.Power(along.exponent, along.length),
-        "polynomial": lambda: looks.Polynomial(along.coefficients, **place),
-    }.get(along.falloff)
+        "exponential": lambda: looks.Exponential(own["along:length"]),
+        "power": lambda: looks.Power(own["along:exponent"], own["along:length"]),
+        "polynomial": lambda: looks.Polynomial(own["along:coefficients"], **_place(own, "along")),
+    }.get(own["along:falloff"])
     parts: list[Factor] = [falloff()] if falloff else []
-    parts += _curves(along.curve)
-    if along.outer > 0:
-        parts.append(looks.Fade(along.inner, along.outer, _INTERPOLATIONS.get(along.fade, along.fade)))
-    if along.physical:
+    parts += _curves(own, "along")
+    if own["along:outer"] > 0:
+        fade = own["along:fade"]
+        parts.append(looks.Fade(own["along:inner"], own["along:outer"], _INTERPOLATIONS.get(fade, fade)))
+    if own["along:physical"]:
         parts.append(looks.Attenuation())
-    if along.tint != (1.0, 1.0, 1.0) or not parts:
-        parts.append(looks.Constant(along.tint))
+    if own["along:tint"] != (1.0, 1.0, 1.0) or not parts:
+        parts.append(looks.Constant(own["along:tint"]))
     return parts
 
 
-def _curves(curve: CurveSpec) -> list[Factor]:
-    """Return the ramp, texture and expression that are set."""
-    place: dict[str, Any] = {"space": curve.span.space, "begin": curve.span.begin, "end": curve.span.end}
+def _curves(own: Mapping[str, Any], factor: str) -> list[Factor]:
+    """Return the ramp, texture and expression of a factor that are set."""
+    knots, colors, named, texture, expression = (
+        own[f"{factor}:{name}"] for name in ("ramp:knots", "ramp:colors", "ramp:interpolation", "texture", "expression")
+    )
+    place = _place(own, factor)
     parts: list[Factor] = []
-    if curve.knots:
-        named = _INTERPOLATIONS.get(curve.interpolation, curve.interpolation)
-        parts.append(looks.ColorRamp(curve.knots, curve.colors, named, **place))
-    if curve.texture is not None:
-        parts.append(looks.Texture(curve.texture, **place))
-    if curve.expression:
-        parts.append(looks.Expression(curve.expression))
+    if knots:
+        parts.append(looks.ColorRamp(knots, colors, _INTERPOLATIONS.get(named, named), **place))
+    if texture is not None:
+        parts.append(looks.Texture(texture, **place))
+    if expression:
+        parts.append(looks.Expression(expression))
     return parts
 
 
-def _noises(spec: LookSpec) -> list[Factor]:
+def _place(own: Mapping[str, Any], factor: str) -> dict[str, Any]:
+    return {name: own.get(f"{factor}:{name}", usual) for name, usual in _PLACES[factor].items()}
+
+
+def _noises(own: Mapping[str, Any]) -> list[Factor]:
     """Return the noise and variation that are set."""
-    noise = spec.noise
     parts: list[Factor] = []
-    if noise.amount > 0:
-        parts.append(looks.Noise(**vars(noise)))
-    if spec.variation > 0:
-        parts.append(looks.Variation(spec.variation))
+    if own["noise:amount"] > 0:
+        noise = {name.removeprefix("noise:"): value for name, value in own.items() if name.startswith("noise:")}
+        parts.append(looks.Noise(**noise))
+    if own["variation"] > 0:
+        parts.append(looks.Variation(own["variation"]))
     return parts
