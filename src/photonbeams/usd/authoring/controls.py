@@ -15,51 +15,44 @@ from ..common.reading import Reading, Time, prims_under, target_paths
 from ..lights.light import is_dome, is_light
 from ..media.medium import is_medium
 
-# What UsdLux's schemas do not say of the inputs of lights: ranges, those of sliders, and units.
-_LIGHT_RANGES: Mapping[str, tuple[float, float | None]] = {
-    "intensity": (0, None), "radius": (0, None), "width": (0, None), "height": (0, None), "length": (0, None),
-    "diffuse": (0, None), "angle": (0, 360), "colorTemperature": (1000, 10000), "shaping:cone:angle": (0, 180),
-    "shaping:cone:softness": (0, 1), "shaping:focus": (0, None),
-}  # fmt: skip
-_LIGHT_SLIDERS: Mapping[str, tuple[float, float]] = {"exposure": (-10, 10), "shaping:focus": (0, 50)}
-_LIGHT_UNITS: Mapping[str, str] = {
-    "angle": "°", "shaping:cone:angle": "°", "colorTemperature": "K", "exposure": "stops",
-}  # fmt: skip
+_SHOWN = Definition(
+    "visibility", "choice", "inherited", choices=("inherited", "invisible"),
+    doc="Whether the light is on: an invisible one does not shine.",
+)  # fmt: skip
 _RAMP = ("knots", "colors", "interpolation")
 _SCHEMAS = {"light": LIGHT, "medium": MEDIUM, "look": LOOK}
 _SECTIONS = {"light": "Beams", "medium": "Fog", "look": "Look"}
 
-# The inputs of UsdLux lights that the renderer reads, in the order of the page.
-_LIGHT_INPUTS = (
-    "inputs:intensity", "inputs:exposure", "inputs:color", "inputs:enableColorTemperature", "inputs:colorTemperature",
-    "inputs:normalize", "inputs:radius", "inputs:width", "inputs:height", "inputs:length", "inputs:angle",
-    "inputs:diffuse", "inputs:texture:file", "inputs:shaping:cone:angle", "inputs:shaping:cone:softness",
-    "inputs:shaping:focus", "inputs:shaping:focusTint",
-)  # fmt: skip
+_POSITIVE = {"least": 0}
+# The inputs of UsdLux lights that the renderer reads, in the order of the page, with what UsdLux's schemas do not say.
+_LIGHT_INPUTS: Mapping[str, Mapping[str, Any]] = {
+    "inputs:intensity": _POSITIVE, "inputs:exposure": {"slider": (-10, 10), "unit": "stops"}, "inputs:color": {},
+    "inputs:enableColorTemperature": {},
+    "inputs:colorTemperature": {"least": 1000, "most": 10000, "unit": "K"}, "inputs:normalize": {},
+    **dict.fromkeys(("inputs:radius", "inputs:width", "inputs:height", "inputs:length"), _POSITIVE),
+    "inputs:angle": {"least": 0, "most": 360, "unit": "°"}, "inputs:diffuse": _POSITIVE, "inputs:texture:file": {},
+    "inputs:shaping:cone:angle": {"least": 0, "most": 180, "unit": "°"},
+    "inputs:shaping:cone:softness": {"least": 0, "most": 1},
+    "inputs:shaping:focus": {"least": 0, "slider": (0, 50)}, "inputs:shaping:focusTint": {},
+}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Control:
-    """One value that can be edited.
+@dataclass(frozen=True, kw_only=True)
+class Control(Definition):
+    """One value that can be edited, and what its schema says about it.
 
     Attributes
     ----------
+    kind
+        As in `Definition`, or "ramp".
+    default, choices
+        The value if nothing is set, as in JSON; and the allowed values, texts or paths of prims.
     path, label, section
         The path of the attribute or relationship, its name for people, and the section of the page that it is in.
-    kind
-        One of number, integer, bool, color, numbers, choice, text, expression, asset, paths or ramp.
-    value, default
-        The value now, and the value if nothing is set, as in JSON; None: no value.
+    value
+        The value now, as in JSON; None: no value.
     authored
         Whether the stage, or an edit, sets it.
-    least, most
-        The bounds of a number; None: no bound.
-    slider
-        The range of a slider.
-    choices
-        The allowed values: texts, or paths of prims.
-    unit, doc
-        The unit, and a text that explains it.
     parts
         For a ramp, the paths of its knots, colors and interpolation.
     """
@@ -67,16 +60,8 @@ class Control:
     path: str
     label: str
     section: str
-    kind: str
     value: Any
-    default: Any
     authored: bool
-    least: float | None = None
-    most: float | None = None
-    slider: tuple[float, float] | None = None
-    choices: tuple[str, ...] = ()
-    unit: str = ""
-    doc: str = ""
     parts: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -105,24 +90,24 @@ def controls_of(stage: Usd.Stage, time: Time = None) -> list[Controls]:
             lights.append(prim)
         elif is_medium(reading, prim):
             media.append(prim)
-    paths = {LOOK: tuple(str(each.GetPath()) for each in looks)}
+    paths = tuple(str(each.GetPath()) for each in looks)
     found = [_of_prim(reading, prim, "light", paths) for prim in lights]
     found += [_of_prim(reading, prim, "medium", paths) for prim in media]
     return found + [_of_prim(reading, prim, "look", paths) for prim in looks]
 
 
-def _of_prim(reading: Reading, prim: Usd.Prim, kind: str, paths: Mapping[str, tuple[str, ...]]) -> Controls:
-    controls = tuple(_controls(reading, prim, kind, paths))
+def _of_prim(reading: Reading, prim: Usd.Prim, kind: str, looks: tuple[str, ...]) -> Controls:
+    controls = tuple(_controls(reading, prim, kind, looks))
     uses = tuple(str(each) for each in target_paths(prim, "photonbeams:look")) if kind == "light" else ()
     return Controls(str(prim.GetPath()), kind, prim.GetName(), str(prim.GetTypeName()), controls, uses)
 
 
 def _controls(
-    reading: Reading, prim: Usd.Prim, kind: str, paths: Mapping[str, tuple[str, ...]]
+    reading: Reading, prim: Usd.Prim, kind: str, looks: tuple[str, ...]
 ) -> Iterator[Control]:  # fmt: skip
     if kind == "light":
         if prim.IsA(UsdGeom.Imageable):
-            yield _shown(reading, prim)
+            yield _control(reading, prim, _SHOWN, "Light")
         for name in _LIGHT_INPUTS:
             if own := _light_input(prim, name):
                 yield _control(reading, prim, own, "Light")
@@ -130,7 +115,7 @@ def _controls(
         slot, _, rest = name.removeprefix(PREFIX).partition(":")
         section = slot.capitalize() if kind == "look" and rest else _SECTIONS[kind]
         if own.kind == "paths":
-            yield _paths(prim, own, section, paths)
+            yield _paths(prim, own, section, looks)
         elif name.endswith(":ramp:knots"):
             yield _ramp(reading, prim, name.removesuffix(":knots"), section)
         elif ":ramp:" not in name:
@@ -143,20 +128,7 @@ def _light_input(prim: Usd.Prim, name: str) -> Definition | None:
     found = prim.GetPrimDefinition().GetAttributeDefinition(name)
     if not found and name.startswith("inputs:shaping:") and prim.IsA(UsdLux.SphereLight):
         found = Usd.SchemaRegistry().FindAppliedAPIPrimDefinition("ShapingAPI").GetAttributeDefinition(name)
-    if not found:
-        return None
-    plain_name = name.removeprefix("inputs:")
-    least, most = _LIGHT_RANGES.get(plain_name, (None, None))
-    slider, unit = _LIGHT_SLIDERS.get(plain_name), _LIGHT_UNITS.get(plain_name, "")
-    return replace(Definition.of(found), least=least, most=most, slider=slider, unit=unit)
-
-
-def _shown(reading: Reading, prim: Usd.Prim) -> Control:
-    path = str(prim.GetPath().AppendProperty("visibility"))
-    value = str(reading.value(prim, "visibility", "inherited"))
-    authored = prim.GetAttribute("visibility").HasAuthoredValue()
-    choices, doc = ("inherited", "invisible"), "Whether the light is on: an invisible one does not shine."
-    return Control(path, "Visibility", "Light", "choice", value, "inherited", authored, choices=choices, doc=doc)
+    return replace(Definition.of(found), **_LIGHT_INPUTS[name]) if found else None
 
 
 def _control(reading: Reading, prim: Usd.Prim, own: Definition, section: str) -> Control:
@@ -164,20 +136,24 @@ def _control(reading: Reading, prim: Usd.Prim, own: Definition, section: str) ->
     attribute = prim.GetAttribute(own.name)
     authored = bool(attribute) and attribute.HasAuthoredValue()
     value = plain(reading.value(prim, own.name, own.default)) if authored else own.default
-    slider = _slider(own, own.default if value is None else value) if own.kind in ("number", "integer") else None
+    if own.kind in ("number", "integer"):
+        own = replace(own, slider=_slider(own, own.default if value is None else value))
+    return _of(prim, own, section, value, authored)
+
+
+def _of(prim: Usd.Prim, own: Definition, section: str, value: Any, authored: bool, **parts: str) -> Control:
     return Control(
-        str(prim.GetPath().AppendProperty(own.name)), _label(own.name), section, own.kind, value, own.default, authored,
-        own.least, own.most, slider, own.choices, own.unit, own.doc,
+        **vars(own), path=str(prim.GetPath().AppendProperty(own.name)), label=_label(own.name), section=section,
+        value=value, authored=authored, parts=parts,
     )  # fmt: skip
 
 
-def _paths(prim: Usd.Prim, own: Definition, section: str, paths: Mapping[str, tuple[str, ...]]) -> Control:
+def _paths(prim: Usd.Prim, own: Definition, section: str, looks: tuple[str, ...]) -> Control:
     """Return the control of a relationship."""
     targets = [str(each) for each in target_paths(prim, own.name)]
     authored = prim.HasRelationship(own.name) and prim.GetRelationship(own.name).HasAuthoredTargets()
-    choices = paths[LOOK] if own.name.endswith(":look") else ()
-    path = str(prim.GetPath().AppendProperty(own.name))
-    return Control(path, _label(own.name), section, own.kind, targets, [], authored, choices=choices, doc=own.doc)
+    choices = looks if own.name.endswith(":look") else ()
+    return _of(prim, replace(own, choices=choices), section, targets, authored)
 
 
 def _of_kind(control: Control, prim: Usd.Prim) -> Control:
@@ -190,11 +166,10 @@ def _ramp(reading: Reading, prim: Usd.Prim, name: str, section: str) -> Control:
     """Return the control of a ramp, three attributes in one."""
     named = {part: _control(reading, prim, definitions(LOOK)[f"{name}:{part}"], section) for part in _RAMP}
     value, default = ({key: getattr(each, which) for key, each in named.items()} for which in ("value", "default"))
-    return Control(
-        str(prim.GetPath().AppendProperty(name)), "Ramp", section, "ramp", value, default,
-        any(each.authored for each in named.values()), choices=named["interpolation"].choices,
-        doc="Colours between knots, as a factor.", parts={key: each.path for key, each in named.items()},
-    )  # fmt: skip
+    doc = "Colours between knots, as a factor."
+    own = Definition(name, "ramp", default, choices=named["interpolation"].choices, doc=doc)
+    authored = any(each.authored for each in named.values())
+    return _of(prim, own, section, value, authored, **{key: each.path for key, each in named.items()})
 
 
 def _slider(own: Definition, value: object) -> tuple[float, float]:
