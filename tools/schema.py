@@ -8,8 +8,7 @@ tests/usd/common/test_definitions.py compares the files.
 import re
 from pathlib import Path
 
-from photonbeams.usd.common.definitions import CURVES, LIGHT, LOOK, MEDIUM, PREFIX, Definition, definitions
-from photonbeams.usd.common.schemas import FOLDER
+from photonbeams.usd.common.definitions import CURVES, FOLDER, LIGHT, LOOK, MEDIUM, PREFIX, Definition, definitions
 
 _DOCS = Path(__file__).resolve().parents[1] / "docs"
 

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..scene import Array, DrawnBeams, Light, Medium, Mesh, MeshLight, Scene
-from .common import schemas as schemas
 from .common.openusd import Usd, UsdGeom
 from .common.reading import Cache, Reading, Time, prims_under, quiet
 from .common.warnings import Warnings

@@ -14,7 +14,6 @@ from ..scene import Array, SceneError, real, shown
 from .authoring.editing import override
 from .cameras.camera import list_cameras, read_camera
 from .common import blender
-from .common import schemas as schemas
 from .common.openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel, text_of
 from .common.reading import prims_under, quiet, varying_attributes
 from .common.selection import EVERYTHING, Selection

@@ -5,8 +5,7 @@ from dataclasses import replace
 import pytest
 from pxr import Sdf, Usd
 
-from photonbeams.usd.common.definitions import CURVES, LIGHT, LOOK, MEDIUM, PREFIX, Definition, definitions
-from photonbeams.usd.common.schemas import FOLDER
+from photonbeams.usd.common.definitions import CURVES, FOLDER, LIGHT, LOOK, MEDIUM, PREFIX, Definition, definitions
 from tools.schema import files
 
 SCHEMAS = (CURVES, LIGHT, LOOK, MEDIUM)

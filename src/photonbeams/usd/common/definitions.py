@@ -9,16 +9,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...scene import color
 from ...scene.checks import shown
-from .openusd import Sdf, Usd
+from .openusd import INSTALLED, Plug, Sdf, Usd
 from .reading import Reading
-from .schemas import FOLDER
 from .textures import read_image
+
+#: The folder of the codeless schemas, which importing this module registers with OpenUSD. OpenUSD builds its registry
+#: when the first stage is opened: a program that opens one before can still read the attributes, but cannot define a
+#: `PhotonBeamsLook` by type.
+FOLDER = Path(__file__).parent.parent / "schema"
+if INSTALLED:
+    Plug.Registry().RegisterPlugins(str(FOLDER))
 
 PREFIX = "photonbeams:"
 LIGHT, LOOK = "PhotonBeamsLightAPI", "PhotonBeamsLook"

@@ -335,7 +335,6 @@ def may_vary(attribute: Usd.Attribute) -> bool:
         return False
 
 
-def prims_under(root: Usd.Prim, predicate: Usd._PrimFlagsPredicate | None = None) -> Iterator[Usd.Prim]:
+def prims_under(root: Usd.Prim) -> Iterator[Usd.Prim]:
     """Return the prims at and below `root`, including those inside instances."""
-    chosen = Usd.PrimDefaultPredicate if predicate is None else predicate
-    yield from Usd.PrimRange(root, Usd.TraverseInstanceProxies(chosen))
+    yield from Usd.PrimRange(root, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
