@@ -22,7 +22,7 @@ from ..materials.bound import Bound, bound_material, bound_to
 from .gprims import GPRIMS, gprim_polygons
 from .on_mesh import on_mesh, primvars_of
 from .polygons import Polygons, Tessellation, Triangles, Values, triangles_of
-from .primvars import Instance, find_primvar, read_instanced, read_primvar, read_values
+from .primvars import Instance, find_primvar, read_declared, read_instanced, read_primvar
 from .skinning import deformed, is_skinned
 from .tubes import read_spheres, read_tubes
 from .velocities import Carried, carried
@@ -305,7 +305,8 @@ def _cage(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Polygons:
         left_handed=reading.value(prim, "orientation") == "leftHanded",
         smooth=scheme in _SCHEMES,
     )
-    normals = _normals(reading, prim, polygons)
+    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")  # as in UsdGeomMesh, it overrides normals
+    normals = read_declared(reading, prim, primvar, "normals", 3, polygons.lengths)
     if bent is not None and normals is not None:
         normals = bent.normals(normals, indices)
     return replace(polygons, normals=normals)
@@ -316,15 +317,6 @@ def _without_holes(polygons: Polygons, holes: Array) -> Polygons:
         return polygons
     origin = np.arange(len(polygons.counts)) if polygons.origin is None else polygons.origin
     return polygons.chosen(~np.isin(origin, holes))
-
-
-def _normals(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Values | None:
-    """Return authored normals; as in UsdGeomMesh, primvars:normals override normals."""
-    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
-    if primvar and primvar.HasValue():
-        return read_primvar(reading, prim, primvar, 3, polygons.lengths)
-    interpolation = str(UsdGeom.Mesh(prim).GetNormalsInterpolation())
-    return read_values(reading, prim, "normals", 3, interpolation, polygons.lengths)
 
 
 def _uvs(reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], uv_name: str) -> Values | None:

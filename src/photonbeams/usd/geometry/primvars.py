@@ -79,20 +79,23 @@ def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, column
     return numbers
 
 
-def read_values(
+def read_declared(
     reading: Reading,
     prim: Usd.Prim,
+    primvar: UsdGeom.Primvar | None,
     name: str,
     columns: int,
-    interpolation: str,
     lengths: Mapping[str, int],
     any_fitting: bool = False,
 ) -> Values | None:
-    """Return the values of a plain attribute that has an interpolation, such as `normals` or `widths`."""
+    """Return the values of a primvar, or else of the plain attribute `name`, such as `normals` or `widths`."""
+    if primvar and primvar.HasValue():
+        return read_primvar(reading, prim, primvar, columns, lengths, any_fitting)
     numbers = _numbers(reading, prim, name, reading.value(prim, name), columns, 1)
     if numbers is None:
         return None
-    return _fitted(reading, prim, name, Values(numbers, interpolation), lengths, any_fitting)
+    declared = str(prim.GetAttribute(name).GetMetadata("interpolation") or "vertex")
+    return _fitted(reading, prim, name, Values(numbers, declared), lengths, any_fitting)
 
 
 def _fitted(

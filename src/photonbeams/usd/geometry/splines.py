@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...scene import Array
+from .polygons import Values
 
 # Rows: powers of t from 0 up; columns: control points.
 _BASES = {
@@ -120,6 +121,14 @@ class Spans:
         """Return varying values (V, C) at parameters t of spans, (N, C)."""
         first, last = (values[self.varying[span, end]] for end in (0, 1))
         return first + t[:, None] * (last - first)
+
+    def values_at(self, values: Values, span: Array, t: Array) -> Array:
+        """Return a primvar of the curves at parameters t of spans, (N, C)."""
+        if values.interpolation == "vertex":
+            return self.at(values.values, span, t)
+        if values.interpolation == "varying":
+            return self.linear_at(values.values, span, t)
+        return values.values[self.curve[span] if values.interpolation == "uniform" else np.zeros(len(span), int)]
 
     def pieces(self, points: Array, radii: Array) -> Array:
         """Return (S,) how many pieces each span needs, for points (V, 3) and radii (S, SAMPLES) at `samples`."""

@@ -31,25 +31,15 @@ class Strands:
         Whether curves end where they begin.
     lengths
         How many values a primvar of each interpolation has.
-    vertex, varying
-        Functions from a primvar's values to its values at the points.
+    at
+        A function from a primvar's values to its values at the points, (N, C).
     """
 
     points: Array
     curve: Array
     closed: bool
     lengths: dict[str, int]
-    vertex: Callable[[Array], Array]
-    varying: Callable[[Array], Array]
-
-    def at(self, values: Values) -> Array:
-        """Return a primvar at the points, (N, d)."""
-        if values.interpolation == "vertex":
-            return self.vertex(values.values)
-        if values.interpolation == "varying":
-            return self.varying(values.values)
-        index = self.curve if values.interpolation == "uniform" else np.zeros(len(self.curve), dtype=np.int64)
-        return values.values[index]
+    at: Callable[[Values], Array]
 
 
 def read_strands(reading: Reading, prim: Usd.Prim, most: int) -> Strands | None:
@@ -119,7 +109,7 @@ def _basis(points: Array, counts: Array, chosen: Array, kind: str, wrap: str, mo
     }  # fmt: skip
     return Strands(
         spans.at(points, span, t), spans.curve[span], spans.closed, lengths,
-        lambda values: spans.at(values, span, t), lambda values: spans.linear_at(values, span, t),
+        lambda values: spans.values_at(values, span, t),
     )  # fmt: skip
 
 
@@ -145,7 +135,12 @@ def _hermite(reading: Reading, prim: Usd.Prim, points: Array, counts: Array, mos
     if found is None:
         return None
     lengths = {**found.lengths, "vertex": len(points), "varying": len(points)}
-    return Strands(found.points, found.curve, False, lengths, found.varying, found.varying)
+
+    def at(values: Values) -> Array:
+        kind = "varying" if values.interpolation == "vertex" else values.interpolation
+        return found.at(Values(values.values, kind))
+
+    return Strands(found.points, found.curve, False, lengths, at)
 
 
 def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, counts: Array) -> Strands | None:
@@ -184,11 +179,14 @@ def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, counts: Array) -> St
         return None
     rational = sparse.diags_array(1 / (matrix @ weights)) @ matrix @ sparse.diags_array(weights)
     lengths = {"constant": 1, "uniform": len(counts), "vertex": len(points)}
+    curves = np.concatenate(curve)
 
-    def vertex(values: Array) -> Array:
-        return np.asarray(rational @ values)
+    def at(values: Values) -> Array:
+        if values.interpolation == "vertex":
+            return np.asarray(rational @ values.values)
+        return values.values[curves if values.interpolation == "uniform" else np.zeros(len(curves), int)]
 
-    return Strands(vertex(points), np.concatenate(curve), False, lengths, vertex, vertex)
+    return Strands(at(Values(points, "vertex")), curves, False, lengths, at)
 
 
 def basis_of(reading: Reading, prim: Usd.Prim) -> tuple[str, str]:

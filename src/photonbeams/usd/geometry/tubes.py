@@ -9,7 +9,7 @@ from ...scene.vectors import unit
 from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 from .polygons import Polygons, Tessellation, Values
-from .primvars import find_primvar, read_primvar, read_values
+from .primvars import find_primvar, read_declared
 from .strands import Strands, read_strands
 from .velocities import carried
 
@@ -85,12 +85,7 @@ def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
 def _widths(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, int]) -> Values:
     """Return the widths, which are diameters, or thin ones if there are none, as viewports draw them."""
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("widths")
-    if primvar and primvar.HasValue():
-        found = read_primvar(reading, prim, primvar, 1, lengths, any_fitting=True)
-    else:
-        schema = UsdGeom.Points(prim) if prim.IsA(UsdGeom.Points) else UsdGeom.Curves(prim)
-        declared = str(schema.GetWidthsInterpolation())
-        found = read_values(reading, prim, "widths", 1, declared, lengths, any_fitting=True)
+    found = read_declared(reading, prim, primvar, "widths", 1, lengths, any_fitting=True)
     if found is not None:
         if (least := float(found.values.min(initial=0))) < 0:
             reading.warn(prim, f"holds {least:g}: expected diameters of 0 or more; 0 is used", "widths")
@@ -101,11 +96,7 @@ def _widths(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, 
 
 
 def _normals(reading: Reading, prim: Usd.Prim, lengths: dict[str, int]) -> Values | None:
-    primvar = find_primvar(prim, "normals")
-    if primvar is not None:
-        return read_primvar(reading, prim, primvar, 3, lengths, any_fitting=True)
-    declared = str(UsdGeom.PointBased(prim).GetNormalsInterpolation())
-    return read_values(reading, prim, "normals", 3, declared, lengths, any_fitting=True)
+    return read_declared(reading, prim, find_primvar(prim, "normals"), "normals", 3, lengths, any_fitting=True)
 
 
 def _tubes(strands: Strands, radii: Array, sides: int) -> tuple[Polygons, Array]:

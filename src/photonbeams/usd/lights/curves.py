@@ -14,6 +14,7 @@ from ...scene import Array, DrawnBeams
 from ...scene.vectors import unit
 from ..common.openusd import Sdf, Usd, UsdGeom
 from ..common.reading import Reading, has_photonbeams, target_paths
+from ..geometry.polygons import Values
 from ..geometry.splines import Spans, expected_points, span_counts, varying_counts
 from ..geometry.strands import basis_of, read_points
 from .beam_settings import PHYSICAL, bound_look, read_group
@@ -45,16 +46,17 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     sample, points, counts = found
     source = _CurvesPrim(sample, prim, counts, *basis_of(reading, prim))
     radii = source.widths()
-    spans = Spans.of(counts, source.drawable() & radii.present(counts), source.kind, source.wrap)
-    radii.warn_of_thin(source)
+    drawable, wide = source.drawable(), _present(radii, counts)
+    spans = Spans.of(counts, drawable & wide, source.kind, source.wrap)
+    source.warn_of(np.flatnonzero(drawable & ~wide), "without width", "widths")
     power, colour = source.power(), source.colour()
     span, t = spans.nodes(_pieces(source, spans))
     nodes = _Nodes(
         spans.curve[span] if len(span) else span,
         spans.at(points, span, t) @ to_world[:3, :3].T + to_world[:3, 3],
         # Widths are diameters, and scale with the curves.
-        np.maximum(radii.at(spans, span, t)[:, 0], 0) * 0.5 * _scale(to_world),
-        np.maximum(power.at(spans, span, t) * colour.at(spans, span, t), 0),
+        np.maximum(spans.values_at(radii, span, t)[:, 0], 0) * 0.5 * _scale(to_world),
+        np.maximum(spans.values_at(power, span, t) * spans.values_at(colour, span, t), 0),
     )
     reading.within_reach(prim, nodes.points)
     reading.within_reach(prim, nodes.radii)
@@ -63,7 +65,7 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
         return None
     group = read_group(reading, prim)
     look = reading.attempt(prim, partial(bound_look, reading, prim), None, PHYSICAL)
-    beams = _beams(source, nodes, spans.closed, power.graded or colour.graded, to_world)
+    beams = _beams(source, nodes, spans.closed, _graded(power) or _graded(colour), to_world)
     if not len(beams["start"]):
         return None
     return DrawnBeams(name=name, group=group, look=look, **beams)  # type: ignore[arg-type]
@@ -117,39 +119,19 @@ def _scale(to_world: Array) -> float:
     return float(np.linalg.norm(to_world[:3, :3], axis=0).mean())
 
 
-@dataclass(frozen=True)
-class _Primvar:
-    """Values on curves: one for all, one for each ("uniform"), or along them ("varying", "vertex")."""
+def _graded(values: Values) -> bool:
+    """Return whether values change along a curve."""
+    return values.interpolation in ("varying", "vertex")
 
-    values: Array  # (V, C)
-    interpolation: str
 
-    @property
-    def graded(self) -> bool:
-        """Whether they change along a curve."""
-        return self.interpolation in ("varying", "vertex")
-
-    def at(self, spans: Spans, span: Array, t: Array) -> Array:
-        """Return (N, C) the values at places t of spans."""
-        if self.interpolation == "vertex":
-            return spans.at(self.values, span, t)
-        if self.interpolation == "varying":
-            return spans.linear_at(self.values, span, t)
-        index = spans.curve[span] if self.interpolation == "uniform" else np.zeros(len(span), dtype=np.int64)
-        return self.values[index]
-
-    def present(self, counts: Array) -> Array:
-        """Return (curves,) whether a curve has a value that is not zero; varying values are assumed to."""
-        if self.interpolation == "vertex":
-            sums = np.concatenate([[0], np.cumsum(self.values[:, 0] > 0)])
-            ends = np.cumsum(counts)
-            return sums[ends] > sums[ends - counts]
-        found = self.values[:, 0] > 0
-        return found if self.interpolation == "uniform" else np.full(len(counts), bool(found.any()))
-
-    def warn_of_thin(self, source: _CurvesPrim) -> None:
-        """Warn about curves without width."""
-        source.warn_of(np.flatnonzero(source.drawable() & ~self.present(source.counts)), "without width", "widths")
+def _present(values: Values, counts: Array) -> Array:
+    """Return (curves,) whether a curve has a value that is not zero; varying values are assumed to."""
+    found = values.values[:, 0] > 0
+    if values.interpolation == "vertex":
+        sums = np.concatenate([[0], np.cumsum(found)])
+        ends = np.cumsum(counts)
+        return sums[ends] > sums[ends - counts]
+    return found if values.interpolation == "uniform" else np.full(len(counts), bool(found.any()))
 
 
 @dataclass(frozen=True)
@@ -189,7 +171,7 @@ class _CurvesPrim:
         fitting = [kind for kind, size in sizes.items() if size == count]
         return declared if declared in fitting else next(iter(fitting), None)
 
-    def widths(self) -> _Primvar:
+    def widths(self) -> Values:
         """Return the widths, which are diameters."""
         reading, prim = self.reading, self.prim
         primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("widths")
@@ -203,36 +185,35 @@ class _CurvesPrim:
         declared = primvar.GetInterpolation() if name != "widths" else UsdGeom.Curves(prim).GetWidthsInterpolation()
         return self._values(widths, str(declared), name)
 
-    def power(self) -> _Primvar:
+    def power(self) -> Values:
         """Return the power: one for all curves, one for each, or values along them."""
         name = "photonbeams:power"
         power = self.reading.array(self.prim, name, 3)
         if power is None:
-            return _Primvar(np.ones((1, 3)), "constant")
+            return Values(np.ones((1, 3)), "constant")
         if np.any(power < 0):
             index = int(np.argmax(np.any(power < 0, axis=1)))
             text = f"is {tuple(power[index].tolist())}: expected no negative power"
             raise self.reading.fail(self.prim, f"{name}[{index}]", text)
         return self._values(power, "", name)
 
-    def colour(self) -> _Primvar:
+    def colour(self) -> Values:
         """Return the display colour if it changes along the curves, else white: it is then for viewports only."""
         primvar = UsdGeom.PrimvarsAPI(self.prim).GetPrimvar("displayColor")
-        if not primvar or primvar.GetInterpolation() not in ("varying", "vertex"):
-            return _Primvar(np.ones((1, 3)), "constant")
-        name = "primvars:displayColor"
-        colour = self.reading.array(self.prim, name, 3, primvar.ComputeFlattened(self.reading.time))
+        name, colour = "primvars:displayColor", None
+        if primvar and primvar.GetInterpolation() in ("varying", "vertex"):
+            colour = self.reading.array(self.prim, name, 3, primvar.ComputeFlattened(self.reading.time))
         if colour is None:
-            return _Primvar(np.ones((1, 3)), "constant")
+            return Values(np.ones((1, 3)), "constant")
         return self._values(np.maximum(colour, 0), str(primvar.GetInterpolation()), name)
 
-    def _values(self, values: Array, declared: str, name: str) -> _Primvar:
+    def _values(self, values: Array, declared: str, name: str) -> Values:
         found = self.interpolation(len(values), declared)
         if found is None:
             kind = f" of interpolation '{declared}'" if declared else ""
             text = f"has {len(values)} values{kind}: expected 1, {len(self.counts)} or {self.counts.sum()}"
             raise self.reading.fail(self.prim, name, text)
-        return _Primvar(values, found)
+        return Values(values, found)
 
     def each(self, name: str, columns: int) -> Array | None:
         """Return an attribute of each curve, (curves, columns), or None if it is not authored."""
@@ -254,7 +235,7 @@ def _pieces(source: _CurvesPrim, spans: Spans) -> Array:
         shape = _CurvesPrim(reading, source.prim, source.counts, source.kind, source.wrap)
         points = reading.array(source.prim, "points", 3)
         if points is not None and len(points) == source.counts.sum():
-            radii = 0.5 * shape.widths().at(spans, *spans.samples()).reshape(len(spans.curve), -1)
+            radii = 0.5 * spans.values_at(shape.widths(), *spans.samples()).reshape(len(spans.curve), -1)
             found = np.maximum(found, spans.pieces(points, radii))
     return found
 
