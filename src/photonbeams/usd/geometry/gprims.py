@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,9 +32,9 @@ def gprim_polygons(reading: Reading, prim: Usd.Prim) -> Polygons:
     else:
         polygons = _revolved(_profile(reading, prim, kind))
     turn = list(_TURNS[reading.choice(prim, "axis", "Z", _TURNS)])
-    assert polygons.normals is not None
-    normals = Values(polygons.normals.values[:, turn], polygons.normals.interpolation)
-    return Polygons(polygons.points[:, turn], polygons.counts, polygons.indices, normals, polygons.uvs)
+    normals = polygons.primvars["normals"]
+    turned = {**polygons.primvars, "normals": replace(normals, values=normals.values[:, turn])}
+    return replace(polygons, points=polygons.points[:, turn], primvars=turned)
 
 
 def _size(reading: Reading, prim: Usd.Prim, name: str, default: float) -> float:
@@ -49,8 +50,7 @@ def _cube(size: float) -> Polygons:
         corners * size / 2,
         np.full(6, 4),
         faces.reshape(-1),
-        Values(normals, "uniform"),
-        Values(square, "faceVarying"),
+        {"normals": Values(normals, "uniform"), "uvs": Values(square, "faceVarying")},
     )
 
 
@@ -58,7 +58,7 @@ def _plane(width: float, length: float) -> Polygons:
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
     points = np.column_stack([(square - 0.5) * [width, length], np.zeros(4)])
     up = Values(np.array([[0.0, 0.0, 1.0]]), "constant")
-    return Polygons(points, np.array([4]), np.arange(4), up, Values(square, "vertex"))
+    return Polygons(points, np.array([4]), np.arange(4), {"normals": up, "uvs": Values(square, "vertex")})
 
 
 def _profile(reading: Reading, prim: Usd.Prim, kind: str) -> list[Array]:
@@ -112,8 +112,7 @@ def _revolved(curves: list[Array]) -> Polygons:
         together["points"],
         np.full(len(together["quads"]), 4),
         together["quads"].reshape(-1),
-        Values(together["normals"], "vertex"),
-        Values(together["uvs"], "vertex"),
+        {name: Values(together[name], "vertex") for name in ("normals", "uvs")},
     )
 
 

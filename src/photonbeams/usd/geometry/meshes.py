@@ -86,9 +86,8 @@ def _surfaces(reading: Reading, prim: Usd.Prim, instances: Sequence[Instance]) -
         triangles, lasting = _triangles(reading, prim, bound.uv_name, varying)
         if faces is not None:
             triangles = _chosen(reading, (prim.GetPath(), suffix), triangles, faces)
-        at_vertices = {"diffuse": triangles.colors, "opacity": triangles.opacities}
-        given = {**{name: each for name, each in at_vertices.items() if each is not None}, **constants}
-        result.append(_MeshPart(suffix, triangles, on_mesh(reading, prim, bound, triangles.uvs, given), lasting))
+        material = on_mesh(reading, prim, bound, triangles.values.get("uvs"), {**triangles.values, **constants})
+        result.append(_MeshPart(suffix, triangles, material, lasting))
     return result, alike
 
 
@@ -216,11 +215,10 @@ def _polygons(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[s
     reading = moved.reading if moved is not None else reading
     if found is None:
         return Polygons(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
-    values: dict[str, Values] = _colors(reading, prim, found.lengths, varying)
+    own = {field: read_primvar(reading, prim, primvar, None, found.lengths) for field, primvar in varying.items()}
     uvs = None if prim.GetTypeName() in GPRIMS else _uvs(reading, prim, found.lengths, uv_name)
-    values |= {} if uvs is None else {"uvs": uvs}
-    spread: dict[str, Any] = {name: found.spread(each) for name, each in values.items()}
-    polygons = replace(found.polygons, **spread)
+    spread = {name: found.spread(each) for name, each in {"uvs": uvs, **own}.items() if each is not None}
+    polygons = replace(found.polygons, primvars={**found.polygons.primvars, **spread})
     if not prim.IsA(UsdGeom.Mesh):
         return polygons
     return _without_holes(_refined(reading, prim, polygons), reading.integers(prim, "holeIndices"))
@@ -229,7 +227,7 @@ def _polygons(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[s
 def _refined(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons:
     """Return a mesh's polygons, subdivided where it is a subdivision surface."""
     scheme = str(reading.value(prim, "subdivisionScheme", "catmullClark"))
-    level = refinement_level(prim, polygons.normals is not None)
+    level = refinement_level(prim, "normals" in polygons.primvars)
     if scheme not in _SCHEMES or not level or not len(polygons.counts):
         return polygons
     from .subdivision import subdivided  # SciPy takes long to import
@@ -309,7 +307,7 @@ def _cage(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Polygons:
     normals = read_declared(reading, prim, primvar, "normals", 3, polygons.lengths)
     if bent is not None and normals is not None:
         normals = bent.normals(normals, indices)
-    return replace(polygons, normals=normals)
+    return polygons if normals is None else replace(polygons, primvars={"normals": normals})
 
 
 def _without_holes(polygons: Polygons, holes: Array) -> Polygons:
@@ -339,15 +337,6 @@ def _uvs(reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], uv_name: 
     return None
 
 
-def _colors(
-    reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], varying: Mapping[str, UsdGeom.Primvar]
-) -> dict[str, Values]:
-    """Return the varying primvars that a material uses."""
-    names = {"diffuse": "colors", "opacity": "opacities"}
-    found = {names[field]: read_primvar(reading, prim, primvar, None, lengths) for field, primvar in varying.items()}
-    return {name: values for name, values in found.items() if values is not None}
-
-
 def _in_world(triangles: Triangles, to_world: Array, name: str, material: Material) -> Mesh:
     """Return triangles in world space, wound around the outward normal even if mirrored."""
     vertices = triangles.vertices
@@ -356,7 +345,7 @@ def _in_world(triangles: Triangles, to_world: Array, name: str, material: Materi
     if determinant < 0:
         vertices = vertices[:, ::-1]
     normals = None
-    if triangles.normals is not None:
+    if "normals" in triangles.values:
         # The cofactor matrix is the inverse transpose up to a factor, and exists even if a scale is zero.
         (x0, y0, z0), (x1, y1, z1), (x2, y2, z2) = linear.tolist()  # thrice as fast as `np.cross`; there may be many
         cofactors = np.array(
@@ -366,13 +355,13 @@ def _in_world(triangles: Triangles, to_world: Array, name: str, material: Materi
                 [y0 * z1 - y1 * z0, z0 * x1 - z1 * x0, x0 * y1 - x1 * y0],
             ]
         )
-        normals = unit(np.sign(determinant or 1.0) * triangles.normals @ cofactors.T)
+        normals = unit(np.sign(determinant or 1.0) * triangles.values["normals"] @ cofactors.T)
     return Mesh(
         name=name,
         points=triangles.points @ linear.T + to_world[:3, 3],
         faces=vertices,
         normals=normals,
-        uvs=triangles.uvs,
+        uvs=triangles.values.get("uvs"),
         material=material,
     )
 

@@ -36,9 +36,9 @@ def read_patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     quads = np.stack([numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, 1:], numbers[1:, :-1]], axis=-1).reshape(-1)
     across, up = np.meshgrid(u, v)
     left_handed = reading.value(prim, "orientation") == "leftHanded"
-    uvs = Values(np.stack([across, up], axis=-1).reshape(-1, 2), "vertex")
+    uvs = {"uvs": Values(np.stack([across, up], axis=-1).reshape(-1, 2), "vertex")}
     faces = np.full(len(quads) // 4, 4)
-    polygons = Polygons(rational @ points, faces, quads, uvs=uvs, left_handed=left_handed, smooth=True)
+    polygons = Polygons(rational @ points, faces, quads, uvs, left_handed=left_handed, smooth=True)
 
     def spread(values: Values) -> Values:
         if values.interpolation in ("constant", "uniform"):

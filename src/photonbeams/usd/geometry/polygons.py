@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -44,10 +44,7 @@ class Polygons:
     points: Array  # (P, 3)
     counts: Array  # (F,)
     indices: Array  # (sum of counts,)
-    normals: Values | None = None
-    uvs: Values | None = None
-    colors: Values | None = None  # primvar for the material's colour
-    opacities: Values | None = None  # primvar for the material's opacity
+    primvars: Mapping[str, Values] = field(default_factory=dict)  # normals, uvs, and those for fields of the material
     left_handed: bool = False
     smooth: bool = False  # whether to compute normals if there are none
     origin: Array | None = None
@@ -61,23 +58,22 @@ class Polygons:
             "faceVarying": len(self.indices),
         }  # fmt: skip
 
-    def primvars(self) -> list[tuple[str, Values]]:
-        """Return the primvars that the mesh has, with the names of their fields."""
-        found = ((each.name, getattr(self, each.name)) for each in fields(self))
-        return [(name, value) for name, value in found if isinstance(value, Values)]
-
     def chosen(self, faces: Array) -> Polygons:
         """Return only the chosen faces, (F,) bool, which keep their `origin`."""
         if faces.all():
             return self
         corners = np.repeat(faces, self.counts)
-        origin = np.flatnonzero(faces) if self.origin is None else self.origin[faces]
-        changes: dict[str, Any] = {"counts": self.counts[faces], "indices": self.indices[corners], "origin": origin}
-        for name, values in self.primvars():
-            chosen = {"uniform": faces, "faceVarying": corners}.get(values.interpolation)
-            if chosen is not None:
-                changes[name] = Values(values.values[chosen], values.interpolation)
-        return replace(self, **changes)
+        kept: dict[str, Any] = {"uniform": faces, "faceVarying": corners}
+        return replace(
+            self,
+            counts=self.counts[faces],
+            indices=self.indices[corners],
+            origin=np.flatnonzero(faces) if self.origin is None else self.origin[faces],
+            primvars={
+                name: Values(own.values[kept.get(own.interpolation, slice(None))], own.interpolation)
+                for name, own in self.primvars.items()
+            },
+        )
 
 
 @dataclass(frozen=True)
@@ -104,20 +100,20 @@ class Triangles:
     points: Array  # (V, 3)
     vertices: Array  # (T, 3) indices of points
     faces: Array  # (T,) the stage's polygon that each triangle belongs to
-    normals: Array | None  # (V, 3)
-    uvs: Array | None  # (V, 2)
-    colors: Array | None = None  # (V, C)
-    opacities: Array | None = None  # (V, C)
+    values: Mapping[str, Array]  # (V, d): primvars, as in `Polygons`
     dropped: int = 0  # faces without area
 
     def chosen(self, triangles: Array) -> Triangles:
         """Return only the chosen triangles, (T,) bool, with their points."""
         kept, vertices = np.unique(self.vertices[triangles], return_inverse=True)
-        at_points: dict[str, Any] = {
-            name: None if (values := getattr(self, name)) is None else values[kept]
-            for name in ("points", "normals", "uvs", "colors", "opacities")
-        }
-        return replace(self, vertices=vertices.reshape(-1, 3), faces=self.faces[triangles], **at_points)
+        values = {name: own[kept] for name, own in self.values.items()}
+        return replace(
+            self,
+            points=self.points[kept],
+            vertices=vertices.reshape(-1, 3),
+            faces=self.faces[triangles],
+            values=values,
+        )
 
 
 def triangles_of(polygons: Polygons) -> Triangles:
@@ -126,28 +122,18 @@ def triangles_of(polygons: Polygons) -> Triangles:
     if polygons.left_handed:
         corners = corners[:, ::-1]
     positions = polygons.indices[corners]  # (T, 3)
-    normals = None
-    if polygons.normals is not None:
-        normals = _mended(polygons.normals.at(corners, faces, polygons.indices), polygons.points[positions])
+    primvars = {name: own.at(corners, faces, polygons.indices) for name, own in polygons.primvars.items()}
+    if "normals" in primvars:
+        primvars["normals"] = _mended(primvars["normals"], polygons.points[positions])
     elif polygons.smooth and len(corners):
-        normals = vertex_normals(polygons.points, positions)[positions]
-    sources = (polygons.uvs, polygons.colors, polygons.opacities)
-    looked_up = [None if each is None else each.at(corners, faces, polygons.indices) for each in sources]
-    split = [
-        values
-        for source, values in zip((polygons.normals, *sources), (normals, *looked_up), strict=True)
-        if source is not None and values is not None and not source.per_point
-    ]
+        primvars["normals"] = vertex_normals(polygons.points, positions)[positions]
+    split = [primvars[name] for name, own in polygons.primvars.items() if not own.per_point]
     vertices, kept = _welded(positions, split)
-    uvs, colors, opacities = (None if each is None else each.reshape(-1, each.shape[-1])[kept] for each in looked_up)
     return Triangles(
         points=polygons.points[positions.reshape(-1)[kept]],
         vertices=vertices,
         faces=faces if polygons.origin is None else polygons.origin[faces],
-        normals=None if normals is None else normals.reshape(-1, 3)[kept],
-        uvs=uvs,
-        colors=colors,
-        opacities=opacities,
+        values={name: own.reshape(-1, own.shape[-1])[kept] for name, own in primvars.items()},
         dropped=dropped,
     )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -126,8 +125,13 @@ class _Refined:
         if not level or _children(self.topology) > MOST_FACES:
             return self
         # Normals of the cage are not those of the surface: UsdGeomMesh ignores them on subdivision meshes.
-        refined = _Refined(replace(self.polygons, normals=None), self.topology, self.parents)
-        seams = {name: _Seams.of(values, self.topology, channels) for name, values in _face_varying(refined.polygons)}
+        primvars = {name: values for name, values in self.polygons.primvars.items() if name != "normals"}
+        refined = _Refined(replace(self.polygons, primvars=primvars), self.topology, self.parents)
+        seams = {
+            name: _Seams.of(values, self.topology, channels)
+            for name, values in primvars.items()
+            if values.interpolation == "faceVarying"
+        }
         while level and _children(refined.topology) <= MOST_FACES:
             refined = refined._next(seams)
             seams = {name: each.next() for name, each in seams.items()}
@@ -136,33 +140,34 @@ class _Refined:
 
     def _next(self, seams: dict[str, _Seams]) -> _Refined:
         topology, matrix = self.topology.refined()
-        changes: dict[str, Any] = {}
-        for name, values in self.polygons.primvars():
+        primvars = dict(self.polygons.primvars)
+        for name, values in self.polygons.primvars.items():
             if values.interpolation in ("vertex", "varying"):
                 own = matrix if values.interpolation == "vertex" else self.topology.linear()
-                changes[name] = Values(own @ values.values, values.interpolation)
+                primvars[name] = Values(own @ values.values, values.interpolation)
             elif values.interpolation == "uniform":
-                changes[name] = Values(values.values[self.topology.parents()], "uniform")
+                primvars[name] = Values(values.values[self.topology.parents()], "uniform")
         parents, own = self.topology.parents(), self.polygons.origin
         polygons = replace(
             self.polygons, points=matrix @ self.polygons.points, counts=topology.counts, indices=topology.indices,
-            origin=parents if own is None else own[parents], **changes,
+            origin=parents if own is None else own[parents], primvars=primvars,
         )  # fmt: skip
         return _Refined(polygons, topology, self.parents[parents])
 
     def _at_limit(self, seams: dict[str, _Seams]) -> _Refined:
         matrix = self.topology.limit()
-        changes: dict[str, Any] = {"points": matrix @ self.polygons.points}
-        for name, values in self.polygons.primvars():
-            if values.interpolation == "vertex":
-                changes[name] = Values(matrix @ values.values, "vertex")
-        changes |= {name: each.at_limit() for name, each in seams.items()}
-        return _Refined(replace(self.polygons, **changes), self.topology, self.parents)
+        primvars = {
+            name: Values(matrix @ own.values, "vertex") if own.interpolation == "vertex" else own
+            for name, own in self.polygons.primvars.items()
+        }
+        primvars |= {name: each.at_limit() for name, each in seams.items()}
+        polygons = replace(self.polygons, points=matrix @ self.polygons.points, primvars=primvars)
+        return _Refined(polygons, self.topology, self.parents)
 
     def smoothed(self) -> Polygons:
         """Return the polygons, with normals that are split at sharp inner edges, if there are any."""
         topology, polygons = self.topology, self.polygons
-        if polygons.normals is not None or not topology.creased:
+        if "normals" in polygons.primvars or not topology.creased:
             return replace(polygons, smooth=True)
         groups = topology.smoothing_groups()
         corners = polygons.points[topology.indices]
@@ -171,7 +176,7 @@ class _Refined:
         weighted = np.arccos(cosines)[:, None] * unit(np.cross(ahead, behind))
         sums = np.stack([np.bincount(groups, weighted[:, axis]) for axis in range(3)], axis=1)
         normals = unit(sums)[groups] * (-1 if polygons.left_handed else 1)
-        return replace(polygons, normals=Values(normals, "faceVarying"))
+        return replace(polygons, primvars={"normals": Values(normals, "faceVarying"), **polygons.primvars})
 
 
 class _Seams:
@@ -217,7 +222,3 @@ class _Seams:
 
 def _children(topology: Topology) -> int:
     return 4 * len(topology.counts) if topology.loop else len(topology.indices)
-
-
-def _face_varying(polygons: Polygons) -> list[tuple[str, Values]]:
-    return [(name, values) for name, values in polygons.primvars() if values.interpolation == "faceVarying"]

@@ -69,7 +69,8 @@ def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
         axis = unit(np.broadcast_to(normals.values, (total, 3))[chosen])
         offsets, faces = _discs(axis, radii[chosen])
         pointing = np.broadcast_to(axis[:, None], offsets.shape)
-    polygons = _copies(points[chosen, None] + offsets, pointing, faces)
+    indices = np.arange(len(chosen))[:, None, None] * offsets.shape[1] + faces
+    polygons = _of_triangles(points[chosen, None] + offsets, pointing, indices)
     owner = np.repeat(chosen, offsets.shape[1])
     return Tessellation(
         polygons,
@@ -143,10 +144,13 @@ def _ribbons(strands: Strands, sides: Array, normals: Array) -> tuple[Polygons, 
 
 def _triangles(points: Array, normals: Array, a: Array, b: Array, c: Array, d: Array) -> Polygons:
     """Return the triangles abc and acd of points (N, K, 3)."""
-    indices = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1)
-    return Polygons(
-        points.reshape(-1, 3), np.full(len(indices) // 3, 3), indices, Values(normals.reshape(-1, 3), "vertex")
-    )
+    return _of_triangles(points, normals, np.stack([a, b, c, a, c, d], axis=-1))
+
+
+def _of_triangles(points: Array, normals: Array, indices: Array) -> Polygons:
+    """Return triangles with normals at their points (N, K, 3)."""
+    indices, facing = indices.reshape(-1), Values(normals.reshape(-1, 3), "vertex")
+    return Polygons(points.reshape(-1, 3), np.full(len(indices) // 3, 3), indices, {"normals": facing})
 
 
 def _segments(curve: Array, closed: bool) -> tuple[Array, Array]:
@@ -183,14 +187,6 @@ def _transported(tangents: Array, curve: Array) -> Array:
         kept = np.linalg.norm(across, axis=1) > 1e-6 * np.linalg.norm(carried_on, axis=1)
         result[here[kept]] = across[kept]
     return unit(result)
-
-
-def _copies(points: Array, normals: Array, faces: Array) -> Polygons:
-    """Return the same triangles (T, 3) for each row of points (N, K, 3)."""
-    indices = (np.arange(len(points))[:, None, None] * points.shape[1] + faces).reshape(-1)
-    return Polygons(
-        points.reshape(-1, 3), np.full(len(indices) // 3, 3), indices, Values(normals.reshape(-1, 3), "vertex")
-    )
 
 
 def _sphere(level: int) -> tuple[Array, Array]:
