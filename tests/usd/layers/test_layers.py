@@ -70,6 +70,57 @@ def test_a_materialx_document_is_read(tmp_path, image, caplog):
     assert not caplog.text
 
 
+CUSTOM = """<?xml version="1.0"?>
+<materialx version="1.38" colorspace="lin_rec709">
+  <nodedef name="ND_tinted" node="tinted">
+    <input name="tint" type="color3" value="0.5, 0.25, 1" />
+    <input name="part" type="float" value="0.5" />
+    <output name="out" type="color3" />
+  </nodedef>
+  <nodegraph name="NG_tinted" nodedef="ND_tinted">
+    <multiply name="m" type="color3">
+      <input name="in1" type="color3" interfacename="tint" />
+      <input name="in2" type="float" interfacename="part" />
+    </multiply>
+    <output name="out" type="color3" nodename="m" />
+  </nodegraph>
+  <nodegraph name="NG">
+    <input name="strength" type="float" value="0.25" />
+    <constant name="c" type="color3"><input name="value" type="color3" value="0.5, 0.75, 0.25" /></constant>
+    <tinted name="a" type="color3"><input name="tint" type="color3" nodename="c" /></tinted>
+    <tinted name="b" type="color3"><input name="part" type="float" interfacename="strength" /></tinted>
+    <add name="sum" type="color3">
+      <input name="in1" type="color3" nodename="a" />
+      <input name="in2" type="color3" nodename="b" />
+    </add>
+    <output name="rough" type="float" nodename="r" />
+    <multiply name="r" type="float">
+      <input name="in1" type="float" interfacename="strength" />
+      <input name="in2" type="float" value="2" />
+    </multiply>
+    <output name="color" type="color3" nodename="sum" />
+  </nodegraph>
+  <standard_surface name="Surface" type="surfaceshader">
+    <input name="base" type="float" value="1" />
+    <input name="base_color" type="color3" nodegraph="NG" output="color" />
+    <input name="specular_roughness" type="float" nodegraph="NG" output="rough" />
+  </standard_surface>
+  <surfacematerial name="Painted" type="material">
+    <input name="surfaceshader" type="surfaceshader" nodename="Surface" />
+  </surfacematerial>
+</materialx>
+"""
+
+
+def test_each_use_of_a_custom_node_has_its_own_values(tmp_path, caplog):
+    pytest.importorskip("MaterialX")
+    written(tmp_path / "m.mtlx", CUSTOM)
+    found = read_scene(open_stage(written(tmp_path / "stage.usda", STAGE % "m.mtlx"))).meshes[0].material
+    assert found.diffuse == pytest.approx((0.25 + 0.125, 0.375 + 0.0625, 0.125 + 0.25))
+    assert found.roughness == 0.5
+    assert not caplog.text
+
+
 def test_a_broken_document_is_named_and_left_out(tmp_path, caplog):
     pytest.importorskip("MaterialX")
     written(tmp_path / "m.mtlx", "<materialx><oh")

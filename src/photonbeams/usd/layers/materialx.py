@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from ...runtime.inputs import MOST_TEXT, why_unreadable
 from ...scene import SceneError
@@ -23,24 +24,7 @@ _TYPES = {
     "vector4": Sdf.ValueTypeNames.Float4, "string": Sdf.ValueTypeNames.String,
     "filename": Sdf.ValueTypeNames.Asset,
 }  # fmt: skip
-
-
-class _Literal(NamedTuple):
-    """A value as in the document (files with their prefix), and its own colour space."""
-
-    kind: str
-    text: str
-    color_space: str
-
-
-class _NodeOutput(NamedTuple):
-    """An output of a shader that is already on the layer."""
-
-    shader: UsdShade.Shader
-    name: str
-
-
-_Scope = dict[str, "_Literal | _NodeOutput | None"]
+_COLORED = ("filename", "color3", "color4")
 
 
 def layer_of(path: str) -> Sdf.Layer:
@@ -96,95 +80,86 @@ def _library() -> MaterialX.Document:
 
 
 class _Translation:
-    """Writes one material of a document to a stage; node graphs and custom definitions are replaced by their nodes."""
+    """Writes one material of a document to a stage; graphs, also of custom definitions, become NodeGraphs."""
 
     def __init__(self, stage: Usd.Stage, path: str, document: MaterialX.Document, graphs: frozenset[str]) -> None:
         self._stage, self._path, self._document = stage, path, document
         self._own = graphs
-        self._shaders: dict[Any, UsdShade.Shader] = {}
-        self._scopes: dict[Any, _Scope] = {}
+        self._known: dict[tuple[str, Sdf.Path], Any] = {}
 
     def write(self, node: MaterialX.Node) -> None:
         """Write a material with its surface shader and everything connected to it."""
         material = UsdShade.Material.Define(self._stage, f"/MaterialX/Materials/{_valid(node.getName())}")
         found = node.getInput("surfaceshader")
-        value = None if found is None else self._value(found, {}, material.GetPath())
-        if isinstance(value, _NodeOutput):
-            surface = material.CreateSurfaceOutput("mtlx")
-            surface.ConnectToSource(value.shader.ConnectableAPI(), value.name)
+        source = None if found is None else self._source(found, material)
+        if source:
+            material.CreateSurfaceOutput("mtlx").ConnectToSource(source)
 
-    def _value(self, element: MaterialX.PortElement, scope: _Scope, parent: Sdf.Path) -> _Literal | _NodeOutput | None:
-        """Return the value of an input or an output of the document, or what it is connected to."""
+    def _source(self, element: MaterialX.PortElement, around: UsdShade.NodeGraph) -> Any:
+        """Return what an input or an output of the document, within a graph or a material, is connected to, or None."""
         if element.getInterfaceName():
-            return scope.get(element.getInterfaceName())
+            return around.GetInput(element.getInterfaceName())
         if element.getNodeGraphString() in self._own:
             graph = self._document.getNodeGraph(element.getNodeGraphString())
-            return self._of_graph(graph, element.getOutputString(), scope, parent, graph)
+            return self._of_graph(graph, graph.getInputs(), element.getOutputString(), graph, around)
         node = element.getConnectedNode() if element.getNodeName() else None
-        if node is not None:
-            return self._of_node(node, element.getOutputString(), scope, parent)
-        if not element.getValueString():
-            return None
-        space = element.getActiveColorSpace()
-        # The document's own colour space does not apply to files: 8-bit files are sRGB by default, as elsewhere.
-        is_file = element.getType() == "filename" and space == self._document.getColorSpace()
-        own = space if element.getType() in ("filename", "color3", "color4") and not is_file else ""
-        return _Literal(element.getType(), element.getResolvedValueString(), own)
+        return None if node is None else self._of_node(node, element.getOutputString(), around)
 
     def _of_graph(
-        self, graph: MaterialX.NodeGraph, output: str, scope: _Scope, parent: Sdf.Path,
-        inputs: MaterialX.InterfaceElement,
-    ) -> _Literal | _NodeOutput | None:  # fmt: skip
-        """Return an output of a graph, given the inputs with the values of its interface."""
-        outputs = graph.getOutputs()
-        chosen = graph.getOutput(output) if output else None
-        chosen = chosen or (outputs[0] if outputs else None)
-        key = (graph.getNamePath(), inputs.getNamePath(), id(scope))
-        if key not in self._scopes:
-            inner: _Scope = {each.getName(): self._value(each, {}, parent) for each in graph.getInputs()}
-            if inputs is not graph:
-                definition = inputs.getNodeDef()
-                for each in definition.getInputs() if definition else ():
-                    inner[each.getName()] = _Literal(each.getType(), each.getValueString(), "")
-                inner.update({each.getName(): self._value(each, scope, parent) for each in inputs.getInputs()})
-            self._scopes[key] = inner
-        return None if chosen is None else self._value(chosen, self._scopes[key], parent)
+        self, graph: MaterialX.NodeGraph, inputs: Iterable[MaterialX.Input], output: str,
+        place: MaterialX.InterfaceElement, around: UsdShade.NodeGraph,
+    ) -> UsdShade.Output | None:  # fmt: skip
+        """Return an output, the first by default, of a graph, with these inputs; `place` is what it stands for."""
+        key = (place.getNamePath(), around.GetPath())
+        if key not in self._known:
+            self._known[key] = made = UsdShade.NodeGraph.Define(self._stage, self._free(around, place.getName()))
+            for each in inputs:
+                self._set(made, each, around)
+            for each in graph.getOutputs():
+                source = self._source(each, made)
+                if source:
+                    made.CreateOutput(each.getName(), Sdf.ValueTypeNames.Token).ConnectToSource(source)
+        names = [each.getName() for each in graph.getOutputs()]
+        return self._known[key].GetOutput(output if output in names else names[0]) if names else None
 
-    def _of_node(
-        self, node: MaterialX.Node, output: str, scope: _Scope, parent: Sdf.Path
-    ) -> _Literal | _NodeOutput | None:
-        implementation = node.getImplementation()
+    def _of_node(self, node: MaterialX.Node, output: str, around: UsdShade.NodeGraph) -> UsdShade.Output | None:
+        implementation, definition = node.getImplementation(), node.getNodeDef()
         if implementation is not None and implementation.getName() in self._own:
             graph = self._document.getNodeGraph(implementation.getName())
-            return self._of_graph(graph, output, scope, parent, node)
-        key = (node.getNamePath(), id(scope))
-        if key not in self._shaders:
-            path = parent.AppendChild(_valid(node.getName()))
-            if self._stage.GetPrimAtPath(path):  # from another graph
-                path = path.ReplaceName(f"{path.name}_{len(self._shaders)}")
-            self._shaders[key] = shader = UsdShade.Shader.Define(self._stage, path)
-            definition = node.getNodeDef()
+            declared = definition.getInputs() if definition else ()
+            inputs = {each.getName(): each for each in (*graph.getInputs(), *declared, *node.getInputs())}
+            return self._of_graph(graph, inputs.values(), output, node, around)
+        key = (node.getNamePath(), around.GetPath())
+        if key not in self._known:
+            self._known[key] = shader = UsdShade.Shader.Define(self._stage, self._free(around, node.getName()))
             shader.SetShaderId(definition.getName() if definition else f"ND_{node.getCategory()}_{node.getType()}")
             for each in node.getInputs():
-                self._set(shader, each, self._value(each, scope, parent))
-        shader, name = self._shaders[key], output or "out"
-        shader.CreateOutput(name, Sdf.ValueTypeNames.Token)
-        return _NodeOutput(shader, name)
+                self._set(shader, each, around)
+        return self._known[key].CreateOutput(output or "out", Sdf.ValueTypeNames.Token)
 
-    def _set(self, shader: UsdShade.Shader, element: MaterialX.Input, value: _Literal | _NodeOutput | None) -> None:
-        """Set or connect an input of a shader."""
+    def _free(self, around: UsdShade.NodeGraph, name: str) -> Sdf.Path:
+        """Return a path for a new prim in a graph or a material."""
+        path = around.GetPath().AppendChild(_valid(name))
+        return path.ReplaceName(f"{path.name}_{len(self._known)}") if self._stage.GetPrimAtPath(path) else path
+
+    def _set(self, made: Any, element: MaterialX.Input, around: UsdShade.NodeGraph) -> None:
+        """Set or connect an input of a shader or a graph."""
         kind = _TYPES.get(element.getType())
-        if value is None or kind is None:
+        if kind is None:
             return
-        own = shader.CreateInput(element.getName(), kind)
-        if isinstance(value, _NodeOutput):
-            own.ConnectToSource(value.shader.ConnectableAPI(), value.name)
+        source, text = self._source(element, around), element.getValueString()
+        if source:
+            made.CreateInput(element.getName(), kind).ConnectToSource(source)
             return
-        converted = self._converted(element.getType(), value.text)
-        if converted is not None:
-            own.Set(converted)
-        if value.color_space:
-            own.GetAttr().SetColorSpace(value.color_space)
+        converted = self._converted(element.getType(), element.getResolvedValueString()) if text else None
+        if converted is None:
+            return
+        own = made.CreateInput(element.getName(), kind)
+        own.Set(converted)
+        # The document's own colour space does not apply to files: 8-bit files are sRGB by default, as elsewhere.
+        space, is_file = element.getActiveColorSpace(), element.getType() == "filename"
+        if space and element.getType() in _COLORED and not (is_file and space == self._document.getColorSpace()):
+            own.GetAttr().SetColorSpace(space)
 
     def _converted(self, kind: str, text: str) -> Any:
         """Convert a value of the document to USD, with the full path of a file; None if it is broken."""
