@@ -143,12 +143,8 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
 
 def _has_light(reading: Reading) -> bool:
     """Return whether a stage has a light or drawn beams, also hidden ones: films do not change when one is hidden."""
-    drawn = (each for each in prims_under(reading.stage.GetPseudoRoot()) if is_light(each) or _is_drawn(each))
+    drawn = (each for each in prims_under(reading.stage.GetPseudoRoot()) if is_light(each) or is_drawn(each))
     return next(drawn, None) is not None
-
-
-def _is_drawn(prim: Usd.Prim) -> bool:
-    return bool(prim.IsA(UsdGeom.BasisCurves)) and is_drawn(prim)
 
 
 def _light_by_glow(reading: Reading, contents: _Contents) -> None:
@@ -196,7 +192,7 @@ def _role(reading: Reading, prim: Usd.Prim) -> _Role:
     """Return what a prim is rendered as, cached for its copies."""
     key = ("role", prim.GetPath())
     if key not in reading.cache:
-        beams = _is_drawn(prim)
+        beams = is_drawn(prim)
         reading.cache[key] = _Role(is_medium(reading, prim), beams, is_surface(prim) and not beams, is_light(prim))
     role: _Role = reading.cache[key]
     return role

@@ -99,7 +99,7 @@ def _makers(root: Usd.Prim, instancer: _Maker | None = None) -> Iterator[_Maker]
             for path in target_paths(prim, "prototypes"):
                 if target := prim.GetStage().GetPrimAtPath(path):
                     yield from _makers(target, maker)
-        elif is_light(prim) or (prim.IsA(UsdGeom.BasisCurves) and is_drawn(prim)):
+        elif is_light(prim) or is_drawn(prim):
             yield maker
 
 

@@ -166,7 +166,7 @@ def _rigid(reading: Reading, prim: Usd.Prim) -> Array:
     back = unit(matrix[:3, 2])
     right = unit(np.cross(matrix[:3, 1], back))
     if not np.any(back) or not np.any(right):
-        raise SceneError(f"{reading.place(prim)} is scaled to zero: expected a transform that can be inverted")
+        raise reading.fail(prim, "", "is scaled to zero: expected a transform that can be inverted")
     result = np.eye(4)
     result[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
     result[:3, 3] = matrix[:3, 3]

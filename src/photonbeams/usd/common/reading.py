@@ -261,7 +261,7 @@ class Reading:
         """Return USD's row-vector matrix as a finite (4, 4) for column vectors."""
         result = np.array(matrix, dtype=np.float64).T
         if not np.all(np.isfinite(result)):
-            raise SceneError(f"{self.place(prim)} has a transform that is not finite: expected finite xformOps")
+            raise self.fail(prim, "", "has a transform that is not finite: expected finite xformOps")
         self.within_reach(prim, result)
         return result
 
@@ -269,8 +269,8 @@ class Reading:
         """Raise SceneError if a prim's lengths or coordinates in world space are too large to be rendered."""
         farthest = float(np.max(np.abs(values), initial=0.0))
         if not farthest <= FARTHEST:
-            text = f"{self.place(prim)} reaches {farthest:g} units from the origin: expected no more than {FARTHEST:g}"
-            raise SceneError(text)
+            text = f"reaches {farthest:g} units from the origin: expected no more than {FARTHEST:g}"
+            raise self.fail(prim, "", text)
 
     def targets(self, prim: Usd.Prim, name: str) -> list[Usd.Prim]:
         """Return the prims that a relationship names; SceneError names one that is missing."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...scene import FARTHEST, Array, Material, Mesh, SceneError
+from ...scene import FARTHEST, Array, Material, Mesh
 from ...scene.surfaces import is_closed as closed
 from ...scene.vectors import unit
 from ..common.blender import wrote_prim
@@ -105,7 +105,7 @@ def _placed(reading: Reading, prim: Usd.Prim, surface: _MeshPart, to_world: Arra
     reading.triangles += len(surface.triangles.faces)
     if reading.triangles > room():
         text = f"has more triangles than fit into memory, with those before it: expected a total of at most {room():,}"
-        raise SceneError(f"{reading.place(prim)} {text}")
+        raise reading.fail(prim, "", text)
     name += surface.suffix
     known = reading.lasting.get(("placed", name))
     if known is not None and known[0] is surface.triangles and np.array_equal(known[1], to_world):

@@ -7,10 +7,10 @@ from scipy import sparse
 from scipy.interpolate import BSpline
 
 from ...scene import Array
-from ..common.openusd import Usd
+from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 from .polygons import Polygons, Tessellation, Values
-from .strands import floats
+from .strands import floats, rational
 
 _PIECES = 8  # between two knots, in u and in v
 
@@ -27,23 +27,21 @@ def read_patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
         raise reading.fail(prim, "points", text)
     if len(reading.value(prim, "trimCurve:counts", ())):
         reading.warn(prim, "is not rendered: the patch is rendered without trimming", "trimCurve:counts")
-    weights = floats(reading, prim, "pointWeights")
-    weights = weights if len(weights) == len(points) and np.all(weights > 0) else np.ones(len(points))
-    matrix = sparse.kron(rows, columns, format="csr")  # points go by rows of v, u first
-    rational = sparse.diags_array(1 / (matrix @ weights)) @ matrix @ sparse.diags_array(weights)
+    # Points go by rows of v, u first.
+    weighted = rational(reading, prim, sparse.kron(rows, columns, format="csr"))
     corners = sparse.kron(_ends(rows), _ends(columns), format="csr")
-    numbers = np.arange(matrix.shape[0]).reshape(len(v), len(u))
+    numbers = np.arange(len(u) * len(v)).reshape(len(v), len(u))
     quads = np.stack([numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, 1:], numbers[1:, :-1]], axis=-1).reshape(-1)
     across, up = np.meshgrid(u, v)
     left_handed = reading.value(prim, "orientation") == "leftHanded"
     uvs = {"uvs": Values(np.stack([across, up], axis=-1).reshape(-1, 2), "vertex")}
     faces = np.full(len(quads) // 4, 4)
-    polygons = Polygons(rational @ points, faces, quads, uvs, left_handed=left_handed, smooth=True)
+    polygons = Polygons(weighted @ points, faces, quads, uvs, left_handed=left_handed, smooth=True)
 
     def spread(values: Values) -> Values:
         if values.interpolation in ("constant", "uniform"):
             return Values(values.values[:1], "constant")
-        return Values((rational if values.interpolation == "vertex" else corners) @ values.values, "vertex")
+        return Values((weighted if values.interpolation == "vertex" else corners) @ values.values, "vertex")
 
     return Tessellation(polygons, {"constant": 1, "uniform": 1, "varying": 4, "vertex": len(points)}, spread)
 
@@ -79,21 +77,14 @@ def read_tetrahedra(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     if points is None:
         reading.warn(prim, "has no points: it is skipped")
         return None
-    faces = _tuples(reading, prim, "surfaceFaceVertexIndices", 3)
-    if not len(faces):
-        tetrahedra = _tuples(reading, prim, "tetVertexIndices", 4)
-        all_faces = tetrahedra[:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
-        _, first, count = np.unique(np.sort(all_faces, axis=1), axis=0, return_index=True, return_counts=True)
-        faces = all_faces[first[count == 1]]
+    given = reading.array(prim, "surfaceFaceVertexIndices", 3)
+    faces = np.zeros((0, 3), dtype=np.int64) if given is None else given.astype(np.int64)
+    if given is None:
+        outer = UsdGeom.TetMesh.ComputeSurfaceFaces(UsdGeom.TetMesh(prim), reading.time)
+        faces = np.array(outer, dtype=np.int64).reshape(-1, 3)
     if len(faces) and not (faces.min() >= 0 and faces.max() < len(points)):
         text = f"names point {faces.max()}: expected points from 0 to {len(points) - 1}"
         raise reading.fail(prim, "tetVertexIndices", text)
     left_handed = reading.value(prim, "orientation") == "leftHanded"
     polygons = Polygons(points, np.full(len(faces), 3), faces.reshape(-1), left_handed=left_handed)
     return Tessellation(polygons, polygons.lengths, lambda values: values)
-
-
-def _tuples(reading: Reading, prim: Usd.Prim, name: str, columns: int) -> Array:
-    """Return tuples of indices, (N, columns)."""
-    found = reading.array(prim, name, columns)
-    return np.zeros((0, columns), dtype=np.int64) if found is None else found.astype(np.int64)

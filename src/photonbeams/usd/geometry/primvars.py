@@ -12,8 +12,6 @@ from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 from .polygons import Values
 
-INTERPOLATIONS = ("constant", "uniform", "varying", "vertex", "faceVarying")
-
 
 @dataclass(frozen=True)
 class Instance:

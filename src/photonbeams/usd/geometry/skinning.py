@@ -148,34 +148,23 @@ def _blended(
     reading: Reading, skeleton_query: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery, points: Vt.Vec3fArray
 ) -> tuple[Vt.Vec3fArray, Array]:
     """Return points with blend shapes added, and the offsets of the normals, (P, 3)."""
-    offsets = np.zeros((len(points), 3))
+    offsets = Vt.Vec3fArray(len(points))
     animation = skeleton_query.GetAnimQuery()
     mapper = query.GetBlendShapeMapper()
     if not animation or mapper is None:
-        return points, offsets
+        return points, np.array(offsets)
     weights = mapper.Remap(animation.ComputeBlendShapeWeights(reading.time), Vt.FloatArray())
     shapes = UsdSkel.BlendShapeQuery(UsdSkel.BindingAPI(query.GetPrim()))
     if len(weights) != shapes.GetNumBlendShapes():
-        return points, offsets
+        return points, np.array(offsets)
     of_points = shapes.ComputeBlendShapePointIndices()
     numbers = shapes.ComputeSubShapeWeights(weights)
     for weight, blend, sub in zip(*numbers, strict=True):
-        indices = of_points[blend] if len(of_points[blend]) else None
         inbetween = shapes.GetInbetween(sub)
         shape = shapes.GetBlendShape(blend)
         moves = inbetween.GetOffsets() if inbetween else shape.GetOffsetsAttr().Get()
         turns = inbetween.GetNormalOffsets() if inbetween else shape.GetNormalOffsetsAttr().Get()
-        points = Vt.Vec3fArray.FromNumpy(_added(np.array(points), moves, indices, weight).astype(np.float32))
-        offsets = _added(offsets, turns, indices, weight)
-    return points, offsets
-
-
-def _added(values: Array, offsets: Vt.Vec3fArray | None, indices: Vt.IntArray | None, weight: float) -> Array:
-    """Return values with weighted offsets added at some points, or at all; offsets that do not fit are ignored."""
-    moves = np.asarray(() if offsets is None else offsets, dtype=np.float64).reshape(-1, 3)
-    chosen = np.arange(len(values)) if indices is None else np.asarray(indices, dtype=np.int64)
-    fits = len(moves) == len(chosen) and (not len(chosen) or (chosen.min() >= 0 and chosen.max() < len(values)))
-    result = np.array(values, dtype=np.float64)
-    if fits:
-        result[chosen] += weight * moves
-    return result
+        for shifts, values in ((moves, points), (turns, offsets)):
+            if shifts:  # those that do not fit are ignored
+                UsdSkel.ApplyBlendShape(weight, shifts, of_points[blend], values)
+    return points, np.array(offsets)

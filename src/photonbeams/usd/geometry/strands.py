@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -156,8 +157,6 @@ def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, counts: Array) -> St
     if len(knots) != (counts + orders).sum() or np.any(orders < 2):
         text = f"has {len(knots)} values: expected {(counts + orders).sum()}, the sum of all points and orders"
         raise reading.fail(prim, "knots", text)
-    weights = floats(reading, prim, "pointWeights")
-    weights = weights if len(weights) == len(points) and np.all(weights > 0) else np.ones(len(points))
     ranges = reading.array(prim, "ranges", 2)
     blocks, curve = [], []
     begin = 0
@@ -177,16 +176,25 @@ def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, counts: Array) -> St
     matrix = sparse.block_diag(blocks, format="csr") if blocks else sparse.csr_array((0, len(points)))
     if not matrix.shape[0]:
         return None
-    rational = sparse.diags_array(1 / (matrix @ weights)) @ matrix @ sparse.diags_array(weights)
+    weighted = rational(reading, prim, matrix)
     lengths = {"constant": 1, "uniform": len(counts), "vertex": len(points)}
     curves = np.concatenate(curve)
 
     def at(values: Values) -> Array:
         if values.interpolation == "vertex":
-            return np.asarray(rational @ values.values)
+            return np.asarray(weighted @ values.values)
         return values.values[curves if values.interpolation == "uniform" else np.zeros(len(curves), int)]
 
     return Strands(at(Values(points, "vertex")), curves, False, lengths, at)
+
+
+def rational(reading: Reading, prim: Usd.Prim, basis: Any) -> Any:
+    """Return the sparse matrix of a NURBS, from that of its basis (N, P), by the weights of its points."""
+    from scipy import sparse
+
+    weights = floats(reading, prim, "pointWeights")
+    weights = weights if len(weights) == basis.shape[1] and np.all(weights > 0) else np.ones(basis.shape[1])
+    return sparse.diags_array(1 / (basis @ weights)) @ basis @ sparse.diags_array(weights)
 
 
 def basis_of(reading: Reading, prim: Usd.Prim) -> tuple[str, str]:

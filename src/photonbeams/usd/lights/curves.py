@@ -26,8 +26,8 @@ _NAMED = 3  # how many curves a warning names
 
 
 def is_drawn(prim: Usd.Prim) -> bool:
-    """Return whether curves are beams."""
-    return has_photonbeams(prim, "PhotonBeamsCurvesAPI", "power")
+    """Return whether a prim is curves that are beams."""
+    return bool(prim.IsA(UsdGeom.BasisCurves)) and has_photonbeams(prim, "PhotonBeamsCurvesAPI", "power")
 
 
 def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> DrawnBeams | None:

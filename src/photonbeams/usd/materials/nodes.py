@@ -10,6 +10,7 @@ from ...scene import Array, rgb
 from ..common.openusd import UsdShade
 from .corrections import CORRECTIONS
 from .network import Network, Node
+from .surface import mix
 from .values import PrimvarValue, Value, channels, identity
 
 Function = Callable[..., Array]
@@ -210,18 +211,13 @@ NODES: dict[str, Node] = {
     "combine2": _combine("in1", "in2"),
     "combine3": _combine("in1", "in2", "in3"),
     "combine4": _combine("in1", "in2", "in3", "in4"),
-    "mix": _function(lambda bg, fg, mix: bg + mix * (fg - bg), (("bg",), 0.0), (("fg",), 0.0), (("mix",), 0.0)),
-    "arnold:mix_rgba": _function(
-        lambda a, b, mix: a + mix * (b - a), (("input1",), 0.0), (("input2",), 0.0), (("mix",), 0.5)
-    ),
+    "mix": _function(mix, (("bg",), 0.0), (("fg",), 0.0), (("mix",), 0.0)),
+    "arnold:mix_rgba": _function(mix, (("input1",), 0.0), (("input2",), 0.0), (("mix",), 0.5)),
     "invert": _function(lambda a, amount: amount - a, (_IN, 0.0), (("amount",), 1.0)),
     "clamp": _function(np.clip, (_IN, 0.0), (("low",), 0.0), (("high",), 1.0)),
-    "remap": _function(
+    **dict.fromkeys(("remap", "range"), _function(
         _remap, (_IN, 0.0), (("inlow",), 0.0), (("inhigh",), 1.0), (("outlow",), 0.0), (("outhigh",), 1.0)
-    ),
-    "range": _function(
-        _remap, (_IN, 0.0), (("inlow",), 0.0), (("inhigh",), 1.0), (("outlow",), 0.0), (("outhigh",), 1.0)
-    ),
+    )),
     "arnold:range": _function(
         _remap, (_IN, 0.0), (("input_min",), 0.0), (("input_max",), 1.0), (("output_min",), 0.0),
         (("output_max",), 1.0),

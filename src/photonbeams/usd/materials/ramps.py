@@ -11,6 +11,7 @@ from ...scene import Array
 from ..common.openusd import UsdShade
 from .images import affine, coordinates, rotation
 from .network import Network, Node
+from .surface import mix
 from .values import Image, Value
 
 #: Interpolations between the knots of a ramp, by Arnold's numbers.
@@ -213,10 +214,6 @@ def _state(network: Network, node: UsdShade.Shader, output: str) -> Value | None
     return np.zeros(1)
 
 
-def _mixed(a: Array, b: Array, part: Array) -> Array:
-    return a + part * (b - a)
-
-
 def _uv_transform(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
     """Read Arnold's `uv_transform`, which repeats an image, turns it about a pivot, and offsets it."""
     value = network.value(node, "passthrough")
@@ -243,16 +240,16 @@ RAMPS: dict[str, Node] = {
     "PxrRamp": _renderman_ramp,
     "ramp": _materialx_ramp,
     "texcoord": _texcoord,
-    "ramplr": _corners("u", lambda u, left, right: _mixed(left, right, u), "valuel", "valuer"),
-    "ramptb": _corners("v", lambda v, top, bottom: _mixed(bottom, top, v), "valuet", "valueb"),
+    "ramplr": _corners("u", lambda u, left, right: mix(left, right, u), "valuel", "valuer"),
+    "ramptb": _corners("v", lambda v, top, bottom: mix(bottom, top, v), "valuet", "valueb"),
     "ramp4": _corners(
-        "uv", lambda u, v, tl, tr, bl, br: _mixed(_mixed(bl, br, u), _mixed(tl, tr, u), v),
+        "uv", lambda u, v, tl, tr, bl, br: mix(mix(bl, br, u), mix(tl, tr, u), v),
         "valuetl", "valuetr", "valuebl", "valuebr",
     ),
     "splitlr": _corners(
-        "u", lambda u, left, right, center: _mixed(left, right, u >= center), "valuel", "valuer", "center"
+        "u", lambda u, left, right, center: mix(left, right, u >= center), "valuel", "valuer", "center"
     ),
     "splittb": _corners(
-        "v", lambda v, top, bottom, center: _mixed(bottom, top, v >= center), "valuet", "valueb", "center"
+        "v", lambda v, top, bottom, center: mix(bottom, top, v >= center), "valuet", "valueb", "center"
     ),
 }  # fmt: skip

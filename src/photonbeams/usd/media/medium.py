@@ -92,7 +92,7 @@ def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -
 def _read_filled(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
     """Return the homogeneous medium of a gprim with a volume material."""
     if not is_closed(reading, prim):
-        raise SceneError(f"{reading.place(prim)} has a volume material: expected a closed mesh")
+        raise reading.fail(prim, "", "has a volume material: expected a closed mesh")
     shading = read_shading(reading, prim)
     if shading.emission is not None and not shading.emission.kelvin:
         reading.warn(prim, "emits light without a field, which is not rendered: the emission is ignored")
