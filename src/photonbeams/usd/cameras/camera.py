@@ -82,10 +82,7 @@ def _settings_camera(stage: Usd.Stage) -> str:
 
 def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
     def length(name: str, default: float) -> float:
-        value = _TENTH * reading.number(prim, name, default, minimum=0.0)
-        if value == 0:
-            raise reading.fail(prim, name, "is 0: expected a positive number")
-        return value
+        return _TENTH * reading.positive(prim, name, default)
 
     orthographic = reading.value(prim, "projection", "perspective") == "orthographic"
     clipping = reading.attempt(prim, partial(_clipping, reading, prim), (0.0, FARTHEST), "nothing is clipped")
@@ -134,8 +131,7 @@ def _exposure_scale(reading: Reading, prim: Usd.Prim) -> float:
     reading.number(prim, "exposure", 0.0, -100.0, 100.0)
     for name in ("iso", "time", "responsivity"):
         reading.number(prim, f"exposure:{name}", 1.0, minimum=0.0)
-    if reading.number(prim, "exposure:fStop", 1.0, minimum=0.0) == 0:
-        raise reading.fail(prim, "exposure:fStop", "is 0: expected a positive number")
+    reading.positive(prim, "exposure:fStop", 1.0)
     scale = float(UsdGeom.Camera(prim).ComputeLinearExposureScale(reading.time))
     if scale == 0:
         dark = [name for name in ("iso", "time", "responsivity") if reading.value(prim, f"exposure:{name}") == 0]

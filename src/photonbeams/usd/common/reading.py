@@ -175,6 +175,13 @@ class Reading:
             value = bound if np.float32(value) == np.float32(bound) else value
         return number(value, self.place(prim, name), minimum, maximum)
 
+    def positive(self, prim: Usd.Prim, name: str, default: float) -> float:
+        """Return a number above 0."""
+        value = self.number(prim, name, default, minimum=0.0)
+        if value == 0:
+            raise self.fail(prim, name, "is 0: expected a positive number")
+        return value
+
     def clipped(self, prim: Usd.Prim, name: str, default: float, minimum: float, maximum: float = np.inf) -> float:
         """Return a finite number; for one out of its bounds the nearest, with a warning."""
         value = self.number(prim, name, default)

@@ -174,10 +174,7 @@ def _mean_scale(linear: Array) -> float:
 def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
     disk = prim.GetTypeName() == "DiskLight"
     sides = (("radius", 0.5, 1.0),) * 2 if disk else (("width", 1.0, 0.5), ("height", 1.0, 0.5))
-    half = [scale * reading.number(prim, f"inputs:{key}", default, 0.0) for key, default, scale in sides]
-    for size, (key, _, _) in zip(half, sides, strict=True):
-        if size == 0:
-            raise reading.fail(prim, f"inputs:{key}", "is 0: expected a positive number")
+    half = [scale * reading.positive(prim, f"inputs:{key}", default) for key, default, scale in sides]
     if not disk and shared["gobo"] is None:
         shared["gobo"] = reading.attempt(prim, partial(read_texture, reading, prim), None, "the light has one colour")
     linear = to_world[:3, :3]
@@ -196,10 +193,7 @@ def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
 
 def _cylinder(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
     linear = to_world[:3, :3]
-    length = reading.number(prim, "inputs:length", 1.0, minimum=0.0)
-    if length == 0:
-        raise reading.fail(prim, "inputs:length", "is 0: expected a positive number")
-    half = 0.5 * length * linear[:, 0]
+    half = 0.5 * reading.positive(prim, "inputs:length", 1.0) * linear[:, 0]
     whole = 2 * float(np.linalg.norm(half))
     own = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
     columns = linear[:, 1:]
