@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from ...scene import Array, Color, DensityGrid, Medium, SceneError
+from ...scene import Array, Color, DensityGrid, Medium, Mesh, SceneError
 from ...scene.checks import shown
 from ...world.media.medium_colors import BRIGHTEST, DARKEST, coefficients
 from ..common.definitions import MEDIUM, read_attribute
@@ -45,65 +46,46 @@ def _has_medium(prim: Usd.Prim) -> bool:
 
 
 def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
-    """Return the medium of a prim, which fills a closed gprim or a grid; that of any other prim fills all of space."""
-    if prim.IsA(UsdVol.Volume):
-        return _read_volume(reading, prim, to_world, name)
-    if not _has_medium(prim):
-        return _read_filled(reading, prim, to_world, name)
-    mesh = None
-    if is_gprim(prim) and is_closed(reading, prim):
-        mesh = read_solid(reading, prim, to_world)
-    elif is_gprim(prim):
-        reading.warn(prim, "is not closed: its fog fills the whole space")
-    elif prim.IsA(UsdGeom.Gprim):
-        reading.warn(prim, f"is a {prim.GetTypeName()}, which holds no fog: it fills the whole space")
-    scattering, absorption = _coefficients(reading, prim)
-    return Medium(
-        scattering=scattering,
-        absorption=absorption,
-        anisotropy=read_attribute(reading, prim, MEDIUM, "anisotropy"),
-        mesh=mesh,
-        surfaces=read_attribute(reading, prim, MEDIUM, "surfaces"),
-        name=name,
-        bounces=read_attribute(reading, prim, MEDIUM, "bounces"),
-    )
+    """Return the medium of a prim, which fills a closed gprim or a grid; that of any other prim fills all of space.
 
-
-def _read_volume(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
-    """Return the medium of a volume, by photonbeams' attributes or by its material's shader."""
-    own = _has_medium(prim)
+    It is that of photonbeams' attributes, or else of the material's shader.
+    """
+    own, volume = _has_medium(prim), prim.IsA(UsdVol.Volume)
+    if not (own or volume or is_closed(reading, prim)):
+        raise reading.fail(prim, "", "has a volume material: expected a closed mesh")
     shading = VolumeShading(*_coefficients(reading, prim)) if own else read_shading(reading, prim)
-    colors = reading.attempt(prim, partial(_colors, reading, prim, to_world, shading), None, "its colour is even")
-    emission = reading.attempt(prim, partial(_glow, reading, prim, to_world, shading), None, "it emits no light")
+    place = _in_grid(reading, prim, to_world, shading) if volume else {"mesh": _filled(reading, prim, to_world)}
+    if not (own or volume) and shading.emission is not None and not shading.emission.kelvin:
+        reading.warn(prim, "emits light without a field, which is not rendered: the emission is ignored")
     return Medium(
         scattering=shading.scattering,
         absorption=shading.absorption,
         anisotropy=read_attribute(reading, prim, MEDIUM, "anisotropy", shading.anisotropy),
         surfaces=read_attribute(reading, prim, MEDIUM, "surfaces"),
         name=name,
-        grid=read_density(reading, prim, to_world, shading.density),
         bounces=read_attribute(reading, prim, MEDIUM, "bounces"),
-        scattering_color=colors,
-        emission=emission,
-        lit_by_domes=True,
+        lit_by_domes=volume or not own,
+        **place,
     )
 
 
-def _read_filled(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
-    """Return the homogeneous medium of a gprim with a volume material."""
-    if not is_closed(reading, prim):
-        raise reading.fail(prim, "", "has a volume material: expected a closed mesh")
-    shading = read_shading(reading, prim)
-    if shading.emission is not None and not shading.emission.kelvin:
-        reading.warn(prim, "emits light without a field, which is not rendered: the emission is ignored")
-    return Medium(
-        scattering=shading.scattering,
-        absorption=shading.absorption,
-        anisotropy=shading.anisotropy,
-        mesh=read_solid(reading, prim, to_world),
-        name=name,
-        lit_by_domes=True,
-    )
+def _filled(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh | None:
+    """Return the gprim that a medium fills, or None, with a warning if that is another than the prim's shape."""
+    if is_gprim(prim) and is_closed(reading, prim):
+        return read_solid(reading, prim, to_world)
+    if is_gprim(prim):
+        reading.warn(prim, "is not closed: its fog fills the whole space")
+    elif prim.IsA(UsdGeom.Gprim):
+        reading.warn(prim, f"is a {prim.GetTypeName()}, which holds no fog: it fills the whole space")
+    return None
+
+
+def _in_grid(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> dict[str, Any]:
+    """Return what the fields of a volume give to its medium."""
+    colors = reading.attempt(prim, partial(_colors, reading, prim, to_world, shading), None, "its colour is even")
+    emission = reading.attempt(prim, partial(_glow, reading, prim, to_world, shading), None, "it emits no light")
+    grid = read_density(reading, prim, to_world, shading.density)
+    return {"grid": grid, "scattering_color": colors, "emission": emission}
 
 
 def _colors(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> DensityGrid | None:
