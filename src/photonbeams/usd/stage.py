@@ -16,9 +16,8 @@ from .cameras.camera import list_cameras, read_camera
 from .common import blender
 from .common.openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel, text_of
 from .common.reading import prims_under, quiet, varying_attributes
-from .common.selection import EVERYTHING, Selection
+from .common.selection import EVERYTHING, Selection, keep
 from .common.sizes import check_prims
-from .common.textures import limit_textures
 from .common.warnings import Warnings
 from .contents import read_extent, read_scene, with_looks
 from .layers.composition import warn_of_composition
@@ -82,7 +81,7 @@ def open_stage(
         try:
             session = Sdf.Layer.CreateAnonymous("session.usda")
             session.subLayerPaths = [_layer(str(each)).identifier for each in session_layers]
-            limit_textures(session, texture_limit)
+            keep(session, textureLimit=texture_limit)
             kept = ready_layers(layer, session, warnings)
             stage = selection.open(layer, session)
             del kept  # the stage keeps those that it needs

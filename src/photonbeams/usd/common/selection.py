@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from ...scene import SceneError
 from .openusd import Sdf, Usd
@@ -81,10 +82,7 @@ class Selection:
             stage = Usd.Stage.OpenMasked(layer, session, Usd.StagePopulationMask(self.mask))
             stage.ExpandPopulationMask()  # adds materials, portals and so on, wherever they are
         purposes = None if self.purposes is None else " ".join(self.purposes)
-        kept = {"purposes": purposes, "complexity": self.complexity}
-        given = {name: value for name, value in kept.items() if value is not None}
-        if given:
-            session.customLayerData = {**session.customLayerData, _KEY: given}
+        keep(session, purposes=purposes, complexity=self.complexity)
         return stage
 
     def apply(self, stage: Usd.Stage, name: str) -> None:
@@ -133,14 +131,22 @@ def _select(stage: Usd.Stage, text: str, name: str) -> None:
             chosen.BlockVariantSelection()
 
 
-def _kept(stage: Usd.Stage, key: str) -> str | None:
+def keep(session: Sdf.Layer, **values: str | int | None) -> None:
+    """Keep values in a session layer, for the readers of its stage; None leaves a value as it is."""
+    given = {name: value for name, value in values.items() if value is not None}
+    if given:
+        session.customLayerData = {**session.customLayerData, _KEY: {**session.customLayerData.get(_KEY, {}), **given}}
+
+
+def kept(stage: Usd.Stage, name: str) -> Any:
+    """Return a value that is kept in a stage's session layer, or None."""
     session = stage.GetSessionLayer()
-    return None if session is None else session.customLayerData.get(_KEY, {}).get(key)
+    return None if session is None else session.customLayerData.get(_KEY, {}).get(name)
 
 
 def rendered_purposes(stage: Usd.Stage) -> tuple[str, ...]:
     """Return the purposes of prims that are rendered."""
-    named = _kept(stage, "purposes")
+    named = kept(stage, "purposes")
     return ("default", "render") if named is None else ("default", *named.split())
 
 
@@ -151,7 +157,7 @@ def refinement_level(prim: Usd.Prim, has_normals: bool) -> int:
     complexity, such meshes are polygons with smooth normals, as usdrecord draws them.
     """
     is_said = any(prim.GetAttribute(name).HasAuthoredValue() for name in _SAYING)
-    name = _kept(prim.GetStage(), "complexity")
+    name = kept(prim.GetStage(), "complexity")
     if has_normals and not is_said:
         return 0
     return (_LEVEL if is_said else 0) if name is None else COMPLEXITIES[name]

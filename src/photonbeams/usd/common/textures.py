@@ -14,8 +14,8 @@ from ...scene import Array, SceneError, rgb
 from .color_spaces import AUTO, RAW, SRGB, color_space, to_linear
 from .openusd import Ar, Sdf, Usd
 from .reading import Reading
+from .selection import kept
 
-_LIMIT = "photonbeams:textureLimit"
 _MOST_BYTES = 1 << 33  # of a file in a package
 
 
@@ -91,14 +91,8 @@ def image_at(
 
 def texture_limit(stage: Usd.Stage) -> int:
     """Return the stage's limit on textures, in pixels a side."""
-    session = stage.GetSessionLayer()
-    return int(session.customLayerData.get(_LIMIT, TEXTURE_LIMIT)) if session else TEXTURE_LIMIT
-
-
-def limit_textures(session: Sdf.Layer, limit: int | None) -> None:
-    """Set the stage's limit on textures, in pixels a side; None leaves it as it is."""
-    if limit is not None:
-        session.customLayerData = {**session.customLayerData, _LIMIT: int(limit)}
+    limit = kept(stage, "textureLimit")
+    return TEXTURE_LIMIT if limit is None else int(limit)
 
 
 def asset_content(path: str, most: int = _MOST_BYTES) -> bytes:

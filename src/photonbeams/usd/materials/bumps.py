@@ -8,7 +8,7 @@ import numpy as np
 
 from ...scene import UVTexture, rgb
 from ..common.openusd import UsdShade
-from .network import Network, Node, category, is_output
+from .network import Network, Node, category
 from .surface import Surface
 from .values import Image, Value, as_number, mapped
 
@@ -25,10 +25,9 @@ _SOBEL = 1 / 16  # MaterialX's factor on slopes
 def tilt(network: Network, node: UsdShade.Shader, surface: Surface, *names: str) -> None:
     """Set the normals or the heights of a surface from the first of these inputs that is connected."""
     for name in names:
-        attribute = network.source(node, name)
-        if attribute is None or not is_output(attribute):
+        inner = network.connected(node, name)
+        if inner is None:
             continue
-        inner = UsdShade.Shader(attribute.GetPrim())
         if category(inner) not in _HEIGHTS:
             surface.normal = network.color(node, name)
             return

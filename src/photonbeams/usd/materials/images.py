@@ -234,11 +234,10 @@ def coordinates(network: Network, node: UsdShade.Shader, name: str) -> tuple[str
     """Return the primvar of an image's UVs, "" if none is named, and their (3, 3) transform."""
     transform = np.eye(3)
     for _ in range(_LONGEST):
-        attribute = network.source(node, name)
-        if attribute is None or not is_output(attribute):
+        inner = network.connected(node, name)
+        if inner is None:
             break
-        node = UsdShade.Shader(attribute.GetPrim())
-        kind = category(node)
+        node, kind = inner, category(inner)
         if kind in ("UsdPrimvarReader", "HwPrimvar", "PxrManifold2D", "PxrPrimvar"):
             return str(network.plain(node, "varname", "") or network.plain(node, "primvarS", "")), transform
         if kind in ("geompropvalue", "texcoord"):

@@ -89,6 +89,11 @@ class Network:
         attributes = UsdShade.Utils.GetValueProducingAttributes(own)
         return attributes[0] if attributes else own.GetAttr()
 
+    def connected(self, node: UsdShade.Shader, name: str) -> UsdShade.Shader | None:
+        """Return the node that is connected to an input, or None."""
+        attribute = self.source(node, name)
+        return UsdShade.Shader(attribute.GetPrim()) if attribute is not None and is_output(attribute) else None
+
     def value(self, node: UsdShade.Shader, name: str) -> Value | None:
         """Return an input's value, or None if it has none."""
         attribute = self.source(node, name)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -44,9 +43,3 @@ def ior_of(reflectance: float) -> Array:
 def mix(first: Array, second: Array, part: Array) -> Array:
     """Return the linear mix of two values."""
     return first + part * (second - first)
-
-
-def connected(node: UsdShade.Shader, name: str) -> bool:
-    """Return whether an input of a shader is connected."""
-    own: Any = node.GetInput(name) if name else None
-    return bool(own) and bool(own.HasConnectedSource())

@@ -12,7 +12,7 @@ from .bumps import tilt
 from .images import image_input
 from .layered import OPEN_PBR, STANDARD, layered
 from .network import Network, category, shader_id
-from .surface import Reader, Surface, connected, ior_of, mix
+from .surface import Reader, Surface, ior_of, mix
 from .values import Value, as_number, constant
 
 
@@ -31,7 +31,8 @@ def preview(network: Network, node: UsdShade.Shader) -> Surface:
         presence=threshold > 0 or str(network.plain(node, "opacityMode", "")) == "presence",
     )
     tilt(network, node, surface, "normal")
-    if connected(node, "displacement"):
+    displacement = node.GetInput("displacement")
+    if displacement and displacement.HasConnectedSource():
         network.lose(node, "is not rendered: it is ignored", "displacement")
     if threshold > 0 and surface.opacity is not None:
         surface.opacity = network.combined(node, lambda values: (values >= threshold).astype(float), surface.opacity)
@@ -186,8 +187,7 @@ def _first_shader(*names: str) -> Reader:
 
     def read(network: Network, node: UsdShade.Shader) -> Surface:
         for name in names:
-            attribute = network.source(node, name)
-            inner = UsdShade.Shader(attribute.GetPrim()) if attribute is not None else None
+            inner = network.connected(node, name)
             if inner and inner.GetPrim() != node.GetPrim():
                 if category(node) != "arnold:two_sided":
                     network.lose(node, f"is a '{_label(node)}': only its {name} is rendered")
@@ -221,9 +221,8 @@ def _materialx_surface(network: Network, node: UsdShade.Shader) -> Surface:
     surface = Surface(np.zeros(3), ior=np.ones(1), presence=True)
     surface.opacity = network.number(node, "opacity")
     for name in ("bsdf", "edf"):
-        attribute = network.source(node, name)
-        part = UsdShade.Shader(attribute.GetPrim()) if attribute is not None else node
-        if part.GetPrim() == node.GetPrim():
+        part = network.connected(node, name)
+        if part is None:
             continue
         color = network.color(part, "color", default=0.18 if name == "bsdf" else 1.0)
         weight = network.number(part, "weight", default=1.0)
