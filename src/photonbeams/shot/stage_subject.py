@@ -14,7 +14,6 @@ from ..runtime.files import PathLike
 from ..usd import stage as stages
 from ..usd.authoring.beams import write_beams
 from ..usd.authoring.editing import Extent, extent_of
-from ..usd.bounds import bounds_at_all_times
 from ..usd.cameras.camera import read_shutter
 from ..usd.cameras.stereo import read_eyes
 from ..usd.common.motion import Exposure
@@ -143,10 +142,8 @@ class StageSubject(DescribedSubject):
 
     def digest(self, viewpoint: Viewpoint, frame: float | None) -> str:
         """Return a hash of what a frame shows: the stage with its files, the time, and the arguments from Python."""
-        from ..usd.layers.digest import stage_digest
-
         if self._stage_digest is None:
-            self._stage_digest = stage_digest(self.stage)
+            self._stage_digest = stages.stage_digest(self.stage)
         return digest(self._stage_digest, str(self.time(frame)), self._arguments(viewpoint))
 
     def check_target(self, path: PathLike) -> None:
@@ -181,7 +178,7 @@ class StageSubject(DescribedSubject):
     def _bounds(self, viewpoint: Viewpoint, content: scene.Scene) -> tuple[Array, float]:
         if viewpoint not in self._spheres:
             # Computed once, so that beams do not change when something moves elsewhere.
-            self._spheres[viewpoint] = bounds_at_all_times(
+            self._spheres[viewpoint] = stages.bounds_at_all_times(
                 self.stage, content, self._extent, lambda frame: self.cameras(viewpoint, frame),
                 emits=self.emit is not None,
             )  # fmt: skip

@@ -14,8 +14,9 @@ from .common.openusd import Usd, UsdGeom
 from .common.reading import Cache, Reading, Time, prims_under, quiet
 from .common.warnings import Warnings
 from .geometry.instancers import Item, items
-from .geometry.meshes import is_surface, read_meshes
-from .geometry.outlines import read_outline
+from .geometry.meshes import in_prototype, is_surface, read_meshes, tessellation
+from .geometry.skinning import is_skinned
+from .geometry.velocities import carried
 from .lights.beam_settings import PHYSICAL, bound_look
 from .lights.curves import guide_paths, is_drawn, read_curves, read_guides
 from .lights.light import is_light, portal_paths, read_light
@@ -23,6 +24,7 @@ from .lights.links import linked
 from .lights.mesh_lights import glowing_power, glows
 from .media.medium import is_medium, read_medium
 
+_FEW = 64  # so few points have a hull with hardly fewer corners
 _MOST_GLOWING = 8  # lamps that glowing surfaces become: kernels have code for each
 
 
@@ -208,7 +210,7 @@ def _collect(reading: Reading, item: Item, contents: _Contents) -> None:
             return
     meshes: list[Mesh] = []
     if role.surface and contents.outlines and not role.light:
-        meshes = [read_outline(reading, prim, item.to_world, item.name)]
+        meshes = [_outline(reading, prim, item.to_world, item.name)]
     elif role.surface:
         meshes = _meshes(reading, item)
     if role.light:
@@ -239,3 +241,32 @@ def _meshes(reading: Reading, item: Item) -> list[Mesh]:
     meshes = read_meshes(reading, item.prim, item.to_world, item.name, item.instances)
     reading.surfaces[item.name] = item.to_world, meshes
     return meshes
+
+
+def _outline(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Mesh:
+    """Return the corners of the convex hull of a prim's surface in world space, as a mesh without faces.
+
+    A subdivision surface lies inside the hull of its cage.
+    """
+    skinned = is_skinned(prim)
+    cache = reading.cache if skinned or reading.varies(prim) else reading.lasting
+    key = ("outline", (prim if skinned else in_prototype(prim)).GetPath())
+    if key not in cache:
+        found = tessellation(reading, prim, carried(reading, prim) if prim.IsA(UsdGeom.Mesh) else None)
+        empty = np.zeros((0, 3))
+        cache[key] = empty if found is None else hull_corners(found.polygons.points[np.unique(found.polygons.indices)])
+    points = cache[key] @ to_world[:3, :3].T + to_world[:3, 3]
+    reading.within_reach(prim, points)
+    return Mesh(name, points, np.zeros((0, 3), dtype=np.int64))
+
+
+def hull_corners(points: Array) -> Array:
+    """Return the points (P, 3) that are corners of their convex hull, or all if they lie in a plane or on a line."""
+    if len(points) <= _FEW:
+        return points
+    from scipy.spatial import ConvexHull, QhullError  # takes long to import
+
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:
+        return points

@@ -1,23 +1,29 @@
-"""Open USD stages, and find their times, up axis and changes."""
+"""Open USD stages, and find their times, up axis, bounds and changes."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
 from itertools import pairwise
 from math import isfinite
+from typing import Any, TypeVar
 
 import numpy as np
 
-from ..scene import Array, SceneError, real, shown
+from ..runtime.digest import digest
+from ..scene import Array, Camera, Scene, SceneError, real, shown
 from .authoring.editing import override
 from .cameras.camera import list_cameras, read_camera
 from .common import blender
-from .common.openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel, text_of
+from .common.openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel, UsdUtils, text_of
 from .common.reading import prims_under, quiet, varying_attributes
 from .common.selection import EVERYTHING, Selection, keep
 from .common.sizes import check_prims
+from .common.textures import texture_limit as texture_limit_of
 from .common.warnings import Warnings
 from .contents import read_extent, read_scene, with_looks
 from .layers.composition import warn_of_composition
@@ -25,6 +31,8 @@ from .layers.frames import time_range
 from .layers.metadata import complete_metadata, correct_metadata
 from .layers.writing import forget_changes, ready_layers, why_no_layer
 from .lights.light import is_dome, is_light
+
+T = TypeVar("T")
 
 __all__ = [
     "Selection",
@@ -180,6 +188,64 @@ def extent_varies(stage: Usd.Stage) -> bool:
         if any(prim.IsA(UsdGeom.Boundable) for prim in prims_under(attribute.GetPrim())):
             return True
     return False
+
+
+# The greatest number of times at which the extent of an animated stage is read.
+_MOST_TIMES = 33
+
+
+def bounds_at_all_times(
+    stage: Usd.Stage,
+    content: Scene,
+    read_extent: Callable[[float | None], Scene],
+    read_cameras: Callable[[float | None], tuple[Camera, ...]],
+    emits: bool,
+) -> tuple[Array, float]:
+    """Return the centre and radius of a sphere around everything that is on a stage at any time.
+
+    Parameters
+    ----------
+    content
+        The scene at one time, which is enough if nothing changes.
+    read_extent, read_cameras
+        Functions that return the extent of the scene, and the cameras, at a time code.
+    emits
+        Whether a function makes beams: these may move without the stage showing it.
+    """
+    from ..world.bounds import bounding_sphere
+
+    codes = sample_times(stage, _MOST_TIMES)
+    moving = bool(codes) and (extent_varies(stage) or emits)
+    states = [state for code in codes if (state := _sound(read_extent, code))] if moving else [content]
+    times: list[float | None] = [*codes] or [None]
+    cameras = [camera for time in times for camera in _sound(read_cameras, time) or ()]
+    eyes = [np.asarray(camera.to_world)[:3, 3] for camera in cameras]
+    return bounding_sphere(states, eyes)
+
+
+def _sound(read: Callable[[float | None], T], code: float | None) -> T | None:
+    """Return what `read` returns at a time, or None on an error, which rendering that time will raise."""
+    with suppress(SceneError):
+        return read(code)
+    return None
+
+
+def stage_digest(stage: Usd.Stage) -> str:
+    """Return a hash of the composed stage, including its session layer, and of the files that it names."""
+    layer = stage.Flatten(addSourceFileComment=False)
+    UsdUtils.ModifyAssetPaths(layer, cache(_file_digest))
+    return digest(layer.ExportToString(), texture_limit_of(stage))
+
+
+def _file_digest(name: str) -> str:
+    """Return a hash of the file that an asset path names, or the file's name if there is no file."""
+    resolver = Ar.GetResolver()
+    resolved = str(resolver.Resolve(name))
+    outer = Ar.SplitPackageRelativePathOuter(resolved)[0] if resolved else ""
+    # An empty file counts as a file here, unlike in `runtime.inputs`: it is another content than none.
+    is_file = os.path.isfile(outer) and os.access(outer, os.R_OK)
+    asset: Any = resolver.OpenAsset(Ar.ResolvedPath(resolved)) if is_file else None
+    return os.path.basename(name) if asset is None else sha256(asset.GetBuffer() or b"").hexdigest()
 
 
 def _layer(path: str) -> Sdf.Layer:

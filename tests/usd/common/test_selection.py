@@ -5,8 +5,7 @@ import pytest
 import photonbeams as pb
 from photonbeams.scene import SceneError
 from photonbeams.usd.common.selection import Selection
-from photonbeams.usd.layers.digest import stage_digest
-from photonbeams.usd.stage import open_stage, read_scene
+from photonbeams.usd.stage import open_stage, read_scene, stage_digest
 
 STAGE = """#usda 1.0
 def Xform "World"

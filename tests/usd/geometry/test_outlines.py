@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from photonbeams.usd.geometry.outlines import hull_corners
+from photonbeams.usd.contents import hull_corners
 from photonbeams.usd.stage import read_extent, read_scene
 from photonbeams.world.bounds import bounding_sphere
 

@@ -5,8 +5,7 @@ import shutil
 import pytest
 from pxr import UsdGeom
 
-from photonbeams.usd.layers.digest import stage_digest
-from photonbeams.usd.stage import open_stage
+from photonbeams.usd.stage import open_stage, stage_digest
 
 PRIMS = """def Mesh "Wall" {
     point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0)]

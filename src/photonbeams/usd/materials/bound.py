@@ -15,10 +15,9 @@ from ..common.openusd import Tf, Usd, UsdShade
 from ..common.reading import Reading, is_relationship, target_paths
 from .bumps import BUMPS
 from .images import IMAGES
-from .network import Network, shader_id
+from .network import Network, Surface, shader_id
 from .nodes import NODES
 from .ramps import RAMPS
-from .surface import Surface
 from .surfaces import SURFACES, category, surface_of
 from .values import Image, PrimvarValue, Value, as_color, as_number, constant, mapped
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from ...scene import UVTexture, rgb
 from ..common.openusd import UsdShade
-from .network import Network, Node, category
-from .surface import Surface
+from .network import Network, Node, Surface, category
 from .values import Image, Value, as_number, mapped
 
 # Nodes for heights in scene units, with their inputs for the heights and the scale.

@@ -10,9 +10,8 @@ from ...scene import Array, rgb
 from ...scene.checks import shown
 from ..common.openusd import UsdShade
 from .bumps import tilt
-from .network import Network
-from .surface import Reader, Surface, ior_of, mix
-from .values import Image, Value, as_number, constant
+from .network import Network, Reader, Surface
+from .values import Image, Value, as_number, constant, mix
 
 
 @dataclass(frozen=True)
@@ -44,6 +43,12 @@ OPEN_PBR = Names(
     "coat_weight", "emission_luminance", 0.0, "geometry_opacity", "geometry_thin_walled", "geometry_normal",
     ("fuzz_weight", "specular_roughness_anisotropy", "thin_film_weight", "transmission_scatter"),
 )  # fmt: skip
+
+
+def ior_of(reflectance: float) -> Array:
+    """Return the index of refraction for a reflectance at normal incidence."""
+    root = np.sqrt(np.clip(reflectance, 0, 0.99))
+    return np.full(1, (1 + root) / (1 - root))
 
 
 def layered(names: Names) -> Reader:

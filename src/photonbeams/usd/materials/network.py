@@ -1,8 +1,9 @@
-"""A network of shader nodes: the values of its nodes' inputs, and notes about what cannot be rendered."""
+"""A network of shader nodes: the values of its nodes' inputs, its surface, and notes about what cannot be rendered."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,29 @@ from .values import Value, as_color, as_number, channels, combinable, mapped
 
 #: A function that reads a node: it returns the value of an output, or None if there is none.
 Node = Callable[["Network", UsdShade.Shader, str], "Value | None"]
+
+
+@dataclass
+class Surface:
+    """The inputs of a surface, None if nothing is authored; see `scene.Material`."""
+
+    diffuse: Value | None = None
+    emissive: Value | None = None
+    roughness: Value | None = None
+    metallic: Value | None = None
+    ior: Value | None = None
+    clearcoat: Value | None = None
+    clearcoat_roughness: Value | None = None
+    opacity: Value | None = None
+    presence: bool = False
+    tint: Value | None = None
+    normal: Value | None = None
+    bump: Value | None = None
+
+
+#: A function that reads a surface shader.
+Reader = Callable[["Network", UsdShade.Shader], Surface]
+
 
 _DEEPEST = 64  # nodes in a chain, which also ends loops
 _LETTERS = {"r": 0, "g": 1, "b": 2, "a": 3, "x": 0, "y": 1, "z": 2, "w": 3}

@@ -10,8 +10,7 @@ from ...scene import Array, rgb
 from ..common.openusd import UsdShade
 from .corrections import CORRECTIONS
 from .network import Network, Node
-from .surface import mix
-from .values import PrimvarValue, Value, channels, identity
+from .values import PrimvarValue, Value, channels, identity, mix
 
 Function = Callable[..., Array]
 

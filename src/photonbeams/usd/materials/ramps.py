@@ -11,8 +11,7 @@ from ...scene import Array
 from ..common.openusd import UsdShade
 from .images import affine, coordinates, rotation
 from .network import Network, Node
-from .surface import mix
-from .values import Image, Value
+from .values import Image, Value, mix
 
 #: Interpolations between the knots of a ramp, by Arnold's numbers.
 CONSTANT, LINEAR, CATMULL_ROM, MONOTONE, SMOOTH = range(5)

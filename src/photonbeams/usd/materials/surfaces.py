@@ -10,10 +10,9 @@ from ...scene import Array, rgb
 from ..common.openusd import UsdShade
 from .bumps import tilt
 from .images import image_input
-from .layered import OPEN_PBR, STANDARD, layered
-from .network import Network, category, shader_id
-from .surface import Reader, Surface, ior_of, mix
-from .values import Value, as_number, constant
+from .layered import OPEN_PBR, STANDARD, ior_of, layered
+from .network import Network, Reader, Surface, category, shader_id
+from .values import Value, as_number, constant, mix
 
 
 def preview(network: Network, node: UsdShade.Shader) -> Surface:

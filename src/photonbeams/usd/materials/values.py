@@ -95,6 +95,11 @@ def mapped(function: Callable[..., Array], *values: Value) -> Value:
     return PrimvarValue(first.name, np.atleast_1d(function(*map(constant, values))), composed)
 
 
+def mix(first: Array, second: Array, part: Array) -> Array:
+    """Return the linear mix of two values."""
+    return first + part * (second - first)
+
+
 def combinable(values: Sequence[Value]) -> bool:
     """Return whether `mapped` combines these values without loss."""
     images = [each for each in values if isinstance(each, Image)]
