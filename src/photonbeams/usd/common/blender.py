@@ -81,7 +81,5 @@ def _move(attribute: Usd.Attribute, prim: Usd.Prim) -> None:
     """Move an attribute to another prim, unless that one has its own."""
     name = attribute.GetName()
     if attribute.HasAuthoredValue() and not prim.GetAttribute(name).HasAuthoredValue():
-        target = prim.CreateAttribute(name, attribute.GetTypeName())
-        for time in [*attribute.GetTimeSamples()] or [Usd.TimeCode.Default()]:
-            target.Set(attribute.Get(time), time)
+        attribute.FlattenTo(prim)
     attribute.Block()

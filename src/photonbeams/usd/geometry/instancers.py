@@ -66,7 +66,6 @@ def _instances(reading: Reading, item: Item, within: tuple[Sdf.Path, ...]) -> It
         raise reading.fail(prim, "prototypes", "is an attribute: expected a relationship, rel")
     within = (*within, prim.GetPath())
     instancer = UsdGeom.PointInstancer(prim)
-    prototypes = [reading.stage.GetPrimAtPath(path) for path in target_paths(prim, "prototypes")]
     moved = carried(reading, prim, "positions")
     sample = moved.reading if moved is not None else reading
     indices = sample.integers(prim, "protoIndices")
@@ -74,9 +73,9 @@ def _instances(reading: Reading, item: Item, within: tuple[Sdf.Path, ...]) -> It
         text = f"has {len(indices):,} values: expected no more than {MOST_INSTANCES:,}"
         raise reading.fail(prim, "protoIndices", text)
     positions = sample.array(prim, "positions", 3) if moved is None else moved.points
+    prototypes, parts = _prototypes(reading, prim)
     transforms = _instance_transforms(reading, sample, instancer, indices, positions, prototypes)
     mask = np.asarray(instancer.ComputeMaskAtTime(sample.time) or np.ones(len(indices), dtype=bool))
-    parts = [list(_prototype_items(reading, root)) if root and root.IsActive() else None for root in prototypes]
     lost = [index for index in indices if not 0 <= index < len(parts) or parts[index] is None]
     if lost:
         text = f"names prototype {lost[0]}, which is not there: {len(lost)} of {len(indices)} instances are skipped"
@@ -125,8 +124,7 @@ def _triangles_in(reading: Reading, prim: Usd.Prim, within: tuple[Sdf.Path, ...]
         if is_surface(prim):
             size = MESH + triangles_about(reading, prim)
         elif prim.IsA(UsdGeom.PointInstancer) and prim.GetPath() not in within:
-            roots = [reading.stage.GetPrimAtPath(path) for path in target_paths(prim, "prototypes")]
-            parts = [list(_prototype_items(reading, root)) if root and root.IsActive() else None for root in roots]
+            _, parts = _prototypes(reading, prim)
             indices = reading.attempt(prim, partial(reading.integers, prim, "protoIndices"), np.zeros(0, int), "")
             size = _triangles_of(reading, indices, parts, (*within, prim.GetPath()))
         reading.cache[key] = size
@@ -184,6 +182,12 @@ def _placed(
             matrix = matrix * Gf.Matrix4d().SetRotate(Gf.Quatd(given["orientations"][index]))
         result.append(matrix * Gf.Matrix4d().SetTranslate(Gf.Vec3d(*map(float, position))))
     return result
+
+
+def _prototypes(reading: Reading, instancer: Usd.Prim) -> tuple[list[Usd.Prim], list[list[Item] | None]]:
+    """Return the prototypes of an instancer, and what each consists of; None for one that is not there."""
+    roots = [reading.stage.GetPrimAtPath(path) for path in target_paths(instancer, "prototypes")]
+    return roots, [list(_prototype_items(reading, root)) if root and root.IsActive() else None for root in roots]
 
 
 def _prototype_items(reading: Reading, root: Usd.Prim) -> Iterator[Item]:

@@ -71,12 +71,8 @@ def _arnold_image(network: Network, node: UsdShade.Shader, output: str) -> Value
         for name, default in (("scale", 1.0), ("offset", 0.0))
     )
     transform = affine(np.diag(scale), np.array(offset)) @ transform
-    for axis, name in enumerate(("sflip", "tflip")):
-        if network.plain(node, name, False):
-            flip = np.eye(3)
-            flip[axis] = [0, 0, 1]
-            flip[axis, axis] = -1
-            transform = flip @ transform
+    flipped = np.array([bool(network.plain(node, name, False)) for name in ("sflip", "tflip")], dtype=float)
+    transform = affine(np.diag(1 - 2 * flipped), flipped) @ transform
     if network.plain(node, "swap_st", False):
         transform = np.eye(3)[[1, 0, 2]] @ transform
     image = _placed(network, node, pixels, wrap, (uv_name, transform))
