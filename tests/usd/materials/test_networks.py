@@ -201,6 +201,27 @@ def test_primvars_vary_over_the_surface(scene):
         assert color.tolist() == [0.5 * point[0], point[1], 0]
 
 
+def test_an_image_of_arnold_is_flipped(scene, image):
+    file = f"asset inputs:filename = @{image('a.exr', PIXELS, 'float')}@"
+    for name, expected in (("sflip", [[-1, 0, 1], [0, 1, 0]]), ("tflip", [[1, 0, 0], [0, -1, 1]])):
+        node = shader("N", "arnold:image", file, f"bool inputs:{name} = 1")
+        connected = "color3f inputs:base_color.connect = </Mat/N.outputs:out>"
+        found = scene(material(STANDARD[0], connected, nodes=[node])).meshes[0].material.diffuse
+        assert np.array_equal(found.uv_transform, [*expected, [0, 0, 1]])
+
+
+@pytest.mark.parametrize(("kind", "letters"), [("color3", "rgb"), ("vector4", "xyzw")])
+def test_a_separated_channel_is_that_of_its_output(scene, caplog, kind, letters):
+    value = {"color3": "(0.25, 0.5, 0.75)", "vector4": "(0.25, 0.5, 0.75, 1)"}[kind]
+    separate = shader("N", f"ND_separate{len(letters)}_{kind}", f"color{len(letters)}f inputs:in = {value}")
+    for index, letter in enumerate(letters):
+        connected = f"float inputs:specular_roughness.connect = </Mat/N.outputs:out{letter}>"
+        node = separate.replace("color3f outputs:out", f"float outputs:out{letter}")
+        found = scene(material(STANDARD[1], connected, nodes=[node], context="mtlx:")).meshes[0].material
+        assert found.roughness == (index + 1) / 4
+    assert not caplog.text
+
+
 def test_colours_are_converted_from_the_space_that_they_name(scene):
     """White stays white, and AP1's red has the Rec.709 values of OpenColorIO's ACES configuration."""
     for space, value, expected in (

@@ -60,14 +60,6 @@ def _approximated(*names: str) -> Node:
     return read
 
 
-def _separate(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read one channel, named by the output."""
-    value = network.value(node, "in")
-    letter = output.removeprefix("out").lower()
-    index = "rgba".find(letter) if letter in "rgba" else "xyzw".find(letter)
-    return None if value is None else channels(value, [max(index, 0)])
-
-
 def _extract(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
     value = network.value(node, "in")
     return None if value is None else channels(value, [int(network.plain(node, "index", 0))])
@@ -203,9 +195,7 @@ NODES: dict[str, Node] = {
     "arnold:flat": _passed("color"),
     "arnold:two_sided": _passed("front"),
     "arnold:flakes": _approximated("flake_color"),
-    "separate2": _separate,
-    "separate3": _separate,
-    "separate4": _separate,
+    **dict.fromkeys(("separate2", "separate3", "separate4"), _passed("in")),  # their outputs are channels
     "extract": _extract,
     "combine2": _combine("in1", "in2"),
     "combine3": _combine("in1", "in2", "in3"),

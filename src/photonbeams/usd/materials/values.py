@@ -131,11 +131,9 @@ def as_number(value: Value) -> Value:
 
 def _count(value: Value) -> int:
     """Return how many channels a value has."""
-    return (
-        len(value.fallback)
-        if isinstance(value, PrimvarValue)
-        else (value.pixels.shape[-1] if isinstance(value, Image) else value.shape[-1])
-    )
+    if isinstance(value, Image):
+        return int(value.pixels.shape[-1])
+    return len(value.fallback if isinstance(value, PrimvarValue) else value)
 
 
 def _cut(value: Value, count: int) -> Value:
