@@ -175,21 +175,12 @@ class EditLayer:
 
     def replace(self, text: str) -> None:
         """Replace the content by that of a layer given as .usda text; on a SceneError nothing is changed."""
-        try:
-            with quiet():
-                done = self._layer.ImportFromString(text)
-        except Tf.ErrorException:
-            done = False
-        if not done:
+        if not _read(lambda: self._layer.ImportFromString(text)):
             raise SceneError("the text is not a USD layer")
 
     def load(self, path: Path) -> None:
         """Replace the content by that of a file; SceneError if it is not a USD layer."""
-        try:
-            with quiet():
-                layer = Sdf.Layer.OpenAsAnonymous(str(path))
-        except Tf.ErrorException:
-            layer = None
+        layer = _read(lambda: Sdf.Layer.OpenAsAnonymous(str(path)))
         if layer is None:
             raise SceneError(f"{path} cannot be read: expected a USD layer")
         self._layer.TransferContent(layer)
@@ -207,6 +198,15 @@ class EditLayer:
         if path.suffix not in (".usd", ".usda", ".usdc"):
             raise SceneError(f"{path}: expected a .usda, .usdc or .usd file")
         write_layer(self._layer, path)
+
+
+def _read(read: Callable[[], Any]) -> Any:
+    """Return what OpenUSD reads, or None, instead of its error, if it cannot."""
+    try:
+        with quiet():
+            return read()
+    except Tf.ErrorException:
+        return None
 
 
 def _found(stage: Usd.Stage, path: str, text: str) -> tuple[Usd.Prim, str]:
@@ -342,11 +342,7 @@ def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
         numbers = value.split(",")
         value = f"({', '.join(numbers * 3 if len(numbers) == 1 else numbers)})"
     layer = Sdf.Layer.CreateAnonymous(".usda")
-    try:
-        with quiet():
-            parsed = layer.ImportFromString(f'#usda 1.0\ndef "A"\n{{\n    {kind} v = {value}\n}}\n')
-    except Tf.ErrorException:
-        parsed = False
+    parsed = _read(lambda: layer.ImportFromString(f'#usda 1.0\ndef "A"\n{{\n    {kind} v = {value}\n}}\n'))
     spec = layer.GetAttributeAtPath("/A.v") if parsed else None
     if spec is None or spec.default is None:
         raise SceneError(f"{text}: expected a value of type {kind}")
