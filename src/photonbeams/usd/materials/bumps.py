@@ -30,8 +30,7 @@ def tilt(network: Network, node: UsdShade.Shader, surface: Surface, *names: str)
         if category(inner) not in _HEIGHTS:
             surface.normal = network.color(node, name)
             return
-        heights, scale = (network.number(inner, *each, default=1.0) for each in _HEIGHTS[category(inner)])
-        assert heights is not None and scale is not None
+        heights, scale = (network.number_or(inner, 1.0, *each) for each in _HEIGHTS[category(inner)])
         found = network.combined(inner, np.multiply, heights, scale)
         if isinstance(found, Image):
             surface.bump = found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -27,7 +28,6 @@ class Names:
     subsurface: str
     coat: str
     emission: str
-    emission_default: float
     opacity: str
     thin: str
     normal: str
@@ -35,12 +35,12 @@ class Names:
 
 
 STANDARD = Names(
-    "base", "metalness", "specular", 0.2, "specular_IOR", "transmission", "subsurface", "coat", "emission", 0.0,
+    "base", "metalness", "specular", 0.2, "specular_IOR", "transmission", "subsurface", "coat", "emission",
     "opacity", "thin_walled", "normal", ("sheen", "specular_anisotropy", "thin_film_thickness", "transmission_scatter"),
 )  # fmt: skip
 OPEN_PBR = Names(
     "base_weight", "base_metalness", "specular_weight", 0.3, "specular_ior", "transmission_weight", "subsurface_weight",
-    "coat_weight", "emission_luminance", 0.0, "geometry_opacity", "geometry_thin_walled", "geometry_normal",
+    "coat_weight", "emission_luminance", "geometry_opacity", "geometry_thin_walled", "geometry_normal",
     ("fuzz_weight", "specular_roughness_anisotropy", "thin_film_weight", "transmission_scatter"),
 )  # fmt: skip
 
@@ -55,44 +55,34 @@ def layered(names: Names) -> Reader:
     """Return a reader of a layered surface: base, subsurface, transmission, coat, emission."""
 
     def read(network: Network, node: UsdShade.Shader) -> Surface:
-        def number(name: str, default: float) -> Value:
-            found = network.number(node, name, default=default)
-            assert found is not None
-            return found
-
-        def colored(name: str, default: float) -> Value:
-            found = network.color(node, name, default=default)
-            assert found is not None
-            return found
-
-        base = network.combined(node, np.multiply, number(names.base, 1.0), colored("base_color", 0.8))
-        subsurface, transmission = number(names.subsurface, 0.0), number(names.transmission, 0.0)
+        number, colored = partial(network.number_or, node), partial(network.color_or, node)
+        base = network.combined(node, np.multiply, number(1.0, names.base), colored(0.8, "base_color"))
+        subsurface, transmission = number(0.0, names.subsurface), number(0.0, names.transmission)
         if np.any(constant(subsurface) > 0):
-            under = colored("subsurface_color", 1.0 if names is STANDARD else 0.8)
+            under = colored(1.0 if names is STANDARD else 0.8, "subsurface_color")
             base = network.combined(node, mix, base, under, subsurface)
             network.lose(node, "is rendered as diffuse reflection", names.subsurface)
-        coat = number(names.coat, 0.0)
+        coat = number(0.0, names.coat)
         if np.any(constant(coat) > 0):
             base = network.combined(node, lambda a, tint, part: a * mix(np.ones(3), tint, part), base,
-                                    colored("coat_color", 1.0), coat)  # fmt: skip
+                                    colored(1.0, "coat_color"), coat)  # fmt: skip
         for name in names.ignored:
             found = network.number(node, name)
             if found is not None and np.any(constant(found) != 0):
                 network.lose(node, "is not rendered: it is ignored", name)
-        glow = number(names.emission, names.emission_default)
         clear = network.combined(node, lambda part, metal: part * (1 - metal), transmission,
-                                 number(names.metalness, 0.0))  # fmt: skip
+                                 number(0.0, names.metalness))  # fmt: skip
         surface = Surface(
             diffuse=base,
-            emissive=network.combined(node, np.multiply, glow, colored("emission_color", 1.0)),
-            roughness=number("specular_roughness", names.roughness_default),
-            metallic=number(names.metalness, 0.0),
+            emissive=network.combined(node, np.multiply, number(0.0, names.emission), colored(1.0, "emission_color")),
+            roughness=number(names.roughness_default, "specular_roughness"),
+            metallic=number(0.0, names.metalness),
             ior=_weighted_ior(network, node, names),
             clearcoat=coat,
-            clearcoat_roughness=number("coat_roughness", 0.1 if names is STANDARD else 0.0),
+            clearcoat_roughness=number(0.1 if names is STANDARD else 0.0, "coat_roughness"),
         )
         tilt(network, node, surface, names.normal)
-        _set_opacity(network, node, surface, colored(names.opacity, 1.0), clear, names)
+        _set_opacity(network, node, surface, colored(1.0, names.opacity), clear, names)
         return surface
 
     return read
@@ -100,10 +90,9 @@ def layered(names: Names) -> Reader:
 
 def _weighted_ior(network: Network, node: UsdShade.Shader, names: Names) -> Array:
     """Return the index of refraction with the same reflectance at normal incidence as the weighted specular layer."""
-    ior = network.number(node, names.ior, default=1.5)
-    weight = network.number(node, names.specular, default=1.0)
-    tint = network.color(node, "specular_color", default=1.0)
-    assert ior is not None and weight is not None and tint is not None
+    ior = network.number_or(node, 1.5, names.ior)
+    weight = network.number_or(node, 1.0, names.specular)
+    tint = network.color_or(node, 1.0, "specular_color")
     if any(isinstance(each, Image) for each in (ior, weight, tint)):
         network.lose(node, "is a texture: its mean is used", names.specular)
     eta = float(constant(ior)[0])
@@ -125,7 +114,7 @@ def _set_opacity(
         network.lose(node, "is not rendered on a surface that is cut out by its opacity: it is opaque", "transmission")
     surface.opacity = cut if is_cut else network.combined(node, lambda part: 1 - part, clear)
     if is_clear and not is_cut:
-        surface.tint = network.color(node, "transmission_color", default=1.0)
+        surface.tint = network.color_or(node, 1.0, "transmission_color")
         if isinstance(clear, Image):
             network.lose(node, "is a texture: the surface is clear there, and does not refract", names.transmission)
         depth = network.number(node, "transmission_depth")

@@ -71,17 +71,25 @@ class Network:
         with np.errstate(all="ignore"):
             return mapped(lambda *arrays: np.nan_to_num(function(*arrays)), *values)
 
-    def color(self, node: UsdShade.Shader, *names: str, default: object = None) -> Value | None:
-        """Return the first of these inputs that is authored, as a colour, or else the default."""
+    def color(self, node: UsdShade.Shader, *names: str) -> Value | None:
+        """Return the first of these inputs that is authored, as a colour, or None."""
         value = self.first(node, *names)
-        value = _numbers(default) if value is None else value
         return None if value is None else as_color(value)
 
-    def number(self, node: UsdShade.Shader, *names: str, default: float | None = None) -> Value | None:
-        """Return the first of these inputs that is authored, as a number, or else the default."""
+    def number(self, node: UsdShade.Shader, *names: str) -> Value | None:
+        """Return the first of these inputs that is authored, as a number, or None."""
         value = self.first(node, *names)
-        value = _numbers(default) if value is None else value
         return None if value is None else as_number(value)
+
+    def color_or(self, node: UsdShade.Shader, default: float, *names: str) -> Value:
+        """Return the first of these inputs that is authored, or else the default, as a colour."""
+        value = self.first(node, *names)
+        return as_color(np.full(1, default) if value is None else value)
+
+    def number_or(self, node: UsdShade.Shader, default: float, *names: str) -> Value:
+        """Return the first of these inputs that is authored, or else the default, as a number."""
+        value = self.first(node, *names)
+        return as_number(np.full(1, default) if value is None else value)
 
     def first(self, node: UsdShade.Shader, *names: str) -> Value | None:
         """Return the first of these inputs that is authored, or None."""

@@ -99,18 +99,18 @@ def _mean_of(*names: str) -> Node:
 def _trigo(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
     """Read Arnold's trigonometric functions of an angle with a frequency and a phase."""
     function = {"cos": np.cos, "sin": np.sin, "tan": np.tan}.get(str(network.plain(node, "function", "cos")), np.cos)
-    phase, frequency = network.number(node, "phase", default=0.0), network.number(node, "frequency", default=1.0)
+    phase, frequency = network.number_or(node, 0.0, "phase"), network.number_or(node, 1.0, "frequency")
     value = network.value(node, "input")
-    if value is None or phase is None or frequency is None:
+    if value is None:
         return None
     return network.combined(node, lambda a, factor, added: function(a * factor + added), value, frequency, phase)
 
 
 def _switched(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
     """Read a switch that chooses one of up to twenty inputs by a number."""
-    index = network.number(node, "index", default=0.0)
+    index = network.number_or(node, 0.0, "index")
     inputs = [network.value(node, f"input{i}") for i in range(20) if node.GetInput(f"input{i}")]
-    if index is None or not inputs:
+    if not inputs:
         return None
 
     def chosen(number: Array, *values: Array) -> Array:

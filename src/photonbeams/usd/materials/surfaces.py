@@ -42,8 +42,7 @@ def preview(network: Network, node: UsdShade.Shader) -> Surface:
 
 def _specular_workflow(network: Network, node: UsdShade.Shader, surface: Surface) -> None:
     """Set the index of refraction of a dielectric, or a metal, from the specular colour at normal incidence."""
-    color = network.color(node, "specularColor", default=0.0)
-    assert color is not None
+    color = network.color_or(node, 0.0, "specularColor")
     diffuse = np.full(3, 0.18) if surface.diffuse is None else surface.diffuse
     mean = constant(color)
     surface.metallic = np.zeros(1)
@@ -73,9 +72,8 @@ def unlit(*names: str) -> Reader:
     """Return a reader of surfaces that show a colour regardless of the lights."""
 
     def read(network: Network, node: UsdShade.Shader) -> Surface:
-        color = network.color(node, *names, default=1.0)
-        weight = network.number(node, "emission", default=1.0)
-        assert color is not None and weight is not None
+        color = network.color_or(node, 1.0, *names)
+        weight = network.number_or(node, 1.0, "emission")
         emissive = network.combined(node, np.multiply, color, weight)
         return Surface(np.zeros(3), emissive, ior=np.ones(1), opacity=_opacity(network, node), presence=True)
 
@@ -91,9 +89,8 @@ def _diffuse(color: str, weight: str = "", default: float = 0.5, scale: float = 
     """Return a reader of surfaces that are only diffuse."""
 
     def read(network: Network, node: UsdShade.Shader) -> Surface:
-        found = network.color(node, color, default=default)
-        part = network.number(node, weight, default=scale) if weight else np.ones(1)
-        assert found is not None and part is not None
+        found = network.color_or(node, default, color)
+        part = network.number_or(node, scale, weight) if weight else np.ones(1)
         diffuse = network.combined(node, np.multiply, found, part)
         return Surface(diffuse, roughness=np.ones(1), ior=np.ones(1), opacity=_opacity(network, node), presence=True)
 
@@ -142,11 +139,10 @@ def _label(node: UsdShade.Shader) -> str:
 
 def _omni(network: Network, node: UsdShade.Shader) -> Surface:
     """Read NVIDIA's OmniPBR, whose textures are its own inputs."""
-    tint = network.color(node, "diffuse_tint", default=1.0)
-    color = image_input(network, node, "diffuse_texture") or network.color(
-        node, "diffuse_color_constant", "diffuse_color", "base_color", default=0.2
+    tint = network.color_or(node, 1.0, "diffuse_tint")
+    color = image_input(network, node, "diffuse_texture") or network.color_or(
+        node, 0.2, "diffuse_color_constant", "diffuse_color", "base_color"
     )
-    assert tint is not None and color is not None
     surface = Surface(
         diffuse=network.combined(node, lambda a, b: rgb(a) * rgb(b), color, tint),
         roughness=network.number(node, "reflection_roughness_constant", "roughness"),
@@ -166,18 +162,18 @@ def _omni(network: Network, node: UsdShade.Shader) -> Surface:
     if normals is not None:
         surface.normal = network.combined(node, lambda a: 2 * rgb(a) - 1, normals)
     if network.plain(node, "enable_emission", False):
-        surface.emissive = network.color(node, "emissive_color", default=1.0)
+        surface.emissive = network.color_or(node, 1.0, "emissive_color")
         network.lose(node, "is not rendered: emissive_color is used as the radiance", "emissive_intensity")
     if network.plain(node, "enable_opacity", False):
-        surface.opacity, surface.presence = network.number(node, "opacity_constant", default=1.0), True
+        surface.opacity, surface.presence = network.number_or(node, 1.0, "opacity_constant"), True
     return surface
 
 
 def _glass(network: Network, node: UsdShade.Shader) -> Surface:
     """Read NVIDIA's OmniGlass."""
-    tint = network.color(node, "glass_color", default=1.0)
-    ior = network.number(node, "glass_ior", default=1.491)
-    return Surface(roughness=network.number(node, "frosting_roughness", default=0.0), ior=ior, opacity=np.zeros(1),
+    tint = network.color_or(node, 1.0, "glass_color")
+    ior = network.number_or(node, 1.491, "glass_ior")
+    return Surface(roughness=network.number_or(node, 0.0, "frosting_roughness"), ior=ior, opacity=np.zeros(1),
                    tint=tint)  # fmt: skip
 
 
@@ -223,9 +219,8 @@ def _materialx_surface(network: Network, node: UsdShade.Shader) -> Surface:
         part = network.connected(node, name)
         if part is None:
             continue
-        color = network.color(part, "color", default=0.18 if name == "bsdf" else 1.0)
-        weight = network.number(part, "weight", default=1.0)
-        assert color is not None and weight is not None
+        color = network.color_or(part, 0.18 if name == "bsdf" else 1.0, "color")
+        weight = network.number_or(part, 1.0, "weight")
         value = network.combined(part, np.multiply, color, weight)
         if name == "edf":
             surface.emissive = value
