@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -98,37 +97,19 @@ def _line(begin: tuple[float, float], end: tuple[float, float]) -> Array:
 
 def _revolved(curves: list[Array]) -> Polygons:
     """Return the surface of revolution of curves about Z; neighbouring facets of a curve share normals."""
-    pieces: list[dict[str, Any]] = []
-    start = 0
-    total = sum(len(curve) - 1 for curve in curves)
-    done = 0
-    for curve in curves:
-        piece = _swept(curve, start, (done / total, (done + len(curve) - 1) / total))
-        pieces.append(piece)
-        start += len(piece["points"])
-        done += len(curve) - 1
-    together = {key: np.concatenate([piece[key] for piece in pieces]) for key in pieces[0]}
-    return Polygons(
-        together["points"],
-        np.full(len(together["quads"]), 4),
-        together["quads"].reshape(-1),
-        {name: Values(together[name], "vertex") for name in ("normals", "uvs")},
-    )
-
-
-def _swept(curve: Array, start: int, v: tuple[float, float]) -> dict[str, Any]:
+    rows, sizes = np.concatenate(curves), [len(curve) for curve in curves]
+    number = np.repeat(np.arange(len(curves)), sizes)  # the curve of each row
+    first = np.flatnonzero(np.diff(number) == 0)  # rows below a ring of facets
     column = np.arange(_AROUND + 1)
     angle = 2 * np.pi * (column % _AROUND) / _AROUND  # the last column lies exactly on the first: the shape is closed
     around = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (C, 2)
-    rows, columns = len(curve), _AROUND + 1
-    points = np.dstack([curve[:, :1, None] * around, np.broadcast_to(curve[:, 1:2, None], (rows, columns, 1))])
-    normals = np.dstack([curve[:, 2:3, None] * around, np.broadcast_to(curve[:, 3:, None], (rows, columns, 1))])
-    u, height = np.meshgrid(column / _AROUND, np.linspace(*v, rows))
-    grid = start + np.arange(rows * columns).reshape(rows, columns)
-    quads = np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=-1).reshape(-1, 4)
-    return {
-        "points": points.reshape(-1, 3),
-        "normals": normals.reshape(-1, 3),
-        "uvs": np.dstack([u, height]).reshape(-1, 2),
-        "quads": quads,
-    }
+    points, normals = (
+        np.dstack([part[:, :1, None] * around, np.broadcast_to(part[:, 1:, None], (len(rows), len(column), 1))])
+        for part in (rows[:, :2], rows[:, 2:])
+    )
+    uvs = np.dstack(np.meshgrid(column / _AROUND, (np.arange(len(rows)) - number) / len(first)))
+    grid = np.arange(len(rows) * len(column)).reshape(len(rows), -1)
+    low, high = grid[first], grid[first + 1]
+    quads = np.stack([low[:, :-1], low[:, 1:], high[:, 1:], high[:, :-1]], axis=-1).reshape(-1)
+    primvars = {"normals": Values(normals.reshape(-1, 3), "vertex"), "uvs": Values(uvs.reshape(-1, 2), "vertex")}
+    return Polygons(points.reshape(-1, 3), np.full(len(quads) // 4, 4), quads, primvars)
