@@ -11,15 +11,15 @@ import numpy as np
 
 from ..scene import Array, DrawnBeams, Light, Medium, Mesh, MeshLight, Scene
 from .common.openusd import Usd, UsdGeom
-from .common.reading import Cache, Reading, Time, prims_under, quiet
+from .common.reading import Cache, Reading, Time, prims_under, quiet, target_paths
 from .common.warnings import Warnings
 from .geometry.instancers import Item, items
 from .geometry.meshes import in_prototype, is_surface, read_meshes, tessellation
 from .geometry.skinning import is_skinned
 from .geometry.velocities import carried
 from .lights.beam_settings import PHYSICAL, bound_look
-from .lights.curves import guide_paths, is_drawn, read_curves, read_guides
-from .lights.light import is_light, portal_paths, read_light
+from .lights.curves import is_drawn, read_curves, read_guides
+from .lights.light import is_light, read_light
 from .lights.links import linked
 from .lights.mesh_lights import glowing_power, glows
 from .media.medium import is_medium, read_medium
@@ -120,8 +120,8 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
     contents = _Contents(outlines=outlines)
     found = list(items(reading))
     lights = [item.prim for item in found if is_light(item.prim)]
-    portals = {path for prim in lights for path in portal_paths(prim)}
-    guides = {path for prim in lights for path in guide_paths(prim)}
+    portals, guides = ({path for prim in lights for path in target_paths(prim, f"photonbeams:{name}")}
+                       for name in ("portal", "guides"))  # fmt: skip
     for item in found:
         path = item.prim.GetPath()
         if path not in portals and (path not in guides or is_drawn(item.prim)):

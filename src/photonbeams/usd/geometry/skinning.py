@@ -50,37 +50,29 @@ def deformed(reading: Reading, prim: Usd.Prim, points: Array) -> Deformed | None
     if not root:
         return None
     try:
-        skeletons = _skeletons(reading, root)
-        found = skeletons.bound.get(prim.GetPath())
-        return None if found is None else _deformed(reading, skeletons.cache, *found, points)
+        cache, bound = _skeletons(reading, root)
+        found = bound.get(prim.GetPath())
+        return None if found is None else _deformed(reading, cache, *found, points)
     except Tf.ErrorException:
         reading.warn(prim, "cannot be bound to its skeleton: its points are used as they are", "skel:skeleton")
         return None
 
 
-@dataclass(frozen=True)
-class _Skeletons:
-    """UsdSkel's cache below a SkelRoot, which keeps queries alive, and (skeleton, query) by the prims' paths."""
-
-    cache: Any
-    bound: dict[Any, tuple[Any, Any]]
-
-
-def _skeletons(reading: Reading, root: Usd.Prim) -> _Skeletons:
+def _skeletons(reading: Reading, root: Usd.Prim) -> tuple[Any, dict[Any, tuple[Any, Any]]]:
+    """Return UsdSkel's cache below a SkelRoot, which keeps queries alive, and (skeleton, query) by the prims' paths."""
     key = ("skeletons", root.GetPath())
     if key not in reading.cache:
         cache = UsdSkel.Cache()
         prims = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
         cache.Populate(UsdSkel.Root(root), prims)
-        reading.cache[key] = _Skeletons(
-            cache,
-            {
-                query.GetPrim().GetPath(): (binding.GetSkeleton(), query)
-                for binding in cache.ComputeSkelBindings(UsdSkel.Root(root), prims)
-                for query in binding.GetSkinningTargets()
-            },
-        )
-    return reading.cache[key]
+        bound = {
+            query.GetPrim().GetPath(): (binding.GetSkeleton(), query)
+            for binding in cache.ComputeSkelBindings(UsdSkel.Root(root), prims)
+            for query in binding.GetSkinningTargets()
+        }
+        reading.cache[key] = cache, bound
+    found: tuple[Any, dict[Any, tuple[Any, Any]]] = reading.cache[key]
+    return found
 
 
 def _deformed(

@@ -52,9 +52,7 @@ def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     total = len(points)
     lengths = {"constant": 1, "uniform": 1, "varying": total, "vertex": total, "faceVarying": total}
     widths = _widths(reading, prim, points, lengths)
-    radii = (
-        0.5 * np.broadcast_to(widths.values[:, 0], (total,)) if len(widths.values) == 1 else 0.5 * widths.values[:, 0]
-    )
+    radii = np.broadcast_to(0.5 * widths.values[:, 0], (total,))
     step = max(1, -(-8 * total // _MOST_TRIANGLES))
     if step > 1:
         reading.warn(prim, f"has {total} values: one in {step} is rendered, to limit memory", "points")

@@ -12,8 +12,8 @@ import numpy as np
 from ...beams.curves import directions, lengths, segments, tangents
 from ...scene import Array, DrawnBeams
 from ...scene.vectors import unit
-from ..common.openusd import Sdf, Usd, UsdGeom
-from ..common.reading import Reading, has_photonbeams, target_paths
+from ..common.openusd import Usd, UsdGeom
+from ..common.reading import Reading, has_photonbeams
 from ..geometry.polygons import Values
 from ..geometry.splines import Spans, expected_points, span_counts, varying_counts
 from ..geometry.strands import basis_of, read_points
@@ -72,11 +72,6 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
 
 
 _GUIDE_POINTS = 33  # points for each span of a cubic guide
-
-
-def guide_paths(prim: Usd.Prim) -> set[Sdf.Path]:
-    """Return the paths of the curves that a light names as its guides."""
-    return set(target_paths(prim, "photonbeams:guides"))
 
 
 def read_guides(reading: Reading, light: Usd.Prim) -> tuple[Array, ...]:

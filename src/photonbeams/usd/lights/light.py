@@ -30,8 +30,8 @@ from ...scene import (
 )
 from ...scene.vectors import ellipse_perimeter, ellipsoid_area, unit
 from ..common import blender
-from ..common.openusd import Sdf, Usd, UsdGeom, UsdLux
-from ..common.reading import Reading, target_paths
+from ..common.openusd import Usd, UsdGeom, UsdLux
+from ..common.reading import Reading
 from ..common.textures import read_image
 from ..geometry.meshes import is_gprim
 from .beam_settings import read_beam_settings, read_portal
@@ -110,11 +110,6 @@ def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:
 def is_sky(prim: Usd.Prim) -> bool:
     """Return whether a light is a dome that does not set whether it makes beams; it then lights volumes without."""
     return is_dome(prim) and not prim.GetAttribute("photonbeams:enabled").HasAuthoredValue()
-
-
-def portal_paths(prim: Usd.Prim) -> list[Sdf.Path]:
-    """Return the paths of a light's portals, which are not surfaces."""
-    return target_paths(prim, "photonbeams:portal")
 
 
 def _value(reading: Reading, prim: Usd.Prim) -> Array:
