@@ -9,7 +9,7 @@ from itertools import islice
 
 from .common.definitions import CURVES, LIGHT, LOOK, MEDIUM, definitions
 from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
-from .common.reading import Reading, prims_under
+from .common.reading import Reading, prims_under, target_paths
 from .common.warnings import Warnings
 from .lights.light import is_light
 from .settings import PIXEL_FILTER
@@ -19,16 +19,10 @@ _MOST_PATHS = 10_000  # among which to look for the intended one
 
 def warn_of_unread(stage: Usd.Stage, warnings: Warnings) -> None:
     """Warn about photonbeams' attributes that their prims cannot have, and about `over`s of missing prims."""
-    reading = Reading(stage, warnings=warnings)
+    reading, prototypes = Reading(stage, warnings=warnings), cache(partial(_prototypes, stage))
     with warnings.together():
-        _warn(reading)
-
-
-def _warn(reading: Reading) -> None:
-    stage = reading.stage
-    prototypes = cache(lambda: _prototypes(stage))
-    for prim in Usd.PrimRange.AllPrims(stage.GetPseudoRoot()):
-        reading.attempt(prim, partial(_warn_of, reading, prim, prototypes), None, "it is not checked")
+        for prim in Usd.PrimRange.AllPrims(stage.GetPseudoRoot()):
+            reading.attempt(prim, partial(_warn_of, reading, prim, prototypes), None, "it is not checked")
 
 
 def _warn_of(reading: Reading, prim: Usd.Prim, prototypes: Callable[[], frozenset[Sdf.Path]]) -> None:
@@ -66,8 +60,7 @@ def _applied(prim: Usd.Prim) -> bool:
 def _prototypes(stage: Usd.Stage) -> frozenset[Sdf.Path]:
     """Return the paths of the prototypes of point instancers, which may be `over`s."""
     instancers = (prim for prim in prims_under(stage.GetPseudoRoot()) if prim.IsA(UsdGeom.PointInstancer))
-    targets = (prim.GetRelationship("prototypes").GetForwardedTargets() for prim in instancers)
-    return frozenset(path for paths in targets for path in paths)
+    return frozenset(path for prim in instancers for path in target_paths(prim, "prototypes"))
 
 
 def _meant(prim: Usd.Prim) -> str:

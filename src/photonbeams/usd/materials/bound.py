@@ -145,12 +145,11 @@ def _read(reading: Reading, material: UsdShade.Material) -> Bound:
 
 def _surfaces(material: UsdShade.Material) -> Iterator[UsdShade.Shader]:
     """Yield a material's surface shaders, those of preferred renderers first."""
-    names = [output.GetBaseName() for output in material.GetSurfaceOutputs()]
     contexts = [str(output.GetFullName()).removeprefix("outputs:").rpartition("surface")[0].strip(":")
                 for output in material.GetSurfaceOutputs()]  # fmt: skip
     known = [each for each in _CONTEXTS if each in contexts or not each]
     seen = set()
-    for context in [*known, *sorted(set(contexts) - set(known))] if names else [""]:
+    for context in [*known, *sorted(set(contexts) - set(known))] if contexts else [""]:
         shader, _, _ = material.ComputeSurfaceSource(context)
         if shader and shader.GetPath() not in seen:
             seen.add(shader.GetPath())
@@ -183,12 +182,8 @@ def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> B
         fields[name] = plain(name, constant(value))
     if surface.tint is not None:
         fields["tint"] = plain("diffuse", constant(_in_range(reading, prim, "tint", constant(surface.tint))))
-    for name, value in (
-        ("normal", surface.normal),
-        ("bump", None if surface.bump is None else as_number(surface.bump)),
-    ):
-        if isinstance(value, Image):
-            images[name] = value
+    tilts = {"normal": surface.normal, "bump": surface.bump}
+    images |= {name: value for name, value in tilts.items() if isinstance(value, Image)}
     return Bound(Material(**fields), images, primvars, _uv_name(reading, prim, images))
 
 

@@ -33,7 +33,7 @@ def tilt(network: Network, node: UsdShade.Shader, surface: Surface, *names: str)
         heights, scale = (network.number_or(inner, 1.0, *each) for each in _HEIGHTS[category(inner)])
         found = network.combined(inner, np.multiply, heights, scale)
         if isinstance(found, Image):
-            surface.bump = found
+            surface.bump = as_number(found)
         elif not isinstance(found, np.ndarray):
             network.lose(inner, "has no image for its heights: it is ignored")
         return
