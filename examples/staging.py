@@ -11,7 +11,7 @@ import numpy.typing as npt
 import OpenImageIO
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdRender, UsdShade, Vt
 
-import photonbeams.usd.common.schemas  # noqa: F401  # teaches OpenUSD the attributes of lights, fog and looks
+import photonbeams.usd.common.definitions  # noqa: F401  # teaches OpenUSD the attributes of lights, fog and looks
 
 Array = npt.NDArray[np.float64]
 #: Points (V, 3), and faces as lists of indices.
