@@ -289,20 +289,19 @@ def _look_rows(scene: Scene) -> Iterable[tuple[str, ...]]:
         if look is not None:
             looks[_name(look)] = look
     for name, look in looks.items():
-        factors = (("along", "falloff"), ("across", "profile"), ("eye", "falloff"), ("angle", "shading"))
-        yield (name, *(_factor_words(getattr(look, factor, None), kind) for factor, kind in factors))
+        kinds = (("along", "falloff"), ("across", "profile"), ("eye", "falloff"), ("angle", "shading"))
+        yield (name, *(_factor_words(getattr(look, "values", {}), *each) for each in kinds))
 
 
-def _factor_words(factor: object, kind: str) -> str:
-    """Return a description of a factor: its kind, ramp, texture and expression."""
-    curve: Any = getattr(factor, "curve", None)
-    words = [str(getattr(factor, kind, ""))]
-    if getattr(curve, "knots", ()):
-        words.append(f"ramp of {len(curve.knots)}")
-    if getattr(curve, "texture", None) is not None:
+def _factor_words(values: Mapping[str, Any], factor: str, kind: str) -> str:
+    """Return a description of a factor of a look on a stage: its kind, ramp, texture and expression."""
+    words, knots = [str(values.get(f"{factor}:{kind}", ""))], values.get(f"{factor}:ramp:knots", ())
+    if len(knots):
+        words.append(f"ramp of {len(knots)}")
+    if values.get(f"{factor}:texture") is not None:
         words.append("texture")
-    if getattr(curve, "expression", ""):
-        words.append(curve.expression)
+    if expression := values.get(f"{factor}:expression"):
+        words.append(expression)
     return " x ".join(words)
 
 
