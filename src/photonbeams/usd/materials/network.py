@@ -145,10 +145,6 @@ class Network:
         """Return whether nodes of a category can be read."""
         return kind in self._nodes
 
-    def output(self, node: UsdShade.Shader, name: str) -> Value | None:
-        """Return the value of a node's output."""
-        return self._evaluated(node, name)
-
     def _output(self, attribute: Usd.Attribute) -> Value | None:
         """Return the value of a connected node's output, cached."""
         name = attribute.GetName().removeprefix("outputs:")
@@ -161,13 +157,14 @@ class Network:
             return None
         self._depth += 1
         try:
-            value = self._evaluated(node, name)
+            value = self.output(node, name)
         finally:
             self._depth -= 1
         self._known[key] = value
         return value
 
-    def _evaluated(self, node: UsdShade.Shader, output: str) -> Value | None:
+    def output(self, node: UsdShade.Shader, output: str) -> Value | None:
+        """Return the value of a node's output."""
         kind = category(node)
         if kind not in self._nodes:
             self.lose(node, f"is a shader '{shader_id(node) or 'without an id'}', which is not rendered: it is ignored")

@@ -10,7 +10,7 @@ from ...scene import Array, rgb
 from ..common.openusd import UsdShade
 from .corrections import CORRECTIONS
 from .network import Network, Node
-from .values import PrimvarValue, Value, channels, identity, mix
+from .values import PrimvarValue, Value, channels, mix
 
 Function = Callable[..., Array]
 
@@ -24,7 +24,7 @@ def _primvar(*names: str, fallback: tuple[str, ...] = ("fallback", "default")) -
         if not name:
             return instead
         constant = instead if isinstance(instead, np.ndarray) else np.zeros(3)
-        return PrimvarValue(name, constant, identity)
+        return PrimvarValue(name, constant)
 
     return read
 
