@@ -18,7 +18,7 @@ from .surfaces.shapes import is_null, scene_of
 from .world import World, mirrors, passes, perturbs, translucent
 
 if TYPE_CHECKING:
-    from ..runtime.mitsuba_types import MiScene
+    from ..runtime.mitsuba_types import MiScene, MiShape
 
 # Greatest radius of a scene: squares and cubes of longer distances overflow float32.
 LARGEST = 1e9
@@ -67,9 +67,14 @@ def world_of_plugin(
         fog_beyond=bool(open_) and (extent > radius or not plugin.shapes()),
         reach_from_infinity=scene.ESCAPE * extent / radius, perturbed=perturbs(plugin),
         translucent=translucent(plugin), mirrors=mirrors(plugin),
-        boundaries=[each for each in plugin.shapes() if each.is_medium_transition() or passes(each.bsdf())],
+        boundaries=[each for each in plugin.shapes() if _goes_on(each)],
         sizes=surroundings.sizes,
     )  # fmt: skip
+
+
+def _goes_on(shape: MiShape) -> bool:
+    """Return whether camera paths may go straight on at a shape; an instance does not tell what is in it."""
+    return shape.class_name() == "Instance" or shape.is_medium_transition() or passes(shape.bsdf())
 
 
 def _sphere(plugin: MiScene, ends: Array) -> tuple[np.ndarray, float]:
