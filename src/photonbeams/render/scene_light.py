@@ -101,7 +101,8 @@ def light_of(
     with statistics.phase("build"):
         own = EmitterSettings.of(plugin, beams)
         world = world_of_plugin(plugin, eye, own.sources, own.beams, own.numbers, settings.short)
-    warn(plugin, world.parts, warned)
+    if world.surroundings is not None:
+        warn(plugin, world.surroundings, warned)
     allotment = Allotment(settings.beams or DEFAULT_PATHS, shared=True, past=None)
     simulation = Simulation(tuning_of(settings, settings.depth()), allotment, named=own.named)
     findings = Findings() if findings is None else findings

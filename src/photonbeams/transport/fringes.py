@@ -215,5 +215,5 @@ def _nearest(origin: Array3f, direction: Array3f, low: Array3f, high: Array3f, f
 
 def _enters(world: World, origin: Array3f, direction: Array3f, medium: UInt32, active: Bool) -> Bool:
     """Return which rays meet a boundary behind which a medium begins, or before which it ends."""
-    plugin = world.without_surfaces().plugin
+    plugin = world.around
     return dr.isfinite(distance_to_medium(plugin, origin, direction, medium, active, world.size, ends=True))

@@ -353,7 +353,7 @@ def _reach_on(world: World, segments: Segments, straight: Bool) -> None:
     reentrant = dr.zeros(Bool, dr.width(segments.length))
     for each in world.reentrant:
         reentrant |= segments.medium == dr.opaque(UInt32, each)
-    tried, plugin = straight & reentrant & (segments.length > 0), world.without_surfaces().plugin
+    tried, plugin = straight & reentrant & (segments.length > 0), world.around
     half = 0.5 * dr.minimum(segments.length, world.radius)
     for sign, slant, room in ((-1, "slant", "room"), (1, "slant_end", "room_end")):
         at = half if sign < 0 else segments.length - half

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Described:
+class KeptParts:
     """What `world_of_scene` keeps to build the world of another time.
 
     Attributes
@@ -72,7 +72,7 @@ def world_of_scene(
     SceneError
         A portal has no area.
     """
-    known: Described | None = None if like is None else like.parts
+    known: KeptParts | None = None if like is None else like.parts
     center, radius = description.bounds or bounding_sphere([description], viewpoints)
     meshes = _surfaces(description)
     host = scene_of(()) if like is None else like.host
@@ -83,13 +83,9 @@ def world_of_scene(
     shapes = known.shapes if known and still else shapes_of(_solid(meshes, glass), sharp, content.outside)
     surfaces = like.surfaces if like and still else scene_of(shapes, host)
     kept = still and known is not None and content.boundaries is known.media.boundaries
-    plugin = surfaces if not content.boundaries else scene_of([*shapes, *content.boundaries], host)
-    if like is not None and kept:
-        plugin = like.plugin
+    plugin = like.plugin if like and kept else _with_boundaries(surfaces, shapes, content, host)
     names = [mesh.name for mesh in meshes]
-    emitters = emitters_of(
-        description.lights, frozenset(names), host, [plugin], () if like is None else like.emitters
-    )  # fmt: skip
+    emitters = emitters_of(description.lights, frozenset(names), host, [plugin], like.emitters if like else ())
     shown = list(zip(names, shapes, strict=True))
     numbers = {each.name: own.number for each, own in zip(description.media, content.media.all, strict=True)}
     sky = {id(light) for light in description.sky}
@@ -97,7 +93,7 @@ def world_of_scene(
     return World(
         plugin, surfaces, content.around, host, content.media, emitters, _sources(description, emitters),
         Bounds(center, radius), radius, extent=radius, endless=endless_length(radius, endless),
-        parts=Described(description, meshes, shapes, content, glass),
+        parts=KeptParts(description, meshes, shapes, content, glass),
         nested=bool(content.boundaries or content.outside),
         touching=like.touching if like and kept
         else bool(shapes) and touching(description.media, surfaces, size_of(plugin)),
@@ -113,6 +109,11 @@ def world_of_scene(
         numbers=numbers,
         drawn=description.drawn,
     )  # fmt: skip
+
+
+def _with_boundaries(surfaces: MiScene, shapes: Sequence[MiShape], media: BoundedMedia, host: MiScene) -> MiScene:
+    """Return the Mitsuba scene of surfaces and of the boundaries of media: that of the surfaces if there are none."""
+    return scene_of([*shapes, *media.boundaries], host) if media.boundaries else surfaces
 
 
 def _traits(materials: Sequence[scene.Material], sharp: bool) -> dict[str, Any]:
@@ -133,7 +134,7 @@ def _surfaces(description: scene.Scene) -> tuple[scene.Mesh, ...]:
 
 
 def _media(
-    description: scene.Scene, host: MiScene, known: Described | None, glass: Sequence[scene.Mesh]
+    description: scene.Scene, host: MiScene, known: KeptParts | None, glass: Sequence[scene.Mesh]
 ) -> BoundedMedia:  # fmt: skip
     """Return the media of a scene; those of a world of the same shot if it has the same media and glass."""
     if known is None:

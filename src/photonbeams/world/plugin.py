@@ -62,8 +62,7 @@ def world_of_plugin(
     boundaries = [each for each in plugin.shapes() if each.is_medium_transition() and is_null(each)]
     return World(
         plugin, plugin, scene_of(boundaries, plugin), plugin, media, emitters, tuple(sources), bounds, radius,
-        extent, endless_length(extent, open_), parts=surroundings, surroundings=surroundings, emits=True,
-        apart=False, nested=True,
+        extent, endless_length(extent, open_), surroundings=surroundings, emits=True, nested=True,
         fog_beyond=bool(open_) and (extent > radius or not plugin.shapes()),
         reach_from_infinity=scene.ESCAPE * extent / radius, perturbed=perturbs(plugin),
         translucent=translucent(plugin), mirrors=mirrors(plugin),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -34,18 +34,9 @@ from .surfaces.shapes import scene_of
 
 if TYPE_CHECKING:
     from ..runtime.mitsuba_types import MiBsdf, MiScene, MiShape, SurfaceInteraction
+    from .media.discovery.surroundings import Surroundings
 
 mi = mitsuba()
-
-
-class Surroundings(Protocol):
-    """The media in which paths begin, by number, where shapes alone do not tell."""
-
-    def of_emitter(self, index: int, origin: Array3f, direction: Array3f) -> UInt32:
-        """Return the numbers of the media in which paths of an emitter begin."""
-
-    def of_sensor(self, origin: Array3f, direction: Array3f) -> UInt32:
-        """Return the numbers of the media in which camera paths begin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +47,8 @@ class World:
     ----------
     plugin, surfaces, around
         Mitsuba scenes (Embree on the CPU, OptiX on a GPU): of the surfaces and of the media's boundaries; of the
-        surfaces alone, if `apart`; and of boundaries that light passes, and of bodies of glass in media as boundaries
-        of empty space. They are built early, because their first use may be in a kernel's loop.
+        surfaces alone, if they are `apart`; and of boundaries that light passes, and of bodies of glass in media as
+        boundaries of empty space. They are built early, because their first use may be in a kernel's loop.
     host
         The Mitsuba scene whose shader binding table all others share on CUDA: see `shapes.scene_of`.
     media
@@ -72,9 +63,8 @@ class World:
         Length at which light in endless media no longer matters (`bounds.endless_length`); 0 if `escape` is as long.
     parts
         What its builder keeps to build the world of another time.
-    emits, apart
-        Whether the emitters are those of `plugin`; and whether surfaces and boundaries are known apart, so that
-        straight lines can be tested by `solids`, and beams straight from a lamp become narrower at surfaces.
+    emits
+        Whether the emitters are those of `plugin`.
     surroundings
         What tells the media in which paths begin; None: rays find them, by `medium_at`.
     nested, touching
@@ -120,7 +110,6 @@ class World:
     endless: float
     parts: Any = None
     emits: bool = False
-    apart: bool = True
     surroundings: Surroundings | None = None
     nested: bool = False
     touching: bool = False
@@ -151,6 +140,11 @@ class World:
     def lamps(self) -> LampGroups:
         """The lamps that are no part of `plugin`, as kernels need them."""
         return LampGroups.of(self)
+
+    @property
+    def apart(self) -> bool:
+        """Whether surfaces and boundaries are known apart, so that `solids` tests straight lines, as narrowing does."""
+        return not self.emits
 
     @property
     def hazy(self) -> bool:
