@@ -24,6 +24,7 @@ from ..world.world import World
 from .costs import WALK, of_beams
 from .light import NoLighting, ShotLight, TracedLight
 from .paths.camera_paths import Lighting
+from .paths.walks import Walks
 from .ray_passes import PassRenderer, ViewRays
 
 if TYPE_CHECKING:
@@ -143,8 +144,12 @@ class _Indirect:
 
     def __init__(self, light: ShotLight) -> None:
         self._light, self.world, self.paths, self.varies = light, light.world, light.paths, light.varies
-        self.walks, self.single_scattering, self.clock = light.walks, light.single_scattering, light.clock
+        self.single_scattering, self.clock = light.single_scattering, light.clock
         self.beams = self.photons = 0
+
+    def walks(self, world: World) -> Walks:
+        """Return the walks that begin in media."""
+        return Walks(self._light.walks(world).media)
 
     def lighting(self, world: World) -> Lighting:
         """Return the lighting of a world in which emitters are black."""
@@ -196,7 +201,7 @@ class _Pilot:
         scale = 1 / (max(self._portion, 1e-30) * len(self.found))
         beams, photons = scale * self._light.beams, scale * self._light.photons
         return (of_beams(beams + photons, beams, pixels) if self.traces else 0.0) + (
-            WALK * pixels if self._light.walks(self._light.world) else 0.0
+            WALK * pixels if self._light.walks(self._light.world).media else 0.0
         )
 
     def add(self, passes: int) -> None:

@@ -23,7 +23,7 @@ from .paths import camera_paths
 from .paths.camera_paths import Lighting
 from .paths.lighting import EmitterLighting
 from .paths.single_scattering import SingleScattering
-from .paths.walks import Walking
+from .paths.walks import Walks
 from .settings import Settings
 from .worlds import Worlds
 
@@ -59,8 +59,8 @@ class FrameLight(Protocol):
     def varies(self) -> bool:
         """Whether passes differ in more than the samples of camera paths."""
 
-    def walks(self, world: World) -> Mapping[str, Walking]:
-        """Return, by light groups, the walks in a world that meet the light of emitters which send no light paths."""
+    def walks(self, world: World) -> Walks:
+        """Return the walks in a world."""
 
     def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
         """Return the beams and photons of pass `number`; `step` is called between parts of the pass."""
@@ -87,20 +87,20 @@ class ShotLight:
     paths, varies
         As in `FrameLight`.
     walks
-        Returns, by light groups, the walks in a world that meet the light of some emitters.
+        Returns the walks in a world.
     portal, findings
         The portal before Mitsuba's environment, or None; and the results of its pilots.
     """
 
     def __init__(
         self, worlds: Worlds, simulation: Simulation, settings: Settings, max_depth: int | None,
-        paths: int, varies: bool = True, walks: Callable[[World], Mapping[str, Walking]] = lambda _: {},
+        paths: int, varies: bool = True, walks: Callable[[World], Walks] = lambda _: Walks(),
         portal: EnvironmentPortal | None = None, findings: Findings | None = None,
     ) -> None:  # fmt: skip
         self.worlds, self.simulation, self.settings, self.max_depth = worlds, simulation, settings, max_depth
         self.paths, self.varies, self._walks, self._portal = paths, varies, walks, portal
         self.findings = findings
-        self._walking: tuple[World, Mapping[str, Walking]] | None = None
+        self._walking: tuple[World, Walks] | None = None
 
     @property
     def world(self) -> World:
@@ -133,8 +133,8 @@ class ShotLight:
         """Return the frame number and the time in seconds of a pass, for looks that change with time."""
         return self.worlds.clock(number)
 
-    def walks(self, world: World) -> Mapping[str, Walking]:
-        """Return, by light groups, the walks in a world that meet the light of emitters which send no light paths."""
+    def walks(self, world: World) -> Walks:
+        """Return the walks in a world."""
         if self._walking is None or self._walking[0] is not world:
             self._walking = world, self._walks(world)
         return self._walking[1]

@@ -1,9 +1,9 @@
-"""The choice of the emitters whose light is met by walks, and the light of a shot for that choice.
+"""Which light is met by walks from the camera, and which is traced from its emitters, for each kind of path.
 
-Emitters without settings of their own are assigned by `method`. If walks meet an emitter, they find all of its light
-except caustics, which is light that a mirror or glass turns before anything else. The caustics of emitters that look
-small from a point are traced from the emitter, and walks leave them out. Wide emitters, such as skies, are met behind
-glass as well as anywhere else.
+On surfaces, walks meet all light but caustics, which is light that a mirror or glass turns before anything else. The
+caustics of emitters that look small from a point are traced from the emitter, up to the first surface that scatters
+them: walks meet them there. Wide emitters, such as skies, are met behind glass as well as anywhere else. In media,
+light is either traced as beams or met by walks, emitter by emitter, as `method` says.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from typing import Any
 from .. import scene
 from ..transport.emission import PathEmitter
 from ..transport.guiding.guides import UNGUIDED, Guides
+from ..transport.segments.records import Counts
 from ..transport.simulation import Simulation
+from ..transport.tuning import own_bounces
 from ..world.cameras.cameras import View
 from ..world.emitters.emitter import Emitter, Links
 from ..world.emitters.portal_lamps import EnvironmentPortal
@@ -24,11 +26,14 @@ from ..world.world import World
 from .choice import Pixels, preferred
 from .light import ShotLight
 from .passes import Statistics
-from .paths.walked_emitters import Walked, WalkedEmitters
+from .paths.walked_emitters import Chosen, Walked, WalkedEmitters
 from .paths.walked_lamps import WalkedLamps
-from .paths.walks import Walking
+from .paths.walks import Walking, Walks
 from .settings import Settings
 from .worlds import Worlds
+
+#: Edges of the longest paths if light is not scattered before it is scattered toward the camera.
+STRAIGHT = 2
 
 
 @dataclass
@@ -81,6 +86,22 @@ class Lights:
         """The world when the shutter opens."""
         return self.worlds.opened
 
+    def _counts(self, walked: Collection[int], lit: Collection[int], dark: Collection[int]) -> dict[int, Counts]:
+        """Return which light of each emitter is traced.
+
+        Walks meet the light of `walked` emitters in media and on surfaces, and that of `lit` ones on surfaces.
+        """
+        world, result = self.world, {}
+        for number, emitter in enumerate(world.emitters):
+            sharp = world.mirrors and emitter.lamp.bare.sharp
+            counts = Counts.ALL
+            if number in walked:
+                counts = Counts.CAUSTICS if sharp else Counts.NOTHING
+            elif number in lit:
+                counts = Counts.BEAMS | (Counts.CAUSTIC_PHOTONS if sharp else Counts.NOTHING)
+            result[number] = Counts.NOTHING if number in dark else counts
+        return result
+
     @cached_property
     def _placed(self) -> EnvironmentPortal | None:
         """The planar portal that the user has placed before Mitsuba's environment, or None."""
@@ -104,27 +125,28 @@ class Lights:
     def light(self, walked: Sequence[int], dark: Collection[int] = ()) -> ShotLight:
         """Return the light of which walks meet some emitters, by their numbers; emitters that are `dark` have none."""
         world = self.world
-        sharp = frozenset(each for each in walked if world.mirrors and world.emitters[each].lamp.bare.sharp)
-        without = frozenset({*dark, *(each for each in walked if each not in sharp)})
-        allotment = replace(self.simulation.allotment, without=without, caustics=sharp)
+        lit = [each for each in self._lit if each not in dark]
+        counts = self._counts(walked, lit, dark)
+        allotment = replace(self.simulation.allotment, counts=counts)
         simulation = replace(self.simulation, allotment=allotment)
         simulation = replace(simulation, guides=self._guides(simulation, (tuple(walked), frozenset(dark))))
         portal = self.portal  # the pilot may have found one
-        power = [float(max(PathEmitter(world, each).flux)) for each in walked]
+        sharp = frozenset(each for each, own in counts.items() if own & Counts.CAUSTICS)
+        power = {each: float(max(PathEmitter(world, each).flux)) for each in {*walked, *lit}}
+        bounces = own_bounces(world.sources, simulation.tuning)
 
-        def walks(world: World) -> dict[str, Walking]:
-            groups = dict.fromkeys(world.emitters[each].beams.group for each in walked)
-            result = {}
-            for group in groups:
-                own = [place for place, each in enumerate(walked) if world.emitters[each].beams.group == group]
-                numbers, powers = [walked[place] for place in own], [power[place] for place in own]
-                emitters: Walked = (
-                    WalkedEmitters(world, numbers, powers, sharp, portal)
-                    if world.emits
-                    else WalkedLamps(world, numbers, powers, sharp)
-                )
-                result[group] = Walking(emitters, self.max_depth, simulation.tuning.rr_depth)
-            return result
+        def walking(world: World, numbers: Sequence[int]) -> Walking:
+            most = None if bounces is None else [bounces[world.emitters[each].source] for each in numbers]
+            chosen = Chosen(numbers, [power[each] for each in numbers], most, sharp)
+            emitters: Walked = WalkedEmitters(world, chosen, portal) if world.emits else WalkedLamps(world, chosen)
+            return Walking(emitters, self.max_depth, simulation.tuning.rr_depth)
+
+        def walks(world: World) -> Walks:
+            by_group: dict[str, list[int]] = {}
+            for each in walked:
+                by_group.setdefault(world.emitters[each].beams.group, []).append(each)
+            media = {group: walking(world, own) for group, own in by_group.items()}
+            return Walks(media, walking(world, lit) if lit else None)
 
         paths = sum(each.count for each in simulation.strata(world)) if self.paths is None else self.paths
         varies = paths > 0 or self.worlds.varies
@@ -150,16 +172,24 @@ class Lights:
             self.findings.guides[asked] = guides
         return self.findings.guides[asked]
 
+    @cached_property
+    def _lit(self) -> list[int]:
+        """The numbers of the emitters whose light on surfaces walks meet."""
+        settings = self.settings
+        if settings.method == "beams" or not settings.surfaces or self.max_depth == STRAIGHT:
+            return []
+        return [number for number, each in enumerate(self.world.emitters) if _is_met(each)]
+
     @property
     def free(self) -> list[int]:
-        """The numbers of the emitters whose light walks may meet: those without settings of their own."""
+        """The numbers of the emitters whose light in media walks may meet: those without settings of their own."""
         settings = self.settings
         if settings.method == "beams" or settings.program is not None or settings.short or not settings.surfaces:
             return []
         return [number for number, each in enumerate(self.world.emitters) if _is_plain(each)]
 
     def walked(self, pixels: Pixels, statistics: Statistics) -> Sequence[int]:
-        """Return the numbers of the emitters whose light walks should meet, for passes of these pixels."""
+        """Return the numbers of the emitters whose light in media walks should meet, for passes of these pixels."""
         free = self.free
         if self.settings.method != "auto" or not free:
             return free
@@ -168,6 +198,13 @@ class Lights:
                 pilot = replace(self, settings=replace(self.settings, seed=0))  # the result holds for all seeds
                 self.findings.walked = preferred(pilot, free, pixels)
         return self.findings.walked
+
+
+def _is_met(emitter: Emitter) -> bool:
+    """Return whether walks can meet the light of an emitter on surfaces: all surfaces block it, and images do not."""
+    own = emitter.beams
+    images = isinstance(own, scene.Light) or not emitter.lamp.images
+    return own.lights_surfaces and own.shines and images and not emitter.links.unshadowed
 
 
 def _is_plain(emitter: Emitter) -> bool:

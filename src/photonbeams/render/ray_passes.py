@@ -105,9 +105,9 @@ class PassRenderer:
         """Return what camera rays see, except beams; `order` are their numbers in the sample sequences."""
         statistics, count = self.statistics, dr.width(rays.primary.direction)
         tracing = self.camera_tracing(light.world, rays)
-        walkings, picture = self.light.walks(light.world), CameraImage(count, tracing.albedo)
+        walks, picture = self.light.walks(light.world), CameraImage(count, tracing.albedo)
         sky = self.light.single_scattering(light.world, count, samples)
-        scattered = {group: dr.zeros(Array3f, count) for group in walkings}
+        scattered = {group: dr.zeros(Array3f, count) for group in walks.media}
         with statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, order)
             for step in camera_paths.follow(tracing, begun, samples, photons):
@@ -115,8 +115,10 @@ class PassRenderer:
                 picture.add(*step)
                 if sky is not None:
                     sky.add(*step)
-                for group, walking in walkings.items():
-                    walking.add(*step, samples, scattered[group], picture.surface)
+                for group, walking in walks.media.items():
+                    walking.add_scattered(*step, samples, scattered[group])
+                if walks.surfaces is not None:
+                    walks.surfaces.add_reflected(*step, samples, photons, picture.surface)
         for group, found in ({} if sky is None else sky.radiance).items():
             scattered[group] = scattered.get(group, 0) + found
         guides = {ALBEDO: picture.albedo} if tracing.albedo else {}
@@ -180,7 +182,7 @@ class PassRenderer:
             return CameraTracing(world, NoLighting(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
         return CameraTracing(
             world, self.light.lighting(world), self._max_depth, settings.rr_depth, settings.hide_emitters,
-            settings.surfaces, world.sharp, walks=settings.surfaces and bool(self.light.walks(world)),
+            settings.surfaces, world.sharp, walks=self.light.walks(world).surfaces is not None,
             normals=settings.denoise, albedo=settings.denoise or settings.albedo,
         )  # fmt: skip
 

@@ -26,6 +26,7 @@ from ..world.emitters.portals import Portal, emit_through
 from ..world.emitters.rays import EmittedRays
 from ..world.world import World
 from .guiding.maps import GuidingMap
+from .segments.records import Counts
 
 # Number of paths that estimate an emitter's flux.
 PROBE = 4096
@@ -38,6 +39,13 @@ _SEQUENCE = 1 << 30
 HALVINGS, HALVINGS_ASIDE = 1, 5
 
 
+# What is known of paths as they leave an emitter, which is computed at once.
+_LEFT = (
+    "origin", "direction", "flux", "differentials", "count", "index", "key", "source", "link", "reach", "portal",
+    "medium", "counts",
+)  # fmt: skip
+
+
 class PathEmitter:
     """The light paths of an emitter of the world, or of the part of its light `at` a portal.
 
@@ -48,9 +56,8 @@ class PathEmitter:
     margin
         For light from infinity, the distance from media up to which its paths begin around these, in radii of the
         world: that of the beams, or those at the boundary of a medium would lack neighbours.
-    caustics
-        Whether the paths only count as caustics: a mirror or glass must be the first to turn them. They have a source
-        of their own, which follows those of the world.
+    counts
+        Which of the paths' light counts.
     """
 
     portal: Portal | None = None
@@ -58,11 +65,10 @@ class PathEmitter:
     through = False
     halvings = HALVINGS
 
-    def __init__(self, world: World, number: int, margin: float = 0.0, caustics: bool = False) -> None:
+    def __init__(self, world: World, number: int, margin: float = 0.0, counts: Counts = Counts.ALL) -> None:
         own = world.emitters[number]
-        self.world, self.number, self.margin, self.caustics = world, number, margin, caustics
-        self.name, self.lamp, self.link = own.name, own.lamp, own.link
-        self.source = own.source + (len(world.sources) if caustics else 0)
+        self.world, self.number, self.margin, self.counts = world, number, margin, counts
+        self.name, self.lamp, self.link, self.source = own.name, own.lamp, own.link, own.source
         self.bounds = world.bounds.around(list(world.boxes.values()), margin) if margin else world.bounds
 
     def at(self, portal: Portal, through: bool, without: Portal | None = None) -> PathEmitter:
@@ -163,10 +169,10 @@ class Stratum:
             differentials=differentials, count=dr.opaque(Float, count) + nothing.x, index=number,
             key=dr.opaque(UInt32, self.key) + wide, source=dr.opaque(UInt32, self.emitter.source) + wide,
             link=dr.opaque(UInt32, self.emitter.link) + wide, reach=rays.reach + nothing.x,
-            portal=rays.portal + nothing.x, medium=rays.medium + wide, halvings=self.emitter.halvings,
+            portal=rays.portal + nothing.x, medium=rays.medium + wide,
+            counts=dr.opaque(UInt32, int(self.emitter.counts)) + wide, halvings=self.emitter.halvings,
         )  # fmt: skip
-        dr.eval(result.origin, result.direction, result.flux, result.differentials, result.count, result.index,
-                result.key, result.source, result.link, result.reach, result.portal, result.medium)  # fmt: skip
+        dr.eval([getattr(result, each) for each in _LEFT])
         return result
 
 

@@ -30,7 +30,7 @@ from .segments.beams import Cutting, Moments, moving_sets, sets_of
 from .segments.radii import Limits
 from .segments.records import LightPaths, PhotonHits, Segments
 from .strata import with_surrounds
-from .tuning import FREE_PATHS, Tuning, radius_scale
+from .tuning import FREE_PATHS, Tuning, own_bounces, radius_scale
 
 if TYPE_CHECKING:
     from ..estimators.projection import Projection
@@ -158,12 +158,13 @@ class LightTracer:
     def tracing(self, number: int) -> paths.Tracing:
         """Return how the light paths of a pass are traced."""
         tuning, count = self.tuning, len(self.sources)
+        bounces = own_bounces(self.sources, tuning)
         region = max((self.world.radius_of(each) for each in self.world.media.all), default=self.world.radius)
         return paths.Tracing(
             self.world, tuning.max_bounces, tuning.rr_depth, tuning.overlap, region,
             self.emission.counts(count), self.emission.powers(count) if tuning.scatters else [0.0] * count,
             tuning.short, radius_scale(tuning.alpha, number),
-            self._bounces_by_source(), self._caustics_by_source(), endless=self._endless_by_source(),
+            None if bounces is None else to_uint([*bounces, 0]), endless=self._endless_by_source(),
         )  # fmt: skip
 
     def _pairs(
@@ -223,13 +224,6 @@ class LightTracer:
         lines, straight = Connections(self.world, views), self.tuning.max_bounces == 0
         return guide(self.emission.strata, seen, self.world, lambda each: lines(each.emitter), straight)
 
-    def _bounces_by_source(self) -> Any:
-        """Return the most bounces, by the numbers of sources; None if they are the same for all."""
-        bounces, most = [each.bounces for each in self.sources], self.tuning.max_bounces
-        if not self.tuning.own_bounces or all(each is None for each in bounces):
-            return None
-        return to_uint([*(each or 0 for each in bounces), 0]) if most is not None else None
-
     def _endless_by_source(self) -> Any:
         """Return the length at which light in endless media ends, by the numbers of sources; 0: by the bounds.
 
@@ -237,12 +231,6 @@ class LightTracer:
         """
         length = self.world.endless if self.tuning.visible else 0.0
         return to_float([*(length if each.endless else 0.0 for each in self.sources), 0.0])
-
-    def _caustics_by_source(self) -> Any:
-        """Return which sources' light only counts as caustics, by their numbers; None if no source's does."""
-        if not any(each.caustics for each in self.sources):
-            return None
-        return to_uint([*(each.caustics for each in self.sources), False])
 
     def cuttings(self, number: int) -> list[Cutting]:
         """Return how the segments of a pass become beams, for each medium and each source that makes beams in it."""

@@ -39,7 +39,7 @@ from .interactions import (
 )
 from .segments.narrowing import narrow
 from .segments.radii import Width, width
-from .segments.records import LightPaths, PhotonHits, Segments, tangent
+from .segments.records import Counts, LightPaths, PhotonHits, Segments, tangent
 from .splitting import continued, divisible, split
 from .tracing import Tracing
 
@@ -82,7 +82,7 @@ def leaving(tracing: Tracing, emitted: Sequence[EmittedRays]) -> LightPaths | No
         return None
     paths = LightPaths()
     for name in ("origin", "direction", "flux", "differentials", "count", "index", "key", "source", "link", "reach",
-                 "portal", "medium"):  # fmt: skip
+                 "portal", "medium", "counts"):  # fmt: skip
         setattr(paths, name, joined([getattr(each, name) for each in emitted]))
     total = dr.width(paths.origin)
     # Not a bare counter: once it is evaluated, Dr.Jit uses it for every other counter of the same length, and kernels
@@ -135,7 +135,7 @@ def straight(tracing: Tracing, paths: LightPaths, last: Last | None = None) -> I
     while True:
         paths.branch = continued(divisible(tracing, paths)) + dr.zeros(UInt32, dr.width(paths.branch))
         segments, _, _, _, following, going = _step(tracing, paths, step)
-        yield segments, alive & (dr.max(paths.flux) > 0) & ~tracing.undecided(paths)
+        yield segments, alive & (dr.max(paths.flux) > 0) & paths.counting(Counts.BEAMS)
         alive = alive & going
         if last is not None:
             alive &= ~last(segments, following)
@@ -219,7 +219,9 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     whole = (paths.branch != SCATTERED) & (paths.branch != REFLECTED)
     in_medium = (paths.medium > 0) & (interaction.length > 0) & whole & (dr.max(paths.flux) > 0)
     on_surface = interaction.on_surface & ~paths.straight & interaction.smooth & whole
-    in_medium &= tracing.within(paths.depth, paths.source) & ~tracing.undecided(paths)
+    on_surface &= paths.counting(Counts.PHOTONS, Counts.CAUSTIC_PHOTONS)
+    in_medium &= tracing.within(paths.depth, paths.source)
+    in_medium &= paths.counting(Counts.BEAMS) | (paths.counting(Counts.CAUSTIC_BEAMS) & ~paths.straight)
     bent = interaction.going & interaction.on_surface & following.coherent & ~scatter.null
     width_there = segments.width(interaction.distance)
     return segments, in_medium, hits, on_surface, following, interaction.going, bent, width_there
@@ -279,12 +281,24 @@ def _following(
     going = interaction.going & (dr.max(following.flux) > 0)
     going &= tracing.within(following.depth, following.source)
     ideal = interaction.on_surface & scatter.delta
-    going &= ~tracing.undecided(paths) | passes | ideal
+    following.counts = _counts(paths, interaction, passes | ideal)
+    going &= following.counts > 0
     going &= dr.select(paths.branch == IDEAL, ideal, (paths.branch != REFLECTED) | ~ideal)
     _roulette(tracing, following, passes, stream, going)
     following.radius = dr.select(following.coherent | passes, paths.radius, _scattered_radius(tracing, following))
     interaction.going = going & (dr.max(following.flux) > 0)
     return following
+
+
+def _counts(paths: LightPaths, interaction: Interaction, sharp: Bool) -> UInt32:
+    """Return what counts of paths after their interactions; `sharp` are those that pass, or are mirrored or refracted.
+
+    A path that something else turns first brings no caustic. Behind a surface that scatters it, a path brings no
+    photons of caustics any more.
+    """
+    lost = dr.select(sharp, UInt32(0), dr.select(paths.straight, UInt32(int(Counts.CAUSTICS)),
+           dr.select(interaction.on_surface, UInt32(int(Counts.CAUSTIC_PHOTONS)), UInt32(0))))  # fmt: skip
+    return paths.counts & ~lost
 
 
 def _chosen(interaction: Interaction, scattered: dr.ArrayT, reflected: dr.ArrayT, same: dr.ArrayT) -> dr.ArrayT:

@@ -121,9 +121,6 @@ class Simulation:
             replace(each, look=each.look if looks is None else looks.get(each.name, each.look))
             for each in world.sources
         ]
-        if self.allotment.caustics:
-            count = len(sources)
-            sources += [replace(each, number=each.number + count, caustics=True) for each in sources]
         return LightTracer(world, Emission(strata, self.allotment.shared), self.tuning, sources, self.named, step)
 
 
@@ -139,7 +136,7 @@ def _numbers(some: Sequence[Stratum], strata: Sequence[Stratum]) -> UInt32:
 def _later(stratum: Stratum, last: World) -> Stratum:
     """Return the stratum of the same light paths in the world `last`."""
     own = stratum.emitter
-    emitter = PathEmitter(last, own.number, own.margin, own.caustics)
+    emitter = PathEmitter(last, own.number, own.margin, own.counts)
     if own.portal is not None:  # a fitted portal does not move
         emitter = emitter.at(last.emitters[own.number].portal or own.portal, own.through)
     return replace(stratum, emitter=emitter)

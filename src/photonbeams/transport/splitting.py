@@ -19,7 +19,7 @@ from ..numerics.streams import Stream
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.spectra import rgb
 from .interactions import IDEAL, REFLECTED, SAMPLED, SCATTERED
-from .segments.records import LightPaths
+from .segments.records import Counts, LightPaths
 
 if TYPE_CHECKING:
     from .paths import Tracing
@@ -38,7 +38,8 @@ def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
     if not bool(dr.any(able)):
         paths.branch = goes_on
         return paths
-    able &= ~tracing.undecided(paths)
+    # What is scattered or reflected counts only if more than caustics does.
+    able &= paths.counting(Counts.BEAMS, Counts.PHOTONS) | (paths.counting(Counts.CAUSTICS) & ~paths.straight)
     able &= tracing.within(paths.depth + 1, paths.source)  # no part that would exceed the depth
     seed = hash32(paths.key, dr.opaque(UInt32, step), paths.index)
     light = _scattered_and_reflected(tracing, paths, able, seed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ..world.emitters.lamp import Lamp
 from ..world.emitters.portals import count_candidates
 from ..world.world import World
 from .emission import PROBE, PathEmitter, Stratum
+from .segments.records import Counts
 from .tuning import Tuning
 
 # The fraction of a lamp's beams that do not go through its portal, if such beams are seen.
@@ -43,15 +44,14 @@ class Allotment:
         The number of each emitter or, if it is `shared`, of all together, which divide it by their power.
     past
         Names of emitters whose paths past their portal are wanted, too (see `portal_visibility`); None: of all.
-    without, caustics
-        The numbers of emitters that send no light paths, and of those whose paths only count as caustics.
+    counts
+        Which light of emitters counts, by their numbers; all light of those that are not named.
     """
 
     count: int = DEFAULT_BEAMS
     shared: bool = False
     past: Collection[str] | None = frozenset()
-    without: Collection[int] = frozenset()
-    caustics: Collection[int] = frozenset()
+    counts: Mapping[int, Counts] = field(default_factory=dict)
 
     def strata(self, world: World, tuning: Tuning) -> list[Stratum]:
         """Return the strata of the emitters whose light is wanted.
@@ -61,8 +61,9 @@ class Allotment:
         """
         parts = {}
         for number, emitter in enumerate(world.emitters):
-            if number not in self.without and emitter.beams.beam_count != 0 and is_wanted(world, emitter, tuning):
-                parts[number] = self._parts(world, number)
+            shown = self.counts.get(number, Counts.ALL) & wanted(world, emitter, tuning)
+            if emitter.beams.beam_count != 0 and shown:
+                parts[number] = self._parts(world, number, shown)
         if not self.shared:
             counts: Mapping[int, float] = dict.fromkeys(parts, self.count)
         else:
@@ -84,9 +85,9 @@ class Allotment:
                     result.append(_stratum(part, max(count, 1), tuning.overlap, sequence, fixed))
         return result
 
-    def _parts(self, world: World, number: int) -> list[tuple[PathEmitter, float]]:
+    def _parts(self, world: World, number: int, shown: Counts) -> list[tuple[PathEmitter, float]]:
         """Return an emitter's light as a whole, or through its portal and past it, and the fractions of its paths."""
-        emitter, whole = world.emitters[number], PathEmitter(world, number, caustics=number in self.caustics)
+        emitter, whole = world.emitters[number], PathEmitter(world, number, counts=shown)
         if emitter.portal is None:
             return [(whole, 1.0)]
         through = whole.at(emitter.portal, True)
@@ -106,15 +107,21 @@ class Allotment:
 ALLOTMENT = Allotment()
 
 
-def is_wanted(world: World, emitter: Emitter, tuning: Tuning) -> bool:
-    """Return whether light paths of an emitter show anything: as visible beams, on surfaces, or scattered again.
+def wanted(world: World, emitter: Emitter, tuning: Tuning) -> Counts:
+    """Return which light of an emitter shows anything: as visible beams, on surfaces, or scattered again.
 
     Domes that light media without beams make beams of their scattered light.
     """
     own, scatters = emitter.beams, tuning.scatters
     visible = own.emits_beams and (not tuning.visible or world.hazy or own.look is not None)
     lighting = scatters and tuning.surfaces and own.lights_surfaces and own.shines
-    return visible or lighting or (scatters and own.lights_media and own.shines and bool(world.lit_by_domes))
+    scattered = scatters and own.lights_media and own.shines and bool(world.lit_by_domes)
+    result = Counts.NOTHING
+    if visible or scattered:
+        result |= Counts.BEAMS | Counts.CAUSTIC_BEAMS
+    if lighting:
+        result |= Counts.PHOTONS | Counts.CAUSTIC_PHOTONS
+    return result
 
 
 def _stratum(
@@ -124,7 +131,7 @@ def _stratum(
     world, lamp = emitter.world, emitter.lamp
     margin = radius_from_infinity(lamp, count, overlap) if world.boxes else 0.0
     if margin:
-        whole = PathEmitter(world, emitter.number, margin, emitter.caustics)
+        whole = PathEmitter(world, emitter.number, margin, emitter.counts)
         emitter = whole if emitter.portal is None else whole.at(emitter.portal, emitter.through)
     most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
     count = min(count_candidates(max(lit_fraction(emitter), 1 / _MOST_DARK), count), most)

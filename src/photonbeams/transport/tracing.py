@@ -35,9 +35,6 @@ class Tracing:
         The pass's factor on all radii.
     bounces_by_source
         Most bounces, by the numbers of sources; None: `max_bounces` alone.
-    caustics_by_source
-        Which sources' paths only count if a mirror or glass is the first to turn them, 1 or 0, by the numbers of
-        sources; None: all paths count.
     openings
         Portals through which scattered light is sent; None if there are none.
     endless
@@ -54,7 +51,6 @@ class Tracing:
     short: bool = False
     scale: float = 1.0
     bounces_by_source: Any = None
-    caustics_by_source: Any = None
     openings: Openings | None = None
     endless: Any = None
 
@@ -70,9 +66,3 @@ class Tracing:
     def escape(self, paths: LightPaths, reach: Float) -> Float:
         """Return the lengths of paths that meet nothing, at least `reach`."""
         return reach if self.endless is None else dr.maximum(reach, dr.gather(Float, self.endless, paths.source))
-
-    def undecided(self, paths: LightPaths) -> Bool:
-        """Return which paths only count if a mirror or glass turns them next."""
-        if self.caustics_by_source is None:
-            return Bool(False)
-        return paths.straight & (dr.gather(UInt32, self.caustics_by_source, paths.source) > 0)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import drjit as dr
 import numpy as np
 
 from ..runtime.device import Float
+from ..world.emitters.sources import Source
 from .segments.radii import Limits
 
 # Least and greatest radius as a fraction of a medium's radius (for photons, of the world's), and the greatest in free
@@ -47,6 +49,14 @@ class Tuning:
         low = self.radius or self.min_radius or FLOOR * size
         high = self.radius or self.max_radius or max(min(CEILING * size, widest), low)
         return Limits(*(dr.opaque(Float, each) for each in (low, high, radius_scale(self.alpha, number))))
+
+
+def own_bounces(sources: Sequence[Source], tuning: Tuning) -> list[int] | None:
+    """Return the most bounces of the light of each source; None if sources have no numbers of their own."""
+    bounces = [each.bounces for each in sources]
+    if not tuning.own_bounces or tuning.max_bounces is None or all(each is None for each in bounces):
+        return None
+    return [each or 0 for each in bounces]
 
 
 def radius_scale(alpha: float, number: int) -> float:

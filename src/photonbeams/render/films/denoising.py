@@ -35,6 +35,9 @@ from .sums import ALBEDO, MEAN_NORMAL, NOISY, PassSums
 # Side of the square of pixels over which errors are averaged: the variance of one pixel over few passes is a guess.
 # With a side of 7 the weights are as uneven as the noise, and specks of noise stay.
 _AROUND = 15
+# A mean over that square counts as this many of its standard errors less: of bright rare specks the square may have
+# more or fewer than their number of passes tells, and a network that removes them does not err.
+_ERRORS = 4.0
 _LEAST = np.finfo(np.float32).tiny
 _CORRELATED = 1 / 3  # correlation of neighbours from which on a difference is not noise at all
 _ORDINARY = 1e-6, 1e15  # mean light that needs no scale: below 1e-7 the network returns light of its own
@@ -150,8 +153,8 @@ def _mixed(
     usual = np.maximum(shown, _DARK * float(np.maximum(shown.mean(), _LEAST)))
     light = change.mean(axis=2) / usual
     own, size = _around(variance.reshape(noisy.shape[:2]) / usual**2), _around(light**2)
-    weight = np.maximum(own, 0) / np.maximum(np.maximum(size, own), _LEAST)
-    weight *= np.clip(1 - _around(light * _beside(light)) / np.maximum(_CORRELATED * size, _LEAST), 0, 1)
+    weight = np.maximum(own, 0) / np.maximum(np.maximum(_surely(light**2), own), _LEAST)
+    weight *= np.clip(1 - _surely(light * _beside(light)) / np.maximum(_CORRELATED * size, _LEAST), 0, 1)
     return noisy + weight[..., None] * change
 
 
@@ -165,6 +168,13 @@ def _scale(light: Array) -> np.float64:
 def _around(values: Array) -> Array:
     """Return means over the pixels around each pixel."""
     return uniform_filter(values, _AROUND, mode="reflect")
+
+
+def _surely(values: Array) -> Array:
+    """Return means over the pixels around each pixel, less some standard errors of these: lower bounds, at least 0."""
+    mean = _around(values)
+    error = np.sqrt(np.maximum(_around(values**2) - mean**2, 0)) / _AROUND
+    return np.maximum(mean - _ERRORS * error, 0)
 
 
 def _beside(values: Array) -> Array:

@@ -28,8 +28,8 @@ class Walk(Struct):
     throughput, initial
         The path's throughput, and its largest channel after the first scattering event. Where that event is certain,
         the latter is small.
-    depth
-        How often the path was scattered.
+    depth, before
+        How often the path was scattered; and how often so before the walk began, by mirrors and glass.
     counts
         Whether emitters that the ray meets count: not after the first surface, whose direct light is counted elsewhere.
     place, pdf
@@ -48,6 +48,7 @@ class Walk(Struct):
     throughput: Array3f
     initial: Float
     depth: UInt32
+    before: UInt32
     counts: Bool
     place: Array3f
     pdf: Float
@@ -55,6 +56,14 @@ class Walk(Struct):
     pixel: UInt32
     branch: UInt32
     name: UInt32
+
+    @property
+    def bounces(self) -> UInt32:
+        """How often light that a walk now meets was scattered before it is scattered toward the camera.
+
+        The walk's first scattering event is the one toward the camera.
+        """
+        return self.depth - self.before - 1
 
 
 class DirectionSample(NamedTuple):

@@ -1,9 +1,9 @@
-"""Emitters whose light walks meet: those of a Mitsuba scene."""
+"""Emitters whose light walks meet: what is known of them, and those of a Mitsuba scene."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import drjit as dr
 import numpy as np
@@ -24,6 +24,25 @@ mi = mitsuba()
 
 # The fraction of samples that is spread evenly over all emitters: a weak one may be near.
 _EVENLY = 0.25
+
+
+class Chosen(NamedTuple):
+    """Emitters that walks meet.
+
+    Attributes
+    ----------
+    numbers, power
+        Their numbers in the world, at least one, and the power of each.
+    bounces
+        The most bounces of the light of each; None: the longest path alone bounds them.
+    sharp
+        The emitters whose caustics are left to photons and beams.
+    """
+
+    numbers: Sequence[int]
+    power: Sequence[float]
+    bounces: Sequence[int] | None = None
+    sharp: Collection[int] = ()
 
 
 class Walked(Protocol):
@@ -54,25 +73,17 @@ class WalkedEmitters:
 
     Parameters
     ----------
-    world
-        The scene.
-    numbers
-        The numbers of the emitters in the scene, at least one.
-    power
-        The power of each.
-    sharp
-        Emitters whose caustics are left to photons and beams.
+    world, chosen
+        The scene, and the emitters.
     portal
         The portal before the scene's environment, or None.
     """
 
-    def __init__(
-        self, world: World, numbers: Sequence[int], power: Sequence[float], sharp: Collection[int] = (),
-        portal: EnvironmentPortal | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, world: World, chosen: Chosen, portal: EnvironmentPortal | None = None) -> None:
+        numbers, sharp = chosen.numbers, chosen.sharp
         emitters = world.plugin.emitters()
         known = [int(UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(each)))[0]) for each in emitters]
-        part = chances(power)
+        part = chances(chosen.power)
         table = np.zeros(max(known) + 2, dtype=np.float32)
         table[[known[each] for each in numbers]] = part
         self.world, self._table, self._sharp = world, to_float(table), None
@@ -82,6 +93,11 @@ class WalkedEmitters:
             caustics = np.zeros(len(table), dtype=np.uint32)
             caustics[[known[each] for each in sharp]] = 1
             self._sharp = to_uint(caustics)
+        self._bounces = None
+        if chosen.bounces is not None:
+            most = np.zeros(len(table), dtype=np.uint32)
+            most[[known[each] for each in numbers]] = chosen.bounces
+            self._bounces = to_uint(most)
         places = to_uint(padded(numbers))
         self._own = dr.gather(mi.EmitterPtr, world.plugin.emitters_dr(), places)
         self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part, 0.0])))
@@ -111,6 +127,8 @@ class WalkedEmitters:
         numbers: Any = dr.reinterpret_array(UInt32, emitter)
         probability = dr.gather(Float, self._table, numbers, active)
         own = active & (probability > 0)
+        if self._bounces is not None:
+            own &= walk.bounces <= dr.gather(UInt32, self._bounces, numbers, own)
         if self._sharp is not None:
             own &= ~(ideal & (dr.gather(UInt32, self._sharp, numbers, active) > 0))
         reference = interaction(place, Array3f(0))
@@ -131,6 +149,9 @@ class WalkedEmitters:
         )
         light, radiance = self.sample(reference, which, aim, active)
         lit = active & (light.pdf > 0)
+        if self._bounces is not None:
+            numbers: Any = dr.reinterpret_array(UInt32, light.emitter)
+            lit &= walk.bounces + 1 <= dr.gather(UInt32, self._bounces, numbers, lit)
         value, pdf = vertex.evaluate(light.d, lit)
         value = value * radiance * dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
         lit &= (dr.max(value) > 0) & dr.isfinite(dr.sum(value))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable
 from copy import copy
 from functools import partial
 from typing import Any
 
 import drjit as dr
 
-from ...numerics.arrays import to_float
+from ...numerics.arrays import padded, to_float, to_uint
 from ...numerics.hashing import hash32
 from ...numerics.samples import Samples
 from ...numerics.streams import Stream
@@ -20,7 +20,7 @@ from ...world.world import World
 from .camera_paths import ShadingPoint
 from .lighting import LitPoints, scattered
 from .walk_vertices import Vertex, Walk
-from .walked_emitters import chances
+from .walked_emitters import Chosen, chances
 
 mi = mitsuba()
 
@@ -33,32 +33,34 @@ class WalkedLamps:
 
     Parameters
     ----------
-    world, numbers, power, sharp
-        As in `WalkedEmitters`.
+    world, chosen
+        The world, and those of its lamps.
     """
 
-    def __init__(
-        self, world: World, numbers: Sequence[int], power: Sequence[float], sharp: Collection[int] = ()
-    ) -> None:  # fmt: skip
+    def __init__(self, world: World, chosen: Chosen) -> None:
+        numbers = chosen.numbers
         self.world = world.feeling_all()
         kinds: dict[Any, list[int]] = {}
         for place, number in enumerate(numbers):
             lamp = world.emitters[number].lamp
             kinds.setdefault(type(lamp) if lamp.bare.DRJIT_STRUCT else number, []).append(place)
-        part, first = chances(power), 0
-        self._groups: list[tuple[Callable[[UInt32], Any], UInt32, UInt32]] = []
+        part, first = chances(chosen.power), 0
+        self._groups: list[tuple[Callable[[UInt32], Any], bool, UInt32, UInt32]] = []
         for places in kinds.values():
             emitters = [world.emitters[numbers[each]] for each in places]
             lamps = [behind(each.lamp, each.portal) for each in emitters]
             packed = emitters[0].lamp.bare.DRJIT_STRUCT
             lamp_of = Lamps.of(lamps, None).light if packed else partial(_single, lamps[0])
             stop = first + len(places)
-            self._groups.append((lamp_of, dr.opaque(UInt32, first), dr.opaque(UInt32, stop)))
+            self._groups.append((lamp_of, emitters[0].lamp.infinite, dr.opaque(UInt32, first), dr.opaque(UInt32, stop)))
             first = stop
         order = [place for places in kinds.values() for place in places]
         self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part[order], 0.0])))
+        self._bounces = None
+        if chosen.bounces is not None:
+            self._bounces = to_uint(padded([chosen.bounces[place] for place in order]))
         self._size = len(numbers)
-        lamps = [world.emitters[each].lamp for each in numbers if each not in sharp]
+        lamps = [world.emitters[each].lamp for each in numbers if each not in chosen.sharp]
         self._environments = [each for each in lamps if each.environment]
 
     def __len__(self) -> int:
@@ -70,11 +72,13 @@ class WalkedLamps:
         points = _WalkPoints(self.world, vertex, samples, name, active)
         which = samples.single(vertex.walk.order, Stream.PATH_WHICH_EMITTER, *name)
         index, probability = self._choice.sample_pmf(mi.Float(which), active)
+        if self._bounces is not None:
+            active &= vertex.walk.bounces + 1 <= dr.gather(UInt32, self._bounces, UInt32(index), active)
         result = Array3f(0)
-        for lamp_of, first, stop in self._groups:
+        for lamp_of, infinite, first, stop in self._groups:
             own = active & (index >= first) & (index < stop)
             lamp = lamp_of(dr.select(own, UInt32(index) - first, 0))
-            result += scattered(self.world, points.among(own), lamp, (UInt32(Stream.PATH_EMITTER),))
+            result += scattered(self.world, points.among(own, infinite), lamp, (UInt32(Stream.PATH_EMITTER),))
         return result * dr.rcp(dr.maximum(Float(probability), 1e-30))
 
     def met(self, walk: Walk, hit: Any, active: Bool) -> Array3f:
@@ -100,6 +104,8 @@ class _WalkPoints(LitPoints):
         step = hash32(*(UInt32(each) for each in name))
         self.point = ShadingPoint(vertex.hit, walk.medium, walk.order, step, samples)
         self.place, self._vertex, self.shadow_reach = vertex.position, vertex, Float(dr.inf)
+        self._bounds, to = world.bounds, vertex.position - world.bounds.center
+        self._within = ~vertex.scattered | (dr.squared_norm(to) <= dr.square(world.bounds.radius))
         self.reference, self.size, self.active = vertex.reference(), world.size, active
         lobe = samples.single(walk.order, Stream.PATH_REFLECTION, *name)
         turn = mi.Point2f(samples.pair(walk.order, Stream.PATH_REFLECTION_TURN, *name))
@@ -111,11 +117,17 @@ class _WalkPoints(LitPoints):
         self.seed = samples.bits(walk.order, Stream.PATH_SHADOW, *name)
         self.open = self.unblocked(world)
 
-    def among(self, own: Bool) -> _WalkPoints:
-        """Return the points that are lit by the lamps of one kind."""
+    def among(self, own: Bool, infinite: Bool) -> _WalkPoints:
+        """Return the points that lamps of one kind light: `infinite` ones light no media outside of the bounds."""
         result = copy(self)
+        own = own & (self._within | ~infinite)
         result.active, result.weight = self.active & own, dr.select(own, self.weight, 0)
         return result
+
+    def dimmed_over(self, direction: Array3f, distance: Float) -> Float:
+        """Return the distance over which media dim the light: that of beams, which enter the bounds from infinity."""
+        entered = self._bounds.behind(self.place, -direction)
+        return dr.select(self._vertex.scattered & dr.isinf(distance), entered, distance)
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
         """Return the factor on light from a direction, and the pdf with which that direction is sampled."""

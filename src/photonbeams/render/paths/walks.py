@@ -1,15 +1,17 @@
 """Walks: camera paths that continue after they are scattered, as in a path tracer, for the light of some emitters.
 
-Light of large lamps and of the sky comes to every point of a cloud from everywhere: there a walk from the camera is
-more likely to find the light than a beam is to find the camera. Each emitter's light is either traced into beams and
-photons or met by walks, never both. For all emitters, `camera_paths` handles what the camera sees of the emitters
+Light of large lamps and of the sky comes to every point of a cloud, and of a room, from everywhere: there a walk from
+the camera is more likely to find the light than a beam or a photon is to find the camera. In media, each emitter's
+light is either traced into beams or met by walks, never both; on surfaces walks meet it, except for caustics (see
+`lights`). For all emitters, `camera_paths` handles what the camera sees of the emitters
 themselves, and their direct light on the first surface. At each vertex a walk takes one sample of an emitter and one of
 the phase function or BSDF, combined by the power heuristic (Veach 1997), as in Mitsuba's `volpath`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import drjit as dr
@@ -24,7 +26,8 @@ from ...world.media.interfaces import pointers
 from ...world.media.tracking import free_flight
 from ...world.shadow_rays import leaving
 from .branches import CameraPaths, add_to_pixels
-from .camera_paths import CameraVertex
+from .camera_paths import Bounce, CameraVertex
+from .photons import PhotonLighting
 from .walk_vertices import Vertex, Walk
 from .walked_emitters import Walked
 
@@ -35,6 +38,14 @@ _STEPS = 1024
 
 
 @dataclass(frozen=True)
+class Walks:
+    """The walks of a frame: those that begin in media, by light groups, and those that begin at surfaces, or None."""
+
+    media: Mapping[str, Walking] = field(default_factory=dict)
+    surfaces: Walking | None = None
+
+
+@dataclass(frozen=True)
 class Walking:
     """How walks are followed: the emitters that they meet, and depths as in `CameraTracing`."""
 
@@ -42,52 +53,61 @@ class Walking:
     max_depth: int | None
     rr_depth: int
 
-    def add(
-        self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, scattered: Array3f, reflected: Array3f
-    ) -> None:
-        """Add the radiance of walks from one step of camera paths, to `scattered` from media, else to `reflected`."""
-        for target, walks in zip((scattered, reflected), self._begun(paths, vertex), strict=True):
-            if walks is not None:
-                found = self.radiance(walks, samples)
-                found = dr.select(dr.isfinite(dr.sum(found)), found, 0)
-                dr.eval(found)
-                add_to_pixels(target, found, walks.pixel, walks.branch)
+    def add_scattered(self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, result: Array3f) -> None:
+        """Add the radiance of walks that begin in the media of one step of camera paths."""
+        self._add(self._in_media(paths, vertex), samples, None, result)
 
-    def _begun(self, paths: CameraPaths, vertex: CameraVertex) -> tuple[Walk | None, Walk | None]:
-        """Return the walks of a step of camera paths, those in media and those from surfaces; None if there are none.
+    def add_reflected(
+        self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, photons: PhotonLighting | None,
+        result: Array3f,
+    ) -> None:  # fmt: skip
+        """Add the radiance of walks that begin at the surfaces of one step of camera paths, if these are shaded.
 
-        Walks begin at surfaces only if these are shaded.
+        Where they meet surfaces, walks also find the light of photons there.
         """
+        if vertex.bounce is not None:
+            self._add(self._from_surfaces(paths, vertex, vertex.bounce), samples, photons, result)
+
+    def _add(self, walks: Walk | None, samples: Samples, photons: PhotonLighting | None, result: Array3f) -> None:
+        if walks is not None:
+            found = self.radiance(walks, samples, photons)
+            found = dr.select(dr.isfinite(dr.sum(found)), found, 0)
+            dr.eval(found)
+            add_to_pixels(result, found, walks.pixel, walks.branch)
+
+    def _in_media(self, paths: CameraPaths, vertex: CameraVertex) -> Walk | None:
+        """Return the walks that begin in the media of a step of camera paths; None if there are none."""
         media, zeros = self.emitters.world.media, dr.zeros(Float, dr.width(paths.pixel))
         inside = paths.alive & (dr.max(media.scattering(paths.medium)) > 0) & (vertex.end > paths.near)
         inside &= self.within(paths.depth, 2)
         start = paths.origin + paths.near * paths.direction
         scattered = Walk(
             start, paths.direction, paths.medium, inside, dr.minimum(vertex.end, ENDLESS) - paths.near,
-            paths.throughput, zeros, paths.depth, inside, start, zeros, paths.order, paths.pixel,
+            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, paths.order, paths.pixel,
             paths.branch, vertex.name,
         )  # fmt: skip
-        beginning = next(iter(compressed(inside, scattered)), None)
-        if vertex.bounce is None:
-            return beginning, None
-        bounce = vertex.bounce
+        return next(iter(compressed(inside, scattered)), None)
+
+    def _from_surfaces(self, paths: CameraPaths, vertex: CameraVertex, bounce: Bounce) -> Walk | None:
+        """Return the walks that begin with these samples of BSDFs; None if there are none."""
+        zeros = dr.zeros(Float, dr.width(paths.pixel))
         going = (dr.max(bounce.throughput) > 0) & self.within(paths.depth, 3)
         reflected = Walk(
             bounce.origin, bounce.direction, bounce.medium, ~going, zeros, bounce.throughput,
-            dr.max(bounce.throughput), paths.depth + 1, ~going, bounce.origin, zeros, paths.order, paths.pixel,
-            paths.branch, vertex.name,
+            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.origin, zeros, paths.order,
+            paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
-        return beginning, next(iter(compressed(going, reflected)), None)
+        return next(iter(compressed(going, reflected)), None)
 
     def within(self, depth: UInt32, more: int) -> Any:
         """Return whether paths that were scattered `depth` times, with `more` edges, are not too long."""
         return Bool(True) if self.max_depth is None else depth + more <= dr.opaque(UInt32, self.max_depth)
 
-    def radiance(self, walks: Walk, samples: Samples) -> Array3f:
-        """Return the radiance that each walk brings."""
+    def radiance(self, walks: Walk, samples: Samples, photons: PhotonLighting | None = None) -> Array3f:
+        """Return the radiance that each walk brings, with that of photons where it meets surfaces."""
 
         def further(walk: Walk, going: Bool, number: UInt32, found: Array3f) -> tuple[Any, ...]:
-            brought, following, goes = self._step(walk, going, samples, (walk.name, number))
+            brought, following, goes = self._step(walk, going, samples, (walk.name, number), photons)
             return following, goes, number + 1, found + brought
 
         width = dr.width(walks.order)
@@ -96,7 +116,9 @@ class Walking:
             state, lambda walk, going, number, found: going & (number < _STEPS), further, label="walks"
         )[3]
 
-    def _step(self, walk: Walk, going: Bool, samples: Samples, name: tuple[Any, ...]) -> tuple[Array3f, Walk, Bool]:
+    def _step(
+        self, walk: Walk, going: Bool, samples: Samples, name: tuple[Any, ...], photons: PhotonLighting | None
+    ) -> tuple[Array3f, Walk, Bool]:  # fmt: skip
         world = self.emitters.world
         seed = samples.bits(walk.order, Stream.PATH_CUTOUT, *name)
         hit = world.intersect(walk.origin, walk.direction, going & ~walk.first, seed)
@@ -110,6 +132,8 @@ class Walking:
         vertex = Vertex(world, walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
         lit = (vertex.scattered | vertex.smooth) & self.within(walk.depth, 2)
         result += throughput * self.emitters.direct(vertex, samples, name, lit)
+        if photons is not None:
+            result += throughput * photons(hit, walk.depth, lit & vertex.smooth)
         following, weight, goes = self._onward(vertex, samples, name)
         following.throughput = throughput * weight
         # After a null collision, which only changes the colour, a walk continues straight.
@@ -119,7 +143,7 @@ class Walking:
             setattr(following, each, dr.select(tinted, same, getattr(following, each)))
         following.origin = dr.select(tinted, vertex.position, following.origin)
         following.length = walk.length - distance
-        for each in ("order", "pixel", "branch", "name"):
+        for each in ("order", "pixel", "branch", "name", "before"):
             setattr(following, each, getattr(walk, each))
         following.initial = dr.select(walk.first & scattered, dr.max(throughput), walk.initial)
         goes = (going & tinted) | goes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import IntFlag
 from typing import Any
 
 import drjit as dr
@@ -10,6 +11,22 @@ from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Bool, Float, UInt32
 from ...world.differentials import RayDifferentials
 from .radii import Width
+
+
+class Counts(IntFlag):
+    """Which light of a path counts: its segments in media as beams, its hits on surfaces as photons.
+
+    Light that only counts as caustics must first be turned by mirrors or glass, before anything else turns it. Photons
+    of such light count up to the first surface that scatters it: what that surface reflects is met by walks.
+    """
+
+    NOTHING = 0
+    BEAMS = 1
+    PHOTONS = 2
+    CAUSTIC_BEAMS = 4
+    CAUSTIC_PHOTONS = 8
+    ALL = BEAMS | PHOTONS
+    CAUSTICS = CAUSTIC_BEAMS | CAUSTIC_PHOTONS
 
 
 class LightPaths(Struct):
@@ -26,8 +43,8 @@ class LightPaths(Struct):
     number, index, key, source, link
         Its number in the pass; its number in its sample sequence, and a key of that sequence; the number of its source;
         and the number of the set of surfaces that block its light.
-    depth
-        The number of scattering events so far, in media and on surfaces.
+    depth, counts
+        The number of scattering events so far, in media and on surfaces; and which of its light counts, a `Counts`.
     straight
         Whether it has met nothing but boundaries of media.
     coherent, differentials, radius
@@ -65,6 +82,7 @@ class LightPaths(Struct):
     source: UInt32
     link: UInt32
     depth: UInt32
+    counts: UInt32
     straight: Bool
     coherent: Bool
     differentials: RayDifferentials
@@ -82,6 +100,10 @@ class LightPaths(Struct):
     clear: Float
     width: Width
     slant: Float
+
+    def counting(self, *kinds: Counts) -> Bool:
+        """Return which paths have a flag of these kinds."""
+        return (self.counts & int(Counts(sum(kinds)))) > 0
 
 
 class Segments(Struct):

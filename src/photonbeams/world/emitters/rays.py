@@ -37,7 +37,7 @@ class EmittedRays:
         Which paths exist at all: of paths through a portal, those that pass it.
     reach, medium
         The length of a path that meets nothing, and the number of the medium where it begins; the world adds them.
-    count, index, key, source, link, halvings
+    count, index, key, source, link, counts, halvings
         See `transport.segments.records.LightPaths`, and `Stratum`, which adds them.
     """
 
@@ -54,6 +54,7 @@ class EmittedRays:
     key: Any = None
     source: Any = None
     link: Any = None
+    counts: Any = None
     halvings: int = 0
 
     @classmethod

@@ -34,8 +34,6 @@ class Source:
     endless
         Whether its light goes on through endless media until it no longer matters, rather than to the end of the
         bounds.
-    caustics
-        Whether its light paths only count as caustics: a mirror or glass must turn them before anything else does.
     to_world
         Transform from the light's own space to the world, (4, 4), for looks.
     guides
@@ -54,5 +52,4 @@ class Source:
     to_world: Array | None = None
     guides: tuple[Any, ...] = ()
     scattered_beams: bool = False
-    caustics: bool = False
     endless: bool = True
