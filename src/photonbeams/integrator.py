@@ -61,8 +61,8 @@ per pixel; otherwise, there are exactly as many.
 This integrator traces light into photon beams (Jarosz et al. 2011) and gathers them along camera rays, with the
 estimators of "Gaussian Quadrature for Photon Beams in Tangled" (Johnson et al. 2011). Radii shrink from pass to pass
 ("Progressive Photon Beams", Jarosz et al. 2011), so that the image converges to that of :monosp:`volpath`, volumetric
-caustics included. Camera rays see beams through glass and in mirrors. Surfaces are lit directly by emitters, and by
-photons, which carry the light of all other paths.
+caustics included. Camera rays see beams through glass and in mirrors. Surfaces are lit directly by emitters, by
+paths from the camera, and by photons, which carry the caustics.
 
 Media may be inside shapes or around them, and nested. A medium that only an emitter or the sensor names fills the
 space. Where the sensor or an emitter names no medium, its medium is found from the shapes around it.

@@ -132,9 +132,9 @@ class Settings:
                                "send more light paths there."}},
     )  # fmt: skip
     method: str = setting(
-        "auto", 'How the light of emitters is found: "beams" traces light paths from them; "paths" traces paths from '
-        "the camera, except for emitters that have a look, a portal, a gobo or settings of their beams; "
-        '"auto" runs a pilot and takes whichever has less noise; on stages, it takes paths where there is no fog.',
+        "auto", 'How light is found: "beams" traces it from the emitters; "paths" traces paths from the camera, except in '
+        "media for emitters that have a look, a portal, a gobo or settings of their beams; "
+        '"auto" traces paths to surfaces, and in media whichever a pilot finds to have less noise; on stages, beams.',
         None, {"method": {}}, choices=METHODS,
     )  # fmt: skip
     short: bool = _yes_or_no(

@@ -1,0 +1,174 @@
+"""Rooms: the light that surfaces send one another, whichever light makes beams, wherever the room is and how large."""
+
+import numpy as np
+import pytest
+
+import photonbeams as pb
+from photonbeams.runtime.device import mitsuba
+
+mi = mitsuba()
+
+# A hollow ball of radius r, of which each point sends the fraction ρ on, around a lamp of radius a and radiance 1. All
+# of its points have the irradiance E = π a² / r² straight from the lamp, and then ρ times that of the bounce before:
+#
+#     L = ρ / π · E · Σ ρ^k  over the bounces k = 0, 1, …
+LAMP, REFLECTED = 0.05, 0.6
+
+
+def radiance(bounces):
+    """Return the radiance of the wall after so many bounces, for a ball of radius 1."""
+    return REFLECTED * LAMP**2 * sum(REFLECTED**k for k in range(bounces + 1))
+
+
+def sphere(rows=48):
+    """Return the faces and points of a ball of radius 1, which is nowhere nearer to its middle than 0.997."""
+    polar, around = np.meshgrid(np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, 2 * rows, endpoint=False))
+    points = np.stack([np.sin(polar) * np.cos(around), np.cos(polar), np.sin(polar) * np.sin(around)], axis=-1)
+    column, row = np.meshgrid(np.arange(2 * rows), np.arange(rows), indexing="ij")
+    after = (column + 1) % (2 * rows)
+    corners = [column * (rows + 1) + row, column * (rows + 1) + row + 1]
+    corners += [after * (rows + 1) + row + 1, after * (rows + 1) + row]
+    faces = np.stack(corners, axis=-1).reshape(-1, 4)
+    return [4] * len(faces), faces.ravel().tolist(), [tuple(each) for each in points.reshape(-1, 3).round(7).tolist()]
+
+
+def ball(size, place, light="", more=""):
+    """Return a stage of a ball of radius `size` around `place`, seen from between its middle and its wall."""
+    x, y, z = place
+    counts, indices, points = sphere()
+    return f"""
+def Mesh "Ball" (prepend apiSchemas = ["MaterialBindingAPI"])
+{{
+    int[] faceVertexCounts = {counts}
+    int[] faceVertexIndices = {indices}
+    point3f[] points = {points}
+    uniform token subdivisionScheme = "none"
+    bool doubleSided = 1
+    rel material:binding = </Wall>
+    double3 xformOp:translate = ({x}, {y}, {z})
+    float3 xformOp:scale = ({size}, {size}, {size})
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+}}
+def Material "Wall"
+{{
+    token outputs:surface.connect = </Wall/Matt.outputs:surface>
+    def Shader "Matt"
+    {{
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor = ({REFLECTED}, {REFLECTED}, {REFLECTED})
+        int inputs:useSpecularWorkflow = 1
+        color3f inputs:specularColor = (0, 0, 0)
+        token outputs:surface
+    }}
+}}
+def SphereLight "Lamp" (prepend apiSchemas = ["PhotonBeamsLightAPI"])
+{{
+    float inputs:radius = {LAMP * size}
+    float inputs:intensity = 1
+    {light}
+    double3 xformOp:translate = ({x}, {y}, {z})
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}}
+def Camera "Camera"
+{{
+    float focalLength = 20
+    float2 clippingRange = ({0.001 * size}, {100 * size})
+    double3 xformOp:translate = ({x}, {y}, {z - 0.4 * size})
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}}
+{more}
+"""
+
+
+def seen(shot, seeds=4, **settings):
+    """Return the mean radiance of surfaces over several seeds, and its standard error."""
+    found = [shot.render(width=16, height=12, seed=seed, **settings).layers["surface"] for seed in range(seeds)]
+    found = np.array([each[..., :3].mean() for each in found])
+    return found.mean(), found.std(ddof=1) / np.sqrt(seeds)
+
+
+@pytest.mark.parametrize(
+    ("size", "place", "bounces"),
+    [(1.0, (0, 0, 0), 3), (0.02, (0.5, -0.2, 0.1), 1), (300.0, (2e4, -1e4, 5e3), 6)],
+    ids=["at the origin", "small", "large and far away"],
+)
+def test_walls_of_a_ball_have_the_light_of_all_bounces(usd, size, place, bounces):
+    found, error = seen(pb.Shot(usd(ball(size, place))), passes=32, max_depth=2 + bounces)
+    # The ball's facets are nearer to the lamp than a ball, by at most half a per cent of the light.
+    assert abs(found - radiance(bounces)) < 4 * error + 0.005 * radiance(bounces)
+
+
+def test_a_light_has_as_many_bounces_as_it_asks_for(usd):
+    shot = pb.Shot(usd(ball(1.0, (0, 0, 0), light="int photonbeams:bounces = 1")))
+    found, error = seen(shot, passes=32)
+    assert abs(found - radiance(1)) < 4 * error + 0.01 * radiance(1)
+
+
+def test_the_walls_of_a_mitsuba_scene_have_that_light_too():
+    T = mi.ScalarTransform4f
+    scene = mi.load_dict({
+        "type": "scene",
+        "ball": {
+            "type": "sphere", "center": [3, -2, 1], "flip_normals": True,
+            "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": REFLECTED}},
+        },
+        "lamp": {
+            "type": "sphere", "center": [3, -2, 1], "radius": LAMP, "bsdf": {"type": "null"},
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 1.0}},
+        },
+        "sensor": {
+            "type": "perspective", "fov": 60, "near_clip": 1e-3,
+            "to_world": T().look_at([3, -2, 0.6], [3, -2, -1], [0, 1, 0]), "film": {"type": "hdrfilm"},
+        },
+    })  # fmt: skip
+    found, error = seen(pb.Shot(scene), passes=32, max_depth=5)
+    assert abs(found - radiance(3)) < 4 * error + 0.002 * radiance(3)
+
+
+def test_beams_of_a_light_do_not_change_what_it_does_to_surfaces(usd):
+    thin = """
+def Sphere "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"])
+{
+    double radius = 0.3
+    color3f photonbeams:scattering = (0.001, 0.001, 0.001)
+}
+"""
+    shot = pb.Shot(usd(ball(1.0, (0, 0, 0), "int photonbeams:count = 256", thin)))
+    found, error = seen(shot, passes=8, max_depth=5)
+    # The fog takes less than 0.06 % of the light.
+    assert abs(found - radiance(3)) < 4 * error + 0.01 * radiance(3)
+
+
+def test_a_sun_lights_endless_fog_as_far_as_its_beams_reach(usd):
+    stage = """
+def Mesh "Ground"
+{
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-3, 0, 3), (3, 0, 3), (3, 0, -3), (-3, 0, -3)]
+    bool doubleSided = 1
+}
+def DistantLight "Sun"
+{
+    float inputs:intensity = 1000
+    float inputs:angle = 0.5
+    float3 xformOp:rotateXYZ = (-50, 30, 0)
+    uniform token[] xformOpOrder = ["xformOp:rotateXYZ"]
+}
+def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"])
+{
+    color3f photonbeams:scattering = (0.05, 0.05, 0.05)
+}
+def Camera "Camera"
+{
+    float focalLength = 20
+    double3 xformOp:translate = (0, 1, 2.5)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+    shot, found = pb.Shot(usd(stage)), {}
+    for method, passes in (("paths", 256), ("beams", 16)):
+        frame = shot.render(width=16, height=12, passes=passes, method=method, max_depth=3)
+        found[method] = frame.layers["beams"][..., :3].mean()
+    # Beams reach a little farther than the sphere around everything, in whose cylinder they begin.
+    assert found["paths"] == pytest.approx(found["beams"], rel=0.15)
