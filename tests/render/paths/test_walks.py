@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from photonbeams.render.lights import Findings
+from photonbeams.render.paths.walks import Walks
 from photonbeams.render.scene_frame import Extras, begin
 from photonbeams.render.settings import Settings
-from photonbeams.render.paths.walks import Walks
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import BeamSettings, SceneError
 from photonbeams.transport.segments.records import Counts

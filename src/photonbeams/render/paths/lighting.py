@@ -164,10 +164,6 @@ class LitPoints:
         """Return the factor on light: 1 where nothing blocks it (`free`), else the shadow at points that are `lit`."""
         return dr.select(free, Array3f(1), 0 if self.shadow is None else dr.select(lit, self.shadow, 0))
 
-    def dimmed_over(self, direction: Array3f, distance: Float) -> Float:
-        """Return the distance over which media dim the light of lamps that are so far away in a direction."""
-        return distance
-
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
         """Return the factor on light from a direction, and the pdf with which that direction is sampled."""
         raise NotImplementedError
@@ -250,8 +246,7 @@ def scattered(world: World, reflection: LitPoints, light: Any, names: tuple[Any,
     seed = point.samples.bits(point.order, *stream)
     free = useful & ~world.solids.blocked(ray.origin, ray.direction, reach, useful, seed)
     shown = free if reflection.shadow is None else useful
-    over = reflection.dimmed_over(sample.direction, sample.distance)
-    dimming = world.dimming(ray.origin, sample.direction, over, medium, seed, shown)
+    dimming = world.dimming(ray.origin, sample.direction, sample.distance, medium, seed, shown)
     result = dr.select(shown, value * dimming * reflection.left(free, useful), 0)
 
     found = light.see(place, reflection.direction)
@@ -260,7 +255,6 @@ def scattered(world: World, reflection: LitPoints, light: Any, names: tuple[Any,
     shown = met if reflection.shadow is None else hit
     weight = power_heuristic(reflection.pdf, found.pdf)
     start = reflection.toward(reflection.direction, found.distance).origin
-    over = reflection.dimmed_over(reflection.direction, found.distance)
-    dimming = world.dimming(start, reflection.direction, over, medium, hash32(seed), shown)
+    dimming = world.dimming(start, reflection.direction, found.distance, medium, hash32(seed), shown)
     value = reflection.weight * found.radiance * weight * dimming * reflection.left(met, hit)
     return result + dr.select(shown, value, 0)

@@ -16,6 +16,10 @@ from ...world.world import World
 mi = mitsuba()
 
 
+#: Added to the number of a walk's lamp once its light along the current segment has been counted.
+COUNTED = 1 << 31
+
+
 class Walk(Struct):
     """Walks.
 
@@ -32,8 +36,10 @@ class Walk(Struct):
         How often the path was scattered; and how often so before the walk began, by mirrors and glass.
     counts
         Whether emitters that the ray meets count: not after the first surface, whose direct light is counted elsewhere.
-    place, pdf
-        Where the walk was last scattered, and the density of its direction per solid angle, 0 after ideal lobes.
+    place, pdf, inside, lamp
+        Where the walk was last scattered, the density of its direction per solid angle, 0 after ideal lobes, whether
+        that was in a medium, and the lamp that was sampled there (of lamps that are no surfaces); after a null
+        collision, with the flag `COUNTED`: the lamp no longer counts on this segment.
     order, pixel, branch
         The pixel's place in the sample sequences, the pixel, and the branch of its camera paths.
     name
@@ -52,6 +58,8 @@ class Walk(Struct):
     counts: Bool
     place: Array3f
     pdf: Float
+    inside: Bool
+    lamp: UInt32
     order: UInt32
     pixel: UInt32
     branch: UInt32

@@ -53,11 +53,26 @@ class Walked(Protocol):
     def __len__(self) -> int:
         """Return how many emitters there are."""
 
-    def direct(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool) -> Array3f:
-        """Return the light of one sample of the emitters that vertices scatter along the path, over its density."""
+    def direct(
+        self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool
+    ) -> tuple[Array3f, UInt32]:  # fmt: skip
+        """Return the light of one sample of the emitters that vertices scatter along the path, over its density.
 
-    def met(self, walk: Walk, hit: Any, active: Bool) -> Array3f:
-        """Return the radiance of these emitters where walks meet them, weighted against that of `direct`."""
+        Also return which of them was sampled, as `Walk.lamp`.
+        """
+
+    def met(self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32) -> Array3f:
+        """Return the radiance of these emitters where walks meet them, weighted against that of `direct`.
+
+        Parameters
+        ----------
+        walk, hit
+            The walks, and the surfaces ahead of them.
+        weight, arrives
+            The weights of their free flights, and which flights end at these surfaces.
+        active, seed
+            The walks whose light counts, and seeds for the transmittance of media.
+        """
 
 
 def chances(power: Sequence[float]) -> np.ndarray:
@@ -118,8 +133,9 @@ class WalkedEmitters:
             return light, brought
         return self._portal.sampled(Array3f(reference.p), light, brought, aim, probability)
 
-    def met(self, walk: Walk, hit: Any, active: Bool) -> Array3f:
+    def met(self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32) -> Array3f:
         """Return the radiance of these emitters where walks meet them, weighted against samples of emitters."""
+        active &= arrives
         place, ideal = walk.place, walk.pdf <= 0
         if not self._visible:
             return dr.zeros(Array3f, dr.width(place))
@@ -137,9 +153,11 @@ class WalkedEmitters:
         if self._portal is not None:
             pdf = self._portal.density(emitter, place, Array3f(light.d), pdf, probability)
         share = dr.select(ideal, 1, power_heuristic(walk.pdf, dr.select(own, pdf, 0)))
-        return dr.select(own, rgb(emitter.eval(hit, own)) * share, 0)
+        return dr.select(own, weight * rgb(emitter.eval(hit, own)) * share, 0)
 
-    def direct(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool) -> Array3f:
+    def direct(
+        self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool
+    ) -> tuple[Array3f, UInt32]:  # fmt: skip
         """Return the light of one sample of the emitters that vertices scatter along the path, over its density."""
         walk, hit, world, smooth = vertex.walk, vertex.hit, self.world, vertex.smooth
         order, reference = walk.order, vertex.reference()
@@ -160,4 +178,4 @@ class WalkedEmitters:
         seed = samples.bits(order, Stream.PATH_SHADOW, *name)
         ray = to_point(reference, Array3f(light.p), world.size).ray()
         passed, _ = through(world.plugin, world.media, ray, medium, seed, lit, coarse=True, size=world.size)
-        return dr.select(lit, value * passed, 0)
+        return dr.select(lit, value * passed, 0), UInt32(0)

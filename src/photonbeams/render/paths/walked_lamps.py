@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 
 from ...numerics.arrays import padded, to_float, to_uint
-from ...numerics.hashing import hash32
 from ...numerics.samples import Samples
+from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.packed import Lamps
 from ...world.emitters.portal_lamps import behind
+from ...world.shadow_rays import rounding, to_lamp
 from ...world.world import World
-from .camera_paths import ShadingPoint
-from .lighting import LitPoints, scattered
 from .walk_vertices import Vertex, Walk
 from .walked_emitters import Chosen, chances
 
@@ -28,8 +26,8 @@ mi = mitsuba()
 class WalkedLamps:
     """The lamps of a world that walks meet; samples choose a lamp mostly by its power.
 
-    At each vertex one sample of a lamp and one of the phase function or BSDF are weighted against each other, as for
-    direct light on surfaces. What a walk meets later counts only behind mirrors and glass.
+    At each vertex a lamp is chosen. One sample of it is weighted against the direction in which the walk goes on, which
+    may meet it.
 
     Parameters
     ----------
@@ -45,14 +43,15 @@ class WalkedLamps:
             lamp = world.emitters[number].lamp
             kinds.setdefault(type(lamp) if lamp.bare.DRJIT_STRUCT else number, []).append(place)
         part, first = chances(chosen.power), 0
-        self._groups: list[tuple[Callable[[UInt32], Any], bool, UInt32, UInt32]] = []
+        self._groups: list[_Group] = []
         for places in kinds.values():
             emitters = [world.emitters[numbers[each]] for each in places]
             lamps = [behind(each.lamp, each.portal) for each in emitters]
             packed = emitters[0].lamp.bare.DRJIT_STRUCT
             lamp_of = Lamps.of(lamps, None).light if packed else partial(_single, lamps[0])
             stop = first + len(places)
-            self._groups.append((lamp_of, emitters[0].lamp.infinite, dr.opaque(UInt32, first), dr.opaque(UInt32, stop)))
+            infinite = emitters[0].lamp.infinite
+            self._groups.append(_Group(lamp_of, infinite, dr.opaque(UInt32, first), dr.opaque(UInt32, stop)))
             first = stop
         order = [place for places in kinds.values() for place in places]
         self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part[order], 0.0])))
@@ -67,69 +66,96 @@ class WalkedLamps:
         """Return how many lamps there are."""
         return self._size
 
-    def direct(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool) -> Array3f:
+    def direct(
+        self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool
+    ) -> tuple[Array3f, UInt32]:  # fmt: skip
         """Return the light of one sample of the lamps that vertices scatter along the path, over its density."""
-        points = _WalkPoints(self.world, vertex, samples, name, active)
-        which = samples.single(vertex.walk.order, Stream.PATH_WHICH_EMITTER, *name)
-        index, probability = self._choice.sample_pmf(mi.Float(which), active)
-        if self._bounces is not None:
-            active &= vertex.walk.bounces + 1 <= dr.gather(UInt32, self._bounces, UInt32(index), active)
-        result = Array3f(0)
-        for lamp_of, infinite, first, stop in self._groups:
-            own = active & (index >= first) & (index < stop)
-            lamp = lamp_of(dr.select(own, UInt32(index) - first, 0))
-            result += scattered(self.world, points.among(own, infinite), lamp, (UInt32(Stream.PATH_EMITTER),))
-        return result * dr.rcp(dr.maximum(Float(probability), 1e-30))
+        world, walk = self.world, vertex.walk
+        which = samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name)
+        chosen, probability = self._choice.sample_pmf(mi.Float(which), active)
+        number, aim = UInt32(chosen), samples.pair(walk.order, Stream.PATH_EMITTER, *name)
+        active = self._within(walk.bounces + 1, number, active)
+        seed, result = samples.bits(walk.order, Stream.PATH_SHADOW, *name), Array3f(0)
+        for group in self._groups:
+            own = group.lights(world, number, vertex.position, vertex.scattered, active)
+            light = group.lamp(number, own).illuminate(vertex.position, aim)
+            value, pdf = vertex.evaluate(light.direction, own)
+            share = dr.select(light.pdf > 0, power_heuristic(light.pdf, pdf), 1)
+            value = Array3f(value) * light.weight * share
+            useful = own & (dr.max(value) > 0)
+            ray = to_lamp(vertex.reference(), light.direction, light.distance, world.size)
+            free = useful & ~world.solids.blocked(ray.origin, ray.direction, ray.length, useful, seed)
+            over = group.dimmed_over(world, vertex.position, vertex.scattered, light.direction, light.distance)
+            dimming = world.dimming(ray.origin, light.direction, over, walk.medium, seed, free)
+            result += dr.select(free, value * dimming, 0)
+        return result * dr.rcp(dr.maximum(Float(probability), 1e-30)), number
 
-    def met(self, walk: Walk, hit: Any, active: Bool) -> Array3f:
-        """Return the radiance of environments that walks meet straight behind mirrors or glass."""
-        result, away = Array3f(0), active & (walk.pdf <= 0) & ~hit.is_valid()
+    def met(self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32) -> Array3f:
+        """Return the radiance of the lamp that was sampled where walks were last scattered, if they meet it now.
+
+        Behind mirrors and glass, that of all environments.
+        """
+        world, result = self.world, Array3f(0)
+        away = active & arrives & (walk.pdf <= 0) & ~hit.is_valid()
         for each in self._environments:
             result += each.see(walk.origin, walk.direction).radiance
-        return dr.select(away, result, 0)
+        result = dr.select(away, weight * result, 0)
+        # Boundaries of media that the walk has passed since then lie behind it.
+        passed = dr.dot(walk.origin - walk.place, walk.direction)
+        length = dr.select(hit.is_valid(), hit.t, dr.inf)
+        active = self._within(walk.bounces, walk.lamp, active & (walk.pdf > 0))
+        probability = self._choice.eval_pmf_normalized(walk.lamp, active)
+        for group in self._groups:
+            own = group.lights(world, walk.lamp, walk.place, walk.inside, active)
+            found = group.lamp(walk.lamp, own).see(walk.place, walk.direction)
+            distance = dr.maximum(found.distance - passed, 0)
+            slack = rounding(dr.select(dr.isfinite(distance), distance, 0) + dr.max(dr.abs(walk.origin)) + world.size)
+            there = own & found.hit & (found.distance > passed) & (distance - slack <= length)
+            over = group.dimmed_over(world, walk.place, walk.inside, walk.direction, found.distance) - passed
+            dimming = world.dimming(walk.origin, walk.direction, over, walk.medium, seed, there)
+            share = power_heuristic(walk.pdf, found.pdf) * dr.rcp(dr.maximum(Float(probability), 1e-30))
+            result += dr.select(there, found.radiance * dimming * share, 0)
+        return result
+
+    def _within(self, bounces: UInt32, number: UInt32, active: Bool) -> Bool:
+        """Return which of the active walks may meet these lamps after so many bounces."""
+        if self._bounces is None:
+            return active
+        return active & (bounces <= dr.gather(UInt32, self._bounces, number, active))
+
+
+class _Group(NamedTuple):
+    """The lamps of one kind, with the numbers from `first` to before `stop`.
+
+    `of` returns one of them, and `infinite` says whether they are infinitely far away.
+    """
+
+    of: Callable[[UInt32], Any]
+    infinite: bool
+    first: UInt32
+    stop: UInt32
+
+    def lamp(self, number: UInt32, own: Bool) -> Any:
+        """Return the lamp with a number, where it is `own`."""
+        return self.of(dr.select(own, number - self.first, 0))
+
+    def lights(self, world: World, number: UInt32, place: Array3f, inside: Bool, active: Bool) -> Bool:
+        """Return which of the active places these lamps light: at infinity, no media outside of the bounds."""
+        own = active & (number >= self.first) & (number < self.stop)
+        if not self.infinite:
+            return own
+        near = dr.squared_norm(place - world.bounds.center) <= dr.square(world.bounds.radius)
+        return own & (near | ~inside)
+
+    def dimmed_over(
+        self, world: World, place: Array3f, inside: Bool, direction: Array3f, distance: Float
+    ) -> Float:  # fmt: skip
+        """Return the distance over which media dim the light: in media as that of beams, which enter the bounds."""
+        if not self.infinite:
+            return distance
+        return dr.select(inside, world.bounds.behind(place, -direction), distance)
 
 
 def _single(lamp: Any, _: UInt32) -> Any:
     """Return a lamp that is not packed."""
     return lamp
-
-
-class _WalkPoints(LitPoints):
-    """The vertices of walks, and one sample of the phase function or the smooth BSDF at each."""
-
-    def __init__(
-        self, world: World, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool
-    ) -> None:  # fmt: skip
-        walk = vertex.walk
-        step = hash32(*(UInt32(each) for each in name))
-        self.point = ShadingPoint(vertex.hit, walk.medium, walk.order, step, samples)
-        self.place, self._vertex, self.shadow_reach = vertex.position, vertex, Float(dr.inf)
-        self._bounds, to = world.bounds, vertex.position - world.bounds.center
-        self._within = ~vertex.scattered | (dr.squared_norm(to) <= dr.square(world.bounds.radius))
-        self.reference, self.size, self.active = vertex.reference(), world.size, active
-        lobe = samples.single(walk.order, Stream.PATH_REFLECTION, *name)
-        turn = mi.Point2f(samples.pair(walk.order, Stream.PATH_REFLECTION_TURN, *name))
-        chosen = vertex.sampled(lobe, turn, active)
-        self.direction, self.pdf = chosen.direction, Float(chosen.pdf)
-        ideal = mi.has_flag(chosen.bsdf.sampled_type, mi.BSDFFlags.Delta)
-        good = active & (self.pdf > 0) & (vertex.scattered | ~ideal)
-        self.weight = dr.select(good, chosen.weight, 0)
-        self.seed = samples.bits(walk.order, Stream.PATH_SHADOW, *name)
-        self.open = self.unblocked(world)
-
-    def among(self, own: Bool, infinite: Bool) -> _WalkPoints:
-        """Return the points that lamps of one kind light: `infinite` ones light no media outside of the bounds."""
-        result = copy(self)
-        own = own & (self._within | ~infinite)
-        result.active, result.weight = self.active & own, dr.select(own, self.weight, 0)
-        return result
-
-    def dimmed_over(self, direction: Array3f, distance: Float) -> Float:
-        """Return the distance over which media dim the light: that of beams, which enter the bounds from infinity."""
-        entered = self._bounds.behind(self.place, -direction)
-        return dr.select(self._vertex.scattered & dr.isinf(distance), entered, distance)
-
-    def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
-        """Return the factor on light from a direction, and the pdf with which that direction is sampled."""
-        value, pdf = self._vertex.evaluate(direction, self.active)
-        return Array3f(value), Float(pdf)

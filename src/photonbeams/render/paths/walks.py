@@ -28,7 +28,7 @@ from ...world.shadow_rays import leaving
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import Bounce, CameraVertex
 from .photons import PhotonLighting
-from .walk_vertices import Vertex, Walk
+from .walk_vertices import COUNTED, Vertex, Walk
 from .walked_emitters import Walked
 
 mi = mitsuba()
@@ -83,8 +83,8 @@ class Walking:
         start = paths.origin + paths.near * paths.direction
         scattered = Walk(
             start, paths.direction, paths.medium, inside, dr.minimum(vertex.end, ENDLESS) - paths.near,
-            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, paths.order, paths.pixel,
-            paths.branch, vertex.name,
+            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, inside, paths.pixel * 0,
+            paths.order, paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(inside, scattered)), None)
 
@@ -94,8 +94,8 @@ class Walking:
         going = (dr.max(bounce.throughput) > 0) & self.within(paths.depth, 3)
         reflected = Walk(
             bounce.origin, bounce.direction, bounce.medium, ~going, zeros, bounce.throughput,
-            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.origin, zeros, paths.order,
-            paths.pixel, paths.branch, vertex.name,
+            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.origin, zeros, ~going,
+            paths.pixel * 0, paths.order, paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(going, reflected)), None)
 
@@ -126,21 +126,24 @@ class Walking:
         flown = self._flown(walk, dr.select(walk.first, walk.length, beyond), going, samples, name)
         distance, weight, scattered, tinted = flown
         throughput = walk.throughput * weight
-        on = going & ~walk.first & ~scattered & ~tinted
-        found = self.emitters.met(walk, hit, on & walk.counts & self.within(walk.depth, 1))
-        result: Any = dr.select(dr.max(found) > 0, throughput * found, 0)
+        ahead = going & ~walk.first
+        on = ahead & ~scattered & ~tinted
+        tracking = samples.bits(walk.order, Stream.PATH_REFLECTION, *name)
+        found = self.emitters.met(walk, hit, weight, on, ahead & walk.counts & self.within(walk.depth, 1), tracking)
+        result: Any = dr.select(dr.max(found) > 0, walk.throughput * found, 0)
         vertex = Vertex(world, walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
         lit = (vertex.scattered | vertex.smooth) & self.within(walk.depth, 2)
-        result += throughput * self.emitters.direct(vertex, samples, name, lit)
+        light, lamp = self.emitters.direct(vertex, samples, name, lit)
+        result += throughput * light
         if photons is not None:
             result += throughput * photons(hit, walk.depth, lit & vertex.smooth)
-        following, weight, goes = self._onward(vertex, samples, name)
+        following, weight, goes = self._onward(vertex, lamp, samples, name)
         following.throughput = throughput * weight
         # After a null collision, which only changes the colour, a walk continues straight.
-        for each, same in {"direction": walk.direction, "depth": walk.depth, "counts": walk.counts, "pdf": walk.pdf,
-                           "place": walk.place, "first": walk.first, "medium": walk.medium,
-                           "throughput": throughput}.items():  # fmt: skip
-            setattr(following, each, dr.select(tinted, same, getattr(following, each)))
+        for each in ("direction", "depth", "counts", "pdf", "place", "inside", "first", "medium"):
+            setattr(following, each, dr.select(tinted, getattr(walk, each), getattr(following, each)))
+        following.throughput = dr.select(tinted, throughput, following.throughput)
+        following.lamp = dr.select(tinted, walk.lamp | COUNTED, following.lamp)
         following.origin = dr.select(tinted, vertex.position, following.origin)
         following.length = walk.length - distance
         for each in ("order", "pixel", "branch", "name", "before"):
@@ -170,7 +173,9 @@ class Walking:
             scattered, tinted = dr.select(varying, scatters, scattered), varying & collided & ~scatters
         return dr.minimum(distance, length), weight, scattered, tinted
 
-    def _onward(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...]) -> tuple[Walk, Array3f, Bool]:
+    def _onward(
+        self, vertex: Vertex, lamp: UInt32, samples: Samples, name: tuple[Any, ...]
+    ) -> tuple[Walk, Array3f, Bool]:  # fmt: skip
         """Return the walks after their vertices, the weights of their new directions, and which walks continue."""
         walk, hit, media = vertex.walk, vertex.hit, self.emitters.world.media
         lobe, turn = (
@@ -193,6 +198,8 @@ class Walking:
         following.counts = walk.counts | ~null
         following.place = dr.select(null, walk.place, vertex.position)
         following.pdf = dr.select(null, walk.pdf, dr.select(ideal, 0, chosen.pdf))
+        following.inside = dr.select(null, walk.inside, vertex.scattered)
+        following.lamp = dr.select(null, walk.lamp & UInt32(COUNTED - 1), lamp)
         factor = chosen.weight
         good = vertex.scattered | (vertex.on_surface & (chosen.bsdf.pdf > 0))
         good &= dr.isfinite(dr.sum(factor)) & self.within(following.depth, 1)
