@@ -169,6 +169,8 @@ def _stage_rows(stage: Usd.Stage, scene: Scene) -> Iterable[tuple[str, str]]:
     frames = "no range" if ends is None else f"{ends[0]:g} to {ends[1]:g}"
     yield "frames", f"{frames}, {stage.GetTimeCodesPerSecond():g} a second"
     yield "triangles", f"{sum(len(mesh.faces) for mesh in scene.meshes):,} in {len(scene.meshes):,} meshes"
+    lit = "" if scene.bounces else ": surfaces are lit only directly, and a room is dark; light it with --bounces 3"
+    yield "bounces", f"{scene.bounces}{lit}"
     grids = [(each, each.grid) for each in scene.media if each.grid is not None]
     for each, grid in grids:
         cells = " x ".join(str(count) for count in grid.values.shape[2::-1])

@@ -9,9 +9,9 @@ TRACING, RECORD, TEST, WALK = 2e5, 15.0, 1e-3, 3.0
 # Usual number of beams and photons of a light path, and the cost of surfaces and walks for a sample of a pixel.
 _RECORDS, _SAMPLE = 2.0, 2.0
 
-# The samples of surfaces in a pass cost at most this fraction of what its beams cost. A pixel has no more than so many:
-# beyond that number, most of the remaining noise is the beams' own.
-_SHARE, _MOST = 0.5, 16
+# Samples of surfaces in a pass cost at most this fraction of what its beams cost; as much with walks, which have most of
+# the noise. A pixel has no more than so many: beyond that, most of the remaining noise is the beams' own.
+_SHARE, _SHARE_WALKED, _MOST = 0.5, 1.0, 16
 
 #: Rays that are followed at once: so many that work done once for all of them hardly counts.
 LANES = 1 << 19
@@ -22,14 +22,15 @@ def of_beams(records: float, beams: float, pixels: int) -> float:
     return TRACING + RECORD * records + TEST * beams * pixels
 
 
-def surface_samples(paths: int, pixels: int) -> int:
+def surface_samples(paths: int, pixels: int, walked: bool = False) -> int:
     """Return how many samples of surfaces each pixel has in a pass of this many light `paths`, a power of two.
 
-    Without light paths it is one: then a pass costs no more than a sample.
+    Without light paths it is one: then a pass costs no more than a sample. `walked` says whether walks begin there.
     """
     if not paths:
         return 1
-    affordable = _SHARE * of_beams(_RECORDS * paths, _RECORDS * paths, pixels) / (_SAMPLE * pixels)
+    share, sample = (_SHARE_WALKED, _SAMPLE + WALK) if walked else (_SHARE, _SAMPLE)
+    affordable = share * of_beams(_RECORDS * paths, _RECORDS * paths, pixels) / (sample * pixels)
     return power_below(int(min(affordable, _MOST)))
 
 

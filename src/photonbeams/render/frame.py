@@ -115,7 +115,9 @@ class FrameRenderer(PassRenderer):
         self._size = window.width, window.height
         pixels, order = window.width * window.height, self._films[0].order
         chosen = self.settings.surface_samples
-        self._surface_samples = surface_samples(self.light.paths, pixels) if chosen is None else chosen
+        if chosen is None:
+            chosen = surface_samples(self.light.paths, pixels, self.light.walks(self.light.world).surfaces is not None)
+        self._surface_samples = chosen
         # Sample indices have 32 bits. Those of further samples follow those of the whole picture, in crops, too.
         last = z_order(dr.opaque(UInt32, window.width - 1), dr.opaque(UInt32, window.height - 1))
         self._indices = 1 << int(last[0]).bit_length()

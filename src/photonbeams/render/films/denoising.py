@@ -1,8 +1,9 @@
 """Denoised layers: Open Image Denoise where it errs less than the passes do.
 
 Open Image Denoise (https://www.openimagedenoise.org) is a network that was trained on the noise of path tracers, which
-is independent in each pixel. It is guided by albedos and normals, as its documentation asks: seen through the same
-pixel filter, and of the first surface that is more than a mirror or clear glass.
+is independent in each pixel. For surfaces it is guided by albedos and normals, as its documentation asks: seen through
+the same pixel filter, and of the first surface that is more than a mirror or clear glass. Beams have no guides: what a
+surface behind them looks like would be left in them.
 
 Beams share their light among many pixels, so their noise is of another kind, and after a few passes there is hardly
 any. The network may make them worse. A layer is therefore a mixture of two pictures, n of the passes and f of the
@@ -106,8 +107,8 @@ def denoised(
     for name in ("surface", *parts):
         # The error of a single pass is unknown. The noise of surfaces is of the kind that the network removes, that of
         # beams is not.
-        unknown = 1.0 if name == "surface" else 0.0
-        result[name] = _mixed(name, layers[name], guides, sums.variance(name), unknown, known)
+        unknown, own = (1.0, guides) if name == "surface" else (0.0, {})
+        result[name] = _mixed(name, layers[name], own, sums.variance(name), unknown, known)
     if groups:
         unnamed = layers["beams"] - sum(layers[name] for name in parts)
         result["beams"] = sum((result[name] for name in parts), unnamed)
