@@ -9,8 +9,9 @@ TRACING, RECORD, TEST, WALK = 2e5, 15.0, 1e-3, 3.0
 # Usual number of beams and photons of a light path, and the cost of surfaces and walks for a sample of a pixel.
 _RECORDS, _SAMPLE = 2.0, 2.0
 
-# Samples of surfaces in a pass cost at most this fraction of what its beams cost; as much with walks, which have most
-# of the noise. A pixel has no more than so many: beyond that, most of the remaining noise is the beams' own.
+# The samples of surfaces in a pass cost at most this fraction of what its beams cost. The fraction is larger if walks
+# begin there, because then most of the noise is theirs. A pixel has no more than so many: beyond that number, most of
+# the remaining noise is the beams' own.
 _SHARE, _SHARE_WALKED, _MOST = 0.5, 1.0, 16
 
 #: Rays that are followed at once: so many that work done once for all of them hardly counts.

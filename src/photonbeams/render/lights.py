@@ -32,9 +32,6 @@ from .paths.walks import Walking, Walks
 from .settings import Settings
 from .worlds import Worlds
 
-#: Edges of the longest paths if light is not scattered before it is scattered toward the camera.
-STRAIGHT = 2
-
 
 @dataclass
 class Findings:
@@ -176,9 +173,17 @@ class Lights:
     def _lit(self) -> list[int]:
         """The numbers of the emitters whose light on surfaces walks meet."""
         settings = self.settings
-        if settings.method == "beams" or not settings.surfaces or self.max_depth == STRAIGHT:
+        if settings.method == "beams" or not settings.surfaces or not self.simulation.tuning.scatters:
             return []
-        return [number for number, each in enumerate(self.world.emitters) if _is_met(each)]
+        return [number for number, each in enumerate(self.world.emitters) if self._is_met(each)]
+
+    def _is_met(self, emitter: Emitter) -> bool:
+        """Return whether walks can meet the light of an emitter on surfaces.
+
+        They cannot if some surfaces do not block it, or behind images before Mitsuba's emitters.
+        """
+        own, images = emitter.beams, self.world.emits and emitter.lamp.images
+        return own.lights_surfaces and own.shines and not images and not emitter.links.unshadowed
 
     @property
     def free(self) -> list[int]:
@@ -198,13 +203,6 @@ class Lights:
                 pilot = replace(self, settings=replace(self.settings, seed=0))  # the result holds for all seeds
                 self.findings.walked = preferred(pilot, free, pixels)
         return self.findings.walked
-
-
-def _is_met(emitter: Emitter) -> bool:
-    """Return whether walks can meet the light of an emitter on surfaces: all surfaces block it, and images do not."""
-    own = emitter.beams
-    images = isinstance(own, scene.Light) or not emitter.lamp.images
-    return own.lights_surfaces and own.shines and images and not emitter.links.unshadowed
 
 
 def _is_plain(emitter: Emitter) -> bool:

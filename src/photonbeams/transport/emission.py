@@ -23,7 +23,7 @@ from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..scene import Array
 from ..world.differentials import RayDifferentials
 from ..world.emitters.portals import Portal, emit_through
-from ..world.emitters.rays import EmittedRays
+from ..world.emitters.rays import OF_PATHS, EmittedRays
 from ..world.world import World
 from .guiding.maps import GuidingMap
 from .segments.records import Counts
@@ -37,13 +37,6 @@ _SEQUENCE = 1 << 30
 # How often a beam is halved, at most, where a surface blocks its rim: through a portal or without one, and past one.
 # Few through a portal, where a narrow beam would be seen as a streak; many beside it, where light would leak.
 HALVINGS, HALVINGS_ASIDE = 1, 5
-
-
-# What is known of paths as they leave an emitter, which is computed at once.
-_LEFT = (
-    "origin", "direction", "flux", "differentials", "count", "index", "key", "source", "link", "reach", "portal",
-    "medium", "counts",
-)  # fmt: skip
 
 
 class PathEmitter:
@@ -172,7 +165,7 @@ class Stratum:
             portal=rays.portal + nothing.x, medium=rays.medium + wide,
             counts=dr.opaque(UInt32, int(self.emitter.counts)) + wide, halvings=self.emitter.halvings,
         )  # fmt: skip
-        dr.eval([getattr(result, each) for each in _LEFT])
+        dr.eval([getattr(result, each) for each in OF_PATHS])
         return result
 
 

@@ -20,7 +20,7 @@ from ..numerics.sampling import pixel_sample
 from ..numerics.streams import Stream
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..world.differentials import RayDifferentials
-from ..world.emitters.rays import EmittedRays
+from ..world.emitters.rays import OF_PATHS, EmittedRays
 from ..world.media.interfaces import distance_to_medium, is_left, pointers
 from ..world.spectra import rgb
 from ..world.warp import facing
@@ -81,8 +81,7 @@ def leaving(tracing: Tracing, emitted: Sequence[EmittedRays]) -> LightPaths | No
     if not emitted or (tracing.max_bounces is not None and tracing.max_bounces < 0):
         return None
     paths = LightPaths()
-    for name in ("origin", "direction", "flux", "differentials", "count", "index", "key", "source", "link", "reach",
-                 "portal", "medium", "counts"):  # fmt: skip
+    for name in OF_PATHS:
         setattr(paths, name, joined([getattr(each, name) for each in emitted]))
     total = dr.width(paths.origin)
     # Not a bare counter: once it is evaluated, Dr.Jit uses it for every other counter of the same length, and kernels
@@ -135,7 +134,7 @@ def straight(tracing: Tracing, paths: LightPaths, last: Last | None = None) -> I
     while True:
         paths.branch = continued(divisible(tracing, paths)) + dr.zeros(UInt32, dr.width(paths.branch))
         segments, _, _, _, following, going = _step(tracing, paths, step)
-        yield segments, alive & (dr.max(paths.flux) > 0) & paths.counting(Counts.BEAMS)
+        yield segments, alive & (dr.max(paths.flux) > 0) & paths.counting(Counts.BEAMS, Counts.CAUSTIC_BEAMS)
         alive = alive & going
         if last is not None:
             alive &= ~last(segments, following)
@@ -221,7 +220,7 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     on_surface = interaction.on_surface & ~paths.straight & interaction.smooth & whole
     on_surface &= paths.counting(Counts.PHOTONS, Counts.CAUSTIC_PHOTONS)
     in_medium &= tracing.within(paths.depth, paths.source)
-    in_medium &= paths.counting(Counts.BEAMS) | (paths.counting(Counts.CAUSTIC_BEAMS) & ~paths.straight)
+    in_medium &= paths.counting(Counts.BEAMS, Counts.CAUSTIC_BEAMS)
     bent = interaction.going & interaction.on_surface & following.coherent & ~scatter.null
     width_there = segments.width(interaction.distance)
     return segments, in_medium, hits, on_surface, following, interaction.going, bent, width_there
@@ -296,9 +295,9 @@ def _counts(paths: LightPaths, interaction: Interaction, sharp: Bool) -> UInt32:
     A path that something else turns first brings no caustic. Behind a surface that scatters it, a path brings no
     photons of caustics any more.
     """
-    lost = dr.select(sharp, UInt32(0), dr.select(paths.straight, UInt32(int(Counts.CAUSTICS)),
-           dr.select(interaction.on_surface, UInt32(int(Counts.CAUSTIC_PHOTONS)), UInt32(0))))  # fmt: skip
-    return paths.counts & ~lost
+    lost = dr.select(interaction.on_surface, UInt32(int(Counts.CAUSTIC_PHOTONS)), UInt32(0))
+    lost = dr.select(paths.straight, UInt32(int(Counts.CAUSTICS)), lost)
+    return paths.counts & ~dr.select(sharp, UInt32(0), lost)
 
 
 def _chosen(interaction: Interaction, scattered: dr.ArrayT, reflected: dr.ArrayT, same: dr.ArrayT) -> dr.ArrayT:

@@ -39,7 +39,7 @@ def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
         paths.branch = goes_on
         return paths
     # What is scattered or reflected counts only if more than caustics does.
-    able &= paths.counting(Counts.BEAMS, Counts.PHOTONS) | (paths.counting(Counts.CAUSTICS) & ~paths.straight)
+    able &= paths.counting(Counts.ALL, Counts.CAUSTICS)
     able &= tracing.within(paths.depth + 1, paths.source)  # no part that would exceed the depth
     seed = hash32(paths.key, dr.opaque(UInt32, step), paths.index)
     light = _scattered_and_reflected(tracing, paths, able, seed)

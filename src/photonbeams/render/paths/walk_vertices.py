@@ -16,10 +16,6 @@ from ...world.world import World
 mi = mitsuba()
 
 
-#: Added to the number of a walk's lamp once its light along the current segment has been counted.
-COUNTED = 1 << 31
-
-
 class Walk(Struct):
     """Walks.
 
@@ -38,8 +34,9 @@ class Walk(Struct):
         Whether emitters that the ray meets count: not after the first surface, whose direct light is counted elsewhere.
     place, pdf, inside, lamp
         Where the walk was last scattered, the density of its direction per solid angle, 0 after ideal lobes, whether
-        that was in a medium, and the lamp that was sampled there (of lamps that are no surfaces); after a null
-        collision, with the flag `COUNTED`: the lamp no longer counts on this segment.
+        that was in a medium, and the lamp that was sampled there (of lamps that are no surfaces).
+    fresh
+        Whether the walk begins a segment; if not, it goes on after a null collision, and lamps ahead have been counted.
     order, pixel, branch
         The pixel's place in the sample sequences, the pixel, and the branch of its camera paths.
     name
@@ -60,6 +57,7 @@ class Walk(Struct):
     pdf: Float
     inside: Bool
     lamp: UInt32
+    fresh: Bool
     order: UInt32
     pixel: UInt32
     branch: UInt32
@@ -125,13 +123,11 @@ class Vertex:
         reflected, density = rgb(reflected) / self._opacity, density / self._opacity
         return dr.select(self.scattered, rgb(value), reflected), dr.select(self.scattered, pdf, density)
 
-    def sampled(self, lobe: Float, turn: Any, active: Bool | bool = True) -> DirectionSample:
+    def sampled(self, lobe: Float, turn: Any) -> DirectionSample:
         """Return a sample of the phase functions and BSDFs."""
-        turned, own, pdf = self.phase().sample(
-            mi.PhaseFunctionContext(), self.place(), lobe, turn, self.scattered & active
-        )
+        turned, own, pdf = self.phase().sample(mi.PhaseFunctionContext(), self.place(), lobe, turn, self.scattered)
         sample, weight = self.hit.bsdf().sample(
-            mi.BSDFContext(), self.hit, lobe * self._opacity, turn, self.on_surface & active
+            mi.BSDFContext(), self.hit, lobe * self._opacity, turn, self.on_surface
         )  # fmt: skip
         direction = Array3f(dr.select(self.scattered, turned, self.hit.to_world(sample.wo)))
         density = dr.select(self.scattered, pdf, sample.pdf / self._opacity)

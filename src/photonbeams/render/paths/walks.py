@@ -28,7 +28,7 @@ from ...world.shadow_rays import leaving
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import Bounce, CameraVertex
 from .photons import PhotonLighting
-from .walk_vertices import COUNTED, Vertex, Walk
+from .walk_vertices import Vertex, Walk
 from .walked_emitters import Walked
 
 mi = mitsuba()
@@ -77,25 +77,27 @@ class Walking:
 
     def _in_media(self, paths: CameraPaths, vertex: CameraVertex) -> Walk | None:
         """Return the walks that begin in the media of a step of camera paths; None if there are none."""
-        media, zeros = self.emitters.world.media, dr.zeros(Float, dr.width(paths.pixel))
+        media, width = self.emitters.world.media, dr.width(paths.pixel)
+        zeros, lamp = dr.zeros(Float, width), dr.zeros(UInt32, width)
         inside = paths.alive & (dr.max(media.scattering(paths.medium)) > 0) & (vertex.end > paths.near)
         inside &= self.within(paths.depth, 2)
         start = paths.origin + paths.near * paths.direction
         scattered = Walk(
             start, paths.direction, paths.medium, inside, dr.minimum(vertex.end, ENDLESS) - paths.near,
-            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, inside, paths.pixel * 0,
-            paths.order, paths.pixel, paths.branch, vertex.name,
+            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, inside, lamp, inside, paths.order,
+            paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(inside, scattered)), None)
 
     def _from_surfaces(self, paths: CameraPaths, vertex: CameraVertex, bounce: Bounce) -> Walk | None:
         """Return the walks that begin with these samples of BSDFs; None if there are none."""
-        zeros = dr.zeros(Float, dr.width(paths.pixel))
+        width = dr.width(paths.pixel)
+        zeros, lamp = dr.zeros(Float, width), dr.zeros(UInt32, width)
         going = (dr.max(bounce.throughput) > 0) & self.within(paths.depth, 3)
         reflected = Walk(
             bounce.origin, bounce.direction, bounce.medium, ~going, zeros, bounce.throughput,
-            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.origin, zeros, ~going,
-            paths.pixel * 0, paths.order, paths.pixel, paths.branch, vertex.name,
+            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.origin, zeros, ~going, lamp, going,
+            paths.order, paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(going, reflected)), None)
 
@@ -128,7 +130,7 @@ class Walking:
         throughput = walk.throughput * weight
         ahead = going & ~walk.first
         on = ahead & ~scattered & ~tinted
-        tracking = samples.bits(walk.order, Stream.PATH_REFLECTION, *name)
+        tracking = samples.bits(walk.order, Stream.PATH_TRACKING, *name)
         found = self.emitters.met(walk, hit, weight, on, ahead & walk.counts & self.within(walk.depth, 1), tracking)
         result: Any = dr.select(dr.max(found) > 0, walk.throughput * found, 0)
         vertex = Vertex(world, walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
@@ -140,10 +142,10 @@ class Walking:
         following, weight, goes = self._onward(vertex, lamp, samples, name)
         following.throughput = throughput * weight
         # After a null collision, which only changes the colour, a walk continues straight.
-        for each in ("direction", "depth", "counts", "pdf", "place", "inside", "first", "medium"):
+        for each in ("direction", "depth", "counts", "pdf", "place", "inside", "lamp", "first", "medium"):
             setattr(following, each, dr.select(tinted, getattr(walk, each), getattr(following, each)))
         following.throughput = dr.select(tinted, throughput, following.throughput)
-        following.lamp = dr.select(tinted, walk.lamp | COUNTED, following.lamp)
+        following.fresh = ~tinted
         following.origin = dr.select(tinted, vertex.position, following.origin)
         following.length = walk.length - distance
         for each in ("order", "pixel", "branch", "name", "before"):
@@ -199,7 +201,7 @@ class Walking:
         following.place = dr.select(null, walk.place, vertex.position)
         following.pdf = dr.select(null, walk.pdf, dr.select(ideal, 0, chosen.pdf))
         following.inside = dr.select(null, walk.inside, vertex.scattered)
-        following.lamp = dr.select(null, walk.lamp & UInt32(COUNTED - 1), lamp)
+        following.lamp = dr.select(null, walk.lamp, lamp)
         factor = chosen.weight
         good = vertex.scattered | (vertex.on_surface & (chosen.bsdf.pdf > 0))
         good &= dr.isfinite(dr.sum(factor)) & self.within(following.depth, 1)

@@ -101,9 +101,12 @@ class LightPaths(Struct):
     width: Width
     slant: Float
 
-    def counting(self, *kinds: Counts) -> Bool:
-        """Return which paths have a flag of these kinds."""
-        return (self.counts & int(Counts(sum(kinds)))) > 0
+    def counting(self, always: Counts, caustics: Counts) -> Bool:
+        """Return whose light counts: with a flag of `always`, or with one of `caustics` if mirrors or glass turned it.
+
+        What else turns a path takes its flags of caustics away.
+        """
+        return ((self.counts & int(always)) > 0) | (((self.counts & int(caustics)) > 0) & ~self.straight)
 
 
 class Segments(Struct):

@@ -21,6 +21,12 @@ from ..warp import perpendicular
 # Least cosine for a beam's width: along a surface, a beam would be infinitely wide.
 GRAZING = 0.02
 
+#: The attributes that light paths take over from emitted rays.
+OF_PATHS = (
+    "origin", "direction", "flux", "differentials", "count", "index", "key", "source", "link", "reach", "portal",
+    "medium", "counts",
+)  # fmt: skip
+
 
 @dataclass
 class EmittedRays:

@@ -22,7 +22,7 @@ _STEPS = 12
 
 
 @dataclass
-class Walks:
+class Probes:
     """What walks found, (N,) each.
 
     Attributes
@@ -40,9 +40,9 @@ class Walks:
     named: Array
     escaped: Array
 
-    def part(self, begin: int, end: int | None) -> Walks:
+    def part(self, begin: int, end: int | None) -> Probes:
         """Return the walks from number `begin` to `end`."""
-        return Walks(*(getattr(self, name)[begin:end] for name in self.__dataclass_fields__))
+        return Probes(*(getattr(self, name)[begin:end] for name in self.__dataclass_fields__))
 
     @property
     def told(self) -> Array:
@@ -58,7 +58,7 @@ class Walks:
 
 def walk(
     plugin: MiScene, origin: Array, direction: Array, rng: np.random.Generator, size: Float, onward: bool = False
-) -> Walks:
+) -> Probes:
     """Return random walks in a scene with the diameter `size`.
 
     Interfaces reflect walks, and so do surfaces that transmit no light, unless walks go `onward` through all of these.
@@ -79,7 +79,7 @@ def walk(
         here, alive = Array3f(leaving(met.hit, along, size)), valid
         dr.eval(here, along, alive, near, far, named, escaped)
     media: list[Array] = [each.numpy().astype(np.int64) for each in (near, far, named)]
-    return Walks(media[0], media[1], media[2], escaped.numpy())
+    return Probes(media[0], media[1], media[2], escaped.numpy())
 
 
 def random_directions(rng: np.random.Generator, count: int) -> Array:

@@ -20,7 +20,7 @@ from ....scene import Array
 from ...shadow_rays import size_of
 from ..interfaces import UNKNOWN, medium_at, number
 from ..media import Media
-from .probes import Walks, walk
+from .probes import Probes, walk
 from .survey import RARE, background, media_inside, radii, rays_from_outside
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ class Surroundings:
                 pinhole = index >= emitters and _is_one_point(place.origin)
                 self._answers.append(_Around(answer.medium, answer.everyone or pinhole))
 
-    def _found(self, asking: Walks, onward: Walks) -> _Around:
+    def _found(self, asking: Probes, onward: Probes) -> _Around:
         """Return the medium that most walks from a place find.
 
         Walls that name no medium lie within the medium around them. If walks find no medium, those that pass walls
@@ -145,7 +145,7 @@ class Surroundings:
         values, counts = np.unique(told, return_counts=True)
         return _Around(int(values[counts.argmax()]), len(values) == 1)
 
-    def _check(self, place: Place, walks: Walks, inside: set[int]) -> None:
+    def _check(self, place: Place, walks: Probes, inside: set[int]) -> None:
         """Note a contradiction between what an emitter or a sensor names and what the shapes around it name."""
         own, told = number(place.named), walks.told[walks.told != UNKNOWN]
         if not len(told) or (told == own).mean() > RARE:

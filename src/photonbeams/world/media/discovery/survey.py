@@ -13,7 +13,7 @@ from ....scene import Array
 from ...bounds import box_around, box_of
 from ..interfaces import UNKNOWN, number
 from ..parts import boxes, parts
-from .probes import Walks, normalized, random_directions
+from .probes import Probes, normalized, random_directions
 
 if TYPE_CHECKING:
     from ....runtime.mitsuba_types import BoundingBox, MiMedium, MiScene
@@ -46,7 +46,7 @@ def rays_from_outside(plugin: MiScene, rng: np.random.Generator) -> tuple[Array,
     return origin, normalized(aim - origin)
 
 
-def background(walks: Walks, named: Iterable[MiMedium | None], inside: set[int]) -> int:
+def background(walks: Probes, named: Iterable[MiMedium | None], inside: set[int]) -> int:
     """Return the medium in which walks from outside of the scene begin; 0 if there is none.
 
     It is the medium that most of them face. Otherwise it is one that an emitter or a sensor names (`named`), unless
