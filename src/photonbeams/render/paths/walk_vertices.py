@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from ...numerics.structs import Struct
-from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ...world.media.interfaces import pointers
 from ...world.spectra import rgb
 from ...world.world import World
@@ -73,12 +73,16 @@ class Walk(Struct):
 
 
 class DirectionSample(NamedTuple):
-    """A sample of a phase function or BSDF: a direction, its weight and density, and Mitsuba's sample of the BSDF."""
+    """A sample of a phase function or BSDF: a direction, its weight and density, and Mitsuba's sample of the BSDF.
+
+    `lamp` is the emitter that was sampled there, as `Walk.lamp`.
+    """
 
     direction: Array3f
     weight: Any
     pdf: Any
     bsdf: Any
+    lamp: Any = None
 
 
 class Vertex:
@@ -91,6 +95,7 @@ class Vertex:
         self.position = dr.select(on_surface, Array3f(hit.p), position)
         # A cut-out surface was already sampled as opaque: undo the opacity factor of Mitsuba's `mask`.
         self._opacity = world.opacity(hit, on_surface)
+        self._hazy = bool(world.media.all)
 
     @cached_property
     def smooth(self) -> Bool:
@@ -113,25 +118,28 @@ class Vertex:
         result.medium = pointers(dr.select(self.scattered, self.walk.medium, 0))
         return result
 
-    def evaluate(self, direction: Any, active: Bool) -> tuple[Any, Any]:
-        """Return the phase function, or BSDF times cosine, for a direction, and the density of sampling that."""
-        towards = mi.Vector3f(direction)
-        scattered = active & self.scattered
-        value, pdf = self.phase().eval_pdf(mi.PhaseFunctionContext(), self.place(), towards, scattered)
-        own = active & self.smooth
-        reflected, density = self.hit.bsdf().eval_pdf(mi.BSDFContext(), self.hit, self.hit.to_local(towards), own)
-        reflected, density = rgb(reflected) / self._opacity, density / self._opacity
-        return dr.select(self.scattered, rgb(value), reflected), dr.select(self.scattered, pdf, density)
-
-    def sampled(self, lobe: Float, turn: Any) -> DirectionSample:
-        """Return a sample of the phase functions and BSDFs."""
-        turned, own, pdf = self.phase().sample(mi.PhaseFunctionContext(), self.place(), lobe, turn, self.scattered)
-        sample, weight = self.hit.bsdf().sample(
-            mi.BSDFContext(), self.hit, lobe * self._opacity, turn, self.on_surface
-        )  # fmt: skip
-        direction = Array3f(dr.select(self.scattered, turned, self.hit.to_world(sample.wo)))
-        density = dr.select(self.scattered, pdf, sample.pdf / self._opacity)
-        return DirectionSample(direction, dr.select(self.scattered, rgb(own), rgb(weight)), density, sample)
+    def scattering(
+        self, direction: Array3f, active: Bool, lobe: Float, turn: Array2f
+    ) -> tuple[Array3f, Float, DirectionSample]:  # fmt: skip
+        """Return the phase function, or BSDF times cosine, for a direction, its density, and a sample of it."""
+        towards, u, own = mi.Vector3f(direction), mi.Point2f(turn), self.on_surface
+        # Where a vertex is not active, the value is not needed; the sample is needed at all vertices.
+        value, pdf, sample, weight = self.hit.bsdf().eval_pdf_sample(
+            mi.BSDFContext(), self.hit, self.hit.to_local(towards), lobe * self._opacity, u, own
+        )
+        value, pdf = rgb(value) / self._opacity, pdf / self._opacity
+        chosen = Array3f(self.hit.to_world(sample.wo)), rgb(weight), sample.pdf / self._opacity
+        if self._hazy:
+            context, place, phase = mi.PhaseFunctionContext(), self.place(), self.phase()
+            other = phase.eval_pdf(context, place, towards, active & self.scattered)
+            turned, factor, density = phase.sample(context, place, lobe, u, self.scattered)
+            value, pdf, *chosen = (
+                dr.select(self.scattered, one, another)
+                for one, another in zip(
+                    (rgb(other[0]), other[1], Array3f(turned), rgb(factor), density), (value, pdf, *chosen), strict=True
+                )
+            )
+        return value, pdf, DirectionSample(*chosen, sample)
 
 
 def interaction(place: Array3f, normal: Array3f) -> Any:

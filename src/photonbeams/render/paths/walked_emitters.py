@@ -45,6 +45,30 @@ class Chosen(NamedTuple):
     sharp: Collection[int] = ()
 
 
+class EmitterSample(NamedTuple):
+    """A sample of the emitters from vertices.
+
+    Attributes
+    ----------
+    lit
+        Whether there is light.
+    direction, distance, over
+        Where the light comes from, its distance, and the distance over which media dim it.
+    radiance, pdf
+        The radiance over the density, and the density against which that of walks is weighted; 0: walks cannot meet it.
+    lamp
+        Which emitter was sampled, as `Walk.lamp`.
+    """
+
+    lit: Bool
+    direction: Array3f
+    distance: Float
+    over: Float
+    radiance: Array3f
+    pdf: Float
+    lamp: UInt32
+
+
 class Walked(Protocol):
     """Emitters whose light walks meet."""
 
@@ -53,13 +77,11 @@ class Walked(Protocol):
     def __len__(self) -> int:
         """Return how many emitters there are."""
 
-    def direct(
-        self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool
-    ) -> tuple[Array3f, UInt32]:  # fmt: skip
-        """Return the light of one sample of the emitters that vertices scatter along the path, over its density.
+    def sampled(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool) -> EmitterSample:
+        """Return a sample of the emitters from active vertices, as if nothing were between."""
 
-        Also return which of them was sampled, as `Walk.lamp`.
-        """
+    def passed(self, vertex: Vertex, light: EmitterSample, seed: UInt32, active: Bool) -> Array3f:
+        """Return the fraction of the light of a sample that arrives at active vertices."""
 
     def met(self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32) -> Array3f:
         """Return the radiance of these emitters where walks meet them, weighted against that of `direct`.
@@ -122,16 +144,33 @@ class WalkedEmitters:
         """Return how many emitters there are."""
         return self._size
 
-    def sample(self, reference: Any, which: Float, aim: Any, active: Bool) -> tuple[Any, Array3f]:
-        """Return a sample of one of the emitters from a point, and its radiance over the density."""
+    def sampled(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool) -> EmitterSample:
+        """Return a sample of one of the emitters from active vertices."""
+        walk, reference = vertex.walk, vertex.reference()
+        which = samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name)
+        aim = samples.pair(walk.order, Stream.PATH_EMITTER, *name)
         index, probability = self._choice.sample_pmf(which, active)
         emitter = dr.gather(mi.EmitterPtr, self._own, index, active)
         light, radiance = emitter.sample_direction(reference, mi.Point2f(aim), active)
         light.pdf *= probability
         brought = rgb(radiance) * dr.rcp(dr.maximum(probability, 1e-30))
-        if self._portal is None:
-            return light, brought
-        return self._portal.sampled(Array3f(reference.p), light, brought, aim, probability)
+        if self._portal is not None:
+            light, brought = self._portal.sampled(Array3f(reference.p), light, brought, aim, probability)
+        lit = active & (light.pdf > 0)
+        if self._bounces is not None:
+            numbers: Any = dr.reinterpret_array(UInt32, light.emitter)
+            lit &= walk.bounces + 1 <= dr.gather(UInt32, self._bounces, numbers, lit)
+        pdf = dr.select(light.delta, 0, light.pdf)
+        return EmitterSample(lit, Array3f(light.d), light.dist, light.dist, brought, pdf, UInt32(0))
+
+    def passed(self, vertex: Vertex, light: EmitterSample, seed: UInt32, active: Bool) -> Array3f:
+        """Return the fraction of the light of a sample that arrives at active vertices."""
+        walk, world, reference = vertex.walk, self.world, vertex.reference()
+        entered = world.media.beyond(vertex.hit, light.direction, walk.medium, active & vertex.smooth)
+        medium = dr.select(vertex.scattered, walk.medium, entered)
+        ray = to_point(reference, vertex.position + light.distance * light.direction, world.size).ray()
+        passed, _ = through(world.plugin, world.media, ray, medium, seed, active, coarse=True, size=world.size)
+        return Array3f(passed)
 
     def met(self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32) -> Array3f:
         """Return the radiance of these emitters where walks meet them, weighted against samples of emitters."""
@@ -154,28 +193,3 @@ class WalkedEmitters:
             pdf = self._portal.density(emitter, place, Array3f(light.d), pdf, probability)
         share = dr.select(ideal, 1, power_heuristic(walk.pdf, dr.select(own, pdf, 0)))
         return dr.select(own, weight * rgb(emitter.eval(hit, own)) * share, 0)
-
-    def direct(
-        self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool
-    ) -> tuple[Array3f, UInt32]:  # fmt: skip
-        """Return the light of one sample of the emitters that vertices scatter along the path, over its density."""
-        walk, hit, world, smooth = vertex.walk, vertex.hit, self.world, vertex.smooth
-        order, reference = walk.order, vertex.reference()
-        which, aim = (
-            samples.single(order, Stream.PATH_WHICH_EMITTER, *name),
-            samples.pair(order, Stream.PATH_EMITTER, *name),
-        )
-        light, radiance = self.sample(reference, which, aim, active)
-        lit = active & (light.pdf > 0)
-        if self._bounces is not None:
-            numbers: Any = dr.reinterpret_array(UInt32, light.emitter)
-            lit &= walk.bounces + 1 <= dr.gather(UInt32, self._bounces, numbers, lit)
-        value, pdf = vertex.evaluate(light.d, lit)
-        value = value * radiance * dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
-        lit &= (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
-        entered = world.media.beyond(hit, light.d, walk.medium, lit & smooth)
-        medium = dr.select(vertex.scattered, walk.medium, entered)
-        seed = samples.bits(order, Stream.PATH_SHADOW, *name)
-        ray = to_point(reference, Array3f(light.p), world.size).ray()
-        passed, _ = through(world.plugin, world.media, ray, medium, seed, lit, coarse=True, size=world.size)
-        return dr.select(lit, value * passed, 0), UInt32(0)

@@ -18,7 +18,7 @@ from ...world.emitters.portal_lamps import behind
 from ...world.shadow_rays import rounding, to_lamp
 from ...world.world import World
 from .walk_vertices import Vertex, Walk
-from .walked_emitters import Chosen, chances
+from .walked_emitters import Chosen, EmitterSample, chances
 
 mi = mitsuba()
 
@@ -66,29 +66,32 @@ class WalkedLamps:
         """Return how many lamps there are."""
         return self._size
 
-    def direct(
-        self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool
-    ) -> tuple[Array3f, UInt32]:  # fmt: skip
-        """Return the light of one sample of the lamps that vertices scatter along the path, over its density."""
-        world, walk = self.world, vertex.walk
+    def sampled(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool) -> EmitterSample:
+        """Return a sample of one of the lamps from active vertices."""
+        walk, place, inside = vertex.walk, vertex.position, vertex.scattered
         which = samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name)
         chosen, probability = self._choice.sample_pmf(mi.Float(which), active)
         number, aim = UInt32(chosen), samples.pair(walk.order, Stream.PATH_EMITTER, *name)
         active = self._within(walk.bounces + 1, number, active)
-        seed, result = samples.bits(walk.order, Stream.PATH_SHADOW, *name), Array3f(0)
+        lit: Any = Bool(False)
+        found: Any = (Array3f(0, 0, 1), Float(0), Float(0), Array3f(0), Float(0))
         for group in self._groups:
-            own = group.lights(world, number, vertex.position, vertex.scattered, active)
-            light = group.lamp(number, own).illuminate(vertex.position, aim)
-            value, pdf = vertex.evaluate(light.direction, own)
-            share = dr.select(light.pdf > 0, power_heuristic(light.pdf, pdf), 1)
-            value = Array3f(value) * light.weight * share
-            useful = own & (dr.max(value) > 0)
-            ray = to_lamp(vertex.reference(), light.direction, light.distance, world.size)
-            free = useful & ~world.solids.blocked(ray.origin, ray.direction, ray.length, useful, seed)
-            over = group.dimmed_over(world, vertex.position, vertex.scattered, light.direction, light.distance)
-            dimming = world.dimming(ray.origin, light.direction, over, walk.medium, seed, free)
-            result += dr.select(free, value * dimming, 0)
-        return result * dr.rcp(dr.maximum(Float(probability), 1e-30)), number
+            own = group.lights(self.world, number, place, inside, active)
+            light = group.lamp(number, own).illuminate(place, aim)
+            over = group.dimmed_over(self.world, place, inside, light.direction, light.distance)
+            each = (light.direction, light.distance, over, light.weight, light.pdf)
+            found = tuple(dr.select(own, one, other) for one, other in zip(each, found, strict=True))
+            lit |= own
+        direction, distance, over, radiance, pdf = found
+        radiance = radiance * dr.rcp(dr.maximum(Float(probability), 1e-30))
+        return EmitterSample(lit, direction, distance, over, radiance, pdf, number)
+
+    def passed(self, vertex: Vertex, light: EmitterSample, seed: UInt32, active: Bool) -> Array3f:
+        """Return the fraction of the light of a sample that arrives at active vertices."""
+        world, ray = self.world, to_lamp(vertex.reference(), light.direction, light.distance, self.world.size)
+        free = active & ~world.solids.blocked(ray.origin, ray.direction, ray.length, active, seed)
+        dimming = world.dimming(ray.origin, light.direction, light.over, vertex.walk.medium, seed, free)
+        return dr.select(free, dimming, Array3f(0))
 
     def met(self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32) -> Array3f:
         """Return the radiance of the lamp that was sampled where walks were last scattered, if they meet it now.

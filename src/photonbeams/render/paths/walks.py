@@ -19,6 +19,7 @@ import drjit as dr
 from ...estimators.estimate import ENDLESS
 from ...numerics.arrays import compressed
 from ...numerics.samples import Samples
+from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...transport.interactions import SAMPLED, SCATTERED, flight, survival
@@ -28,7 +29,7 @@ from ...world.shadow_rays import leaving
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import Bounce, CameraVertex
 from .photons import PhotonLighting
-from .walk_vertices import Vertex, Walk
+from .walk_vertices import DirectionSample, Vertex, Walk
 from .walked_emitters import Walked
 
 mi = mitsuba()
@@ -135,11 +136,11 @@ class Walking:
         result: Any = dr.select(dr.max(found) > 0, walk.throughput * found, 0)
         vertex = Vertex(world, walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
         lit = (vertex.scattered | vertex.smooth) & self.within(walk.depth, 2)
-        light, lamp = self.emitters.direct(vertex, samples, name, lit)
+        light, chosen = self._direct(vertex, samples, name, lit)
         result += throughput * light
         if photons is not None:
             result += throughput * photons(hit, walk.depth, lit & vertex.smooth)
-        following, weight, goes = self._onward(vertex, lamp, samples, name)
+        following, weight, goes = self._onward(vertex, chosen)
         following.throughput = throughput * weight
         # After a null collision, which only changes the colour, a walk continues straight.
         for each in ("direction", "depth", "counts", "pdf", "place", "inside", "lamp", "first", "medium"):
@@ -159,6 +160,8 @@ class Walking:
     ) -> tuple[Any, ...]:
         """Return free flights: their distances and weights, and whether they end with scattering or a tint alone."""
         media = self.emitters.world.media
+        if not media.all:
+            return length, Array3f(1), Bool(False), Bool(False)
         fractions = walk.throughput * dr.rcp(dr.maximum(dr.sum(walk.throughput), 1e-30))
         varying, colored = media.varying(walk.medium)
         branch = dr.select(walk.first & ~varying, UInt32(SCATTERED), UInt32(SAMPLED))
@@ -175,16 +178,23 @@ class Walking:
             scattered, tinted = dr.select(varying, scatters, scattered), varying & collided & ~scatters
         return dr.minimum(distance, length), weight, scattered, tinted
 
-    def _onward(
-        self, vertex: Vertex, lamp: UInt32, samples: Samples, name: tuple[Any, ...]
-    ) -> tuple[Walk, Array3f, Bool]:  # fmt: skip
+    def _direct(
+        self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], lit: Bool
+    ) -> tuple[Array3f, DirectionSample]:  # fmt: skip
+        """Return the light of one sample of the emitters that vertices scatter, and a sample of a new direction."""
+        order = vertex.walk.order
+        light = self.emitters.sampled(vertex, samples, name, lit)
+        lobe, turn = samples.single(order, Stream.PATH_LOBE, *name), samples.pair(order, Stream.PATH_TURN, *name)
+        value, pdf, chosen = vertex.scattering(light.direction, light.lit, lobe, turn)
+        value = value * light.radiance * dr.select(light.pdf > 0, power_heuristic(light.pdf, pdf), 1)
+        useful = light.lit & (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
+        seed = samples.bits(order, Stream.PATH_SHADOW, *name)
+        passed = self.emitters.passed(vertex, light, seed, useful)
+        return dr.select(useful, value * passed, 0), chosen._replace(lamp=light.lamp)
+
+    def _onward(self, vertex: Vertex, chosen: DirectionSample) -> tuple[Walk, Array3f, Bool]:
         """Return the walks after their vertices, the weights of their new directions, and which walks continue."""
         walk, hit, media = vertex.walk, vertex.hit, self.emitters.world.media
-        lobe, turn = (
-            samples.single(walk.order, Stream.PATH_LOBE, *name),
-            mi.Point2f(samples.pair(walk.order, Stream.PATH_TURN, *name)),
-        )
-        chosen = vertex.sampled(lobe, turn)
         kind, direction = chosen.bsdf.sampled_type, hit.to_world(chosen.bsdf.wo)
         null = vertex.on_surface & mi.has_flag(kind, mi.BSDFFlags.Null)
         ideal = vertex.on_surface & mi.has_flag(kind, mi.BSDFFlags.Delta)
@@ -201,7 +211,7 @@ class Walking:
         following.place = dr.select(null, walk.place, vertex.position)
         following.pdf = dr.select(null, walk.pdf, dr.select(ideal, 0, chosen.pdf))
         following.inside = dr.select(null, walk.inside, vertex.scattered)
-        following.lamp = dr.select(null, walk.lamp, lamp)
+        following.lamp = dr.select(null, walk.lamp, chosen.lamp)
         factor = chosen.weight
         good = vertex.scattered | (vertex.on_surface & (chosen.bsdf.pdf > 0))
         good &= dr.isfinite(dr.sum(factor)) & self.within(following.depth, 1)
