@@ -7,6 +7,7 @@ import drjit as dr
 from photonbeams.numerics.samples import Samples
 from photonbeams.render.paths import camera_paths
 from photonbeams.render.paths.lighting import EmitterLighting
+from photonbeams.render.paths.surface_light import NO_LIGHT
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32
 from photonbeams.world.cameras.sensors import PrimaryRays
 
@@ -30,7 +31,7 @@ def shade(world, origin, direction, index, seed=1, active=None, max_depth=2):
     if active is not None:
         paths.alive = Bool(active)
     result = Shaded(*(dr.zeros(kind, count) for kind in (Array3f, Float)), dr.full(Float, dr.inf, count), ones)
-    for step, vertex in camera_paths.follow(tracing, paths, Samples(seed, 0, 0), None):
+    for step, vertex in camera_paths.follow(tracing, paths, Samples(seed, 0, 0), NO_LIGHT):
         dr.scatter_add(result.radiance, vertex.radiance, step.pixel, step.alive)
         own = step.alive & step.primary
         dr.scatter(result.transmittance, vertex.transmittance, step.pixel, own)

@@ -42,6 +42,7 @@ class Stream(IntEnum):
     GLOW = 306
     BOUNCE = 307
     BOUNCE_TURN = 308
+    VIRTUAL = 309
     # Light of domes that media scatter once.
     SCATTERING_POINT = 401
     PHASE_LOBE = 402
@@ -57,3 +58,4 @@ class Stream(IntEnum):
     PATH_ROULETTE = 507
     PATH_CUTOUT = 508
     PATH_TRACKING = 509
+    PATH_VIRTUAL = 510

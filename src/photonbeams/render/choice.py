@@ -16,10 +16,13 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import numpy as np
 
-from ..runtime.device import Array3f, Float, UInt32, mitsuba
+from ..numerics.sampling import pixel_sample
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
 from ..world.cameras.cameras import View
 from ..world.cameras.sensors import PrimaryRays
+from ..world.shadow_rays import to_lamp
+from ..world.warp import facing, outward
 from ..world.world import World
 from .costs import WALK, of_beams
 from .light import NoLighting, ShotLight, TracedLight
@@ -47,6 +50,8 @@ _QUIET = 0.1
 _BLOCK = 8
 # The fraction of the mean below which a block is too dark to be judged by its own light.
 _DARK = 0.01
+# An emitter lights little if it lights less than this fraction of the surfaces in the picture.
+_LITTLE = 0.2
 # Walks miss light if their mean is below this fraction of that of beams, and by more than so many standard errors.
 _MISSED, _SURELY = 0.95, 3.0
 
@@ -80,6 +85,21 @@ def preferred(lights: Lights, emitters: Sequence[int], pixels: Pixels) -> list[i
         if _prefers_walks(lights, own, frozenset(everyone) - set(own), pixels):
             result += own
     return sorted(result)
+
+
+def lights_little(world: World, camera: View, number: int) -> bool:
+    """Return whether an emitter lights few of the surfaces that a camera sees."""
+    origin, direction = camera.coarse_rays(_COLUMNS, _ROWS)
+    lane = dr.arange(UInt32, dr.width(direction))
+    hit = world.solids.first(origin, direction, Bool(True), lane)
+    place, valid = Array3f(hit.p), hit.is_valid()
+    light = world.emitters[number].lamp.illuminate(place, pixel_sample(lane, dr.opaque(UInt32, 1)))
+    ray = to_lamp(hit, light.direction, light.distance, world.size)
+    lit = valid & (dr.max(light.weight) > 0)
+    lit &= dr.dot(light.direction, facing(outward(hit), direction)) > 0
+    lit &= ~world.solids.blocked(ray.origin, ray.direction, ray.length, lit, lane)
+    dr.eval(lit, valid)
+    return bool(np.count_nonzero(lit.numpy()) < _LITTLE * np.count_nonzero(valid.numpy()))
 
 
 def _prefers_walks(lights: Lights, own: Sequence[int], dark: frozenset[int], pixels: Pixels) -> bool:

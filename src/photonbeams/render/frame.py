@@ -31,7 +31,7 @@ from .light import FrameLight, TracedLight
 from .memory import release_memory
 from .passes import Statistics
 from .paths import camera_paths
-from .paths.photons import PhotonLighting
+from .paths.surface_light import NO_LIGHT, SurfaceLight
 from .ray_passes import CameraImage, PassRenderer, ViewRays, unshaded
 from .settings import Settings
 from .views import FrameView
@@ -46,7 +46,7 @@ _AT_EDGES = 4
 _EDGES = 0x3C6EF372  # offset of the seed of the extra samples there
 
 #: The beams and photons of a pass, and its photon maps; and what rays see except beams, for each pass, with their rays.
-Lit = tuple[TracedLight, PhotonLighting | None]
+Lit = tuple[TracedLight, SurfaceLight]
 Seen = tuple[list[SeenSums], ViewRays]
 
 
@@ -147,13 +147,13 @@ class FrameRenderer(PassRenderer):
 
     def _add(self, numbers: range) -> None:
         """Add a pass, or several passes, if walks alone meet their light."""
-        light, photons = self._memory.light(numbers[0], lambda: self.lit(numbers[0]))
+        light, surfaces = self._memory.light(numbers[0], lambda: self.lit(numbers[0]))
         moving = any(each.close is not None for each in light.sets)
         for view, film in enumerate(self._films):
             seen, looked = self._memory.picture(
                 numbers,
                 view,
-                lambda view=view, film=film: self._seen_in(numbers, view, film, light, photons),  # type: ignore[misc]
+                lambda view=view, film=film: self._seen_in(numbers, view, film, light, surfaces),  # type: ignore[misc]
             )
             for own, number in zip(seen, numbers, strict=True):
                 samples = self.samples(number)
@@ -176,7 +176,7 @@ class FrameRenderer(PassRenderer):
         self.statistics.passes += len(numbers)
 
     def _seen_in(
-        self, numbers: range, view: int, film: Film, light: TracedLight, photons: PhotonLighting | None
+        self, numbers: range, view: int, film: Film, light: TracedLight, surfaces: SurfaceLight
     ) -> tuple[list[SeenSums], ViewRays]:
         """Return what rays see, except beams, for each pass, and the rays of one sample.
 
@@ -197,7 +197,7 @@ class FrameRenderer(PassRenderer):
                 ]
                 joint = ViewRays(PrimaryRays.joined([own.primary for own in rays]), None, holdout=rays[0].holdout)
                 order = samples.indices(film.order)
-            picture = self.seen(light, joint, order, samples, photons)
+            picture = self.seen(light, joint, order, samples, surfaces)
             with self.statistics.phase("surfaces"):
                 exposure = dr.opaque(Float, rays[0].exposure)
                 while len(seen) <= passes[-1]:
@@ -277,7 +277,7 @@ class FrameRenderer(PassRenderer):
         image = CameraImage(count)
         with self.statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, film.order)
-            for step in camera_paths.follow(tracing, begun, self.samples(0), None):
+            for step in camera_paths.follow(tracing, begun, self.samples(0), NO_LIGHT):
                 image.add(*step)
         depth = image.distance * (1.0 if rays.primary.facing is None else rays.primary.facing)
         return {DEPTH: depth, **({NORMAL: image.normal} if normals else {})}

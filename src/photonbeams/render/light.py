@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
@@ -16,7 +16,7 @@ from ..transport.guiding.guides import Name
 from ..transport.segments.radii import Limits
 from ..transport.segments.records import PhotonHits
 from ..transport.simulation import Simulation, renumbering
-from ..transport.tuning import Tuning
+from ..transport.tuning import Tuning, own_bounces
 from ..world.emitters.portal_lamps import EnvironmentPortal
 from ..world.world import World
 from .paths import camera_paths
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TracedLight:
-    """The result of tracing light in a pass: beams, and photon hits with the bounds of their radii.
+    """The result of tracing light in a pass: beams, photon hits with the bounds of their radii, and `own_bounces`.
 
     `world` is the world that the pass's camera paths meet.
     """
@@ -42,6 +42,7 @@ class TracedLight:
     sets: list[BeamSet]
     hits: list[PhotonHits]
     limits: Limits
+    bounces: Sequence[int] | None = None
 
 
 class FrameLight(Protocol):
@@ -127,7 +128,9 @@ class ShotLight:
                 ((x, y, z), ends[0].radius),
             )  # fmt: skip
         dr.eval([(each.beams, each.close) for each in sets])
-        return TracedLight(between, sets, hits, self.simulation.tuning.limits(number, ends[0].radius))
+        tuning = self.simulation.tuning
+        limits, bounces = tuning.limits(number, ends[0].radius), own_bounces(between.sources, tuning)
+        return TracedLight(between, sets, hits, limits, bounces)
 
     def clock(self, number: int) -> tuple[float, float]:
         """Return the frame number and the time in seconds of a pass, for looks that change with time."""

@@ -23,9 +23,10 @@ from ..world.cameras.cameras import View
 from ..world.emitters.emitter import Emitter, Links
 from ..world.emitters.portal_lamps import EnvironmentPortal
 from ..world.world import World
-from .choice import Pixels, preferred
+from .choice import Pixels, lights_little, preferred
 from .light import ShotLight
 from .passes import Statistics
+from .paths.virtual_lights import bound
 from .paths.walked_emitters import Chosen, Walked, WalkedEmitters
 from .paths.walked_lamps import WalkedLamps
 from .paths.walks import Walking, Walks
@@ -96,6 +97,8 @@ class Lights:
                 counts = Counts.CAUSTICS if sharp else Counts.NOTHING
             elif number in lit:
                 counts = Counts.BEAMS | (Counts.CAUSTIC_PHOTONS if sharp else Counts.NOTHING)
+            if number in lit and number in self._connected:
+                counts |= Counts.DIRECT_PHOTONS
             result[number] = Counts.NOTHING if number in dark else counts
         return result
 
@@ -129,21 +132,22 @@ class Lights:
         simulation = replace(simulation, guides=self._guides(simulation, (tuple(walked), frozenset(dark))))
         portal = self.portal  # the pilot may have found one
         sharp = frozenset(each for each, own in counts.items() if own & Counts.CAUSTICS)
+        connected = frozenset(each for each, own in counts.items() if own & Counts.DIRECT_PHOTONS)
         power = {each: float(max(PathEmitter(world, each).flux)) for each in {*walked, *lit}}
         bounces = own_bounces(world.sources, simulation.tuning)
 
-        def walking(world: World, numbers: Sequence[int]) -> Walking:
+        def walking(world: World, numbers: Sequence[int], own: Collection[int]) -> Walking:
             most = None if bounces is None else [bounces[world.emitters[each].source] for each in numbers]
-            chosen = Chosen(numbers, [power[each] for each in numbers], most, sharp)
+            chosen = Chosen(numbers, [power[each] for each in numbers], most, sharp, own)
             emitters: Walked = WalkedEmitters(world, chosen, portal) if world.emits else WalkedLamps(world, chosen)
-            return Walking(emitters, self.max_depth, simulation.tuning.rr_depth)
+            return Walking(emitters, self.max_depth, simulation.tuning.rr_depth, bound(world) if own else None)
 
         def walks(world: World) -> Walks:
             by_group: dict[str, list[int]] = {}
             for each in walked:
                 by_group.setdefault(world.emitters[each].beams.group, []).append(each)
-            media = {group: walking(world, own) for group, own in by_group.items()}
-            return Walks(media, walking(world, lit) if lit else None)
+            media = {group: walking(world, own, ()) for group, own in by_group.items()}
+            return Walks(media, walking(world, lit, connected) if lit else None)
 
         paths = sum(each.count for each in simulation.strata(world)) if self.paths is None else self.paths
         varies = paths > 0 or self.worlds.varies
@@ -160,6 +164,12 @@ class Lights:
             # What is found for a scene holds for all seeds, and is kept. Frames of a stage find their own.
             seed = 0 if world.emits else simulation.tuning.seed
             pilot = replace(simulation, tuning=replace(simulation.tuning, seed=seed))
+            # Virtual lights are guided as the photons would be to which they send light.
+            seen = {
+                number: each | Counts.PHOTONS if each & Counts.DIRECT_PHOTONS else each
+                for number, each in simulation.allotment.counts.items()
+            }
+            pilot = replace(pilot, allotment=replace(pilot.allotment, counts=seen))
             # For whole pictures; otherwise a crop would differ from the same part of the whole picture.
             guides = pilot.guided(world, [each.whole().projection for each in self.cameras]).guides
             for stratum in pilot.strata(world):
@@ -184,6 +194,26 @@ class Lights:
         """
         own, images = emitter.beams, self.world.emits and emitter.lamp.images
         return own.lights_surfaces and own.shines and not images and not emitter.links.unshadowed
+
+    @cached_property
+    def _connected(self) -> frozenset[int]:
+        """The numbers of the emitters of which the places that they light become virtual lights.
+
+        These are sharp ones that light little of what the first camera sees: walks seldom find it. Paths past a portal
+        may not be traced. Endless fog dims light from infinity on its way from the bounds, but not direct light on
+        surfaces: see `VirtualLights`, which cannot tell if other media are in it.
+        """
+        world, result = self.world, []
+        if not self.cameras or self.settings.guiding is False:
+            return frozenset()
+        for number in self._lit:
+            emitter = world.emitters[number]
+            lamp = emitter.lamp
+            mixed = lamp.infinite and world.media.filling > 0 and world.nested
+            able = lamp.bare.sharp and lamp.illuminates and emitter.portal is None and emitter.links == Links()
+            if able and not mixed and lights_little(world, self.cameras[0], number):
+                result.append(number)
+        return frozenset(result)
 
     @property
     def free(self) -> list[int]:

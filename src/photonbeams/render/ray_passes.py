@@ -12,9 +12,10 @@ from ..estimators.lanes import Lattice, MoreSamples
 from ..estimators.points import Points
 from ..estimators.projection import Projection
 from ..looks import LightContext
-from ..numerics.arrays import joined, taken, to_uint
+from ..numerics.arrays import compressed, joined, taken, to_uint
 from ..numerics.samples import BITS, Samples
 from ..runtime.device import Array3f, Bool, Float, UInt32, check_recording
+from ..transport.segments.records import PhotonHits
 from ..world.cameras.sensors import PrimaryRays
 from ..world.world import World
 from .films.film import Groups, PassPicture
@@ -26,6 +27,8 @@ from .paths import camera_paths
 from .paths.branches import CameraPaths, add_to_pixels
 from .paths.camera_paths import CameraTracing
 from .paths.photons import PhotonLighting
+from .paths.surface_light import NO_LIGHT, SurfaceLight
+from .paths.virtual_lights import VirtualLights
 from .settings import Settings
 
 
@@ -89,18 +92,31 @@ class PassRenderer:
         bits = BITS if self.planned is None else min((each * self.planned - 1).bit_length(), BITS)
         return Samples(self.settings.seed + other, number, bits, together)
 
-    def lit(self, number: int) -> tuple[TracedLight, PhotonLighting | None]:
+    def lit(self, number: int) -> tuple[TracedLight, SurfaceLight]:
         """Return the beams and photons of pass `number`, and photon maps, if there are photons."""
         with self.statistics.phase("simulate"):
             light = self.light.traced(number, self.statistics.step)
-            photons = None
-            if light.hits:
-                photons = PhotonLighting(light.world, light.hits, light.limits, max_bounces(self._max_depth))
+            surfaces = self._surface_light(light)
         self.statistics.beams += sum(len(each.beams) for each in light.sets)
-        return light, photons
+        return light, surfaces
+
+    def _surface_light(self, light: TracedLight) -> SurfaceLight:
+        """Return the photons and virtual lights of a pass."""
+        straight: list[PhotonHits] = []
+        others: list[PhotonHits] = []
+        for each in light.hits:
+            straight += compressed(each.straight, each)
+            others += compressed(~each.straight, each)
+        photons, virtual = None, None
+        if others:
+            photons = PhotonLighting(light.world, others, light.limits, max_bounces(self._max_depth))
+        walks = self.light.walks(light.world).surfaces
+        if walks is not None and walks.bound is not None:
+            virtual = VirtualLights(light.world, straight, light.bounces)
+        return SurfaceLight(photons, virtual)
 
     def seen(
-        self, light: TracedLight, rays: ViewRays, order: UInt32, samples: Samples, photons: PhotonLighting | None
+        self, light: TracedLight, rays: ViewRays, order: UInt32, samples: Samples, surfaces: SurfaceLight
     ) -> PassPicture:  # fmt: skip
         """Return what camera rays see, except beams; `order` are their numbers in the sample sequences."""
         statistics, count = self.statistics, dr.width(rays.primary.direction)
@@ -110,7 +126,7 @@ class PassRenderer:
         scattered = {group: dr.zeros(Array3f, count) for group in walks.media}
         with statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, order)
-            for step in camera_paths.follow(tracing, begun, samples, photons):
+            for step in camera_paths.follow(tracing, begun, samples, surfaces):
                 statistics.step()
                 picture.add(*step)
                 if sky is not None:
@@ -118,7 +134,7 @@ class PassRenderer:
                 for group, walking in walks.media.items():
                     walking.add_scattered(*step, samples, scattered[group])
                 if walks.surfaces is not None:
-                    walks.surfaces.add_reflected(*step, samples, photons, picture.surface)
+                    walks.surfaces.add_reflected(*step, samples, surfaces, picture.surface)
         for group, found in ({} if sky is None else sky.radiance).items():
             scattered[group] = scattered.get(group, 0) + found
         guides = {ALBEDO: picture.albedo} if tracing.albedo else {}
@@ -146,7 +162,7 @@ class PassRenderer:
                 rays.view, rays.primary, light.world.media, light.sets, options, statistics, more, rays.lattice
             )
             begun = camera_paths.begin(tracing, rays.primary, order)
-            for step in camera_paths.follow(tracing, begun, samples, None):
+            for step in camera_paths.follow(tracing, begun, samples, NO_LIGHT):
                 gathering.add(*step)
             gathering.finish()
         return gathering.radiance
@@ -182,7 +198,7 @@ class PassRenderer:
             return CameraTracing(world, NoLighting(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
         return CameraTracing(
             world, self.light.lighting(world), self._max_depth, settings.rr_depth, settings.hide_emitters,
-            settings.surfaces, world.sharp, walks=self.light.walks(world).surfaces is not None,
+            settings.surfaces, world.sharp, walked=self.light.walks(world).walked,
             normals=settings.denoise, albedo=settings.denoise or settings.albedo,
         )  # fmt: skip
 
@@ -205,7 +221,7 @@ def _more_inside(
 
 def unshaded(tracing: CameraTracing) -> CameraTracing:
     """Return the same tracing for paths that only find where surfaces are."""
-    return replace(tracing, surfaces=False, walks=False, shining=False, normals=False, albedo=False)
+    return replace(tracing, surfaces=False, walked=None, shining=False, normals=False, albedo=False)
 
 
 class CameraImage:

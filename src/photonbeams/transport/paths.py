@@ -217,8 +217,9 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     # Of a path and the parts into which it splits, only one contributes the segment.
     whole = (paths.branch != SCATTERED) & (paths.branch != REFLECTED)
     in_medium = (paths.medium > 0) & (interaction.length > 0) & whole & (dr.max(paths.flux) > 0)
-    on_surface = interaction.on_surface & ~paths.straight & interaction.smooth & whole
-    on_surface &= paths.counting(Counts.PHOTONS, Counts.CAUSTIC_PHOTONS)
+    shown = ~paths.straight & paths.counting(Counts.PHOTONS, Counts.CAUSTIC_PHOTONS)
+    shown |= paths.straight & ((paths.counts & int(Counts.DIRECT_PHOTONS)) > 0)
+    on_surface = interaction.on_surface & interaction.smooth & whole & shown
     in_medium &= tracing.within(paths.depth, paths.source)
     in_medium &= paths.counting(Counts.BEAMS, Counts.CAUSTIC_BEAMS)
     bent = interaction.going & interaction.on_surface & following.coherent & ~scatter.null
@@ -280,7 +281,7 @@ def _following(
     going = interaction.going & (dr.max(following.flux) > 0)
     going &= tracing.within(following.depth, following.source)
     ideal = interaction.on_surface & scatter.delta
-    following.counts = _counts(paths, interaction, passes | ideal)
+    following.counts = _counts(paths, interaction, passes, ideal)
     going &= following.counts > 0
     going &= dr.select(paths.branch == IDEAL, ideal, (paths.branch != REFLECTED) | ~ideal)
     _roulette(tracing, following, passes, stream, going)
@@ -289,15 +290,16 @@ def _following(
     return following
 
 
-def _counts(paths: LightPaths, interaction: Interaction, sharp: Bool) -> UInt32:
-    """Return what counts of paths after their interactions; `sharp` are those that pass, or are mirrored or refracted.
+def _counts(paths: LightPaths, interaction: Interaction, passes: Bool, ideal: Bool) -> UInt32:
+    """Return what counts of paths after their interactions, which pass, or are turned by `ideal` mirrors or glass.
 
     A path that something else turns first brings no caustic. Behind a surface that scatters it, a path brings no
     photons of caustics any more.
     """
     lost = dr.select(interaction.on_surface, UInt32(int(Counts.CAUSTIC_PHOTONS)), UInt32(0))
     lost = dr.select(paths.straight, UInt32(int(Counts.CAUSTICS)), lost)
-    return paths.counts & ~dr.select(sharp, UInt32(0), lost)
+    lost = dr.select(ideal, UInt32(0), lost) | UInt32(int(Counts.DIRECT_PHOTONS))
+    return paths.counts & ~dr.select(passes, UInt32(0), lost)
 
 
 def _chosen(interaction: Interaction, scattered: dr.ArrayT, reflected: dr.ArrayT, same: dr.ArrayT) -> dr.ArrayT:
@@ -388,6 +390,6 @@ def _photon_hits(paths: LightPaths, interaction: Interaction, across: Width) -> 
     # A ray meets many beams, but a point has few photons. So photons at random places overlap more: a dozen at a point.
     result.radius = across(interaction.distance) * dr.rsqrt(cosine) * dr.select(paths.coherent, Float(1), Float(_DOZEN))
     result.flux, result.depth = paths.flux * interaction.weight, paths.depth
-    result.coherent = paths.coherent
+    result.coherent, result.straight = paths.coherent, paths.straight
     result.number, result.source = paths.number, paths.source
     return result

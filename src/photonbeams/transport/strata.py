@@ -120,7 +120,7 @@ def wanted(world: World, emitter: Emitter, tuning: Tuning) -> Counts:
     if visible or scattered:
         result |= Counts.BEAMS | Counts.CAUSTIC_BEAMS
     if lighting:
-        result |= Counts.PHOTONS | Counts.CAUSTIC_PHOTONS
+        result |= Counts.PHOTONS | Counts.CAUSTIC_PHOTONS | Counts.DIRECT_PHOTONS
     return result
 
 

@@ -125,6 +125,56 @@ def test_the_walls_of_a_mitsuba_scene_have_that_light_too():
     assert abs(found - radiance(3)) < 4 * error + 0.002 * radiance(3)
 
 
+# A lamp that shines into a narrow cone lights a small part of a ball's wall. All of the wall has the same irradiance by
+# what that part reflects, and then by all later bounces: of the flux Φ, ρ Φ / (4 π r²) times Σ ρ^k. This is the cone's
+# angle in degrees.
+CONE = 12.0
+
+
+def beyond_the_spot(flux, bounces):
+    """Return the radiance of a ball's wall, of radius 1, where a spot does not shine."""
+    return REFLECTED**2 * flux / (4 * np.pi**2) * sum(REFLECTED**k for k in range(bounces))
+
+
+@pytest.mark.parametrize(
+    ("size", "place", "fog"), [(1.0, (0, 0, 0), None), (30.0, (400, -200, 100), None), (1.0, (2, 1, 0), 1e-3)]
+)
+def test_a_spot_lights_the_rest_of_a_ball_by_bounces(usd, size, place, fog):
+    shaping = f"float inputs:shaping:cone:angle = {CONE}\n    double3 xformOp:rotateXYZ = (0, 140, 0)"
+    stage = ball(size, place, shaping).replace('["PhotonBeamsLightAPI"]', '["PhotonBeamsLightAPI", "ShapingAPI"]')
+    head, lamp = stage.split("def SphereLight", 1)
+    lamp = lamp.replace('["xformOp:translate"]', '["xformOp:translate", "xformOp:rotateXYZ"]', 1)
+    shot = pb.Shot(usd(head + "def SphereLight" + lamp), medium=fog and pb.Medium(fog / size))
+    found, error = seen(shot, passes=32, max_depth=5)
+    flux = np.pi * LAMP**2 * 2 * np.pi * (1 - np.cos(np.radians(CONE)))
+    # The fog takes a few thousandths of the light.
+    assert abs(found - beyond_the_spot(flux, 3)) < 4 * error + 0.01 * found
+    assert error < 0.01 * found
+
+
+def test_a_spot_of_a_mitsuba_scene_does_so_too():
+    T = mi.ScalarTransform4f
+    scene = mi.load_dict({
+        "type": "scene",
+        "ball": {
+            "type": "sphere", "center": [3, -2, 1], "flip_normals": True,
+            "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": REFLECTED}},
+        },
+        "spot": {
+            "type": "spot", "to_world": T().look_at([3, -2, 1], [3.2, -2.1, 2], [0, 1, 0]), "cutoff_angle": CONE,
+            "beam_width": CONE - 1e-3, "intensity": {"type": "rgb", "value": 1.0},
+        },
+        "sensor": {
+            "type": "perspective", "fov": 60, "near_clip": 1e-3,
+            "to_world": T().look_at([3, -2, 0.6], [3, -2, -1], [0, 1, 0]), "film": {"type": "hdrfilm"},
+        },
+    })  # fmt: skip
+    found, error = seen(pb.Shot(scene), passes=32, max_depth=5)
+    expected = beyond_the_spot(2 * np.pi * (1 - np.cos(np.radians(CONE))), 3)
+    assert abs(found - expected) < 4 * error + 0.002 * expected
+    assert error < 0.01 * expected
+
+
 def test_beams_of_a_light_do_not_change_what_it_does_to_surfaces(usd):
     thin = """
 def Sphere "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"])

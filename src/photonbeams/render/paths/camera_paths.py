@@ -24,9 +24,11 @@ from ...world.spectra import rgb
 from ...world.warp import outward
 from ...world.world import World
 from .branches import IDEAL, STEPS, CameraPaths, onward, several
+from .virtual_lights import Point
 
 if TYPE_CHECKING:
-    from .photons import PhotonLighting
+    from .surface_light import SurfaceLight
+    from .walked_emitters import Walked
 
 mi = mitsuba()
 
@@ -35,12 +37,22 @@ _VISIBLE = int(mi.BSDFFlags.Smooth | mi.BSDFFlags.DeltaReflection | mi.BSDFFlags
 
 
 class Bounce(Struct):
-    """A sample of a smooth BSDF: the ray on which the path continues, its medium, and the throughput (0: it ends)."""
+    """A sample of a smooth BSDF.
+
+    Attributes
+    ----------
+    origin, direction, medium, throughput
+        The ray on which the path continues, its medium, and the throughput (0: it ends).
+    place, value
+        Where the surface is; and BSDF times cosine, its largest channel.
+    """
 
     origin: Array3f
     direction: Array3f
     medium: UInt32
     throughput: Array3f
+    place: Array3f
+    value: Float
 
 
 class CameraVertex(Struct):
@@ -130,8 +142,8 @@ class CameraTracing:
         Whether paths may continue in this world, at a boundary of media, a mirror or glass.
     normals
         Whether vertices have normals.
-    walks
-        Whether walks continue from smooth surfaces.
+    walked
+        The emitters that walks meet which continue from smooth surfaces; None: there are no walks.
     shining
         Whether vertices have radiance.
     albedo
@@ -148,7 +160,7 @@ class CameraTracing:
     surfaces: bool = True
     sharp: bool = True
     normals: bool = False
-    walks: bool = False
+    walked: Walked | None = None
     shining: bool = True
     albedo: bool = False
     splits: bool = True
@@ -182,14 +194,14 @@ def begin(tracing: CameraTracing, primary: PrimaryRays, order: UInt32) -> Camera
 
 
 def follow(
-    tracing: CameraTracing, paths: CameraPaths, samples: Samples, photons: PhotonLighting | None
+    tracing: CameraTracing, paths: CameraPaths, samples: Samples, light: SurfaceLight
 ) -> Iterator[tuple[CameraPaths, CameraVertex]]:
     """Yield camera paths and their next vertices, step by step; at most one path of each pixel and branch at a time."""
     batches, step = [paths], 0
     while batches and step < STEPS:
         number, further = dr.opaque(UInt32, step), []
         for each in batches:
-            vertex, following = _step(tracing, each, samples, number, photons)
+            vertex, following = _step(tracing, each, samples, number, light)
             dr.eval(vertex, following)
             yield each, vertex
             further.append(following)
@@ -212,7 +224,7 @@ def _batches(further: list[list[CameraPaths]]) -> list[CameraPaths]:
 
 
 def _step(
-    tracing: CameraTracing, paths: CameraPaths, samples: Samples, step: UInt32, photons: PhotonLighting | None
+    tracing: CameraTracing, paths: CameraPaths, samples: Samples, step: UInt32, light: SurfaceLight
 ) -> tuple[CameraVertex, list[CameraPaths]]:
     world, alive = tracing.world, paths.alive
     name = step + STEPS * paths.branch
@@ -241,14 +253,14 @@ def _step(
     vertex.radiance = dr.zeros(Array3f, 1)
     if tracing.shining:
         point = ShadingPoint(hit, paths.medium, paths.order, name, samples)
-        radiance = _radiance(tracing, paths, point, None if lamp is None else (on_lamp, lamp.radiance), smooth, photons)
+        radiance = _radiance(tracing, paths, point, None if lamp is None else (on_lamp, lamp.radiance), smooth, light)
         vertex.radiance = dr.select(alive, radiance * clear, 0)
         if world.media.emissive:
             seed = samples.bits(paths.order, Stream.GLOW, name)
             vertex.radiance += paths.throughput * world.media.emitted(
                 paths.medium, start, paths.direction, distance, seed, alive
             )
-    if tracing.walks:
+    if tracing.walked is not None:
         vertex.bounce = _bounce(world, hit, paths, clear, smooth & alive, samples, name)
     visible = (UInt32(flags) & _VISIBLE) != 0
     vertex.solid = on_lamp | (met & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null)))
@@ -275,7 +287,7 @@ def _albedo(hit: Any, met: Bool) -> Array3f:
 
 def _radiance(
     tracing: CameraTracing, paths: CameraPaths, point: ShadingPoint, lamp: tuple[Bool, Array3f] | None, smooth: Bool,
-    photons: PhotonLighting | None,
+    light: SurfaceLight,
 ) -> Any:  # fmt: skip
     """Return the radiance of surfaces, lamps and the background: emitted and, if they are `smooth`, reflected.
 
@@ -292,8 +304,14 @@ def _radiance(
         result = dr.select(on_lamp & shown, lamp[1], result)
     if tracing.surfaces:
         result += tracing.lighting.direct(point, smooth)
-        if photons is not None:
-            result += photons(point.hit, paths.depth, smooth)
+        if light.photons is not None:
+            result += light.photons(point.hit, paths.depth, smooth)
+        if light.virtual is not None and tracing.walked is not None:
+            result += light.virtual.radiance(tracing.walked, Point(
+                point.hit, tracing.world.opacity(point.hit, smooth), point.medium,
+                smooth & tracing.within(paths.depth, 3), paths.depth, UInt32(1),
+                point.samples.bits(point.order, Stream.VIRTUAL, point.step),
+            ))  # fmt: skip
     return result
 
 
@@ -301,14 +319,16 @@ def _bounce(
     world: World, hit: Any, paths: CameraPaths, throughput: Array3f, smooth: Bool, samples: Samples, name: UInt32
 ) -> Bounce:
     """Return a sample of the smooth lobes of BSDFs."""
-    # Sample all lobes: with a mask, Mitsuba's cut-out surfaces sample only the light that passes them.
-    context = mi.BSDFContext()
+    # Sample all lobes: with a mask, Mitsuba's cut-out surfaces sample only the light that passes them. On stages a
+    # cut-out surface was already sampled as opaque.
+    context, opacity = mi.BSDFContext(), world.opacity(hit, smooth)
     lobe, turn = samples.single(paths.order, Stream.BOUNCE, name), samples.pair(paths.order, Stream.BOUNCE_TURN, name)
-    sample, weight = hit.bsdf().sample(context, hit, lobe, mi.Point2f(turn), smooth)
+    sample, weight = hit.bsdf().sample(context, hit, lobe * opacity, mi.Point2f(turn), smooth)
     good = smooth & (sample.pdf > 0) & ((sample.sampled_type & IDEAL) == 0)
     direction = hit.to_world(sample.wo)
     result = Bounce()
     result.origin, result.direction = leaving(hit, direction, world.size), Array3f(direction)
     result.medium = world.media.beyond(hit, direction, paths.medium, good)
     result.throughput = dr.select(good, throughput * rgb(weight), 0)
+    result.place, result.value = Array3f(hit.p), dr.max(rgb(weight)) * sample.pdf / opacity
     return result

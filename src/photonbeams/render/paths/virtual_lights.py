@@ -24,7 +24,7 @@ from ...numerics.hashing import hash32, unit_float
 from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Array4f, Bool, Float, UInt32, mitsuba
 from ...transport.segments.records import PhotonHits
-from ...world.shadow_rays import gap_at
+from ...world.shadow_rays import gap_at, rounding, to_point
 from ...world.spectra import rgb
 from ...world.world import World
 from .walked_emitters import Walked
@@ -32,11 +32,13 @@ from .walked_emitters import Walked
 mi = mitsuba()
 
 # Photons among which one is chosen for each vertex.
-_CANDIDATES = 8
+_CANDIDATES = 16
 # What a photon brings is bounded where surfaces of albedo 1 face each other at this distance, in radii of the world.
 _NEAR = 0.1
 # The least cosine that is assumed in choosing: normals of meshes may differ from those of their faces.
 _LOW = 0.02
+# How far from a photon a ray toward it may end, in usual gaps between surfaces and rays that leave them.
+_TOLERANCE = 0.1
 
 
 def bound(world: World) -> Float:
@@ -81,6 +83,20 @@ class Point:
     seed: UInt32
 
 
+def _entering(world: World, hits: PhotonHits) -> Array3f:
+    """Return how much endless fog dims photons from infinity, on their way from the world's bounds.
+
+    It does not dim direct light from infinity on surfaces, and so not the light that walks meet.
+    """
+    filling = dr.opaque(UInt32, world.media.filling)
+    table = [0] * (len(world.sources) + 1)
+    for each in world.emitters:
+        table[each.source] |= int(each.lamp.infinite)
+    infinite = (dr.gather(UInt32, to_uint(table), hits.source) > 0) & (filling > 0)
+    dimmed = world.media.absorbed(filling, world.bounds.behind(hits.position, hits.direction))
+    return Array3f(dr.select(infinite, dr.maximum(dimmed, 1e-30), 1))
+
+
 class VirtualLights:
     """The virtual point lights of a pass.
 
@@ -98,6 +114,7 @@ class VirtualLights:
         self._bound, self._count = bound(world), dr.opaque(UInt32, sum(dr.width(each.number) for each in hits))
         self._size = world.size
         found = joined(list(hits)) if hits else dr.zeros(PhotonHits, 2)
+        found.flux = found.flux * dr.rcp(_entering(world, found))
         most = Float(1e9) if bounces is None else Float(dr.gather(UInt32, to_uint([*bounces, 0]), found.source))
         normal = dr.select(dr.dot(found.normal, found.direction) > 0, -found.normal, found.normal)
         count = dr.width(found.number)
@@ -112,17 +129,15 @@ class VirtualLights:
         """Return the radiance that points reflect of these lights, whose emitters are among those that walks meet."""
         photon, factor = self._chosen(point)
         hit, active = point.hit, point.active & (factor > 0)
-        to = photon.position - Array3f(hit.p)
-        square = dr.maximum(dr.squared_norm(to), 1e-30)
-        direction = to * dr.rsqrt(square)
+        ray = to_point(hit, photon.position, self._size)
+        direction, square = ray.direction, dr.maximum(dr.squared_norm(photon.position - Array3f(hit.p)), 1e-30)
         context = mi.BSDFContext()
         value = rgb(hit.bsdf().eval(context, hit, hit.to_local(mi.Vector3f(direction)), active)) / point.opacity
         active &= dr.max(value) > 0
-        passed, met = walked.connected(hit, direction, point.medium, point.seed, active)
-        there = dr.squared_norm(Array3f(met.p) - photon.position) < dr.square(4 * gap_at(photon.position, self._size))
-        active &= met.is_valid() & there
+        passed, met = walked.connected(ray, hit, point.medium, point.seed, active)
+        active &= met.is_valid() & (dr.norm(Array3f(met.p) - photon.position) < self._tolerance(photon.position))
         incident = met.to_local(mi.Vector3f(-photon.direction))
-        normal = Array3f(met.n)
+        normal: Any = Array3f(met.n)
         other = rgb(met.bsdf().eval(context, met, incident, active))
         other = other * dr.rcp(dr.maximum(dr.abs(dr.dot(normal, photon.direction)), 1e-4) * walked.opacity(met, active))
         other = other * (dr.abs(dr.dot(normal, direction)) * dr.rcp(square))
@@ -130,6 +145,10 @@ class VirtualLights:
         weight = dr.minimum(1, self._bound * dr.rcp(dr.maximum(bright, 1e-30)))
         result = value * other * passed * photon.flux * (weight * factor)
         return dr.select(active & dr.isfinite(dr.sum(result)), result, 0)
+
+    def _tolerance(self, place: Array3f) -> Float:
+        """Return how far from a photon the surface may be met that it lies on: thin walls have another side."""
+        return dr.maximum(_TOLERANCE * gap_at(place, self._size), rounding(dr.max(dr.abs(place)) + self._size))
 
     def _photon(self, number: UInt32, active: Bool) -> _Photon:
         place, normal, direction, flux = (

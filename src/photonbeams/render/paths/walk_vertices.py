@@ -35,6 +35,10 @@ class Walk(Struct):
     place, pdf, inside, lamp
         Where the walk was last scattered, the density of its direction per solid angle, 0 after ideal lobes, whether
         that was in a medium, and the lamp that was sampled there (of lamps that are no surfaces).
+    value, bright
+        BSDF times cosine for the walk's direction, its largest channel, 0 after ideal lobes and in media; and the
+        radiance that a virtual light of unit flux where the walk was last scattered would bring, if the walk now meets
+        its lamp, infinite if there cannot be one: see `virtual_lights`.
     fresh
         Whether the walk begins a segment; if not, it goes on after a null collision, and lamps ahead have been counted.
     order, pixel, branch
@@ -57,6 +61,8 @@ class Walk(Struct):
     pdf: Float
     inside: Bool
     lamp: UInt32
+    value: Float
+    bright: Float
     fresh: Bool
     order: UInt32
     pixel: UInt32
@@ -94,7 +100,7 @@ class Vertex:
         self.walk, self.hit, self.scattered, self.on_surface = walk, hit, scattered, on_surface
         self.position = dr.select(on_surface, Array3f(hit.p), position)
         # A cut-out surface was already sampled as opaque: undo the opacity factor of Mitsuba's `mask`.
-        self._opacity = world.opacity(hit, on_surface)
+        self.opacity = world.opacity(hit, on_surface)
         self._hazy = bool(world.media.all)
 
     @cached_property
@@ -125,10 +131,10 @@ class Vertex:
         towards, u, own = mi.Vector3f(direction), mi.Point2f(turn), self.on_surface
         # Where a vertex is not active, the value is not needed; the sample is needed at all vertices.
         value, pdf, sample, weight = self.hit.bsdf().eval_pdf_sample(
-            mi.BSDFContext(), self.hit, self.hit.to_local(towards), lobe * self._opacity, u, own
+            mi.BSDFContext(), self.hit, self.hit.to_local(towards), lobe * self.opacity, u, own
         )
-        value, pdf = rgb(value) / self._opacity, pdf / self._opacity
-        chosen = Array3f(self.hit.to_world(sample.wo)), rgb(weight), sample.pdf / self._opacity
+        value, pdf = rgb(value) / self.opacity, pdf / self.opacity
+        chosen: list[Any] = [Array3f(self.hit.to_world(sample.wo)), rgb(weight), sample.pdf / self.opacity]
         if self._hazy:
             context, place, phase = mi.PhaseFunctionContext(), self.place(), self.phase()
             other = phase.eval_pdf(context, place, towards, active & self.scattered)
@@ -139,7 +145,13 @@ class Vertex:
                     (rgb(other[0]), other[1], Array3f(turned), rgb(factor), density), (value, pdf, *chosen), strict=True
                 )
             )
-        return value, pdf, DirectionSample(*chosen, sample)
+        return value, pdf, DirectionSample(chosen[0], chosen[1], chosen[2], sample)
+
+
+def steepness(hit: Any, direction: Array3f) -> Float:
+    """Return the cosine between a direction and the plane's normal at hits, above 0."""
+    normal: Any = Array3f(hit.n)
+    return dr.maximum(dr.abs(dr.dot(normal, direction)), 1e-4)
 
 
 def interaction(place: Array3f, normal: Array3f) -> Any:

@@ -15,7 +15,7 @@ from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.media.visibility import through
-from ...world.shadow_rays import to_point
+from ...world.shadow_rays import ShadowRay, to_point
 from ...world.spectra import rgb
 from ...world.world import World
 from .walk_vertices import Vertex, Walk, interaction
@@ -35,14 +35,15 @@ class Chosen(NamedTuple):
         Their numbers in the world, at least one, and the power of each.
     bounces
         The most bounces of the light of each; None: the longest path alone bounds them.
-    sharp
-        The emitters whose caustics are left to photons and beams.
+    sharp, connected
+        The emitters whose caustics are left to photons and beams, and those that have virtual lights.
     """
 
     numbers: Sequence[int]
     power: Sequence[float]
     bounces: Sequence[int] | None = None
     sharp: Collection[int] = ()
+    connected: Collection[int] = ()
 
 
 class EmitterSample(NamedTuple):
@@ -50,8 +51,8 @@ class EmitterSample(NamedTuple):
 
     Attributes
     ----------
-    lit
-        Whether there is light.
+    lit, connected
+        Whether there is light, and whether its emitter has virtual lights.
     direction, distance, over
         Where the light comes from, its distance, and the distance over which media dim it.
     radiance, pdf
@@ -61,6 +62,7 @@ class EmitterSample(NamedTuple):
     """
 
     lit: Bool
+    connected: Bool
     direction: Array3f
     distance: Float
     over: Float
@@ -83,8 +85,22 @@ class Walked(Protocol):
     def passed(self, vertex: Vertex, light: EmitterSample, seed: UInt32, active: Bool) -> Array3f:
         """Return the fraction of the light of a sample that arrives at active vertices."""
 
-    def met(self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32) -> Array3f:
-        """Return the radiance of these emitters where walks meet them, weighted against that of `direct`.
+    def opacity(self, hit: Any, active: Bool) -> Float:
+        """Return the opacity of surfaces at hits, as `World.opacity`."""
+
+    def connected(
+        self, ray: ShadowRay, hit: Any, medium: UInt32, seed: UInt32, active: Bool
+    ) -> tuple[Array3f, Any]:  # fmt: skip
+        """Return the transmittance along rays from hits to the next surfaces, and these.
+
+        `medium` is that in which the camera path arrives at the hits.
+        """
+
+    def met(
+        self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32,
+        kept: Float | None,
+    ) -> Array3f:  # fmt: skip
+        """Return the radiance of these emitters where walks meet them, weighted against that of `sampled`.
 
         Parameters
         ----------
@@ -94,6 +110,8 @@ class Walked(Protocol):
             The weights of their free flights, and which flights end at these surfaces.
         active, seed
             The walks whose light counts, and seeds for the transmittance of media.
+        kept
+            Factors on the light of emitters that have virtual lights; None: no emitter has any.
         """
 
 
@@ -126,6 +144,11 @@ class WalkedEmitters:
         self.world, self._table, self._sharp = world, to_float(table), None
         self._size = len(numbers)
         self._portal = portal
+        self._connected = None
+        if chosen.connected:
+            lights = np.zeros(len(table), dtype=np.uint32)
+            lights[[known[each] for each in chosen.connected]] = 1
+            self._connected = to_uint(lights)
         if sharp:
             caustics = np.zeros(len(table), dtype=np.uint32)
             caustics[[known[each] for each in sharp]] = 1
@@ -161,7 +184,26 @@ class WalkedEmitters:
             numbers: Any = dr.reinterpret_array(UInt32, light.emitter)
             lit &= walk.bounces + 1 <= dr.gather(UInt32, self._bounces, numbers, lit)
         pdf = dr.select(light.delta, 0, light.pdf)
-        return EmitterSample(lit, Array3f(light.d), light.dist, light.dist, brought, pdf, UInt32(0))
+        connected, distance = self._is_connected(light.emitter, lit), light.dist
+        return EmitterSample(lit, connected, Array3f(light.d), distance, distance, brought, pdf, UInt32(0))
+
+    def _is_connected(self, emitter: Any, active: Bool) -> Bool:
+        if self._connected is None:
+            return Bool(False)
+        number: Any = dr.reinterpret_array(UInt32, emitter)
+        return dr.gather(UInt32, self._connected, number, active) > 0
+
+    def opacity(self, hit: Any, active: Bool) -> Float:
+        """Return the opacity of surfaces at hits."""
+        return self.world.opacity(hit, active)
+
+    def connected(
+        self, ray: ShadowRay, hit: Any, medium: UInt32, seed: UInt32, active: Bool
+    ) -> tuple[Array3f, Any]:  # fmt: skip
+        """Return the transmittance along rays from hits to the next surfaces that are no boundaries, and these."""
+        world, along = self.world, mi.Ray3f(mi.Point3f(ray.origin), mi.Vector3f(ray.direction))
+        entered = world.media.beyond(hit, along.d, medium, active)
+        return through(world.plugin, world.media, along, entered, seed, active, coarse=True, size=world.size)
 
     def passed(self, vertex: Vertex, light: EmitterSample, seed: UInt32, active: Bool) -> Array3f:
         """Return the fraction of the light of a sample that arrives at active vertices."""
@@ -172,7 +214,10 @@ class WalkedEmitters:
         passed, _ = through(world.plugin, world.media, ray, medium, seed, active, coarse=True, size=world.size)
         return Array3f(passed)
 
-    def met(self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32) -> Array3f:
+    def met(
+        self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32,
+        kept: Float | None,
+    ) -> Array3f:  # fmt: skip
         """Return the radiance of these emitters where walks meet them, weighted against samples of emitters."""
         active &= arrives
         place, ideal = walk.place, walk.pdf <= 0
@@ -192,4 +237,6 @@ class WalkedEmitters:
         if self._portal is not None:
             pdf = self._portal.density(emitter, place, Array3f(light.d), pdf, probability)
         share = dr.select(ideal, 1, power_heuristic(walk.pdf, dr.select(own, pdf, 0)))
+        if kept is not None:
+            share *= dr.select(self._is_connected(emitter, own), kept, 1)
         return dr.select(own, weight * rgb(emitter.eval(hit, own)) * share, 0)

@@ -15,7 +15,7 @@ from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.packed import Lamps
 from ...world.emitters.portal_lamps import behind
-from ...world.shadow_rays import rounding, to_lamp
+from ...world.shadow_rays import ShadowRay, rounding, to_lamp
 from ...world.world import World
 from .walk_vertices import Vertex, Walk
 from .walked_emitters import Chosen, EmitterSample, chances
@@ -55,6 +55,9 @@ class WalkedLamps:
             first = stop
         order = [place for places in kinds.values() for place in places]
         self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part[order], 0.0])))
+        self._connected = None
+        if chosen.connected:
+            self._connected = to_uint(padded([int(numbers[place] in chosen.connected) for place in order]))
         self._bounces = None
         if chosen.bounces is not None:
             self._bounces = to_uint(padded([chosen.bounces[place] for place in order]))
@@ -84,7 +87,21 @@ class WalkedLamps:
             lit |= own
         direction, distance, over, radiance, pdf = found
         radiance = radiance * dr.rcp(dr.maximum(Float(probability), 1e-30))
-        return EmitterSample(lit, direction, distance, over, radiance, pdf, number)
+        return EmitterSample(lit, self._is_connected(number, lit), direction, distance, over, radiance, pdf, number)
+
+    def _is_connected(self, number: UInt32, active: Bool) -> Bool:
+        return Bool(False) if self._connected is None else dr.gather(UInt32, self._connected, number, active) > 0
+
+    def opacity(self, hit: Any, active: Bool) -> Float:
+        """Return the opacity of surfaces at hits."""
+        return self.world.opacity(hit, active)
+
+    def connected(
+        self, ray: ShadowRay, hit: Any, medium: UInt32, seed: UInt32, active: Bool
+    ) -> tuple[Array3f, Any]:  # fmt: skip
+        """Return the transmittance along rays from hits to the next surfaces, and these."""
+        met = self.world.solids.first(ray.origin, ray.direction, active, seed)
+        return self.world.dimming(ray.origin, ray.direction, met.t, medium, seed, active & met.is_valid()), met
 
     def passed(self, vertex: Vertex, light: EmitterSample, seed: UInt32, active: Bool) -> Array3f:
         """Return the fraction of the light of a sample that arrives at active vertices."""
@@ -93,7 +110,10 @@ class WalkedLamps:
         dimming = world.dimming(ray.origin, light.direction, light.over, vertex.walk.medium, seed, free)
         return dr.select(free, dimming, Array3f(0))
 
-    def met(self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32) -> Array3f:
+    def met(
+        self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32,
+        kept: Float | None,
+    ) -> Array3f:  # fmt: skip
         """Return the radiance of the lamp that was sampled where walks were last scattered, if they meet it now.
 
         Behind mirrors and glass, that of all environments.
@@ -117,6 +137,8 @@ class WalkedLamps:
             over = group.dimmed_over(world, walk.place, walk.inside, walk.direction, found.distance) - passed
             dimming = world.dimming(walk.origin, walk.direction, over, walk.medium, seed, there)
             share = power_heuristic(walk.pdf, found.pdf) * dr.rcp(dr.maximum(Float(probability), 1e-30))
+            if kept is not None:
+                share *= dr.select(self._is_connected(walk.lamp, there), kept, 1)
             result += dr.select(there, found.radiance * dimming * share, 0)
         return result
 

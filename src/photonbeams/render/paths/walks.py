@@ -28,8 +28,9 @@ from ...world.media.tracking import free_flight
 from ...world.shadow_rays import leaving
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import Bounce, CameraVertex
-from .photons import PhotonLighting
-from .walk_vertices import DirectionSample, Vertex, Walk
+from .surface_light import NO_LIGHT, SurfaceLight
+from .virtual_lights import Point, rest
+from .walk_vertices import DirectionSample, Vertex, Walk, steepness
 from .walked_emitters import Walked
 
 mi = mitsuba()
@@ -45,33 +46,42 @@ class Walks:
     media: Mapping[str, Walking] = field(default_factory=dict)
     surfaces: Walking | None = None
 
+    @property
+    def walked(self) -> Walked | None:
+        """The emitters that walks from surfaces meet; None: there are no such walks."""
+        return None if self.surfaces is None else self.surfaces.emitters
+
 
 @dataclass(frozen=True)
 class Walking:
-    """How walks are followed: the emitters that they meet, and depths as in `CameraTracing`."""
+    """How walks are followed: the emitters that they meet, and depths as in `CameraTracing`.
+
+    `bound` is that of virtual lights; None: no emitter has any.
+    """
 
     emitters: Walked
     max_depth: int | None
     rr_depth: int
+    bound: Float | None = None
 
     def add_scattered(self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, result: Array3f) -> None:
         """Add the radiance of walks that begin in the media of one step of camera paths."""
-        self._add(self._in_media(paths, vertex), samples, None, result)
+        self._add(self._in_media(paths, vertex), samples, NO_LIGHT, result)
 
     def add_reflected(
-        self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, photons: PhotonLighting | None,
+        self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, surfaces: SurfaceLight,
         result: Array3f,
     ) -> None:  # fmt: skip
         """Add the radiance of walks that begin at the surfaces of one step of camera paths, if these are shaded.
 
-        Where they meet surfaces, walks also find the light of photons there.
+        Where they meet surfaces, walks also find the light of photons and virtual lights there.
         """
         if vertex.bounce is not None:
-            self._add(self._from_surfaces(paths, vertex, vertex.bounce), samples, photons, result)
+            self._add(self._from_surfaces(paths, vertex, vertex.bounce), samples, surfaces, result)
 
-    def _add(self, walks: Walk | None, samples: Samples, photons: PhotonLighting | None, result: Array3f) -> None:
+    def _add(self, walks: Walk | None, samples: Samples, surfaces: SurfaceLight, result: Array3f) -> None:
         if walks is not None:
-            found = self.radiance(walks, samples, photons)
+            found = self.radiance(walks, samples, surfaces)
             found = dr.select(dr.isfinite(dr.sum(found)), found, 0)
             dr.eval(found)
             add_to_pixels(result, found, walks.pixel, walks.branch)
@@ -85,8 +95,8 @@ class Walking:
         start = paths.origin + paths.near * paths.direction
         scattered = Walk(
             start, paths.direction, paths.medium, inside, dr.minimum(vertex.end, ENDLESS) - paths.near,
-            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, inside, lamp, inside, paths.order,
-            paths.pixel, paths.branch, vertex.name,
+            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, inside, lamp, zeros, zeros, inside,
+            paths.order, paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(inside, scattered)), None)
 
@@ -97,8 +107,8 @@ class Walking:
         going = (dr.max(bounce.throughput) > 0) & self.within(paths.depth, 3)
         reflected = Walk(
             bounce.origin, bounce.direction, bounce.medium, ~going, zeros, bounce.throughput,
-            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.origin, zeros, ~going, lamp, going,
-            paths.order, paths.pixel, paths.branch, vertex.name,
+            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.place, zeros, ~going, lamp,
+            bounce.value, zeros, going, paths.order, paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(going, reflected)), None)
 
@@ -106,11 +116,11 @@ class Walking:
         """Return whether paths that were scattered `depth` times, with `more` edges, are not too long."""
         return Bool(True) if self.max_depth is None else depth + more <= dr.opaque(UInt32, self.max_depth)
 
-    def radiance(self, walks: Walk, samples: Samples, photons: PhotonLighting | None = None) -> Array3f:
+    def radiance(self, walks: Walk, samples: Samples, surfaces: SurfaceLight = NO_LIGHT) -> Array3f:
         """Return the radiance that each walk brings, with that of photons where it meets surfaces."""
 
         def further(walk: Walk, going: Bool, number: UInt32, found: Array3f) -> tuple[Any, ...]:
-            brought, following, goes = self._step(walk, going, samples, (walk.name, number), photons)
+            brought, following, goes = self._step(walk, going, samples, (walk.name, number), surfaces)
             return following, goes, number + 1, found + brought
 
         width = dr.width(walks.order)
@@ -120,7 +130,7 @@ class Walking:
         )[3]
 
     def _step(
-        self, walk: Walk, going: Bool, samples: Samples, name: tuple[Any, ...], photons: PhotonLighting | None
+        self, walk: Walk, going: Bool, samples: Samples, name: tuple[Any, ...], surfaces: SurfaceLight
     ) -> tuple[Array3f, Walk, Bool]:  # fmt: skip
         world = self.emitters.world
         seed = samples.bits(walk.order, Stream.PATH_CUTOUT, *name)
@@ -132,18 +142,33 @@ class Walking:
         ahead = going & ~walk.first
         on = ahead & ~scattered & ~tinted
         tracking = samples.bits(walk.order, Stream.PATH_TRACKING, *name)
-        found = self.emitters.met(walk, hit, weight, on, ahead & walk.counts & self.within(walk.depth, 1), tracking)
+        kept = None if self.bound is None else rest(walk.bright, self.bound)
+        active = ahead & walk.counts & self.within(walk.depth, 1)
+        found = self.emitters.met(walk, hit, weight, on, active, tracking, kept)
         result: Any = dr.select(dr.max(found) > 0, walk.throughput * found, 0)
         vertex = Vertex(world, walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
         lit = (vertex.scattered | vertex.smooth) & self.within(walk.depth, 2)
-        light, chosen = self._direct(vertex, samples, name, lit)
+        square = dr.squared_norm(vertex.position - walk.place)
+        geometry = walk.value * dr.abs(dr.dot(Array3f(hit.n), walk.direction)) * dr.rcp(dr.maximum(square, 1e-30))
+        geometry = dr.select(vertex.smooth & (walk.value > 0), geometry, dr.inf)
+        light, chosen = self._direct(vertex, samples, name, lit, geometry)
         result += throughput * light
-        if photons is not None:
-            result += throughput * photons(hit, walk.depth, lit & vertex.smooth)
+        if surfaces.photons is not None:
+            result += throughput * surfaces.photons(hit, walk.depth, lit & vertex.smooth)
+        if surfaces.virtual is not None:
+            result += throughput * surfaces.virtual.radiance(self.emitters, Point(
+                hit, vertex.opacity, walk.medium, lit & vertex.smooth & self.within(walk.depth, 3), walk.depth,
+                walk.bounces + 2, samples.bits(walk.order, Stream.PATH_VIRTUAL, *name),
+            ))  # fmt: skip
         following, weight, goes = self._onward(vertex, chosen)
         following.throughput = throughput * weight
         # After a null collision, which only changes the colour, a walk continues straight.
-        for each in ("direction", "depth", "counts", "pdf", "place", "inside", "lamp", "first", "medium"):
+        bright = geometry * following.value * dr.rcp(steepness(hit, following.direction))
+        bright = dr.select(following.value > 0, bright, dr.inf)
+        straight = walk.depth == following.depth
+        following.bright = dr.select(straight, walk.bright, bright)
+        same = "direction", "depth", "counts", "pdf", "place", "inside", "lamp", "value", "bright", "first", "medium"
+        for each in same:
             setattr(following, each, dr.select(tinted, getattr(walk, each), getattr(following, each)))
         following.throughput = dr.select(tinted, throughput, following.throughput)
         following.fresh = ~tinted
@@ -179,13 +204,16 @@ class Walking:
         return dr.minimum(distance, length), weight, scattered, tinted
 
     def _direct(
-        self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], lit: Bool
+        self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], lit: Bool, geometry: Float
     ) -> tuple[Array3f, DirectionSample]:  # fmt: skip
         """Return the light of one sample of the emitters that vertices scatter, and a sample of a new direction."""
         order = vertex.walk.order
         light = self.emitters.sampled(vertex, samples, name, lit)
         lobe, turn = samples.single(order, Stream.PATH_LOBE, *name), samples.pair(order, Stream.PATH_TURN, *name)
         value, pdf, chosen = vertex.scattering(light.direction, light.lit, lobe, turn)
+        if self.bound is not None:
+            bright = geometry * dr.max(value) * dr.rcp(steepness(vertex.hit, light.direction))
+            value *= dr.select(light.connected, rest(bright, self.bound), 1)
         value = value * light.radiance * dr.select(light.pdf > 0, power_heuristic(light.pdf, pdf), 1)
         useful = light.lit & (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
         seed = samples.bits(order, Stream.PATH_SHADOW, *name)
@@ -211,6 +239,8 @@ class Walking:
         following.place = dr.select(null, walk.place, vertex.position)
         following.pdf = dr.select(null, walk.pdf, dr.select(ideal, 0, chosen.pdf))
         following.inside = dr.select(null, walk.inside, vertex.scattered)
+        own = dr.select(vertex.smooth & (following.pdf > 0), dr.max(chosen.weight) * chosen.pdf, 0)
+        following.value = dr.select(null, walk.value, own)
         following.lamp = dr.select(null, walk.lamp, chosen.lamp)
         factor = chosen.weight
         good = vertex.scattered | (vertex.on_surface & (chosen.bsdf.pdf > 0))

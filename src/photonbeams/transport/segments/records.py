@@ -17,7 +17,8 @@ class Counts(IntFlag):
     """Which light of a path counts: its segments in media as beams, its hits on surfaces as photons.
 
     Light that only counts as caustics must first be turned by mirrors or glass, before anything else turns it. Photons
-    of such light count up to the first surface that scatters it: what that surface reflects is met by walks.
+    of such light count up to the first surface that scatters it: what that surface reflects is met by walks. Direct
+    photons are those straight from their emitter, as virtual lights.
     """
 
     NOTHING = 0
@@ -25,6 +26,7 @@ class Counts(IntFlag):
     PHOTONS = 2
     CAUSTIC_BEAMS = 4
     CAUSTIC_PHOTONS = 8
+    DIRECT_PHOTONS = 16
     ALL = BEAMS | PHOTONS
     CAUSTICS = CAUSTIC_BEAMS | CAUSTIC_PHOTONS
 
@@ -142,7 +144,7 @@ class Segments(Struct):
 
 
 class PhotonHits(Struct):
-    """Photons on surfaces, which do not come straight from an emitter; `direction` is that of the light."""
+    """Photons on surfaces; `direction` is that of the light, and `straight` whether it comes so from its emitter."""
 
     position: Array3f
     normal: Array3f
@@ -150,6 +152,7 @@ class PhotonHits(Struct):
     flux: Array3f
     radius: Float
     coherent: Bool
+    straight: Bool
     depth: UInt32
     number: UInt32
     source: UInt32
