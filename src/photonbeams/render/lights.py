@@ -43,13 +43,13 @@ class Findings:
     walked
         The numbers of the emitters whose light walks should meet; None: not known yet.
     guides
-        Guides, by the emitters that walks meet and the emitters that are dark.
+        Guides, by the emitters that walks meet, those that are dark, and whether any have virtual lights.
     portal
         The portal that was fitted to the light of the environment, or None.
     """
 
     walked: list[int] | None = None
-    guides: dict[tuple[tuple[int, ...], frozenset[int]], Guides] = field(default_factory=dict)
+    guides: dict[tuple[tuple[int, ...], frozenset[int], bool], Guides] = field(default_factory=dict)
     portal: EnvironmentPortal | None = None
 
 
@@ -69,6 +69,8 @@ class Lights:
         Results of pilots that are known already; new ones are added.
     paths
         The number of light paths in a pass, and of drawn beams; None: those that emitters share.
+    connects
+        Whether emitters may have virtual lights.
     """
 
     worlds: Worlds
@@ -78,6 +80,7 @@ class Lights:
     cameras: Sequence[View]
     findings: Findings
     paths: int | None = None
+    connects: bool = True
 
     @property
     def world(self) -> World:
@@ -129,7 +132,9 @@ class Lights:
         counts = self._counts(walked, lit, dark)
         allotment = replace(self.simulation.allotment, counts=counts)
         simulation = replace(self.simulation, allotment=allotment)
-        simulation = replace(simulation, guides=self._guides(simulation, (tuple(walked), frozenset(dark))))
+        simulation = replace(
+            simulation, guides=self._guides(simulation, (tuple(walked), frozenset(dark), bool(self._connected)))
+        )
         portal = self.portal  # the pilot may have found one
         sharp = frozenset(each for each, own in counts.items() if own & Counts.CAUSTICS)
         connected = frozenset(each for each, own in counts.items() if own & Counts.DIRECT_PHOTONS)
@@ -155,7 +160,7 @@ class Lights:
             self.worlds, simulation, self.settings, self.max_depth, paths, varies, walks, portal, self.findings
         )
 
-    def _guides(self, simulation: Simulation, asked: tuple[tuple[int, ...], frozenset[int]]) -> Guides:
+    def _guides(self, simulation: Simulation, asked: tuple[tuple[int, ...], frozenset[int], bool]) -> Guides:
         """Return the guides of light paths, which a pilot finds if they are not known."""
         if self.settings.guiding is False or not self.cameras:
             return UNGUIDED
@@ -204,7 +209,7 @@ class Lights:
         surfaces: see `VirtualLights`, which cannot tell if other media are in it.
         """
         world, result = self.world, []
-        if not self.cameras or self.settings.guiding is False:
+        if not self.cameras or self.settings.guiding is False or not self.connects:
             return frozenset()
         for number in self._lit:
             emitter = world.emitters[number]
@@ -230,7 +235,8 @@ class Lights:
             return free
         if self.findings.walked is None:
             with statistics.phase("choose"):
-                pilot = replace(self, settings=replace(self.settings, seed=0))  # the result holds for all seeds
+                # The result holds for all seeds. Virtual lights are the same either way.
+                pilot = replace(self, settings=replace(self.settings, seed=0), connects=False)
                 self.findings.walked = preferred(pilot, free, pixels)
         return self.findings.walked
 
