@@ -16,6 +16,7 @@ import drjit as dr
 import numpy as np
 
 from ..looks.profiles import Epanechnikov
+from ..numerics.arrays import packets
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .cells import ENTRIES, ROUNDING, CellGrid, CellLists, Entry, Sorting
 
@@ -50,15 +51,10 @@ class PhotonMap:
         count = len(photons)
         if count == 0:
             return
-        self._data = dr.zeros(Float, count * 16)
-        depth = Float(photons.depth)
-        packets = [
-            (photons.position, photons.radius), (photons.normal, depth), (photons.direction, 0), (photons.power, 0)
-        ]  # fmt: skip
-        for number, (vector, scalar) in enumerate(packets):
-            packet = Array4f(vector.x, vector.y, vector.z, scalar)
-            dr.scatter(self._data, packet, dr.arange(UInt32, count) * 4 + number)
-        dr.eval(self._data)
+        self._data = packets(
+            (photons.position, photons.radius), (photons.normal, photons.depth), (photons.direction, 0),
+            (photons.power, 0),
+        )  # fmt: skip
         self._grid = _grid(photons)
         sorting = Sorting(self._grid.cells, self._visit, 0, count)
         self._lists = sorting.lists()

@@ -11,6 +11,7 @@ from typing import Any
 import drjit as dr
 
 from ..beams import Beams
+from ..numerics.arrays import packets
 from ..numerics.given import Number
 from ..runtime.device import Array3f, Array4f, Float, UInt32
 
@@ -53,16 +54,10 @@ def pack(beams: Beams, origin: Array3f, shared: bool, close: Beams | None = None
     beams' random number, number and generation are packed too, for looks that use them.
     """
     states = [_at_rest(beams, origin, shared)] if close is None else [_ends(each, origin) for each in (beams, close)]
-    packets = [packet for state in states for packet in state.values()]
+    entries = [packet for state in states for packet in state.values()]
     if identity:  # last, once: it is the same at all times
-        packets.append((beams.identity(), dr.zeros(Float, len(beams))))
-    count, groups = len(beams), len(packets)
-    data = dr.zeros(Float, count * groups * 4)
-    place = dr.arange(UInt32, count) * groups
-    for number, (vector, scalar) in enumerate(packets):
-        dr.scatter(data, Array4f(vector.x, vector.y, vector.z, scalar), place + number)
-    dr.eval(data)
-    return Packed(data, tuple(states[0]), origin, count, close is not None, identity)
+        entries.append((beams.identity(), dr.zeros(Float, len(beams))))
+    return Packed(packets(*entries), tuple(states[0]), origin, len(beams), close is not None, identity)
 
 
 def _at_rest(beams: Beams, origin: Array3f, shared: bool) -> dict[str, tuple[Array3f, Float]]:

@@ -13,7 +13,7 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..runtime.device import Array3f, Bool, Float, UInt32
+from ..runtime.device import Array3f, Array4f, Bool, Float, UInt32
 
 T = TypeVar("T")  # an array, or a struct of arrays
 
@@ -112,6 +112,20 @@ def joined(pieces: Sequence[T]) -> T:
             width = dr.width(array)
             dr.scatter(target, array, dr.arange(UInt32, width) + dr.opaque(UInt32, first))
             targets[at] = target, first + width
+    return result
+
+
+def packets(*pairs: tuple[Array3f, Any]) -> Float:
+    """Return vectors, each with a scalar, as a table from which kernels gather an Array4f.
+
+    Entry number i of pair number k is packet number i · len(pairs) + k. Scalars may be one number for all entries.
+    """
+    count, each = dr.width(pairs[0][0]), len(pairs)
+    result = dr.zeros(Float, count * 4 * each)
+    for number, (vector, scalar) in enumerate(pairs):
+        packet = Array4f(vector.x, vector.y, vector.z, Float(scalar))
+        dr.scatter(result, packet, dr.arange(UInt32, count) * each + number)
+    dr.eval(result)
     return result
 
 

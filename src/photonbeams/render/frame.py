@@ -45,7 +45,7 @@ _EDGE = 1.1
 _AT_EDGES = 4
 _EDGES = 0x3C6EF372  # offset of the seed of the extra samples there
 
-#: The beams and photons of a pass, and its photon maps; and what rays see except beams, for each pass, with their rays.
+#: The beams and photons of a pass, and their light on surfaces. What rays see except beams, by passes; and the rays.
 Lit = tuple[TracedLight, SurfaceLight]
 Seen = tuple[list[SeenSums], ViewRays]
 

@@ -168,13 +168,13 @@ class Lights:
             world = self.world
             # What is found for a scene holds for all seeds, and is kept. Frames of a stage find their own.
             seed = 0 if world.emits else simulation.tuning.seed
-            pilot = replace(simulation, tuning=replace(simulation.tuning, seed=seed))
             # Virtual lights are guided as the photons would be to which they send light.
             seen = {
                 number: each | Counts.PHOTONS if each & Counts.DIRECT_PHOTONS else each
                 for number, each in simulation.allotment.counts.items()
             }
-            pilot = replace(pilot, allotment=replace(pilot.allotment, counts=seen))
+            tuning, allotment = replace(simulation.tuning, seed=seed), replace(simulation.allotment, counts=seen)
+            pilot = replace(simulation, tuning=tuning, allotment=allotment)
             # For whole pictures; otherwise a crop would differ from the same part of the whole picture.
             guides = pilot.guided(world, [each.whole().projection for each in self.cameras]).guides
             for stratum in pilot.strata(world):

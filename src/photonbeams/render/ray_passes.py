@@ -15,7 +15,6 @@ from ..looks import LightContext
 from ..numerics.arrays import compressed, joined, taken, to_uint
 from ..numerics.samples import BITS, Samples
 from ..runtime.device import Array3f, Bool, Float, UInt32, check_recording
-from ..transport.segments.records import PhotonHits
 from ..world.cameras.sensors import PrimaryRays
 from ..world.world import World
 from .films.film import Groups, PassPicture
@@ -93,7 +92,7 @@ class PassRenderer:
         return Samples(self.settings.seed + other, number, bits, together)
 
     def lit(self, number: int) -> tuple[TracedLight, SurfaceLight]:
-        """Return the beams and photons of pass `number`, and photon maps, if there are photons."""
+        """Return the beams and photons of pass `number`, and the light of traced paths on surfaces."""
         with self.statistics.phase("simulate"):
             light = self.light.traced(number, self.statistics.step)
             surfaces = self._surface_light(light)
@@ -102,17 +101,15 @@ class PassRenderer:
 
     def _surface_light(self, light: TracedLight) -> SurfaceLight:
         """Return the photons and virtual lights of a pass."""
-        straight: list[PhotonHits] = []
-        others: list[PhotonHits] = []
-        for each in light.hits:
-            straight += compressed(each.straight, each)
-            others += compressed(~each.straight, each)
-        photons, virtual = None, None
-        if others:
-            photons = PhotonLighting(light.world, others, light.limits, max_bounces(self._max_depth))
+        others, virtual = light.hits, None
         walks = self.light.walks(light.world).surfaces
         if walks is not None and walks.bound is not None:
-            virtual = VirtualLights(light.world, straight, light.bounces)
+            straight = [part for each in light.hits for part in compressed(each.straight, each)]
+            others = [part for each in light.hits for part in compressed(~each.straight, each)]
+            virtual = VirtualLights(light.world, straight, light.bounces, walks.bound)
+        photons = None
+        if others:
+            photons = PhotonLighting(light.world, others, light.limits, max_bounces(self._max_depth))
         return SurfaceLight(photons, virtual)
 
     def seen(

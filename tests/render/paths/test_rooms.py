@@ -80,6 +80,22 @@ def Camera "Camera"
 """
 
 
+def mitsuba_ball(lamp):
+    """Return a Mitsuba scene of a ball of radius 1 around (3, −2, 1) with a lamp in it, seen from inside."""
+    look = mi.ScalarTransform4f().look_at([3, -2, 0.6], [3, -2, -1], [0, 1, 0])
+    return mi.load_dict({
+        "type": "scene",
+        "ball": {
+            "type": "sphere", "center": [3, -2, 1], "flip_normals": True,
+            "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": REFLECTED}},
+        },
+        "lamp": lamp,
+        "sensor": {
+            "type": "perspective", "fov": 60, "near_clip": 1e-3, "to_world": look, "film": {"type": "hdrfilm"},
+        },
+    })  # fmt: skip
+
+
 def seen(shot, seeds=4, **settings):
     """Return the mean radiance of surfaces over several seeds, and its standard error."""
     found = [shot.render(width=16, height=12, seed=seed, **settings).layers["surface"] for seed in range(seeds)]
@@ -105,21 +121,9 @@ def test_a_light_has_as_many_bounces_as_it_asks_for(usd):
 
 
 def test_the_walls_of_a_mitsuba_scene_have_that_light_too():
-    T = mi.ScalarTransform4f
-    scene = mi.load_dict({
-        "type": "scene",
-        "ball": {
-            "type": "sphere", "center": [3, -2, 1], "flip_normals": True,
-            "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": REFLECTED}},
-        },
-        "lamp": {
-            "type": "sphere", "center": [3, -2, 1], "radius": LAMP, "bsdf": {"type": "null"},
-            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 1.0}},
-        },
-        "sensor": {
-            "type": "perspective", "fov": 60, "near_clip": 1e-3,
-            "to_world": T().look_at([3, -2, 0.6], [3, -2, -1], [0, 1, 0]), "film": {"type": "hdrfilm"},
-        },
+    scene = mitsuba_ball({
+        "type": "sphere", "center": [3, -2, 1], "radius": LAMP, "bsdf": {"type": "null"},
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 1.0}},
     })  # fmt: skip
     found, error = seen(pb.Shot(scene), passes=32, max_depth=5)
     assert abs(found - radiance(3)) < 4 * error + 0.002 * radiance(3)
@@ -153,21 +157,9 @@ def test_a_spot_lights_the_rest_of_a_ball_by_bounces(usd, size, place, fog):
 
 
 def test_a_spot_of_a_mitsuba_scene_does_so_too():
-    T = mi.ScalarTransform4f
-    scene = mi.load_dict({
-        "type": "scene",
-        "ball": {
-            "type": "sphere", "center": [3, -2, 1], "flip_normals": True,
-            "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": REFLECTED}},
-        },
-        "spot": {
-            "type": "spot", "to_world": T().look_at([3, -2, 1], [3.2, -2.1, 2], [0, 1, 0]), "cutoff_angle": CONE,
-            "beam_width": CONE - 1e-3, "intensity": {"type": "rgb", "value": 1.0},
-        },
-        "sensor": {
-            "type": "perspective", "fov": 60, "near_clip": 1e-3,
-            "to_world": T().look_at([3, -2, 0.6], [3, -2, -1], [0, 1, 0]), "film": {"type": "hdrfilm"},
-        },
+    scene = mitsuba_ball({
+        "type": "spot", "to_world": mi.ScalarTransform4f().look_at([3, -2, 1], [3.2, -2.1, 2], [0, 1, 0]),
+        "cutoff_angle": CONE, "beam_width": CONE - 1e-3, "intensity": {"type": "rgb", "value": 1.0},
     })  # fmt: skip
     found, error = seen(pb.Shot(scene), passes=32, max_depth=5)
     expected = beyond_the_spot(2 * np.pi * (1 - np.cos(np.radians(CONE))), 3)

@@ -309,7 +309,7 @@ def _radiance(
         if light.virtual is not None and tracing.walked is not None:
             result += light.virtual.radiance(tracing.walked, Point(
                 point.hit, tracing.world.opacity(point.hit, smooth), point.medium,
-                smooth & tracing.within(paths.depth, 3), paths.depth, UInt32(1),
+                smooth & tracing.within(paths.depth, 3), UInt32(1),
                 point.samples.bits(point.order, Stream.VIRTUAL, point.step),
             ))  # fmt: skip
     return result

@@ -15,18 +15,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 
-from ...numerics.arrays import joined, to_uint
+from ...numerics.arrays import joined, packets, to_uint
 from ...numerics.hashing import hash32, unit_float
-from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Array4f, Bool, Float, UInt32, mitsuba
 from ...transport.segments.records import PhotonHits
 from ...world.shadow_rays import gap_at, rounding, to_point
 from ...world.spectra import rgb
 from ...world.world import World
+from .walk_vertices import steepness
 from .walked_emitters import Walked
 
 mi = mitsuba()
@@ -46,19 +46,17 @@ def bound(world: World) -> Float:
     return dr.opaque(Float, (dr.pi * _NEAR * world.radius) ** -2)
 
 
-def rest(bright: Float, most: Float) -> Float:
-    """Return the fraction 1 − w of light that walks bring, where photons of unit flux would bring `bright`."""
-    return dr.maximum(1 - most * dr.rcp(dr.maximum(bright, 1e-30)), 0)
+def weight(bright: Float, most: Float) -> Float:
+    """Return w, the fraction of light that photons bring, where one of unit flux would bring `bright`, at most B."""
+    return dr.minimum(most * dr.rcp(dr.maximum(bright, 1e-30)), 1)
 
 
-class _Photon(Struct):
-    """A virtual point light: position, normal toward the lamp, direction of its light, flux, and the most bounces."""
+class _Photon(NamedTuple):
+    """A virtual point light: its position, and the direction and the flux of its light."""
 
     position: Array3f
-    normal: Array3f
     direction: Array3f
     flux: Array3f
-    bounces: Float
 
 
 @dataclass(frozen=True)
@@ -69,16 +67,15 @@ class Point:
     ----------
     hit, opacity, medium
         Mitsuba's interaction, its opacity as in `World.opacity`, and the medium in front.
-    active, depth, bounces, seed
-        Which points are lit; how often the path was scattered before; how often light of lamps that the next vertex met
-        would be scattered before it is scattered toward the camera; and random integers.
+    active, bounces, seed
+        Which points are lit; how often light of lamps that the next vertex met would be scattered before it is
+        scattered toward the camera; and random integers.
     """
 
     hit: Any
     opacity: Float
     medium: UInt32
     active: Bool
-    depth: UInt32
     bounces: UInt32
     seed: UInt32
 
@@ -108,22 +105,22 @@ class VirtualLights:
         Photons straight from their emitters, of the steps of light paths; there may be none.
     bounces
         The most bounces of the light of each source; None: the longest path alone bounds them.
+    most
+        The greatest radiance that a photon of unit flux may bring: see `bound`.
     """
 
-    def __init__(self, world: World, hits: Sequence[PhotonHits], bounces: Sequence[int] | None) -> None:
-        self._bound, self._count = bound(world), dr.opaque(UInt32, sum(dr.width(each.number) for each in hits))
+    def __init__(
+        self, world: World, hits: Sequence[PhotonHits], bounces: Sequence[int] | None, most: Float
+    ) -> None:  # fmt: skip
+        self._bound, self._count = most, dr.opaque(UInt32, sum(dr.width(each.number) for each in hits))
         self._size = world.size
         found = joined(list(hits)) if hits else dr.zeros(PhotonHits, 2)
         found.flux = found.flux * dr.rcp(_entering(world, found))
-        most = Float(1e9) if bounces is None else Float(dr.gather(UInt32, to_uint([*bounces, 0]), found.source))
+        depth = Float(1e9) if bounces is None else Float(dr.gather(UInt32, to_uint([*bounces, 0]), found.source))
         normal = dr.select(dr.dot(found.normal, found.direction) > 0, -found.normal, found.normal)
-        count = dr.width(found.number)
-        self._data = dr.zeros(Float, 16 * count)
-        packets = ((found.position, dr.max(found.flux)), (normal, most), (found.direction, 0), (found.flux, 0))
-        for number, (vector, scalar) in enumerate(packets):
-            packet = Array4f(vector.x, vector.y, vector.z, Float(scalar))
-            dr.scatter(self._data, packet, dr.arange(UInt32, count) * 4 + number)
-        dr.eval(self._data)
+        self._data = packets(
+            (found.position, dr.max(found.flux)), (normal, depth), (found.direction, 0), (found.flux, 0)
+        )
 
     def radiance(self, walked: Walked, point: Point) -> Array3f:
         """Return the radiance that points reflect of these lights, whose emitters are among those that walks meet."""
@@ -139,11 +136,10 @@ class VirtualLights:
         incident = met.to_local(mi.Vector3f(-photon.direction))
         normal: Any = Array3f(met.n)
         other = rgb(met.bsdf().eval(context, met, incident, active))
-        other = other * dr.rcp(dr.maximum(dr.abs(dr.dot(normal, photon.direction)), 1e-4) * walked.opacity(met, active))
+        other = other * dr.rcp(steepness(met, photon.direction) * walked.world.opacity(met, active))
         other = other * (dr.abs(dr.dot(normal, direction)) * dr.rcp(square))
-        bright = dr.max(value) * dr.max(other)
-        weight = dr.minimum(1, self._bound * dr.rcp(dr.maximum(bright, 1e-30)))
-        result = value * other * passed * photon.flux * (weight * factor)
+        share = weight(dr.max(value) * dr.max(other), self._bound)
+        result = value * other * passed * photon.flux * (share * factor)
         return dr.select(active & dr.isfinite(dr.sum(result)), result, 0)
 
     def _tolerance(self, place: Array3f) -> Float:
@@ -151,10 +147,7 @@ class VirtualLights:
         return dr.maximum(_TOLERANCE * gap_at(place, self._size), rounding(dr.max(dr.abs(place)) + self._size))
 
     def _photon(self, number: UInt32, active: Bool) -> _Photon:
-        place, normal, direction, flux = (
-            dr.gather(Array4f, self._data, number * 4 + packet, active) for packet in range(4)
-        )
-        return _Photon(place.xyz, normal.xyz, direction.xyz, flux.xyz, normal.w)
+        return _Photon(*(dr.gather(Array4f, self._data, number * 4 + packet, active).xyz for packet in (0, 2, 3)))
 
     def _chosen(self, point: Point) -> tuple[_Photon, Float]:
         """Return a photon for each point, and one over the density with which it is chosen; 0: there is none."""

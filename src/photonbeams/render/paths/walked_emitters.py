@@ -85,9 +85,6 @@ class Walked(Protocol):
     def passed(self, vertex: Vertex, light: EmitterSample, seed: UInt32, active: Bool) -> Array3f:
         """Return the fraction of the light of a sample that arrives at active vertices."""
 
-    def opacity(self, hit: Any, active: Bool) -> Float:
-        """Return the opacity of surfaces at hits, as `World.opacity`."""
-
     def connected(
         self, ray: ShadowRay, hit: Any, medium: UInt32, seed: UInt32, active: Bool
     ) -> tuple[Array3f, Any]:  # fmt: skip
@@ -135,29 +132,24 @@ class WalkedEmitters:
     """
 
     def __init__(self, world: World, chosen: Chosen, portal: EnvironmentPortal | None = None) -> None:
-        numbers, sharp = chosen.numbers, chosen.sharp
+        numbers = chosen.numbers
         emitters = world.plugin.emitters()
         known = [int(UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(each)))[0]) for each in emitters]
         part = chances(chosen.power)
-        table = np.zeros(max(known) + 2, dtype=np.float32)
-        table[[known[each] for each in numbers]] = part
-        self.world, self._table, self._sharp = world, to_float(table), None
+
+        def table(some: Collection[int], values: Any) -> np.ndarray:
+            """Return values of some emitters, by the numbers of these in kernels; 0 for others."""
+            result = np.zeros(max(known) + 2)
+            result[[known[each] for each in some]] = values
+            return result
+
+        self.world, self._table = world, to_float(table(numbers, part))
         self._size = len(numbers)
         self._portal = portal
-        self._connected = None
-        if chosen.connected:
-            lights = np.zeros(len(table), dtype=np.uint32)
-            lights[[known[each] for each in chosen.connected]] = 1
-            self._connected = to_uint(lights)
-        if sharp:
-            caustics = np.zeros(len(table), dtype=np.uint32)
-            caustics[[known[each] for each in sharp]] = 1
-            self._sharp = to_uint(caustics)
-        self._bounces = None
-        if chosen.bounces is not None:
-            most = np.zeros(len(table), dtype=np.uint32)
-            most[[known[each] for each in numbers]] = chosen.bounces
-            self._bounces = to_uint(most)
+        self._connected, self._sharp = (
+            to_uint(table(some, 1)) if some else None for some in (chosen.connected, chosen.sharp)
+        )
+        self._bounces = None if chosen.bounces is None else to_uint(table(numbers, chosen.bounces))
         places = to_uint(padded(numbers))
         self._own = dr.gather(mi.EmitterPtr, world.plugin.emitters_dr(), places)
         self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part, 0.0])))
@@ -192,10 +184,6 @@ class WalkedEmitters:
             return Bool(False)
         number: Any = dr.reinterpret_array(UInt32, emitter)
         return dr.gather(UInt32, self._connected, number, active) > 0
-
-    def opacity(self, hit: Any, active: Bool) -> Float:
-        """Return the opacity of surfaces at hits."""
-        return self.world.opacity(hit, active)
 
     def connected(
         self, ray: ShadowRay, hit: Any, medium: UInt32, seed: UInt32, active: Bool

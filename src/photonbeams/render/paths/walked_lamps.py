@@ -92,10 +92,6 @@ class WalkedLamps:
     def _is_connected(self, number: UInt32, active: Bool) -> Bool:
         return Bool(False) if self._connected is None else dr.gather(UInt32, self._connected, number, active) > 0
 
-    def opacity(self, hit: Any, active: Bool) -> Float:
-        """Return the opacity of surfaces at hits."""
-        return self.world.opacity(hit, active)
-
     def connected(
         self, ray: ShadowRay, hit: Any, medium: UInt32, seed: UInt32, active: Bool
     ) -> tuple[Array3f, Any]:  # fmt: skip

@@ -29,7 +29,7 @@ from ...world.shadow_rays import leaving
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import Bounce, CameraVertex
 from .surface_light import NO_LIGHT, SurfaceLight
-from .virtual_lights import Point, rest
+from .virtual_lights import Point, weight
 from .walk_vertices import DirectionSample, Vertex, Walk, steepness
 from .walked_emitters import Walked
 
@@ -137,14 +137,14 @@ class Walking:
         hit = world.intersect(walk.origin, walk.direction, going & ~walk.first, seed)
         beyond = dr.select(hit.is_valid(), hit.t, dr.largest(Float))
         flown = self._flown(walk, dr.select(walk.first, walk.length, beyond), going, samples, name)
-        distance, weight, scattered, tinted = flown
-        throughput = walk.throughput * weight
+        distance, factor, scattered, tinted = flown
+        throughput = walk.throughput * factor
         ahead = going & ~walk.first
         on = ahead & ~scattered & ~tinted
         tracking = samples.bits(walk.order, Stream.PATH_TRACKING, *name)
-        kept = None if self.bound is None else rest(walk.bright, self.bound)
+        kept = None if self.bound is None else 1 - weight(walk.bright, self.bound)
         active = ahead & walk.counts & self.within(walk.depth, 1)
-        found = self.emitters.met(walk, hit, weight, on, active, tracking, kept)
+        found = self.emitters.met(walk, hit, factor, on, active, tracking, kept)
         result: Any = dr.select(dr.max(found) > 0, walk.throughput * found, 0)
         vertex = Vertex(world, walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
         lit = (vertex.scattered | vertex.smooth) & self.within(walk.depth, 2)
@@ -157,16 +157,12 @@ class Walking:
             result += throughput * surfaces.photons(hit, walk.depth, lit & vertex.smooth)
         if surfaces.virtual is not None:
             result += throughput * surfaces.virtual.radiance(self.emitters, Point(
-                hit, vertex.opacity, walk.medium, lit & vertex.smooth & self.within(walk.depth, 3), walk.depth,
+                hit, vertex.opacity, walk.medium, lit & vertex.smooth & self.within(walk.depth, 3),
                 walk.bounces + 2, samples.bits(walk.order, Stream.PATH_VIRTUAL, *name),
             ))  # fmt: skip
-        following, weight, goes = self._onward(vertex, chosen)
-        following.throughput = throughput * weight
+        following, factor, goes = self._onward(vertex, chosen, geometry)
+        following.throughput = throughput * factor
         # After a null collision, which only changes the colour, a walk continues straight.
-        bright = geometry * following.value * dr.rcp(steepness(hit, following.direction))
-        bright = dr.select(following.value > 0, bright, dr.inf)
-        straight = walk.depth == following.depth
-        following.bright = dr.select(straight, walk.bright, bright)
         same = "direction", "depth", "counts", "pdf", "place", "inside", "lamp", "value", "bright", "first", "medium"
         for each in same:
             setattr(following, each, dr.select(tinted, getattr(walk, each), getattr(following, each)))
@@ -213,14 +209,14 @@ class Walking:
         value, pdf, chosen = vertex.scattering(light.direction, light.lit, lobe, turn)
         if self.bound is not None:
             bright = geometry * dr.max(value) * dr.rcp(steepness(vertex.hit, light.direction))
-            value *= dr.select(light.connected, rest(bright, self.bound), 1)
+            value *= dr.select(light.connected, 1 - weight(bright, self.bound), 1)
         value = value * light.radiance * dr.select(light.pdf > 0, power_heuristic(light.pdf, pdf), 1)
         useful = light.lit & (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
         seed = samples.bits(order, Stream.PATH_SHADOW, *name)
         passed = self.emitters.passed(vertex, light, seed, useful)
         return dr.select(useful, value * passed, 0), chosen._replace(lamp=light.lamp)
 
-    def _onward(self, vertex: Vertex, chosen: DirectionSample) -> tuple[Walk, Array3f, Bool]:
+    def _onward(self, vertex: Vertex, chosen: DirectionSample, geometry: Float) -> tuple[Walk, Array3f, Bool]:
         """Return the walks after their vertices, the weights of their new directions, and which walks continue."""
         walk, hit, media = vertex.walk, vertex.hit, self.emitters.world.media
         kind, direction = chosen.bsdf.sampled_type, hit.to_world(chosen.bsdf.wo)
@@ -241,6 +237,8 @@ class Walking:
         following.inside = dr.select(null, walk.inside, vertex.scattered)
         own = dr.select(vertex.smooth & (following.pdf > 0), dr.max(chosen.weight) * chosen.pdf, 0)
         following.value = dr.select(null, walk.value, own)
+        bright = dr.select(own > 0, geometry * own * dr.rcp(steepness(hit, chosen.direction)), dr.inf)
+        following.bright = dr.select(null, walk.bright, bright)
         following.lamp = dr.select(null, walk.lamp, chosen.lamp)
         factor = chosen.weight
         good = vertex.scattered | (vertex.on_surface & (chosen.bsdf.pdf > 0))
