@@ -20,7 +20,7 @@ from .emitters.emitter import Emitter
 from .emitters.sources import Source
 from .media.bounded import BoundedMedia, same, touching
 from .shadow_rays import size_of
-from .surfaces.shapes import cut_out, glows, is_glass, is_mirror, scene_of, shapes_of
+from .surfaces.shapes import cut_out, glows, is_glass, is_mirror, is_pane, scene_of, shapes_of
 from .world import World, translucent
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def world_of_scene(
         nested=bool(content.boundaries or content.outside),
         touching=like.touching if like and kept
         else bool(shapes) and touching(description.media, surfaces, size_of(plugin)),
-        translucent=translucent(plugin), **_traits([mesh.material for mesh in meshes], sharp),
+        translucent=translucent(plugin), **_traits(meshes, sharp),
         boundaries=content.boundaries,
         shapes=shown,
         blockers=_blockers(emitters, host, shown, like.blockers if like and still else {}),
@@ -116,10 +116,12 @@ def _with_boundaries(surfaces: MiScene, shapes: Sequence[MiShape], media: Bounde
     return scene_of([*shapes, *media.boundaries], host) if media.boundaries else surfaces
 
 
-def _traits(materials: Sequence[scene.Material], sharp: bool) -> dict[str, Any]:
+def _traits(meshes: Sequence[scene.Mesh], sharp: bool) -> dict[str, Any]:
     """Return what kinds of surfaces there are, by the names of attributes of `World`."""
+    materials = [each.material for each in meshes]
+    refracts = [sharp and is_glass(each.material) and not is_pane(each) for each in meshes]
     return {
-        "cutouts": any(cut_out(each) and not (sharp and is_glass(each)) for each in materials),
+        "cutouts": any(cut_out(each) and not bends for each, bends in zip(materials, refracts, strict=True)),
         "perturbed": any(each.perturbed for each in materials),
         "mirrors": sharp and any(is_glass(each) or is_mirror(each) for each in materials),
         "glowing": any(map(glows, materials)),

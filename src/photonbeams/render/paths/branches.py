@@ -134,6 +134,8 @@ def onward(
     other, weight = bsdf.sample(context, hit, dr.select(last, Float(_LAST), 0), turn, able)
     split = able & (sample.pdf > 0) & (other.pdf > 0) & (sample.sampled_type != other.sampled_type)
     split &= dr.abs(sample.pdf + other.pdf - 1) < 1e-4
+    if tracing.world.cutouts:
+        split &= ~mi.has_flag(other.sampled_type, mi.BSDFFlags.Null)
     factor *= dr.select(split, sample.pdf, 1)
     rest = dr.select(split, rgb(weight) * other.pdf, 0)
     # The straight path stays the pixel's own ray, for which beams are gathered by tiles.

@@ -29,14 +29,15 @@ def shapes_of(
 
     `around` are the media around bodies that are empty inside, by the names of their meshes.
     """
-    bsdfs: dict[int, Any] = {}
-    for mesh in meshes:
-        key = id(mesh.material)
+    bsdfs: dict[tuple[int, bool], Any] = {}
+    keys = [(id(mesh.material), sharp and is_pane(mesh)) for mesh in meshes]
+    for mesh, key in zip(meshes, keys, strict=True):
         if key not in bsdfs:
-            bsdfs[key] = mi.load_dict((sharp_bsdf_of(mesh.material) if sharp else None) or bsdf_of(mesh.material))
+            own = sharp_bsdf_of(mesh.material, thin=key[1]) if sharp else None
+            bsdfs[key] = mi.load_dict(own or bsdf_of(mesh.material))
     return tuple(
-        shape_of(mesh, bsdfs[id(mesh.material)], _emitter(mesh.material), exterior=(around or {}).get(mesh.name))
-        for mesh in meshes
+        shape_of(mesh, bsdfs[key], _emitter(mesh.material), exterior=(around or {}).get(mesh.name))
+        for mesh, key in zip(meshes, keys, strict=True)
     )
 
 
@@ -97,11 +98,11 @@ def is_null(shape: MiShape) -> bool:
     return lobes == int(mi.BSDFFlags.Null)
 
 
-def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
+def sharp_bsdf_of(material: scene.Material, thin: bool = False) -> dict[str, Any] | None:
     """Describe a mirror or glass as a Mitsuba BSDF; None for another material.
 
     A transparent material is glass of its `ior`, unless its opacity means presence; smooth metal is a mirror of its
-    colour.
+    colour. `thin` glass has both of its sides in one surface, and does not bend light.
     """
     if is_glass(material):
         assert isinstance(material.opacity, float | int)
@@ -109,10 +110,13 @@ def sharp_bsdf_of(material: scene.Material) -> dict[str, Any] | None:
         if material.tint != scene.WHITE:
             plain["specular_transmittance"] = _texture(material.tint)
         rough = 1.0 if isinstance(material.roughness, scene.UVTexture) else float(material.roughness)
-        glass: dict[str, Any] = {"type": "dielectric", **plain}
+        glass: dict[str, Any] = {"type": "thindielectric" if thin else "dielectric", **plain}
+        if thin and not _is_smooth(material):
+            return None
         if rough > SMOOTH:
             glass = {"type": "roughdielectric", "alpha": rough**2, **plain}
-        glass = _perturbed(material, glass, SPECULAR)
+        if not thin:
+            glass = _perturbed(material, glass, SPECULAR)
         if material.opacity == 0:
             return glass
         solid = bsdf_of(replace(material, opacity=1.0))
@@ -130,11 +134,25 @@ def is_glass(material: scene.Material) -> bool:
     return clear and not material.presence and material.ior > 1.001
 
 
+def is_pane(mesh: scene.Mesh) -> bool:
+    """Return whether a mesh is a pane without thickness, through which light goes straight: flat, without a colour.
+
+    Other open surfaces of glass, such as water with waves, are the boundary of what is behind them. Frosted glass is
+    clear all over; a rough surface that is not is one that some light misses.
+    """
+    material = mesh.material
+    straight = is_glass(material) and material.tint == scene.WHITE and (material.opacity != 0 or _is_smooth(material))
+    return straight and mesh.plane() is not None
+
+
 def is_mirror(material: scene.Material) -> bool:
     """Return whether a material is an ideal mirror."""
     metal = not isinstance(material.metallic, scene.UVTexture) and material.metallic > 0.99
-    smooth = not isinstance(material.roughness, scene.UVTexture) and material.roughness <= SMOOTH
-    return metal and smooth
+    return metal and _is_smooth(material)
+
+
+def _is_smooth(material: scene.Material) -> bool:
+    return not isinstance(material.roughness, scene.UVTexture) and material.roughness <= SMOOTH
 
 
 def bsdf_of(material: scene.Material, exported: bool = False) -> dict[str, Any]:
