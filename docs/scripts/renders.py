@@ -30,7 +30,7 @@ DIRECTED = ("--session-layer", "examples/shaft/directed.usda")
 
 #: Stage and flags, and what is shown of it: layer and picture.
 RENDERS = {
-    ATTIC: {"rgba": "attic-fog"},
+    (*ATTIC, "--bounces", "3"): {"rgba": "attic-fog"},
     ("dusty.usda", "--exposure", "1", *CLEAN): {
         "rgba": "attic-dusty", "surface": "attic-surface", "beams": "attic-beams",
     },

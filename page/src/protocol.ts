@@ -66,6 +66,7 @@ export interface Show {
   lens?: boolean;
   blur?: boolean;
   denoise?: boolean;
+  bounces?: number | null;
   stereo?: Eyes | null;
   solo?: string[];
   paused?: boolean;
@@ -140,6 +141,7 @@ export interface PresetItem {
  *
  * `pose` is a camera-to-world matrix: 16 numbers, row by row, for column vectors; it looks along −z with +y up. With
  * `pair` the camera is one of a pair on the stage, which cannot be moved apart; `interaxial` is the usual distance.
+ * `bounces` are those of the picture, and those that the stage or a room usually has.
  */
 export interface SceneMessage {
   type: "scene";
@@ -156,6 +158,7 @@ export interface SceneMessage {
   stereo: Eyes | null;
   pair: boolean;
   interaxial: number;
+  bounces: [number, number];
   presets: PresetItem[];
 }
 

@@ -47,7 +47,7 @@ def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tm
 def test_the_finished_picture_does_not_depend_on_the_sizes_before_it():
     """A picture after a change of size is that of a render, although light is sent toward what each size shows."""
     keyhole = Path(__file__).parents[2] / "examples" / "keyhole" / "keyhole.usda"
-    with Watched(keyhole, view=SessionView(width=96, height=27, passes=2, denoise=False)) as shown:
+    with Watched(keyhole, view=SessionView(width=96, height=27, passes=2, denoise=False, bounces=0)) as shown:
         shown.finished()
         after = shown.finished(shown.session.show(width=48, height=27))
     assert are_equal(after, rendered(keyhole))
@@ -242,6 +242,38 @@ def test_pictures_of_few_passes_are_denoised_and_the_finished_one_is_that_of_a_r
     )  # fmt: skip
     assert are_equal(second, denoised.layers) and not are_equal(second, noisy.layers)
     assert are_equal(finished, rendered(stage))
+
+
+ROOM = """
+    def Cube "Room"
+    {
+        double size = 12
+    }
+}
+"""
+
+
+def test_light_bounces_in_rooms_until_that_is_switched_off(stage, tmp_path):
+    """Most of what surfaces scatter comes from other surfaces in a room, and from the sky around the ball alone."""
+    room, own = tmp_path / "room.usda", tmp_path / "own.usda"
+    room.write_text(STAGE.rstrip().removesuffix("}") + ROOM)
+    medium = "color3f photonbeams:scattering"
+    own.write_text(room.read_text().replace(medium, f"int photonbeams:bounces = 1\n        {medium}"))
+    for path, bounces, usual in ((room, 3, 3), (own, 1, 1), (stage, 0, 3)):
+        with Watched(path) as shown:
+            finished = shown.finished()
+            assert shown.session.bounces() == (bounces, usual)
+            command = pb.Shot.open(path).render(passes=2, width=48, height=27, max_depth=bounces + 2)
+            assert are_equal(finished, command.layers)
+            flags = shown.session.wanted(2).flags
+            assert ("--bounces" in flags) == (path == room) and ("3" in flags) == (path == room)
+            direct = shown.finished(shown.session.show(bounces=0))
+            assert shown.session.bounces() == (0, usual)
+            assert are_equal(direct, finished) == (path == stage)
+            if path == room:
+                assert np.median(direct["surface"]) < 0.9 * np.median(finished["surface"])
+    with Watched(room) as shown, pytest.raises(pb.SceneError, match="bounces is -2: expected 0 to 65536, or -1"):
+        shown.session.show(bounces=-2)
 
 
 def test_later_pictures_are_few_where_they_are_denoised(stage, monkeypatch):

@@ -64,6 +64,7 @@ const NOTHING_SHOWN: Shown = {
   lens: true,
   blur: true,
   denoise: true,
+  bounces: null,
   stereo: null,
   eye: "left",
   solo: [],

@@ -177,8 +177,12 @@ const SWITCHES = [
   { name: "denoise", label: "Denoise", title: "Denoise pictures with few passes; the finished picture is never denoised" },
 ] as const;
 
+/** The bounces of the picture, and those that the stage or a room usually has, before the first scene has come. */
+const NO_BOUNCES: [number, number] = [0, 0];
+
 function Switches() {
   const shown = useStore(session, (state) => state.show);
+  const [own, most] = useStore(session, (state) => state.scene?.bounces ?? NO_BOUNCES);
   return (
     <div className={styles.switches}>
       {SWITCHES.map(({ name, label, title }) => (
@@ -191,6 +195,13 @@ function Switches() {
           onChange={(event) => show({ [name]: event.currentTarget.checked } as Partial<Shown>)}
         />
       ))}
+      <Switch
+        size="xs"
+        label="Bounces"
+        title={`Light bounces up to ${most} times before it is scattered to the camera`}
+        checked={(shown.bounces ?? own) !== 0}
+        onChange={(event) => show({ bounces: event.currentTarget.checked ? most : 0 })}
+      />
     </div>
   );
 }

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..constants import MOST_PIXELS
-from ..render.settings import flags
+from ..render.settings import depth_of, flags
 from ..setting import Setting
 from .groups import Flags, checked, option
 from .programs import load_function
@@ -346,7 +346,7 @@ class SettingsFlags(Flags):
 
         found = {field: self.values[_name(flag)] for field, flag in flags() if _name(flag) in self.values}
         if "max_depth" in found:
-            found["max_depth"] = -1 if found["max_depth"] < 0 else found["max_depth"] + 2
+            found["max_depth"] = depth_of(found["max_depth"])
         if "rule" in found:
             found["rule"] = self._rule(len(own.rule))
         if self.values.get("gather") == "exact":

@@ -21,7 +21,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
 from ..world.cameras.cameras import View
 from ..world.cameras.sensors import PrimaryRays
-from ..world.shadow_rays import to_lamp
+from ..world.shadow_rays import leaving, to_lamp
 from ..world.warp import facing, outward
 from ..world.world import World
 from .costs import WALK, of_beams
@@ -52,6 +52,8 @@ _BLOCK = 8
 _DARK = 0.01
 # An emitter lights little if it lights less than this fraction of the surfaces in the picture.
 _LITTLE = 0.2
+# In a room, surfaces in the picture see more than this fraction of other surfaces.
+_ENCLOSED = 0.7
 # Walks miss light if their mean is below this fraction of that of beams, and by more than so many standard errors.
 _MISSED, _SURELY = 0.95, 3.0
 
@@ -100,6 +102,23 @@ def lights_little(world: World, camera: View, number: int) -> bool:
     lit &= ~world.solids.blocked(ray.origin, ray.direction, ray.length, lit, lane)
     dr.eval(lit, valid)
     return bool(np.count_nonzero(lit.numpy()) < _LITTLE * np.count_nonzero(valid.numpy()))
+
+
+def is_room(world: World, camera: View) -> bool:
+    """Return whether most of the light that surfaces in the picture scatter comes from other surfaces, as in a room.
+
+    There light bounces often; where most directions lead to the sky, it hardly does.
+    """
+    origin, direction = camera.coarse_rays(_COLUMNS, _ROWS)
+    lane = dr.arange(UInt32, dr.width(direction))
+    hit = world.solids.first(origin, direction, Bool(True), lane)
+    valid = hit.is_valid()
+    around = mi.Frame3f(mi.Vector3f(facing(outward(hit), direction)))
+    local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(pixel_sample(lane, dr.opaque(UInt32, 1))))
+    turned = Array3f(around.to_world(local))
+    further = world.solids.first(leaving(hit, turned, world.size), turned, valid, lane).is_valid()
+    dr.eval(valid, further)
+    return bool(np.count_nonzero(further.numpy()) > _ENCLOSED * np.count_nonzero(valid.numpy()))
 
 
 def _prefers_walks(lights: Lights, own: Sequence[int], dark: frozenset[int], pixels: Pixels) -> bool:

@@ -257,6 +257,11 @@ class Settings:
         return None if longest == -1 else longest
 
 
+def depth_of(bounces: int) -> int:
+    """Return `max_depth` for a number of `--bounces`, which is −1 if there is no limit."""
+    return -1 if bounces < 0 else bounces + 2
+
+
 def described() -> Iterator[tuple[str, Setting]]:
     """Yield the name of each field of `Settings`, and what is known of it."""
     for each in fields(Settings):

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, cast
 
 from .. import scene
+from ..render.choice import is_room
 from ..render.passes import Statistics
 from ..render.settings import Settings, as_passes
 from ..render.stage_frame import begin
@@ -64,6 +65,12 @@ class LiveFrame:
             self._lights = dict(like._lights)
             if equal(self._shutter.at(0.0).cameras, like._shutter.at(0.0).cameras):
                 self._pictures = dict(like._pictures)
+
+    @property
+    def in_room(self) -> bool:
+        """Whether the camera sees a room: see `choice.is_room`."""
+        camera = View(self._shutter.at(0.0).cameras[0], self._ready.window)
+        return is_room(self._worlds.opened, camera)
 
     @property
     def statistics(self) -> Statistics:

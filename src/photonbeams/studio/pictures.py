@@ -43,6 +43,8 @@ class SessionView:
         How the camera becomes two eyes; None: it does not.
     denoise
         Whether pictures are denoised; after 16 passes, only every eighth is shown then. The finished one never is.
+    bounces
+        As `--bounces`, -1: no limit; None: those of the stage, or 3 if it has none and the first picture is of a room.
     """
 
     width: int = 480
@@ -58,6 +60,7 @@ class SessionView:
     passes: int = 64
     stereo: Stereo | None = None
     denoise: bool = True
+    bounces: int | None = None
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,7 @@ class Show(Message, tag="show"):
     lens: bool | msgspec.UnsetType = msgspec.UNSET
     blur: bool | msgspec.UnsetType = msgspec.UNSET
     denoise: bool | msgspec.UnsetType = msgspec.UNSET
+    bounces: int | msgspec.UnsetType | None = msgspec.UNSET
     stereo: Eyes | msgspec.UnsetType | None = msgspec.UNSET
     solo: list[str] | msgspec.UnsetType = msgspec.UNSET
     paused: bool | msgspec.UnsetType = msgspec.UNSET
@@ -162,6 +163,7 @@ class SceneMessage(Answer, tag="scene"):
 
     `pose` is a camera-to-world matrix: 16 numbers, row by row, for column vectors; it looks along −z with +y up. With
     `pair` the camera is one of a pair on the stage, which cannot be moved apart; `interaxial` is the usual distance.
+    `bounces` are those of the picture, and those that the stage or a room usually has.
     """
 
     name: str
@@ -177,6 +179,7 @@ class SceneMessage(Answer, tag="scene"):
     stereo: Eyes | None
     pair: bool
     interaxial: float
+    bounces: tuple[int, int]
     presets: list[PresetItem]
 
 

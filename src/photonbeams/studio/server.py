@@ -196,7 +196,7 @@ class Studio:
             layers=["rgba"] if last is None else list(last.layers), displays=view_transforms(),
             controls=self._groups, pose=pose, up=session.up(), focal=focal,
             stereo=None if stereo is None else (stereo.interaxial, stereo.convergence), pair=session.has_pair(),
-            interaxial=usual_interaxial(session.shot.stage), presets=_PRESETS,
+            interaxial=usual_interaxial(session.shot.stage), bounces=session.bounces(), presets=_PRESETS,
         ))  # fmt: skip
 
     async def _watch(self, socket: WebSocket) -> None:

@@ -31,7 +31,7 @@ from .pictures import Picture, Problem, SessionView
 from .viewing import LivePictures, between, checked_pose
 
 # The most that a view may ask for: a page must not be able to fill the memory.
-_MOST_PIXELS, _MOST_PASSES = 1 << 23, 1 << 16
+_MOST_PIXELS, _MOST_PASSES, _MOST_BOUNCES = 1 << 23, 1 << 16, 1 << 16
 
 
 #: A listener; it is called in the thread that renders.
@@ -198,7 +198,7 @@ class Session:
         ----------
         **changes
             Fields of `SessionView`: width, height, frame, camera, pose, area, lens, blur, solo, paused, passes, stereo,
-            denoise.
+            denoise, bounces.
 
         Raises
         ------
@@ -220,6 +220,8 @@ class Session:
             raise SceneError(f"the size is {view.width} x {view.height}: expected {_MOST_PIXELS:,} pixels at most")
         if not 1 <= whole(view.passes, "passes") <= _MOST_PASSES:
             raise SceneError(f"passes is {view.passes}: expected 1 to {_MOST_PASSES}")
+        if view.bounces is not None and not -1 <= whole(view.bounces, "bounces") <= _MOST_BOUNCES:
+            raise SceneError(f"bounces is {view.bounces}: expected 0 to {_MOST_BOUNCES}, or -1 for no limit")
         if view.camera is not None and view.camera not in self.cameras():
             raise SceneError(f"there is no camera {view.camera!r}: expected one of {', '.join(self.cameras())}")
         check_stereo(view.stereo)
@@ -287,12 +289,19 @@ class Session:
         flags += ["--camera", camera] if (camera := self._viewpoint(view).camera) else []
         flags += [] if first is None or last is None else ["--frames", f"{first:g}:{last:g}"]
         flags += ["--res", str(view.width), str(view.height), "--passes", str(passes)]
+        if (bounces := self._live.bounces(view)) is not None:
+            flags += ["--bounces", str(bounces)]
         if view.stereo is not None:
             eyes = {"--interaxial": view.stereo.interaxial, "--convergence": view.stereo.convergence}
             given = [(name, repr(float(value))) for name, value in eyes.items() if value is not None]
             flags += ["--stereo", *(word for pair in given for word in pair)]
         with self._lock:
             return Wanted(self._path, self.edits.text(), flags)
+
+    def bounces(self) -> tuple[int, int]:
+        """Return the bounces of the present view, as `--bounces`, and those that the stage or a room usually has."""
+        live, chosen = self._live, self._live.bounces(self.view)
+        return live.own_bounces if chosen is None else chosen, live.usual_bounces
 
     def cameras(self) -> list[str]:
         """Return the paths of the stage's cameras."""

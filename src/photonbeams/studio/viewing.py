@@ -13,6 +13,7 @@ import numpy as np
 
 from ..images.frame import pixels_of
 from ..render.films.denoising import lacking_denoiser
+from ..render.settings import depth_of
 from ..scene import BLACK, Array, Camera, Scene, SceneError
 from ..shot.development import Development
 from ..shot.request import Prepared, prepare
@@ -30,6 +31,9 @@ _FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 1024
 # Denoised pictures come with each of the first 16 passes, then with every eighth: denoising takes longer than a pass,
 # and pictures hardly change from one pass to the next.
 _EACH, _ONE_OF = 16, 8
+
+# Bounces of light in rooms.
+_IN_ROOMS = 3
 
 
 @dataclass
@@ -72,6 +76,7 @@ class LivePictures:
         lock: AbstractContextManager[Any],
     ) -> None:  # fmt: skip
         self._shot, self._viewpoint, self._edited, self._lock = shot, viewpoint, edited, lock
+        self._room: bool | None = None  # whether the first picture is of a room
         self.forget()
 
     def forget(self) -> None:
@@ -81,6 +86,21 @@ class LivePictures:
     def frame(self) -> LiveFrame | None:
         """Return the last frame, of a whole picture if there is one."""
         return self._whole.frame or self._first.frame
+
+    def bounces(self, view: SessionView) -> int | None:
+        """Return the bounces of a view, as `--bounces`; None: those of the stage."""
+        return _IN_ROOMS if view.bounces is None and self._room and not self.own_bounces else view.bounces
+
+    @property
+    def own_bounces(self) -> int:
+        """The bounces of the stage."""
+        scene = self.scene()
+        return 0 if scene is None else scene.bounces
+
+    @property
+    def usual_bounces(self) -> int:
+        """The bounces of the stage, or of rooms if it has none."""
+        return self.own_bounces or _IN_ROOMS
 
     def scene(self) -> Scene | None:
         """Return a scene that was rendered last, if there is one."""
@@ -133,6 +153,10 @@ class LivePictures:
             ready = self._ready(view, scale, first, chain.moment)
         frame = LiveFrame(ready, None if first else view.passes, before, first and before is not None, unwanted)
         chain.frame, chain.moment = frame, ready.content.shutter.at(0.0)
+        if self._room is None:
+            self._room = frame.in_room
+            if self.bounces(view) != view.bounces:  # now with them
+                return self.begun(view, chain, scale, unwanted)
         return frame, ready
 
     def _ready(self, view: SessionView, scale: float, first: bool, before: Moment | None) -> Prepared:
@@ -140,6 +164,9 @@ class LivePictures:
         width, height = (max(1, round(scale * each)) for each in (view.width, view.height))
         # `denoise` leaves the passes' bits as they are; whether pictures are denoised is up to `Development.denoise`.
         settings = {"denoise": view.denoise and can_denoise(), **({"beams": _FIRST_PATHS} if first else {})}
+        bounces = self.bounces(view)
+        if bounces is not None:
+            settings["max_depth"] = depth_of(bounces)
         picture = {"width": width, "height": height, "crop": view.area, "blur": view.blur and not first}
         ready = prepare(
             self._shot.subject, self._viewpoint(view), view.frame, 1 if first else view.passes, None,

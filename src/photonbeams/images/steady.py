@@ -1,0 +1,288 @@
+"""Films that do not boil: averages of a frame and of its neighbours, as the camera moves over them.
+
+What denoising leaves of the noise is smooth, and other in each frame: a still wall seems to boil. A pixel of a frame is
+averaged with those pixels of the frames before and after that show the same point. The header's matrices and the depth
+tell where that is. Three things tell whether it is the same: its depth; that it is in the picture; and, because lights
+and things move, the mean light around, which may differ by little more than what denoising leaves. A neighbour before
+and one after count alike, so that light which rises or falls evenly stays as it is.
+
+Beams have no depth of their own. They are followed at that one of some depths in front of the surface where the
+neighbours agree best (a plane sweep, Collins 1996).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from scipy.ndimage import map_coordinates, uniform_filter
+
+from ..runtime.files import write_bytes
+from ..scene import Array, SceneError
+from .tiles import exr_parts
+from .writing import encoded_parts, png_of
+
+# By how much depths of the same point may differ, relative to the depth: it is known at the centres of pixels.
+_DEPTHS = 0.02
+# By how much the mean light around a point may differ, relative to it: then a neighbour counts 1 / e.
+_LIGHT = 0.1
+# The side of the square of pixels for that mean. Light below this fraction of the picture's mean is as good as black.
+_AROUND, _DARK = 7, 0.02
+# Depths at which beams may be, in units of the depth of the surface behind them.
+_PLACES = (1.0, 0.7, 0.5, 0.35, 0.25)
+# Nothing is seen of beams that are farther than this, in medians of depths.
+_FARTHEST = 10.0
+_FAR = 1e6  # the depth of what is infinitely far, in medians of depths
+
+
+@dataclass(frozen=True)
+class FilmView:
+    """A view of a frame of a film.
+
+    Attributes
+    ----------
+    layers
+        `rgba`, (H, W, 4), `surface`, (H, W, 3), `depth`, (H, W, 1), and those of beams, whose names begin with `beams`.
+    to_camera, to_ndc
+        (4, 4) matrices for column vectors, from the world to the camera, which looks along −z, and to fractions of the
+        display window from its bottom left.
+    place
+        x0, y0, width, height of the pixels in fractions of the display window, from the top left.
+    """
+
+    layers: Mapping[str, Array]
+    to_camera: Array
+    to_ndc: Array
+    place: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)
+
+    @cached_property
+    def _finite(self) -> tuple[Array, float]:
+        """Depths, (H, W) float64, 0 for what is infinitely far, and the median of the others."""
+        depth = self.layers["depth"].reshape(self.layers["depth"].shape[:2]).astype(np.float64)
+        finite = np.isfinite(depth) & (depth > 0)
+        return np.where(finite, depth, 0), float(np.median(depth[finite])) if finite.any() else 1.0
+
+    @property
+    def usual_depth(self) -> float:
+        """The median of depths that are not infinite."""
+        return self._finite[1]
+
+    @property
+    def depth(self) -> Array:
+        """Depths, (H, W) float64; what is infinitely far has a finite one."""
+        depth, usual = self._finite
+        return np.where(depth > 0, depth, _FAR * usual)
+
+    def light(self, names: Sequence[str]) -> Array:
+        """Return the colours of layers side by side, (H, W, 3 × len(names))."""
+        return np.concatenate([self.layers[name][..., :3] for name in names], axis=2)
+
+    @property
+    def beams(self) -> list[str]:
+        """The names of the layers of beams."""
+        return [name for name in self.layers if name == "beams" or name.startswith("beams_")]
+
+    def points(self, depth: Array) -> Array:
+        """Return the points of the world that pixels show at a depth, (4, H, W)."""
+        height, width = depth.shape
+        x0, y0, across, down = self.place
+        x = x0 + across * (np.arange(width) + 0.5) / width
+        y = 1 - (y0 + down * (np.arange(height)[:, None] + 0.5) / height)
+        lens = self.to_ndc @ np.linalg.inv(self.to_camera)
+        # In the camera's space a point is (X, Y, −depth), and its fractions are (x, y) = ((lens X)₀, (lens X)₁) / w.
+        w = lens[3, 3] - lens[3, 2] * depth
+        seen = np.stack([
+            (x * w + lens[0, 2] * depth - lens[0, 3]) / lens[0, 0],
+            (y * w + lens[1, 2] * depth - lens[1, 3]) / lens[1, 1],
+            -depth,
+            np.ones_like(depth),
+        ])  # fmt: skip
+        return np.tensordot(np.linalg.inv(self.to_camera), seen, 1)
+
+    def pixels(self, points: Array) -> tuple[Array, Array]:
+        """Return where points are in the picture, (2, H, W) in rows and columns, and their depths."""
+        height, width = self.depth.shape
+        x0, y0, across, down = self.place
+        x, y, _, w = np.tensordot(self.to_ndc, points, 1)
+        depth = -np.tensordot(self.to_camera[2], points, 1)
+        w = np.where(np.abs(w) > 0, w, np.inf)
+        row, column = ((1 - y / w) - y0) / down * height - 0.5, (x / w - x0) / across * width - 0.5
+        # The same pixels of a still camera are to be the same to the bit.
+        row, column = (np.where(np.abs(each - np.round(each)) < 1e-3, np.round(each), each) for each in (row, column))
+        return np.stack([row, column]), depth
+
+
+def steadied(frames: Sequence[FilmView], own: int) -> dict[str, Array]:
+    """Return the layers of one of successive frames, with its light averaged over all of them.
+
+    Raises
+    ------
+    SceneError
+        If frames differ in size or layers.
+    """
+    frame = frames[own]
+    if any(each.depth.shape != frame.depth.shape or each.layers.keys() != frame.layers.keys() for each in frames):
+        raise SceneError("the frames differ in size or layers: expected those of one film")
+    pairs = [[frames[at] for at in (own - step, own + step) if 0 <= at < len(frames)] for step in range(1, len(frames))]
+    pairs = [pair for pair in pairs if pair]
+    result = {**frame.layers, **_averaged(frame, pairs, ["surface"], frame.depth)}
+    if frame.beams:
+        result |= _averaged(frame, pairs, frame.beams, _depth_of_beams(frame, pairs))
+    light = result["surface"] + result["beams"] if frame.beams else result["surface"]
+    return result | {"rgba": np.concatenate([light, result["rgba"][..., 3:]], axis=2)}
+
+
+def _averaged(
+    frame: FilmView, pairs: Sequence[Sequence[FilmView]], names: Sequence[str], depth: Array
+) -> dict[str, Array]:  # fmt: skip
+    """Return layers of a frame, averaged with what pairs of neighbours show of its points at a depth."""
+    points, own = frame.points(depth), frame.light(names)
+    total, weight = own.astype(np.float64), np.ones(own.shape[:2])
+    for pair in pairs:
+        seen = [_seen(each, points, names) for each in pair]
+        alike = np.minimum.reduce([valid * _alike(own, light, valid) for light, valid in seen])
+        for light, _ in seen:
+            total += alike[..., None] * light
+            weight += alike
+    mean = (total / weight[..., None]).astype(np.float32)
+    return dict(zip(names, np.split(mean, len(names), axis=2), strict=True))
+
+
+def _seen(frame: FilmView, points: Array, names: Sequence[str]) -> tuple[Array, Array]:
+    """Return the light of layers where a frame shows points, (H, W, C), and which of them it shows, (H, W)."""
+    place, depth = frame.pixels(points)
+    height, width = frame.depth.shape
+    size = np.array([height, width]).reshape(2, 1, 1)
+    valid = (depth > 0) & np.all((place >= -0.5) & (place <= size - 0.5), axis=0)
+    # Of a plane, one over the depth is linear over the picture.
+    expected, nearness = 1 / np.where(depth > 0, depth, np.inf), _at(1 / frame.depth, place, 1)
+    less = nearness - expected
+    tolerance = _DEPTHS * expected + 10 / (_FAR * frame.usual_depth)
+    # Beams are in front of the surface, which has to be where they are, or behind.
+    valid &= less <= tolerance
+    if names == ["surface"]:
+        valid &= less >= -tolerance
+    order = 3 if names == ["surface"] else 1
+    light = frame.light(names)
+    seen = np.stack([_at(light[..., each], place, order) for each in range(light.shape[2])], axis=2)
+    return np.maximum(seen, 0) if order > 1 else seen, valid
+
+
+def _at(picture: Array, place: Array, order: int) -> Array:
+    """Return the values of a picture, (H, W), at rows and columns, (2, H, W), by splines of an order."""
+    if np.array_equal(place, np.indices(picture.shape)):
+        return picture
+    return map_coordinates(picture, place, order=order, mode="nearest")
+
+
+def _alike(own: Array, other: Array, valid: Array) -> Array:
+    """Return how much alike the mean light of the `valid` pixels around each pixel is, from 0 to 1."""
+    shown = valid[..., None].astype(np.float64)
+    one, two = (uniform_filter(each * shown, (_AROUND, _AROUND, 0), mode="nearest") for each in (own, other))
+    part = uniform_filter(shown, (_AROUND, _AROUND, 0), mode="nearest")
+    one, two = (each / np.maximum(part, _AROUND**-2) for each in (one, two))
+    usual = np.maximum(one, two) + _DARK * float(own.mean()) + np.finfo(np.float32).tiny
+    return np.exp(-np.square(np.max(np.abs(one - two) / usual, axis=2) / _LIGHT))
+
+
+def _depth_of_beams(frame: FilmView, pairs: Sequence[Sequence[FilmView]]) -> Array:
+    """Return the depth of some at which the nearest neighbours agree best on the light of beams."""
+    nearest = pairs[0] if pairs else ()
+    if all(np.array_equal(each.to_ndc, frame.to_ndc) for each in nearest):
+        return frame.depth
+    own = frame.light(["beams"])
+    best, chosen = np.full(own.shape[:2], np.inf), frame.depth
+    for place in _PLACES:
+        depth = place * np.minimum(frame.depth, _FARTHEST * frame.usual_depth)
+        points, differs = frame.points(depth), np.zeros(own.shape[:2])
+        for each in nearest:
+            light, _ = _seen(each, points, ["beams"])
+            differs += np.square(light - own).mean(axis=2)
+        differs = uniform_filter(differs, _AROUND, mode="nearest")
+        chosen, best = np.where(differs < best, depth, chosen), np.minimum(differs, best)
+    return chosen
+
+
+@dataclass(frozen=True)
+class FilmFrame:
+    """The EXR of a frame: its parts, and its views by their names, "" for a single one."""
+
+    parts: Sequence[OpenEXR.Part]
+    views: Mapping[str, FilmView]
+
+    @classmethod
+    def read(cls, path: Path) -> FilmFrame:
+        """Return the frame in a file.
+
+        Raises
+        ------
+        SceneError
+            A file that is no EXR, or that lacks layers or matrices.
+        OSError
+            A file that cannot be read.
+        """
+        parts = exr_parts(path)
+        views = dict.fromkeys(_view(part) for part in parts)
+        return cls(parts, {view: _film_view(path, [each for each in parts if _view(each) == view]) for view in views})
+
+    def averaged(self, before: Sequence[FilmFrame], after: Sequence[FilmFrame]) -> FilmFrame:
+        """Return the frame averaged with those before and after it, in their order; SceneError if they do not fit."""
+        frames = [*before, self, *after]
+        if any(each.views.keys() != self.views.keys() for each in frames):
+            raise SceneError("the frames differ in views: expected those of one film")
+        views = {
+            name: replace(view, layers=steadied([each.views[name] for each in frames], len(before)))
+            for name, view in self.views.items()
+        }
+        return replace(self, views=views)
+
+    def write(self, path: Path, exposure: float = 0.0) -> None:
+        """Write the frame with the headers that it was read with, or its `rgba` as a picture, by the file's name."""
+        if path.suffix.lower() == ".exr":
+            write_bytes(path, encoded_parts(path, [self._part(each) for each in self.parts]))
+            return
+        eyes = [view.layers["rgba"] for view in self.views.values()]
+        ratio = self.parts[0].header["pixelAspectRatio"]
+        write_bytes(path, png_of(*eyes, exposure=exposure, pixel_aspect=ratio))
+
+    def _part(self, part: OpenEXR.Part) -> OpenEXR.Part:
+        """Return a part with the present pixels of its layer."""
+        pixels, channels, start = self.views[_view(part)].layers[_layer(part)], {}, 0
+        for name, channel in part.channels.items():
+            like = channel.pixels
+            own = pixels[..., start : start + like[0, 0].size].reshape(like.shape)
+            channels[name], start = np.ascontiguousarray(own, like.dtype), start + like[0, 0].size
+        return OpenEXR.Part(part.header, channels, part.name())
+
+
+def _view(part: OpenEXR.Part) -> str:
+    return str(part.header.get("view", ""))
+
+
+def _layer(part: OpenEXR.Part) -> str:
+    """Return the name of a part's layer, without its view."""
+    return str(part.name()).removesuffix(f".{_view(part)}")
+
+
+def _film_view(path: Path, parts: Sequence[OpenEXR.Part]) -> FilmView:
+    layers, header = {_layer(part): _pixels(part) for part in parts}, parts[0].header
+    lacking = [name for name in ("rgba", "surface", "depth") if name not in layers]
+    lacking += [name for name in ("worldToCamera", "worldToNDC") if name not in header]
+    if lacking:
+        raise SceneError(f"{path}: has no {' and no '.join(lacking)}: expected a frame by `photonbeams render`")
+    (x0, y0), (x1, y1) = header["dataWindow"]
+    (left, top), (right, bottom) = header["displayWindow"]
+    across, down = right + 1 - left, bottom + 1 - top
+    place = (x0 - left) / across, (y0 - top) / down, (x1 + 1 - x0) / across, (y1 + 1 - y0) / down
+    world, film = (np.asarray(header[name], np.float64).reshape(4, 4).T for name in ("worldToCamera", "worldToNDC"))
+    return FilmView(layers, world, film, place)
+
+
+def _pixels(part: OpenEXR.Part) -> Array:
+    """Return the pixels of a part, (H, W, C) float32, its channels side by side."""
+    channels = [np.asarray(each.pixels, np.float32) for each in part.channels.values()]
+    return np.concatenate([each.reshape(*each.shape[:2], -1) for each in channels], axis=2)
