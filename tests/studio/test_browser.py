@@ -602,3 +602,15 @@ def test_a_page_outlives_a_studio_that_is_killed_and_started_again(visit, tmp_pa
         after = window.picture()
         assert np.array_equal(after, before)
     window.complaints[:] = [each for each in window.complaints if not each.startswith("WebSocket connection to")]
+
+
+def test_bounces_are_switched_on_and_off(window, served):
+    window.picture()
+    switch = window.page.get_by_role("switch", name="Bounces")
+    assert not switch.is_checked()  # the ball and its fog are no room
+    for bounces in (3, 0):
+        switch.focus()
+        window.press("Space")
+        window.wait(lambda wanted=bounces: served.session.view.bounces == wanted)
+        window.picture()
+        assert switch.is_checked() == (bounces > 0)

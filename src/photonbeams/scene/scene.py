@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from .beams import DrawnBeams
 from .checks import Array, SceneError
 from .light import Light
-from .lights import DomeLight
+from .lights import DomeLight, MeshLight
 from .media import Medium
 from .surfaces import Mesh
 
@@ -32,11 +32,13 @@ class Scene:
     groups
         Light groups that make beams at other times of the shot: a frame has a layer for each of these, too, and it is
         black while nothing of the group shines. Default: none.
+    glowing
+        Meshes that glow as lamps, `MeshLight` with `surface`, which shine where light bounces. Default: none.
 
     Raises
     ------
     SceneError
-        Something among meshes, lights, drawn beams or media that is of another class.
+        Something among meshes, lights, drawn beams, media or glowing meshes that is of another class.
 
     Examples
     --------
@@ -55,16 +57,17 @@ class Scene:
     media: tuple[Medium, ...] = ()
     bounds: tuple[Array, float] | None = None
     groups: frozenset[str] = frozenset()
+    glowing: tuple[MeshLight, ...] = ()
 
     def __post_init__(self) -> None:
-        kinds = {"meshes": Mesh, "lights": Light, "drawn": DrawnBeams, "media": Medium}
-        for each in fields(self)[:4]:
-            given, kind = getattr(self, each.name), kinds[each.name]
+        kinds = {"meshes": Mesh, "lights": Light, "drawn": DrawnBeams, "media": Medium, "glowing": MeshLight}
+        for name, kind in kinds.items():
+            given = getattr(self, name)
             parts = tuple(given) if isinstance(given, Iterable) else (given,)
             for part in parts:
                 if not isinstance(part, kind):
-                    raise SceneError(f"{each.name} hold a {type(part).__name__}: expected each to be a {kind.__name__}")
-            object.__setattr__(self, each.name, parts)
+                    raise SceneError(f"{name} hold a {type(part).__name__}: expected each to be a {kind.__name__}")
+            object.__setattr__(self, name, parts)
 
     @property
     def medium(self) -> Medium | None:
@@ -84,6 +87,10 @@ class Scene:
         """The most bounces, scattering events before the one toward the camera, that a light or a medium asks for."""
         own = [light.bounces for light in self.lights] + [medium.bounces for medium in self.media]
         return max((each for each in own if each is not None), default=0)
+
+    def bouncing(self) -> Scene:
+        """Return the scene in which what glows is a light like all others."""
+        return replace(self, lights=(*self.lights, *self.glowing), glowing=()) if self.glowing else self
 
     def looks(self) -> dict[str, Look | None]:
         """Return the looks of lights and drawn beams by their names."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -126,7 +126,12 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
         path = item.prim.GetPath()
         if path not in portals and (path not in guides or is_drawn(item.prim)):
             reading.attempt(item.prim, partial(_collect, reading, item, contents), None, "it is skipped")
-    if contents.glowing and not _has_light(reading):
+    glowing: list[MeshLight] = []
+    if contents.glowing and _has_light(reading):
+        text = "glows, but lights nothing: only the {} brightest surfaces that glow light others where light bounces"
+        for _, light in _lamps_that_glow(reading, contents, text):
+            glowing.append(replace(light, emits_beams=False, surface=True))
+    elif contents.glowing:
         _light_by_glow(reading, contents)
     _keep_one_filling(reading, contents)
     media = [prim for prim, _ in contents.media]
@@ -140,6 +145,7 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
         tuple(with_links(prim, light) for prim, light in contents.lights),
         tuple(contents.drawn),
         tuple(medium for _, medium in contents.media),
+        glowing=tuple(glowing),
     )
 
 
@@ -151,20 +157,25 @@ def _has_light(reading: Reading) -> bool:
 
 def _light_by_glow(reading: Reading, contents: _Contents) -> None:
     """Make lamps of the brightest surfaces that glow, on a stage without a light or drawn beams."""
+    text = "glows, but lights nothing: the stage has no light, and only the {} brightest surfaces are lamps"
+    for prim, light in _lamps_that_glow(reading, contents, text):
+        contents.lights.append((prim, light))
+        text = "glows and lights the scene, because the stage has no light: photonbeams:enabled = 1 on it means the"
+        reading.warn(prim, f"{text} same, and 0 leaves the scene dark")
+
+
+def _lamps_that_glow(reading: Reading, contents: _Contents, others: str) -> Iterator[tuple[Usd.Prim, MeshLight]]:
+    """Yield the brightest surfaces that glow as lamps, with their prims; `others` is the warning about the rest."""
     ranked = sorted(contents.glowing, key=lambda each: -glowing_power(each[1]))
     names = {item.name for item, _ in ranked[:_MOST_GLOWING]}
     for item, meshes in contents.glowing:
         if item.name not in names:
-            text = "glows, but lights nothing: the stage has no light, and only the"
-            reading.warn(item.prim, f"{text} {_MOST_GLOWING} brightest surfaces are lamps")
+            reading.warn(item.prim, others.format(_MOST_GLOWING))
             continue
         read = partial(read_light, reading, item.prim, item.to_world, item.name, meshes)
         light = reading.attempt(item.prim, read, None, "it does not shine")
         if isinstance(light, MeshLight):
-            light = replace(light, both_sides=light.both_sides or _encloses(light, contents.meshes))
-            contents.lights.append((item.prim, light))
-            text = "glows and lights the scene, because the stage has no light: photonbeams:enabled = 1 on it means the"
-            reading.warn(item.prim, f"{text} same, and 0 leaves the scene dark")
+            yield item.prim, replace(light, both_sides=light.both_sides or _encloses(light, contents.meshes))
 
 
 def _encloses(light: MeshLight, meshes: Sequence[Mesh]) -> bool:

@@ -72,6 +72,7 @@ def world_of_scene(
     SceneError
         A portal has no area.
     """
+    description = description.bouncing() if sharp else description
     known: KeptParts | None = None if like is None else like.parts
     center, radius = description.bounds or bounding_sphere([description], viewpoints)
     meshes = _surfaces(description)

@@ -169,6 +169,11 @@ class World:
         media = self.media.all_felt()
         return self if media is self.media else replace(self, media=media)
 
+    @cached_property
+    def uncut(self) -> World:
+        """The world in which cut-out surfaces stop all rays."""
+        return replace(self, cutouts=False) if self.cutouts else self
+
     def without_surfaces(self) -> World:
         """Return the world with its media alone."""
         return replace(self, plugin=self.around, touching=False, cutouts=False, mirrors=False)

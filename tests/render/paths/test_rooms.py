@@ -237,3 +237,53 @@ def test_a_lamp_in_sight_counts_once_in_coloured_smoke():
     )
     # Few renders underestimate the errors; beams in a grid are up to a quarter of a free path wide.
     assert np.all(np.abs(paths - beams) < 5 * np.hypot(*errors) + 0.02 * beams)
+
+
+SCREEN = """#usda 1.0
+( upAxis = "Y" )
+def SphereLight "Candle" {{
+    float inputs:intensity = 0
+    double3 xformOp:translate = (0, 5, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}}
+def Mesh "Floor" {{
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-3, 0, 3), (3, 0, 3), (3, 0, -3), (-3, 0, -3)]
+    color3f[] primvars:displayColor = [(0.6, 0.6, 0.6)]
+}}
+def Mesh "Screen" (prepend apiSchemas = ["MaterialBindingAPI"]) {{
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-1, 0.5, -1), (1, 0.5, -1), (1, 1.5, -1), (-1, 1.5, -1)]
+    rel material:binding = </Glow>
+    {told}
+}}
+def Material "Glow" {{
+    token outputs:surface.connect = </Glow/Shader.outputs:surface>
+    def Shader "Shader" {{
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:emissiveColor = (2, 3, 4)
+        token outputs:surface
+    }}
+}}
+def Camera "Camera" {{
+    float focalLength = 20
+    double3 xformOp:translate = (0, 1, 4)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}}
+"""
+
+
+def test_a_screen_lights_the_room_where_light_bounces(tmp_path):
+    """As a lamp that is asked for does; 0 keeps it from that, and without bounces only the screen itself is seen."""
+    mean = {}
+    kinds = {"glows": "", "lamp": "bool photonbeams:enabled = 1", "none": "bool photonbeams:enabled = 0"}
+    for name, told in kinds.items():
+        path = tmp_path / f"{name}.usda"
+        path.write_text(SCREEN.format(told=told))
+        for depth in (2, 4):
+            layers = pb.Shot.open(path).render(passes=32, width=48, height=27, max_depth=depth).layers
+            mean[name, depth] = float(layers["surface"][18:].mean())  # the floor
+    assert mean["none", 2] == mean["none", 4] == mean["glows", 2] == 0
+    assert mean["glows", 4] == pytest.approx(mean["lamp", 4], rel=0.02) and mean["lamp", 4] > 0.05

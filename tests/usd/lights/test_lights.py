@@ -453,6 +453,9 @@ def test_a_glowing_mesh_is_a_lamp_where_the_stage_has_no_light(scene, caplog):
     assert scene(mesh_light("bool photonbeams:enabled = 0", api="GeomModelAPI")).lights == ()
     other = 'def SphereLight "Other" {\n%s\n}\n'
     assert only(scene(mesh_light(api="GeomModelAPI") + other % "")).name == "/Other"
+    (beside,) = scene(mesh_light(api="GeomModelAPI") + other % "").glowing
+    assert (beside.name, beside.radiance, beside.emits_beams, beside.surface) == ("/L", asked.radiance, False, True)
+    assert scene(mesh_light("bool photonbeams:enabled = 0", api="GeomModelAPI") + other % "").glowing == ()
     assert scene(mesh_light(api="GeomModelAPI") + other % 'token visibility = "invisible"').lights == ()
     assert scene(GLOWING + PANEL % (1, 1, 1, "") + DRAWN).lights == ()
     assert not caplog.text

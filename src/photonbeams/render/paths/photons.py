@@ -42,7 +42,7 @@ class PhotonLighting:
 
     def __init__(self, world: World, hits: Sequence[PhotonHits], limits: Limits, most: int | None) -> None:
         found: PhotonHits = joined(list(hits))
-        self._most, self._translucent = most, world.translucent
+        self._most, self._world = most, world
         _fit(found, world, limits)
         self._map = PhotonMap(
             Photons(found.position, found.radius, found.normal, found.direction, found.flux, found.depth)
@@ -58,17 +58,19 @@ class PhotonLighting:
             active, most = active & (depth <= limit), limit - depth
         bsdf, context = hit.bsdf(), mi.BSDFContext()
         context.type_mask = mi.BSDFFlags.Smooth
+        # A cut-out surface was already sampled as opaque: undo the opacity factor of Mitsuba's `mask`.
+        scale = dr.rcp(self._world.opacity(hit, active))
 
         def reflect(direction: Any) -> Array3f:
             local = hit.to_local(mi.Vector3f(direction))
-            value = rgb(bsdf.eval(context, hit, local, active))
+            value = rgb(bsdf.eval(context, hit, local, active)) * scale
             return value * dr.rcp(dr.maximum(dr.abs(mi.Frame3f.cos_theta(local)), 1e-3))
 
         position, normal = Array3f(hit.p), Array3f(hit.n)
         front = dr.dot(normal, Array3f(hit.to_world(hit.wi))) > 0
         facing = dr.select(front, normal, -normal)
         result = self._map.radiance(position, facing, reflect, active, most)
-        if self._translucent:
+        if self._world.translucent:
             result += self._map.radiance(position, -facing, reflect, active, most)
         return result
 

@@ -57,15 +57,23 @@ def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: F
     """Return the radii of photons' discs, narrowed if too little of a disc is on a surface, and the fraction that is.
 
     A point of the disc counts if a photon map would find the photon from there (`estimators.photons`), and nothing
-    stands between the point and the photon.
+    stands between the point and the photon. On cut-out surfaces it counts as much as its opacity; whether enough of a
+    disc is covered is asked relative to the opacity where the photon is.
     """
-    disc, meet, gap = to_float(_disc(_POINTS)), _past_boundaries(world), gap_at(position, world.size)
+    disc, gap = to_float(_disc(_POINTS)), gap_at(position, world.size)
+    meet = _past_boundaries(world.uncut)
+    own, opacity = Float(1), world.opacity
+    if world.cutouts:
+        above = position + THICKNESS * radius * normal
+        here = meet(above, -normal, THICKNESS * radius - gap, Bool(True), dr.arange(UInt32, dr.width(position)))
+        own = dr.select(here.is_valid(), opacity(here, here.is_valid()), 1)
+        dr.eval(own)
 
     def covered(factor: Float, tried: Bool) -> Float:
-        return _on_surface(meet, position, normal, factor * radius, gap, disc, tried)
+        return _on_surface(meet, opacity, position, normal, factor * radius, gap, disc, tried) / own
 
     factor, result = _enough(covered, dr.width(position), _ENOUGH_OF_DISC, 1 / _POINTS)
-    return factor * radius, result
+    return factor * radius, result * own
 
 
 def _past_boundaries(world: World) -> MeetSurface:
@@ -114,9 +122,10 @@ def _disc(count: int) -> np.ndarray:
 
 @dr.syntax
 def _on_surface(
-    meet: MeetSurface, position: Array3f, normal: Array3f, radius: Float, gap: Float, disc: Float, active: Bool
-) -> Float:
-    """Return the fraction of each disc that is on a surface; discs are turned by different angles.
+    meet: MeetSurface, opacity: Callable[[Any, Bool], Float], position: Array3f, normal: Array3f, radius: Float,
+    gap: Float, disc: Float, active: Bool,
+) -> Float:  # fmt: skip
+    """Return the fraction of each disc that is on a surface, times its opacity; discs are turned by different angles.
 
     A boundary of a medium is passed, but not within `gap` of the disc: there it may coincide with the surface.
     """
@@ -142,7 +151,7 @@ def _on_surface(
         # A slanted surface has more area than its projection onto the disc, and is farther from the photon.
         left = dr.maximum(1 - dr.squared_norm(offset) / dr.square(radius), 0)
         weight = left * dr.rcp((1 - dr.squared_norm(at)) * dr.maximum(facing, FACING))
-        total += dr.select(there, weight, 0)
+        total += dr.select(there, weight * opacity(below, there), 0)
         point += 1
     return total * (1 / _POINTS)
 

@@ -25,7 +25,8 @@ def followed(first: Scene, later: Scene) -> Scene:
     stays as it was; a new prim has to wait for the next frame.
     """
     parts: dict[str, Any] = {
-        name: _matched(getattr(first, name), getattr(later, name)) for name in ("meshes", "lights", "drawn", "media")
+        name: _matched(getattr(first, name), getattr(later, name))
+        for name in ("meshes", "lights", "drawn", "media", "glowing")
     }
     return (
         first
