@@ -171,8 +171,8 @@ class World:
 
     @cached_property
     def uncut(self) -> World:
-        """The world in which cut-out surfaces stop all rays."""
-        return replace(self, cutouts=False) if self.cutouts else self
+        """The world in which cut-out surfaces stop all rays: another one, since a cycle would keep scenes in memory."""
+        return replace(self, cutouts=False)
 
     def without_surfaces(self) -> World:
         """Return the world with its media alone."""

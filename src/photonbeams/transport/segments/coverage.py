@@ -61,7 +61,7 @@ def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: F
     disc is covered is asked relative to the opacity where the photon is.
     """
     disc, gap = to_float(_disc(_POINTS)), gap_at(position, world.size)
-    meet = _past_boundaries(world.uncut)
+    meet = _past_boundaries(world.uncut if world.cutouts else world)
     own, opacity = Float(1), world.opacity
     if world.cutouts:
         above = position + THICKNESS * radius * normal
