@@ -55,8 +55,9 @@ def steady(
             window = numbers[max(index - neighbours, 0) : index + neighbours + 1]
             known = {each: known.get(each) or FilmFrame.read(numbered(film, each)) for each in window}
             files = [each.numbered(number) for each in outputs]
-            if any(each.path.absolute() == numbered(film, number).absolute() for each in files):
-                raise SceneError(f"{files[0].path}: is a frame of the film itself: expected another name")
+            for path in (each.path for each in files):
+                if path.absolute() == numbered(film, number).absolute():
+                    raise SceneError(f"{path}: is a frame of the film itself: expected another name")
             prepare_outputs(files)
             shown = known[number].averaged([known[each] for each in window if each < number],
                                            [known[each] for each in window if each > number])  # fmt: skip

@@ -60,22 +60,17 @@ class FilmView:
     place: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)
 
     @cached_property
-    def _finite(self) -> tuple[Array, float]:
-        """Depths, (H, W) float64, 0 for what is infinitely far, and the median of the others."""
-        depth = self.layers["depth"].reshape(self.layers["depth"].shape[:2]).astype(np.float64)
-        finite = np.isfinite(depth) & (depth > 0)
-        return np.where(finite, depth, 0), float(np.median(depth[finite])) if finite.any() else 1.0
-
-    @property
     def usual_depth(self) -> float:
         """The median of depths that are not infinite."""
-        return self._finite[1]
+        depth = self.layers["depth"]
+        finite = depth[np.isfinite(depth) & (depth > 0)]
+        return float(np.median(finite)) if finite.size else 1.0
 
-    @property
+    @cached_property
     def depth(self) -> Array:
         """Depths, (H, W) float64; what is infinitely far has a finite one."""
-        depth, usual = self._finite
-        return np.where(depth > 0, depth, _FAR * usual)
+        depth = self.layers["depth"].reshape(self.layers["depth"].shape[:2]).astype(np.float64)
+        return np.where(np.isfinite(depth) & (depth > 0), depth, _FAR * self.usual_depth)
 
     def light(self, names: Sequence[str]) -> Array:
         """Return the colours of layers side by side, (H, W, 3 × len(names))."""
@@ -92,7 +87,8 @@ class FilmView:
         x0, y0, across, down = self.place
         x = x0 + across * (np.arange(width) + 0.5) / width
         y = 1 - (y0 + down * (np.arange(height)[:, None] + 0.5) / height)
-        lens = self.to_ndc @ np.linalg.inv(self.to_camera)
+        to_world = np.linalg.inv(self.to_camera)
+        lens = self.to_ndc @ to_world
         # In the camera's space a point is (X, Y, −depth), and its fractions are (x, y) = ((lens X)₀, (lens X)₁) / w.
         w = lens[3, 3] - lens[3, 2] * depth
         seen = np.stack([
@@ -101,7 +97,7 @@ class FilmView:
             -depth,
             np.ones_like(depth),
         ])  # fmt: skip
-        return np.tensordot(np.linalg.inv(self.to_camera), seen, 1)
+        return np.tensordot(to_world, seen, 1)
 
     def pixels(self, points: Array) -> tuple[Array, Array]:
         """Return where points are in the picture, (2, H, W) in rows and columns, and their depths."""
@@ -153,7 +149,11 @@ def _averaged(
 
 
 def _seen(frame: FilmView, points: Array, names: Sequence[str]) -> tuple[Array, Array]:
-    """Return the light of layers where a frame shows points, (H, W, C), and which of them it shows, (H, W)."""
+    """Return the light of layers where a frame shows points, (H, W, C), and which of them it shows, (H, W).
+
+    The layers are that of the surface, or those of beams, which are in front of it.
+    """
+    solid = names[0] == "surface"
     place, depth = frame.pixels(points)
     height, width = frame.depth.shape
     size = np.array([height, width]).reshape(2, 1, 1)
@@ -162,14 +162,12 @@ def _seen(frame: FilmView, points: Array, names: Sequence[str]) -> tuple[Array, 
     expected, nearness = 1 / np.where(depth > 0, depth, np.inf), _at(1 / frame.depth, place, 1)
     less = nearness - expected
     tolerance = _DEPTHS * expected + 10 / (_FAR * frame.usual_depth)
-    # Beams are in front of the surface, which has to be where they are, or behind.
     valid &= less <= tolerance
-    if names == ["surface"]:
+    if solid:
         valid &= less >= -tolerance
-    order = 3 if names == ["surface"] else 1
-    light = frame.light(names)
+    order, light = 3 if solid else 1, frame.light(names)
     seen = np.stack([_at(light[..., each], place, order) for each in range(light.shape[2])], axis=2)
-    return np.maximum(seen, 0) if order > 1 else seen, valid
+    return np.maximum(seen, 0) if solid else seen, valid  # layers of beams have to add up
 
 
 def _at(picture: Array, place: Array, order: int) -> Array:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -89,11 +89,17 @@ def preferred(lights: Lights, emitters: Sequence[int], pixels: Pixels) -> list[i
     return sorted(result)
 
 
-def lights_little(world: World, camera: View, number: int) -> bool:
-    """Return whether an emitter lights few of the surfaces that a camera sees."""
+def _seen_coarsely(world: World, camera: View) -> tuple[Any, Array3f, UInt32]:
+    """Return the surfaces that a coarse grid of a camera's rays meets, the rays' directions and their numbers."""
     origin, direction = camera.coarse_rays(_COLUMNS, _ROWS)
     lane = dr.arange(UInt32, dr.width(direction))
     hit = world.solids.first(origin, direction, Bool(True), lane)
+    return hit, direction, lane
+
+
+def lights_little(world: World, camera: View, number: int) -> bool:
+    """Return whether an emitter lights few of the surfaces that a camera sees."""
+    hit, direction, lane = _seen_coarsely(world, camera)
     place, valid = Array3f(hit.p), hit.is_valid()
     light = world.emitters[number].lamp.illuminate(place, pixel_sample(lane, dr.opaque(UInt32, 1)))
     ray = to_lamp(hit, light.direction, light.distance, world.size)
@@ -109,9 +115,7 @@ def is_room(world: World, camera: View) -> bool:
 
     There light bounces often; where most directions lead to the sky, it hardly does.
     """
-    origin, direction = camera.coarse_rays(_COLUMNS, _ROWS)
-    lane = dr.arange(UInt32, dr.width(direction))
-    hit = world.solids.first(origin, direction, Bool(True), lane)
+    hit, direction, lane = _seen_coarsely(world, camera)
     valid = hit.is_valid()
     around = mi.Frame3f(mi.Vector3f(facing(outward(hit), direction)))
     local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(pixel_sample(lane, dr.opaque(UInt32, 1))))

@@ -69,8 +69,11 @@ class LiveFrame:
     @property
     def in_room(self) -> bool:
         """Whether the camera sees a room: see `choice.is_room`."""
-        camera = View(self._shutter.at(0.0).cameras[0], self._ready.window)
-        return is_room(self._worlds.opened, camera)
+        return is_room(self._worlds.opened, self._view)
+
+    @property
+    def _view(self) -> View:
+        return View(self._shutter.at(0.0).cameras[0], self._ready.window.whole())
 
     @property
     def statistics(self) -> Statistics:
@@ -102,7 +105,7 @@ class LiveFrame:
 
     def projection(self) -> Projection:
         """Return how the whole picture is projected."""
-        return View(self._shutter.at(0.0).cameras[0], self._ready.window.whole()).projection
+        return self._view.projection
 
     def _lit_like(self, like: LiveFrame) -> bool:
         """Return whether each pass has the same light paths as in an earlier frame."""

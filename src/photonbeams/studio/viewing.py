@@ -153,9 +153,9 @@ class LivePictures:
             ready = self._ready(view, scale, first, chain.moment)
         frame = LiveFrame(ready, None if first else view.passes, before, first and before is not None, unwanted)
         chain.frame, chain.moment = frame, ready.content.shutter.at(0.0)
-        if self._room is None:
+        if self._room is None and view.bounces is None and not self.own_bounces:
             self._room = frame.in_room
-            if self.bounces(view) != view.bounces:  # now with them
+            if self._room:  # now with bounces
                 return self.begun(view, chain, scale, unwanted)
         return frame, ready
 

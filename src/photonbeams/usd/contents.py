@@ -127,12 +127,11 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
         if path not in portals and (path not in guides or is_drawn(item.prim)):
             reading.attempt(item.prim, partial(_collect, reading, item, contents), None, "it is skipped")
     glowing: list[MeshLight] = []
-    if contents.glowing and _has_light(reading):
-        text = "glows, but lights nothing: only the {} brightest surfaces that glow light others where light bounces"
-        for _, light in _lamps_that_glow(reading, contents, text):
-            glowing.append(replace(light, emits_beams=False, surface=True))
-    elif contents.glowing:
+    if contents.glowing and not _has_light(reading):
         _light_by_glow(reading, contents)
+    elif contents.glowing:
+        text = "glows, but lights nothing: only the {} brightest surfaces that glow light others where light bounces"
+        glowing = [replace(light, emits_beams=False) for _, light in _lamps_that_glow(reading, contents, text)]
     _keep_one_filling(reading, contents)
     media = [prim for prim, _ in contents.media]
 
@@ -157,8 +156,8 @@ def _has_light(reading: Reading) -> bool:
 
 def _light_by_glow(reading: Reading, contents: _Contents) -> None:
     """Make lamps of the brightest surfaces that glow, on a stage without a light or drawn beams."""
-    text = "glows, but lights nothing: the stage has no light, and only the {} brightest surfaces are lamps"
-    for prim, light in _lamps_that_glow(reading, contents, text):
+    others = "glows, but lights nothing: the stage has no light, and only the {} brightest surfaces are lamps"
+    for prim, light in _lamps_that_glow(reading, contents, others):
         contents.lights.append((prim, light))
         text = "glows and lights the scene, because the stage has no light: photonbeams:enabled = 1 on it means the"
         reading.warn(prim, f"{text} same, and 0 leaves the scene dark")

@@ -134,7 +134,7 @@ def onward(
     other, weight = bsdf.sample(context, hit, dr.select(last, Float(_LAST), 0), turn, able)
     split = able & (sample.pdf > 0) & (other.pdf > 0) & (sample.sampled_type != other.sampled_type)
     split &= dr.abs(sample.pdf + other.pdf - 1) < 1e-4
-    if tracing.world.cutouts:
+    if tracing.world.cutouts:  # whether light passes was decided when the surface stopped the path
         split &= ~mi.has_flag(other.sampled_type, mi.BSDFFlags.Null)
     factor *= dr.select(split, sample.pdf, 1)
     rest = dr.select(split, rgb(weight) * other.pdf, 0)

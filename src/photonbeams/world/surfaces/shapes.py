@@ -102,21 +102,18 @@ def sharp_bsdf_of(material: scene.Material, thin: bool = False) -> dict[str, Any
     """Describe a mirror or glass as a Mitsuba BSDF; None for another material.
 
     A transparent material is glass of its `ior`, unless its opacity means presence; smooth metal is a mirror of its
-    colour. `thin` glass has both of its sides in one surface, and does not bend light.
+    colour. `thin` glass has both of its sides in one surface, and does not bend light; a rough one is None.
     """
-    if is_glass(material):
+    if is_glass(material) and (_is_smooth(material) or not thin):
         assert isinstance(material.opacity, float | int)
         plain: dict[str, Any] = {"int_ior": float(material.ior), "ext_ior": 1.0}
         if material.tint != scene.WHITE:
             plain["specular_transmittance"] = _texture(material.tint)
         rough = 1.0 if isinstance(material.roughness, scene.UVTexture) else float(material.roughness)
-        glass: dict[str, Any] = {"type": "thindielectric" if thin else "dielectric", **plain}
-        if thin and not _is_smooth(material):
-            return None
+        glass: dict[str, Any] = {"type": "dielectric", **plain}
         if rough > SMOOTH:
             glass = {"type": "roughdielectric", "alpha": rough**2, **plain}
-        if not thin:
-            glass = _perturbed(material, glass, SPECULAR)
+        glass = {"type": "thindielectric", **plain} if thin else _perturbed(material, glass, SPECULAR)
         if material.opacity == 0:
             return glass
         solid = bsdf_of(replace(material, opacity=1.0))
@@ -135,10 +132,10 @@ def is_glass(material: scene.Material) -> bool:
 
 
 def is_pane(mesh: scene.Mesh) -> bool:
-    """Return whether a mesh is a pane without thickness, through which light goes straight: flat, without a colour.
+    """Return whether a mesh is a flat sheet of glass without thickness, through which light goes straight.
 
-    Other open surfaces of glass, such as water with waves, are the boundary of what is behind them. Frosted glass is
-    clear all over; a rough surface that is not is one that some light misses.
+    Other open surfaces of glass, such as waves, refract light into what is behind them, and so do coloured sheets, and
+    rough ones of opacity 0, which are frosted. Rough ones of a higher opacity are cut out by it.
     """
     material = mesh.material
     straight = is_glass(material) and material.tint == scene.WHITE and (material.opacity != 0 or _is_smooth(material))
