@@ -25,6 +25,7 @@ LARGEST = 1e18
 SMALLEST = 1e-18
 
 _TINY = 1e-30  # a shorter length counts as zero: float32's numbers end at 1e-38
+_LEAST_DIVISOR = 1.2e-38  # GPUs flush smaller numbers to 0
 _TURN = 2 * math.pi
 _EXACT_TURNS = 8192.0  # the angle up to which float32's sine reduces its argument exactly
 
@@ -54,14 +55,19 @@ def times(a: Operand, b: Operand | float) -> Operand:
     return saturated(a * b)
 
 
+def _is_zero(x: Operand) -> Any:
+    return dr.abs(x) < _LEAST_DIVISOR
+
+
 def divided(a: Operand, b: Operand) -> Operand:
     """Return the quotient; 0 where b is 0."""
-    return dr.select(b == 0, 0, saturated(a / dr.select(b == 0, 1, b)))
+    none = _is_zero(b)
+    return dr.select(none, 0, saturated(a / dr.select(none, 1, b)))
 
 
 def remainder(a: Operand, b: Operand) -> Operand:
     """Return the remainder of a by b, with the sign of b; 0 where b is 0."""
-    return dr.select(b == 0, 0, saturated(a - b * dr.floor(divided(a, b))))
+    return dr.select(_is_zero(b), 0, saturated(a - b * dr.floor(divided(a, b))))
 
 
 def power(x: Operand, y: Operand) -> Operand:

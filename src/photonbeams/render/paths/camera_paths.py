@@ -254,7 +254,9 @@ def _step(
     if tracing.shining:
         point = ShadingPoint(hit, paths.medium, paths.order, name, samples)
         radiance = _radiance(tracing, paths, point, None if lamp is None else (on_lamp, lamp.radiance), smooth, light)
-        vertex.radiance = dr.select(alive, radiance * clear, 0)
+        seen = radiance * clear
+        # A texture may contain NaN; atomic additions on a GPU do not skip it.
+        vertex.radiance = dr.select(alive & ~dr.isnan(dr.sum(seen)), seen, 0)
         if world.media.emissive:
             seed = samples.bits(paths.order, Stream.GLOW, name)
             vertex.radiance += paths.throughput * world.media.emitted(
