@@ -4,7 +4,8 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from photonbeams.runtime.device import Float, mitsuba
+from photonbeams.numerics.sampling import pairs
+from photonbeams.runtime.device import mitsuba
 from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.tracing import emission_of
 
@@ -63,15 +64,13 @@ def test_light_from_infinity_falls_on_meshes_that_mitsuba_merged(name):
 @pytest.mark.parametrize("name", EMITTERS)
 def test_tangents_are_the_derivatives_of_rays(name):
     count, step = 64, 1e-3
-    scene = scene_of(EMITTERS[name])
-    (stratum,) = emission_of(world_of_plugin(scene), count).strata
+    world = world_of_plugin(scene_of(EMITTERS[name]))
+    (stratum,) = emission_of(world, count).strata
     emitted, base = stratum.emit(0), stratum.points(0).T
 
     def rays(numbers):
-        u, v = (mi.Point2f(Float(a.astype(np.float32)), Float(b.astype(np.float32))) for a, b in
-                (numbers[:2], numbers[2:]))  # fmt: skip
-        ray, _ = scene.emitters()[0].sample_ray(Float(0), Float(0.5), u, v, True)
-        return [np.broadcast_to(np.array(each), (3, count)) for each in (ray.o, ray.d)]
+        rays = world.emitters[0].lamp.emit(*pairs(numbers.T), world.bounds)
+        return [np.broadcast_to(np.array(each), (3, count)) for each in (rays.origin, rays.direction)]
 
     for k, differentials in enumerate(emitted.differentials.columns()):
         shift = step * np.eye(4)[k][:, None]

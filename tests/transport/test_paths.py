@@ -6,6 +6,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
+from photonbeams.numerics.sampling import pairs
 from photonbeams.runtime.device import Array3f, Float, UInt32, mitsuba
 from photonbeams.transport import paths
 from photonbeams.world.media.interfaces import number
@@ -57,10 +58,9 @@ def shifted(scene, medium, k, step):
     (stratum,) = emission_of(world_of_plugin(scene), COUNT).strata
     numbers = stratum.points(0).T.copy()
     numbers[k] += step
-    u, v = (mi.Point2f(*(Float(row.astype(np.float32)) for row in pair)) for pair in (numbers[:2], numbers[2:]))
-    ray, _ = scene.emitters()[0].sample_ray(Float(0), Float(0.5), u, v, True)
+    rays = stratum.emitter.lamp.emit(*pairs(numbers.T), stratum.emitter.bounds)
     nothing = dr.zeros(Array3f, COUNT)
-    return [replace(own, origin=Array3f(ray.o) + nothing, direction=Array3f(ray.d) + nothing)]
+    return [replace(own, origin=rays.origin + nothing, direction=rays.direction + nothing)]
 
 
 SPHERE_LIGHT = {"type": "sphere", "center": [-2.5, 1.5, 0.3], "radius": 0.3,

@@ -20,6 +20,8 @@ from .maps import BRIGHTEST, ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap,
 
 # Light paths in a round, for all strata together; number of rounds; fewest paths of a stratum that is guided.
 _ROUND, _ROUNDS, _FEWEST = 1 << 13, 2, 1 << 9
+# So many strata have the fewest paths each in any case: dim light may be all that a part of the picture has.
+_EACH = 16
 # Most lines from a stratum to points in the picture that it reaches, and to points that it does not reach.
 _LINES, _STOPPED = 1 << 11, 1 << 10
 # A fitted portal must leave less than these factors times the variance by uniform samples, and by guided ones.
@@ -75,7 +77,8 @@ def guide(
         suffice have no rounds.
     """
     total = max(sum(each.count for each in strata), 1)
-    counts = [round(_ROUND * each.count / total) for each in strata]
+    least = _FEWEST if len(strata) <= _EACH else 1
+    counts = [max(round(_ROUND * each.count / total), least) for each in strata]
     learning = [
         _Learning(each, count, straight) for each, count in zip(strata, counts, strict=True) if count >= _FEWEST
     ]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
 
+from ... import scene
 from ...runtime.device import Array2f, Array3f, Float, mitsuba
+from ...scene import WHITE
 from ..bounds import Bounds, box_around
 from ..differentials import RayDifferentials, copies, differentiate, of_copies
 from ..spectra import rgb
+from .kinds.sphere import SphereLamp
 from .lamp import Illumination, Lamp, LightHit
 from .rays import EmittedRays
 
@@ -92,6 +96,28 @@ class MitsubaEmitter(Lamp):
         nowhere = 0 * origin.x
         pdf = self.emitter.pdf_direction(interaction, sample) + nowhere
         return LightHit(nowhere == 0, dr.inf + nowhere, radiance + nowhere, pdf)
+
+
+class MitsubaSphere(MitsubaEmitter):
+    """A sphere that shines outward, whose paths are chosen by direction first.
+
+    Mitsuba chooses a place first, then a direction around its normal: what light paths toward a thing have in common
+    is then a curved region of all four numbers of the emission sample, which no guide can describe.
+    """
+
+    def __init__(self, emitter: Any, light: scene.SphereLight, plugin: MiScene | None = None) -> None:
+        super().__init__(emitter, plugin)
+        self._body = SphereLamp.of(replace(light, radiance=WHITE))
+
+    def _ray(self, u: Array2f, v: Array2f, bounds: Bounds) -> Any:
+        """Return rays; those along one direction begin uniformly over the silhouette."""
+        rays = self._body.emit(Array2f(u), Array2f(v), bounds)
+        origin, direction = mi.Point3f(rays.origin), mi.Vector3f(rays.direction)
+        with dr.suspend_grad():
+            place = self.emitter.get_shape().ray_intersect(mi.Ray3f(origin + self._body.radius * direction, -direction))
+            off = dr.select(place.is_valid(), place.spawn_ray(direction).o - origin, 0)
+            radiance = self.emitter.eval(place)
+        return mi.Ray3f(origin + off, direction), radiance * rays.flux.x
 
 
 def _entry(plugin: Any) -> tuple[Any, Float] | None:

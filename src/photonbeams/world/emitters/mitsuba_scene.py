@@ -15,7 +15,7 @@ from ..checks import check_finite
 from ..surfaces.shapes import is_null, shape_of
 from .emitter import Emitter
 from .gobos import Images, projected
-from .mitsuba_emitter import MitsubaEmitter
+from .mitsuba_emitter import MitsubaEmitter, MitsubaSphere
 from .portals import Portal
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def emitters_of(plugin: MiScene, beams: Sequence[scene.BeamSettings], bounds: Bo
 
 
 def _lamp(plugin: MiScene, emitter: MiEmitter, own: scene.BeamSettings, bounds: Bounds, images: Images) -> Emitter:
-    name, lamp = (names_of(emitter) or [emitter.class_name()])[-1], MitsubaEmitter(emitter, plugin)
+    name, lamp = (names_of(emitter) or [emitter.class_name()])[-1], _bare(plugin, emitter)
     own_name = emitter.id() or emitter.class_name()
     check_finite(emitter, f"emitter {own_name}")
     if not (own.gobo or own.portal or own.portal_gobo):
@@ -73,6 +73,17 @@ def _lamp(plugin: MiScene, emitter: MiEmitter, own: scene.BeamSettings, bounds: 
     if isinstance(light, scene.SphereLight):
         lamp.central, lamp.center = True, Array3f(*(float(each) for each in light.center))
     return Emitter(own_name, projected(lamp, light, portal, images), own, portal)
+
+
+def _bare(plugin: MiScene, emitter: MiEmitter) -> MitsubaEmitter:
+    """Return an emitter without images or a portal."""
+    shape = emitter.get_shape()
+    sphere = emitter.class_name() == "AreaLight" and shape.class_name() == "Sphere"
+    if sphere and not shape.has_flipped_normals():
+        light = _described(emitter, "", {"gobo": None})
+        assert isinstance(light, scene.SphereLight)
+        return MitsubaSphere(emitter, light, plugin)
+    return MitsubaEmitter(emitter, plugin)
 
 
 def _described(emitter: MiEmitter, name: str, shared: dict[str, Any]) -> scene.Light:
