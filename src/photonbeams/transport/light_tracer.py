@@ -27,6 +27,7 @@ from .guiding.connections import Connections
 from .guiding.importance import CameraImportance, Sightings
 from .guiding.pilot import Found, guide
 from .segments.beams import Cutting, Moments, moving_sets, sets_of
+from .segments.density import widened
 from .segments.radii import Limits
 from .segments.records import LightPaths, PhotonHits, Segments
 from .strata import with_surrounds
@@ -90,6 +91,8 @@ class LightTracer:
         traced = [((0, step), segments, hits) for step, (segments, hits) in steps]
         found = [(key, segments) for key, segments, _ in traced] + list(self._fringes(number, begun))
         segments = [part for key, each in found for part in _resting(each, moving.get(key))]
+        if self.tuning.scatters:
+            segments = widened(segments, np.ravel(self.world.bounds.center.numpy()), self.world.extent)
         hits = [each for _, _, each in traced if each is not None] if self.tuning.surfaces else []
         if not all(each.surfaces for each in self.sources):
             lights = to_uint([*(each.surfaces for each in self.sources), False])

@@ -357,6 +357,7 @@ def _segments(tracing: Tracing, paths: LightPaths, interaction: Interaction) -> 
     own = width(paths.differentials, paths.direction, interaction.length, neighbours, dr.opaque(Float, tracing.overlap))
     scattered = Width(Float(0), paths.radius, Float(0), Float(0))
     result.width = dr.select(paths.straight, paths.width, dr.select(paths.coherent, own, scattered))
+    result.scattered = ~paths.straight & ~paths.coherent
     return result
 
 

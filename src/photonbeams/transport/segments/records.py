@@ -115,8 +115,9 @@ class Segments(Struct):
     """Segments of light paths, with the `flux` at the start, and the `length`, `width` and `normal` at the end.
 
     `slant_end` is the tangent of the angle to the boundary's normal where light leaves the medium, else 0. Other
-    attributes are those of `LightPaths`. `room` and `room_end` say how far light straight from its lamp may reach
-    before the start and beyond the end: no further than where another segment of the path in the medium does.
+    attributes are those of `LightPaths`; `scattered` says whose neighbours are not known. `room` and `room_end` say how
+    far light straight from its lamp may reach before the start and beyond the end: no further than where another
+    segment of the path in the medium does.
     """
 
     origin: Array3f
@@ -125,6 +126,7 @@ class Segments(Struct):
     length: Float
     normal: Array3f
     width: Width
+    scattered: Bool
     medium: UInt32
     depth: UInt32
     number: UInt32
