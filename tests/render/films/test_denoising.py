@@ -78,7 +78,8 @@ def test_light_whose_squares_overflow_is_denoised_as_after_one_pass(rng):
     passes = noisy_passes(rng, truth)
     with np.errstate(over="ignore"):  # of the squares, in `summed`
         noisy, result = layers_of(passes)
-    assert all(error(result[name], truth) < error(noisy[name], truth) / 4 for name in ("surface", *GROUPS.values()))
+    assert error(result["surface"], truth) < error(noisy["surface"], truth) / 4
+    assert all(np.array_equal(result[name], noisy[name]) for name in GROUPS.values())
     assert np.array_equal(result["rgba"][..., :3], result["surface"] + result["beams"])
 
 
@@ -110,13 +111,10 @@ def test_layers_add_up_and_alpha_is_as_it_was(rng):
         assert not np.array_equal(result[name], noisy[name])
 
 
-def test_of_one_pass_noise_of_single_pixels_goes_and_the_edges_of_beams_stay(rng):
+def test_of_one_pass_beams_stay_and_surfaces_are_the_networks(rng):
     noisy, result = layers_of(noisy_passes(rng, np.ones(SHAPE), 1))
-    assert all(error(result[name], 1) < error(noisy[name], 1) / 4 for name in ("surface", *GROUPS.values()))
-    shaft = np.where(np.arange(64) // 16 % 2, 1.0, 0.2)[None] + np.zeros(SHAPE)
-    noisy, result = layers_of([(shaft, shaft, shaft)])
-    # The network itself changes such edges by up to 0.06.
-    assert np.abs(result["beams_key"] - shaft[..., None]).mean() < 0.002
+    assert np.array_equal(result["beams"], noisy["beams"])
+    assert error(result["surface"], 1) < error(noisy["surface"], 1) / 4
 
 
 def test_black_stays_black(rng):

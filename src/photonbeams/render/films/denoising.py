@@ -105,8 +105,10 @@ def denoised(
     parts = [*dict.fromkeys(groups.values())] or ["beams"]
     result = {}
     for name in ("surface", *parts):
-        own = guides if name == "surface" else {}
-        result[name] = _mixed(name, layers[name], own, sums.variance(name), known)
+        # The error of a single pass is unknown. The noise of surfaces is of the kind that the network removes, that of
+        # beams is not.
+        unknown, own = (1.0, guides) if name == "surface" else (0.0, {})
+        result[name] = _mixed(name, layers[name], own, sums.variance(name), unknown, known)
     if groups:
         unnamed = layers["beams"] - sum(layers[name] for name in parts)
         result["beams"] = sum((result[name] for name in parts), unnamed)
@@ -129,33 +131,31 @@ def _guides(sums: PassSums, shape: tuple[int, ...]) -> dict[str, Array]:
 
 
 def _mixed(
-    name: str, noisy: Array, guides: Mapping[str, Array], variance: Array | None, known: dict[str, Filtered]
-) -> Array:
+    name: str, noisy: Array, guides: Mapping[str, Array], variance: Array | None, unknown: float,
+    known: dict[str, Filtered],
+) -> Array:  # fmt: skip
     """Return a layer mixed from the mean of the passes and the network's picture.
 
-    The error of a single pass is unknown. The noise of surfaces, which have guides, is of the kind that the network
-    removes; of a layer without guides, the pattern alone tells what is noise.
+    `unknown` is the weight of the latter if no variance is known.
     """
-    if not noisy.any():
+    if not noisy.any() or (variance is None and not unknown):
         return noisy
     scale = _scale(noisy)
     if scale != 1:
         variance = None if variance is None else variance * scale**2
         scaled = (noisy * scale).astype(np.float32)
-        return (_mixed(name, scaled, guides, variance, known) / scale).astype(np.float32)
+        return (_mixed(name, scaled, guides, variance, unknown, known) / scale).astype(np.float32)
     if name not in known or not known[name].is_of(noisy, guides):
         known[name] = Filtered(noisy, guides, _filtered(noisy, guides))
     change = known[name].result - noisy
-    if variance is None and guides:
-        return known[name].result
+    if variance is None:
+        return noisy + np.float32(unknown) * change
     shown = known[name].result.mean(axis=2)
     usual = np.maximum(shown, _DARK * float(np.maximum(shown.mean(), _LEAST)))
     light = change.mean(axis=2) / usual
-    size = _around(light**2)
-    weight = np.clip(1 - _surely(light * _beside(light)) / np.maximum(_CORRELATED * size, _LEAST), 0, 1)
-    if variance is not None:
-        own = _around(variance.reshape(noisy.shape[:2]) / usual**2)
-        weight *= np.maximum(own, 0) / np.maximum(np.maximum(_surely(light**2), own), _LEAST)
+    own, size = _around(variance.reshape(noisy.shape[:2]) / usual**2), _around(light**2)
+    weight = np.maximum(own, 0) / np.maximum(np.maximum(_surely(light**2), own), _LEAST)
+    weight *= np.clip(1 - _surely(light * _beside(light)) / np.maximum(_CORRELATED * size, _LEAST), 0, 1)
     return noisy + weight[..., None] * change
 
 
