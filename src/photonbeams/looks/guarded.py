@@ -5,6 +5,7 @@ Values are Dr.Jit floats and vectors of three, of any precision. Where a result 
 - The result of every operation that can grow is clamped to ±`LARGEST`, 10¹⁸, which leaves room below float32's limit
   for sums, squares and the factors of a beam. Nothing is ever infinite.
 - x / 0, x % 0 and the normalised zero vector are 0. So is the square root of a negative number.
+  A divisor that a GPU flushes to 0 counts as 0 everywhere.
 - log(x) of x below `SMALLEST`, 10⁻¹⁸, is that of `SMALLEST`. asin and acos clamp their arguments to ±1.
 - x ** y for negative x is real for whole y, and 0 for other y; 0 ** 0 is 1, and 0 to a negative power is 0.
 """

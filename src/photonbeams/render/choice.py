@@ -44,8 +44,8 @@ _FIRST, _SURE = 2, 5.0
 # if the bounds of radii allow it. Then they have as much noise as all beams; else they have more, at most N times as
 # much. The cost takes the geometric mean of the two.
 _FEWER, _FEWEST = 4, 128
-# So many times the noise of beams are allowed to walks: theirs differs from pixel to pixel, so that eyes and denoisers
-# see through it, while that of beams is blotches.
+# The noise of walks counts as so many times less: it differs from pixel to pixel, so that eyes and denoisers see
+# through it, while that of beams is blotches.
 _GRAIN = 4.0
 # Walks with less noise than this are preferred at once: a variance in units of the mean's square.
 _QUIET = 0.1
@@ -137,7 +137,7 @@ def _prefers_walks(lights: Lights, own: Sequence[int], dark: frozenset[int], pix
     beams = _Pilot.of(lights, (), dark)
     if lights.portal is not portal:  # the pilot of the light paths has found one
         walks = _Pilot.of(lights, own, dark)
-    ratio = walks.noise() * _cost(walks, beams, pixels) / max(_GRAIN * beams.noise(), 1e-30)
+    ratio = walks.noise() * _cost(walks, beams, pixels) / max(beams.noise(), 1e-30)
     if ratio > _SURE:
         return False
     if ratio > 1 / _SURE:
@@ -148,12 +148,12 @@ def _prefers_walks(lights: Lights, own: Sequence[int], dark: frozenset[int], pix
 
 
 def _cost(walks: _Pilot, beams: _Pilot, pixels: Pixels) -> float:
-    """Return the cost of a pass of walks, over the pixels that the filter averages, in passes of beams."""
-    return walks.cost(pixels.count) / (pixels.averaged * beams.cost(pixels.count) * _FEWER**-0.5)
+    """Return the cost of walks that look as quiet as a pass of them, in passes of beams."""
+    return walks.cost(pixels.count) / (_GRAIN * pixels.averaged * beams.cost(pixels.count) * _FEWER**-0.5)
 
 
 def prefers_walks(beams: Array, walks: Array, cost: float) -> bool:
-    """Return whether walks have less noise than beams at equal cost, or little more: see `_GRAIN`.
+    """Return whether walks have less noise than beams at equal cost.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def prefers_walks(beams: Array, walks: Array, cost: float) -> bool:
     missed = totals[0] - totals[1] > _SURELY * np.hypot(*errors)
     if missed and totals[1] < _MISSED * totals[0]:
         return False
-    return noise(walks, mean) * cost <= _GRAIN * noise(beams, mean)
+    return noise(walks, mean) * cost <= noise(beams, mean)
 
 
 def noise(found: Array, mean: Array, block: int = _BLOCK) -> float:

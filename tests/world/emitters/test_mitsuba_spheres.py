@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
+from photonbeams.numerics.sampling import pairs, sobol_points
+from photonbeams.runtime.device import mitsuba
 from photonbeams.world.emitters.mitsuba_emitter import MitsubaEmitter, MitsubaSphere
 from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.mitsuba_scenes import load, rgb
 from tests.helpers.tracing import emission_of
 
+mi = mitsuba()
 COUNT = 1 << 14
 LIGHT = [3.0, 2.0, 1.0]
 
@@ -20,7 +23,7 @@ def lamp_of(center, radius, radiance, **more):
 
 
 def paths_of(world):
-    ((paths,),) = [[each.emit(0) for each in emission_of(world, COUNT).strata]]
+    (paths,) = emission_of(world, COUNT).emit(0)
     return paths
 
 
@@ -45,14 +48,10 @@ def test_paths_leave_all_of_the_sphere_and_carry_its_power(center, radius):
 def test_the_power_of_a_textured_sphere_is_that_of_its_texture():
     stripes = np.zeros((8, 16, 3), dtype=np.float32)
     stripes[:, 3:7], stripes[:2] = [4, 1, 0], [0, 2, 1]
-    import mitsuba as mi
-
     texture = {"type": "bitmap", "bitmap": mi.Bitmap(stripes), "raw": True}
     world = lamp_of((2, 1, 0), 0.7, texture)
     own, bounds = world.emitters[0].lamp, world.bounds
     usual = MitsubaEmitter(own.emitter, world.plugin)
-    from photonbeams.numerics.sampling import pairs, sobol_points
-
     sample = pairs(sobol_points(1 << 16, 0, (1,)))
     both = [each.emit(*sample, bounds).flux.numpy().mean(axis=1) for each in (own, usual)]
     np.testing.assert_allclose(*both, rtol=0.01)

@@ -77,7 +77,7 @@ def guide(
         suffice have no rounds.
     """
     total = max(sum(each.count for each in strata), 1)
-    least = _FEWEST if len(strata) <= _EACH else 1
+    least = _FEWEST if len(strata) <= _EACH else 0
     counts = [max(round(_ROUND * each.count / total), least) for each in strata]
     learning = [
         _Learning(each, count, straight) for each, count in zip(strata, counts, strict=True) if count >= _FEWEST

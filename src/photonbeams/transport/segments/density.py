@@ -77,6 +77,8 @@ def _least(places: Array, lengths: Array) -> Array:
         known = np.bincount(cells.ravel(), weights) / (size / side).prod()
         first = (density == 0) & ((np.bincount(cells.ravel())[cells] >= _ENOUGH) | (side == _CELLS[-1]))
         density[first] = known[cells[first]]
+        if density.all():
+            break
     least: Array = np.sqrt(_COVERING / (np.pi * np.maximum(density, 1e-30)))
     return least
 
