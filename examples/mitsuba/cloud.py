@@ -10,7 +10,7 @@ from scipy.ndimage import zoom
 
 from photonbeams.runtime.device import mitsuba
 
-SIZE = (32, 32, 64)  # z, y, x, over a box of 1.6 × 1.6 × 3.2
+SIZE = (48, 48, 96)  # z, y, x, over a box of 1.6 × 1.6 × 3.2
 PUFFS = 26
 
 
@@ -18,7 +18,7 @@ def noise(rng: np.random.Generator, octaves: int = 4) -> Any:
     """Return noise of mean 0, each octave half as strong and half as large as the one before."""
     total = np.zeros(SIZE)
     for octave in range(octaves):
-        coarse = rng.standard_normal([max(2, each * 2**octave // 16) for each in SIZE])
+        coarse = rng.standard_normal([max(2, each * 2**octave // 24) for each in SIZE])
         scale = [size / each for size, each in zip(SIZE, coarse.shape, strict=True)]
         total += zoom(coarse, scale, order=1, mode="nearest")[: SIZE[0], : SIZE[1], : SIZE[2]] / 2**octave
     return total
@@ -37,7 +37,8 @@ def cloud(seed: int = 3) -> Any:
         center = [rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.25 - 0.2 * abs(x)), x]
         inside = np.maximum(inside, 1 - np.linalg.norm(place - center, axis=-1) / radius)
     edge = np.prod(np.clip((half - np.abs(place)) / 0.1, 0, 1), axis=-1)
-    return np.clip(3 * (inside + 0.16 * noise(rng)), 0, 1) * edge
+    density = np.clip(3 * (inside + 0.16 * noise(rng)), 0, 1) * edge
+    return density**2 * (3 - 2 * density)  # begins softly, so that the cells of the grid do not show as steps
 
 
 def main() -> None:
