@@ -11,7 +11,7 @@ import numpy as np
 from ... import scene
 from ...runtime.device import Array2f, Array3f, Float, mitsuba
 from ...scene import WHITE
-from ..bounds import Bounds, box_around
+from ..bounds import Bounds
 from ..differentials import RayDifferentials, copies, differentiate, of_copies
 from ..spectra import rgb
 from .kinds.sphere import SphereLamp
@@ -37,7 +37,7 @@ class MitsubaEmitter(Lamp):
         self.infinite = mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
         surface = mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
         self.illuminates = not (surface and mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta))
-        self._entry = _entry(plugin) if self.infinite and plugin is not None else None
+        self._entry = entry_sphere(plugin) if self.infinite and plugin is not None else None
 
     @property
     def sharp(self) -> bool:
@@ -51,7 +51,7 @@ class MitsubaEmitter(Lamp):
         return EmittedRays.whole(Array3f(ray.o), Array3f(ray.d), rgb(weight), differentials)
 
     def _ray(self, u: Array2f, v: Array2f, bounds: Bounds) -> Any:
-        ray, weight = self.emitter.sample_ray(Float(0), Float(0.5), u, v, True)
+        ray, weight = sampled_ray(self.emitter, u, v, self._entry)
         if self._entry is not None:
             center, radius = self._entry
             scale = bounds.radius / radius
@@ -120,14 +120,28 @@ class MitsubaSphere(MitsubaEmitter):
         return mi.Ray3f(origin + off, direction), radiance * rays.flux.x
 
 
-def _entry(plugin: Any) -> tuple[Any, Float] | None:
-    """Return the sphere by which Mitsuba's light from infinity enters a scene; None if that is the scene's own.
+#: A sphere: its center, and its radius.
+Sphere = tuple[Any, Float]
 
-    Mitsuba leaves merged meshes out of the scene's box.
+
+def sampled_ray(emitter: Any, u: Any, v: Any, entry: Sphere | None) -> Any:
+    """Return rays that leave an emitter, and their weights: of light from infinity, from the sphere `entry` on.
+
+    Paths of environment maps begin on a disc across their direction. Mitsuba turns the place on the disc with the map
+    once more, after it has turned the disc with the direction: paths of a turned map would begin anywhere, in rooms,
+    too. So the place is chosen here.
     """
+    ray, weight = emitter.sample_ray(Float(0), Float(0.5), u, v, True)
+    if entry is not None and emitter.class_name() == "EnvironmentMapEmitter":
+        center, radius = entry
+        disc = mi.warp.square_to_uniform_disk_concentric(u)
+        ray.o = center + radius * (mi.Frame3f(ray.d).to_world(mi.Vector3f(disc.x, disc.y, 0)) - ray.d)
+    return ray, weight
+
+
+def entry_sphere(plugin: Any) -> Sphere:
+    """Return the sphere by which Mitsuba's light from infinity enters a scene; merged meshes may be outside."""
     box = plugin.bbox()
-    if box == box_around(plugin):
-        return None
     sphere = box.bounding_sphere() if box.valid() else mi.ScalarBoundingSphere3f(mi.ScalarPoint3f(0), 0.0)
     radius = max(mi.math.RayEpsilon, float(sphere.radius) * (1 + mi.math.RayEpsilon))  # as in Mitsuba's emitters
     return mi.Point3f(*(dr.opaque(Float, each) for each in np.ravel(sphere.center))), dr.opaque(Float, float(radius))

@@ -17,6 +17,7 @@ import numpy as np
 from ....numerics.sampling import pairs, sobol_points
 from ....runtime.device import Array3f, Float, UInt32, mitsuba
 from ....scene import Array
+from ...emitters.mitsuba_emitter import entry_sphere, sampled_ray
 from ...shadow_rays import size_of
 from ..interfaces import UNKNOWN, medium_at, number
 from ..media import Media
@@ -169,10 +170,11 @@ def places_of(plugin: Any) -> list[Place]:
     u, v = _samples()
     result = []
     for each in plugin.emitters():
-        ray, _ = each.sample_ray(Float(0), Float(0.5), u, v, True)
+        infinite = mi.has_flag(each.flags(), mi.EmitterFlags.Infinite)
+        ray, _ = sampled_ray(each, u, v, entry_sphere(plugin) if infinite else None)
         name = (each.get_shape() or each).id() or each.class_name()
         place = place_of(f"emitter {name}", ray.o, ray.d, _named_by(each))
-        result.append(replace(place, infinite=mi.has_flag(each.flags(), mi.EmitterFlags.Infinite)))
+        result.append(replace(place, infinite=infinite))
     return result
 
 
