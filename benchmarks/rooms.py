@@ -64,7 +64,8 @@ def filled(path: Path, depth: float) -> str:
         f'<rgb name="{sigma}" value="1, 1, 1"/><rgb name="albedo" value="0.9, 0.9, 0.9"/></medium>'
     )
     box = (
-        f'<shape type="cube"><transform name="{to_world}"><scale {_axes(half)}/><translate {_axes(center)}/></transform>'
+        f'<shape type="cube"><transform name="{to_world}">'
+        f'<scale {_axes(half)}/><translate {_axes(center)}/></transform>'
         '<bsdf type="null"/><ref name="interior" id="fog of the room"/></shape>'
     )
     sensor = root.find("sensor")
