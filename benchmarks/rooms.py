@@ -65,7 +65,7 @@ def filled(path: Path, depth: float) -> str:
     )
     box = (
         f'<shape type="cube"><transform name="{to_world}">'
-        f'<scale {_axes(half)}/><translate {_axes(center)}/></transform>'
+        f"<scale {_axes(half)}/><translate {_axes(center)}/></transform>"
         '<bsdf type="null"/><ref name="interior" id="fog of the room"/></shape>'
     )
     sensor = root.find("sensor")
