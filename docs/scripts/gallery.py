@@ -22,7 +22,7 @@ NOISY = 75  # quality of pictures that are mostly noise, which takes many bytes
 SCENES = {
     "glass_ball": (1280, 720, 150.0, 1.0),
     "slits": (1280, 720, 150.0, 0.0),
-    "mirrors": (1280, 720, 60.0, 0.5),
+    "mirrors": (1280, 720, 180.0, 0.5),
     "flask": (1280, 720, 90.0, 0.5),
     "cloud": (1280, 720, 60.0, 0.0),
     "cornell_fog": (960, 960, 60.0, 0.0),
