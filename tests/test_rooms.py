@@ -25,7 +25,7 @@ WINGS = {
     "usd": ("common", "layers", "materials", "geometry", "media", "looks", "lights", "cameras", "authoring"),
     "world": (
         "spectra", "warp", "differentials", "checks", "parameters", "shutter", "bounds", "shadow_rays", "surfaces",
-        "media", "emitters", "cameras",
+        "emission", "media", "emitters", "cameras",
     ),
 }  # fmt: skip
 

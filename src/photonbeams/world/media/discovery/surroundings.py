@@ -17,7 +17,7 @@ import numpy as np
 from ....numerics.sampling import pairs, sobol_points
 from ....runtime.device import Array3f, Float, UInt32, mitsuba
 from ....scene import Array
-from ...emitters.mitsuba_emitter import entry_sphere, sampled_ray
+from ...emission import entry_sphere, sampled_ray
 from ...shadow_rays import size_of
 from ..interfaces import UNKNOWN, medium_at, number
 from ..media import Media
