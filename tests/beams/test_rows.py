@@ -33,6 +33,7 @@ def rich():
     return pb.Beams(
         **PLAIN, offset=0.5, total=9.0, entry=0.1, end_normal=-unit, start_tangent=unit, end_tangent=unit,
         power_end=(1, 2, 3), random=numbers / 20, id=numbers, generation=numbers % 3,
+        start_normal=unit, side=PLAIN["start"] - 1, side_normal=unit[::-1],
     )  # fmt: skip
 
 

@@ -274,6 +274,46 @@ def test_a_beam_that_ends_on_a_slanted_surface_is_cut_by_its_plane(estimator, rn
         assert np.all(np.abs(found - expected) <= places + 40 * EPSILON32 * 4 / 0.02 * expected.max() + 1e-12)
 
 
+@pytest.mark.parametrize("estimator", ["billboard", "frustum"])
+def test_a_beam_is_cut_by_the_planes_at_its_start_and_beside_it(estimator, rng):
+    for _ in range(8):
+        beam = random_beam(rng)
+        slant = beam.axis + 0.6 * rng.normal(size=3)
+        beam.start_normal = as_float32(slant / np.linalg.norm(slant) * np.sign(slant @ beam.axis))
+        across = np.cross(beam.axis, rng.normal(size=3))
+        normal = across / np.linalg.norm(across) + 0.1 * rng.normal(size=3)
+        normal = as_float32(normal / np.linalg.norm(normal))
+        middle = 0.5 * np.add(beam.start, beam.end)
+        beam.side = as_float32(middle - rng.uniform(-0.2, 0.8) * beam.radius_start * normal), normal
+        found, expected, places = beside_the_twin(beam, "physical", estimator, rng)
+        # The tolerance is that of beams without a cap, above.
+        assert np.all(np.abs(found - expected) <= places + 40 * EPSILON32 * 4 / 0.02 * expected.max() + 1e-12)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_the_two_sides_of_a_plane_add_up_to_the_whole_beam(moving, rng):
+    """What planes cut off is what the planes that face the other way leave; planes without a normal cut nothing."""
+    beams = pb.Beams.join([beams_of(random_beam(rng)) for _ in range(30)])
+    numbers = beams.arrays()
+    normal, origin, direction = rng.normal(size=(30, 3)), rng.normal(size=(2000, 3)), rng.normal(size=(2000, 3))
+    side = 0.5 * (numbers["start"] + numbers["end"])
+    more = {"time": rng.random(2000)} if moving else {}
+
+    def seen(*normals):
+        total = 0
+        for each in normals:
+            own = pb.Beams(**numbers, side=side, side_normal=each, start_normal=0 * each)
+            more["close"] = own if moving else None
+            total += np.asarray(pb.estimate(own, origin, direction, medium=MEDIUM, estimator="frustum", **more))
+        return total
+
+    whole = np.asarray(pb.estimate(beams, origin, direction, medium=MEDIUM, estimator="frustum"))
+    assert whole.any()
+    # Each chord is cut in two, and each part is integrated with six points, as the whole is.
+    assert np.allclose(seen(normal, -normal), whole, rtol=2e-3, atol=1e-4 * whole.max())
+    assert np.allclose(seen(0 * normal), whole, rtol=1e-5, atol=1e-6 * whole.max())
+
+
 def test_nothing_is_seen_behind_a_cap(rng):
     normal = np.array([-0.6, 0.8, 0.0])
     beam = Beam((-2, 0, 0), (0, 0, 0), 0.1, 0.2, end_normal=normal)

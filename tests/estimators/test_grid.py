@@ -92,7 +92,9 @@ def random_rays(rng, count, time=False, targets=None):
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-@pytest.mark.parametrize("kind", ["straight", "capped", "moving", "curved", "curved and capped", "curved and moving"])
+@pytest.mark.parametrize(
+    "kind", ["straight", "capped", "beside", "moving", "curved", "curved and capped", "curved and moving"]
+)
 def test_the_grid_gives_what_trying_all_gives(estimator, kind, rng):
     count, close, targets = 300, None, None
     if "curved" in kind:
@@ -106,6 +108,10 @@ def test_the_grid_gives_what_trying_all_gives(estimator, kind, rng):
         numbers = beams.arrays()
         walls *= -np.sign(np.sum(walls * (numbers["end"] - numbers["start"]), axis=1, keepdims=True))
         beams = pb.Beams(**numbers, end_normal=walls)
+    if "beside" in kind:
+        numbers = beams.arrays()
+        middle, normal = 0.5 * (numbers["start"] + numbers["end"]), unit(rng.normal(size=(count, 3)))
+        beams = pb.Beams(**numbers, side=middle, side_normal=normal, start_normal=normal[::-1])
     if "moving" in kind:
         numbers = beams.arrays()
         shift = rng.normal(size=(count, 3)) * 0.2 if kind == "moving" else np.array([0.03, -0.02, 0.01])

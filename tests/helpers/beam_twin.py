@@ -27,6 +27,8 @@ class Beam:
     end_normal: Any = None
     tangents: Any = None  # the light's directions at both ends
     power_end: Any = None
+    start_normal: Any = None
+    side: Any = None  # (point, normal) of the plane beside the beam
 
     @property
     def length(self):
@@ -45,7 +47,9 @@ class Beam:
             first, last = (self.start, self.axis), (self.end, -self.axis)
         else:
             first, last = (self.start, self.tangents[0]), (self.end, -np.asarray(self.tangents[1]))
-        return [first, last if self.end_normal is None else (self.end, self.end_normal)]
+        start = [] if self.start_normal is None else [(self.start, self.start_normal)]
+        side = [] if self.side is None else [self.side]
+        return [first, last if self.end_normal is None else (self.end, self.end_normal), *start, *side]
 
     def reach(self):
         """Return the distances along the axis between which the beam lies, whatever its planes are."""
@@ -93,6 +97,10 @@ class Beam:
             given["total"] = self.total
         if self.end_normal is not None:
             given["end_normal"] = self.end_normal
+        if self.start_normal is not None:
+            given["start_normal"] = self.start_normal
+        if self.side is not None:
+            given["side"], given["side_normal"] = self.side
         if self.tangents is not None:
             given["start_tangent"], given["end_tangent"] = self.tangents
         if self.power_end is not None:
@@ -207,9 +215,10 @@ def billboard(beam, look, origin, direction, t_min=0.0, t_max=ENDLESS):
     radius = beam.radius(s)
     low, high = beam.reach()
     hit = (straight > low) & (straight < high) & (t > t_min) & (t < t_max) & (u < radius)
+    surfaces = (beam.end_normal, beam.start_normal, None if beam.side is None else beam.side[1])
     for place, normal in beam.planes():
         # `reach` has the planes that are perpendicular to the axis.
-        if beam.tangents is not None or beam.end_normal is normal:
+        if beam.tangents is not None or any(each is normal for each in surfaces):
             hit &= (point - place) @ np.asarray(normal, dtype=float) > 0
     value = np.zeros((len(s), 3))
     s, t, u, radius, t_min, direction, point = (x[hit] for x in (s, t, u, radius, t_min, direction, point))

@@ -54,6 +54,13 @@ class Beams:
     end_normal
         (N, 3) normal of the surface that stopped the beam. The beam is cut by that plane, so that it does not poke
         through a wall that it meets at a slant. Default: the beam is cut straight across.
+    start_normal
+        (N, 3) normal of the surface that the beam leaves, or 0. The beam is cut by that plane, so that it does not
+        shine through a thin wall behind its start. Default: 0, which cuts nothing.
+    side, side_normal
+        (N, 3) a point of a surface beside the beam, and its normal toward the beam; give both or neither. The beam is
+        cut by that plane, so that it does not shine through a wall that is thinner than the beam is wide. A normal of
+        0 cuts nothing. Default: the beam is whole.
     random
         (N,) a random number from 0 to 1 for looks. Default: a hash of `id`.
     id
@@ -73,8 +80,8 @@ class Beams:
     ------
     SceneError
         If an argument is not numeric or not finite, if shapes do not agree, if a radius is negative or both radii of a
-        beam are zero, if only one of the tangents is given, or if an index is out of range (this error is also an
-        IndexError).
+        beam are zero, if one of two arrays that belong together is missing, or if an index is out of range (this error
+        is also an IndexError).
 
     See Also
     --------
@@ -125,6 +132,9 @@ class Beams:
     random: Float | None
     id: Float | None
     generation: Float | None
+    start_normal: Array3f | None
+    side: Array3f | None
+    side_normal: Array3f | None
 
     @arguments
     def __init__(
@@ -145,12 +155,16 @@ class Beams:
         start_tangent: Numbers | None = None,
         end_tangent: Numbers | None = None,
         power_end: Numbers | None = None,
+        start_normal: Numbers | None = None,
+        side: Numbers | None = None,
+        side_normal: Numbers | None = None,
     ) -> None:
         given = {
             "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end, "power": power,
             "offset": offset, "total": total, "entry": entry, "end_normal": end_normal,
             "random": random, "id": id, "generation": generation,
             "start_tangent": start_tangent, "end_tangent": end_tangent, "power_end": power_end,
+            "start_normal": start_normal, "side": side, "side_normal": side_normal,
         }  # fmt: skip
         fields: dict[str, Any] = self.__dict__
         if all(value is None for value in given.values()):  # Dr.Jit creates a struct before it fills it
@@ -160,8 +174,9 @@ class Beams:
         fields.update({name: beam_array(given[name], name, count) for name in REQUIRED})
         for name in OPTIONAL:
             fields[name] = None if given[name] is None else beam_array(given[name], name, count)
-        if (start_tangent is None) != (end_tangent is None):
-            raise SceneError("Beams: one of start_tangent and end_tangent is given: expected both, or neither")
+        for one, other in (("start_tangent", "end_tangent"), ("side", "side_normal")):
+            if (given[one] is None) != (given[other] is None):
+                raise SceneError(f"Beams: one of {one} and {other} is given: expected both, or neither")
         check_radii(self.radius_start, self.radius_end)
 
     def __setattr__(self, name: str, value: Numbers | None) -> None:
@@ -256,7 +271,8 @@ class Beams:
             "end_normal": -(axis if self.end_tangent is None else self.end_tangent),
             "start_tangent": axis, "end_tangent": axis,
             "power_end": self.power, "random": unit_float(hash32(UInt32(dr.abs(number)))), "id": number,
-            "generation": nothing,
+            "generation": nothing, "start_normal": dr.zeros(Array3f, count), "side": self.start,
+            "side_normal": dr.zeros(Array3f, count),
         }[name]  # fmt: skip
 
     def arrays(self) -> dict[str, npt.NDArray[np.float32]]:

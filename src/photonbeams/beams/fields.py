@@ -17,10 +17,22 @@ from ..scene import Array, SceneError, numbers, shown
 REQUIRED = ("start", "end", "radius_start", "radius_end", "power")
 #: Names of the arrays that are optional.
 OPTIONAL = (
-    "offset", "total", "entry", "end_normal", "start_tangent", "end_tangent", "power_end", "random", "id", "generation"
+    "offset", "total", "entry", "end_normal", "start_tangent", "end_tangent", "power_end", "random", "id", "generation",
+    "start_normal", "side", "side_normal",
 )  # fmt: skip
 #: Names of the arrays that hold vectors or colours, (N, 3); the others are (N,).
-VECTORS = ("start", "end", "power", "end_normal", "start_tangent", "end_tangent", "power_end")
+VECTORS = (
+    "start",
+    "end",
+    "power",
+    "end_normal",
+    "start_tangent",
+    "end_tangent",
+    "power_end",
+    "start_normal",
+    "side",
+    "side_normal",
+)
 #: An index of beams, which is a number, a slice, a list, or a NumPy or Dr.Jit array of numbers or truth values.
 Index: TypeAlias = Union[int, slice, npt.ArrayLike, "UInt32"]
 

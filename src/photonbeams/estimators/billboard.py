@@ -82,8 +82,8 @@ def in_range(
     inside = (at.s > beam.begin) & (at.s < beam.stop) & (at.t > t_min) & (at.t < t_max)
     if at.course is not None:
         inside &= (at.course.a > 0) if beam.cap is not None else (at.course.a > 0) & (at.course.b > 0)
-    if beam.cap is not None:
-        inside &= dr.dot(direction, beam.cap) * at.t > beam.height(origin)
+    for normal, height in beam.planes(origin):
+        inside &= dr.dot(direction, normal) * at.t > height
     return inside
 
 

@@ -44,9 +44,8 @@ def need(
     margin = dr.minimum(margin, to_end)
     if at.course is not None:
         margin = dr.minimum(margin, _to_joints(at.course, beam.cap is None))
-    if beam.cap is not None:
-        height = beam.height(origin)
-        facing = dr.dot(direction, beam.cap)
+    for normal, height in beam.planes(origin):
+        facing = dr.dot(direction, normal)
         margin = dr.minimum(margin, dr.abs(dr.fma(facing, at.t, -height)) * dr.rcp(dr.maximum(dr.abs(facing), 1e-6)))
     boundary = _CLEARANCE * half * dr.rcp(dr.maximum(margin, 1e-20))
     change = (half * change_rate(beam, c, look) + taper * at.inv_sine) * (1 / _CHANGE)

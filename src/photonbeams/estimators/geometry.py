@@ -283,15 +283,14 @@ def _secant(beam: Record, bend: Course, a: Float, b: Float, radius: Float, growt
 def _slab(beam: Record, origin: Array3f | None, direction: Array3f, c: Float, reach: Float) -> tuple[Float, Float]:
     """Return the ray interval between a beam's two ends: planes across the axis, or the plane of its last surface."""
     low, high = between(c, reach + beam.begin, reach + beam.stop)
-    ends: list[tuple[Any, Any]] = []
+    joints: list[tuple[Any, Any]] = []
     if beam.bend is not None:
-        ends.append((beam.bend.first, beam.bend.first_height))
-    if beam.cap is not None:
-        ends.append((beam.cap, beam.cap_offset))
-    elif beam.bend is not None:
-        ends.append((-beam.bend.last, -beam.bend.last_height))
-    for normal, distance in ends:
-        height = distance - (0.0 if origin is None else dr.dot(origin, normal))
+        joints.append((beam.bend.first, beam.bend.first_height))
+        if beam.cap is None:
+            joints.append((-beam.bend.last, -beam.bend.last_height))
+    planes = beam.planes(origin)
+    planes += [(normal, far if origin is None else far - dr.dot(origin, normal)) for normal, far in joints]
+    for normal, height in planes:
         cut_low, cut_high = between(dr.dot(direction, normal), height, _HUGE)
         low, high = dr.maximum(low, cut_low), dr.minimum(high, cut_high)
     return low, high

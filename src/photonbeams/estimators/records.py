@@ -25,8 +25,9 @@ class Packed:
 
     Beams at rest have the packets "axis" (axis, radius at the start), "start" (start, slope k of the radius) and
     "power" (power, length). Then, if present: "moment" (w × e, w·e) for a shared ray origin, "cap" (end normal, its
-    plane's distance from the origin), "path" (offset, total, entry, 0), "first" (T0, its plane's distance from the
-    origin) and "last" (T1, likewise), "power_end" (power at the end, 0).
+    plane's distance from the origin), "foot" and "side" (normals of the planes at the start and beside, likewise),
+    "path" (offset, total, entry, 0), "first" (T0, its plane's distance from the origin) and "last" (T1, likewise),
+    "power_end" (power at the end, 0).
 
     Moving beams have "start" (start, radius), "end" (end, radius) and "power" (power, 0), and the same others with 0
     for the scalars, first at shutter open and then at shutter close.
@@ -71,7 +72,7 @@ def _at_rest(beams: Beams, origin: Array3f, shared: bool) -> dict[str, tuple[Arr
         packets["moment"] = dr.cross(axis, start), dr.dot(axis, start)
     if beams.end_normal is not None:
         packets["cap"] = beams.end_normal, dr.dot(beams.end_normal, end)
-    packets |= _path(beams, length)
+    packets |= _cuts(beams, origin) | _path(beams, length)
     if beams.start_tangent is not None:
         first, last = _unit(beams.start_tangent, axis), _unit(beams.end_tangent, axis)
         packets |= {"first": (first, dr.dot(first, start)), "last": (last, dr.dot(last, end))}
@@ -86,12 +87,26 @@ def _ends(beams: Beams, origin: Array3f) -> dict[str, tuple[Array3f, Float]]:
     }  # fmt: skip
     if beams.end_normal is not None:
         packets["cap"] = beams.end_normal, nothing
-    packets |= _path(beams, dr.norm(beams.end - beams.start))
+    packets |= _cuts(beams, origin) | _path(beams, dr.norm(beams.end - beams.start))
     if beams.start_tangent is not None:
         axis = dr.normalize(beams.end - beams.start)
         packets["first"] = _unit(beams.start_tangent, axis), nothing
         packets["last"] = _unit(beams.end_tangent, axis), nothing
     return packets | _power_end(beams)
+
+
+# The distance of a plane that cuts nothing.
+_FAR = 1e30
+
+
+def _cuts(beams: Beams, origin: Array3f) -> dict[str, tuple[Array3f, Float]]:
+    """Return the planes at the start of beams and beside them; they move linearly, too."""
+    planes = {"foot": (beams.start_normal, beams.start), "side": (beams.side_normal, beams.side)}
+    return {
+        name: (normal, Float(dr.select(dr.squared_norm(normal) > 0, dr.dot(normal, place - origin), -_FAR)))
+        for name, (normal, place) in planes.items()
+        if normal is not None and place is not None
+    }
 
 
 def _power_end(beams: Beams) -> dict[str, tuple[Array3f, Float]]:
@@ -142,6 +157,7 @@ class Record:
     reach: Any = None  # w·e, likewise
     cap: Any = None  # end normal
     cap_offset: Any = None  # its plane's distance from the origin
+    cuts: Any = ()  # normals of the planes at the start and beside, and their distances from the origin
     path: Any = None  # offset, total, entry
     identity: Any = None  # random number, number, generation
     bend: Any = None  # of a piece of a curve
@@ -182,9 +198,13 @@ class Record:
             return self.length
         return self.length + dr.fma(self.slope, self.length, self.radius)
 
-    def height(self, origin: Array3f | None) -> Float:
-        """Return the distance of the end's plane from the origin of rays; None is the packed origin."""
-        return self.cap_offset - (0.0 if origin is None else dr.dot(origin, self.cap))
+    def planes(self, origin: Array3f | None) -> list[tuple[Any, Any]]:
+        """Return the planes of surfaces that cut the beam: normals, and distances from the origin of rays.
+
+        `origin` is relative to the packed origin, or None if that is the origin of all rays.
+        """
+        cuts = [*([] if self.cap is None else [(self.cap, self.cap_offset)]), *self.cuts]
+        return [(normal, far if origin is None else far - dr.dot(origin, normal)) for normal, far in cuts]
 
     @property
     def begin(self) -> Number:
@@ -222,6 +242,7 @@ def load(packed: Packed, number: UInt32, time: Float | None = None) -> Record:
     record = _moved(at) if packed.moving else _loaded(at)
     if "path" in at:
         record.path = at["path"].xyz
+    record.cuts = [(at[name].xyz, at[name].w) for name in ("foot", "side") if name in at]
     if "power_end" in at:
         record.gain = at["power_end"].xyz - record.power
     record.identity = identity

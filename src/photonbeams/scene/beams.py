@@ -40,6 +40,10 @@ class DrawnBeams:
         (N, 3) directions of the light at the two ends, by which pieces of a curve are joined.
     power_end
         (N, 3) RGB flux at the end, where the power changes along a beam.
+    start_normal
+        (N, 3) normals of the surfaces that the beams leave.
+    side, side_normal
+        (N, 3) points of surfaces beside the beams, and their normals: the beams are cut by these planes.
     random, id, generation
         (N,) inputs of looks: a random number, a number for each curve, and how often the light was scattered before.
 
@@ -73,6 +77,9 @@ class DrawnBeams:
     random: Array | None = None
     id: Array | None = None
     generation: Array | None = None
+    start_normal: Array | None = None
+    side: Array | None = None
+    side_normal: Array | None = None
 
     def arrays(self) -> dict[str, Array]:
         """Return all arrays that are set, keyed by the parameters of `Beams`."""

@@ -251,6 +251,7 @@ class LightTracer:
                 self.world.boxes.get(medium.number),
                 medium.number in self.world.reentrant,
                 longest,
+                self.tuning.scatters and bool(self.world.surfaces.shapes()),
             )
             for source in self.sources
             for medium in self.world.media.all

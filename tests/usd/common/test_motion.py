@@ -255,7 +255,9 @@ def test_what_stands_still_is_the_same_once_something_else_begins_to_move(shot, 
     dark = (first["beams_swinging"] == 0).all(axis=-1) & (later["beams_swinging"] == 0).all(axis=-1)
     assert depth > 2 or dark[:, : WIDE["width"] // 2 - 1].mean() > 0.9
     dark[:, WIDE["width"] // 2 - 1 :] = False
-    assert all(np.array_equal(first[name][dark], later[name][dark]) for name in first)
+    # Scattered light reaches surfaces where no beam is before them.
+    names = [name for name in first if depth == 2 or name not in ("rgba", "surface")]
+    assert dark.any() and all(np.array_equal(first[name][dark], later[name][dark]) for name in names)
 
 
 def test_what_begins_to_move_changes_nothing_that_it_does_not_touch(shot):

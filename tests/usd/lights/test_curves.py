@@ -431,10 +431,12 @@ def test_beams_come_back_as_they_were_written(beams, tmp_path, name):
 
 
 def test_what_light_tracing_knows_of_beams_comes_back(beams, tmp_path, rng):
-    normal = rng.normal(size=(50, 3))
+    normal, first, beside = rng.normal(size=(3, 50, 3))
+    first, beside = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (first, beside))
     traced = replace(
         beams, offset=rng.random(50), total=3 + rng.random(50), entry=rng.random(50),
         end_normal=normal / np.linalg.norm(normal, axis=1, keepdims=True),
+        start_normal=first, side=rng.normal(size=(50, 3)), side_normal=beside,
     )  # fmt: skip
     write_beams(traced, tmp_path / "beams.usda")
     assert_same(only(read_scene(open_stage(tmp_path / "beams.usda"))), traced)

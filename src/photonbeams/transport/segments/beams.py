@@ -24,6 +24,7 @@ from ...world.world import World
 from .coverage import medium_coverage
 from .radii import Limits
 from .records import Segments, tangent
+from .sides import sides_of
 
 if TYPE_CHECKING:
     from ...looks import Look
@@ -73,6 +74,8 @@ class Cutting:
         Whether a line may leave the medium and enter it again.
     longest
         Length of straight light from which on the greatest radius grows in proportion (opaque); None: it never does.
+    walls
+        Whether there may be walls that cut beams of scattered light.
     """
 
     medium: RenderedMedium
@@ -85,6 +88,7 @@ class Cutting:
     box: Box | None = None
     reentrant: bool = False
     longest: Any = None
+    walls: bool = False
 
     def own(self, segments: Segments) -> Bool:
         """Return which segments belong to the emitter and lie in the medium."""
@@ -100,13 +104,17 @@ class Cutting:
         result = copy(segments)
         fine = self._fine(segments, tried)
 
-        def shape(factor: Float) -> tuple[Float | Array3f, ...]:
+        def shape(factor: Float) -> tuple[Any, ...]:
             result.narrow, result.clear = self._narrowed(segments, fine * factor)
             lead, end, plane = self._reach(result)
             first, last = (self._radius(result, each, result.narrow) for each in (0, segments.length))
             return first, last, lead, end, plane
 
-        factor, covered, shift = medium_coverage(world, segments, shape, self._decay(), tried)
+        if self.walls:
+            first, last, *_ = shape(Float(1))
+            result.sides = sides_of(world.intersect, segments, (first, last), tried)
+            dr.eval(result.sides)
+        factor, covered, shift = medium_coverage(world, result, shape, self._decay(), tried)
         result.narrow, result.clear = self._narrowed(segments, fine * factor)
         result.flux, result.origin = segments.flux * dr.rcp(covered), segments.origin + shift
         dr.eval(result.narrow, result.clear, result.flux, result.origin)
@@ -219,6 +227,9 @@ class Cutting:
         result.start, result.end = (segments.origin + each * segments.direction for each in ends)
         result.radius_start, result.radius_end = radii
         result.power, result.end_normal = segments.flux, normal
+        if segments.sides is not None:
+            result.start_normal = dr.select(ends[0] <= 0, segments.sides.start, 0)
+            result.side, result.side_normal = segments.sides.place, segments.sides.beside
         if self.named:
             result.power = segments.flux * opaque(self.source.beam_scale)
             straight = segments.depth == 0
@@ -311,6 +322,8 @@ def _sets(cutting: Cutting, found: Piece) -> list[BeamSet]:
     if like and source.scattered != "off" and not source.guides:
         return [_set(cutting, source.look, found.beams, None, found.depth)]
     straight, scattered = compressed(found.depth == 0, found), compressed(found.depth > 0, found)
+    for each in straight:
+        each.beams.start_normal = each.beams.side = each.beams.side_normal = None
     result = [_set(cutting, source.look, _led([source], each.beams)[0]) for each in straight]
     if source.scattered != "off":
         look = source.look if source.scattered == "look" else None

@@ -7,7 +7,8 @@ little is covered is narrowed first.
 That keeps the sum, but within a radius of the boundary a third of the light would be missing, and lie farther in. So
 kernels of beams are also reflected at the boundary (Schuster 1985; Silverman 1986, section 2.10): what lies beyond it
 is folded back. A beam does not become two for that; it is either where it is or at its mirror image, with probabilities
-that are the fractions of the medium's part and of the other.
+that are the fractions of the medium's part and of the other. The same holds for the planes of walls that cut beams
+(`sides`).
 """
 
 from __future__ import annotations
@@ -30,11 +31,13 @@ from .records import Segments
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import SurfaceInteraction
+    from .sides import Sides
 
 mi = mitsuba()
 
-# Numbers of points on a photon's disc, which are tested for the surface, and of lines along a beam, for the medium.
-_POINTS, _LINES = 12, 8
+# Numbers of points on a photon's disc, which are tested for the surface, and of lines along a beam, for the medium and
+# for the planes that cut it.
+_POINTS, _LINES, _CUT_LINES = 12, 8, 64
 
 # Kernels with less coverage than this are halved, at most this many times: few points say little about a small object.
 # Beside an edge, half of a photon is covered however narrow it is; if it were narrowed, it would be a bright dot.
@@ -166,6 +169,8 @@ def medium_coverage(
 ) -> tuple[Float, Float, Array3f]:
     """Return factors that narrow beams of which too little is in their medium, the fraction that is, and shifts.
 
+    What the planes of walls cut off is not in it.
+
     The fraction is the light on lines along the beam, until they leave the medium, over the light on the axis. A beam
     that crosses a plane at a slant loses nothing: what one side lacks, the other has beyond the axis' end. A shift
     moves a beam to its mirror image; the fraction is then that of the image.
@@ -177,19 +182,24 @@ def medium_coverage(
     active
         Which beams are tested; others are assumed to lie in the medium.
     """
-    disc = to_float(_disc(_LINES))
+    disc, cut = to_float(_disc(_LINES)), to_float(_disc(_CUT_LINES))
 
     def covered(factor: Float, tried: Bool, shift: Array3f | None = None) -> Float:
         aside = dr.zeros(Array3f) if shift is None else shift
         within = _in_medium(world.intersect, segments, shape(factor), aside, disc, decay, tried & active)
+        if segments.sides is not None:
+            within *= _uncut(segments.sides, segments, shape(factor), aside, cut, decay)
         return dr.select(active, within, 1)
 
     least = 0.5 / _LINES
     factor, result = _enough(covered, dr.width(segments.length), _ENOUGH_OF_BEAM, least)
-    tried = active & (result < 1 - least)
+    tried = active & (result < 1 - (least if segments.sides is None else 0.5 / _CUT_LINES))
     if not bool(dr.any(tried)):
         return factor, result, Array3f(0)
     shift = _to_image(world.intersect, segments, shape(factor), disc, decay, tried)
+    if segments.sides is not None:
+        mirrored = _behind_wall(segments.sides, segments, shape(factor), cut, decay)
+        shift = dr.select(tried & (dr.squared_norm(mirrored) > 0), mirrored, shift)
     image = covered(factor, tried & (dr.squared_norm(shift) > 0), shift)
     # At an edge, or where a beam leaves the boundary at a slant, the image may lie outside, too: it would be a streak.
     reflected = tried & (dr.squared_norm(shift) > 0) & (image > _ENOUGH_OF_BEAM)
@@ -214,6 +224,50 @@ def _to_image(
     beyond = active & _leaves(hit, aside, segments.medium) & (hit.t < dr.fma(slope, s, first) * rho)
     normal = Array3f(hit.n)
     return dr.select(beyond, 2 * hit.t * dr.dot(aside / rho, normal) * normal, 0)
+
+
+def _behind_wall(sides: Sides, segments: Segments, shape: tuple[Any, ...], disc: Float, decay: Float) -> Array3f:
+    """Return shifts of beams to their mirror images by the walls beside them, 0 for those that stay."""
+    own = hash32(segments.index, segments.key, segments.depth)
+    across, up = _turned(segments.direction, own)
+    at = dr.gather(Array2f, disc, hash32(own, UInt32(_CUT_LINES + 1)) % _CUT_LINES)
+    first, slope, length, ending = _straightened(segments, shape, decay)
+    s = _place(_PLACES[0], length, ending, decay)
+    axis = dr.fma(segments.direction, s, segments.origin)
+    hop = (at.x * across + at.y * up) * dr.fma(slope, s, first)
+    height = dr.dot(sides.beside, axis - sides.place)
+    return dr.select(height + dr.dot(sides.beside, hop) < 0, -2 * height * sides.beside, 0)
+
+
+@dr.syntax
+def _uncut(
+    sides: Sides, segments: Segments, shape: tuple[Any, ...], shift: Array3f, disc: Float, decay: Float
+) -> Float:  # fmt: skip
+    """Return the fraction of the light of beams that is before the planes that cut them, if they are shifted."""
+    _, last, lead, end, plane = shape
+    first, slope, length, _ = _straightened(segments, shape, decay)
+    origin, direction = segments.origin + shift, segments.direction
+    across, up = _turned(direction, hash32(segments.index, segments.key, segments.depth))
+    slant = last * dr.rcp(dr.select(dr.abs(dr.dot(direction, plane)) > 1e-6, dr.dot(direction, plane), dr.inf))
+    thin = decay * length <= 1e-3
+    whole, total, line = Float(0), Float(0), UInt32(0)
+    while line < _CUT_LINES:
+        at = dr.gather(Array2f, disc, line)
+        aside = at.x * across + at.y * up
+        begin, stop = -lead, length + end - dr.clip(dr.dot(aside, plane) * slant, -last, last)
+        whole += dr.select(thin, stop - begin, dr.exp(-decay * begin) - dr.exp(-decay * stop))
+        stop = length + end + last
+        for place, normal in (*sides.planes(), (dr.fma(direction, length + end, origin), plane)):
+            height = dr.dot(normal, dr.fma(aside, first, origin) - place)
+            rising = dr.dot(normal, dr.fma(slope, aside, direction))
+            there = -height * dr.rcp(dr.select(rising == 0, 1, rising))
+            begin = dr.select(rising > 0, dr.maximum(begin, there), begin)
+            stop = dr.select(rising < 0, dr.minimum(stop, there), stop)
+            stop = dr.select((rising == 0) & (height < 0), begin, stop)
+        stop = dr.maximum(begin, stop)
+        total += dr.select(thin, stop - begin, dr.exp(-decay * begin) - dr.exp(-decay * stop))
+        line += 1
+    return total * dr.rcp(dr.maximum(whole, 1e-30))
 
 
 def _straightened(segments: Segments, shape: tuple[Any, ...], decay: Float) -> tuple[Float, Float, Float, Float]:

@@ -11,6 +11,7 @@ from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Bool, Float, UInt32
 from ...world.differentials import RayDifferentials
 from .radii import Width
+from .sides import Sides
 
 
 class Counts(IntFlag):
@@ -117,7 +118,7 @@ class Segments(Struct):
     `slant_end` is the tangent of the angle to the boundary's normal where light leaves the medium, else 0. Other
     attributes are those of `LightPaths`; `scattered` says whose neighbours are not known. `room` and `room_end` say how
     far light straight from its lamp may reach before the start and beyond the end: no further than where another
-    segment of the path in the medium does.
+    segment of the path in the medium does. `sides` are the walls beside scattered light, once these are known.
     """
 
     origin: Array3f
@@ -143,6 +144,7 @@ class Segments(Struct):
     slant_end: Float
     room: Float
     room_end: Float
+    sides: Sides | None = None
 
 
 class PhotonHits(Struct):

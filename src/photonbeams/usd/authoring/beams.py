@@ -100,6 +100,11 @@ def _define(stage: Usd.Stage, beams: DrawnBeams, path: str) -> Usd.Prim:
             _set(prim, name, kinds.FloatArray, _numbers(fields[name][first]))
     if "end_normal" in fields:
         _set(prim, "endNormals", kinds.Normal3fArray, _vectors(fields["end_normal"][last]))
+    if "start_normal" in fields:
+        _set(prim, "startNormals", kinds.Normal3fArray, _vectors(fields["start_normal"][first]))
+    if "side" in fields:
+        _set(prim, "sides", kinds.Point3fArray, _vectors(fields["side"][first]))
+        _set(prim, "sideNormals", kinds.Normal3fArray, _vectors(fields["side_normal"][first]))
     if "start_tangent" in fields:
         axis = directions(fields["start"], fields["end"])
         for name, tangent, at in (("startTangents", "start_tangent", first), ("endTangents", "end_tangent", last)):

@@ -302,6 +302,7 @@ def _beams(source: _CurvesPrim, nodes: _Nodes, closed: bool, graded: bool, to_wo
     normals = source.each("photonbeams:endNormals", 3)
     if normals is not None:
         fields["end_normal"] = _end_normals(fields, normals[curve], following, to_world)
+    _set_walls(source, fields, curve, following, to_world)
     wide = (radius_start > 0) | (radius_end > 0)
     if not wide.all():
         text = f"holds 0 at both ends of {np.count_nonzero(~wide)} segments: they are skipped"
@@ -322,6 +323,27 @@ def _turn_ends(
         turned = unit(authored[curve] @ to_world[:3, :3].T)
         use = there & np.any(turned, axis=1)
         fields[field][use] = turned[use]
+
+
+def _set_walls(
+    source: _CurvesPrim, fields: dict[str, Any], curve: Array, following: Array, to_world: Array
+) -> None:  # fmt: skip
+    """Set the surfaces at the start of curves and beside them, which cut their beams, if they are authored."""
+    normals = {name: source.each(f"photonbeams:{name}Normals", 3) for name in ("start", "side")}
+    sides = source.each("photonbeams:sides", 3)
+    turned = {
+        name: unit(each[curve] @ np.linalg.inv(to_world[:3, :3])) for name, each in normals.items() if each is not None
+    }
+    if "start" in turned:
+        begins = np.ones((len(curve), 1), dtype=bool)
+        begins[following[following >= 0]] = False
+        fields["start_normal"] = np.where(begins, turned["start"], 0)
+    if (sides is None) != ("side" not in turned):
+        text = f"is {'not ' if sides is None else ''}authored: expected photonbeams:sides and photonbeams:sideNormals"
+        raise source.reading.fail(source.prim, "photonbeams:sides", text)
+    if sides is not None:
+        fields["side"] = sides[curve] @ to_world[:3, :3].T + to_world[:3, 3]
+        fields["side_normal"] = turned["side"]
 
 
 def _end_normals(fields: Mapping[str, Array], normals: Array, following: Array, to_world: Array) -> Array:
