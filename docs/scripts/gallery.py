@@ -23,7 +23,7 @@ SCENES = {
     "glass_ball": (1280, 720, 150.0, 1.0),
     "slits": (1280, 720, 150.0, 0.0),
     "mirrors": (1280, 720, 180.0, 0.5),
-    "flask": (1280, 720, 90.0, 0.5),
+    "flask": (1280, 720, 150.0, 0.5),
     "cloud": (1280, 720, 60.0, 0.0),
     "cornell_fog": (960, 960, 60.0, 0.0),
 }
@@ -34,7 +34,7 @@ def main() -> None:
     page = PAGE.read_text()
     for name in sys.argv[1:] if __name__ == "__main__" and len(sys.argv) > 1 else SCENES:
         page = noted(page, name, *pair(name))
-    PAGE.write_text(page)
+        PAGE.write_text(page)  # after each: an hour is long
 
 
 def pair(name: str) -> tuple[float, int, float, int]:
