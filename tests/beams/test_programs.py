@@ -109,6 +109,15 @@ def test_no_field_leaves_the_picture_as_it_was(traced, rng):
     assert np.linalg.norm(found - expected) <= 1e-4 * np.linalg.norm(expected)
 
 
+def test_an_aimed_path_leaves_the_walls_beside_it():
+    """A path that is turned toward a wall and beyond is not cut by it, as other surfaces do not stop it."""
+    wall = {"start_normal": [[0, 0, 1]], "side": [[0, -0.05, 0]], "side_normal": [[0, 1, 0]]}
+    plain = {"start": [[0, 0, 0]], "end": [[0, 0, 2]], "radius_start": 0.1, "radius_end": 0.1, "power": [[1, 1, 1]]}
+    found, expected = (aim((0, -1, -1))(pb.Beams(**plain, **more), CONTEXT).arrays() for more in (wall, {}))
+    assert found.keys() == expected.keys()
+    assert all(np.array_equal(found[name], expected[name]) for name in found)
+
+
 def test_the_surface_that_stops_a_path_turns_with_it():
     beams = pb.Beams([[0, 0, 0]], [[2, 0, 0]], 0.1, 0.1, [[1, 1, 1]], end_normal=[[-0.8, 0, 0.6]])
     found = bend(lambda p: Array3f(0, 1, 0) + 0 * p, 16)(beams, CONTEXT).arrays()

@@ -22,17 +22,9 @@ OPTIONAL = (
 )  # fmt: skip
 #: Names of the arrays that hold vectors or colours, (N, 3); the others are (N,).
 VECTORS = (
-    "start",
-    "end",
-    "power",
-    "end_normal",
-    "start_tangent",
-    "end_tangent",
-    "power_end",
-    "start_normal",
-    "side",
+    "start", "end", "power", "end_normal", "start_tangent", "end_tangent", "power_end", "start_normal", "side",
     "side_normal",
-)
+)  # fmt: skip
 #: An index of beams, which is a number, a slice, a list, or a NumPy or Dr.Jit array of numbers or truth values.
 Index: TypeAlias = Union[int, slice, npt.ArrayLike, "UInt32"]
 

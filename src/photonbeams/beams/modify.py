@@ -70,6 +70,7 @@ def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
         result.end = paths.origin + (paths.offset + paths.length) * direction
         if beams.end_normal is not None:
             result.end_normal = -direction
+        result.start_normal = result.side = result.side_normal = None
         return result
 
     return _of_some(aimed)

@@ -98,9 +98,7 @@ class Cutting:
 
     def fitted(self, world: World, segments: Segments) -> Segments:
         """Return segments fitted into the medium: narrower or reflected, with flux corrected for what lies outside."""
-        # `narrowing` has already narrowed the light straight from lamps, and `fringes` has what lies beside the medium.
-        whole = self.straight is not self.limits or self.box is not None or self.reentrant
-        tried = segments.depth > 0 if whole else Bool(True)
+        tried = segments.depth > 0 if self.whole else Bool(True)
         result = copy(segments)
         fine = self._fine(segments, tried)
 
@@ -119,6 +117,11 @@ class Cutting:
         result.flux, result.origin = segments.flux * dr.rcp(covered), segments.origin + shift
         dr.eval(result.narrow, result.clear, result.flux, result.origin)
         return result
+
+    @property
+    def whole(self) -> bool:
+        """Whether light straight from lamps fits: `narrowing` made it narrower, or `fringes` has what lies beside."""
+        return self.straight is not self.limits or self.box is not None or self.reentrant
 
     @staticmethod
     def _narrowed(segments: Segments, factor: Float) -> tuple[Float, Float]:
@@ -322,7 +325,7 @@ def _sets(cutting: Cutting, found: Piece) -> list[BeamSet]:
     if like and source.scattered != "off" and not source.guides:
         return [_set(cutting, source.look, found.beams, None, found.depth)]
     straight, scattered = compressed(found.depth == 0, found), compressed(found.depth > 0, found)
-    for each in straight:
+    for each in straight if cutting.whole else ():
         each.beams.start_normal = each.beams.side = each.beams.side_normal = None
     result = [_set(cutting, source.look, _led([source], each.beams)[0]) for each in straight]
     if source.scattered != "off":
