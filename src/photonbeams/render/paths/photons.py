@@ -20,9 +20,9 @@ from ...world.world import World
 
 mi = mitsuba()
 
-# Photons that were scattered at random reach as far as this neighbour, counted from the nearest. With a smaller number
-# single photons are visible as dots; with a larger one the light is blurred.
-_NEIGHBOURS = 16
+# Photons that were scattered at random reach as far as this neighbour, counted from the nearest. The noise of a pass is
+# about 1/√N: with a quarter of this number the flask's shadow is blotched; with a larger one light is blurred.
+_NEIGHBOURS = 64
 
 
 class PhotonLighting:

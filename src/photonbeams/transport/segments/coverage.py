@@ -182,150 +182,157 @@ def medium_coverage(
     active
         Which beams are tested; others are assumed to lie in the medium.
     """
-    disc, cut = to_float(_disc(_LINES)), to_float(_disc(_CUT_LINES))
+    sides = segments.sides
+    cut = active & sides.any() if sides is not None else Bool(False)
 
-    def covered(factor: Float, tried: Bool, shift: Array3f | None = None) -> Float:
-        aside = dr.zeros(Array3f) if shift is None else shift
-        within = _in_medium(world.intersect, segments, shape(factor), aside, disc, decay, tried & active)
-        if segments.sides is not None:
-            within *= _uncut(segments.sides, segments, shape(factor), aside, cut, decay)
-        return dr.select(active, within, 1)
+    def within(lines: _Lines, tried: Bool, shift: Array3f) -> Float:
+        result = _in_medium(world.intersect, lines, segments.medium, shift, tried & active)
+        if sides is not None:
+            result *= _uncut(sides, lines, shift, tried & cut)
+        return dr.select(active, result, 1)
+
+    def covered(factor: Float, tried: Bool) -> Float:
+        return within(_Lines(segments, shape(factor), decay), tried, dr.zeros(Array3f))
 
     least = 0.5 / _LINES
     factor, result = _enough(covered, dr.width(segments.length), _ENOUGH_OF_BEAM, least)
-    tried = active & (result < 1 - (least if segments.sides is None else 0.5 / _CUT_LINES))
+    tried = active & (result < dr.select(cut, 1 - 0.5 / _CUT_LINES, 1 - least))
     if not bool(dr.any(tried)):
         return factor, result, Array3f(0)
-    shift = _to_image(world.intersect, segments, shape(factor), disc, decay, tried)
-    if segments.sides is not None:
-        mirrored = _behind_wall(segments.sides, segments, shape(factor), cut, decay)
+    lines = _Lines(segments, shape(factor), decay)
+    shift = _to_image(world.intersect, lines, segments.medium, tried)
+    if sides is not None:
+        mirrored = _behind_wall(sides, lines)
         shift = dr.select(tried & (dr.squared_norm(mirrored) > 0), mirrored, shift)
-    image = covered(factor, tried & (dr.squared_norm(shift) > 0), shift)
+    image = within(lines, tried & (dr.squared_norm(shift) > 0), shift)
     # At an edge, or where a beam leaves the boundary at a slant, the image may lie outside, too: it would be a streak.
     reflected = tried & (dr.squared_norm(shift) > 0) & (image > _ENOUGH_OF_BEAM)
     return factor, dr.select(reflected, image, result), dr.select(reflected, shift, 0)
 
 
-def _to_image(
-    meet: Meet, segments: Segments, shape: tuple[Any, ...], disc: Float, decay: Float, active: Bool
-) -> Array3f:
+class _Lines:
+    """Lines along beams that share their light equally; each beam's are turned by an angle of its own.
+
+    A line is known by its place across the beam, in radii. Places on it are distances along the axis.
+    """
+
+    def __init__(self, segments: Segments, shape: tuple[Any, ...], decay: Float) -> None:
+        self.first, self.last, self._lead, self._end, self.plane = shape
+        self.origin, self.direction = segments.origin, segments.direction
+        self.length = dr.minimum(segments.length, 1e18)
+        self.slope = (self.last - self.first) * dr.rcp(dr.maximum(self.length, 1e-20))
+        self.seed = hash32(segments.index, segments.key, segments.depth)
+        self._decay, self._lost = decay, 1 - dr.exp(-decay * self.length)
+        across, up = perpendicular(self.direction)
+        sine, cosine = dr.sincos(2 * dr.pi * unit_float(self.seed))
+        self._across, self._up = cosine * across + sine * up, cosine * up - sine * across
+        level = dr.dot(self.direction, self.plane)
+        self._slant = self.last * dr.rcp(dr.select(dr.abs(level) > 1e-6, level, dr.inf))
+
+    def aside(self, disc: Float, line: UInt32) -> Array3f:
+        """Return where a line is, of those through points of a disc."""
+        at = dr.gather(Array2f, disc, line)
+        return at.x * self._across + at.y * self._up
+
+    def chosen(self, disc: Float, count: int) -> Array3f:
+        """Return where one line of so many is, chosen at random for each beam."""
+        return self.aside(disc, hash32(self.seed, UInt32(count + 1)) % count)
+
+    def radius(self, s: Float) -> Float:
+        """Return the radius of beams."""
+        return dr.fma(self.slope, s, self.first)
+
+    def axis(self, s: Float) -> Array3f:
+        """Return points on the axis."""
+        return dr.fma(self.direction, s, self.origin)
+
+    def ends(self, aside: Array3f) -> tuple[Float, Float]:
+        """Return where lines begin and end."""
+        return -self._lead, self.tip - dr.clip(dr.dot(aside, self.plane) * self._slant, -self.last, self.last)
+
+    @property
+    def tip(self) -> Float:
+        """Where the axis ends."""
+        return self.length + self._end
+
+    def place(self, part: float) -> Float:
+        """Return where a part is lost of the light that the axis loses."""
+        faded = -dr.log(1 - part * self._lost) * dr.rcp(dr.maximum(self._decay, 1e-30))
+        return dr.select(self._lost > 1e-3, dr.minimum(faded, self.length), part * self.length)
+
+    def light(self, begin: Float, stop: Float) -> Float:
+        """Return the light that is lost between two places, relative to what the axis loses."""
+        fading = (dr.exp(-self._decay * begin) - dr.exp(-self._decay * stop)) / self._lost
+        return dr.select(self._lost > 1e-3, fading, (stop - begin) / self.length)
+
+
+def _to_image(meet: Meet, lines: _Lines, medium: UInt32, active: Bool) -> Array3f:
     """Return shifts of beams to their mirror images, 0 for those that stay.
 
     One line of each is chosen at random. If it lies outside of the medium, the boundary before it is the mirror.
     """
-    own = hash32(segments.index, segments.key, segments.depth)
-    across, up = _turned(segments.direction, own)
-    at = dr.gather(Array2f, disc, hash32(own, UInt32(_LINES + 1)) % _LINES)
-    aside = at.x * across + at.y * up
-    rho = dr.norm(aside)
-    first, slope, length, ending = _straightened(segments, shape, decay)
-    s = _place(_PLACES[0], length, ending, decay)
-    hit = meet(dr.fma(segments.direction, s, segments.origin), aside / rho, active, own)
-    beyond = active & _leaves(hit, aside, segments.medium) & (hit.t < dr.fma(slope, s, first) * rho)
+    aside = lines.chosen(to_float(_disc(_LINES)), _LINES)
+    rho, s = dr.norm(aside), lines.place(_PLACES[0])
+    hit = meet(lines.axis(s), aside / rho, active, lines.seed)
+    beyond = active & _leaves(hit, aside, medium) & (hit.t < lines.radius(s) * rho)
     normal = Array3f(hit.n)
     return dr.select(beyond, 2 * hit.t * dr.dot(aside / rho, normal) * normal, 0)
 
 
-def _behind_wall(sides: Sides, segments: Segments, shape: tuple[Any, ...], disc: Float, decay: Float) -> Array3f:
+def _behind_wall(sides: Sides, lines: _Lines) -> Array3f:
     """Return shifts of beams to their mirror images by the walls beside them, 0 for those that stay."""
-    own = hash32(segments.index, segments.key, segments.depth)
-    across, up = _turned(segments.direction, own)
-    at = dr.gather(Array2f, disc, hash32(own, UInt32(_CUT_LINES + 1)) % _CUT_LINES)
-    first, slope, length, ending = _straightened(segments, shape, decay)
-    s = _place(_PLACES[0], length, ending, decay)
-    axis = dr.fma(segments.direction, s, segments.origin)
-    hop = (at.x * across + at.y * up) * dr.fma(slope, s, first)
-    height = dr.dot(sides.beside, axis - sides.place)
+    s = lines.place(_PLACES[0])
+    hop = lines.chosen(to_float(_disc(_CUT_LINES)), _CUT_LINES) * lines.radius(s)
+    height = dr.dot(sides.beside, lines.axis(s) - sides.place)
     return dr.select(height + dr.dot(sides.beside, hop) < 0, -2 * height * sides.beside, 0)
 
 
 @dr.syntax
-def _uncut(
-    sides: Sides, segments: Segments, shape: tuple[Any, ...], shift: Array3f, disc: Float, decay: Float
-) -> Float:  # fmt: skip
+def _uncut(sides: Sides, lines: _Lines, shift: Array3f, active: Bool) -> Float:
     """Return the fraction of the light of beams that is before the planes that cut them, if they are shifted."""
-    _, last, lead, end, plane = shape
-    first, slope, length, _ = _straightened(segments, shape, decay)
-    origin, direction = segments.origin + shift, segments.direction
-    across, up = _turned(direction, hash32(segments.index, segments.key, segments.depth))
-    slant = last * dr.rcp(dr.select(dr.abs(dr.dot(direction, plane)) > 1e-6, dr.dot(direction, plane), dr.inf))
-    thin = decay * length <= 1e-3
+    disc, planes = to_float(_disc(_CUT_LINES)), (*sides.planes(), (lines.axis(lines.tip) + shift, lines.plane))
     whole, total, line = Float(0), Float(0), UInt32(0)
-    while line < _CUT_LINES:
-        at = dr.gather(Array2f, disc, line)
-        aside = at.x * across + at.y * up
-        begin, stop = -lead, length + end - dr.clip(dr.dot(aside, plane) * slant, -last, last)
-        whole += dr.select(thin, stop - begin, dr.exp(-decay * begin) - dr.exp(-decay * stop))
-        stop = length + end + last
-        for place, normal in (*sides.planes(), (dr.fma(direction, length + end, origin), plane)):
-            height = dr.dot(normal, dr.fma(aside, first, origin) - place)
-            rising = dr.dot(normal, dr.fma(slope, aside, direction))
+    while active & (line < _CUT_LINES):
+        aside = lines.aside(disc, line)
+        begin, stop = lines.ends(aside)
+        whole += lines.light(begin, stop)
+        stop = lines.tip + lines.last
+        for place, normal in planes:
+            height = dr.dot(normal, dr.fma(aside, lines.first, lines.origin + shift) - place)
+            rising = dr.dot(normal, dr.fma(lines.slope, aside, lines.direction))
             there = -height * dr.rcp(dr.select(rising == 0, 1, rising))
             begin = dr.select(rising > 0, dr.maximum(begin, there), begin)
             stop = dr.select(rising < 0, dr.minimum(stop, there), stop)
             stop = dr.select((rising == 0) & (height < 0), begin, stop)
-        stop = dr.maximum(begin, stop)
-        total += dr.select(thin, stop - begin, dr.exp(-decay * begin) - dr.exp(-decay * stop))
+        total += lines.light(begin, dr.maximum(begin, stop))
         line += 1
-    return total * dr.rcp(dr.maximum(whole, 1e-30))
-
-
-def _straightened(segments: Segments, shape: tuple[Any, ...], decay: Float) -> tuple[Float, Float, Float, Float]:
-    """Return the first radius of beams, by how much it grows, their length, and the fraction of light lost there."""
-    length = dr.minimum(segments.length, 1e18)
-    slope = (shape[1] - shape[0]) * dr.rcp(dr.maximum(length, 1e-20))
-    return shape[0], slope, length, 1 - dr.exp(-decay * length)
-
-
-def _place(part: float, length: Float, ending: Float, decay: Float) -> Float:
-    """Return the distance along beams at which a part of the light that they lose is lost."""
-    faded = -dr.log(1 - part * ending) * dr.rcp(dr.maximum(decay, 1e-30))
-    return dr.select(ending > 1e-3, dr.minimum(faded, length), part * length)
-
-
-def _turned(direction: Array3f, seed: UInt32) -> tuple[Array3f, Array3f]:
-    """Return two axes across beams, turned by different angles."""
-    across, up = perpendicular(direction)
-    sine, cosine = dr.sincos(2 * dr.pi * unit_float(seed))
-    return cosine * across + sine * up, cosine * up - sine * across
+    return dr.select(active, total * dr.rcp(dr.maximum(whole, 1e-30)), 1)
 
 
 @dr.syntax
-def _in_medium(
-    meet: Meet, segments: Segments, shape: tuple[Any, ...], shift: Array3f, disc: Float, decay: Float,
-    active: Bool,
-) -> Float:  # fmt: skip
+def _in_medium(meet: Meet, lines: _Lines, medium: UInt32, shift: Array3f, active: Bool) -> Float:
     """Return the fraction of beams' light that is in their medium, if they are shifted."""
-    _, last, lead, end, plane = shape
-    first, slope, length, ending = _straightened(segments, shape, decay)
-    origin, direction, medium = segments.origin, segments.direction, segments.medium
-    own = hash32(segments.index, segments.key, segments.depth)
-    across, up = _turned(direction, own)
-    slant = last * dr.rcp(dr.select(dr.abs(dr.dot(direction, plane)) > 1e-6, dr.dot(direction, plane), dr.inf))
-    total, line = Float(0), UInt32(0)
+    disc, total, line = to_float(_disc(_LINES)), Float(0), UInt32(0)
     while line < _LINES:
-        at = dr.gather(Array2f, disc, line)
-        aside = at.x * across + at.y * up
-        most = length + end - dr.clip(dr.dot(aside, plane) * slant, -last, last)
-        tilted = dr.fma(slope, aside, direction)
+        aside = lines.aside(disc, line)
+        least, most = lines.ends(aside)
+        tilted, seed = dr.fma(lines.slope, aside, lines.direction), hash32(lines.seed, line)
         stretch = dr.norm(tilted)
         found, begin, stop = Bool(False), Float(0), Float(0)
         for part in _PLACES:
-            s = _place(part, length, ending, decay)
-            point = dr.fma(direction, s, origin)
-            hop = aside * dr.fma(slope, s, first) + shift
+            s = lines.place(part)
+            hop = aside * lines.radius(s) + shift
             far = dr.norm(hop)
+            point = lines.axis(s)
             there = point + hop
-            free = _free(meet, point, hop * dr.rcp(dr.maximum(far, 1e-30)), medium, hash32(own, line), active & ~found)
+            free = _free(meet, point, hop * dr.rcp(dr.maximum(far, 1e-30)), medium, seed, active & ~found)
             inside = active & ~found & (free > far)
-            ahead = _free(meet, there, tilted / stretch, medium, hash32(own, line), inside) / stretch
-            back = _free(meet, there, -tilted / stretch, medium, hash32(own, line), inside) / stretch
-            begin = dr.select(inside, dr.maximum(s - back, -lead), begin)
+            ahead = _free(meet, there, tilted / stretch, medium, seed, inside) / stretch
+            back = _free(meet, there, -tilted / stretch, medium, seed, inside) / stretch
+            begin = dr.select(inside, dr.maximum(s - back, least), begin)
             stop = dr.select(inside, dr.minimum(s + ahead, most), stop)
             found |= inside
-        thin = ending <= 1e-3
-        light = dr.exp(-decay * begin) - dr.exp(-decay * stop)
-        total += dr.select(found, dr.select(thin, (stop - begin) / length, light / ending), 0)
+        total += dr.select(found, lines.light(begin, stop), 0)
         line += 1
     return total * (1 / _LINES)
 

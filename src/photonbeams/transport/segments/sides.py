@@ -57,6 +57,10 @@ class Sides(Struct):
         """Return a point of each plane, and its normal."""
         return (self.origin, self.start), (self.place, self.beside)
 
+    def any(self) -> Bool:
+        """Return which beams have a wall at their start or beside them."""
+        return (dr.squared_norm(self.start) > 0) | (dr.squared_norm(self.beside) > 0)
+
 
 @dr.syntax
 def sides_of(meet: Callable[..., Any], segments: Segments, radii: tuple[Float, Float], active: Bool) -> Sides:
