@@ -109,7 +109,8 @@ class Settings:
     )  # fmt: skip
     max_radius: float | None = setting(
         None, "Largest radius from photon differentials, in scene units; by default, 0.05 of the radius of the medium "
-        "or, for photons, of the scene, and at most a quarter of a mean free path (in a grid, of that at the beam).",
+        "or, for photons, of the scene, and at most a quarter of a mean free path (in a grid, of that at the beam). "
+        "Photons with more than the usual flux may be wider.",
         None, {"max_radius": {}}, above=0.0,
     )  # fmt: skip
     overlap: float = setting(

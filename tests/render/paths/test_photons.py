@@ -6,8 +6,13 @@ import numpy as np
 from photonbeams.numerics.arrays import to_float, to_vectors
 from photonbeams.render.paths import photons
 from photonbeams.render.paths.photons import _NEIGHBOURS
-from photonbeams.runtime.device import Array3f, Bool, Float
+from photonbeams.runtime.device import Array3f, Bool, Float, mitsuba
+from photonbeams.transport.segments.radii import Limits
 from photonbeams.transport.segments.records import PhotonHits
+from photonbeams.world.plugin import world_of_plugin
+from tests.helpers.mitsuba_scenes import camera, load
+
+mi = mitsuba()
 
 
 def hits(places, coherent, flux=1.0):
@@ -60,3 +65,27 @@ def test_a_photon_that_is_nowhere_stops_nothing():
     found = reached(places, np.zeros(100, bool))
     assert found[7] == 0
     assert np.all(np.delete(found, 7) > 0)
+
+
+def fitted(flux, radius, floor=0.01):
+    """Return radius and flux of photons on a floor, fitted to it with the bounds `floor` and 0.1."""
+    floor_of_ten = {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(10)}
+    found = hits(np.zeros((len(flux), 3)), np.ones(len(flux), bool), flux)
+    found.radius, found.normal = to_float(radius), to_vectors(np.tile([0.0, 0, 1], (len(flux), 1)))
+    found.direction = -found.normal
+    world = world_of_plugin(load(floor=floor_of_ten, sensor=camera()), None)
+    photons._fit(found, world, Limits(*(dr.opaque(Float, each) for each in (floor, 0.1, 1.0))))
+    return found.radius.numpy(), found.flux.numpy()[0]
+
+
+def test_a_photon_with_more_flux_than_others_reaches_further_and_is_no_brighter():
+    """A hundred times the flux may have ten times the greatest radius, if the photon's differentials are as wide."""
+    flux, radius = np.array([1.0] * 9 + [100.0, 100.0, 0.01]), np.array([5.0] * 9 + [5.0, 0.3, 5.0])
+    found, kept = fitted(flux, radius)
+    np.testing.assert_allclose(found, [0.1] * 9 + [1.0, 0.3, 0.1], rtol=1e-5)
+    np.testing.assert_allclose(kept, flux, rtol=1e-5)
+
+
+def test_a_radius_that_is_set_holds_for_all_photons():
+    found, _ = fitted(np.array([1.0, 1, 1, 100]), np.array([5.0, 0.01, 5, 5]), floor=0.1)
+    np.testing.assert_allclose(found, 0.1, rtol=1e-6)
