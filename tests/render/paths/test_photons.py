@@ -80,9 +80,9 @@ def fitted(flux, radius, floor=0.01):
 
 def test_a_photon_with_more_flux_than_others_reaches_further_and_is_no_brighter():
     """A hundred times the flux may have ten times the greatest radius, if the photon's differentials are as wide."""
-    flux, radius = np.array([1.0] * 9 + [100.0, 100.0, 0.01]), np.array([5.0] * 9 + [5.0, 0.3, 5.0])
-    found, kept = fitted(flux, radius)
-    np.testing.assert_allclose(found, [0.1] * 9 + [1.0, 0.3, 0.1], rtol=1e-5)
+    flux = np.array([1.0] * 9 + [100.0, 100.0, 0.01, 1e6, np.inf])
+    found, kept = fitted(flux, np.array([5.0] * 9 + [5.0, 0.3, 5.0, 5.0, 5.0]))
+    np.testing.assert_allclose(found, [0.1] * 9 + [1.0, 0.3, 0.1, 1.6, 0.1], rtol=1e-5)
     np.testing.assert_allclose(kept, flux, rtol=1e-5)
 
 

@@ -24,6 +24,9 @@ mi = mitsuba()
 # about 1/√N: with a quarter of this number the flask's shadow is blotched; with a larger one light is blurred.
 _NEIGHBOURS = 64
 
+# Photons with much flux have at most so many times the usual radius: about that of the world.
+_WIDEST = 16.0
+
 
 class PhotonLighting:
     """The photons of a pass, and the light that surfaces reflect of them toward camera paths.
@@ -90,7 +93,7 @@ def _fit(hits: PhotonHits, world: World, limits: Limits) -> None:
 
 
 def _heaviness(flux: Array3f) -> Float:
-    """Return factors on radii, at least 1, with which discs are no brighter than those of the median flux.
+    """Return factors on radii, 1 to `_WIDEST`, with which discs are no brighter than those of the median flux.
 
     Few paths are sent where little light is expected. One that finds more, as at the silhouette of a glass ball, has a
     hundred times the flux of others. Its own differentials say that it is spread widely; the usual bound of radii would
@@ -98,9 +101,10 @@ def _heaviness(flux: Array3f) -> Float:
     """
     largest = dr.max(flux)
     lit = largest.numpy()
-    lit = lit[lit > 0]
+    lit = lit[(lit > 0) & np.isfinite(lit)]
     usual = dr.opaque(Float, float(np.median(lit)) if len(lit) else 1.0)
-    return dr.sqrt(dr.maximum(largest / usual, 1))
+    ratio: Float = dr.select(dr.isfinite(largest), largest / usual, 1)
+    return dr.sqrt(dr.clip(ratio, 1, _WIDEST**2))
 
 
 def _neighbourhood(hits: PhotonHits) -> Float:
