@@ -83,9 +83,7 @@ def _fit(hits: PhotonHits, world: World, limits: Limits) -> None:
     away = dr.dot(hits.normal, hits.direction) > 0
     hits.normal = dr.select(away, -hits.normal, hits.normal)
     heavy = _heaviness(hits.flux)
-    fixed = limits.floor == limits.ceiling
-    bounds = limits._replace(ceiling=dr.select(fixed, limits.ceiling, heavy * limits.ceiling))
-    radius = bounds(dr.maximum(hits.radius, heavy * _neighbourhood(hits))) + Float(0)
+    radius = limits.raised(heavy)(dr.maximum(hits.radius, heavy * _neighbourhood(hits))) + Float(0)
     dr.eval(hits.normal, radius)
     hits.radius, covered = surface_coverage(world, hits.position, hits.normal, radius)
     hits.flux = hits.flux * dr.rcp(covered)

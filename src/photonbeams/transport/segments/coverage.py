@@ -185,21 +185,21 @@ def medium_coverage(
     sides = segments.sides
     cut = active & sides.any() if sides is not None else Bool(False)
 
-    def within(lines: _Lines, tried: Bool, shift: Array3f) -> Float:
+    def within(lines: _BeamLines, tried: Bool, shift: Array3f) -> Float:
         result = _in_medium(world.intersect, lines, segments.medium, shift, tried & active)
         if sides is not None:
             result *= _uncut(sides, lines, shift, tried & cut)
         return dr.select(active, result, 1)
 
     def covered(factor: Float, tried: Bool) -> Float:
-        return within(_Lines(segments, shape(factor), decay), tried, dr.zeros(Array3f))
+        return within(_BeamLines(segments, shape(factor), decay), tried, dr.zeros(Array3f))
 
     least = 0.5 / _LINES
     factor, result = _enough(covered, dr.width(segments.length), _ENOUGH_OF_BEAM, least)
     tried = active & (result < dr.select(cut, 1 - 0.5 / _CUT_LINES, 1 - least))
     if not bool(dr.any(tried)):
         return factor, result, Array3f(0)
-    lines = _Lines(segments, shape(factor), decay)
+    lines = _BeamLines(segments, shape(factor), decay)
     shift = _to_image(world.intersect, lines, segments.medium, tried)
     if sides is not None:
         mirrored = _behind_wall(sides, lines)
@@ -210,7 +210,7 @@ def medium_coverage(
     return factor, dr.select(reflected, image, result), dr.select(reflected, shift, 0)
 
 
-class _Lines:
+class _BeamLines:
     """Lines along beams that share their light equally; each beam's are turned by an angle of its own.
 
     A line is known by its place across the beam, in radii. Places on it are distances along the axis.
@@ -234,9 +234,9 @@ class _Lines:
         at = dr.gather(Array2f, disc, line)
         return at.x * self._across + at.y * self._up
 
-    def chosen(self, disc: Float, count: int) -> Array3f:
+    def chosen(self, count: int) -> Array3f:
         """Return where one line of so many is, chosen at random for each beam."""
-        return self.aside(disc, hash32(self.seed, UInt32(count + 1)) % count)
+        return self.aside(to_float(_disc(count)), hash32(self.seed, UInt32(count + 1)) % count)
 
     def radius(self, s: Float) -> Float:
         """Return the radius of beams."""
@@ -266,12 +266,12 @@ class _Lines:
         return dr.select(self._lost > 1e-3, fading, (stop - begin) / self.length)
 
 
-def _to_image(meet: Meet, lines: _Lines, medium: UInt32, active: Bool) -> Array3f:
+def _to_image(meet: Meet, lines: _BeamLines, medium: UInt32, active: Bool) -> Array3f:
     """Return shifts of beams to their mirror images, 0 for those that stay.
 
     One line of each is chosen at random. If it lies outside of the medium, the boundary before it is the mirror.
     """
-    aside = lines.chosen(to_float(_disc(_LINES)), _LINES)
+    aside = lines.chosen(_LINES)
     rho, s = dr.norm(aside), lines.place(_PLACES[0])
     hit = meet(lines.axis(s), aside / rho, active, lines.seed)
     beyond = active & _leaves(hit, aside, medium) & (hit.t < lines.radius(s) * rho)
@@ -279,16 +279,16 @@ def _to_image(meet: Meet, lines: _Lines, medium: UInt32, active: Bool) -> Array3
     return dr.select(beyond, 2 * hit.t * dr.dot(aside / rho, normal) * normal, 0)
 
 
-def _behind_wall(sides: Sides, lines: _Lines) -> Array3f:
+def _behind_wall(sides: Sides, lines: _BeamLines) -> Array3f:
     """Return shifts of beams to their mirror images by the walls beside them, 0 for those that stay."""
     s = lines.place(_PLACES[0])
-    hop = lines.chosen(to_float(_disc(_CUT_LINES)), _CUT_LINES) * lines.radius(s)
+    hop = lines.chosen(_CUT_LINES) * lines.radius(s)
     height = dr.dot(sides.beside, lines.axis(s) - sides.place)
     return dr.select(height + dr.dot(sides.beside, hop) < 0, -2 * height * sides.beside, 0)
 
 
 @dr.syntax
-def _uncut(sides: Sides, lines: _Lines, shift: Array3f, active: Bool) -> Float:
+def _uncut(sides: Sides, lines: _BeamLines, shift: Array3f, active: Bool) -> Float:
     """Return the fraction of the light of beams that is before the planes that cut them, if they are shifted."""
     disc, planes = to_float(_disc(_CUT_LINES)), (*sides.planes(), (lines.axis(lines.tip) + shift, lines.plane))
     whole, total, line = Float(0), Float(0), UInt32(0)
@@ -310,7 +310,7 @@ def _uncut(sides: Sides, lines: _Lines, shift: Array3f, active: Bool) -> Float:
 
 
 @dr.syntax
-def _in_medium(meet: Meet, lines: _Lines, medium: UInt32, shift: Array3f, active: Bool) -> Float:
+def _in_medium(meet: Meet, lines: _BeamLines, medium: UInt32, shift: Array3f, active: Bool) -> Float:
     """Return the fraction of beams' light that is in their medium, if they are shifted."""
     disc, total, line = to_float(_disc(_LINES)), Float(0), UInt32(0)
     while line < _LINES:

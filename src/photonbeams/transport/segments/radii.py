@@ -60,6 +60,11 @@ class Limits(NamedTuple):
         """Return a radius clamped to the bounds, times the factor."""
         return dr.clip(radius, self.floor, self.ceiling) * self.scale
 
+    def raised(self, factor: Float) -> Limits:
+        """Return bounds with so many times the ceiling, unless one radius is set for all."""
+        fixed = self.floor == self.ceiling
+        return self._replace(ceiling=dr.select(fixed, self.ceiling, factor * self.ceiling))
+
 
 @dataclass(frozen=True)
 class _Spread:
