@@ -34,16 +34,23 @@ _SHORTENED = 1e-4
 
 
 class ShadowRay(Struct):
-    """Rays to lamps, up to their `length`, which is infinite toward lamps at infinity."""
+    """Rays to lamps, up to their `length`, which is infinite toward lamps at infinity; they end `before` the lamps."""
 
     origin: Array3f
     direction: Array3f
     length: Float
+    before: Float
 
     def ray(self) -> Ray:
         """Return the rays as Mitsuba's."""
         result = mi.Ray3f(mi.Point3f(self.origin), mi.Vector3f(self.direction))
         result.maxt = self.length
+        return result
+
+    def across(self) -> Ray:
+        """Return rays that end as far beyond the points, on surfaces, as shadow rays end before them."""
+        result = self.ray()
+        result.maxt = self.length + 2 * self.before
         return result
 
 
@@ -107,7 +114,8 @@ def to_point(point: Any, lamp: Array3f, size: Float | None = None) -> ShadowRay:
     length = dr.norm(to)
     result = ShadowRay()
     result.origin, result.direction = origin, to * dr.rcp(dr.maximum(length, 1e-30))
-    result.length = length * (1 - _SHORTENED) - rounding(dr.max(dr.abs(lamp)))
+    result.before = length * _SHORTENED + rounding(dr.max(dr.abs(lamp)))
+    result.length = length - result.before
     return result
 
 

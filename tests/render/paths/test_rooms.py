@@ -80,18 +80,27 @@ def Camera "Camera"
 """
 
 
-def mitsuba_ball(lamp):
-    """Return a Mitsuba scene of a ball of radius 1 around (3, −2, 1) with a lamp in it, seen from inside."""
+def mitsuba_ball(lamp, fog=None):
+    """Return a Mitsuba scene of a ball of radius 1 around (3, −2, 1) with a lamp in it, seen from inside.
+
+    A cube of thin fog, which is `fog` wide from its middle, has the lamp and the camera in it.
+    """
+    medium = {"type": "homogeneous", "albedo": 1.0, "sigma_t": 1e-4}
+    within = {} if fog is None else {"medium": {"type": "ref", "id": "fog"}}
+    place = mi.ScalarTransform4f().translate([3, -2, 1]).scale(fog or 1)
+    bound = {"type": "cube", "to_world": place, "bsdf": {"type": "null"}}
     look = mi.ScalarTransform4f().look_at([3, -2, 0.6], [3, -2, -1], [0, 1, 0])
     return mi.load_dict({
         "type": "scene",
+        **({} if fog is None else {"fog": medium, "bound": {**bound, "interior": within["medium"]}}),
         "ball": {
             "type": "sphere", "center": [3, -2, 1], "flip_normals": True,
             "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": REFLECTED}},
         },
-        "lamp": lamp,
+        "lamp": {**lamp, **within},
         "sensor": {
             "type": "perspective", "fov": 60, "near_clip": 1e-3, "to_world": look, "film": {"type": "hdrfilm"},
+            **within,
         },
     })  # fmt: skip
 
@@ -156,11 +165,12 @@ def test_a_spot_lights_the_rest_of_a_ball_by_bounces(usd, size, place, fog):
     assert error < 0.01 * found
 
 
-def test_a_spot_of_a_mitsuba_scene_does_so_too():
+@pytest.mark.parametrize("fog", [None, 0.5])
+def test_a_spot_of_a_mitsuba_scene_does_so_too(fog):
     scene = mitsuba_ball({
         "type": "spot", "to_world": mi.ScalarTransform4f().look_at([3, -2, 1], [3.2, -2.1, 2], [0, 1, 0]),
         "cutoff_angle": CONE, "beam_width": CONE - 1e-3, "intensity": {"type": "rgb", "value": 1.0},
-    })  # fmt: skip
+    }, fog)  # fmt: skip
     found, error = seen(pb.Shot(scene), passes=32, max_depth=5)
     expected = beyond_the_spot(2 * np.pi * (1 - np.cos(np.radians(CONE))), 3)
     assert abs(found - expected) < 4 * error + 0.002 * expected

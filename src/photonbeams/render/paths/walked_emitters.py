@@ -189,9 +189,10 @@ class WalkedEmitters:
         self, ray: ShadowRay, hit: Any, medium: UInt32, seed: UInt32, active: Bool
     ) -> tuple[Array3f, Any]:  # fmt: skip
         """Return the transmittance along rays from hits to the next surfaces that are no boundaries, and these."""
-        world, along = self.world, mi.Ray3f(mi.Point3f(ray.origin), mi.Vector3f(ray.direction))
-        entered = world.media.beyond(hit, along.d, medium, active)
-        return through(world.plugin, world.media, along, entered, seed, active, coarse=True, size=world.size)
+        # The rays end, since boundaries move them aside: they go on toward their ends.
+        world, along = self.world, ray.across()
+        entered = world.media.beyond(hit, ray.direction, medium, active)
+        return through(world.plugin, world.media, along, entered, seed, active, True, world.size, onto=True)
 
     def passed(self, vertex: Vertex, light: EmitterSample, seed: UInt32, active: Bool) -> Array3f:
         """Return the fraction of the light of a sample that arrives at active vertices."""

@@ -24,7 +24,7 @@ _LAYERS = 64
 
 def through(
     plugin: MiScene, media: Media, ray: Ray, medium: UInt32, seed: UInt32, active: Bool, coarse: bool = False,
-    size: Float | None = None,
+    size: Float | None = None, onto: bool = False,
 ) -> tuple[Array3f, SurfaceInteraction]:  # fmt: skip
     """Return the transmittance along rays up to their ends, and the surface that each meets there, if any.
 
@@ -42,6 +42,8 @@ def through(
         As in `Media.transmittance`.
     size
         The scene's diameter, if it is known: see `shadow_rays`.
+    onto
+        Whether rays that have an end lead to a surface, which then does not block them, as that of those without one.
     """
     diameter = size_of(plugin) if size is None else size
     end = dr.minimum(ray.maxt, dr.largest(Float))
@@ -64,7 +66,8 @@ def through(
         endless = left >= dr.largest(Float)
         # A ray without an end stops at the surface itself; one toward a lamp is blocked by it.
         solid = going & (dr.max(clear) <= 0)
-        passed = dr.select(solid & ~endless, 0, passed)
+        if not onto:
+            passed = dr.select(solid & ~endless, 0, passed)
         going = going & ~solid
         passed = dr.select(going, passed * clear, passed)
         medium = dr.select(going, media.beyond(found, along, medium, going), medium)
