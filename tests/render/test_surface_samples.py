@@ -5,7 +5,8 @@ import pytest
 
 from photonbeams.render import lights
 from photonbeams.render.costs import surface_samples
-from photonbeams.render.scene_frame import render
+from photonbeams.render.lights import Findings
+from photonbeams.render.scene_frame import Extras, begin, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
@@ -14,6 +15,20 @@ from tests.helpers.mitsuba_scenes import by_beams, camera, comparison, cube_of, 
 
 mi = mitsuba()
 LAMP = {"type": "sphere", "center": [0, 3, 0], "radius": 0.5, "emitter": {"type": "area", "radiance": rgb(20.0)}}
+
+
+def room(albedo, **film):
+    """Return a room of fog with a large lamp in it, whose walls have this albedo."""
+    turned = mi.ScalarTransform4f().translate([0, 0.9, 0]).rotate([1, 0, 0], 90).scale(0.5)
+    walls = {
+        **cube_of(fog(0.05)),
+        "flip_normals": False,
+        "bsdf": {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb(albedo)}},
+    }
+    return load(
+        lamp={"type": "rectangle", "to_world": turned, "emitter": {"type": "area", "radiance": rgb(5.0)}}, walls=walls,
+        sensor=camera((0, 0, 0.9), fov=80, **{"width": 640, "height": 360, **film}),
+    )  # fmt: skip
 
 
 def test_passes_without_light_paths_look_once_and_others_as_often_as_their_beams_pay_for():
@@ -58,6 +73,28 @@ def test_samples_of_surfaces_are_means_over_the_pixel():
     np.testing.assert_array_equal(one["rgba"][..., 3], four["rgba"][..., 3])
     np.testing.assert_allclose(one["surface"], four["surface"], rtol=1e-6)
     assert len(np.unique(four["rgba"][..., 3])) > 2
+
+
+def plan(scene, **given):
+    """Return the numbers of samples that pilots plan, by the numbers of pixels, if beams carry the light in fog."""
+    extras = Extras(findings=Findings(walked=[]))
+    return begin(scene, scene.sensors()[0], Settings(max_depth=4, **given), extras=extras).light.findings.samples
+
+
+@pytest.mark.parametrize(("albedo", "expected"), [(0.0, {2}), (0.8, {4, 8, 16})])
+def test_black_walls_have_few_samples_and_grainy_ones_many(albedo, expected):
+    """The light that walls send one another is grain of their samples; the light of fog is that of beams."""
+    plans = [plan(room(albedo), seed=seed) for seed in range(2)]
+    assert plans[0] == plans[1] and plans[0][640 * 360] in expected
+
+
+def test_a_crop_has_the_plan_of_the_whole_picture():
+    found = [plan(room(0.8, **crop)) for crop in ({}, {"crop_width": 16, "crop_height": 8, "crop_offset_x": 99})]
+    assert found[0] == found[1] and list(found[0]) == [640 * 360]
+
+
+def test_a_small_picture_asks_no_pilot():
+    assert plan(room(0.8, width=64, height=36)) == plan(room(0.8), surface_samples=4) == {}
 
 
 def test_parameters_are_equal_until_one_is_set():

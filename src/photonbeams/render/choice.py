@@ -17,10 +17,9 @@ import drjit as dr
 import numpy as np
 
 from ..numerics.sampling import pixel_sample
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..runtime.device import Array3f, Bool, UInt32, mitsuba
 from ..scene import Array
 from ..world.cameras.cameras import View
-from ..world.cameras.sensors import PrimaryRays
 from ..world.shadow_rays import leaving, to_lamp
 from ..world.warp import facing, outward
 from ..world.world import World
@@ -28,16 +27,16 @@ from .costs import WALK, of_beams
 from .light import NoLighting, ShotLight, TracedLight
 from .paths.camera_paths import Lighting
 from .paths.walks import Walks
-from .ray_passes import PassRenderer, ViewRays
+from .pilots import COLUMNS, ROWS, Pilot, by_blocks
+from .ray_passes import PassRenderer
 
 if TYPE_CHECKING:
     from .lights import Lights
 
 mi = mitsuba()
 
-# Rays of the pilot, across and down. Passes that trace light, and passes of walks alone. The number of first passes,
-# which are enough if either way has this many times the noise of the other.
-_COLUMNS, _ROWS = 40, 24
+# Passes that trace light, and passes of walks alone. The number of first passes, which are enough if either way has
+# this many times the noise of the other.
 _TRACED, _UNTRACED = 4, 8
 _FIRST, _SURE = 2, 5.0
 # The pilot has this fraction (1/N) of the light paths, and at least this many of each emitter. Fewer beams are wider,
@@ -94,7 +93,7 @@ def preferred(lights: Lights, emitters: Sequence[int], pixels: Pixels) -> list[i
 
 def _seen_coarsely(world: World, camera: View) -> tuple[Any, Array3f, UInt32]:
     """Return the surfaces that a coarse grid of a camera's rays meets, the rays' directions and their numbers."""
-    origin, direction = camera.coarse_rays(_COLUMNS, _ROWS)
+    origin, direction = camera.coarse_rays(COLUMNS, ROWS)
     lane = dr.arange(UInt32, dr.width(direction))
     hit = world.solids.first(origin, direction, Bool(True), lane)
     return hit, direction, lane
@@ -131,12 +130,12 @@ def is_room(world: World, camera: View) -> bool:
 def _prefers_walks(lights: Lights, own: Sequence[int], dark: frozenset[int], pixels: Pixels) -> bool:
     """Return whether walks should meet the light of some emitters, while others are `dark`."""
     portal = lights.portal
-    walks = _Pilot.of(lights, own, dark)
+    walks = _Trial.of(lights, own, dark)
     if walks.noise() <= _QUIET:
         return True
-    beams = _Pilot.of(lights, (), dark)
+    beams = _Trial.of(lights, (), dark)
     if lights.portal is not portal:  # the pilot of the light paths has found one
-        walks = _Pilot.of(lights, own, dark)
+        walks = _Trial.of(lights, own, dark)
     ratio = walks.noise() * _cost(walks, beams, pixels) / max(beams.noise(), 1e-30)
     if ratio > _SURE:
         return False
@@ -147,7 +146,7 @@ def _prefers_walks(lights: Lights, own: Sequence[int], dark: frozenset[int], pix
     return prefers_walks(beams.found, walks.found, _cost(walks, beams, pixels))
 
 
-def _cost(walks: _Pilot, beams: _Pilot, pixels: Pixels) -> float:
+def _cost(walks: _Trial, beams: _Trial, pixels: Pixels) -> float:
     """Return the cost of walks that look as quiet as a pass of them, in passes of beams."""
     return walks.cost(pixels.count) / (_GRAIN * pixels.averaged * beams.cost(pixels.count) * _FEWER**-0.5)
 
@@ -177,11 +176,7 @@ def noise(found: Array, mean: Array, block: int = _BLOCK) -> float:
     The variance of each block of pixels is taken relative to its light, and then averaged over the blocks, weighted by
     their light: dark corners may have some noise. Pixels at the edges beside whole blocks do not count.
     """
-    rows, columns = (each // block for each in mean.shape)
-    variance, light = (
-        each[: rows * block, : columns * block].reshape(rows, block, columns, block).mean(axis=(1, 3))
-        for each in (found.var(axis=0, ddof=1), mean)
-    )
+    variance, light = (by_blocks(each, block) for each in (found.var(axis=0, ddof=1), mean))
     return float((variance / np.maximum(light, max(_DARK * light.mean(), 1e-30))).sum() / max(light.sum(), 1e-30))
 
 
@@ -209,27 +204,20 @@ class _Indirect:
         return result
 
 
-class _Pilot:
-    """Passes over some of a camera's rays, with a scene's light except what comes straight from emitters.
+class _Trial:
+    """A pilot of a scene's light except what comes straight from emitters, and what its passes cost."""
 
-    Attributes
-    ----------
-    found
-        The radiance of rays in passes, the mean of the channels, (P, H, W).
-    """
-
-    def __init__(self, light: ShotLight, camera: View) -> None:
+    def __init__(self, light: ShotLight, cameras: Sequence[View]) -> None:
         strata = light.simulation.strata(light.world)
         fewer = {each.name: max(each.count // _FEWER, min(each.count, _FEWEST)) for each in strata}
-        self._light, self._camera = _Indirect(light.with_counts(fewer)), camera
-        self._passes = PassRenderer(light.settings, self._light, light.max_depth)
+        self._light = _Indirect(light.with_counts(fewer))
+        self._pilot = Pilot(PassRenderer(light.settings, self._light, light.max_depth), cameras)
         self._portion = sum(fewer.values()) / max(light.paths, 1)
-        self.found: Array = np.zeros((0, _ROWS, _COLUMNS), dtype=np.float32)
 
     @classmethod
-    def of(cls, lights: Lights, walked: Sequence[int], dark: frozenset[int]) -> _Pilot:
+    def of(cls, lights: Lights, walked: Sequence[int], dark: frozenset[int]) -> _Trial:
         """Return the first passes of a light over the rays of the first camera."""
-        result = cls(lights.light(walked, dark), lights.cameras[0])
+        result = cls(lights.light(walked, dark), lights.cameras[:1])
         result.add(_FIRST if result.traces else _UNTRACED)
         return result
 
@@ -237,6 +225,11 @@ class _Pilot:
     def traces(self) -> bool:
         """Whether light paths are traced."""
         return self._light.varies
+
+    @property
+    def found(self) -> Array:
+        """The radiance of rays in passes, the mean of the channels, (P, H, W)."""
+        return self._pilot.surfaces + self._pilot.beams
 
     def noise(self) -> float:
         """Return the noise of the radiance so far."""
@@ -251,25 +244,5 @@ class _Pilot:
         )
 
     def add(self, passes: int) -> None:
-        """Add passes."""
-        origin, direction = self._camera.coarse_rays(_COLUMNS, _ROWS)
-        count = dr.width(direction)
-        rays = PrimaryRays(
-            origin + dr.zeros(Array3f, count), direction, dr.zeros(Float, count),
-            dr.full(Float, dr.largest(Float), count), dr.ones(Array3f, count),
-        )  # fmt: skip
-        # Without beams and photons, all passes are rendered at once.
-        together = 1 if self.traces else passes
-        bits = (together - 1).bit_length()
-        order = self._passes.samples(0, bits).indices(dr.arange(UInt32, count))
-        rays = PrimaryRays.joined([rays] * together)
-        dr.eval(order)
-        first = len(self.found)
-        for number in range(first, first + passes, together):
-            light, photons = self._passes.lit(number)
-            samples = self._passes.samples(number, bits)
-            seen = self._passes.seen(light, ViewRays(rays, None), order, samples, photons)
-            gathered = self._passes.gathered(number, light, ViewRays(rays, None), order, samples)
-            whole = sum((*seen.scattered.values(), *gathered.values()), seen.surface)
-            radiance = np.asarray(dr.mean(whole).numpy()).reshape(together, _ROWS, _COLUMNS)
-            self.found = np.concatenate([self.found, radiance])
+        """Add passes; without beams and photons, all at once."""
+        self._pilot.add(passes, 1 if self.traces else passes)

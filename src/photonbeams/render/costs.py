@@ -12,10 +12,20 @@ _RECORDS, _SAMPLE = 2.0, 2.0
 # The samples of surfaces in a pass cost at most this fraction of what its beams cost. The fraction is larger if walks
 # begin there, because then most of the noise is theirs. A pixel has no more than so many: beyond that number, most of
 # the remaining noise is the beams' own.
-_SHARE, _SHARE_WALKED, _MOST = 0.5, 1.0, 16
+_SHARE, _SHARE_WALKED, MOST_SAMPLES = 0.5, 1.0, 16
 
 #: Rays that are followed at once: so many that work done once for all of them hardly counts.
 LANES = 1 << 19
+
+
+def of_tracing(paths: int) -> float:
+    """Return the cost of so many light paths, whose beams are not tested."""
+    return TRACING + RECORD * _RECORDS * paths
+
+
+def of_sample(walked: bool) -> float:
+    """Return the cost of a sample of surfaces; `walked` says whether walks begin there."""
+    return _SAMPLE + WALK if walked else _SAMPLE
 
 
 def of_beams(records: float, beams: float, pixels: int) -> float:
@@ -30,9 +40,9 @@ def surface_samples(paths: int, pixels: int, walked: bool = False) -> int:
     """
     if not paths:
         return 1
-    share, sample = (_SHARE_WALKED, _SAMPLE + WALK) if walked else (_SHARE, _SAMPLE)
-    affordable = share * of_beams(_RECORDS * paths, _RECORDS * paths, pixels) / (sample * pixels)
-    return power_below(int(min(affordable, _MOST)))
+    share = _SHARE_WALKED if walked else _SHARE
+    affordable = share * of_beams(_RECORDS * paths, _RECORDS * paths, pixels) / (of_sample(walked) * pixels)
+    return power_below(int(min(affordable, MOST_SAMPLES)))
 
 
 def power_below(most: int) -> int:

@@ -23,16 +23,17 @@ from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..scene import SceneError
 from ..world.cameras.cameras import Window
 from ..world.cameras.sensors import PrimaryRays
-from .costs import LANES, power_below, surface_samples
+from .costs import LANES, power_below
 from .films.film import BeamSamples, Film, SeenSums
 from .films.frame_sums import FrameSums
 from .films.sums import DEPTH, NORMAL, PassSums
-from .light import FrameLight, TracedLight
+from .light import ShotLight, TracedLight
 from .memory import release_memory
 from .passes import Statistics
 from .paths import camera_paths
 from .paths.surface_light import NO_LIGHT, SurfaceLight
 from .ray_passes import CameraImage, PassRenderer, ViewRays, unshaded
+from .sample_plan import planned_samples
 from .settings import Settings
 from .views import FrameView
 
@@ -95,7 +96,7 @@ class FrameRenderer(PassRenderer):
     """
 
     def __init__(
-        self, settings: Settings, light: FrameLight, views: Sequence[FrameView], films: Sequence[Film],
+        self, settings: Settings, light: ShotLight, views: Sequence[FrameView], films: Sequence[Film],
         max_depth: int | None, statistics: Statistics, planned: int | None = None, depth: bool = True,
         memory: PassMemory | None = None,
     ) -> None:  # fmt: skip
@@ -105,9 +106,9 @@ class FrameRenderer(PassRenderer):
         self._surface_samples = self._wide = self._indices = 1
         self._size = (0, 0)
         self.about = ""
-        self._plan(views[0].window)
+        self._plan(views[0].window, light)
 
-    def _plan(self, window: Window) -> None:
+    def _plan(self, window: Window, light: ShotLight) -> None:
         """Choose how many samples each pixel has of everything but beams, once the number of light paths is known.
 
         A crop, and a picture with overscan, have as many samples in each pixel as the whole picture.
@@ -116,7 +117,9 @@ class FrameRenderer(PassRenderer):
         pixels, order = window.width * window.height, self._films[0].order
         chosen = self.settings.surface_samples
         if chosen is None:
-            chosen = surface_samples(self.light.paths, pixels, self.light.walks(self.light.world).surfaces is not None)
+            with self.statistics.phase("plan"):
+                seen = self._views[0].holdout is None
+                chosen = planned_samples(light, pixels, self._films[0].averaged, seen)
         self._surface_samples = chosen
         # Sample indices have 32 bits. Those of further samples follow those of the whole picture, in crops, too.
         last = z_order(dr.opaque(UInt32, window.width - 1), dr.opaque(UInt32, window.height - 1))

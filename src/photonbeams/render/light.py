@@ -17,6 +17,7 @@ from ..transport.segments.radii import Limits
 from ..transport.segments.records import PhotonHits
 from ..transport.simulation import Simulation, renumbering
 from ..transport.tuning import Tuning, own_bounces
+from ..world.cameras.cameras import View
 from ..world.emitters.portal_lamps import EnvironmentPortal
 from ..world.world import World
 from .paths import camera_paths
@@ -91,16 +92,18 @@ class ShotLight:
         Returns the walks in a world.
     portal, findings
         The portal before Mitsuba's environment, or None; and the results of its pilots.
+    cameras
+        The cameras that see it, of all frames of a shot; none if there is a sensor that is no camera.
     """
 
     def __init__(
         self, worlds: Worlds, simulation: Simulation, settings: Settings, max_depth: int | None,
         paths: int, varies: bool = True, walks: Callable[[World], Walks] = lambda _: Walks(),
-        portal: EnvironmentPortal | None = None, findings: Findings | None = None,
+        portal: EnvironmentPortal | None = None, findings: Findings | None = None, cameras: Sequence[View] = (),
     ) -> None:  # fmt: skip
         self.worlds, self.simulation, self.settings, self.max_depth = worlds, simulation, settings, max_depth
         self.paths, self.varies, self._walks, self._portal = paths, varies, walks, portal
-        self.findings = findings
+        self.findings, self.cameras = findings, cameras
         self._walking: tuple[World, Walks] | None = None
 
     @property
@@ -112,6 +115,13 @@ class ShotLight:
         """Return the same light with other numbers of light paths, by the names of strata."""
         result, guides = copy(self), self.simulation.guides
         result.simulation = replace(self.simulation, guides=replace(guides, counts={**guides.counts, **counts}))
+        return result
+
+    def seeded(self, seed: int) -> ShotLight:
+        """Return the same light with another seed."""
+        result = copy(self)
+        result.settings = replace(self.settings, seed=seed)
+        result.simulation = replace(self.simulation, tuning=replace(self.simulation.tuning, seed=seed))
         return result
 
     def traced(self, number: int, step: Callable[[], None]) -> TracedLight:

@@ -46,11 +46,14 @@ class Findings:
         Guides, by the emitters that walks meet, those that are dark, and whether any have virtual lights.
     portal
         The portal that was fitted to the light of the environment, or None.
+    samples
+        The samples of surfaces of a pass, by the number of pixels.
     """
 
     walked: list[int] | None = None
     guides: dict[tuple[tuple[int, ...], frozenset[int], bool], Guides] = field(default_factory=dict)
     portal: EnvironmentPortal | None = None
+    samples: dict[int, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -157,8 +160,9 @@ class Lights:
         paths = sum(each.count for each in simulation.strata(world)) if self.paths is None else self.paths
         varies = paths > 0 or self.worlds.varies
         return ShotLight(
-            self.worlds, simulation, self.settings, self.max_depth, paths, varies, walks, portal, self.findings
-        )
+            self.worlds, simulation, self.settings, self.max_depth, paths, varies, walks, portal, self.findings,
+            self.cameras,
+        )  # fmt: skip
 
     def _guides(self, simulation: Simulation, asked: tuple[tuple[int, ...], frozenset[int], bool]) -> Guides:
         """Return the guides of light paths, which a pilot finds if they are not known."""

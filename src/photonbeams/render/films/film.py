@@ -22,7 +22,7 @@ from ...numerics.streams import Stream
 from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
 from ...scene import SceneError
 from .layers import GATHERED, SCATTERED, develop
-from .pixel_filters import filter_weights, margin_of
+from .pixel_filters import averaged, filter_weights, margin_of
 from .sums import ALBEDO, LIGHT, MEAN_NORMAL, SQUARES, PassSums
 
 mi = mitsuba()
@@ -189,6 +189,11 @@ class Film:
         dr.eval(place)
         result = Lattice.of(width, height, self._corner, place)
         return result if result.levels else None
+
+    @property
+    def averaged(self) -> float:
+        """How many pixels the filter averages."""
+        return averaged(self._filter)
 
     def centers(self) -> Array2f:
         """Return the centres of all pixels, as places."""

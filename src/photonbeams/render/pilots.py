@@ -1,0 +1,83 @@
+"""Pilots: passes along a coarse grid of rays, whose noise tells how a frame is best rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import drjit as dr
+import numpy as np
+
+from ..runtime.device import Array3f, Float, UInt32
+from ..scene import Array
+from ..world.cameras.cameras import View
+from ..world.cameras.sensors import PrimaryRays
+from .ray_passes import PassRenderer, ViewRays
+
+#: Rays of a pilot, across and down.
+COLUMNS, ROWS = 40, 24
+# Cameras of a shot whose rays a pilot takes, at most.
+_CAMERAS = 8
+
+
+class Pilot:
+    """Passes along the coarse rays of cameras; each of several cameras has some of the columns.
+
+    Attributes
+    ----------
+    surfaces, beams
+        The radiance of rays in the passes so far, the mean of the channels: all but that of beams, by samples (P · S,
+        H, W), and that of beams, (P, H, W).
+    """
+
+    def __init__(self, passes: PassRenderer, cameras: Sequence[View]) -> None:
+        self._passes, self._rays = passes, _coarse_rays(cameras)
+        self.surfaces = self.beams = np.zeros((0, ROWS, COLUMNS), dtype=np.float32)
+
+    def add(self, count: int, together: int = 1, each: int = 1) -> None:
+        """Add passes, each with several samples of surfaces.
+
+        So many passes are rendered `together`: one, or all that have no beams and photons.
+        """
+        wide, pixels = together * each, dr.arange(UInt32, COLUMNS * ROWS)
+        joint = ViewRays(PrimaryRays.joined([self._rays] * wide), None)
+        first = len(self.beams)
+        for number in range(first, first + count, together):
+            light, photons = self._passes.lit(number)
+            samples = self._passes.samples(each * number, (wide - 1).bit_length(), each)
+            order = samples.indices(pixels)
+            dr.eval(order)
+            seen = self._passes.seen(light, joint, order, samples, photons)
+            own = sum(seen.scattered.values(), seen.surface)
+            self.surfaces = np.concatenate([self.surfaces, _gray(own, wide)])
+            single = self._passes.samples(number)
+            gathered = self._passes.gathered(number, light, ViewRays(self._rays, None), pixels, single)
+            beams = _gray(sum(gathered.values(), dr.zeros(Array3f, 1)), 1)
+            self.beams = np.concatenate([self.beams, np.repeat(beams, together, axis=0)])
+
+
+def _gray(radiance: Array3f, count: int) -> Array:
+    """Return the mean of the channels, by samples, rows and columns."""
+    return np.broadcast_to(dr.mean(radiance).numpy(), count * ROWS * COLUMNS).reshape(count, ROWS, COLUMNS)
+
+
+def _coarse_rays(cameras: Sequence[View]) -> PrimaryRays:
+    """Return the rays of a pilot."""
+    some = cameras[:: -(-len(cameras) // _CAMERAS)]
+    lane = dr.arange(UInt32, COLUMNS * ROWS)
+    origin, direction = dr.zeros(Array3f, COLUMNS * ROWS), dr.zeros(Array3f, COLUMNS * ROWS)
+    for place, camera in enumerate(some):
+        own = lane % dr.opaque(UInt32, len(some)) == dr.opaque(UInt32, place)
+        begin, toward = camera.coarse_rays(COLUMNS, ROWS)
+        origin, direction = dr.select(own, begin, origin), dr.select(own, toward, direction)
+    count = dr.width(direction)
+    return PrimaryRays(
+        origin, direction, dr.zeros(Float, count), dr.full(Float, dr.largest(Float), count), dr.ones(Array3f, count)
+    )
+
+
+def by_blocks(found: Array, block: int) -> Array:
+    """Return the means of blocks of rays, (H, W); rays at the edges beside whole blocks do not count."""
+    rows, columns = (each // block for each in found.shape)
+    whole = found[: rows * block, : columns * block]
+    result: Array = whole.reshape(rows, block, columns, block).mean(axis=(1, 3))
+    return result
