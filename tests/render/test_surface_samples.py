@@ -81,11 +81,11 @@ def plan(scene, **given):
     return begin(scene, scene.sensors()[0], Settings(max_depth=4, **given), extras=extras).light.findings.samples
 
 
-@pytest.mark.parametrize(("albedo", "expected"), [(0.0, {2}), (0.8, {4, 8, 16})])
+@pytest.mark.parametrize(("albedo", "expected"), [(0.0, 2), (0.8, 4)])
 def test_black_walls_have_few_samples_and_grainy_ones_many(albedo, expected):
     """The light that walls send one another is grain of their samples; the light of fog is that of beams."""
     plans = [plan(room(albedo), seed=seed) for seed in range(2)]
-    assert plans[0] == plans[1] and plans[0][640 * 360] in expected
+    assert plans[1] == plans[0] == {640 * 360: expected}
 
 
 def test_a_crop_has_the_plan_of_the_whole_picture():

@@ -12,7 +12,7 @@ _RECORDS, _SAMPLE = 2.0, 2.0
 # The samples of surfaces in a pass cost at most this fraction of what its beams cost. The fraction is larger if walks
 # begin there, because then most of the noise is theirs. A pixel has no more than so many: beyond that number, most of
 # the remaining noise is the beams' own.
-_SHARE, _SHARE_WALKED, MOST_SAMPLES = 0.5, 1.0, 16
+_SHARE, _SHARE_WALKED, _MOST = 0.5, 1.0, 16
 
 #: Rays that are followed at once: so many that work done once for all of them hardly counts.
 LANES = 1 << 19
@@ -42,7 +42,7 @@ def surface_samples(paths: int, pixels: int, walked: bool = False) -> int:
         return 1
     share = _SHARE_WALKED if walked else _SHARE
     affordable = share * of_beams(_RECORDS * paths, _RECORDS * paths, pixels) / (of_sample(walked) * pixels)
-    return power_below(int(min(affordable, MOST_SAMPLES)))
+    return power_below(int(min(affordable, _MOST)))
 
 
 def power_below(most: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import drjit as dr
 import numpy as np
@@ -43,6 +44,8 @@ class Pilot:
         first = len(self.beams)
         for number in range(first, first + count, together):
             light, photons = self._passes.lit(number)
+            # Beams are at rest, since coarse rays have no times.
+            light = replace(light, sets=[own._replace(close=None) for own in light.sets])
             samples = self._passes.samples(each * number, (wide - 1).bit_length(), each)
             order = samples.indices(pixels)
             dr.eval(order)

@@ -168,7 +168,7 @@ class Settings:
     surfaces: bool = _yes_or_no("Shade surfaces; if not, only beams are rendered.", True)
     surface_samples: int | None = setting(
         None, "Samples that each pixel has in a pass of everything but beams: a power of two; "
-        "by default, as many as leave the least noise for their time, up to 16; where that matters, a pilot finds it.",
+        "by default, as many as cost half of what the beams cost, up to 16, or fewer where a pilot finds little noise.",
         kind=int, least=1, most=1 << 10,
     )  # fmt: skip
     normals: bool = _yes_or_no("Add a layer of normals.")
