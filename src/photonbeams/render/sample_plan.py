@@ -9,10 +9,14 @@ scene is the same on every machine, in every crop, and for any number of passes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from ..world.cameras.cameras import View
 from .costs import of_beams, of_sample, of_tracing, surface_samples
 from .light import ShotLight
+from .passes import Statistics
 from .pilots import Pilot, by_blocks
 from .ray_passes import PassRenderer
 
@@ -26,7 +30,9 @@ _FEWEST = 2
 _NEARLY = 1.15
 
 
-def planned_samples(light: ShotLight, pixels: int, averaged: float = 1.0, seen: bool = True) -> int:
+def planned_samples(
+    light: ShotLight, pixels: int, averaged: float, statistics: Statistics, seen: bool = True
+) -> int:  # fmt: skip
     """Return how many samples of surfaces each pixel has in a pass, a power of two.
 
     Parameters
@@ -36,6 +42,8 @@ def planned_samples(light: ShotLight, pixels: int, averaged: float = 1.0, seen: 
     pixels, averaged
         The pixels of the whole picture, and how many of them the pixel filter averages: it lowers the noise of surfaces
         by that factor, but not that of beams, whose strokes are many pixels wide.
+    statistics
+        Statistics of the frame, which may interrupt the pilot.
     seen
         Whether rays see surfaces, which are not held out.
     """
@@ -48,19 +56,22 @@ def planned_samples(light: ShotLight, pixels: int, averaged: float = 1.0, seen: 
         return usual
     found = None if light.findings is None else light.findings.samples.get(pixels)
     if found is None:
-        found = _best(light.seeded(0), pixels, averaged, of_sample(walked) * pixels, usual)
+        own = light.seeded(0)
+        passes = PassRenderer(own.settings, own, own.max_depth, statistics.fresh())
+        found = _best(passes, light.cameras, pixels, averaged, of_sample(walked) * pixels, usual)
         if light.findings is not None:
             light.findings.samples[pixels] = found
     return found
 
 
-def _best(light: ShotLight, pixels: int, averaged: float, sample: float, most: int) -> int:
+def _best(
+    passes: PassRenderer, cameras: Sequence[View], pixels: int, averaged: float, sample: float, most: int
+) -> int:  # fmt: skip
     """Return the number of samples, up to `most`, with the least error at equal cost.
 
     `sample` is the cost of a sample of all pixels.
     """
-    passes = PassRenderer(light.settings, light, light.max_depth)
-    pilot = Pilot(passes, light.cameras)
+    pilot = Pilot(passes, cameras)
     pilot.add(_PASSES, each=2)
     # Photons, which samples of a pass share, are not in S. They are left out of B, too: two passes tell too little.
     surfaces = pilot.surfaces.reshape(_PASSES, 2, *pilot.beams.shape[1:]).var(axis=1, ddof=1).mean(axis=0) / averaged
