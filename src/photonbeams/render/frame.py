@@ -117,9 +117,8 @@ class FrameRenderer(PassRenderer):
         pixels, order = window.width * window.height, self._films[0].order
         chosen = self.settings.surface_samples
         if chosen is None:
-            with self.statistics.phase("plan"):
-                seen = self._views[0].holdout is None
-                chosen = planned_samples(light, pixels, self._films[0].averaged, self.statistics, seen)
+            seen = self._views[0].holdout is None
+            chosen = planned_samples(light, pixels, self._films[0].averaged, self.statistics, seen)
         self._surface_samples = chosen
         # Sample indices have 32 bits. Those of further samples follow those of the whole picture, in crops, too.
         last = z_order(dr.opaque(UInt32, window.width - 1), dr.opaque(UInt32, window.height - 1))

@@ -43,7 +43,7 @@ def planned_samples(
         The pixels of the whole picture, and how many of them the pixel filter averages: it lowers the noise of surfaces
         by that factor, but not that of beams, whose strokes are many pixels wide.
     statistics
-        Statistics of the frame, which may interrupt the pilot.
+        Statistics of the frame: the time of the pilot is added, and they may interrupt it.
     seen
         Whether rays see surfaces, which are not held out.
     """
@@ -58,7 +58,8 @@ def planned_samples(
     if found is None:
         own = light.seeded(0)
         passes = PassRenderer(own.settings, own, own.max_depth, statistics.fresh())
-        found = _best(passes, light.cameras, pixels, averaged, of_sample(walked) * pixels, usual)
+        with statistics.phase("plan"):
+            found = _best(passes, light.cameras, pixels, averaged, of_sample(walked) * pixels, usual)
         if light.findings is not None:
             light.findings.samples[pixels] = found
     return found
