@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from photonbeams.render.choice import noise
+from photonbeams.render.pilots.choice import noise
 from photonbeams.runtime.device import mitsuba
 from tests.helpers.mitsuba_scenes import camera, cloud, comparison, cube_of, fog, load, rgb
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photonbeams.render.choice import noise, prefers_walks
+from photonbeams.render.pilots.choice import noise, prefers_walks
 from photonbeams.render.scene_frame import begin
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba

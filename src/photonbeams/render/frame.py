@@ -32,8 +32,8 @@ from .memory import release_memory
 from .passes import Statistics
 from .paths import camera_paths
 from .paths.surface_light import NO_LIGHT, SurfaceLight
+from .pilots.sample_plan import planned_samples
 from .ray_passes import CameraImage, PassRenderer, ViewRays, unshaded
-from .sample_plan import planned_samples
 from .settings import Settings
 from .views import FrameView
 

@@ -23,13 +23,13 @@ from ..world.cameras.cameras import View
 from ..world.emitters.emitter import Emitter, Links
 from ..world.emitters.portal_lamps import EnvironmentPortal
 from ..world.world import World
-from .choice import Pixels, lights_little, preferred
 from .light import ShotLight
 from .passes import Statistics
 from .paths.virtual_lights import bound
 from .paths.walked_emitters import Chosen, Walked, WalkedEmitters
 from .paths.walked_lamps import WalkedLamps
 from .paths.walks import Walking, Walks
+from .pilots.choice import Pixels, lights_little, preferred
 from .settings import Settings
 from .worlds import Worlds
 

@@ -12,7 +12,6 @@ from ..world.cameras.sensors import Sensor, window_of
 from ..world.media.discovery.surroundings import place_of_sensor
 from ..world.shutter import CameraMotion
 from .checkpoint import identity
-from .choice import Pixels
 from .films.film import Film
 from .films.layers import group_layers
 from .films.pixel_filters import averaged, reconstruction_filter
@@ -21,6 +20,7 @@ from .holdouts import HoldoutDepth
 from .lights import Findings
 from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, Statistics, accumulate
+from .pilots.choice import Pixels
 from .scene_light import EmitterSettings, light_of
 from .settings import Settings, as_passes
 from .views import FrameView

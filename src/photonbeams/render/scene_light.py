@@ -19,10 +19,10 @@ from ..world.media.discovery.surroundings import Place
 from ..world.media.discovery.warnings import warn
 from ..world.plugin import world_of_plugin
 from ..world.world import World
-from .choice import Pixels
 from .light import ShotLight, tuning_of
 from .lights import Findings, Lights
 from .passes import Statistics
+from .pilots.choice import Pixels
 from .settings import Settings
 from .worlds import StillWorld
 

@@ -15,8 +15,8 @@ from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.cameras.sensors import PrimaryRays, Sensor
 from ..world.media.discovery.surroundings import place_of
 from ..world.media.interfaces import number
-from .choice import Pixels
 from .passes import Statistics
+from .pilots.choice import Pixels
 from .ray_passes import PassRenderer, ViewRays
 from .scene_light import light_of
 from .settings import Settings

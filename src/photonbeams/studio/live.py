@@ -8,8 +8,8 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, cast
 
 from .. import scene
-from ..render.choice import is_room
 from ..render.passes import Statistics
+from ..render.pilots.choice import is_room
 from ..render.settings import Settings, as_passes
 from ..render.stage_frame import begin
 from ..usd.common.motion import equal

@@ -16,22 +16,22 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.sampling import pixel_sample
-from ..runtime.device import Array3f, Bool, UInt32, mitsuba
-from ..scene import Array
-from ..world.cameras.cameras import View
-from ..world.shadow_rays import leaving, to_lamp
-from ..world.warp import facing, outward
-from ..world.world import World
-from .costs import WALK, of_beams
-from .light import NoLighting, ShotLight, TracedLight
-from .paths.camera_paths import Lighting
-from .paths.walks import Walks
-from .pilots import COLUMNS, ROWS, Pilot, by_blocks
-from .ray_passes import PassRenderer
+from ...numerics.sampling import pixel_sample
+from ...runtime.device import Array3f, Bool, UInt32, mitsuba
+from ...scene import Array
+from ...world.cameras.cameras import View
+from ...world.shadow_rays import leaving, to_lamp
+from ...world.warp import facing, outward
+from ...world.world import World
+from ..costs import WALK, of_beams
+from ..light import NoLighting, ShotLight, TracedLight
+from ..paths.camera_paths import Lighting
+from ..paths.walks import Walks
+from ..ray_passes import PassRenderer
+from .coarse_passes import COLUMNS, ROWS, Pilot, by_blocks
 
 if TYPE_CHECKING:
-    from .lights import Lights
+    from ..lights import Lights
 
 mi = mitsuba()
 

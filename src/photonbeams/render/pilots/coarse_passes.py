@@ -1,4 +1,4 @@
-"""Pilots: passes along a coarse grid of rays, whose noise tells how a frame is best rendered."""
+"""A pilot: passes along a coarse grid of rays."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import replace
 import drjit as dr
 import numpy as np
 
-from ..runtime.device import Array3f, Float, UInt32
-from ..scene import Array
-from ..world.cameras.cameras import View
-from ..world.cameras.sensors import PrimaryRays
-from .ray_passes import PassRenderer, ViewRays
+from ...runtime.device import Array3f, Float, UInt32
+from ...scene import Array
+from ...world.cameras.cameras import View
+from ...world.cameras.sensors import PrimaryRays
+from ..ray_passes import PassRenderer, ViewRays
 
 #: Rays of a pilot, across and down.
 COLUMNS, ROWS = 40, 24

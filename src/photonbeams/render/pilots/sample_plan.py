@@ -13,12 +13,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..world.cameras.cameras import View
-from .costs import of_beams, of_sample, of_tracing, surface_samples
-from .light import ShotLight
-from .passes import Statistics
-from .pilots import Pilot, by_blocks
-from .ray_passes import PassRenderer
+from ...world.cameras.cameras import View
+from ..costs import of_beams, of_sample, of_tracing, surface_samples
+from ..light import ShotLight
+from ..passes import Statistics
+from ..ray_passes import PassRenderer
+from .coarse_passes import Pilot, by_blocks
 
 # Passes of the pilot. It is asked where it costs less than the usual samples of one pass.
 _PASSES = 2
