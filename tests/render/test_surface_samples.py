@@ -22,7 +22,6 @@ def room(albedo, **film):
     turned = mi.ScalarTransform4f().translate([0, 0.9, 0]).rotate([1, 0, 0], 90).scale(0.5)
     walls = {
         **cube_of(fog(0.05)),
-        "flip_normals": False,
         "bsdf": {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb(albedo)}},
     }
     return load(

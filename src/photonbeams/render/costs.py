@@ -20,7 +20,7 @@ LANES = 1 << 19
 
 def of_tracing(paths: int) -> float:
     """Return the cost of so many light paths, whose beams are not tested."""
-    return TRACING + RECORD * _RECORDS * paths
+    return of_beams(_RECORDS * paths, 0, 0)
 
 
 def of_sample(walked: bool) -> float:

@@ -32,6 +32,7 @@ from .memory import release_memory
 from .passes import Statistics
 from .paths import camera_paths
 from .paths.surface_light import NO_LIGHT, SurfaceLight
+from .pilots.coarse_passes import Pixels
 from .pilots.sample_plan import planned_samples
 from .ray_passes import CameraImage, PassRenderer, ViewRays, unshaded
 from .settings import Settings
@@ -118,7 +119,7 @@ class FrameRenderer(PassRenderer):
         chosen = self.settings.surface_samples
         if chosen is None:
             seen = self._views[0].holdout is None
-            chosen = planned_samples(light, pixels, self._films[0].averaged, self.statistics, seen)
+            chosen = planned_samples(light, Pixels(pixels, self._films[0].averaged), self.statistics, seen)
         self._surface_samples = chosen
         # Sample indices have 32 bits. Those of further samples follow those of the whole picture, in crops, too.
         last = z_order(dr.opaque(UInt32, window.width - 1), dr.opaque(UInt32, window.height - 1))

@@ -98,8 +98,8 @@ class ShotLight:
 
     def __init__(
         self, worlds: Worlds, simulation: Simulation, settings: Settings, max_depth: int | None,
-        paths: int, varies: bool = True, walks: Callable[[World], Walks] = lambda _: Walks(),
-        portal: EnvironmentPortal | None = None, findings: Findings | None = None, cameras: Sequence[View] = (),
+        paths: int, varies: bool, walks: Callable[[World], Walks], portal: EnvironmentPortal | None,
+        findings: Findings, cameras: Sequence[View],
     ) -> None:  # fmt: skip
         self.worlds, self.simulation, self.settings, self.max_depth = worlds, simulation, settings, max_depth
         self.paths, self.varies, self._walks, self._portal = paths, varies, walks, portal

@@ -29,7 +29,8 @@ from .paths.virtual_lights import bound
 from .paths.walked_emitters import Chosen, Walked, WalkedEmitters
 from .paths.walked_lamps import WalkedLamps
 from .paths.walks import Walking, Walks
-from .pilots.choice import Pixels, lights_little, preferred
+from .pilots.choice import lights_little, preferred
+from .pilots.coarse_passes import Pixels
 from .settings import Settings
 from .worlds import Worlds
 

@@ -20,7 +20,7 @@ from .holdouts import HoldoutDepth
 from .lights import Findings
 from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, Statistics, accumulate
-from .pilots.choice import Pixels
+from .pilots.coarse_passes import Pixels
 from .scene_light import EmitterSettings, light_of
 from .settings import Settings, as_passes
 from .views import FrameView

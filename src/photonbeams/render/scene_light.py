@@ -22,7 +22,7 @@ from ..world.world import World
 from .light import ShotLight, tuning_of
 from .lights import Findings, Lights
 from .passes import Statistics
-from .pilots.choice import Pixels
+from .pilots.coarse_passes import Pixels
 from .settings import Settings
 from .worlds import StillWorld
 

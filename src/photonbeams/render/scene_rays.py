@@ -16,7 +16,7 @@ from ..world.cameras.sensors import PrimaryRays, Sensor
 from ..world.media.discovery.surroundings import place_of
 from ..world.media.interfaces import number
 from .passes import Statistics
-from .pilots.choice import Pixels
+from .pilots.coarse_passes import Pixels
 from .ray_passes import PassRenderer, ViewRays
 from .scene_light import light_of
 from .settings import Settings

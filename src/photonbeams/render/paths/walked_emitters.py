@@ -192,7 +192,7 @@ class WalkedEmitters:
         # The rays end, since boundaries move them aside: they go on toward their ends.
         world, along = self.world, ray.across()
         entered = world.media.beyond(hit, ray.direction, medium, active)
-        return through(world.plugin, world.media, along, entered, seed, active, True, world.size, onto=True)
+        return through(world.plugin, world.media, along, entered, seed, active, coarse=True, size=world.size, onto=True)
 
     def passed(self, vertex: Vertex, light: EmitterSample, seed: UInt32, active: Bool) -> Array3f:
         """Return the fraction of the light of a sample that arrives at active vertices."""

@@ -10,7 +10,6 @@ The cost is computed from counts, not measured by a clock: the same scene has th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -28,7 +27,7 @@ from ..light import NoLighting, ShotLight, TracedLight
 from ..paths.camera_paths import Lighting
 from ..paths.walks import Walks
 from ..ray_passes import PassRenderer
-from .coarse_passes import COLUMNS, ROWS, Pilot, by_blocks
+from .coarse_passes import COLUMNS, ROWS, Pilot, Pixels, by_blocks
 
 if TYPE_CHECKING:
     from ..lights import Lights
@@ -58,17 +57,6 @@ _LITTLE = 0.2
 _ENCLOSED = 0.7
 # Walks miss light if their mean is below this fraction of that of beams, and by more than so many standard errors.
 _MISSED, _SURELY = 0.95, 3.0
-
-
-@dataclass(frozen=True)
-class Pixels:
-    """How many pixels a pass has, and how many of them the pixel filter averages.
-
-    The filter lowers the noise of walks by that factor, but not that of beams: a stroke is many pixels wide.
-    """
-
-    count: int
-    averaged: float = 1.0
 
 
 def preferred(lights: Lights, emitters: Sequence[int], pixels: Pixels) -> list[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import numpy as np
@@ -18,6 +18,17 @@ from ..ray_passes import PassRenderer, ViewRays
 COLUMNS, ROWS = 40, 24
 # Cameras of a shot whose rays a pilot takes, at most.
 _CAMERAS = 8
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """How many pixels a pass has, and how many of them the pixel filter averages.
+
+    The filter lowers the noise of surfaces and walks by that factor, not that of beams: a stroke is many pixels wide.
+    """
+
+    count: int
+    averaged: float = 1.0
 
 
 class Pilot:

@@ -18,7 +18,7 @@ from ..costs import of_beams, of_sample, of_tracing, surface_samples
 from ..light import ShotLight
 from ..passes import Statistics
 from ..ray_passes import PassRenderer
-from .coarse_passes import Pilot, by_blocks
+from .coarse_passes import Pilot, Pixels, by_blocks
 
 # Passes of the pilot. It is asked where it costs less than the usual samples of one pass.
 _PASSES = 2
@@ -30,18 +30,15 @@ _FEWEST = 2
 _NEARLY = 1.15
 
 
-def planned_samples(
-    light: ShotLight, pixels: int, averaged: float, statistics: Statistics, seen: bool = True
-) -> int:  # fmt: skip
+def planned_samples(light: ShotLight, pixels: Pixels, statistics: Statistics, seen: bool = True) -> int:
     """Return how many samples of surfaces each pixel has in a pass, a power of two.
 
     Parameters
     ----------
     light
         The light of the frame.
-    pixels, averaged
-        The pixels of the whole picture, and how many of them the pixel filter averages: it lowers the noise of surfaces
-        by that factor, but not that of beams, whose strokes are many pixels wide.
+    pixels
+        The pixels of the whole picture.
     statistics
         Statistics of the frame: the time of the pilot is added, and they may interrupt it.
     seen
@@ -49,25 +46,20 @@ def planned_samples(
     """
     settings = light.settings
     walked = light.walks(light.world).surfaces is not None
-    usual = surface_samples(light.paths, pixels, walked)
+    usual, sample = surface_samples(light.paths, pixels.count, walked), of_sample(walked) * pixels.count
     plain = seen and settings.surfaces and settings.program is None and bool(light.cameras) and light.world.hazy
-    spent, asking = usual * of_sample(walked) * pixels, _PASSES * of_tracing(light.paths)
-    if not plain or usual <= _FEWEST or spent < asking:
+    if not plain or usual <= _FEWEST or usual * sample < _PASSES * of_tracing(light.paths):
         return usual
-    found = None if light.findings is None else light.findings.samples.get(pixels)
-    if found is None:
+    known = light.findings.samples
+    if pixels.count not in known:
         own = light.seeded(0)
         passes = PassRenderer(own.settings, own, own.max_depth, statistics.fresh())
         with statistics.phase("plan"):
-            found = _best(passes, light.cameras, pixels, averaged, of_sample(walked) * pixels, usual)
-        if light.findings is not None:
-            light.findings.samples[pixels] = found
-    return found
+            known[pixels.count] = _best(passes, light.cameras, pixels, sample, usual)
+    return known[pixels.count]
 
 
-def _best(
-    passes: PassRenderer, cameras: Sequence[View], pixels: int, averaged: float, sample: float, most: int
-) -> int:  # fmt: skip
+def _best(passes: PassRenderer, cameras: Sequence[View], pixels: Pixels, sample: float, most: int) -> int:
     """Return the number of samples, up to `most`, with the least error at equal cost.
 
     `sample` is the cost of a sample of all pixels.
@@ -75,10 +67,10 @@ def _best(
     pilot = Pilot(passes, cameras)
     pilot.add(_PASSES, each=2)
     # Photons, which samples of a pass share, are not in S. They are left out of B, too: two passes tell too little.
-    surfaces = pilot.surfaces.reshape(_PASSES, 2, *pilot.beams.shape[1:]).var(axis=1, ddof=1).mean(axis=0) / averaged
-    own, beams = (by_blocks(each, _BLOCK) for each in (surfaces, pilot.beams.var(axis=0, ddof=1)))
+    single = pilot.surfaces.reshape(_PASSES, 2, *pilot.beams.shape[1:]).var(axis=1, ddof=1).mean(axis=0)
+    surfaces, beams = (by_blocks(each, _BLOCK) for each in (single / pixels.averaged, pilot.beams.var(axis=0, ddof=1)))
     count = passes.statistics.beams / _PASSES
-    cost = of_beams(count, count, pixels)
+    cost = of_beams(count, count, pixels.count)
     choices = [1 << power for power in range(_FEWEST.bit_length() - 1, most.bit_length())]
-    spent = [np.sqrt(beams + own / each).sum() ** 2 * (cost + each * sample) for each in choices]
-    return next(own for own, each in zip(choices, spent, strict=True) if each <= _NEARLY * min(spent))
+    spent = [np.sqrt(beams + surfaces / each).sum() ** 2 * (cost + each * sample) for each in choices]
+    return next(choice for choice, each in zip(choices, spent, strict=True) if each <= _NEARLY * min(spent))
