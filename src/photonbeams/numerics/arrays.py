@@ -91,9 +91,11 @@ def compressed(keep: Bool, *values: object) -> list[Any]:
 
     Everything is made opaque, even values that happen to be constant; otherwise kernels would differ between frames.
     """
-    dr.make_opaque(keep, values)
     index = indices(keep)
-    return [taken(value, index) for value in values] if len(index) else []
+    if not len(index):
+        return []
+    dr.make_opaque(values)
+    return [taken(value, index) for value in values]
 
 
 def joined(pieces: Sequence[T]) -> T:
@@ -135,7 +137,8 @@ def unaliased(value: T) -> T:
     A kernel that reads one array twice differs from one that reads two.
     """
     dr.make_opaque(value)
-    result = _each(_copied, value)
+    met: set[int] = set()
+    result = _each(lambda array: _apart(array, met), value)
     dr.eval(result)
     return result
 
@@ -148,12 +151,15 @@ def equal_entries(one: T, other: T) -> Bool:
     return result
 
 
-def _copied(array: dr.ArrayBase) -> dr.ArrayBase:
-    """Return a copy of an array, component by component."""
+def _apart(array: Any, met: set[int]) -> Any:
+    """Return an array, with copies of those components whose memory was `met` before; the others are added there."""
     if dr.depth_v(array) > 1:
-        return type(array)(*map(_copied, array))
-    # Each index is a variable of its own, or Dr.Jit would find that two gathers are the same.
-    return dr.gather(type(array), array, dr.arange(UInt32, dr.width(array)) + dr.opaque(UInt32, 0))
+        return type(array)(*(_apart(component, met) for component in array))
+    if array.index not in met:
+        met.add(array.index)
+        return array
+    # Each mask is a variable of its own, or Dr.Jit would find that two copies are the same.
+    return dr.select(dr.opaque(Bool, True), array, type(array)(0))
 
 
 def _arrays(value: object) -> list[Any]:

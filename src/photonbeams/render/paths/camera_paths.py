@@ -202,7 +202,7 @@ def follow(
         number, further = dr.opaque(UInt32, step), []
         for each in batches:
             vertex, following = _step(tracing, each, samples, number, light)
-            dr.eval(vertex, following)
+            dr.eval(vertex, vertex.bounce, following)
             yield each, vertex
             further.append(following)
         batches = _batches(further)
