@@ -8,7 +8,7 @@ camera inside; `auto` leaves these cases to the frustum.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import drjit as dr
@@ -125,8 +125,8 @@ def billboard(
         else:
             hit = here & (radius > 0) & (at.u2 < dr.square(radius))  # a surface may cut a cone beyond its tip
             radiance = radiance + dr.select(hit, value(beam, at, at.u2, radius, look, ray, points), 0)
-    if dr.hint(span is not None, mode="scalar"):
-        # Along the axis rounding may make the ray miss the cone, and here no neighbouring ray marks the beam for it.
+    if dr.hint(blended, mode="scalar"):
+        # Along the axis rounding may make the ray miss the cone.
         marked |= passage.sin2 < NARROW
     return radiance, marked
 
@@ -141,7 +141,8 @@ def billboard_sum(
     look: BoundLook,
     points: Points,
     blended: bool,
-    flags: UInt32 | None = None,
+    marks: UInt32 | None = None,
+    blocks: Sequence[UInt32] = (),
 ) -> list[Array3f]:
     """Return the radiance of the beams `number(first)` … `number(stop − 1)` toward each of the lane's rays.
 
@@ -155,20 +156,22 @@ def billboard_sum(
         Quadrature over the cross-section, for looks that change with the distance from the axis.
     blended
         Whether to leave out what the frustum estimates better (`auto`), or to take everything (`billboard`).
-    flags
-        For `auto`, a UInt32 array in which the entries are marked that the frustum has to visit.
+    marks, blocks
+        For `auto`, a UInt32 array in which the entries are marked that the frustum has to visit: with the bits of those
+        rays that need it. `blocks` are the bits of the lane's rays.
     """
     radiance = [Array3f(0) for _ in range(len(rays))]
     i = UInt32(first)
     while i < stop:
         beam = load(packed, number(i), rays[0].time)
-        marked = Bool(False)
+        marked = UInt32(0)
         for p in range(len(rays)):
             radiance[p], touches = billboard(radiance[p], beam, rays[p], look, points, blended)
-            marked |= touches
-        if dr.hint(flags is not None, mode="scalar"):  # noqa: SIM102 - one is Python, the other is traced
-            if marked:
-                # Lanes of one tile write the same number to the same place: no race, whatever the order.
-                dr.scatter(flags, UInt32(1), i, marked)
+            if dr.hint(marks is not None, mode="scalar"):
+                marked |= dr.select(touches, blocks[p], 0)
+        if dr.hint(marks is not None, mode="scalar"):  # noqa: SIM102 - one is Python, the other is traced
+            if marked > 0:
+                # Lanes of one tile write to the same place: no race, whatever the order.
+                dr.scatter_reduce(dr.ReduceOp.Or, marks, marked, i, marked > 0, dr.ReduceMode.Local)
         i += 1
     return radiance

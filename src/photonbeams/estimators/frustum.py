@@ -149,15 +149,19 @@ def frustum_sum(
     look: BoundLook,
     points: Points,
     blended: bool,
+    wanted: Callable[[UInt32], Bool] | None = None,
 ) -> Array3f:
     """Return the radiance of the beams `number(first)` … `number(stop − 1)` toward each lane's ray.
 
     With `blended` (`auto`), each beam is multiplied by the frustum's weight, the complement of the billboard's.
+    `wanted(i)` tells whether a lane needs the entry i at all.
     """
     radiance = Array3f(0)
     i = UInt32(first)
     while i < stop:
-        beam = load(packed, number(i), ray.time)
-        radiance = frustum(radiance, beam, ray, look, points, blended)
+        if dr.hint(wanted is None, mode="scalar"):
+            radiance = frustum(radiance, load(packed, number(i), ray.time), ray, look, points, blended)
+        elif wanted(i):
+            radiance = frustum(radiance, load(packed, number(i), ray.time), ray, look, points, blended)
         i += 1
     return radiance

@@ -1,7 +1,8 @@
 """Radiance of beams toward all pixels of a picture: each tile has a list of candidate beams for the estimators.
 
 There are two kernels. The billboard's carries eight pixels in each lane and visits every candidate; for `auto` it also
-marks the entries of the lists for which some pixel needs the frustum. The frustum's kernel then visits only those.
+marks, in each entry of the lists, the blocks of the tile of which some pixel needs the frustum. The frustum's kernel
+then visits only those.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from .estimate import ENDLESS, bind, check_estimator, check_motion
 from .footprints import footprints
 from .frustum import frustum_sum
 from .geometry import Rays
-from .lanes import PIXELS, Lanes, PixelRays, lanes_of_pixels, lanes_of_some, tiles_of
+from .lanes import PIXELS, LaneRay, Lanes, PixelRays, lanes_of_pixels, lanes_of_some, tiles_of
 from .points import Points
 from .projection import Projection
 from .records import Packed, pack
@@ -151,22 +152,27 @@ class _ImageGather:
 
     def _sum(self, radiance: Array3f, level: Level, lists: TileLists, lanes: Callable[..., Lanes | None]) -> None:
         """Add the radiance of listed beams along the rays of a level that lanes carry."""
-        flags = None
-        if self._estimator != "frustum" and (lane := lanes(PIXELS)) is not None:
-            flags = dr.zeros(UInt32, lists.entries) if self._estimator == "auto" else None
-            rays = [_lane_rays(level, *ray, lane.group) for ray in lane.rays]
+        marks = None
+        if self._estimator != "frustum" and (lane := lanes(PIXELS, lists.busy)) is not None:
+            marks = dr.zeros(UInt32, lists.entries) if self._estimator == "auto" else None
+            rays, blocks = [_lane_rays(level, ray, lane.group) for ray in lane.rays], [ray.block for ray in lane.rays]
             self.result.billboard_tests += _tests(lists, lane)
-            values = billboard_sum(rays, *self._seen(lists, lane), blended=flags is not None, flags=flags)
+            values = billboard_sum(rays, *self._seen(lists, lane), marks is not None, marks, blocks)
             # Evaluate all rays of a lane in one kernel: otherwise each scatter would run the loop again.
-            dr.eval(values, flags)
+            dr.eval(values, marks)
             _add(radiance, lane, values)
-        if flags is not None:
-            lists = lists.keep(flags)
-        if self._estimator == "billboard" or not lists.entries or (lane := lanes(1)) is None:
+        if marks is not None:
+            lists = lists.keep(marks)
+        if self._estimator == "billboard" or not lists.entries or (lane := lanes(1, lists.busy)) is None:
             return
         self.result.frustum_tests += _tests(lists, lane)
-        ray = _lane_rays(level, *lane.rays[0], lane.group)
-        _add(radiance, lane, [frustum_sum(ray, *self._seen(lists, lane), blended=flags is not None)])
+        (own,) = lane.rays
+
+        def wanted(i: UInt32) -> Bool:
+            return (dr.gather(UInt32, lists.marks, i) & own.block) > 0
+
+        ray, seen = _lane_rays(level, own, lane.group), self._seen(lists, lane)
+        _add(radiance, lane, [frustum_sum(ray, *seen, marks is not None, None if marks is None else wanted)])
 
     def _seen(
         self, lists: TileLists, lane: Lanes
@@ -179,9 +185,9 @@ class _ImageGather:
 
 def _add(radiance: Array3f, lane: Lanes, values: Sequence[Array3f]) -> None:
     """Add radiance to that of the rays of lanes; no ray occurs twice."""
-    for (ray, exists), value in zip(lane.rays, values, strict=True):
-        here = exists & dr.full(Bool, True, dr.width(lane.tile))
-        dr.scatter_add(radiance, value, ray, here, dr.ReduceMode.NoConflicts)
+    for ray, value in zip(lane.rays, values, strict=True):
+        here = ray.exists & dr.full(Bool, True, dr.width(lane.tile))
+        dr.scatter_add(radiance, value, ray.index, here, dr.ReduceMode.NoConflicts)
     dr.eval(radiance)
 
 
@@ -200,9 +206,9 @@ def tile_depth(view: Projection, rays: PixelRays) -> Float:
     return result
 
 
-def _lane_rays(level: Level, pixel: UInt32, inside: Bool, group: UInt32) -> Rays:
-    """Return the rays with these indices, of their groups of pixels."""
-    rays, view = level.rays, level.view
+def _lane_rays(level: Level, ray: LaneRay, group: UInt32) -> Rays:
+    """Return a ray of each lane, of the lane's group of pixels."""
+    rays, view, pixel, inside = level.rays, level.view, ray.index, ray.exists
     origin = None if rays.origins is None else dr.gather(Array3f, rays.origins, group)
     time = None if rays.times is None else dr.gather(Float, rays.times, group)
     if view.orthographic:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -91,70 +92,108 @@ class PixelRays:
         return replace(self, **own, more=None)
 
 
+class LaneRay(NamedTuple):
+    """A ray of each lane: its index, whether it exists, and the bit of its pixel's block of the tile."""
+
+    index: Any
+    exists: Any
+    block: Any
+
+
 class Lanes(NamedTuple):
-    """What lanes carry: the tile and the group of each, and indices of its rays, each with whether the ray exists."""
+    """What lanes carry: the tile and the group of each, and its rays."""
 
     tile: Any
     group: Any
-    rays: list[tuple[Any, Any]]
+    rays: list[LaneRay]
 
     @classmethod
-    def joined(cls, first: Lanes, second: Lanes) -> Lanes:
-        """Return the lanes of both."""
-        pairs = zip(first.rays, second.rays, strict=True)
-        rays = [(joined([a, b]), joined([own, other])) for (a, own), (b, other) in pairs]
-        result = cls(joined([first.tile, second.tile]), joined([first.group, second.group]), rays)
+    def joined(cls, parts: Sequence[Lanes | None]) -> Lanes | None:
+        """Return the lanes of all parts; None if there are none."""
+        there = [each for each in parts if each is not None]
+        if len(there) < 2:
+            return there[0] if there else None
+        columns = [zip(*rays, strict=True) for rays in zip(*(each.rays for each in there), strict=True)]
+        rays = [LaneRay(*map(joined, each)) for each in columns]
+        result = cls(joined([each.tile for each in there]), joined([each.group for each in there]), rays)
         dr.eval(result)
         return result
 
 
-def lanes_of_pixels(view: Projection, rays: PixelRays, count: int) -> Lanes:
-    """Return lanes of `count` pixels each: tile after tile, block after block within a tile.
+def lanes_of_pixels(view: Projection, rays: PixelRays, count: int, busy: Bool) -> Lanes | None:
+    """Return lanes of `count` pixels each, of `busy` tiles: tile after tile, block after block; None if none is.
 
     After these come lanes with further rays, of one pixel each.
     """
+    return Lanes.joined([_of_pixels(view, count, busy), _of_more(view, rays.more, count, busy)])
+
+
+def _of_pixels(view: Projection, count: int, busy: Bool) -> Lanes | None:
+    tiles = indices(busy)
+    if not len(tiles):
+        return None
     per_tile = TILE * TILE // count
-    lane = dr.arange(UInt32, view.tiles * per_tile)
+    lane = dr.arange(UInt32, len(tiles) * per_tile)
     columns = dr.opaque(UInt32, view.columns)
-    tile, local = lane // per_tile, lane % per_tile
+    tile, local = _entries(tiles, lane // per_tile), lane % per_tile
     block, place = local // _BLOCK * count, local % _BLOCK
     column, row = tile % columns, tile // columns
-    carried = [_pixel(view, column, row, block + number, place) for number in range(count)]
+    carried = [
+        LaneRay(*_pixel(view, column, row, block + number, place), _bit(block + number)) for number in range(count)
+    ]
     result = Lanes(tile, _group(tile, block, place), carried)
-    dr.eval(result)
-    return result if rays.more is None else Lanes.joined(result, lanes_of_more(view, rays.more, count))
-
-
-def lanes_of_more(view: Projection, more: MoreSamples, count: int) -> Lanes:
-    """Return lanes of `count` further rays each, of one pixel."""
-    for_pixel, edges = dr.opaque(UInt32, -(-more.each // count)), dr.width(more.pixels)
-    lane = dr.arange(UInt32, edges * -(-more.each // count))
-    edge, sample = lane // for_pixel, lane % for_pixel * count
-    width, height, left, top = (dr.opaque(UInt32, each) for each in (view.across, view.down, *view.margin))
-    # Two entries more, because a gather from one is another kernel: see `numerics.arrays.padded`.
-    pixel = dr.gather(UInt32, joined([more.pixels, dr.zeros(UInt32, 2)]), edge)
-    each, step, first = dr.opaque(UInt32, more.each), dr.opaque(UInt32, edges), width * height
-    carried = [(first + edge + (sample + number) * step, sample + number < each) for number in range(count)]
-    x, y = pixel % width + left, pixel // width + top
-    result = Lanes(tile_of(view, pixel), lane_of(x, y, dr.opaque(UInt32, view.columns)), carried)
     dr.eval(result)
     return result
 
 
-def lanes_of_some(view: Projection, rays: PixelRays, some: Bool, count: int) -> Lanes | None:
-    """Return lanes of `count` pixels each, of one tile, for the pixels in the mask `some`; None if there are none.
+def _entries(table: UInt32, index: UInt32) -> UInt32:
+    """Return entries of a table of any width."""
+    # Two entries more, because a gather from one is another kernel: see `numerics.arrays.padded`.
+    return dr.gather(UInt32, joined([table, dr.zeros(UInt32, 2)]), index)
 
-    After these come lanes with all further rays, of one pixel each.
+
+def _of_more(view: Projection, more: MoreSamples | None, count: int, busy: Bool) -> Lanes | None:
+    """Return lanes of `count` further rays each, of one pixel of a `busy` tile."""
+    if more is None:
+        return None
+    edges, columns = indices(dr.gather(Bool, busy, tile_of(view, more.pixels))), dr.opaque(UInt32, view.columns)
+    if not len(edges):
+        return None
+    for_pixel = dr.opaque(UInt32, -(-more.each // count))
+    lane = dr.arange(UInt32, len(edges) * -(-more.each // count))
+    edge, sample = _entries(edges, lane // for_pixel), lane % for_pixel * count
+    width, height, left, top = (dr.opaque(UInt32, each) for each in (view.across, view.down, *view.margin))
+    pixel = _entries(more.pixels, edge)
+    each, step, first = dr.opaque(UInt32, more.each), dr.opaque(UInt32, dr.width(more.pixels)), width * height
+    x, y = pixel % width + left, pixel // width + top
+    block = _bit(_block_of(x, y))
+    carried = [
+        LaneRay(first + edge + (sample + number) * step, sample + number < each, block + number * 0)
+        for number in range(count)
+    ]
+    result = Lanes(tile_of(view, pixel), lane_of(x, y, columns), carried)
+    dr.eval(result)
+    return result
+
+
+def lanes_of_some(view: Projection, rays: PixelRays, some: Bool, count: int, busy: Bool) -> Lanes | None:
+    """Return lanes of `count` pixels each, of a `busy` tile, for the pixels in the mask `some`; None if there are none.
+
+    After these come lanes with further rays, of one pixel each.
     """
-    further = None if rays.more is None else lanes_of_more(view, rays.more, count)
+    return Lanes.joined([_of_some(view, some, count, busy), _of_more(view, rays.more, count, busy)])
+
+
+def _of_some(view: Projection, some: Bool, count: int, busy: Bool) -> Lanes | None:
     slot = dr.arange(UInt32, view.tiles * TILE * TILE)
     tile, local, columns = slot // (TILE * TILE), slot % (TILE * TILE), dr.opaque(UInt32, view.columns)
     pixel, exists = _pixel(view, tile % columns, tile // columns, local // _BLOCK, local % _BLOCK)
-    here = exists & dr.gather(Bool, some, pixel, exists)
+    here = exists & dr.gather(Bool, busy, tile)
+    here &= dr.gather(Bool, some, pixel, here)
     dr.eval(here, pixel)
     chosen = indices(here)
     if not len(chosen):
-        return further
+        return None
     counted, first = dr.select(here, UInt32(1), 0), dr.arange(UInt32, view.tiles) * (TILE * TILE)
     stops = dr.cumsum(counted)
     begin = dr.gather(UInt32, stops, first) - dr.gather(UInt32, counted, first)
@@ -170,19 +209,25 @@ def lanes_of_some(view: Projection, rays: PixelRays, some: Bool, count: int) -> 
     # Neighbouring pixels are in neighbouring lanes.
     lane, place = dr.gather(UInt32, end, own) - of_tile + rank % of_tile, rank // of_tile
     tiles = dr.zeros(UInt32, lanes)
-    carried, there = dr.zeros(UInt32, lanes * count), dr.full(Bool, False, lanes * count)
+    carried, blocks = dr.zeros(UInt32, lanes * count), dr.zeros(UInt32, lanes * count)
     dr.scatter(tiles, own, lane)
     at = place * dr.opaque(UInt32, lanes) + lane
     dr.scatter(carried, dr.gather(UInt32, pixel, chosen), at)
-    dr.scatter(there, Bool(True), at)
-    dr.eval(tiles, carried, there)
+    dr.scatter(blocks, _bit(chosen % (TILE * TILE) // _BLOCK), at)
+    dr.eval(tiles, carried, blocks)
     own_rays = []
     for number in range(count):
         at = dr.arange(UInt32, lanes) + dr.opaque(UInt32, number * lanes)
-        own_rays.append((dr.gather(UInt32, carried, at), dr.gather(Bool, there, at)))
+        block = dr.gather(UInt32, blocks, at)
+        own_rays.append(LaneRay(dr.gather(UInt32, carried, at), block > 0, block))
     result = Lanes(tiles, dr.zeros(UInt32, lanes), own_rays)
     dr.eval(result)
-    return result if further is None else Lanes.joined(result, further)
+    return result
+
+
+def _bit(block: UInt32) -> UInt32:
+    """Return the bit of a block of a tile."""
+    return UInt32(1) << block
 
 
 def _pixel(view: Projection, column: UInt32, row: UInt32, block: UInt32, place: UInt32) -> tuple[UInt32, Bool]:
@@ -235,6 +280,10 @@ def lane_of(x: UInt32, y: UInt32, columns: UInt32) -> UInt32:
 
     The pixels of a group lie four apart: of 4 × 4 neighbours, each belongs to another group.
     """
-    block = y % TILE // _BLOCK_HEIGHT * _BLOCKS_ACROSS + x % TILE // _BLOCK_WIDTH
     place = y % _BLOCK_HEIGHT * _BLOCK_WIDTH + x % _BLOCK_WIDTH
-    return _group(y // TILE * columns + x // TILE, block, place)
+    return _group(y // TILE * columns + x // TILE, _block_of(x, y), place)
+
+
+def _block_of(x: UInt32, y: UInt32) -> UInt32:
+    """Return the number of the block of the pixel (x, y) in its tile."""
+    return y % TILE // _BLOCK_HEIGHT * _BLOCKS_ACROSS + x % TILE // _BLOCK_WIDTH

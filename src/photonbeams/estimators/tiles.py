@@ -144,25 +144,35 @@ def _from_zero(tile: Int32) -> Int32:
 
 @dataclass
 class TileLists:
-    """The beams of each tile: `beams[first[tile] : stop[tile]]`."""
+    """The beams of each tile: `beams[first[tile] : stop[tile]]`.
+
+    `marks` are the blocks of the tile that entries are for, as bits; None: they are for all.
+    """
 
     beams: Any
     first: Any
     stop: Any
     entries: int
+    marks: Any = None
 
-    def keep(self, flags: UInt32) -> TileLists:
-        """Return the lists with only the flagged entries, in their order."""
-        index = indices(flags > 0)
-        before = dr.prefix_sum(flags)
+    @property
+    def busy(self) -> Bool:
+        """Which tiles have entries."""
+        return self.stop > self.first
+
+    def keep(self, marks: UInt32) -> TileLists:
+        """Return the lists with only the entries that have marks, in their order."""
+        index = indices(marks > 0)
+        before = dr.prefix_sum(dr.select(marks > 0, UInt32(1), 0))
         total, entries = dr.opaque(UInt32, dr.width(index)), dr.opaque(UInt32, self.entries)
 
         def place(i: UInt32) -> UInt32:
             return dr.select(i < entries, dr.gather(UInt32, before, dr.minimum(i, entries - 1)), total)
 
         first, stop = place(self.first), place(self.stop)
-        result = replace(self, beams=dr.gather(UInt32, self.beams, index), first=first, stop=stop, entries=len(index))
-        dr.eval(result.beams, first, stop)
+        own = (dr.gather(UInt32, each, index) for each in (self.beams, marks))
+        result = TileLists(next(own), first, stop, len(index), next(own))
+        dr.eval(result.beams, result.marks, first, stop)
         return result
 
 
