@@ -159,9 +159,9 @@ def frustum_sum(
     radiance = Array3f(0)
     i = UInt32(first)
     while i < stop:
-        if dr.hint(wanted is None, mode="scalar"):
+        if dr.hint(wanted is None, mode="scalar"):  # noqa: SIM114 - one is Python, the other is traced
             radiance = frustum(radiance, load(packed, number(i), ray.time), ray, look, points, blended)
-        elif wanted(i):
+        elif wanted(i):  # type: ignore[misc]
             radiance = frustum(radiance, load(packed, number(i), ray.time), ray, look, points, blended)
         i += 1
     return radiance

@@ -9,7 +9,7 @@ its own cells, so that no two threads race for a slot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import drjit as dr

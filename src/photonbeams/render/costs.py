@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-# In microseconds of a processor core: tracing any light paths, each beam or photon, each pair of beam and pixel, and
-# the walks of a pixel. For six scenes at two sizes these are right within a factor of two or three.
-TRACING, RECORD, TEST, WALK = 2e5, 15.0, 1e-3, 3.0
+# In microseconds of a processor core: tracing any light paths, each beam or photon, each pair of beam and pixel, the
+# same where beams are gathered along fewer rays than pixels, and the walks of a pixel. For six scenes at two sizes
+# these are right within a factor of two or three.
+TRACING, RECORD, TEST, FEWER_TESTS, WALK = 2e5, 15.0, 1e-3, 2e-4, 3.0
 
 # Usual number of beams and photons of a light path, and the cost of surfaces and walks for a sample of a pixel.
 _RECORDS, _SAMPLE = 2.0, 2.0
@@ -28,9 +29,12 @@ def of_sample(walked: bool) -> float:
     return _SAMPLE + WALK if walked else _SAMPLE
 
 
-def of_beams(records: float, beams: float, pixels: int) -> float:
-    """Return the cost of a pass with this many `records`, beams and photons, of which `beams` are tested."""
-    return TRACING + RECORD * records + TEST * beams * pixels
+def of_beams(records: float, beams: float, pixels: int, coarse: float = 0.0) -> float:
+    """Return the cost of a pass with this many `records`, beams and photons, of which `beams` are tested.
+
+    Of these, `coarse` ones are gathered along fewer rays than pixels.
+    """
+    return TRACING + RECORD * records + (TEST * (beams - coarse) + FEWER_TESTS * coarse) * pixels
 
 
 def surface_samples(paths: int, pixels: int, walked: bool = False) -> int:

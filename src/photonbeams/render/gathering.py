@@ -14,7 +14,7 @@ from ..beams import Beams
 from ..beams.sets import BeamSet
 from ..estimators.coarse import on_film
 from ..estimators.coarse_rays import RayImages
-from ..estimators.estimate import ENDLESS, estimate_rays
+from ..estimators.estimate import ENDLESS, bind, estimate_rays
 from ..estimators.geometry import Rays
 from ..estimators.image import estimate_image
 from ..estimators.lanes import Lattice, MoreSamples, PixelRays, lane_of
@@ -73,6 +73,15 @@ class EstimatorOptions:
     max_depth: int | None
     context: Callable[[BeamSet], LightContext] | None = None
     tolerance: float = 0.0
+
+
+def is_coarse(options: EstimatorOptions, each: BeamSet, media: Media) -> bool:
+    """Return whether `estimate_image` gathers a set of beams along fewer rays than pixels, where rays allow it."""
+    if options.tolerance <= 0 or each.close is not None:
+        return False
+    medium = next(own for own in media.all if own.number == each.medium)
+    context = None if options.context is None else options.context(each)
+    return bind(medium.shaded(each.look), each.beams, None, medium.medium, context).smooth
 
 
 class Gathering:

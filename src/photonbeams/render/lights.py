@@ -8,7 +8,7 @@ light is either traced as beams or met by walks, emitter by emitter, as `method`
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
@@ -44,7 +44,7 @@ class Findings:
     walked
         The numbers of the emitters whose light walks should meet; None: not known yet.
     guides
-        Guides, by the emitters that walks meet, those that are dark, and whether any have virtual lights.
+        Guides, by the emitters that walks meet and those that are dark.
     portal
         The portal that was fitted to the light of the environment, or None.
     samples
@@ -52,7 +52,7 @@ class Findings:
     """
 
     walked: list[int] | None = None
-    guides: dict[tuple[tuple[int, ...], frozenset[int], bool], Guides] = field(default_factory=dict)
+    guides: dict[tuple[tuple[int, ...], frozenset[int]], Guides] = field(default_factory=dict)
     portal: EnvironmentPortal | None = None
     samples: dict[int, int] = field(default_factory=dict)
 
@@ -91,8 +91,10 @@ class Lights:
         """The world when the shutter opens."""
         return self.worlds.opened
 
-    def _counts(self, walked: Collection[int], lit: Collection[int], dark: Collection[int]) -> dict[int, Counts]:
-        """Return which light of each emitter is traced.
+    def _counts(
+        self, walked: Collection[int], lit: Collection[int], dark: Collection[int], further: Counts
+    ) -> dict[int, Counts]:
+        """Return which light of each emitter is traced; `further` is that of emitters with virtual lights.
 
         Walks meet the light of `walked` emitters in media and on surfaces, and that of `lit` ones on surfaces.
         """
@@ -105,7 +107,7 @@ class Lights:
             elif number in lit:
                 counts = Counts.BEAMS | (Counts.CAUSTIC_PHOTONS if sharp else Counts.NOTHING)
             if number in lit and number in self._connected:
-                counts |= Counts.DIRECT_PHOTONS
+                counts |= further
             result[number] = Counts.NOTHING if number in dark else counts
         return result
 
@@ -133,12 +135,12 @@ class Lights:
         """Return the light of which walks meet some emitters, by their numbers; emitters that are `dark` have none."""
         world = self.world
         lit = [each for each in self._lit if each not in dark]
-        counts = self._counts(walked, lit, dark)
+        counts = self._counts(walked, lit, dark, Counts.DIRECT_PHOTONS if self.connects else Counts.NOTHING)
+        # Virtual lights are guided as the photons would be to which they send light.
+        seen = self._counts(walked, lit, dark, Counts.PHOTONS)
+        guides = self._guides(seen, (tuple(walked), frozenset(dark))) if any(counts.values()) else UNGUIDED
         allotment = replace(self.simulation.allotment, counts=counts)
-        simulation = replace(self.simulation, allotment=allotment)
-        simulation = replace(
-            simulation, guides=self._guides(simulation, (tuple(walked), frozenset(dark), bool(self._connected)))
-        )
+        simulation = replace(self.simulation, allotment=allotment, guides=guides)
         portal = self.portal  # the pilot may have found one
         sharp = frozenset(each for each, own in counts.items() if own & Counts.CAUSTICS)
         connected = frozenset(each for each, own in counts.items() if own & Counts.DIRECT_PHOTONS)
@@ -165,20 +167,15 @@ class Lights:
             self.cameras,
         )  # fmt: skip
 
-    def _guides(self, simulation: Simulation, asked: tuple[tuple[int, ...], frozenset[int], bool]) -> Guides:
-        """Return the guides of light paths, which a pilot finds if they are not known."""
+    def _guides(self, counts: Mapping[int, Counts], asked: tuple[tuple[int, ...], frozenset[int]]) -> Guides:
+        """Return the guides of light paths of which this is seen, which a pilot finds if they are not known."""
         if self.settings.guiding is False or not self.cameras:
             return UNGUIDED
         if asked not in self.findings.guides:
-            world = self.world
+            world, simulation = self.world, self.simulation
             # What is found for a scene holds for all seeds, and is kept. Frames of a stage find their own.
             seed = 0 if world.emits else simulation.tuning.seed
-            # Virtual lights are guided as the photons would be to which they send light.
-            seen = {
-                number: each | Counts.PHOTONS if each & Counts.DIRECT_PHOTONS else each
-                for number, each in simulation.allotment.counts.items()
-            }
-            tuning, allotment = replace(simulation.tuning, seed=seed), replace(simulation.allotment, counts=seen)
+            tuning, allotment = replace(simulation.tuning, seed=seed), replace(simulation.allotment, counts=counts)
             pilot = replace(simulation, tuning=tuning, allotment=allotment)
             # For whole pictures; otherwise a crop would differ from the same part of the whole picture.
             guides = pilot.guided(world, [each.whole().projection for each in self.cameras]).guides
@@ -214,7 +211,7 @@ class Lights:
         surfaces: see `VirtualLights`, which cannot tell if other media are in it.
         """
         world, result = self.world, []
-        if not self.cameras or self.settings.guiding is False or not self.connects:
+        if not self.cameras or self.settings.guiding is False:
             return frozenset()
         for number in self._lit:
             emitter = world.emitters[number]

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..beams.sets import BeamSet
 from ..estimators.lanes import Lattice, MoreSamples
 from ..estimators.points import Points
 from ..estimators.projection import Projection
@@ -19,7 +20,7 @@ from ..world.cameras.sensors import PrimaryRays
 from ..world.world import World
 from .films.film import Groups, PassPicture
 from .films.sums import ALBEDO, MEAN_NORMAL
-from .gathering import EstimatorOptions, Gathering
+from .gathering import EstimatorOptions, Gathering, is_coarse
 from .light import FrameLight, NoLighting, TracedLight, max_bounces
 from .passes import Statistics
 from .paths import camera_paths
@@ -148,12 +149,8 @@ class PassRenderer:
             return {}
         if rays.inside is not None:
             return self._gathered_apart(number, light, rays, rays.inside, order, samples, more)
-        clock, statistics = self.light.clock(number), self.statistics
+        statistics, options = self.statistics, self._options(number)
         tracing = unshaded(self.camera_tracing(light.world, rays))
-        options = EstimatorOptions(
-            self.settings.estimator, self._points, self._max_depth,
-            lambda each: LightContext(*clock, each.light, each.to_world), self.settings.gather_error,
-        )  # fmt: skip
         with statistics.phase("beams"):
             gathering = Gathering(
                 rays.view, rays.primary, light.world.media, light.sets, options, statistics, more, rays.lattice
@@ -163,6 +160,18 @@ class PassRenderer:
                 gathering.add(*step)
             gathering.finish()
         return gathering.radiance
+
+    def _options(self, number: int) -> EstimatorOptions:
+        """Return the options of the estimate in pass `number`."""
+        clock = self.light.clock(number)
+        return EstimatorOptions(
+            self.settings.estimator, self._points, self._max_depth,
+            lambda each: LightContext(*clock, each.light, each.to_world), self.settings.gather_error,
+        )  # fmt: skip
+
+    def coarse(self, number: int, light: TracedLight, each: BeamSet) -> bool:
+        """Return whether pictures gather a set of the beams of pass `number` along fewer rays than pixels."""
+        return is_coarse(self._options(number), each, light.world.media)
 
     def _gathered_apart(
         self, number: int, light: TracedLight, rays: ViewRays, inside: tuple[UInt32, ViewRays], order: UInt32,

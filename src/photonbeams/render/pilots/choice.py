@@ -27,7 +27,7 @@ from ..light import NoLighting, ShotLight, TracedLight
 from ..paths.camera_paths import Lighting
 from ..paths.walks import Walks
 from ..ray_passes import PassRenderer
-from .coarse_passes import COLUMNS, ROWS, Pilot, Pixels, by_blocks
+from .coarse_passes import COLUMNS, FEWER, ROWS, Pilot, Pixels, by_blocks, with_fewer_paths
 
 if TYPE_CHECKING:
     from ..lights import Lights
@@ -38,10 +38,6 @@ mi = mitsuba()
 # this many times the noise of the other.
 _TRACED, _UNTRACED = 4, 8
 _FIRST, _SURE = 2, 5.0
-# The pilot has this fraction (1/N) of the light paths, and at least this many of each emitter. Fewer beams are wider,
-# if the bounds of radii allow it. Then they have as much noise as all beams; else they have more, at most N times as
-# much. The cost takes the geometric mean of the two.
-_FEWER, _FEWEST = 4, 128
 # The noise of walks counts as so many times less: it differs from pixel to pixel, so that eyes and denoisers see
 # through it, while that of beams is blotches.
 _GRAIN = 4.0
@@ -136,7 +132,7 @@ def _prefers_walks(lights: Lights, own: Sequence[int], dark: frozenset[int], pix
 
 def _cost(walks: _Trial, beams: _Trial, pixels: Pixels) -> float:
     """Return the cost of walks that look as quiet as a pass of them, in passes of beams."""
-    return walks.cost(pixels.count) / (_GRAIN * pixels.averaged * beams.cost(pixels.count) * _FEWER**-0.5)
+    return walks.cost(pixels.count) / (_GRAIN * pixels.averaged * beams.cost(pixels.count) * FEWER**-0.5)
 
 
 def prefers_walks(beams: Array, walks: Array, cost: float) -> bool:
@@ -196,11 +192,9 @@ class _Trial:
     """A pilot of a scene's light except what comes straight from emitters, and what its passes cost."""
 
     def __init__(self, light: ShotLight, cameras: Sequence[View]) -> None:
-        strata = light.simulation.strata(light.world)
-        fewer = {each.name: max(each.count // _FEWER, min(each.count, _FEWEST)) for each in strata}
-        self._light = _Indirect(light.with_counts(fewer))
+        fewer, self._portion = with_fewer_paths(light)
+        self._light = _Indirect(fewer)
         self._pilot = Pilot(PassRenderer(light.settings, self._light, light.max_depth), cameras)
-        self._portion = sum(fewer.values()) / max(light.paths, 1)
 
     @classmethod
     def of(cls, lights: Lights, walked: Sequence[int], dark: frozenset[int]) -> _Trial:

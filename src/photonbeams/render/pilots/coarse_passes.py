@@ -12,10 +12,15 @@ from ...runtime.device import Array3f, Float, UInt32
 from ...scene import Array
 from ...world.cameras.cameras import View
 from ...world.cameras.sensors import PrimaryRays
+from ..light import ShotLight
 from ..ray_passes import PassRenderer, ViewRays
 
 #: Rays of a pilot, across and down.
 COLUMNS, ROWS = 40, 24
+#: A pilot has this fraction (1/N) of the light paths, and at least this many of each emitter. Fewer beams are wider, if
+#: the bounds of radii allow it. Then they have as much noise as all beams; else they have more, at most N times as
+#: much. Plans take the geometric mean of the two, N^½ times as much.
+FEWER, _FEWEST = 4, 128
 # Cameras of a shot whose rays a pilot takes, at most.
 _CAMERAS = 8
 
@@ -31,6 +36,13 @@ class Pixels:
     averaged: float = 1.0
 
 
+def with_fewer_paths(light: ShotLight) -> tuple[ShotLight, float]:
+    """Return a light with the light paths of a pilot, and the fraction of all paths that these are."""
+    strata = light.simulation.strata(light.world)
+    fewer = {each.name: max(each.count // FEWER, min(each.count, _FEWEST)) for each in strata}
+    return light.with_counts(fewer), sum(fewer.values()) / max(light.paths, 1)
+
+
 class Pilot:
     """Passes along the coarse rays of cameras; each of several cameras has some of the columns.
 
@@ -39,11 +51,14 @@ class Pilot:
     surfaces, beams
         The radiance of rays in the passes so far, the mean of the channels: all but that of beams, by samples (P · S,
         H, W), and that of beams, (P, H, W).
+    coarse
+        How many of the beams a picture gathers along fewer rays than pixels.
     """
 
     def __init__(self, passes: PassRenderer, cameras: Sequence[View]) -> None:
         self._passes, self._rays = passes, _coarse_rays(cameras)
         self.surfaces = self.beams = np.zeros((0, ROWS, COLUMNS), dtype=np.float32)
+        self.coarse = 0
 
     def add(self, count: int, together: int = 1, each: int = 1) -> None:
         """Add passes, each with several samples of surfaces.
@@ -55,6 +70,7 @@ class Pilot:
         first = len(self.beams)
         for number in range(first, first + count, together):
             light, photons = self._passes.lit(number)
+            self.coarse += sum(len(each.beams) for each in light.sets if self._passes.coarse(number, light, each))
             # Beams are at rest, since coarse rays have no times.
             light = replace(light, sets=[own._replace(close=None) for own in light.sets])
             samples = self._passes.samples(each * number, (wide - 1).bit_length(), each)

@@ -9,16 +9,13 @@ scene is the same on every machine, in every crop, and for any number of passes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from ...world.cameras.cameras import View
 from ..costs import of_beams, of_sample, of_tracing, surface_samples
 from ..light import ShotLight
 from ..passes import Statistics
 from ..ray_passes import PassRenderer
-from .coarse_passes import Pilot, Pixels, by_blocks
+from .coarse_passes import Pilot, Pixels, by_blocks, with_fewer_paths
 
 # Passes of the pilot. It is asked where it costs less than the usual samples of one pass.
 _PASSES = 2
@@ -52,25 +49,25 @@ def planned_samples(light: ShotLight, pixels: Pixels, statistics: Statistics, se
         return usual
     known = light.findings.samples
     if pixels.count not in known:
-        own = light.seeded(0)
+        own, portion = with_fewer_paths(light.seeded(0))
         passes = PassRenderer(own.settings, own, own.max_depth, statistics.fresh())
         with statistics.phase("plan"):
-            known[pixels.count] = _best(passes, light.cameras, pixels, sample, usual)
+            known[pixels.count] = _best(Pilot(passes, light.cameras), passes, portion, pixels, sample, usual)
     return known[pixels.count]
 
 
-def _best(passes: PassRenderer, cameras: Sequence[View], pixels: Pixels, sample: float, most: int) -> int:
+def _best(pilot: Pilot, passes: PassRenderer, portion: float, pixels: Pixels, sample: float, most: int) -> int:
     """Return the number of samples, up to `most`, with the least error at equal cost.
 
-    `sample` is the cost of a sample of all pixels.
+    The `passes` of the pilot have a `portion` of the light paths; `sample` is the cost of a sample of all pixels.
     """
-    pilot = Pilot(passes, cameras)
     pilot.add(_PASSES, each=2)
     # Photons, which samples of a pass share, are not in S. They are left out of B, too: two passes tell too little.
     single = pilot.surfaces.reshape(_PASSES, 2, *pilot.beams.shape[1:]).var(axis=1, ddof=1).mean(axis=0)
-    surfaces, beams = (by_blocks(each, _BLOCK) for each in (single / pixels.averaged, pilot.beams.var(axis=0, ddof=1)))
-    count = passes.statistics.beams / _PASSES
-    cost = of_beams(count, count, pixels.count)
+    apart = pilot.beams.var(axis=0, ddof=1) * portion**0.5
+    surfaces, beams = (by_blocks(each, _BLOCK) for each in (single / pixels.averaged, apart))
+    count, coarse = (each / (_PASSES * portion) for each in (passes.statistics.beams, pilot.coarse))
+    cost = of_beams(count, count, pixels.count, coarse)
     choices = [1 << power for power in range(_FEWEST.bit_length() - 1, most.bit_length())]
     spent = [np.sqrt(beams + surfaces / each).sum() ** 2 * (cost + each * sample) for each in choices]
     return next(choice for choice, each in zip(choices, spent, strict=True) if each <= _NEARLY * min(spent))
