@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import drjit as dr
 import numpy as np
 import pytest
 from scipy.stats import t as student
@@ -9,9 +10,11 @@ from scipy.stats import t as student
 import photonbeams as pb
 from photonbeams import scene
 from photonbeams.render.settings import Settings
-from photonbeams.render.stage_frame import render
-from photonbeams.world.cameras.cameras import Window
-from photonbeams.world.shutter import Moment, Shutter, slice_of
+from photonbeams.render.stage_frame import begin, render
+from photonbeams.runtime.device import Array2f, Float
+from photonbeams.world.cameras.cameras import View, Window, on_lens
+from photonbeams.world.shutter import CameraMotion, Moment, Shutter, slice_of
+from photonbeams.world.warp import disk
 from tests.helpers.comparison import quad
 from tests.helpers.kernels import compiled
 
@@ -106,6 +109,60 @@ def test_a_lens_is_the_mean_of_pinholes_all_over_it(rng):
     assert_same_mean(frames, reference)
     # The far beam is blurred over two of its diameters.
     assert np.abs(reference - sharp).max() > 0.2 * sharp.max()
+
+
+@pytest.mark.parametrize("moving", ["beams", "camera"])
+def test_a_pass_that_blurs_little_is_seen_at_one_instant(moving):
+    """Its rays share one time and one place on the lens; the mean is that of all times and places."""
+    shift, lens = np.array([0.05, -0.04, 0.03]), dataclasses.replace(CAMERA, lens_radius=0.06)
+
+    def at(fraction):
+        if moving == "beams":
+            return Moment(shot(drawn(fraction * shift)), (lens,))
+        matrix = np.eye(4)
+        matrix[:3, 3] = -fraction * shift
+        return Moment(at_rest, (moved(lens, matrix),))
+
+    at_rest, shutter = shot(), Shutter(at, moving=True)
+    frame = begin(shutter, WINDOW, Settings(passes=1), planned=1)
+    instant_of_pass = frame._instant(0, frame.lit(0)[0])
+    assert 0 <= instant_of_pass.time < 1 and instant_of_pass.pinholes[0].camera.lens_radius == 0
+    frames = [beams_layer(shutter, seed=seed) for seed in range(2 * SEEDS)]
+    angle, places = 2 * np.pi * 0.618034 * np.arange(256), np.sqrt((np.arange(256) + 0.5) / 256)
+    on_lens = 0.06 * np.stack([places * np.cos(angle), places * np.sin(angle)], axis=1)
+    times = (np.arange(256) * 0.754877666 + 0.5) % 1.0
+    assert_same_mean(frames, mean_of([(drawn(t * shift), place) for t, place in zip(times, on_lens, strict=True)]))
+
+
+@pytest.mark.parametrize("shift", [(0.5, 0.4, 0.3), (0.0, 0.0, 0.0)])
+def test_what_moves_far_or_changes_has_its_own_time_in_each_pixel(shift):
+    ends = drawn(), drawn(np.array(shift), 2.0)
+    shutter = Shutter(lambda fraction: Moment(shot(ends[int(fraction >= 1)]), (CAMERA,)), moving=True)
+    frame = begin(shutter, WINDOW, Settings(passes=1), planned=1)
+    assert frame._instant(0, frame.lit(0)[0]) is None
+
+
+def test_a_pinhole_on_the_lens_has_the_rays_of_the_lens_there():
+    camera = dataclasses.replace(CAMERA, lens_radius=0.3, horizontal_offset=0.1, vertical_offset=-0.2)
+    place, square = (0.5, 0.5), Array2f(0.2, 0.85)
+    own = View(camera, WINDOW).rays(place, lambda groups: (square + dr.zeros(Array2f, dr.width(groups)), Float(0)))
+    pinhole = View(on_lens(camera, [float(each[0]) for each in disk(square)]).camera, WINDOW)
+    found = pinhole.rays(place)
+    assert pinhole.projection.lens is None and np.abs(found.origin.numpy()).max() > 0.1
+    assert np.allclose(own.origin.numpy(), found.origin.numpy(), atol=1e-6)
+    assert np.allclose(own.direction.numpy(), found.direction.numpy(), atol=1e-6)
+
+
+def test_a_camera_at_a_time_is_the_one_that_rays_have_then():
+    c, s = np.cos(0.02), np.sin(0.02)
+    matrix = np.array([[c, 0, s, 0.3], [0, 1, 0, -0.2], [-s, 0, c, 0.1], [0, 0, 0, 1]])
+    close = moved(CAMERA, matrix)
+    own = View(CAMERA, WINDOW, close).rays(
+        (0.5, 0.5), lambda groups: (dr.zeros(Array2f, dr.width(groups)), dr.full(Float, 0.3, dr.width(groups)))
+    )
+    found = View(CameraMotion(CAMERA, CAMERA, close).at(0.3), WINDOW).rays((0.5, 0.5))
+    assert np.allclose(own.origin.numpy(), found.origin.numpy(), atol=1e-4)
+    assert np.allclose(own.direction.numpy(), found.direction.numpy(), atol=1e-4)
 
 
 def moved(camera, matrix):

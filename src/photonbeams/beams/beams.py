@@ -23,7 +23,7 @@ from ..runtime.files import PathLike, atomic_file
 from ..runtime.inputs import arrays
 from ..scene import SceneError, arguments, shown
 from ..scene.checks import unknown
-from .fields import OPTIONAL, REQUIRED, VECTORS, Index, beam_array, check_radii, count_of, positions
+from .fields import NAMING, OPTIONAL, REQUIRED, UNIT, VECTORS, Index, beam_array, check_radii, count_of, positions
 
 
 class Beams:
@@ -348,3 +348,18 @@ class Beams:
             return cls(**{name: found[name] for name in (*REQUIRED, *OPTIONAL) if name in found})
         except SceneError as error:
             raise SceneError(f"{path}: expected beams saved by photonbeams (.npz), but {error}") from None
+
+
+def between(first: Beams, last: Beams, time: float) -> Beams:
+    """Return beams at a `time` between two states of them, 0 and 1; all but what names them is interpolated."""
+    part, result = dr.opaque(Float, time), copy(first)
+    for name in (*REQUIRED, *OPTIONAL):
+        one, other = getattr(first, name), getattr(last, name)
+        if name in NAMING or one is None or other is None:
+            continue
+        value = dr.lerp(one, other, part)
+        if name in UNIT:
+            value *= dr.rsqrt(dr.maximum(dr.squared_norm(value), 1e-30))
+        setattr(result, name, value)
+    dr.eval(result)
+    return result

@@ -25,6 +25,9 @@ VECTORS = (
     "start", "end", "power", "end_normal", "start_tangent", "end_tangent", "power_end", "start_normal", "side",
     "side_normal",
 )  # fmt: skip
+#: Names of the vectors of unit length, or of length 0, and of the arrays that tell beams apart.
+UNIT = ("end_normal", "start_tangent", "end_tangent", "start_normal", "side_normal")
+NAMING = ("random", "id", "generation")
 #: An index of beams, which is a number, a slice, a list, or a NumPy or Dr.Jit array of numbers or truth values.
 Index: TypeAlias = Union[int, slice, npt.ArrayLike, "UInt32"]
 

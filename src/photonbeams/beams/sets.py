@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .beams import Beams
+from .beams import Beams, between
 
 if TYPE_CHECKING:
     from ..looks import Look
@@ -22,3 +22,7 @@ class BeamSet(NamedTuple):
     to_world: Any = None  # (4, 4) transform from the light's space to world space, for looks
     medium: int = 0  # index of the medium that the beams are in
     depth: Any = None  # (N,) number of times that each beam's light was scattered before, or None if none was
+
+    def at(self, time: float) -> BeamSet:
+        """Return the beams at a `time` from 0 (shutter open) to 1 (close), at which they do not move."""
+        return self if self.close is None else self._replace(beams=between(self.beams, self.close, time), close=None)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import drjit as dr
 import numpy as np
@@ -19,10 +19,12 @@ from ..estimators.lanes import MoreSamples
 from ..numerics.arrays import joined, taken, to_uint
 from ..numerics.samples import BITS, Samples
 from ..numerics.sampling import z_order
+from ..numerics.streams import Stream
 from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..scene import SceneError
-from ..world.cameras.cameras import Window
+from ..world.cameras.cameras import Pinhole, Window
 from ..world.cameras.sensors import PrimaryRays
+from ..world.warp import disk
 from .costs import LANES, power_below
 from .films.film import BeamSamples, Film, SeenSums
 from .films.frame_sums import FrameSums
@@ -50,6 +52,13 @@ _EDGES = 0x3C6EF372  # offset of the seed of the extra samples there
 #: The beams and photons of a pass, and their light on surfaces. What rays see except beams, by passes; and the rays.
 Lit = tuple[TracedLight, SurfaceLight]
 Seen = tuple[list[SeenSums], ViewRays]
+
+
+class Instant(NamedTuple):
+    """One time in a pass, from 0 to 1, and for each view a pinhole on its lens."""
+
+    time: float
+    pinholes: Sequence[Pinhole]
 
 
 class PassMemory(Protocol):
@@ -151,8 +160,12 @@ class FrameRenderer(PassRenderer):
     def _add(self, numbers: range) -> None:
         """Add a pass, or several passes, if walks alone meet their light."""
         light, surfaces = self._memory.light(numbers[0], lambda: self.lit(numbers[0]))
-        moving = any(each.close is not None for each in light.sets)
+        instant, there = self._instant(numbers[0], light), light
+        if instant is not None:
+            there = replace(light, sets=[each.at(instant.time) for each in light.sets])
+        moving = any(each.close is not None for each in there.sets)
         for view, film in enumerate(self._films):
+            pinhole = None if instant is None else instant.pinholes[view]
             seen, looked = self._memory.picture(
                 numbers,
                 view,
@@ -164,13 +177,14 @@ class FrameRenderer(PassRenderer):
                 if light.sets:
                     with self.statistics.phase("surfaces"):
                         # Rays with their own origins are not evenly spaced.
-                        lattice = film.lattice(samples, *self._size) if looked.shared_origin else None
+                        lattice = film.lattice(samples, *self._size) if looked.shared_origin or pinhole else None
                         places = film.places(samples, lattice)
-                        rays = replace(self._rays(number, view, places, samples, moving), lattice=lattice)
+                        rays = replace(self._rays(number, view, places, samples, moving, pinhole), lattice=lattice)
                         if lattice is not None:
-                            rays = replace(rays, inside=self._views[view].inside(number, rays, places, samples, moving))
-                    edge = self._edges(own, rays, film.order)
-                    beams = self._beams(number, view, film, light, rays, places, edge)
+                            inside = self._views[view].inside(number, rays, places, samples, moving, pinhole)
+                            rays = replace(rays, inside=inside)
+                    edge = () if pinhole else self._edges(own, rays, film.order)
+                    beams = self._beams(number, view, film, there, rays, places, edge)
                     release_memory(self._size)
                 first = self._first_hits(view, film) if number == 0 else {}
                 with self.statistics.phase("surfaces"):
@@ -214,9 +228,31 @@ class FrameRenderer(PassRenderer):
             release_memory(self._size)
         return seen, rays[0]
 
-    def _rays(self, number: int, view: int, places: Array2f, samples: Samples, moving: bool = False) -> ViewRays:
-        """Return a view's camera rays in a pass, through `places` in the pixels; if beams move, they have times."""
-        return self._views[view].rays(number, places, self._films[view].order, samples, moving)
+    def _instant(self, number: int, light: TracedLight) -> Instant | None:
+        """Return the instant at which the beams of a pass are seen; None: pixels have their own, or nothing is blurred.
+
+        One for all lets rays share their origin, so that few of them need be gathered. Over the passes it is as random
+        as that of each pixel; if beams were blurred far, it would show as copies.
+        """
+        moving = any(each.close is not None for each in light.sets)
+        if not light.sets or not (moving or any(each.blurs(number) for each in self._views)):
+            return None
+        samples, first = self.samples(number), dr.opaque(UInt32, 0)
+        time = float(samples.pair(first, Stream.TIME).x[0])
+        place = [float(each[0]) for each in disk(samples.pair(first, Stream.LENS))]
+        pinholes = [each.instant(number, light.sets, place, time) for each in self._views]
+        known = [each for each in pinholes if each is not None]
+        return Instant(time, known) if len(known) == len(pinholes) else None
+
+    def _rays(
+        self, number: int, view: int, places: Array2f, samples: Samples, moving: bool = False,
+        pinhole: Pinhole | None = None,
+    ) -> ViewRays:  # fmt: skip
+        """Return a view's camera rays in a pass, through `places` in the pixels; if beams move, they have times.
+
+        If a `pinhole` is given, all rays are its rays.
+        """
+        return self._views[view].rays(number, places, self._films[view].order, samples, moving, pinhole)
 
     def _edges(self, seen: SeenSums, rays: ViewRays, order: UInt32) -> Any:
         """Return the pixels whose rays reach very different distances; none if rays have their own origins.

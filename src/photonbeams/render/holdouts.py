@@ -36,19 +36,19 @@ class HoldoutDepth:
         self._place = place
         dr.eval(self.depth, self._inverse, self._slopes)
 
-    def distances(self, view: View, facing: Any, places: Array2f, on_lens: tuple[Any, Any] | None = None) -> Float:
-        """Return the distances at which the rays of `view` end, for rays from points `on_lens`.
+    def distances(self, view: View, facing: Any, places: Array2f, on_lens: tuple[Any, Any, Any] | None = None) -> Float:
+        """Return the distances at which the rays of `view` end, for rays from points `on_lens`, as `View.on_lens`.
 
         `facing` is the planar depth per unit of distance; `places` are the rays' places in their pixels.
         """
         inverse, numerator = self._inverse, Float(1)
         for slope, there, here in zip(self._slopes, places, self._place, strict=True):
             inverse = dr.fma(slope, there - dr.opaque(Float, here), inverse)
-        if on_lens is not None and view.projection.lens is not None:
+        if on_lens is not None:
             # The plane is 1 = a Z + b X + c Y, and the ray X = x + Z (right − x / focus), Y alike, with a place (x, y)
             # on the lens; a + b right + c up is the inverse depth of the ray through the lens's centre.
-            scale, (_, focus) = view.projection.scale, view.projection.lens
-            moved = self._slopes[0] * scale[0] * on_lens[0] - self._slopes[1] * scale[1] * on_lens[1]
+            scale, (x, y, focus) = view.projection.scale, on_lens
+            moved = self._slopes[0] * scale[0] * x - self._slopes[1] * scale[1] * y
             inverse, numerator = inverse - moved / focus, dr.maximum(1 - moved, 0.25)
         # The slopes may add up to more than the inverse depth itself.
         return numerator / dr.maximum(inverse, 0.25 * self._inverse) / facing

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
+from .. import scene
+from ..beams.sets import BeamSet
 from ..estimators.lanes import Lattice
 from ..numerics.arrays import taken, to_uint
 from ..numerics.samples import Samples
 from ..numerics.streams import Stream
 from ..runtime.device import Array2f, Array3f, Float, UInt32
-from ..world.cameras.cameras import CameraRays, View, Window
+from ..world.cameras.cameras import CameraRays, Pinhole, View, Window, on_lens
 from ..world.cameras.sensors import PrimaryRays, sampled_rays
 from ..world.shutter import CameraMotion, turn, with_lens
 from .holdouts import HoldoutDepth
@@ -23,6 +25,11 @@ from .ray_passes import ViewRays
 
 LOG = logging.getLogger("photonbeams")
 _WIDEST_TURN = 30.0  # degrees: interpolated axes of the camera are then 3.4 % too short in the middle of the turn
+# A pass has one instant for all pixels if so much of its light is hardly blurred, and the camera turns at most by so
+# many degrees: straight motion is then that of surfaces to a tenth of a pixel.
+_NEARLY_ALL, _LEAST_TURN = 0.95, 2.0
+_STEADY = 0.2  # greatest relative change of a beam's power in a pass
+_PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # places along beams that are asked
 
 
 class FrameView:
@@ -52,25 +59,64 @@ class FrameView:
         self._camera, self._sensor, self._clips = camera, sensor, clips
         self._turned: set[str] = set() if turned is None else turned
 
-    def rays(self, number: int, places: Array2f, order: Any, samples: Samples, moving: bool = False) -> ViewRays:
+    def blurs(self, number: int) -> bool:
+        """Return whether the camera has a lens, or moves during a pass."""
+        return self._camera is not None and self._view(number, self.window).film
+
+    def instant(self, number: int, sets: Sequence[BeamSet], place: Sequence[float], time: float) -> Pinhole | None:
+        """Return a pinhole in place of the camera of a pass, at one time and one place on the lens.
+
+        None if the camera turns, or if many beams change, move far in the picture, or are far out of focus: by more
+        than a pixel and more than half of the beam's radius.
+
+        Parameters
+        ----------
+        sets
+            The beams of the pass.
+        place, time
+            The place on the lens, in the unit disc, and the time in the pass, from 0 to 1.
+        """
+        if self._camera is None:
+            return None
+        motion = self._camera(number)
+        camera = motion.at(time)
+        if turn(motion.opened, motion.closed) > _LEAST_TURN:
+            return None
+        scale = float(np.max(View(camera, self.window).pixels_per_tangent))
+        parts = [_sharp_part(each, motion, camera, scale) for each in sets]
+        sharp, total = (sum(each) for each in zip(*parts, strict=True))
+        return on_lens(camera, place) if sharp >= _NEARLY_ALL * total else None
+
+    def rays(
+        self, number: int, places: Array2f, order: Any, samples: Samples, moving: bool = False,
+        pinhole: Pinhole | None = None,
+    ) -> ViewRays:  # fmt: skip
         """Return the rays of pass `number`, through `places` in the pixels.
 
         `order` has the pixels' numbers for their samples. If beams are `moving`, rays have times, and are otherwise the
-        same.
+        same. If a `pinhole` is given, all rays are its rays.
         """
         if self._camera is None:
             return ViewRays(sampled_rays(self._sensor, self.window, places, order, samples), None)
-        own = self._view(number, self.window)
+        own = self._view(number, self.window, pinhole)
         sample = (lambda groups: _on_lens(samples, groups)) if own.film or moving else None
         rays = own.rays(places, sample)
         far = None
         if self.holdout is not None:
-            far = self.holdout.distances(own, rays.facing, places, own.on_lens(sample))
+            there = own.on_lens(sample)
+            if pinhole is not None and pinhole.place is not None:
+                there = (
+                    dr.opaque(Float, pinhole.place[0]),
+                    dr.opaque(Float, pinhole.place[1]),
+                    dr.opaque(Float, pinhole.place[2]),
+                )
+            far = self.holdout.distances(own, rays.facing, places, there)
         return ViewRays(self._primary(own, rays, far), own.projection, own.camera.exposure_scale, far)
 
     def inside(
-        self, number: int, rays: ViewRays, places: Array2f, samples: Samples, moving: bool
-    ) -> tuple[UInt32, ViewRays] | None:
+        self, number: int, rays: ViewRays, places: Array2f, samples: Samples, moving: bool,
+        pinhole: Pinhole | None,
+    ) -> tuple[UInt32, ViewRays] | None:  # fmt: skip
         """Return the part of the view's rays, with a lattice, that is inside the picture; None if all rays are."""
         left, top, right, bottom = self.window.inside()
         (height, width), (x, y) = self.window.shape, self.window.crop[:2]
@@ -78,7 +124,7 @@ class FrameView:
             return None
         row, column = np.mgrid[top:bottom, left:right]
         index = to_uint((row * width + column).ravel())
-        own = self._view(number, replace(self.window, crop=(x + left, y + top, x + right, y + bottom)))
+        own = self._view(number, replace(self.window, crop=(x + left, y + top, x + right, y + bottom)), pinhole)
         found = own.rays(taken(places, index), (lambda groups: _on_lens(samples, groups)) if moving else None)
         far = None if rays.holdout is None else taken(rays.primary.far, index)
         assert rays.lattice is not None
@@ -93,8 +139,10 @@ class FrameView:
         own = View(replace(self._camera(0).opened, lens_radius=0.0), self.window)
         return ViewRays(self._primary(own, own.rays(places)), own.projection, holdout=holdout)
 
-    def _view(self, number: int, window: Window) -> View:
-        """Return the camera of a pass in a window of the picture."""
+    def _view(self, number: int, window: Window, pinhole: Pinhole | None = None) -> View:
+        """Return the camera of a pass, or a pinhole, in a window of the picture."""
+        if pinhole is not None:
+            return View(pinhole.camera, window)
         assert self._camera is not None
         opened, middle, closed = self._camera(number)
         angle = turn(opened, closed)
@@ -112,6 +160,35 @@ class FrameView:
         ones = dr.ones(Array3f, count)
         far = end if far is None else far
         return PrimaryRays(rays.origin, rays.direction, near, far, ones, rays.facing, rays.origins, rays.times)
+
+
+def _sharp_part(each: BeamSet, motion: CameraMotion, camera: scene.Camera, scale: float) -> tuple[float, float]:
+    """Return how much light of beams is hardly blurred by motion and lens, and how much there is.
+
+    `scale` is the number of pixels of a tangent of 1, or of a unit for parallel projections.
+    """
+    states = [each.beams.arrays(), (each.close or each.beams).arrays()]
+    to_camera = [np.linalg.inv(np.asarray(own.to_world, dtype=np.float64)) for own in (motion.opened, motion.closed)]
+    light = states[0]["power"].max(axis=1) * np.linalg.norm(states[0]["end"] - states[0]["start"], axis=1)
+    sharp = np.zeros(len(light))
+    for part in _PARTS:
+        first, last = (
+            ((1 - part) * own["start"] + part * own["end"]) @ matrix[:3, :3].T + matrix[:3, 3]
+            for own, matrix in zip(states, to_camera, strict=True)
+        )
+        lens, pixel, along = np.zeros(len(light)), np.full(len(light), 1 / scale), np.array([0.0, 0.0, -1.0])
+        if not camera.orthographic:
+            distance = np.linalg.norm(first, axis=1)
+            pixel, along = distance / scale, first / np.maximum(distance, 1e-30)[:, None]
+            if camera.lens_radius > 0:
+                lens = camera.lens_radius * np.abs(1 + first[:, 2] / camera.focus_distance)
+        hop = last - first
+        across = np.linalg.norm(hop - (hop * along).sum(axis=1, keepdims=True) * along, axis=1)
+        radius = (1 - part) * states[0]["radius_start"] + part * states[0]["radius_end"]
+        sharp += np.maximum(across, lens) <= np.maximum(pixel, 0.5 * radius)
+    power, later = (own["power"].max(axis=1) for own in states)
+    sharp *= np.abs(later - power) <= _STEADY * np.maximum(power, later)
+    return float(light @ sharp) / len(_PARTS), float(light.sum())
 
 
 def _on_lens(samples: Samples, groups: UInt32) -> tuple[Any, Any]:

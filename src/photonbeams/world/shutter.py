@@ -28,6 +28,18 @@ class CameraMotion(NamedTuple):
     middle: scene.Camera
     closed: scene.Camera
 
+    def at(self, time: float) -> scene.Camera:
+        """Return the camera at a `time` of the pass, from 0 to 1; it must hardly turn."""
+        if self.closed is self.opened:
+            return with_lens(self.opened, self.middle)
+        first, last = (
+            np.linalg.inv(np.asarray(each.to_world, dtype=np.float64)) for each in (self.opened, self.closed)
+        )
+        to_world = np.linalg.inv((1 - time) * first + time * last)
+        u, _, v = np.linalg.svd(to_world[:3, :3])  # axes in between are a little too short
+        to_world[:3, :3] = u @ v
+        return replace(with_lens(self.opened, self.middle), to_world=to_world)
+
 
 @dataclass(frozen=True)
 class Shutter:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -112,8 +112,7 @@ class View:
     def __init__(self, camera: scene.Camera, window: Window, close: scene.Camera | None = None) -> None:
         self.camera, self.window = camera, window
         self.aperture = np.array(window.aperture(camera))
-        depth = 1.0 if camera.orthographic else camera.focal_length
-        scale = np.array([window.width, window.height]) * depth / self.aperture
+        depth, scale = 1.0 if camera.orthographic else camera.focal_length, self.pixels_per_tangent
         offset = np.array([camera.horizontal_offset, camera.vertical_offset]) / depth * scale
         center = np.array([window.width, window.height]) / 2 + np.array([-1, 1]) * offset
         # Rays are made in the whole picture. In single precision, those of a crop window would round differently.
@@ -138,6 +137,13 @@ class View:
     def whole(self) -> View:
         """Return the same camera with a window of the whole picture."""
         return View(self.camera, self.window.whole())
+
+    @property
+    def pixels_per_tangent(self) -> np.ndarray:
+        """The numbers of pixels across and down for a tangent of 1, or for a scene unit of a parallel projection."""
+        depth = 1.0 if self.camera.orthographic else self.camera.focal_length
+        result: np.ndarray = np.array([self.window.width, self.window.height]) * depth / self.aperture
+        return result
 
     @property
     def film(self) -> bool:
@@ -195,14 +201,14 @@ class View:
         inv = dr.rsqrt(dr.squared_norm(direction))
         return origin, direction * inv, inv
 
-    def on_lens(self, sample: Callable[[UInt32], tuple[Array2f, Float]] | None) -> tuple[Array2f, Float] | None:
-        """Return where on the lens the rays of `rays` begin, to the right and up; None without a lens."""
+    def on_lens(self, sample: Callable[[UInt32], tuple[Array2f, Float]] | None) -> tuple[Float, Float, Float] | None:
+        """Return where on the lens the rays of `rays` begin, right and up, and the focus distance; None: no lens."""
         lens = self.projection.lens
         if lens is None or sample is None:
             return None
         group = lane_of(*self.pixels(), dr.opaque(UInt32, self.projection.columns))
         place = disk(Array2f(sample(self._whole(group))[0])) * lens[0]
-        return place.x, place.y
+        return place.x, place.y, lens[1]
 
     def pixels(self) -> tuple[UInt32, UInt32]:
         """Return column and row of each pixel of the window, row by row."""
@@ -282,6 +288,28 @@ class View:
             center = np.array([-camera.horizontal_offset, camera.vertical_offset]) / depth
             result |= {"screenWindowCenter": center, "screenWindowWidth": float(w / depth)}
         return result
+
+
+class Pinhole(NamedTuple):
+    """A pinhole on a camera's lens: a camera, and where it is, right and up of the centre, with the focus distance."""
+
+    camera: scene.Camera
+    place: tuple[float, float, float] | None  # None: the camera has no lens
+
+
+def on_lens(camera: scene.Camera, place: Sequence[float]) -> Pinhole:
+    """Return the pinhole at a place on a camera's lens, in the unit disc: it sees the plane of focus as all others."""
+    if camera.lens_radius == 0 or camera.orthographic:
+        return Pinhole(replace(camera, lens_radius=0.0), None)
+    x, y = (camera.lens_radius * each for each in place)
+    to_world = np.array(camera.to_world, dtype=np.float64)
+    to_world[:3, 3] += to_world[:3, :2] @ (x, y)
+    shift = camera.focal_length / camera.focus_distance
+    moved = replace(
+        camera, lens_radius=0.0, to_world=to_world, horizontal_offset=camera.horizontal_offset - shift * x,
+        vertical_offset=camera.vertical_offset - shift * y,
+    )  # fmt: skip
+    return Pinhole(moved, (x, y, camera.focus_distance))
 
 
 def _pose(camera: scene.Camera) -> Pose:
