@@ -20,6 +20,7 @@ NAMES = {
     "quadrature": "Gauss against Riemann at equal error",
     "transport": "Mitsuba scenes: Z-test, variance and seconds beside volpath, caustics, a million beams",
     "keyhole": "the example frame, from an empty kernel cache",
+    "frames": "the keyhole's picture, its flight and a large pass: seconds and memory",
     "farm": "workers beside threads, the cost of a task, memory over passes",
     "scale": "a thousand machines, simulated with the farm's own scheduling policy",
     "studio": "from an edit to its first picture, orbits, memory over ten thousand edits",
