@@ -142,6 +142,15 @@ def test_what_moves_far_or_changes_has_its_own_time_in_each_pixel(shift):
     assert frame._instant(0, frame.lit(0)[0]) is None
 
 
+def test_edges_of_surfaces_far_out_of_focus_are_not_seen_at_one_instant():
+    """Each pass would show its own sharp edge; of enough passes, the edges lie less than a pixel apart."""
+    post = quad("/post", [[-0.1, -9, -0.3], [0.1, -9, -0.3], [0.1, 9, -0.3], [-0.1, 9, -0.3]])
+    lens = dataclasses.replace(CAMERA, lens_radius=0.05)
+    for meshes, passes, one in (([], 1, True), ([post], 1, False), ([post], 64, True)):
+        frame = begin(Shutter.still(shot(meshes=meshes), lens), WINDOW, Settings(passes=passes), planned=passes)
+        assert (frame._instant(0, frame.lit(0)[0]) is not None) == one
+
+
 def test_a_pinhole_on_the_lens_has_the_rays_of_the_lens_there():
     camera = dataclasses.replace(CAMERA, lens_radius=0.3, horizontal_offset=0.1, vertical_offset=-0.2)
     place, square = (0.5, 0.5), Array2f(0.2, 0.85)

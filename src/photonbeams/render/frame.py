@@ -240,7 +240,8 @@ class FrameRenderer(PassRenderer):
         samples, first = self.samples(number), dr.opaque(UInt32, 0)
         time = float(samples.pair(first, Stream.TIME).x[0])
         place = [float(each[0]) for each in disk(samples.pair(first, Stream.LENS))]
-        pinholes = [each.instant(number, light.sets, place, time) for each in self._views]
+        passes = number + 1 if self.planned is None else self.planned
+        pinholes = [each.instant(number, light, place, time, passes) for each in self._views]
         known = [each for each in pinholes if each is not None]
         return Instant(time, known) if len(known) == len(pinholes) else None
 

@@ -10,17 +10,19 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from .. import scene
 from ..beams.sets import BeamSet
 from ..estimators.lanes import Lattice
 from ..numerics.arrays import taken, to_uint
 from ..numerics.samples import Samples
 from ..numerics.streams import Stream
-from ..runtime.device import Array2f, Array3f, Float, UInt32
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..world.cameras.cameras import CameraRays, Pinhole, View, Window, on_lens
 from ..world.cameras.sensors import PrimaryRays, sampled_rays
 from ..world.shutter import CameraMotion, turn, with_lens
+from ..world.world import World
 from .holdouts import HoldoutDepth
+from .light import TracedLight
+from .pilots.coarse_passes import COLUMNS, ROWS
 from .ray_passes import ViewRays
 
 LOG = logging.getLogger("photonbeams")
@@ -63,18 +65,23 @@ class FrameView:
         """Return whether the camera has a lens, or moves during a pass."""
         return self._camera is not None and self._view(number, self.window).film
 
-    def instant(self, number: int, sets: Sequence[BeamSet], place: Sequence[float], time: float) -> Pinhole | None:
+    def instant(
+        self, number: int, light: TracedLight, place: Sequence[float], time: float, passes: int
+    ) -> Pinhole | None:
         """Return a pinhole in place of the camera of a pass, at one time and one place on the lens.
 
         None if the camera turns, or if many beams change, move far in the picture, or are far out of focus: by more
-        than a pixel and more than half of the beam's radius.
+        than a pixel and more than half of the beam's radius. And None if surfaces that end beams move by more than a
+        pixel, or are so far out of focus that the edges of so many passes lie more than a pixel apart.
 
         Parameters
         ----------
-        sets
-            The beams of the pass.
+        light
+            The light of the pass, and the world that its rays meet.
         place, time
             The place on the lens, in the unit disc, and the time in the pass, from 0 to 1.
+        passes
+            How many passes there are at least.
         """
         if self._camera is None:
             return None
@@ -82,10 +89,29 @@ class FrameView:
         camera = motion.at(time)
         if turn(motion.opened, motion.closed) > _LEAST_TURN:
             return None
-        scale = float(np.max(View(camera, self.window).pixels_per_tangent))
-        parts = [_sharp_part(each, motion, camera, scale) for each in sets]
+        own = View(camera, self.window)
+        parts = [_sharp_part(each, motion, own) for each in light.sets]
         sharp, total = (sum(each) for each in zip(*parts, strict=True))
-        return on_lens(camera, place) if sharp >= _NEARLY_ALL * total else None
+        if sharp < _NEARLY_ALL * total:
+            return None
+        ends = self._ends(light.world, own)
+        hop, lens, pixel = _blurs(ends, ends, motion, own)
+        edges = (hop <= pixel) & (lens <= pixel * max(1.0, passes / 2))
+        return on_lens(camera, place) if edges.all() else None
+
+    def _ends(self, world: World, own: View) -> np.ndarray:
+        """Return places, (N, 3), where rays all over the picture end."""
+        if self.holdout is None:
+            origin, direction = own.coarse_rays(COLUMNS, ROWS)
+            hit = world.solids.first(origin, direction, Bool(True), dr.arange(UInt32, dr.width(direction)))
+            met, place = hit.is_valid(), Array3f(hit.p)
+            dr.eval(met, place)
+            return place.numpy().T[met.numpy()].astype(np.float64)
+        # On the axis: how far a place is blurred depends on its depth.
+        depth = self.holdout.depth.numpy().astype(np.float64)
+        matrix = np.asarray(own.camera.to_world, dtype=np.float64)
+        ahead: np.ndarray = matrix[:3, 3] - depth[np.isfinite(depth), None] * matrix[:3, 2]
+        return ahead
 
     def rays(
         self, number: int, places: Array2f, order: Any, samples: Samples, moving: bool = False,
@@ -105,11 +131,8 @@ class FrameView:
         if self.holdout is not None:
             there = own.on_lens(sample)
             if pinhole is not None and pinhole.place is not None:
-                there = (
-                    dr.opaque(Float, pinhole.place[0]),
-                    dr.opaque(Float, pinhole.place[1]),
-                    dr.opaque(Float, pinhole.place[2]),
-                )
+                x, y, focus = (dr.opaque(Float, each) for each in pinhole.place)
+                there = x, y, focus
             far = self.holdout.distances(own, rays.facing, places, there)
         return ViewRays(self._primary(own, rays, far), own.projection, own.camera.exposure_scale, far)
 
@@ -162,33 +185,48 @@ class FrameView:
         return PrimaryRays(rays.origin, rays.direction, near, far, ones, rays.facing, rays.origins, rays.times)
 
 
-def _sharp_part(each: BeamSet, motion: CameraMotion, camera: scene.Camera, scale: float) -> tuple[float, float]:
-    """Return how much light of beams is hardly blurred by motion and lens, and how much there is.
-
-    `scale` is the number of pixels of a tangent of 1, or of a unit for parallel projections.
-    """
-    states = [each.beams.arrays(), (each.close or each.beams).arrays()]
-    to_camera = [np.linalg.inv(np.asarray(own.to_world, dtype=np.float64)) for own in (motion.opened, motion.closed)]
+def _sharp_part(each: BeamSet, motion: CameraMotion, own: View) -> tuple[float, float]:
+    """Return how much light of beams is hardly blurred by motion and lens, and how much there is."""
+    names = ("start", "end", "power")
+    states = [
+        {name: getattr(beams, name).numpy().T for name in names} for beams in (each.beams, each.close or each.beams)
+    ]
+    radii = each.beams.radius_start.numpy(), each.beams.radius_end.numpy()
     light = states[0]["power"].max(axis=1) * np.linalg.norm(states[0]["end"] - states[0]["start"], axis=1)
     sharp = np.zeros(len(light))
     for part in _PARTS:
-        first, last = (
-            ((1 - part) * own["start"] + part * own["end"]) @ matrix[:3, :3].T + matrix[:3, 3]
-            for own, matrix in zip(states, to_camera, strict=True)
-        )
-        lens, pixel, along = np.zeros(len(light)), np.full(len(light), 1 / scale), np.array([0.0, 0.0, -1.0])
-        if not camera.orthographic:
-            distance = np.linalg.norm(first, axis=1)
-            pixel, along = distance / scale, first / np.maximum(distance, 1e-30)[:, None]
-            if camera.lens_radius > 0:
-                lens = camera.lens_radius * np.abs(1 + first[:, 2] / camera.focus_distance)
-        hop = last - first
-        across = np.linalg.norm(hop - (hop * along).sum(axis=1, keepdims=True) * along, axis=1)
-        radius = (1 - part) * states[0]["radius_start"] + part * states[0]["radius_end"]
-        sharp += np.maximum(across, lens) <= np.maximum(pixel, 0.5 * radius)
-    power, later = (own["power"].max(axis=1) for own in states)
+        places = [(1 - part) * state["start"] + part * state["end"] for state in states]
+        hop, lens, pixel = _blurs(places[0], places[1], motion, own)
+        radius = (1 - part) * radii[0] + part * radii[1]
+        sharp += np.maximum(hop, lens) <= np.maximum(pixel, 0.5 * radius)
+    power, later = (state["power"].max(axis=1) for state in states)
     sharp *= np.abs(later - power) <= _STEADY * np.maximum(power, later)
     return float(light @ sharp) / len(_PARTS), float(light.sum())
+
+
+def _blurs(
+    opened: np.ndarray, closed: np.ndarray, motion: CameraMotion, own: View
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return how far places, (N, 3), move across the view in a pass; how far the lens spreads them; and a pixel there.
+
+    All three are in scene units, at the places' distance from the camera.
+    """
+    camera, scale = own.camera, float(np.max(own.pixels_per_tangent))
+    first, last = (
+        places @ matrix[:3, :3].T + matrix[:3, 3]
+        for places, matrix in (
+            (opened, np.linalg.inv(np.asarray(motion.opened.to_world, dtype=np.float64))),
+            (closed, np.linalg.inv(np.asarray(motion.closed.to_world, dtype=np.float64))),
+        )
+    )
+    lens, pixel, along = np.zeros(len(first)), np.full(len(first), 1 / scale), np.array([0.0, 0.0, -1.0])
+    if not camera.orthographic:
+        distance = np.linalg.norm(first, axis=1)
+        pixel, along = distance / scale, first / np.maximum(distance, 1e-30)[:, None]
+        if camera.lens_radius > 0:
+            lens = camera.lens_radius * np.abs(1 + first[:, 2] / camera.focus_distance)
+    hop = last - first
+    return np.linalg.norm(hop - (hop * along).sum(axis=1, keepdims=True) * along, axis=1), lens, pixel
 
 
 def _on_lens(samples: Samples, groups: UInt32) -> tuple[Any, Any]:
