@@ -9,6 +9,8 @@ from scipy.stats import t as student
 
 import photonbeams as pb
 from photonbeams import scene
+from photonbeams.render.holdouts import HoldoutDepth
+from photonbeams.render.pilots.coarse_passes import with_fewer_paths
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import begin, render
 from photonbeams.runtime.device import Array2f, Float
@@ -134,9 +136,17 @@ def test_a_pass_that_blurs_little_is_seen_at_one_instant(moving):
     assert_same_mean(frames, mean_of([(drawn(t * shift), place) for t, place in zip(times, on_lens, strict=True)]))
 
 
-@pytest.mark.parametrize("shift", [(0.5, 0.4, 0.3), (0.0, 0.0, 0.0)])
-def test_what_moves_far_or_changes_has_its_own_time_in_each_pixel(shift):
-    ends = drawn(), drawn(np.array(shift), 2.0)
+@pytest.mark.parametrize(
+    ("shift", "powers"),
+    [
+        ((0.5, 0.4, 0.3), (1.0, 1.0)),
+        ((0, 0, 0), (1.0, 2.0)),
+        ((0, 0, 0), (0.0, 1.0)),
+        ((0, 0, 0), ((1, 0, 0), (0, 0, 1))),
+    ],
+)
+def test_what_moves_far_or_changes_has_its_own_time_in_each_pixel(shift, powers):
+    ends = drawn(power=powers[0]), drawn(np.array(shift), powers[1])
     shutter = Shutter(lambda fraction: Moment(shot(ends[int(fraction >= 1)]), (CAMERA,)), moving=True)
     frame = begin(shutter, WINDOW, Settings(passes=1), planned=1)
     assert frame._instant(0, frame.lit(0)[0]) is None
@@ -149,6 +159,20 @@ def test_edges_of_surfaces_far_out_of_focus_are_not_seen_at_one_instant():
     for meshes, passes, one in (([], 1, True), ([post], 1, False), ([post], 64, True)):
         frame = begin(Shutter.still(shot(meshes=meshes), lens), WINDOW, Settings(passes=passes), planned=passes)
         assert (frame._instant(0, frame.lit(0)[0]) is not None) == one
+
+
+def test_a_holdout_out_of_focus_does_not_decide_how_a_crop_is_seen():
+    """Its edges stay in their pixels, wherever on the lens rays begin."""
+    lens = dataclasses.replace(CAMERA, lens_radius=0.05)
+    for depth in (0.3, 9.0):
+        held = [HoldoutDepth(np.full((HEIGHT, WIDTH), depth), WINDOW)]
+        frame = begin(Shutter.still(shot(), lens), WINDOW, Settings(passes=1), held, planned=1)
+        assert frame._instant(0, frame.lit(0)[0]) is not None
+
+
+def test_a_pilot_has_all_drawn_beams():
+    light = begin(Shutter.still(shot(), CAMERA), WINDOW, Settings(passes=1)).light
+    assert with_fewer_paths(light)[1] == 1
 
 
 def test_a_pinhole_on_the_lens_has_the_rays_of_the_lens_there():

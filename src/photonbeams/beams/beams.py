@@ -359,7 +359,8 @@ def between(first: Beams, last: Beams, time: float) -> Beams:
             continue
         value = dr.lerp(one, other, part)
         if name in UNIT:
-            value *= dr.rsqrt(dr.maximum(dr.squared_norm(value), 1e-30))
+            there = (dr.squared_norm(one) > 0) & (dr.squared_norm(other) > 0)
+            value *= dr.select(there, dr.rsqrt(dr.maximum(dr.squared_norm(value), 1e-30)), 0)
         setattr(result, name, value)
     dr.eval(result)
     return result

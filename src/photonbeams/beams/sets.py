@@ -25,4 +25,6 @@ class BeamSet(NamedTuple):
 
     def at(self, time: float) -> BeamSet:
         """Return the beams at a `time` from 0 (shutter open) to 1 (close), at which they do not move."""
-        return self if self.close is None else self._replace(beams=between(self.beams, self.close, time), close=None)
+        if self.close is None or not len(self.beams):
+            return self._replace(close=None)
+        return self._replace(beams=between(self.beams, self.close, time), close=None)

@@ -167,10 +167,12 @@ def _of_more(view: Projection, more: MoreSamples | None, count: int, busy: Bool)
     each, step, first = dr.opaque(UInt32, more.each), dr.opaque(UInt32, dr.width(more.pixels)), width * height
     x, y = pixel % width + left, pixel // width + top
     block = _bit(_block_of(x, y))
-    carried = [
-        LaneRay(first + edge + (sample + number) * step, sample + number < each, block + number * 0)
-        for number in range(count)
-    ]
+    carried = []
+    for number in range(count):
+        there = sample + number < each
+        # Each has a mask of its own: a kernel that reads one array for all of them would be another kernel.
+        own = dr.select(there, block, 0)
+        carried.append(LaneRay(first + edge + (sample + number) * step, there, own))
     result = Lanes(tile_of(view, pixel), lane_of(x, y, columns), carried)
     dr.eval(result)
     return result

@@ -183,7 +183,7 @@ class FrameRenderer(PassRenderer):
                         if lattice is not None:
                             inside = self._views[view].inside(number, rays, places, samples, moving, pinhole)
                             rays = replace(rays, inside=inside)
-                    edge = self._edges(own, rays, film.order) if looked.shared_origin else ()
+                    edge = self._edges(own, looked, film.order)
                     beams = self._beams(number, view, film, there, rays, places, edge)
                     release_memory(self._size)
                 first = self._first_hits(view, film) if number == 0 else {}

@@ -77,11 +77,12 @@ class EstimatorOptions:
 
 def is_coarse(options: EstimatorOptions, each: BeamSet, media: Media) -> bool:
     """Return whether `estimate_image` gathers a set of beams along fewer rays than pixels, where rays allow it."""
-    if options.tolerance <= 0 or each.close is not None:
+    medium = next((own for own in media.all if own.number == each.medium), None)
+    if options.tolerance <= 0 or each.close is not None or medium is None or not len(each.beams):
         return False
-    medium = next(own for own in media.all if own.number == each.medium)
     context = None if options.context is None else options.context(each)
-    return bind(medium.shaded(each.look), each.beams, None, medium.medium, context).smooth
+    with naming_look(each):
+        return bind(medium.shaded(each.look), each.beams, None, medium.medium, context).smooth
 
 
 class Gathering:

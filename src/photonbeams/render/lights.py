@@ -137,7 +137,7 @@ class Lights:
         lit = [each for each in self._lit if each not in dark]
         counts = self._counts(walked, lit, dark, Counts.DIRECT_PHOTONS if self.connects else Counts.NOTHING)
         # Virtual lights are guided as the photons would be to which they send light.
-        seen = self._counts(walked, lit, dark, Counts.PHOTONS)
+        seen = self._counts(walked, lit, dark, Counts.DIRECT_PHOTONS | Counts.PHOTONS)
         guides = self._guides(seen, (tuple(walked), frozenset(dark))) if any(counts.values()) else UNGUIDED
         allotment = replace(self.simulation.allotment, counts=counts)
         simulation = replace(self.simulation, allotment=allotment, guides=guides)

@@ -10,9 +10,10 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..beams import Beams
 from ..beams.sets import BeamSet
 from ..estimators.lanes import Lattice
-from ..numerics.arrays import taken, to_uint
+from ..numerics.arrays import taken, to_numpy, to_uint
 from ..numerics.samples import Samples
 from ..numerics.streams import Stream
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
@@ -31,6 +32,7 @@ _WIDEST_TURN = 30.0  # degrees: interpolated axes of the camera are then 3.4 % t
 # many degrees: straight motion is then that of surfaces to a tenth of a pixel.
 _NEARLY_ALL, _LEAST_TURN = 0.95, 2.0
 _STEADY = 0.2  # greatest relative change of a beam's power in a pass
+_ENOUGH = 1 << 14  # beams, approximately, that are asked
 _PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # places along beams that are asked
 
 
@@ -86,32 +88,28 @@ class FrameView:
         if self._camera is None:
             return None
         motion = self._camera(number)
-        camera = motion.at(time)
         if turn(motion.opened, motion.closed) > _LEAST_TURN:
             return None
-        own = View(camera, self.window)
+        # Not at the time that was drawn: passes that chose by it would prefer some times to others.
+        own = View(with_lens(motion.opened, motion.middle), self.window)
         parts = [_sharp_part(each, motion, own) for each in light.sets]
         sharp, total = (sum(each) for each in zip(*parts, strict=True))
-        if sharp < _NEARLY_ALL * total:
+        if not sharp >= _NEARLY_ALL * total:
             return None
         ends = self._ends(light.world, own)
         hop, lens, pixel = _blurs(ends, ends, motion, own)
         edges = (hop <= pixel) & (lens <= pixel * max(1.0, passes / 2))
-        return on_lens(camera, place) if edges.all() else None
+        return on_lens(motion.at(time), place) if edges.all() else None
 
     def _ends(self, world: World, own: View) -> np.ndarray:
-        """Return places, (N, 3), where rays all over the picture end."""
-        if self.holdout is None:
-            origin, direction = own.coarse_rays(COLUMNS, ROWS)
-            hit = world.solids.first(origin, direction, Bool(True), dr.arange(UInt32, dr.width(direction)))
-            met, place = hit.is_valid(), Array3f(hit.p)
-            dr.eval(met, place)
-            return place.numpy().T[met.numpy()].astype(np.float64)
-        # On the axis: how far a place is blurred depends on its depth.
-        depth = self.holdout.depth.numpy().astype(np.float64)
-        matrix = np.asarray(own.camera.to_world, dtype=np.float64)
-        ahead: np.ndarray = matrix[:3, 3] - depth[np.isfinite(depth), None] * matrix[:3, 2]
-        return ahead
+        """Return places, (N, 3), where rays all over the picture end; a holdout's edges stay in their pixels."""
+        if self.holdout is not None:
+            return np.zeros((0, 3))
+        origin, direction = own.coarse_rays(COLUMNS, ROWS)
+        hit = world.solids.first(origin, direction, Bool(True), dr.arange(UInt32, dr.width(direction)))
+        met, place = hit.is_valid(), Array3f(hit.p)
+        dr.eval(met, place)
+        return to_numpy(place).T[met.numpy()].astype(np.float64)
 
     def rays(
         self, number: int, places: Array2f, order: Any, samples: Samples, moving: bool = False,
@@ -187,21 +185,25 @@ class FrameView:
 
 def _sharp_part(each: BeamSet, motion: CameraMotion, own: View) -> tuple[float, float]:
     """Return how much light of beams is hardly blurred by motion and lens, and how much there is."""
-    names = ("start", "end", "power")
-    states = [
-        {name: getattr(beams, name).numpy().T for name in names} for beams in (each.beams, each.close or each.beams)
-    ]
-    radii = each.beams.radius_start.numpy(), each.beams.radius_end.numpy()
-    light = states[0]["power"].max(axis=1) * np.linalg.norm(states[0]["end"] - states[0]["start"], axis=1)
-    sharp = np.zeros(len(light))
+    states = [_rows(beams) for beams in (each.beams, each.beams if each.close is None else each.close)]
+    (power, later), lengths = ([state[2] for state in states], [np.linalg.norm(b - a, axis=1) for a, b, *_ in states])
+    most = np.maximum(power, later).max(axis=1)
+    light, sharp = most * np.maximum(*lengths), np.zeros(len(most))
     for part in _PARTS:
-        places = [(1 - part) * state["start"] + part * state["end"] for state in states]
-        hop, lens, pixel = _blurs(places[0], places[1], motion, own)
-        radius = (1 - part) * radii[0] + part * radii[1]
-        sharp += np.maximum(hop, lens) <= np.maximum(pixel, 0.5 * radius)
-    power, later = (state["power"].max(axis=1) for state in states)
-    sharp *= np.abs(later - power) <= _STEADY * np.maximum(power, later)
+        opened, closed = ((1 - part) * start + part * end for start, end, *_ in states)
+        radius, wider = (((1 - part) * first + part * last)[:, 0] for *_, first, last in states)
+        hop, lens, pixel = _blurs(opened, closed, motion, own)
+        blur = np.maximum(np.maximum(hop, lens), np.abs(wider - radius))
+        sharp += blur <= np.maximum(pixel, 0.5 * radius)
+    sharp *= np.abs(later - power).max(axis=1) <= _STEADY * most
     return float(light @ sharp) / len(_PARTS), float(light.sum())
+
+
+def _rows(beams: Beams) -> list[np.ndarray]:
+    """Return starts, ends, powers, and radii at both ends, by rows: of all beams, or of as many as tell enough."""
+    step = len(beams) // _ENOUGH + 1
+    arrays = beams.start, beams.end, beams.power, [beams.radius_start], [beams.radius_end]
+    return [to_numpy(each).T[::step].astype(np.float64) for each in arrays]
 
 
 def _blurs(

@@ -37,10 +37,11 @@ class Pixels:
 
 
 def with_fewer_paths(light: ShotLight) -> tuple[ShotLight, float]:
-    """Return a light with the light paths of a pilot, and the fraction of all paths that these are."""
-    strata = light.simulation.strata(light.world)
+    """Return a light with the light paths of a pilot, and the fraction of all paths, and drawn beams, that it has."""
+    strata, drawn = light.simulation.strata(light.world), sum(len(each.start) for each in light.world.drawn)
     fewer = {each.name: max(each.count // FEWER, min(each.count, _FEWEST)) for each in strata}
-    return light.with_counts(fewer), sum(fewer.values()) / max(light.paths, 1)
+    whole = sum(each.count for each in strata) + drawn
+    return light.with_counts(fewer), (sum(fewer.values()) + drawn) / max(whole, 1) if whole else 1.0
 
 
 class Pilot:

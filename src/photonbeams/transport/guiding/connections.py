@@ -115,4 +115,6 @@ def _visible(world: World, views: Views) -> tuple[Bool, VisiblePoints]:
     result.light = dr.max(seen * dr.select(scattering > 0, scattering, 1)) * far
     result.part = view.part_at(place)
     result.number = number
-    return (result.medium > 0) & (result.light > 0), result
+    there = (result.medium > 0) & (result.light > 0)
+    dr.eval(there, result)
+    return there, result
