@@ -9,7 +9,6 @@ import sys
 from time import perf_counter
 from typing import Any, NamedTuple
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -53,10 +52,11 @@ def report(console: Console) -> None:
         found = json.loads(child.stdout)
         known[name] = found["seconds"]
         most = LARGE * known["a pass"] if case.memory else case.seconds
+        error = "" if found["error"] is None else f"{found['error']:.2%}"
         phases = ", ".join(f"{phase} {seconds:.1f}" for phase, seconds in found["phases"].items() if seconds >= 0.05)
         table.add_row(
             name, f"{found['seconds']:.1f}", f"≤ {most:.1f}" if most else "", f"{found['memory']:.2f} GiB",
-            f"≤ {case.memory:g}" if case.memory else "", f"{found['error']:.2%}", phases,
+            f"≤ {case.memory:g}" if case.memory else "", error, phases,
         )  # fmt: skip
     console.print(table)
 
@@ -70,7 +70,7 @@ def measure(case: Case) -> dict[str, Any]:
     statistics = shot.render(case.frame, **size, **case.settings).statistics
     seconds, unit = perf_counter() - begin, 1 if sys.platform == "darwin" else 1024
     return {
-        "seconds": seconds, "phases": statistics.seconds, "error": statistics.error or np.nan,
+        "seconds": seconds, "phases": statistics.seconds, "error": statistics.error,
         "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**30,
     }  # fmt: skip
 
