@@ -24,7 +24,7 @@ _BLOCK = 4
 # Where two samples of a pixel differ, it is an edge, where the beams have more samples.
 _FEWEST = 2
 # Of numbers that are nearly as good as the best, the least is taken: then the same time has more passes.
-_NEARLY = 1.15
+_NEARLY = 1.05
 
 
 def planned_samples(light: ShotLight, pixels: Pixels, statistics: Statistics, seen: bool = True) -> int:
