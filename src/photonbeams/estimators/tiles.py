@@ -170,10 +170,9 @@ class TileLists:
             return dr.select(i < entries, dr.gather(UInt32, before, dr.minimum(i, entries - 1)), total)
 
         first, stop = place(self.first), place(self.stop)
-        own = (dr.gather(UInt32, each, index) for each in (self.beams, marks))
-        result = TileLists(next(own), first, stop, len(index), next(own))
-        dr.eval(result.beams, result.marks, first, stop)
-        return result
+        beams, kept = (dr.gather(UInt32, each, index) for each in (self.beams, marks))
+        dr.eval(beams, kept, first, stop)
+        return TileLists(beams, first, stop, len(index), kept)
 
 
 class Bins:

@@ -65,7 +65,10 @@ class FrameView:
 
     def blurs(self, number: int) -> bool:
         """Return whether the camera has a lens, or moves during a pass."""
-        return self._camera is not None and self._view(number, self.window).film
+        if self._camera is None:
+            return False
+        opened, middle, closed = self._camera(number)
+        return closed is not opened or (middle.lens_radius != 0 and not middle.orthographic)
 
     def instant(
         self, number: int, light: TracedLight, place: Sequence[float], time: float, passes: int

@@ -41,7 +41,7 @@ def with_fewer_paths(light: ShotLight) -> tuple[ShotLight, float]:
     strata, drawn = light.simulation.strata(light.world), sum(len(each.start) for each in light.world.drawn)
     fewer = {each.name: max(each.count // FEWER, min(each.count, _FEWEST)) for each in strata}
     whole = sum(each.count for each in strata) + drawn
-    return light.with_counts(fewer), (sum(fewer.values()) + drawn) / max(whole, 1) if whole else 1.0
+    return light.with_counts(fewer), (sum(fewer.values()) + drawn) / whole if whole else 1.0
 
 
 class Pilot:
