@@ -10,13 +10,13 @@ The cost is computed from counts, not measured by a clock: the same scene has th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
 
 from ...numerics.sampling import pixel_sample
-from ...runtime.device import Array3f, Bool, UInt32, mitsuba
+from ...runtime.device import Array3f, UInt32, mitsuba
 from ...scene import Array
 from ...world.cameras.cameras import View
 from ...world.shadow_rays import leaving, to_lamp
@@ -27,7 +27,7 @@ from ..light import NoLighting, ShotLight, TracedLight
 from ..paths.camera_paths import Lighting
 from ..paths.walks import Walks
 from ..ray_passes import PassRenderer
-from .coarse_passes import COLUMNS, FEWER, ROWS, Pilot, Pixels, by_blocks, with_fewer_paths
+from .coarse_passes import FEWER, Pilot, Pixels, by_blocks, seen_coarsely, with_fewer_paths
 
 if TYPE_CHECKING:
     from ..lights import Lights
@@ -75,17 +75,9 @@ def preferred(lights: Lights, emitters: Sequence[int], pixels: Pixels) -> list[i
     return sorted(result)
 
 
-def _seen_coarsely(world: World, camera: View) -> tuple[Any, Array3f, UInt32]:
-    """Return the surfaces that a coarse grid of a camera's rays meets, the rays' directions and their numbers."""
-    origin, direction = camera.coarse_rays(COLUMNS, ROWS)
-    lane = dr.arange(UInt32, dr.width(direction))
-    hit = world.solids.first(origin, direction, Bool(True), lane)
-    return hit, direction, lane
-
-
 def lights_little(world: World, camera: View, number: int) -> bool:
     """Return whether an emitter lights few of the surfaces that a camera sees."""
-    hit, direction, lane = _seen_coarsely(world, camera)
+    hit, direction, lane = seen_coarsely(world, camera)
     place, valid = Array3f(hit.p), hit.is_valid()
     light = world.emitters[number].lamp.illuminate(place, pixel_sample(lane, dr.opaque(UInt32, 1)))
     ray = to_lamp(hit, light.direction, light.distance, world.size)
@@ -101,7 +93,7 @@ def is_room(world: World, camera: View) -> bool:
 
     There light bounces often; where most directions lead to the sky, it hardly does.
     """
-    hit, direction, lane = _seen_coarsely(world, camera)
+    hit, direction, lane = seen_coarsely(world, camera)
     valid = hit.is_valid()
     around = mi.Frame3f(mi.Vector3f(facing(outward(hit), direction)))
     local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(pixel_sample(lane, dr.opaque(UInt32, 1))))
