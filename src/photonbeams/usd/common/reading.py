@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ...scene import FARTHEST, Array, Color, Mesh, SceneError, color, number
 from ...scene.checks import shown
 from .color_spaces import in_working_space
-from .openusd import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
+from .openusd import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, UsdUtils
 from .selection import rendered_purposes
 from .warnings import LOG, Warnings
 
@@ -137,6 +137,16 @@ class Reading:
             moving = prim.GetAttribute("velocities").HasAuthoredValue()
             self.lasting[key] = moving or any(may_vary(each) for each in prim.GetAuthoredAttributes())
         return bool(self.lasting[key])
+
+    @property
+    def materials(self) -> Cache:
+        """The cache of materials and their textures: that of all times, unless an attribute of a shader may vary."""
+        if "materials" not in self.lasting:
+            kinds = UsdShade.Shader, UsdShade.NodeGraph
+            shaders = (each for each in prims_under(self.stage.GetPseudoRoot()) if any(map(each.IsA, kinds)))
+            self.lasting["materials"] = None if any(map(self.varies, shaders)) else {}
+        lasting: Cache | None = self.lasting["materials"]
+        return self.cache if lasting is None else lasting
 
     def warn_of_unknown(self, prim: Usd.Prim, name: str, known: Collection[str]) -> None:
         """Warn about an attribute that prims of this kind do not have, and suggest a similar name."""

@@ -68,29 +68,38 @@ def on_mesh(
         if uvs is not None:
             changes[name] = _texture(reading, prim, name, image, uvs)
     for name in ("diffuse", "emissive", "roughness", "metallic", "opacity"):
-        value = changes.get(name)
-        if isinstance(value, UVTexture) and np.ptp(value.pixels, axis=(0, 1)).max() == 0:
+        if isinstance(changes.get(name), UVTexture) and _is_constant(reading, changes[name]):
             changes[name] = plain(name, constant(bound.images[name]))
     return replace(bound.material, **changes) if changes else bound.material
+
+
+def _is_constant(reading: Reading, texture: UVTexture) -> bool:
+    """Return whether all pixels of a texture are the same; meshes share it."""
+    key = ("constant", id(texture))
+    if key not in reading.materials:
+        constant = bool(np.all(texture.pixels == texture.pixels[:1, :1]))
+        reading.materials[key] = constant, texture  # keeps it alive, and so its id unique
+    found: bool = reading.materials[key][0]
+    return found
 
 
 def _texture(reading: Reading, prim: Usd.Prim, name: str, image: Image, uvs: Array) -> UVTexture:
     """Return an image that matches its two wrap modes on the mesh's UVs; the renderer has one mode for both."""
     if image.wrap[0] == image.wrap[1] != "black":
         key = ("texture", name, id(image))
-        if key not in reading.cache:
-            reading.cache[key] = texture_of(name, image, image.wrap[0]), image
-        return reading.cache[key][0]
+        if key not in reading.materials:
+            reading.materials[key] = texture_of(name, image, image.wrap[0]), image
+        return reading.materials[key][0]
     seen = np.c_[uvs, np.ones(len(uvs))] @ image.transform[:2].T
     low, high = np.floor(seen.min(axis=0) + 1e-6).astype(int), np.ceil(seen.max(axis=0) - 1e-6).astype(int)
     key = ("texture", name, id(image), *low.tolist(), *high.tolist())
-    if key not in reading.cache:
+    if key not in reading.materials:
         extended, whole = _extended(image, low, np.maximum(high, low + 1))
         if not whole:
             text = f"repeats a texture {int((high - low).max())} times in one direction: only {_MOST_COPIES} are shown"
             reading.warn(prim, text)
-        reading.cache[key] = texture_of(name, extended, "clamp"), image
-    return reading.cache[key][0]
+        reading.materials[key] = texture_of(name, extended, "clamp"), image
+    return reading.materials[key][0]
 
 
 def _extended(image: Image, low: Array, high: Array) -> tuple[Image, bool]:

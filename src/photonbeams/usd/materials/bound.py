@@ -95,10 +95,10 @@ def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
         return _UNBOUND
     own = material.GetPrim()
     key = ("material", (own.GetPrimInPrototype() if own.IsInstanceProxy() else own).GetPath())
-    if key not in reading.cache:
+    if key not in reading.materials:
         text = "displayColor or grey is used"
-        reading.cache[key] = reading.attempt(own, partial(_read, reading, material), _UNBOUND, text)
-    return reading.cache[key]
+        reading.materials[key] = reading.attempt(own, partial(_read, reading, material), _UNBOUND, text)
+    return reading.materials[key]
 
 
 def _warn_of_missing(reading: Reading, prim: Usd.Prim) -> None:
