@@ -15,6 +15,7 @@ import drjit as dr
 
 from ..looks import BoundLook
 from ..looks.factors import Value
+from ..numerics.syntax import syntax
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from .blend import NARROW, factors, frustum_weight, need, touched
 from .geometry import ClosestApproach, Rays, passing
@@ -46,7 +47,7 @@ def _light(beam: Record, at: ClosestApproach, rho2: Float, look: BoundLook, ray:
     return factors(beam, ray, look, at.along, at.t, _cosine(at), rho2)
 
 
-@dr.syntax
+@syntax
 def _projected(beam: Record, at: ClosestApproach, x: Float, look: BoundLook, ray: Rays, points: Points) -> Value:
     """Return 2 ∫_0^1 density · light dv with ρ² = x + (1 − x) v²: the line projection of all that changes with ρ.
 
@@ -87,7 +88,7 @@ def in_range(
     return inside
 
 
-@dr.syntax
+@syntax
 def billboard(
     radiance: Array3f,
     beam: Record,
@@ -131,7 +132,7 @@ def billboard(
     return radiance, marked
 
 
-@dr.syntax
+@syntax
 def billboard_sum(
     rays: list[Rays],
     first: UInt32,

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..numerics.arrays import opaque
+from ..numerics.syntax import syntax
 from ..runtime.device import Array3f, Bool, Float, Int32, UInt32
 
 #: Most cells of a grid.
@@ -180,7 +181,7 @@ def _bucket(cell: UInt32, lane: UInt32) -> UInt32:
     return (cell & (_BUCKETS - 1)) * _LANES + lane
 
 
-@dr.syntax
+@syntax
 def _walk(begin: UInt32, stop: UInt32, visit: Visit, entry: Entry) -> None:
     """Visit the cells of each lane's items, begin + lane, begin + lane + LANES and so on."""
     lane = dr.arange(UInt32, _LANES) + dr.opaque(UInt32, 0)
@@ -190,7 +191,7 @@ def _walk(begin: UInt32, stop: UInt32, visit: Visit, entry: Entry) -> None:
         item += _LANES
 
 
-@dr.syntax
+@syntax
 def _place(
     keys: UInt32, items: UInt32, portion: UInt32, entries: UInt32, counter: UInt32, base: UInt32 | None,
     out: UInt32 | None,

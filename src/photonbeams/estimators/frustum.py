@@ -16,6 +16,7 @@ import drjit as dr
 
 from ..looks.bound_look import MOST_CORNERS, BoundLook
 from ..looks.factors import Value
+from ..numerics.syntax import syntax
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from .blend import change_rate, factors, frustum_weight, need
 from .geometry import Chord, Rays, chord, closest_approach
@@ -77,7 +78,7 @@ def unchanging(beam: Record, ray: Chord, look: BoundLook) -> Array3f:
     return power if ray.course is not None else power * look.turned(-ray.cosine, beam)
 
 
-@dr.syntax
+@syntax
 def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, camera: Rays, active: Bool) -> Array3f:
     """Return ∫ k2 · along · eye over the chord, piece by piece between corners (Talk, eq. 2)."""
     breaks = corners(beam, ray, look)
@@ -109,7 +110,7 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, ca
     return total
 
 
-@dr.syntax
+@syntax
 def frustum(
     radiance: Array3f,
     beam: Record,
@@ -139,7 +140,7 @@ def frustum(
     return radiance
 
 
-@dr.syntax
+@syntax
 def frustum_sum(
     ray: Rays,
     first: UInt32,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import drjit as dr
 
 from ..looks import BoundLook
+from ..numerics.syntax import syntax
 from ..quadrature import Rule, gauss_legendre
 from ..runtime.device import Array3f, Float, UInt32
 from ..scene import SceneError
@@ -64,7 +65,7 @@ def _pairs(packed: Packed, rays: Rays, count: int, most: int) -> tuple[UInt32, U
     return (ray, beam) if total else (UInt32(), UInt32())
 
 
-@dr.syntax
+@syntax
 def _meet(
     packed: Packed, rays: Rays, counter: UInt32, base: UInt32 | None, out_ray: UInt32 | None, out_beam: UInt32 | None
 ) -> None:

@@ -26,6 +26,7 @@ import numpy.typing as npt
 from ..beams import Beams
 from ..looks import BoundLook
 from ..numerics.arrays import opaque
+from ..numerics.syntax import syntax
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .billboard import billboard
 from .cells import ROUNDING, CellGrid, CellLists, Entry, Sorting, batches, fitting
@@ -168,7 +169,7 @@ def marks_of(beams: Beams, close: Beams | None) -> Marks:
     return Marks(data)
 
 
-@dr.syntax
+@syntax
 def _cells_of(item: UInt32, lane: UInt32, data: Float, grid: CellGrid, entry: Entry) -> None:
     """Visit the cells that a beam may lie in: layer by layer, row by row, from the first cell to the last.
 
@@ -299,7 +300,7 @@ def _best(
 # -- Rays through it ---------------------------------------------------------------------------------------------------
 
 
-@dr.syntax
+@syntax
 def _added(
     packed: Packed, look: BoundLook, estimator: str, points: Points, radiance: Array3f, ray: Rays, number: UInt32,
     span: tuple[Float, Float],
@@ -352,7 +353,7 @@ class _GridWalk:
         return t, following, outside | (t >= self._end)  # type: ignore[return-value]
 
 
-@dr.syntax
+@syntax
 def traverse_grid(
     ray: Rays, span: tuple[Float, Float], grid: CellGrid, lists: CellLists, visit: Callable[..., Array3f],
     total: Array3f | None = None,

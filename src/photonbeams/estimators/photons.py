@@ -17,6 +17,7 @@ import numpy as np
 
 from ..looks.profiles import Epanechnikov
 from ..numerics.arrays import packets
+from ..numerics.syntax import syntax
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .cells import ENTRIES, ROUNDING, CellGrid, CellLists, Entry, Sorting
 
@@ -120,7 +121,7 @@ def _grid(photons: Photons) -> CellGrid:
     return CellGrid.of(low, high, size, rounding)
 
 
-@dr.syntax
+@syntax
 def _cells_of(item: UInt32, lane: UInt32, data: Float, grid: CellGrid, entry: Entry) -> None:
     """Visit the cells in which a photon's disc may lie: those around it that are near its centre and its plane."""
     place, normal = dr.gather(Array4f, data, item * 4), dr.gather(Array4f, data, item * 4 + 1).xyz
@@ -148,7 +149,7 @@ def _cells_of(item: UInt32, lane: UInt32, data: Float, grid: CellGrid, entry: En
         z += 1
 
 
-@dr.syntax
+@syntax
 def _sum(
     first: UInt32, stop: UInt32, items: UInt32, data: Float, profile: Epanechnikov, position: Array3f, normal: Array3f,
     reflect: Callable[[Array3f], Array3f], most: Float,

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from ..numerics.arrays import indices
+from ..numerics.syntax import syntax
 from ..runtime.device import Array4f, Bool, Float, Int32, UInt32
 from .cones import half_line
 from .footprints import FAR, Footprints
@@ -35,7 +36,7 @@ class Widths(NamedTuple):
     coarser: Any
 
 
-@dr.syntax
+@syntax
 def _walk(
     marks: Footprints, view: Projection, begin: UInt32, stop: UInt32, depth: Float, widths: Widths | None, lanes: int,
     counter: UInt32, base: UInt32 | None, out: UInt32 | None,

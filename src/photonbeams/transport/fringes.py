@@ -21,6 +21,7 @@ import drjit as dr
 import numpy as np
 
 from ..numerics.arrays import opaque
+from ..numerics.syntax import syntax
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.bounds import Box
 from ..world.media.interfaces import distance_to_medium
@@ -197,7 +198,7 @@ def _line(
     return dr.fma(direction, begin, origin) + start * aside, dr.normalize(direction + slope * aside)
 
 
-@dr.syntax
+@syntax
 def _nearest(origin: Array3f, direction: Array3f, low: Array3f, high: Array3f, first: Float, last: Float) -> Float:
     """Return the distances along rays, between `first` and `last`, at which they are nearest to a box.
 

@@ -22,6 +22,7 @@ import numpy as np
 from ...estimators.photons import FACING, THICKNESS
 from ...numerics.arrays import to_float
 from ...numerics.hashing import hash32, unit_float
+from ...numerics.syntax import syntax
 from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ...world.media.interfaces import is_boundary, is_left, transmits
 from ...world.shadow_rays import gap_at, leaving
@@ -123,7 +124,7 @@ def _disc(count: int) -> np.ndarray:
     return np.sqrt(1 - np.sqrt(1 - u))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-@dr.syntax
+@syntax
 def _on_surface(
     meet: MeetSurface, opacity: Callable[[Any, Bool], Float], position: Array3f, normal: Array3f, radius: Float,
     gap: Float, disc: Float, active: Bool,
@@ -287,7 +288,7 @@ def _behind_wall(sides: Sides, lines: _BeamLines) -> Array3f:
     return dr.select(height + dr.dot(sides.beside, hop) < 0, -2 * height * sides.beside, 0)
 
 
-@dr.syntax
+@syntax
 def _uncut(sides: Sides, lines: _BeamLines, shift: Array3f, active: Bool) -> Float:
     """Return the fraction of the light of beams that is before the planes that cut them, if they are shifted."""
     disc, planes = to_float(_disc(_CUT_LINES)), (*sides.planes(), (lines.axis(lines.tip) + shift, lines.plane))
@@ -309,7 +310,7 @@ def _uncut(sides: Sides, lines: _BeamLines, shift: Array3f, active: Bool) -> Flo
     return dr.select(active, total * dr.rcp(dr.maximum(whole, 1e-30)), 1)
 
 
-@dr.syntax
+@syntax
 def _in_medium(meet: Meet, lines: _BeamLines, medium: UInt32, shift: Array3f, active: Bool) -> Float:
     """Return the fraction of beams' light that is in their medium, if they are shifted."""
     disc, total, line = to_float(_disc(_LINES)), Float(0), UInt32(0)

@@ -14,6 +14,7 @@ import drjit as dr
 
 from ...numerics.hashing import hash32, unit_float
 from ...numerics.structs import Struct
+from ...numerics.syntax import syntax
 from ...runtime.device import Array3f, Bool, Float, UInt32
 from ...world.media.interfaces import transmits
 from ...world.warp import facing, perpendicular
@@ -62,7 +63,7 @@ class Sides(Struct):
         return (dr.squared_norm(self.start) > 0) | (dr.squared_norm(self.beside) > 0)
 
 
-@dr.syntax
+@syntax
 def sides_of(meet: Callable[..., Any], segments: Segments, radii: tuple[Float, Float], active: Bool) -> Sides:
     """Return the walls beside beams with these radii at their two ends.
 

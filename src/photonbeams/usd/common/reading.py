@@ -141,11 +141,12 @@ class Reading:
     @property
     def materials(self) -> Cache:
         """The cache of materials and their textures: that of all times, unless an attribute of a shader may vary."""
-        if "materials" not in self.lasting:
+        key = ("materials",)
+        if key not in self.lasting:
             kinds = UsdShade.Shader, UsdShade.NodeGraph
             shaders = (each for each in prims_under(self.stage.GetPseudoRoot()) if any(map(each.IsA, kinds)))
-            self.lasting["materials"] = None if any(map(self.varies, shaders)) else {}
-        lasting: Cache | None = self.lasting["materials"]
+            self.lasting[key] = None if any(map(self.varies, shaders)) else {}
+        lasting: Cache | None = self.lasting[key]
         return self.cache if lasting is None else lasting
 
     def warn_of_unknown(self, prim: Usd.Prim, name: str, known: Collection[str]) -> None:

@@ -19,6 +19,7 @@ import drjit as dr
 from ...looks.context import ShadingContext
 from ...looks.factors import Factor
 from ...numerics.hashing import hash32, unit_float
+from ...numerics.syntax import syntax
 from ...runtime.device import Array3f, Array4f, Bool, Float, UInt32, mitsuba
 from ..spectra import rgb
 
@@ -52,7 +53,7 @@ class MediumSegment:
     pieces: Any = SEGMENTS
 
 
-@dr.syntax
+@syntax
 def walk(
     segment: MediumSegment, extinction: Extinction, active: Bool, counter: UInt32 | None = None, base: Any = None,
     out: Float | None = None,
@@ -92,7 +93,7 @@ def walk(
     return product * dr.exp(-depth)
 
 
-@dr.syntax
+@syntax
 def glow(segment: MediumSegment, extinction: Extinction, emission: Extinction, active: Bool) -> Array3f:
     """Return the radiance that a medium emits along rays' segments, an unbiased estimate: ∫ T(t) ε(t) dt.
 
@@ -120,7 +121,7 @@ def glow(segment: MediumSegment, extinction: Extinction, emission: Extinction, a
     return result
 
 
-@dr.syntax
+@syntax
 def scattering_point(
     segment: MediumSegment, extinction: Extinction, scattering: Extinction, sample: Float, active: Bool
 ) -> tuple[Any, Any]:
@@ -170,7 +171,7 @@ def scattering_point(
     return chosen, weight * total
 
 
-@dr.syntax
+@syntax
 def _passed(
     segment: MediumSegment, extinction: Extinction, begin: Float, stop: Float, place: Float, control: Array3f,
     rate: Float, product: Array3f, drawn: UInt32,
@@ -211,7 +212,7 @@ class Track:
         self._depths = _depths(segment, extinction, active)
         dr.eval(self._near, self._step, self._first, self._stop, self._points, self._depths)
 
-    @dr.syntax
+    @syntax
     def __call__(self, ray: UInt32, t: Float) -> Array3f:
         """Return the transmittance of rays up to the distance t."""
         near, step = dr.gather(Float, self._near, ray), dr.gather(Float, self._step, ray)
@@ -232,7 +233,7 @@ class Track:
         return product * dr.exp(-depth)
 
 
-@dr.syntax
+@syntax
 def _depths(segment: MediumSegment, extinction: Extinction, active: Bool) -> Float:
     """Return the control's optical depth at the ends of pieces, as SEGMENTS + 1 packets for each ray."""
     count = dr.width(segment.direction)
@@ -267,7 +268,7 @@ class Tracked(Factor):
         return self.track(at.ray, at.to_camera)
 
 
-@dr.syntax
+@syntax
 def free_flight(
     media: Any, origin: Array3f, direction: Array3f, length: Float, fractions: Array3f, seed: UInt32, active: Bool,
     colored: Bool,
