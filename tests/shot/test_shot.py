@@ -13,6 +13,8 @@ from pxr import Sdf, UsdGeom
 import photonbeams as pb
 from photonbeams.numerics.samples import Samples
 from photonbeams.render.films.film import Film
+from photonbeams.shot.subject import Viewpoint
+from photonbeams.usd import stage as stages
 from photonbeams.usd.authoring.presets import preset_look
 from photonbeams.usd.layers.header import frame_rate
 from photonbeams.usd.looks.look import LookSpec
@@ -363,3 +365,30 @@ def test_another_look_in_a_running_session_compiles_at_most_once(tmp_path):
     for name, value in {"along:expression": "0.25 + s * noise(3 * P)", "noise:amount": 0.25, "noise:scale": 2}.items():
         look.GetAttribute(f"photonbeams:{name}").Set(value)
         assert new() == 0, name
+
+
+def test_a_stage_that_did_not_change_is_not_read_again(usd, monkeypatch):
+    shot = pb.Shot(usd('def SphereLight "Lamp" {\n    float inputs:intensity = 1\n}\ndef Camera "C" {\n}\n'))
+    lamp, own, read = shot.stage.GetPrimAtPath("/Lamp").GetAttribute("inputs:intensity"), stages.read_scene, []
+
+    def counted(*arguments):
+        read.append(lamp.Get())
+        return own(*arguments)
+
+    monkeypatch.setattr(stages, "read_scene", counted)
+    for value in (2, 3):
+        lamp.Set(value)  # scenes are kept once the stage was edited
+        radiance = {shot.subject.read(Viewpoint(None, None), None, None)[0].lights[0].radiance[0] for _ in range(3)}
+        assert len(radiance) == 1
+    assert read == [2, 3]
+
+
+def test_what_is_wrong_with_a_look_is_said_again_once_forgotten(usd):
+    lamp = 'def SphereLight "Lamp" {\n    rel photonbeams:look = </Look>\n}\n'
+    shot = pb.Shot(usd(f'def PhotonBeamsLook "Look" {{\n}}\n{lamp}def Camera "C" {{\n}}\n'))
+    shot.stage.GetPrimAtPath("/Look").GetAttribute("photonbeams:across:hardness").Set(-1)
+    for _ in range(3):
+        shot.subject.read(Viewpoint(None, None), None, None)
+        (text,) = shot.warnings.given
+        assert "hardness is -1" in text
+        shot.warnings.given.clear()

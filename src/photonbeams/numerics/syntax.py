@@ -11,7 +11,7 @@ import drjit.ast
 
 T = TypeVar("T")
 
-_Base: Any = drjit.ast._SyntaxVisitor
+_Base: Any = vars(drjit.ast)["_SyntaxVisitor"]
 
 
 class _Visitor(_Base):  # type: ignore[misc]

@@ -54,6 +54,7 @@ class StageSubject(DescribedSubject):
         self._lasting: dict[Any, Any] = {}  # what does not change with time on the stage
         self._edited = False  # whether the stage was: until then no time is read twice, and scenes are not cached
         self._contents: dict[Any, scene.Scene] = {}  # scenes that were read last, by times; their looks may be outdated
+        self._current: set[Any] = set()  # times of those that are not, and that nothing was wrong with
         self._surfaces: dict[Any, dict[str, Any]] = {}  # the surfaces that were read last, by time
         self._listener = self._listening()
 
@@ -66,6 +67,7 @@ class StageSubject(DescribedSubject):
             if subject is None:
                 return
             subject._stage_digest, subject._edited = None, True
+            subject._current.clear()
             if extent >= Extent.VALUES:
                 subject._all_groups = None
                 subject._contents.clear()
@@ -162,6 +164,9 @@ class StageSubject(DescribedSubject):
             return stages.read_scene(self.stage, time, self.warnings, base, self._lasting)
         key = (None if time.IsDefault() else time.GetValue(), base)  # as text, times that differ little would be one
         last, content = self._contents.get(key), None
+        if last is not None and key in self._current:
+            return last
+        before = len(self.warnings.given)
         if last is not None:  # at most looks were edited since it was read
             content = stages.with_looks(self.stage, time, last, self.warnings)
         if content is None:
@@ -170,6 +175,8 @@ class StageSubject(DescribedSubject):
             surfaces = self._surfaces[key]
             content = stages.read_scene(self.stage, time, self.warnings, base, self._lasting, surfaces)
         self._contents = {**dict([*self._contents.items()][-_CONTENTS:]), key: content}
+        if len(self.warnings.given) == before:  # else they are given again: what is wrong stays wrong
+            self._current = {*self._current, key} & self._contents.keys()
         return content
 
     def _camera(self, viewpoint: Viewpoint, frame: float | None) -> scene.Camera:

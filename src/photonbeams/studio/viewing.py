@@ -25,8 +25,9 @@ from ..world.shutter import Moment, Shutter
 from .live import Cancelled, LiveFrame
 from .pictures import Picture, SessionView
 
-# The most pixels of the first picture after an edit, and its most light paths per light.
-_FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 1024
+# The most pixels of the first picture after an edit, and its most light paths per light. It has one sample of a pixel:
+# with more of either it is hardly better, and takes twice as long.
+_FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 256
 
 # Denoised pictures come with each of the first 16 passes, then with every eighth: denoising takes longer than a pass,
 # and pictures hardly change from one pass to the next.
@@ -163,7 +164,8 @@ class LivePictures:
         """Return what a frame needs; what did not change since the last frame are the same objects."""
         width, height = (max(1, round(scale * each)) for each in (view.width, view.height))
         # `denoise` leaves the passes' bits as they are; whether pictures are denoised is up to `Development.denoise`.
-        settings = {"denoise": view.denoise and can_denoise(), **({"beams": _FIRST_PATHS} if first else {})}
+        settings: dict[str, Any] = {"denoise": view.denoise and can_denoise()}
+        settings |= {"beams": _FIRST_PATHS, "surface_samples": 1} if first else {}
         bounces = self.bounces(view)
         if bounces is not None:
             settings["max_depth"] = depth_of(bounces)
