@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -180,7 +181,8 @@ def render(request: RenderRequest) -> None:
             finish_frame(frame, task.outputs, request, kept)
             return frame.statistics
 
-        render_frames(job.tasks, count, request, finish, check)
+        with job.shot.film() if len(todo) > 1 else nullcontext():
+            render_frames(job.tasks, count, request, finish, check)
 
 
 def _ready(job: Job, todo: Sequence[Task], check: HeldSignals) -> tuple[Job, Sequence[str]]:

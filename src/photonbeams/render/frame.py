@@ -160,6 +160,7 @@ class FrameRenderer(PassRenderer):
     def _add(self, numbers: range) -> None:
         """Add a pass, or several passes, if walks alone meet their light."""
         light, surfaces = self._memory.light(numbers[0], lambda: self.lit(numbers[0]))
+        self.count(light)
         instant, there = self._instant(numbers[0], light), light
         if instant is not None:
             there = replace(light, sets=[each.at(instant.time) for each in light.sets])

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ..scene import Array
     from .checkpoint import Checkpoint
     from .films.frame_sums import FrameSums
+    from .reuse import FilmMemory
     from .settings import Settings
 
 
@@ -85,6 +86,8 @@ class RunOptions:
     kept
         The last frame that was begun, by its content and the planned passes: another part of the same frame reuses its
         world. None: no frame is kept.
+    film
+        What frames of a film have in common; None: each is a shot by itself.
     """
 
     progress: Progress | None = None
@@ -93,6 +96,7 @@ class RunOptions:
     part: PlannedPasses | None = None
     development: Mapping[str, Array] = field(default_factory=dict)
     kept: dict[tuple[str, int | None], Accumulating] | None = None
+    film: FilmMemory | None = None
 
     @property
     def named(self) -> bool:

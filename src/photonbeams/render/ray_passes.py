@@ -96,9 +96,11 @@ class PassRenderer:
         """Return the beams and photons of pass `number`, and the light of traced paths on surfaces."""
         with self.statistics.phase("simulate"):
             light = self.light.traced(number, self.statistics.step)
-            surfaces = self._surface_light(light)
+            return light, self._surface_light(light)
+
+    def count(self, light: TracedLight) -> None:
+        """Count the beams of a pass."""
         self.statistics.beams += sum(len(each.beams) for each in light.sets)
-        return light, surfaces
 
     def _surface_light(self, light: TracedLight) -> SurfaceLight:
         """Return the photons and virtual lights of a pass."""

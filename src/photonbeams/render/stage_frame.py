@@ -66,8 +66,9 @@ def render(
     _check_memory(shutter.at(0.0).scene, window, settings)
 
     about = identity(content, *_identity(shutter, window, settings, holdouts)) if run.named else ""
+    begun = begin if run.film is None else run.film.begin
     return accumulate(
-        lambda planned: begin(shutter, window, settings, holdouts, viewers, planned), settings, run, about
+        lambda planned: begun(shutter, window, settings, holdouts, viewers, planned), settings, run, about
     )
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ..render.films.frame_sums import FrameSums
     from ..render.frame import FrameRenderer
     from ..render.holdouts import HoldoutDepth
+    from ..render.reuse import FilmMemory
     from ..world.cameras.cameras import View, Window
 
 #: Called after each pass with a function that returns the frame so far.
@@ -32,7 +33,8 @@ Snapshot = Callable[[Callable[[], Frame]], None]
 class FrameRequest:
     """The arguments of `Shot.render`, checked as far as they do not depend on the shot.
 
-    `part` are the passes to render, None: all; `kept` is what `RunOptions` caches for further parts.
+    `part` are the passes to render, None: all; `kept` and `film` are what `RunOptions` caches for further parts and
+    frames.
     """
 
     frame: float | None
@@ -52,6 +54,7 @@ class FrameRequest:
     over: Plate | None = None
     part: PlannedPasses | None = None
     kept: dict[Any, Any] | None = None
+    film: FilmMemory | None = None
 
     @classmethod
     def of(
@@ -144,7 +147,13 @@ def _run_options(request: FrameRequest, development: Development) -> RunOptions:
 
     state = {} if request.checkpoint is None else development.state()
     return RunOptions(
-        request.progress, request.checkpoint, report if snapshot else None, request.part, state, request.kept
+        request.progress,
+        request.checkpoint,
+        report if snapshot else None,
+        request.part,
+        state,
+        request.kept,
+        request.film,
     )
 
 

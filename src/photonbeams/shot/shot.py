@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from ..render.checkpoint import Checkpoint
     from ..render.films.frame_sums import FrameSums
     from ..render.passes import PlannedPasses, Progress
+    from ..render.reuse import FilmMemory
     from ..render.settings import Settings, SettingsArguments
     from ..scene import Array
     from ..usd.common.motion import Exposure
@@ -109,6 +111,7 @@ class Shot:
             self.subject = kind(stage, medium, simulate, emit, looks, strict)
         self.camera, self.stereo = camera, stereo
         self._kept: dict[Any, Any] = {}  # the frame of which parts were rendered last
+        self._film: FilmMemory | None = None  # what the frames of a film have in common
         self.subject.check_viewpoint(self.viewpoint)
 
     def __repr__(self) -> str:
@@ -116,7 +119,7 @@ class Shot:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled; SceneError if the subject cannot be."""
-        return {**self.__dict__, "_kept": {}}
+        return {**self.__dict__, "_kept": {}, "_film": None}
 
     def _repr_mimebundle_(
         self, include: Collection[str] | None = None, exclude: Collection[str] | None = None
@@ -308,8 +311,30 @@ class Shot:
         return self._prepared(
             frame, passes, settings, width=width, height=height, crop=crop, pixel_aspect=pixel_aspect, conform=conform,
             progress=progress, checkpoint=checkpoint, snapshot=snapshot, blur=blur, lens=lens, view=view,
-            holdout=holdout, over=over, **given,
+            holdout=holdout, over=over, film=self._film, **given,
         ).frame()  # fmt: skip
+
+    @contextmanager
+    def film(self) -> Iterator[None]:
+        """Keep what frames have in common, while they are rendered one after the other; they have the same bits.
+
+        As long as only the camera moves, the scene is built once, and the light of each pass is traced once. At the end
+        it is forgotten.
+
+        Examples
+        --------
+        >>> shot = pb.Shot.open("shot.usda", camera="/Camera")
+        >>> with shot.film():
+        ...     for frame in (1, 2):
+        ...         shot.render(frame, passes=1, width=32).write(f"out/shot.{frame:04d}.exr")
+        """
+        from ..render.reuse import FilmMemory
+
+        self._film = FilmMemory()
+        try:
+            yield
+        finally:
+            self._film = None
 
     def _prepared(
         self, frame: float | None, passes: int | None, settings: Settings | None, **given: Any

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
-from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any, cast
+from dataclasses import replace
+from typing import TYPE_CHECKING, cast
 
 from .. import scene
 from ..render.passes import Statistics
 from ..render.pilots.choice import is_room
-from ..render.settings import Settings, as_passes
+from ..render.reuse import Begun, Reuse
 from ..render.stage_frame import begin
-from ..usd.common.motion import equal
+from ..scene.changes import equal
 from ..world.cameras.cameras import View
-from ..world.world import World
 
 if TYPE_CHECKING:
     from ..estimators.projection import Projection
     from ..render.films.frame_sums import FrameSums
     from ..render.frame import Lit, Seen
     from ..render.light import ShotLight, TracedLight
-    from ..render.lights import Findings
-    from ..render.worlds import ShutterWorlds
     from ..shot.request import Prepared
 
 # The number of passes whose light and surfaces are kept, for the first pictures after an edit.
@@ -41,12 +38,14 @@ class LiveFrame:
     passes. Once it is `unwanted`, it ends with `Cancelled` before the next part of a phase.
     """
 
+    _begun: Begun
+
     def __init__(
         self, ready: Prepared, planned: int | None, like: LiveFrame | None = None, keeps_guides: bool = False,
         unwanted: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip
         self._ready, self._shutter = ready, ready.content.shutter
-        viewers = self._viewers = tuple(ready.content.viewers())
+        viewers = tuple(ready.content.viewers())
         self._lights: dict[int, Lit] = {}
         self._pictures: dict[tuple[int, int], Seen] = {}
 
@@ -54,14 +53,15 @@ class LiveFrame:
             if unwanted():
                 raise Cancelled
 
-        earlier = None if like is None else _Reuse(like, self, keeps_guides)
+        before = None if like is None else like._begun
+        earlier = None if before is None else Reuse(before, ready.settings, ready.window, viewers, keeps_guides)
         self._frame = begin(
             self._shutter, ready.window, ready.settings, ready.holdouts, lambda: viewers, planned,
             earlier=earlier, memory=weakref.proxy(self), interrupt=interrupt,
         )  # fmt: skip
-        self._emission = cast("ShotLight", self._frame.light)
-        self._worlds = cast("ShutterWorlds", self._emission.worlds)
-        if like is not None and self._lit_like(like) and planned == like._frame.planned:
+        self._begun = Begun(cast("ShotLight", self._frame.light), self._shutter, ready.window, planned, viewers)
+        self._worlds = self._begun.worlds
+        if like is not None and before is not None and self._begun.lit_like(before):
             self._lights = dict(like._lights)
             if equal(self._shutter.at(0.0).cameras, like._shutter.at(0.0).cameras):
                 self._pictures = dict(like._pictures)
@@ -107,15 +107,6 @@ class LiveFrame:
         """Return how the whole picture is projected."""
         return self._view.projection
 
-    def _lit_like(self, like: LiveFrame) -> bool:
-        """Return whether each pass has the same light paths as in an earlier frame."""
-        own, other = self._emission, like._emission
-        if self._shutter.moving or own.settings.program is not None or self._ready.window != like._ready.window:
-            return False
-        guided = own.simulation.guides is other.simulation.guides
-        same_side = own.simulation.allotment.past == other.simulation.allotment.past
-        return guided and same_side and _same_light(own.settings, self._worlds.known[-1], like)
-
     def light(self, number: int, trace: Callable[[], Lit]) -> Lit:
         """Return the light of pass `number`: that which is kept, or else what `trace` returns."""
         if number not in self._lights:
@@ -124,9 +115,7 @@ class LiveFrame:
                 self._lights[number] = found
             return found
         light, photons = self._lights[number]
-        light = self._with_looks(light)
-        self.statistics.beams += sum(len(each.beams) for each in light.sets)
-        return light, photons
+        return self._with_looks(light), photons
 
     def picture(self, numbers: range, view: int, see: Callable[[], Seen]) -> Seen:
         """Return what a view sees in passes, except beams: what is kept, or else what `see` returns."""
@@ -137,44 +126,3 @@ class LiveFrame:
         if numbers.stop <= _KEPT:
             self._pictures[key] = found
         return found
-
-
-class _Reuse:
-    """What a frame takes over from an earlier one: see `render.stage_light.Earlier`."""
-
-    def __init__(self, like: LiveFrame, frame: LiveFrame, keeps_guides: bool) -> None:
-        past = like._emission.simulation.allotment.past
-        self.worlds = like._worlds.known[-1:]
-        self.light_side = frozenset(past) if keeps_guides and past is not None else None
-        self._known, self._keeps_guides, self._settings = like, keeps_guides, frame._ready.settings
-        own, other = frame._ready.window, like._ready.window
-        # Guides depend on the size of the whole picture, not on the crop.
-        same_size = (own.width, own.height) == (other.width, other.height)
-        self._same_views = same_size and equal(frame._viewers, like._viewers)
-
-    def findings(self, world: World) -> Findings | None:
-        """Return what the earlier frame's pilots found; None if it has to be found again."""
-        if not self._keeps_guides and not (self._same_views and _same_light(self._settings, world, self._known)):
-            return None
-        return self._known._emission.findings
-
-
-def _same_light(settings: Settings, world: World, like: LiveFrame) -> bool:
-    """Return whether a world and an earlier one have the same lights, media, surfaces and settings but for looks."""
-    if as_passes(settings) != as_passes(like._emission.settings):
-        return False
-    own, other = world.parts.content, like._worlds.known[-1].parts.content
-    if own is other:
-        return True
-    rest = [each.name for each in fields(own) if each.name not in ("lights", "drawn")]
-    makers = (own.lights, other.lights), (own.drawn, other.drawn)
-    return all(equal(getattr(own, name), getattr(other, name)) for name in rest) and all(
-        len(mine) == len(theirs) and all(map(_but_for_looks, mine, theirs)) for mine, theirs in makers
-    )
-
-
-def _but_for_looks(one: Any, other: Any) -> bool:
-    """Return whether two lights or sets of drawn beams differ at most in their looks; either both have one or none."""
-    if type(one) is not type(other) or (one.look is None) != (other.look is None):
-        return False
-    return all(equal(getattr(one, each.name), getattr(other, each.name)) for each in fields(one) if each.name != "look")

@@ -15,11 +15,11 @@ from ..images.frame import pixels_of
 from ..render.films.denoising import lacking_denoiser
 from ..render.settings import depth_of
 from ..scene import BLACK, Array, Camera, Scene, SceneError
+from ..scene.changes import equal, followed, same
 from ..shot.development import Development
 from ..shot.request import Prepared, prepare
 from ..shot.shot import Shot
 from ..shot.subject import Viewpoint
-from ..usd.common.motion import equal, followed, same
 from ..world.cameras.cameras import Window
 from ..world.shutter import Moment, Shutter
 from .live import Cancelled, LiveFrame

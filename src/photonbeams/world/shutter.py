@@ -56,12 +56,15 @@ class Shutter:
         Returns frame number and seconds at a fraction of the shutter interval, for looks that change with time.
     before
         Returns the shot at the end of a slice, just before a discontinuity if there is one there. None: as `at`.
+    unchanging
+        Whether the scene is known to be at rest while cameras move.
     """
 
     at: Callable[[float], Moment]
     moving: bool = False
     clock: Callable[[float], tuple[float, float]] = lambda _: (0.0, 0.0)
     before: Callable[[float], Moment] | None = None
+    unchanging: bool = False
 
     @classmethod
     def still(cls, description: scene.Scene, *cameras: scene.Camera) -> Shutter:

@@ -9,9 +9,9 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.scene import SceneError
+from photonbeams.scene.changes import equal, followed
 from photonbeams.usd.cameras.stereo import Stereo
 from photonbeams.usd.common import textures
-from photonbeams.usd.common.motion import equal, followed
 
 KEYHOLE = Path(__file__).parents[3] / "examples" / "keyhole" / "keyhole.usda"
 SMALL = {"passes": 2, "width": 48, "height": 32, "beams": 64}

@@ -81,6 +81,7 @@ class Pilot:
         first = len(self.beams)
         for number in range(first, first + count, together):
             light, photons = self._passes.lit(number)
+            self._passes.count(light)
             self.coarse += sum(len(each.beams) for each in light.sets if self._passes.coarse(number, light, each))
             # Beams are at rest, since coarse rays have no times.
             light = replace(light, sets=[own._replace(close=None) for own in light.sets])

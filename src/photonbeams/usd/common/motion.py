@@ -3,68 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, is_dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...scene import Camera, Scene, SceneError
+from ...scene.changes import followed, same
 
 if TYPE_CHECKING:
     from ...world.shutter import Shutter
-
-T = TypeVar("T")
-
-_ROUNDING = 1e-9  # relative error of float64 positions between two keys of the same value
-
-
-def followed(first: Scene, later: Scene) -> Scene:
-    """Return a later state of a scene with the prims of the first one, in their order, so that beams can be followed.
-
-    Equal parts are the same object in both, by which the renderer knows what is at rest. A prim that is missing later
-    stays as it was; a new prim has to wait for the next frame.
-    """
-    parts: dict[str, Any] = {
-        name: _matched(getattr(first, name), getattr(later, name))
-        for name in ("meshes", "lights", "drawn", "media", "glowing")
-    }
-    return (
-        first
-        if all(parts[name] is getattr(first, name) for name in parts)
-        else replace(later, **parts, bounds=first.bounds)
-    )
-
-
-def _matched(first: Sequence[T], later: Sequence[T]) -> Sequence[T]:
-    by_name = {item.name: item for item in later}  # type: ignore[attr-defined]
-    result = tuple(same(item, by_name.get(item.name, item)) for item in first)  # type: ignore[attr-defined]
-    return first if all(a is b for a, b in zip(first, result, strict=True)) else result
-
-
-def same(first: T, later: T) -> T:
-    """Return the first of two equal values, else the later one, with its equal parts taken from the first."""
-    if equal(first, later):
-        return first
-    if is_dataclass(first) and type(first) is type(later):
-        parts = {each.name: same(getattr(first, each.name), getattr(later, each.name)) for each in fields(first)}
-        return replace(later, **parts)  # type: ignore[type-var]
-    return later
-
-
-def equal(a: object, b: object) -> bool:
-    """Return whether two values, which may contain arrays, are equal up to the rounding of interpolated keys."""
-    if a is b:
-        return True
-    if is_dataclass(a) and type(a) is type(b):
-        return all(equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
-    if isinstance(a, float | np.ndarray) and isinstance(b, float | np.ndarray):
-        return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=_ROUNDING, atol=0)
-    if isinstance(a, tuple) and isinstance(b, tuple):
-        return len(a) == len(b) and all(map(equal, a, b))
-    if isinstance(a, dict) and isinstance(b, dict):
-        return a.keys() == b.keys() and all(equal(value, b[name]) for name, value in a.items())
-    return bool(type(a) is type(b) and a == b)
-
 
 # Fractions of the shutter at which a scene is checked for motion, besides its end and its time samples: something may
 # be the same at two keys and different in between.
@@ -151,7 +98,7 @@ class Exposure:
             code = self.code(fraction)
             return code, code / rate
 
-        return Shutter(lambda at: seen(self(at)), self.moving, clock, lambda at: seen(self.closing(at)))
+        return Shutter(lambda at: seen(self(at)), self.moving, clock, lambda at: seen(self.closing(at)), self._still)
 
     def code(self, fraction: float) -> float:
         """Return the time code of a fraction of the shutter interval."""

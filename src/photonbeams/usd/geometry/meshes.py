@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from ...scene import FARTHEST, Array, Material, Mesh
+from ...scene.changes import equal
 from ...scene.surfaces import is_closed as closed
 from ...scene.vectors import unit
 from ..common.blender import wrote_prim
-from ..common.motion import equal
 from ..common.openusd import Usd, UsdGeom, UsdShade
 from ..common.reading import Reading, may_vary
 from ..common.selection import refinement_level
