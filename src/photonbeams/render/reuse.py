@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import drjit as dr
 
 from .. import scene
-from ..scene.changes import equal, followed
+from ..scene.changes import equal
 from ..world.cameras.cameras import Window
 from ..world.shutter import Moment, Shutter
 from ..world.world import World
@@ -107,7 +107,7 @@ class FilmMemory:
         """Return what `stage_frame.begin` does, with what is known from the last frame."""
         last, cameras = self._last, tuple(viewers() if viewers else shutter.at(0.0).cameras)
         rests = (shutter.unchanging or not shutter.moving) and settings.program is None
-        if last is None or not rests or not _holds(last, shutter):
+        if last is None or not rests or not equal(last.shutter.at(0.0).scene, shutter.at(0.0).scene, rounding=0.0):
             self.clear()
             last = None
         else:
@@ -135,12 +135,6 @@ class FilmMemory:
     def picture(self, numbers: range, view: int, see: Callable[[], Seen]) -> Seen:
         """Return what `see` returns: cameras move."""
         return see()
-
-
-def _holds(last: Begun, shutter: Shutter) -> bool:
-    """Return whether a shot has the scene of the last frame."""
-    known = last.shutter.at(0.0).scene
-    return followed(known, shutter.at(0.0).scene) is known
 
 
 def _in_scene(shutter: Shutter, content: scene.Scene) -> Shutter:

@@ -48,16 +48,16 @@ def same(first: T, later: T) -> T:
     return later
 
 
-def equal(a: object, b: object) -> bool:
+def equal(a: object, b: object, rounding: float = _ROUNDING) -> bool:
     """Return whether two values, which may contain arrays, are equal up to the rounding of interpolated keys."""
     if a is b:
         return True
     if is_dataclass(a) and type(a) is type(b):
-        return all(equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+        return all(equal(getattr(a, field.name), getattr(b, field.name), rounding) for field in fields(a))
     if isinstance(a, float | np.ndarray) and isinstance(b, float | np.ndarray):
-        return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=_ROUNDING, atol=0)
+        return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=rounding, atol=0)
     if isinstance(a, tuple) and isinstance(b, tuple):
-        return len(a) == len(b) and all(map(equal, a, b))
+        return len(a) == len(b) and all(equal(one, other, rounding) for one, other in zip(a, b, strict=True))
     if isinstance(a, dict) and isinstance(b, dict):
-        return a.keys() == b.keys() and all(equal(value, b[name]) for name, value in a.items())
+        return a.keys() == b.keys() and all(equal(value, b[name], rounding) for name, value in a.items())
     return bool(type(a) is type(b) and a == b)
