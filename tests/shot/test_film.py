@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.render import worlds
+from photonbeams.render import reuse, stage_light, worlds
 from photonbeams.render.light import ShotLight
 
 FRAMES = (1, 2, 4)
@@ -113,7 +113,7 @@ def test_other_settings(usd, changes):
         assert_same(rendered(shot, (1,), **changes), alone)
 
 
-def test_a_lamp_seen_past_its_portal_in_one_frame(usd):
+def test_a_lamp_seen_past_its_portal_in_one_frame(usd, monkeypatch):
     portal = """
 def SphereLight "Far" {
     float inputs:intensity = 50
@@ -129,7 +129,11 @@ def Plane "Portal" {
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
 """
-    shot = pb.Shot(usd(STAGE.format(**STILL) + portal))
+    moving = STAGE.format(**STILL).replace("2: (.3, 0, 6)", "2: (5, 0, 6)")
+    shot = pb.Shot(usd(moving + portal))
+    monkeypatch.setattr(
+        stage_light, "lights_seen", lambda _, origin, __: frozenset({"/Far"} if float(origin.x[0]) > 2 else ())
+    )
     alone = rendered(shot)
     with shot.film():
         assert_same(rendered(shot), alone)
@@ -144,8 +148,6 @@ def test_a_modifier_of_each_frame(usd):
 
 
 def test_light_beyond_the_memory_is_traced_again(usd, made, monkeypatch):
-    from photonbeams.render import reuse
-
     traced, _ = made
     monkeypatch.setattr(reuse, "_MOST_RECORDS", 0)
     shot = pb.Shot(usd(STAGE.format(**STILL)))

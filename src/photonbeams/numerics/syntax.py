@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 from typing import Any, TypeVar
-from unittest import mock
 
 import drjit as dr
 import drjit.ast
@@ -48,6 +47,10 @@ def syntax(function: T) -> T:
     records the loop once more without them: one loop within another is recorded four times. And in every branch it goes
     through the fields of all structs. Here the state has only what is assigned; the rest is simply there.
     """
-    with mock.patch.object(drjit.ast, "_SyntaxVisitor", _Visitor):
+    module: Any = drjit.ast
+    module._SyntaxVisitor = _Visitor
+    try:
         result: T = dr.syntax(function)
+    finally:
+        module._SyntaxVisitor = _Base
     return result

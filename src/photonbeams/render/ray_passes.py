@@ -165,11 +165,15 @@ class PassRenderer:
 
     def _options(self, number: int) -> EstimatorOptions:
         """Return the options of the estimate in pass `number`."""
-        clock = self.light.clock(number)
+        clock = self.clock(number)
         return EstimatorOptions(
             self.settings.estimator, self._points, self._max_depth,
             lambda each: LightContext(*clock, each.light, each.to_world), self.settings.gather_error,
         )  # fmt: skip
+
+    def clock(self, number: int) -> tuple[float, float]:
+        """Return the frame number and the time in seconds of a pass, for looks that change with time."""
+        return self.light.clock(number)
 
     def coarse(self, number: int, light: TracedLight, each: BeamSet) -> bool:
         """Return whether pictures gather a set of the beams of pass `number` along fewer rays than pixels."""

@@ -73,13 +73,13 @@ class Reuse:
         self.worlds: Sequence[World] = known.worlds.known[-1:]
         self.light_side = known.light_side if keeps_guides else None
         self._known, self._settings, self._keeps_guides = known, settings, keeps_guides
-        # Guides depend on the size of the whole picture, not on the crop.
-        same_size = (window.width, window.height) == (known.window.width, known.window.height)
-        self._same_views = same_size and equal(tuple(viewers), known.viewers)
+        # Guides depend on the whole picture, not on the crop.
+        self._same_views = window.whole() == known.window.whole() and equal(tuple(viewers), known.viewers)
 
-    def findings(self, world: World) -> Findings | None:
+    def findings(self, world: World, light_side: frozenset[str]) -> Findings | None:
         """Return what the earlier frame's pilots found; None if it has to be found again."""
-        if not self._keeps_guides and not (self._same_views and _same_light(self._settings, world, self._known)):
+        same = self._same_views and light_side == self._known.light_side
+        if not self._keeps_guides and not (same and _same_light(self._settings, world, self._known)):
             return None
         return self._known.light.findings
 
@@ -92,49 +92,55 @@ class FilmMemory:
     """
 
     def __init__(self) -> None:
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget the last frame."""
         self._last: Begun | None = None
         self._light: dict[int, Lit] = {}
-        self._records = 0
 
     def begin(
         self, shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth],
         viewers: Callable[[], Sequence[scene.Camera]] | None, planned: int | None,
     ) -> FrameRenderer:  # fmt: skip
         """Return what `stage_frame.begin` does, with what is known from the last frame."""
-        last, cameras = self._last, tuple(viewers() if viewers else shutter.at(0.0).cameras)
+        last, cameras, earlier = self._last, tuple(viewers() if viewers else shutter.at(0.0).cameras), None
         rests = (shutter.unchanging or not shutter.moving) and settings.program is None
-        if last is None or not rests or not equal(last.shutter.at(0.0).scene, shutter.at(0.0).scene, rounding=0.0):
-            self.clear()
-            last = None
-        else:
+        if last is not None and rests and equal(last.shutter.at(0.0).scene, shutter.at(0.0).scene, rounding=0.0):
             shutter = _in_scene(shutter, last.shutter.at(0.0).scene)
-        earlier = None if last is None else Reuse(last, settings, window, cameras)
-        frame = begin(shutter, window, settings, holdouts, lambda: cameras, planned, earlier=earlier, memory=self)
+            earlier = Reuse(last, settings, window, cameras)
+        else:
+            self._last, self._light, last = None, {}, None  # before another world is built
+        memory = _KeptLight(keeps=rests)
+        frame = begin(shutter, window, settings, holdouts, lambda: cameras, planned, earlier=earlier, memory=memory)
         own = Begun(cast("ShotLight", frame.light), shutter, window, planned, cameras)
-        if last is None or not own.lit_like(last):
-            self._light, self._records = {}, 0
-        self._last = own if rests else None
+        if last is not None and own.lit_like(last):
+            memory.found = self._light
+        self._last, self._light = (own if rests else None), memory.found
         return frame
+
+
+class _KeptLight:
+    """The light of the passes of a frame, kept for other frames: see `frame.PassMemory`."""
+
+    def __init__(self, keeps: bool) -> None:
+        self.found: dict[int, Lit] = {}
+        self._keeps = keeps
 
     def light(self, number: int, trace: Callable[[], Lit]) -> Lit:
         """Return the light of pass `number`: that which is kept, or else what `trace` returns."""
-        if number in self._light:
-            return self._light[number]
-        found = trace()
-        light, _ = found
-        records = sum(len(each.beams) for each in light.sets) + sum(dr.width(each.position) for each in light.hits)
-        if self._last is not None and self._records + records <= _MOST_RECORDS:
-            self._light[number] = found
-            self._records += records
-        return found
+        if number in self.found:
+            return self.found[number]
+        result = trace()
+        if self._keeps and sum(map(_records, (*self.found.values(), result))) <= _MOST_RECORDS:
+            self.found[number] = result
+        return result
 
     def picture(self, numbers: range, view: int, see: Callable[[], Seen]) -> Seen:
         """Return what `see` returns: cameras move."""
         return see()
+
+
+def _records(lit: Lit) -> int:
+    """Return how many beams and photons a pass has."""
+    light, _ = lit
+    return sum(len(each.beams) for each in light.sets) + sum(dr.width(each.position) for each in light.hits)
 
 
 def _in_scene(shutter: Shutter, content: scene.Scene) -> Shutter:

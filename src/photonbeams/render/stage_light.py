@@ -36,8 +36,11 @@ class Earlier(Protocol):
     worlds: Sequence[World]
     light_side: frozenset[str] | None
 
-    def findings(self, world: World) -> Findings | None:
-        """Return what the earlier frame's pilots found; None if it has to be found again."""
+    def findings(self, world: World, light_side: frozenset[str]) -> Findings | None:
+        """Return what the earlier frame's pilots found; None if it has to be found again.
+
+        `light_side` are the names of the lights that this frame sees past their portals.
+        """
 
 
 def light_of_stage(
@@ -72,7 +75,7 @@ def light_of_stage(
     simulation = Simulation(tuning_of(settings, max_depth, all_beams), Allotment(usual, past=light_side))
     counts = [usual if light.beam_count is None else light.beam_count for light in opened.scene.lights]
     paths = sum(counts) + sum(len(each.start) for each in opened.scene.drawn)
-    known = None if earlier is None else earlier.findings(worlds.opened)
+    known = None if earlier is None else earlier.findings(worlds.opened, light_side)
     findings = Findings() if known is None else known
     cameras = [View(camera, window) for camera in (viewers() if viewers else opened.cameras)]
     lights = Lights(worlds, settings, max_depth, simulation, cameras, findings, paths)

@@ -318,8 +318,8 @@ class Shot:
     def film(self) -> Iterator[None]:
         """Keep what frames have in common, while they are rendered one after the other; they have the same bits.
 
-        As long as only the camera moves, the scene is built once, and the light of each pass is traced once. At the end
-        it is forgotten.
+        As long as only the camera moves, the scene is built once, and the light of each pass is traced once, as far as
+        two million beams and photons go. At the end it is forgotten.
 
         Examples
         --------

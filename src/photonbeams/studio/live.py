@@ -63,7 +63,8 @@ class LiveFrame:
         self._worlds = self._begun.worlds
         if like is not None and before is not None and self._begun.lit_like(before):
             self._lights = dict(like._lights)
-            if equal(self._shutter.at(0.0).cameras, like._shutter.at(0.0).cameras):
+            moving = self._shutter.moving or like._shutter.moving
+            if not moving and equal(self._shutter.at(0.0).cameras, like._shutter.at(0.0).cameras):
                 self._pictures = dict(like._pictures)
 
     @property

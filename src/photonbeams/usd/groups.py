@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cache, partial
 
 from .common.openusd import Usd, UsdGeom
-from .common.reading import Reading, prims_under, target_paths, visible
-from .geometry.instancers import PROTOTYPE_PRIMS, shown_in_prototype
+from .common.reading import PROTOTYPE_PRIMS, Reading, prims_under, target_paths, visible
+from .geometry.instancers import shown_in_prototype
 from .lights.curves import is_drawn
 from .lights.light import is_light, is_sky, makes_beams
 from .lights.links import lights_media

@@ -50,10 +50,18 @@ def planned_samples(light: ShotLight, pixels: Pixels, statistics: Statistics, se
     known = light.findings.samples
     if pixels.count not in known:
         own, portion = with_fewer_paths(light.seeded(0))
-        passes = PassRenderer(own.settings, own, own.max_depth, statistics.fresh())
+        passes = _PilotPasses(own.settings, own, own.max_depth, statistics.fresh())
         with statistics.phase("plan"):
             known[pixels.count] = _best(Pilot(passes, light.cameras), passes, portion, pixels, sample, usual)
     return known[pixels.count]
+
+
+class _PilotPasses(PassRenderer):
+    """Passes in which looks do not change with time: all frames of a film have one plan."""
+
+    def clock(self, number: int) -> tuple[float, float]:
+        """Return (0, 0)."""
+        return 0.0, 0.0
 
 
 def _best(pilot: Pilot, passes: PassRenderer, portion: float, pixels: Pixels, sample: float, most: int) -> int:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ...scene import FARTHEST, Array, Color, Mesh, SceneError, color, number
 from ...scene.checks import shown
 from .color_spaces import in_working_space
-from .openusd import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, UsdUtils
+from .openusd import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 from .selection import rendered_purposes
 from .warnings import LOG, Warnings
 
@@ -63,7 +63,7 @@ class Reading:
     warnings
         The warnings given so far; the frames of a shot share them, so that each is given once.
     cache
-        Decoded textures, materials and triangulated prototypes by key.
+        Decoded textures, materials that may vary, and triangulated prototypes by key.
     base
         The frame from whose time samples velocities move points while the shutter is open; None: `time`.
     lasting
@@ -137,17 +137,6 @@ class Reading:
             moving = prim.GetAttribute("velocities").HasAuthoredValue()
             self.lasting[key] = moving or any(may_vary(each) for each in prim.GetAuthoredAttributes())
         return bool(self.lasting[key])
-
-    @property
-    def materials(self) -> Cache:
-        """The cache of materials and their textures: that of all times, unless an attribute of a shader may vary."""
-        key = ("materials",)
-        if key not in self.lasting:
-            kinds = UsdShade.Shader, UsdShade.NodeGraph
-            shaders = (each for each in prims_under(self.stage.GetPseudoRoot()) if any(map(each.IsA, kinds)))
-            self.lasting[key] = None if any(map(self.varies, shaders)) else {}
-        lasting: Cache | None = self.lasting[key]
-        return self.cache if lasting is None else lasting
 
     def warn_of_unknown(self, prim: Usd.Prim, name: str, known: Collection[str]) -> None:
         """Warn about an attribute that prims of this kind do not have, and suggest a similar name."""
@@ -351,6 +340,10 @@ def may_vary(attribute: Usd.Attribute) -> bool:
         return bool(attribute.ValueMightBeTimeVarying())
     except Tf.ErrorException:  # its only time sample is at NaN
         return False
+
+
+#: Prims of prototypes, which may be `over` or `class`.
+PROTOTYPE_PRIMS = Usd.PrimIsActive & Usd.PrimIsLoaded
 
 
 def prims_under(root: Usd.Prim) -> Iterator[Usd.Prim]:

@@ -18,6 +18,9 @@ from .selection import kept
 
 _MOST_BYTES = 1 << 33  # of a file in a package
 
+#: Key of what lasts on a stage: the stamps of the images that were read, by path.
+FILES = ("files",)
+
 
 def read_image(reading: Reading, prim: Usd.Prim, name: str, space: str = "auto") -> Array | None:
     """Return the image that an asset attribute names, (H, W, C) float32, first row on top; None if it names none.
@@ -86,6 +89,7 @@ def image_at(
             text = f"names {Path(path).name} of {found.width} x {found.height} pixels: it is scaled down to"
             reading.warn(prim, f"{text} {width} x {height}, as the texture limit is {most}", name)
         reading.cache[key] = found.pixels
+        reading.lasting.setdefault(FILES, {})[path] = stamp(path)
     return reading.cache[key], ""
 
 

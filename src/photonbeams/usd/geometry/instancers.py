@@ -10,7 +10,7 @@ import numpy as np
 
 from ...scene import Array
 from ..common.openusd import Gf, Sdf, Usd, UsdGeom
-from ..common.reading import Reading, is_relationship, target_paths, visible
+from ..common.reading import PROTOTYPE_PRIMS, Reading, is_relationship, target_paths, visible
 from ..common.selection import rendered_purposes
 from ..common.sizes import MESH, MOST_INSTANCES, room, step_of, triangles_about
 from .meshes import is_surface
@@ -18,7 +18,6 @@ from .primvars import Instance
 from .velocities import carried
 
 _WITH_ALL_BELOW = "it is skipped with all below it"
-PROTOTYPE_PRIMS = Usd.PrimIsActive & Usd.PrimIsLoaded  # prototypes may be `over` or `class`
 
 
 @dataclass(frozen=True)

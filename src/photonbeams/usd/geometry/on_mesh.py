@@ -12,6 +12,7 @@ from ...scene import Array, Material, UVTexture, VertexValues
 from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 from ..materials.bound import Bound, plain, texture_of
+from ..materials.kept import kept
 from ..materials.values import Image, constant
 from .primvars import find_primvar, flattened
 
@@ -76,30 +77,31 @@ def on_mesh(
 def _is_constant(reading: Reading, texture: UVTexture) -> bool:
     """Return whether all pixels of a texture are the same; meshes share it."""
     key = ("constant", id(texture))
-    if key not in reading.materials:
-        constant = bool(np.all(texture.pixels == texture.pixels[:1, :1]))
-        reading.materials[key] = constant, texture  # keeps it alive, and so its id unique
-    found: bool = reading.materials[key][0]
+    known = kept(reading)
+    if key not in known:
+        same = bool(np.all(texture.pixels == texture.pixels[:1, :1]))
+        known[key] = same, texture  # keeps it alive, and so its id unique
+    found: bool = known[key][0]
     return found
 
 
 def _texture(reading: Reading, prim: Usd.Prim, name: str, image: Image, uvs: Array) -> UVTexture:
     """Return an image that matches its two wrap modes on the mesh's UVs; the renderer has one mode for both."""
     if image.wrap[0] == image.wrap[1] != "black":
-        key = ("texture", name, id(image))
-        if key not in reading.materials:
-            reading.materials[key] = texture_of(name, image, image.wrap[0]), image
-        return reading.materials[key][0]
+        key, known = ("texture", name, id(image)), kept(reading)
+        if key not in known:
+            known[key] = texture_of(name, image, image.wrap[0]), image
+        return known[key][0]
     seen = np.c_[uvs, np.ones(len(uvs))] @ image.transform[:2].T
     low, high = np.floor(seen.min(axis=0) + 1e-6).astype(int), np.ceil(seen.max(axis=0) - 1e-6).astype(int)
     key = ("texture", name, id(image), *low.tolist(), *high.tolist())
-    if key not in reading.materials:
+    if key not in reading.cache:
         extended, whole = _extended(image, low, np.maximum(high, low + 1))
         if not whole:
             text = f"repeats a texture {int((high - low).max())} times in one direction: only {_MOST_COPIES} are shown"
             reading.warn(prim, text)
-        reading.materials[key] = texture_of(name, extended, "clamp"), image
-    return reading.materials[key][0]
+        reading.cache[key] = texture_of(name, extended, "clamp"), image
+    return reading.cache[key][0]
 
 
 def _extended(image: Image, low: Array, high: Array) -> tuple[Image, bool]:

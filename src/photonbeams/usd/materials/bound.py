@@ -15,6 +15,7 @@ from ..common.openusd import Tf, Usd, UsdShade
 from ..common.reading import Reading, is_relationship, target_paths
 from .bumps import BUMPS
 from .images import IMAGES
+from .kept import kept
 from .network import Network, Surface, shader_id
 from .nodes import NODES
 from .ramps import RAMPS
@@ -95,10 +96,12 @@ def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
         return _UNBOUND
     own = material.GetPrim()
     key = ("material", (own.GetPrimInPrototype() if own.IsInstanceProxy() else own).GetPath())
-    if key not in reading.materials:
+    known = kept(reading)
+    if key not in known:
         text = "displayColor or grey is used"
-        reading.materials[key] = reading.attempt(own, partial(_read, reading, material), _UNBOUND, text)
-    return reading.materials[key]
+        known[key] = reading.attempt(own, partial(_read, reading, material), _UNBOUND, text)
+    found: Bound = known[key]
+    return found
 
 
 def _warn_of_missing(reading: Reading, prim: Usd.Prim) -> None:
