@@ -65,6 +65,12 @@ def of_python(folder, **given):
 
 SUBJECTS = (of_stage, of_file, of_mitsuba, of_python)
 
+
+def film(shot):
+    with shot.film():
+        return [shot.render(passes=1, **SMALL, **FEW).layers["beams"] for _ in range(2)]
+
+
 #: How each public name of a shot is used, and what is true of the result.
 USES = {
     "stage": (lambda shot: shot.stage, lambda found: found.GetPrimAtPath("/Eye")),
@@ -77,6 +83,7 @@ USES = {
     "cameras": (lambda shot: shot.cameras(), lambda found: [type(each) for each in found] == [pb.scene.Camera]),
     "resolution": (lambda shot: shot.resolution(width=8), lambda found: found == (8, 6)),
     "render": (lambda shot: shot.render(passes=1, **SMALL, **FEW), lambda found: found.layers["beams"].any()),
+    "film": (film, lambda found: found[0].any() and (found[0] == found[1]).all()),
     "render_part": (
         lambda shot: shot.render_part(PlannedPasses(range(1, 2), 2), **SMALL, **FEW), lambda found: len(found) == 1
     ),
