@@ -32,6 +32,8 @@ def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tm
         "fog": {"/World/Fog.photonbeams:scattering": [0.4, 0.2, 0.1]}, "surface": {PLACE: [-0.8, 0.2, 0]},
         "camera": {"/World/Camera.xformOp:translate": [0.2, 0.1, 3.5]},
         "expression": {"/World/Look.photonbeams:across:expression": "1 - 0.5 * r"},
+        "hidden": {"/World/Ball.visibility": "invisible"},
+        "shown again": {"/World/Ball.visibility": "inherited"},
     }  # fmt: skip
     with Watched(stage) as shown:
         before = shown.finished()
@@ -42,6 +44,7 @@ def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tm
             assert are_equal(after, rendered(stage, layer)), kind
             assert not are_equal(after, before), kind
             before = after
+        assert "there is no light" in shown.problem(shown.session.edit({"/World/Lamp.visibility": "invisible"}))
 
 
 def test_the_finished_picture_does_not_depend_on_the_sizes_before_it():

@@ -12,6 +12,7 @@ from .scene import Scene
 
 T = TypeVar("T")
 
+_PRIMS = ("meshes", "lights", "drawn", "media", "glowing")  # fields of scenes
 _ROUNDING = 1e-9  # relative error of float64 positions between two keys of the same value
 
 
@@ -21,15 +22,22 @@ def followed(first: Scene, later: Scene) -> Scene:
     Equal parts are the same object in both, by which the renderer knows what is at rest. A prim that is missing later
     stays as it was; a new prim has to wait for the next frame.
     """
-    parts: dict[str, Any] = {
-        name: _matched(getattr(first, name), getattr(later, name))
-        for name in ("meshes", "lights", "drawn", "media", "glowing")
-    }
+    parts: dict[str, Any] = {name: _matched(getattr(first, name), getattr(later, name)) for name in _PRIMS}
     return (
         first
         if all(parts[name] is getattr(first, name) for name in parts)
         else replace(later, **parts, bounds=first.bounds)
     )
+
+
+def sharing(first: Scene, later: Scene) -> Scene:
+    """Return a later scene with its own prims, of which parts that are equal in the first one are the same objects."""
+    parts: dict[str, Any] = {}
+    for name in _PRIMS:
+        by_name, own = {each.name: each for each in getattr(first, name)}, getattr(later, name)
+        parts[name] = tuple(same(by_name.get(each.name, each), each) for each in own)
+    result = replace(later, **parts)
+    return first if equal(first, result) else result
 
 
 def _matched(first: Sequence[T], later: Sequence[T]) -> Sequence[T]:

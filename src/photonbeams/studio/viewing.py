@@ -15,7 +15,7 @@ from ..images.frame import pixels_of
 from ..render.films.denoising import lacking_denoiser
 from ..render.settings import depth_of
 from ..scene import BLACK, Array, Camera, Scene, SceneError
-from ..scene.changes import equal, followed, same
+from ..scene.changes import followed, same, sharing
 from ..shot.development import Development
 from ..shot.request import Prepared, prepare
 from ..shot.shot import Shot
@@ -183,9 +183,8 @@ class LivePictures:
             return alone(content, view.solo) if view.solo else content
 
         content = seen(moment.scene)
-        if before is not None:  # the widths of beams depend on the bounds, which an edit may change
-            bounds, content = content.bounds, followed(before.scene, content)
-            content = content if equal(content.bounds, bounds) else replace(content, bounds=bounds)
+        if before is not None:
+            content = sharing(before.scene, content)
         cameras = moment.cameras
         if view.pose is not None:
             cameras = placed(cameras, view.pose)
