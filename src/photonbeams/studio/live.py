@@ -53,15 +53,14 @@ class LiveFrame:
             if unwanted():
                 raise Cancelled
 
-        before = None if like is None else like._begun
-        earlier = None if before is None else Reuse(before, ready.settings, ready.window, viewers, keeps_guides)
+        earlier = None if like is None else Reuse(like._begun, ready.settings, ready.window, viewers, keeps_guides)
         self._frame = begin(
             self._shutter, ready.window, ready.settings, ready.holdouts, lambda: viewers, planned,
             earlier=earlier, memory=weakref.proxy(self), interrupt=interrupt,
         )  # fmt: skip
         self._begun = Begun(cast("ShotLight", self._frame.light), self._shutter, ready.window, planned, viewers)
         self._worlds = self._begun.worlds
-        if like is not None and before is not None and self._begun.lit_like(before):
+        if like is not None and self._begun.lit_like(like._begun):
             self._lights = dict(like._lights)
             moving = self._shutter.moving or like._shutter.moving
             if not moving and equal(self._shutter.at(0.0).cameras, like._shutter.at(0.0).cameras):

@@ -18,7 +18,7 @@ from .selection import kept
 
 _MOST_BYTES = 1 << 33  # of a file in a package
 
-#: Key of what lasts on a stage: the stamps of the images that were read, by path.
+#: Key in `Reading.lasting` of the time and size of each image file that was read, by path.
 FILES = ("files",)
 
 
