@@ -79,7 +79,8 @@ def image_at(
     key = ("image", path, space, most)
     if key not in reading.cache:
         problem = why_unreadable(Ar.SplitPackageRelativePathOuter(path)[0])
-        found = Decoded(None, error=problem) if problem else _image(path, stamp(path), space, most)
+        written = None if problem else stamp(path)
+        found = Decoded(None, error=problem) if written is None else _image(path, written, space, most)
         if found.pixels is None:
             return None, f"names {path}: expected an image that can be read ({found.error})"
         if not np.all(np.isfinite(found.pixels)):
@@ -89,7 +90,7 @@ def image_at(
             text = f"names {Path(path).name} of {found.width} x {found.height} pixels: it is scaled down to"
             reading.warn(prim, f"{text} {width} x {height}, as the texture limit is {most}", name)
         reading.cache[key] = found.pixels
-        reading.lasting.setdefault(FILES, {})[path] = stamp(path)
+        reading.lasting.setdefault(FILES, {})[path] = written
     return reading.cache[key], ""
 
 
