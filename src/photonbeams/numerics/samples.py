@@ -38,6 +38,10 @@ class Samples:
         result: UInt32 = joined([(pixels << self._together) + dr.opaque(UInt32, each) for each in which])
         return result
 
+    def like(self, pixels: UInt32, index: UInt32) -> UInt32:
+        """Return the indices of `pixels`, or of anything else, in the passes that `index` has."""
+        return (pixels << self._together) + (index & self._which)
+
     def _place(self, index: UInt32) -> UInt32:
         return ((index >> self._together) << self._bits) + (self._number + (index & self._which))
 
@@ -56,3 +60,31 @@ class Samples:
     def single(self, index: UInt32, *names: int | UInt32) -> Float:
         """Return a number in [0, 1) for each index."""
         return unit_float(self.bits(index, *names))
+
+
+class CountedSamples(Samples):
+    """Samples of one pass in which each pixel has its own number of samples, n, a power of two up to `most`.
+
+    The samples of a pixel's pass are neighbours in its sequence: they are the same as those of n passes in a row. Its
+    index has n + s in the lowest bits, for the sample s < n.
+    """
+
+    def __init__(self, seed: int, number: int, bits: int, most: int) -> None:
+        super().__init__(seed, number, min(bits, BITS + 1 - most.bit_length()), most.bit_length())
+
+    def index(self, pixels: UInt32, each: UInt32, sample: UInt32) -> UInt32:
+        """Return the indices of samples of `pixels` that have `each`."""
+        return (pixels << self._together) + each + sample
+
+    def _place(self, index: UInt32) -> UInt32:
+        code = index & self._which
+        power = self._power(code)
+        return ((index >> self._together) << (self._bits + power)) + ((self._number - 1) << power) + code
+
+    def _key(self, index: UInt32, names: tuple[int | UInt32, ...]) -> UInt32:
+        rest = self._rest - self._power(index & self._which)
+        return hash32(self.seed, (index >> self._together >> rest) >> 1, *(UInt32(name) for name in names))
+
+    def _power(self, code: UInt32) -> UInt32:
+        """Return the logarithm of the number of samples."""
+        return 31 - dr.lzcnt(code)

@@ -8,7 +8,7 @@ Beams, Jarosz et al. 2011).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
@@ -26,8 +26,9 @@ from ..world.cameras.cameras import Pinhole, Window
 from ..world.cameras.sensors import PrimaryRays
 from ..world.warp import disk
 from .costs import LANES, power_below
-from .films.film import BeamSamples, Film, SeenSums
+from .films.film import BeamSamples, Film, PassPicture, SeenSums
 from .films.frame_sums import FrameSums
+from .films.sample_layout import Lanes, Piece, SampleLayout, parts
 from .films.sums import DEPTH, NORMAL, PassSums
 from .light import ShotLight, TracedLight
 from .memory import release_memory
@@ -35,7 +36,7 @@ from .passes import Statistics
 from .paths import camera_paths
 from .paths.surface_light import NO_LIGHT, SurfaceLight
 from .pilots.coarse_passes import Pixels
-from .pilots.sample_plan import planned_samples
+from .pilots.sample_plan import SAMPLES, SampleCounts, pilot_pixels, sample_plan
 from .ray_passes import CameraImage, PassRenderer, ViewRays, unshaded
 from .settings import Settings
 from .views import FrameView
@@ -48,10 +49,11 @@ _EDGE = 1.1
 # otherwise crops would differ, and sequences would have gaps.
 _AT_EDGES = 4
 _EDGES = 0x3C6EF372  # offset of the seed of the extra samples there
+_PILOT = 0x1B873593  # and of those of the pilot
 
-#: The beams and photons of a pass, and their light on surfaces. What rays see except beams, by passes; and the rays.
+#: The beams and photons of a pass, and their light on surfaces. What rays see except beams, by passes.
 Lit = tuple[TracedLight, SurfaceLight]
-Seen = tuple[list[SeenSums], ViewRays]
+Seen = list[SeenSums]
 
 
 class Instant(NamedTuple):
@@ -59,6 +61,21 @@ class Instant(NamedTuple):
 
     time: float
     pinholes: Sequence[Pinhole]
+
+
+class WidePicture(NamedTuple):
+    """Samples of pixels that are followed at once, with their `indices`, from pass `number` on.
+
+    `share` is the weight of each in its pixel, and `layout` tells where those of a pixel are; None: each pass has one
+    sample of each pixel, and there may be several passes.
+    """
+
+    number: int
+    samples: Samples
+    indices: UInt32
+    pixel: UInt32
+    share: Any = None
+    layout: SampleLayout | None = None
 
 
 class PassMemory(Protocol):
@@ -113,28 +130,33 @@ class FrameRenderer(PassRenderer):
         super().__init__(settings, light, max_depth, statistics, planned)
         self._views, self._films, self._depth = views, films, depth
         self._memory: PassMemory = memory or NoMemory()
-        self._surface_samples = self._wide = self._indices = 1
-        self._size = (0, 0)
         self.about = ""
-        self._plan(views[0].window, light)
-
-    def _plan(self, window: Window, light: ShotLight) -> None:
-        """Choose how many samples each pixel has of everything but beams, once the number of light paths is known.
-
-        A crop, and a picture with overscan, have as many samples in each pixel as the whole picture.
-        """
-        self._size = window.width, window.height
-        pixels, order = window.width * window.height, self._films[0].order
-        chosen = self.settings.surface_samples
-        if chosen is None:
-            seen = self._views[0].holdout is None
-            chosen = planned_samples(light, Pixels(pixels, self._films[0].averaged), self.statistics, seen)
-        self._surface_samples = chosen
+        window, order = views[0].window, films[0].order
+        self._size, self._counts = (window.width, window.height), dict[int, SampleCounts]()
+        pixels, seen = Pixels(window.width * window.height, films[0].averaged), views[0].holdout is None
+        self._plan = sample_plan(light, pixels, self.statistics, seen)
         # Sample indices have 32 bits. Those of further samples follow those of the whole picture, in crops, too.
         last = z_order(dr.opaque(UInt32, window.width - 1), dr.opaque(UInt32, window.height - 1))
         self._indices = 1 << int(last[0]).bit_length()
-        own = 1 << int(dr.max(order)[0]).bit_length()
-        self._wide = power_below(min(LANES // dr.width(order), (1 << 32) // own))
+        self._wide = power_below(min(LANES // dr.width(order), (1 << 32) >> int(dr.max(order)[0]).bit_length()))
+
+    def _planned(self, view: int, first: Lit) -> SampleCounts:
+        """Return how many samples each pixel has of everything but beams; pixels of a crop have those of the whole.
+
+        They are planned by the light of the `first` pass: all passes add samples that no plan has seen.
+        """
+        if self._plan.beams is None:
+            return SampleCounts.of(self._plan.usual)
+        with self.statistics.phase("plan"):
+            whole, pixels = self._views[view].whole(), pilot_pixels(*self._size)
+            lanes = Lanes.of(0, [Piece(pixels, SAMPLES, range(SAMPLES))])
+            columns = dr.opaque(UInt32, self._size[0])
+            samples = self.counted_samples(0, SAMPLES, _PILOT)
+            order = z_order(lanes.pixel % columns, lanes.pixel // columns)
+            index = samples.index(order, lanes.each, lanes.sample)
+        picture, _ = self._looked(whole, WidePicture(0, samples, index, lanes.pixel), first)
+        radiance = dr.mean(sum(picture.scattered.values(), picture.surface)).numpy().reshape(SAMPLES, -1)
+        return self._plan.counts(radiance, whole.window)
 
     def together(self, number: int) -> int:
         """Return how many passes from `number` on are best rendered at once."""
@@ -159,7 +181,8 @@ class FrameRenderer(PassRenderer):
 
     def _add(self, numbers: range) -> None:
         """Add a pass, or several passes, if walks alone meet their light."""
-        light, surfaces = self._memory.light(numbers[0], lambda: self.lit(numbers[0]))
+        lit = self._lit(numbers[0])
+        light, _ = lit
         self.count(light)
         instant, there = self._instant(numbers[0], light), light
         if instant is not None:
@@ -167,67 +190,88 @@ class FrameRenderer(PassRenderer):
         moving = any(each.close is not None for each in there.sets)
         for view, film in enumerate(self._films):
             pinhole = None if instant is None else instant.pinholes[view]
-            seen, looked = self._memory.picture(
+            seen = self._memory.picture(
                 numbers,
                 view,
-                lambda view=view, film=film: self._seen_in(numbers, view, film, light, surfaces),  # type: ignore[misc]
+                lambda view=view, film=film: self._seen_in(numbers, view, film, lit),  # type: ignore[misc]
             )
+            shared = self._views[view].shares_origin(numbers[0])
             for own, number in zip(seen, numbers, strict=True):
                 samples = self.samples(number)
                 beams = BeamSamples({}, film.centers())
                 if light.sets:
                     with self.statistics.phase("surfaces"):
                         # Rays with their own origins are not evenly spaced.
-                        lattice = film.lattice(samples, *self._size) if looked.shared_origin or pinhole else None
+                        lattice = film.lattice(samples, *self._size) if shared or pinhole else None
                         places = film.places(samples, lattice)
                         rays = replace(self._rays(number, view, places, samples, moving, pinhole), lattice=lattice)
                         if lattice is not None:
                             inside = self._views[view].inside(number, rays, places, samples, moving, pinhole)
                             rays = replace(rays, inside=inside)
-                    edge = self._edges(own, looked, film.order)
-                    beams = self._beams(number, view, film, there, rays, places, edge)
+                    edge = _edges(own, film.order) if shared else ()
+                    beams = self._beams(number, view, film, there, rays, places, edge, min(own.typical, _AT_EDGES))
                     release_memory(self._size)
                 first = self._first_hits(view, film) if number == 0 else {}
                 with self.statistics.phase("surfaces"):
-                    film.add(number, own, beams, dr.opaque(Float, looked.exposure), first)
+                    film.add(number, own, beams, own.exposure, first)
                 release_memory(self._size)
         self.statistics.passes += len(numbers)
 
-    def _seen_in(
-        self, numbers: range, view: int, film: Film, light: TracedLight, surfaces: SurfaceLight
-    ) -> tuple[list[SeenSums], ViewRays]:
-        """Return what rays see, except beams, for each pass, and the rays of one sample.
+    def _lit(self, number: int) -> Lit:
+        """Return the light of a pass, which may be kept."""
+        return self._memory.light(number, lambda: self.lit(number))
 
-        As many samples as memory allows are rendered as one wide picture, one sample of all pixels after the other.
+    def _seen_in(self, numbers: range, view: int, film: Film, lit: Lit) -> Seen:
+        """Return what rays see, except beams, for each pass.
+
+        As many samples as memory allows are rendered as one wide picture.
         """
-        each, pixels = self._surface_samples, dr.width(film.order)
-        seen: list[SeenSums] = []
-        wide = min(self._wide, each if each > 1 else len(numbers))
-        for begin in range(each * numbers.start, each * numbers.stop, wide):
+        if view not in self._counts:
+            self._counts[view] = self._planned(view, lit if numbers[0] == 0 else self._lit(0))
+        counts, own, pixels = self._counts[view], self._views[view], dr.width(film.order)
+        exposure = dr.opaque(Float, own.exposure(numbers[0]))
+        seen = [SeenSums(film, counts.typical, exposure) for _ in numbers]
+        for wide in self._wide_pictures(numbers, counts, own.window, film.order):
+            picture, places = self._looked(own, wide, lit)
             with self.statistics.phase("surfaces"):
-                samples = self.samples(begin, (wide - 1).bit_length(), each)
-                single = [self.samples(begin + place, 0, each) for place in range(wide)]
-                places = [film.places(own) for own in single]
-                passes = [(begin + place) // each - numbers[0] for place in range(wide)]
-                rays = [
-                    self._rays(numbers[number], view, own, one)
-                    for number, own, one in zip(passes, places, single, strict=True)
-                ]
-                joint = ViewRays(PrimaryRays.joined([own.primary for own in rays]), None, holdout=rays[0].holdout)
-                order = samples.indices(film.order)
-            picture = self.seen(light, joint, order, samples, surfaces)
-            with self.statistics.phase("surfaces"):
-                exposure = dr.opaque(Float, rays[0].exposure)
-                while len(seen) <= passes[-1]:
-                    seen.append(SeenSums(film, each, exposure))
-                if each > 1:
-                    seen[passes[0]].add(picture, joined(places))
-                else:
-                    for place, number in enumerate(passes):
-                        seen[number].add(picture.of_pass(place, pixels), places[place])
+                if wide.share is not None:
+                    seen[wide.number - numbers[0]].add(picture, places, wide.share, wide.layout, wide.pixel)
+                for place in range(0 if wide.share is not None else dr.width(places) // pixels):
+                    lanes = dr.arange(UInt32, pixels) + dr.opaque(UInt32, place * pixels)
+                    seen[wide.number + place - numbers[0]].add(picture.taken(lanes), taken(places, lanes))
             del picture
             release_memory(self._size)
-        return seen, rays[0]
+        return seen
+
+    def _wide_pictures(
+        self, numbers: range, counts: SampleCounts, window: Window, order: UInt32
+    ) -> Iterator[WidePicture]:  # fmt: skip
+        """Yield the samples of passes that are followed at once: one pass after the other, or several."""
+        pixels, each = dr.width(order), counts.most
+        if not counts.uniform:
+            counted = self.counted_samples(numbers[0], each)
+            for part in parts(counts.pieces(window), pixels, LANES):
+                lanes, layout = Lanes.of(pixels, part), SampleLayout.of(pixels, part)
+                index = counted.index(taken(order, lanes.pixel), lanes.each, lanes.sample)
+                yield WidePicture(numbers[0], counted, index, lanes.pixel, dr.rcp(Float(lanes.each)), layout)
+            return
+        wide = min(self._wide, each if each > 1 else len(numbers))
+        pixel = dr.arange(UInt32, wide * pixels) % dr.opaque(UInt32, pixels)
+        share, layout = None, SampleLayout.of(pixels, [Piece(None, each, range(wide))])
+        if each > 1:
+            share = dr.opaque(Float, 1 / each)
+        for begin in range(each * numbers.start, each * numbers.stop, wide):
+            samples = self.samples(begin, (wide - 1).bit_length(), each)
+            yield WidePicture(begin // each, samples, samples.indices(order), pixel, share, layout)
+
+    def _looked(self, view: FrameView, wide: WidePicture, lit: Lit) -> tuple[PassPicture, Array2f]:
+        """Return what rays see, except beams, and where they pass the pixels."""
+        with self.statistics.phase("surfaces"):
+            places = wide.samples.pair(wide.indices, Stream.PIXEL)
+            rays = view.rays(wide.number, places, wide.indices, wide.samples, some=wide.pixel)
+            joint = replace(rays, primary=PrimaryRays.joined([rays.primary]), view=None)
+        light, surfaces = lit
+        return self.seen(light, joint, wide.indices, wide.samples, surfaces), places
 
     def _instant(self, number: int, light: TracedLight) -> Instant | None:
         """Return the instant at which the beams of a pass are seen; None: pixels have their own, or nothing is blurred.
@@ -256,55 +300,35 @@ class FrameRenderer(PassRenderer):
         """
         return self._views[view].rays(number, places, self._films[view].order, samples, moving, pinhole)
 
-    def _edges(self, seen: SeenSums, rays: ViewRays, order: UInt32) -> Any:
-        """Return the pixels whose rays reach very different distances; none if rays have their own origins.
-
-        They are sorted by `order`, so that pixels of a tile, whose rays meet the same beams, are together.
-        """
-        if self._surface_samples == 1 or not rays.shared_origin or seen.nearest is None:
-            return ()
-        edge = np.flatnonzero((seen.farthest > _EDGE * seen.nearest).numpy())
-        return to_uint(edge[np.argsort(order.numpy()[edge])]) if len(edge) else ()
-
     def _beams(
-        self, number: int, view: int, film: Film, light: TracedLight, rays: ViewRays, places: Array2f, edge: Any
-    ) -> BeamSamples:
-        """Return the light of the beams of pass `number`, with extra samples of the pixels `edge`.
+        self, number: int, view: int, film: Film, light: TracedLight, rays: ViewRays, places: Array2f, edge: Any,
+        each: int,
+    ) -> BeamSamples:  # fmt: skip
+        """Return the light of the beams of pass `number`, with `each` extra samples of the pixels `edge`.
 
         The fog behind an edge may be a hundred times as bright. The extra samples are independent of those that found
         these pixels; otherwise light that is rarely found would count too much.
         """
         samples, pixels = self.samples(number), dr.width(film.order)
-        each = min(self._surface_samples, _AT_EDGES)
         if not len(edge):
             return BeamSamples(self.gathered(number, light, rays, film.order, samples), places)
         with self.statistics.phase("surfaces"):
-            single = [self.samples(each * number + place, 0, each, _EDGES) for place in range(each)]
-            further = [film.places(own) for own in single]
-            # One picture of rays after the other: all of them at once would be most of a pass's memory.
-            primary = []
-            for own, one in zip(further, single, strict=True):
-                whole = PrimaryRays.joined([self._rays(number, view, own, one).primary])
-                primary.append(whole.taken(edge))
-                dr.eval(primary[-1])
-            some = PrimaryRays.joined(primary)
-            lanes = joined([edge + dr.opaque(UInt32, place * pixels) for place in range(each)])
+            lanes = Lanes.of(pixels, [Piece(edge, each, range(each))])
+            own_order, further = taken(film.order, lanes.pixel), self.counted_samples(number, each, _EDGES)
+            index = further.index(own_order, lanes.each, lanes.sample)
+            beside = further.pair(index, Stream.PIXEL)
+            more_rays = self._views[view].rays(number, beside, index, further, some=lanes.pixel)
             # They are numbered like pixels of further pictures beside this one.
-            own_order = taken(film.order, edge)
-            order = joined([
-                film.order,
-                *(own_order + dr.opaque(UInt32, (place + 1) * self._indices & 0xFFFFFFFF) for place in range(each)),
-            ])  # fmt: skip
-            both = replace(rays, primary=rays.primary.with_more(some))
+            order = joined([film.order, own_order + (lanes.sample + 1) * dr.opaque(UInt32, self._indices)])
+            both = replace(rays, primary=rays.primary.with_more(PrimaryRays.joined([more_rays.primary])))
         more = MoreSamples(edge, each)
         found = self.gathered(number, light, both, order, samples, more)
-        place = joined([dr.arange(UInt32, pixels), lanes + dr.opaque(UInt32, pixels)])
-        share, groups = dr.zeros(Float, (each + 1) * pixels), {}
-        dr.scatter(share, more.shares(pixels), place)
-        for group, radiance in found.items():
-            groups[group] = dr.zeros(Array3f, (each + 1) * pixels)
-            dr.scatter(groups[group], radiance, place)
-        return BeamSamples(groups, joined([places, *further]), share)
+        # All samples of these pixels, with those that all pixels have, follow those of all pixels.
+        own = dr.arange(UInt32, each * dr.width(edge)) + dr.opaque(UInt32, pixels)
+        index = joined([dr.arange(UInt32, pixels), edge, own])
+        layout = SampleLayout.of(pixels, [Piece(None, 1, range(1)), Piece(edge, each + 1, range(each + 1))])
+        groups = {group: taken(radiance, index) for group, radiance in found.items()}
+        return BeamSamples(groups, taken(joined([places, beside]), index), taken(more.shares(pixels), index), layout)
 
     def _first_hits(self, view: int, film: Film) -> dict[str, Any]:
         """Return planar depths and normals from a pinhole at shutter open: a mean of depths belongs to no surface."""
@@ -355,3 +379,14 @@ class FrameRenderer(PassRenderer):
             film.restore(each)
         statistics = self.statistics
         statistics.passes, statistics.beams, statistics.tests = len(sums), sums.beams, sums.tests
+
+
+def _edges(seen: SeenSums, order: UInt32) -> Any:
+    """Return the pixels whose rays, which share an origin, reach very different distances.
+
+    They are sorted by `order`, so that pixels of a tile, whose rays meet the same beams, are together.
+    """
+    if seen.typical == 1 or seen.nearest is None:
+        return ()
+    edge = np.flatnonzero((seen.farthest > _EDGE * seen.nearest).numpy())
+    return to_uint(edge[np.argsort(order.numpy()[edge])]) if len(edge) else ()

@@ -16,7 +16,7 @@ import numpy as np
 
 from .. import scene
 from ..numerics.arrays import to_float
-from ..runtime.device import Array2f, Float
+from ..runtime.device import Array2f, Float, UInt32
 from ..world.cameras.cameras import View, Window
 
 
@@ -36,22 +36,29 @@ class HoldoutDepth:
         self._place = place
         dr.eval(self.depth, self._inverse, self._slopes)
 
-    def distances(self, view: View, facing: Any, places: Array2f, on_lens: tuple[Any, Any, Any] | None = None) -> Float:
+    def distances(
+        self, view: View, facing: Any, places: Array2f, on_lens: tuple[Any, Any, Any] | None = None,
+        some: UInt32 | None = None,
+    ) -> Float:  # fmt: skip
         """Return the distances at which the rays of `view` end, for rays from points `on_lens`, as `View.on_lens`.
 
-        `facing` is the planar depth per unit of distance; `places` are the rays' places in their pixels.
+        `facing` is the planar depth per unit of distance; `places` are the rays' places in their pixels, which are all
+        pixels or `some`.
         """
-        inverse, numerator = self._inverse, Float(1)
-        for slope, there, here in zip(self._slopes, places, self._place, strict=True):
+        own, rise, numerator = self._inverse, self._slopes, Float(1)
+        if some is not None:
+            own, *rise = (dr.gather(Float, each, some) for each in (own, *rise))
+        inverse = own
+        for slope, there, here in zip(rise, places, self._place, strict=True):
             inverse = dr.fma(slope, there - dr.opaque(Float, here), inverse)
         if on_lens is not None:
             # The plane is 1 = a Z + b X + c Y, and the ray X = x + Z (right − x / focus), Y alike, with a place (x, y)
             # on the lens; a + b right + c up is the inverse depth of the ray through the lens's centre.
             scale, (x, y, focus) = view.projection.scale, on_lens
-            moved = self._slopes[0] * scale[0] * x - self._slopes[1] * scale[1] * y
+            moved = rise[0] * scale[0] * x - rise[1] * scale[1] * y
             inverse, numerator = inverse - moved / focus, dr.maximum(1 - moved, 0.25)
         # The slopes may add up to more than the inverse depth itself.
-        return numerator / dr.maximum(inverse, 0.25 * self._inverse) / facing
+        return numerator / dr.maximum(inverse, 0.25 * own) / facing
 
 
 def _slopes_in(values: np.ndarray, window: Window, axis: int) -> np.ndarray:

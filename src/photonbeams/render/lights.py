@@ -31,6 +31,7 @@ from .paths.walked_lamps import WalkedLamps
 from .paths.walks import Walking, Walks
 from .pilots.choice import lights_little, preferred
 from .pilots.coarse_passes import Pixels
+from .pilots.sample_plan import BeamCost
 from .settings import Settings
 from .worlds import Worlds
 
@@ -47,14 +48,14 @@ class Findings:
         Guides, by the emitters that walks meet and those that are dark.
     portal
         The portal that was fitted to the light of the environment, or None.
-    samples
-        The samples of surfaces of a pass, by the number of pixels.
+    beams
+        What plans of samples know of the beams of a pass, by the number of pixels.
     """
 
     walked: list[int] | None = None
     guides: dict[tuple[tuple[int, ...], frozenset[int]], Guides] = field(default_factory=dict)
     portal: EnvironmentPortal | None = None
-    samples: dict[int, int] = field(default_factory=dict)
+    beams: dict[int, BeamCost] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

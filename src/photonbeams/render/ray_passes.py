@@ -14,7 +14,7 @@ from ..estimators.points import Points
 from ..estimators.projection import Projection
 from ..looks import LightContext
 from ..numerics.arrays import compressed, joined, taken, to_uint
-from ..numerics.samples import BITS, Samples
+from ..numerics.samples import BITS, CountedSamples, Samples
 from ..runtime.device import Array3f, Bool, Float, UInt32, check_recording
 from ..world.cameras.sensors import PrimaryRays
 from ..world.world import World
@@ -34,7 +34,7 @@ from .settings import Settings
 
 @dataclass(frozen=True)
 class ViewRays:
-    """A view's camera rays in a pass, their projection (or None), and the exposure.
+    """A view's camera rays in a pass, and their projection (or None).
 
     With a `holdout` rays see no surfaces, and these are the distances at which they end; else it is None. `lattice`
     tells which rays are evenly spaced. If there is also overscan, `inside` has the indices of the rays inside the
@@ -43,15 +43,9 @@ class ViewRays:
 
     primary: PrimaryRays
     view: Projection | None
-    exposure: float = 1.0
     holdout: Any = None
     lattice: Lattice | None = None
     inside: tuple[UInt32, ViewRays] | None = None
-
-    @property
-    def shared_origin(self) -> bool:
-        """Whether all rays begin at one point, or on the film of a parallel projection."""
-        return self.view is not None and self.primary.origins is None
 
 
 class PassRenderer:
@@ -84,13 +78,18 @@ class PassRenderer:
         self._max_depth = max_depth
         self._points = Points(settings.rule)
 
-    def samples(self, number: int, together: int = 0, each: int = 1, other: int = 0) -> Samples:
-        """Return the samples of pass `number`, or of sample `number` if pixels have `each` samples in a pass.
+    def samples(self, number: int, together: int = 0, each: int = 1) -> Samples:
+        """Return the samples of pass `number`, or of sample `number` if all pixels have `each` samples in a pass.
 
-        Another value of `other` gives independent samples.
+        There may be 2^`together` of them.
         """
         bits = BITS if self.planned is None else min((each * self.planned - 1).bit_length(), BITS)
-        return Samples(self.settings.seed + other, number, bits, together)
+        return Samples(self.settings.seed, number, bits, together)
+
+    def counted_samples(self, number: int, most: int, other: int = 0) -> CountedSamples:
+        """Return the samples of pass `number`, up to `most` of a pixel; another value of `other` gives others."""
+        bits = BITS if self.planned is None else (self.planned - 1).bit_length()
+        return CountedSamples(self.settings.seed + other, number, bits, most)
 
     def lit(self, number: int) -> tuple[TracedLight, SurfaceLight]:
         """Return the beams and photons of pass `number`, and the light of traced paths on surfaces."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -113,28 +114,42 @@ class FrameView:
         dr.eval(met, place)
         return to_numpy(place).T[met.numpy()].astype(np.float64)
 
+    def whole(self) -> FrameView:
+        """Return the same view of the whole picture, without a holdout."""
+        return FrameView(self.window.whole(), self._camera, sensor=self._sensor, clips=self._clips, turned=self._turned)
+
+    def shares_origin(self, number: int) -> bool:
+        """Return whether all rays of a pass begin at one point, or on the film of a parallel projection."""
+        return self._camera is not None and not self.blurs(number)
+
+    def exposure(self, number: int) -> float:
+        """Return the factor of light on the film in a pass."""
+        return 1.0 if self._camera is None else self._camera(number).middle.exposure_scale
+
     def rays(
         self, number: int, places: Array2f, order: Any, samples: Samples, moving: bool = False,
-        pinhole: Pinhole | None = None,
+        pinhole: Pinhole | None = None, some: UInt32 | None = None,
     ) -> ViewRays:  # fmt: skip
-        """Return the rays of pass `number`, through `places` in the pixels.
+        """Return the rays of pass `number`, through `places` in the pixels, or in `some` pixels with these numbers.
 
-        `order` has the pixels' numbers for their samples. If beams are `moving`, rays have times, and are otherwise the
-        same. If a `pinhole` is given, all rays are its rays.
+        `order` has the pixels' numbers for their samples, or with `some` pixels the indices of samples. If beams are
+        `moving`, rays have times, and are otherwise the same. If a `pinhole` is given, all rays are its rays.
         """
         if self._camera is None:
-            return ViewRays(sampled_rays(self._sensor, self.window, places, order, samples), None)
+            return ViewRays(sampled_rays(self._sensor, self.window, places, order, samples, some), None)
         own = self._view(number, self.window, pinhole)
-        sample = (lambda groups: _on_lens(samples, groups)) if own.film or moving else None
-        rays = own.rays(places, sample)
+        sample = None
+        if own.film or moving:
+            sample = partial(_on_lens, samples, index=None if some is None else order)
+        rays = own.rays(places, sample, some)
         far = None
         if self.holdout is not None:
-            there = own.on_lens(sample)
+            there = own.on_lens(sample, some)
             if pinhole is not None and pinhole.place is not None:
                 x, y, focus = (dr.opaque(Float, each) for each in pinhole.place)
                 there = x, y, focus
-            far = self.holdout.distances(own, rays.facing, places, there)
-        return ViewRays(self._primary(own, rays, far), own.projection, own.camera.exposure_scale, far)
+            far = self.holdout.distances(own, rays.facing, places, there, some)
+        return ViewRays(self._primary(own, rays, far), own.projection, far)
 
     def inside(
         self, number: int, rays: ViewRays, places: Array2f, samples: Samples, moving: bool,
@@ -148,11 +163,11 @@ class FrameView:
         row, column = np.mgrid[top:bottom, left:right]
         index = to_uint((row * width + column).ravel())
         own = self._view(number, replace(self.window, crop=(x + left, y + top, x + right, y + bottom)), pinhole)
-        found = own.rays(taken(places, index), (lambda groups: _on_lens(samples, groups)) if moving else None)
+        found = own.rays(taken(places, index), partial(_on_lens, samples) if moving else None)
         far = None if rays.holdout is None else taken(rays.primary.far, index)
         assert rays.lattice is not None
         lattice = Lattice.of(own.window.width, own.window.height, own.window.crop[:2], rays.lattice.place)
-        return index, ViewRays(self._primary(own, found, far), own.projection, rays.exposure, far, lattice)
+        return index, ViewRays(self._primary(own, found, far), own.projection, far, lattice)
 
     def pinhole(self, places: Array2f, order: Any, samples: Samples) -> ViewRays:
         """Return the rays of a pinhole at shutter open through places in the pixels, with the holdout's depth."""
@@ -233,6 +248,10 @@ def _blurs(
     return np.linalg.norm(hop - (hop * along).sum(axis=1, keepdims=True) * along, axis=1), lens, pixel
 
 
-def _on_lens(samples: Samples, groups: UInt32) -> tuple[Any, Any]:
-    """Return the place on the lens, in the unit square, and the time in the pass of groups of pixels."""
+def _on_lens(samples: Samples, groups: UInt32, index: UInt32 | None = None) -> tuple[Any, Any]:
+    """Return the place on the lens, in the unit square, and the time in the pass of groups of pixels.
+
+    `index` is that of samples of their pixels; None: the pass has one sample.
+    """
+    groups = groups if index is None else samples.like(groups, index)
     return samples.pair(groups, Stream.LENS), samples.pair(groups, Stream.TIME).x

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from photonbeams.constants import FILTERS
-from photonbeams.numerics.arrays import joined, opaque, to_float, to_vectors
+from photonbeams.numerics.arrays import joined, opaque, taken, to_float, to_uint, to_vectors
 from photonbeams.numerics.samples import Samples
 from photonbeams.render.films.film import BeamSamples, Film, PassPicture, SeenSums
 from photonbeams.render.films.pixel_filters import averaged, reconstruction_filter
+from photonbeams.render.films.sample_layout import Lanes, Piece, SampleLayout, parts
 from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime.device import Array3f, Float, mitsuba
 from photonbeams.scene import SceneError
@@ -40,10 +41,12 @@ def picture(one, crop=None):
 
 def sums_of(film, parts, exposure=1.0):
     """Return the sums of pictures, which are given with the places of their samples."""
-    pixels = film.shape[0] * film.shape[1]
-    result = SeenSums(film, sum(dr.width(places) for _, places in parts) // pixels, exposure)
-    for each in parts:
-        result.add(*each)
+    count = film.shape[0] * film.shape[1]
+    each = sum(dr.width(places) for _, places in parts) // count
+    result = SeenSums(film, each, exposure)
+    for seen, places in parts:
+        piece = Piece(None, each, range(dr.width(places) // count))
+        result.add(seen, places, opaque(1 / each), SampleLayout.of(count, [piece]), Lanes.of(count, [piece]).pixel)
     return result
 
 
@@ -133,13 +136,37 @@ def test_samples_of_surfaces_and_of_edges_count_as_their_shares_say(rng, name):
     edge = rng.random(count) < 0.5
     share = np.concatenate([np.where(edge, 0.2, 1.0), *[np.where(edge, 0.2, 0.0)] * 4])
     light = joined([each[""] for each in beams]) * to_float(share)
-    whole.add(0, sums_of(whole, parts), BeamSamples({"": light}, joined(places), to_float(share)))
+    layout = SampleLayout.of(count, [Piece(None, 5, range(5))])
+    whole.add(0, sums_of(whole, parts), BeamSamples({"": light}, joined(places), to_float(share), layout))
     layers = whole.layers()
     expected = of_mitsuba([each["surface"] for each in passes[:4]], name)
     np.testing.assert_allclose(layers["surface"], expected, atol=1e-5)
     shares = share.reshape(5, HEIGHT, WIDTH, 1)
     expected = of_mitsuba([each[""] for each in passes], name, shares)
     np.testing.assert_allclose(layers["beams"], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["box", "mitchell"])
+@pytest.mark.parametrize("most", [40, 200, 2000])
+def test_pixels_may_have_different_numbers_of_samples(rng, name, most):
+    """Each sample has the weight 1 / n in its pixel, however many samples are followed at once."""
+    count, each = HEIGHT * WIDTH, rng.choice([1, 2, 8], HEIGHT * WIDTH, p=[0.2, 0.7, 0.1])
+    values = rng.random((8, HEIGHT, WIDTH, 3), dtype=np.float32)
+    whole = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name))
+    places = joined([whole.places(Samples(0, number)) for number in range(8)])
+    seen = SeenSums(whole, 1)
+    pieces = [Piece(to_uint(np.flatnonzero(each == own)), own, range(own)) for own in (1, 2, 8)]
+    for part in parts(pieces, count, most):
+        lanes = Lanes.of(count, part)
+        number = lanes.sample * count + lanes.pixel
+        surface, reach = taken(to_vectors(values.reshape(-1, 3)), number), Float(lanes.sample) + 1
+        picture = PassPicture(surface, dr.ones(Float, dr.width(number)), reach=reach)
+        share = dr.rcp(Float(lanes.each))
+        seen.add(picture, taken(places, number), share, SampleLayout.of(count, part), lanes.pixel)
+    assert seen.farthest.numpy().tolist() == each.tolist() and not (seen.nearest.numpy() != 1).any()
+    whole.add(0, seen, BeamSamples({}, whole.centers()))
+    shares = np.where(np.arange(8)[:, None] < each, 1 / each, 0).reshape(8, HEIGHT, WIDTH, 1)
+    np.testing.assert_allclose(whole.layers()["surface"], of_mitsuba(values, name, shares), atol=1e-5)
 
 
 def test_a_film_without_groups_has_no_layers_of_them(rng):

@@ -23,6 +23,7 @@ from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
 from ...scene import SceneError
 from .layers import GATHERED, SCATTERED, develop
 from .pixel_filters import averaged, filter_weights, margin_of
+from .sample_layout import Piece, SampleLayout
 from .sums import ALBEDO, LIGHT, MEAN_NORMAL, SQUARES, PassSums
 
 mi = mitsuba()
@@ -36,7 +37,7 @@ Groups = Mapping[str, Any]
 
 @dataclass
 class PassPicture:
-    """What camera rays see in a pass, except beams: a value for each ray; the first samples of all pixels come first.
+    """What camera rays see in a pass, except beams: a value for each ray; first samples of pixels come first.
 
     Attributes
     ----------
@@ -59,9 +60,8 @@ class PassPicture:
     reach: Any = None
     guides: Mapping[str, Any] = field(default_factory=dict)
 
-    def of_pass(self, place: int, count: int) -> PassPicture:
-        """Return pass number `place` of several that were rendered at once, each of `count` pixels."""
-        lanes = dr.arange(UInt32, count) + dr.opaque(UInt32, place * count)
+    def taken(self, lanes: UInt32) -> PassPicture:
+        """Return the picture of some of the rays."""
         scattered = {group: taken(radiance, lanes) for group, radiance in self.scattered.items()}
         seen = (None if each is None else taken(each, lanes) for each in (self.surface, self.alpha, self.transmittance))
         surface, alpha, transmittance = seen
@@ -79,12 +79,13 @@ class PassPicture:
 class BeamSamples:
     """The light of beams in a pass, by light groups, for samples at `places`.
 
-    `share` is the weight of each sample in its pixel; None: 1 each.
+    `share` is the weight of each sample in its pixel, and `layout` where they are; None: one for each pixel, of 1 each.
     """
 
     groups: Groups
     places: Array2f
     share: Any = None
+    layout: SampleLayout | None = None
 
 
 class SeenSums:
@@ -92,37 +93,45 @@ class SeenSums:
 
     Attributes
     ----------
+    exposure, typical
+        A factor on light, and how many samples a pixel of the whole picture has on average, a power of two.
     values, light
         Sums by name, through the film's filter, and the unfiltered light of the pixels.
     nearest, farthest
         (pixels,) distances that the shortest and the longest of a pixel's rays reach straight ahead; None if unknown.
     """
 
-    def __init__(self, film: Film, samples: int, exposure: Any = 1.0) -> None:
-        self._film, self._part, self._exposure = film, dr.opaque(Float, 1 / samples), exposure
+    def __init__(self, film: Film, typical: int, exposure: Any = 1.0) -> None:
+        self._film, self.typical, self.exposure = film, typical, exposure
         self.values: dict[str, Any] = {}
         self.light: dict[str, Any] = {}
         self.nearest: Any = None
         self.farthest: Any = None
 
-    def add(self, picture: PassPicture, places: Array2f) -> None:
-        """Add one sample of each pixel, or several, with their places in [0, 1)²."""
+    def add(
+        self, picture: PassPicture, places: Array2f, share: Any = 1.0, layout: SampleLayout | None = None,
+        pixels: UInt32 | None = None,
+    ) -> None:  # fmt: skip
+        """Add samples with their places in [0, 1)².
+
+        `share` is the weight of each in its pixel, `layout` where they are, and `pixels` tells to which each belongs;
+        None: each pixel has one.
+        """
         found = {
-            name: value * self._part * (1 if name in _NOT_LIGHT else self._exposure)
+            name: value * share * (1 if name in _NOT_LIGHT else self.exposure)
             for name, value in picture.values().items()
         }
-        sums, light = self._film.summed(found, places, self._part)
+        sums, light = self._film.summed(found, places, share, layout)
         for total, own in ((self.values, sums), (self.light, light)):
             total |= {name: total[name] + value if name in total else value for name, value in own.items()}
         if picture.reach is not None:
-            self._extend(picture.reach)
+            self._extend(picture.reach, dr.arange(UInt32, dr.width(places)) if pixels is None else pixels)
         dr.eval(self.values, self.light, self.nearest, self.farthest)
 
-    def _extend(self, reach: Any) -> None:
+    def _extend(self, reach: Any, pixel: UInt32) -> None:
         count = self._film.shape[0] * self._film.shape[1]
         if self.nearest is None:
             self.nearest, self.farthest = dr.full(Float, dr.inf, count), dr.zeros(Float, count)
-        pixel = dr.arange(UInt32, dr.width(reach)) % dr.opaque(UInt32, count)
         dr.scatter_reduce(dr.ReduceOp.Min, self.nearest, reach, pixel)
         dr.scatter_reduce(dr.ReduceOp.Max, self.farthest, reach, pixel)
 
@@ -219,7 +228,7 @@ class Film:
             Depths and normals; only the first pass has them.
         """
         gathered = {GATHERED + group: light * exposure for group, light in beams.groups.items()}
-        values, light = self.summed(gathered, beams.places, beams.share)
+        values, light = self.summed(gathered, beams.places, beams.share, beams.layout)
         if "weight" in values:
             values = self._weighed(values)
         values |= seen.values
@@ -261,31 +270,30 @@ class Film:
         return result
 
     def summed(
-        self, values: Mapping[str, Any], places: Array2f, share: Any
-    ) -> tuple[dict[str, Any], dict[str, Any]]:  # fmt: skip
+        self, values: Mapping[str, Any], places: Array2f, share: Any, layout: SampleLayout | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return filtered sums of values, with the filter's weights, and the unfiltered light of pixels.
 
-        `share` are the weights of samples in their pixels; the values are already multiplied by them.
+        `share` are the weights of samples in their pixels; the values are already multiplied by them. `layout` tells
+        where the samples are; None: each pixel has one.
         """
-        folded = {name: self._folded(value) for name, value in values.items()}
+        folded = {name: self._folded(value, layout) for name, value in values.items()}
         light = {name: each for name, each in folded.items() if name not in _NOT_LIGHT}
         if self._filter is None or not values:
             return folded, light
         factor = dr.ones(Float, dr.width(places)) * (1 if share is None else share)
-        return self._filtered({**values, "weight": factor}, places), light
+        return self._filtered({**values, "weight": factor}, places, layout), light
 
-    def _folded(self, value: Any) -> Any:
+    def _folded(self, value: Any, layout: SampleLayout | None) -> Any:
         """Return the sum over the samples of each pixel."""
-        count = self.shape[0] * self.shape[1]
-        samples = dr.width(value) // count
-        if samples <= 1:
+        if layout is None:
             return value
-        pixel, each, most = dr.arange(UInt32, count), dr.opaque(UInt32, count), dr.opaque(UInt32, samples)
-        value = type(value)(value)
+        value, count = type(value)(value), self.shape[0] * self.shape[1]
         dr.make_opaque(value)
+        begin, stride, most = layout.of_pixels(dr.arange(UInt32, count))
 
         def further(sample: UInt32, total: Any) -> tuple[Any, ...]:
-            return sample + 1, total + dr.gather(type(value), value, pixel + sample * each)
+            return sample + 1, total + dr.gather(type(value), value, begin + sample * stride)
 
         state = (dr.zeros(UInt32, count), dr.zeros(type(value), count))
         return dr.while_loop(state, lambda sample, _: sample < most, further, label="fold")[1]
@@ -321,12 +329,14 @@ class Film:
                   for each in (own, other)]  # fmt: skip
         return ~inside[0] | inside[1]
 
-    def _filtered(self, values: Mapping[str, Any], places: Array2f) -> dict[str, Any]:
+    def _filtered(
+        self, values: Mapping[str, Any], places: Array2f, layout: SampleLayout | None
+    ) -> dict[str, Any]:  # fmt: skip
         """Return the sums over the samples around each pixel of their values, times the filter's weight."""
         (x, y), (height, width) = self._pixels(), (dr.opaque(UInt32, each) for each in self.shape)
         margin, radius = margin_of(self._filter), float(self._filter.radius())
-        side, count = 2 * margin + 1, dr.opaque(UInt32, dr.width(x))
-        taps, most = side * side, dr.opaque(UInt32, side * side * (dr.width(places) // dr.width(x)))
+        side, layout = 2 * margin + 1, layout or SampleLayout.of(dr.width(x), [Piece(None, 1, range(1))])
+        taps = dr.opaque(UInt32, side * side)
         pictures, places = [*values.values()], Array2f(places)
         dr.make_opaque(pictures, places)
 
@@ -334,25 +344,31 @@ class Film:
             return dr.select(dr.abs(distance) < radius, Float(self._filter.eval(distance)), 0)
 
         def further(tap: UInt32, sums: list[Any]) -> tuple[Any, ...]:
-            sample, near = tap // taps, tap % taps
-            right, down = Int32(near % side) - margin, Int32(near // side) - margin
+            right, down = Int32(tap % side) - margin, Int32(tap // side) - margin
             column, row = x + UInt32(right), y + UInt32(down)
             inside = (column < width) & (row < height)  # unsigned: a number below 0 wraps to a large one
             if self._overscan:
                 inside &= self._within(x, column, 0) & self._within(y, row, 1)
-            there = row * width + column + sample * count
-            place = dr.gather(Array2f, places, there, inside)
-            own = weight(Float(right) + place.x - 0.5) * weight(Float(down) + place.y - 0.5)
-            own = dr.select(inside, own, 0)
-            sums = [
-                each + own * dr.gather(type(each), picture, there, inside)
-                for each, picture in zip(sums, pictures, strict=True)
-            ]
+            begin, stride, count = layout.of_pixels(row * width + column, inside)
+
+            def next_sample(sample: UInt32, sums: list[Any]) -> tuple[Any, ...]:
+                there = begin + sample * stride
+                place = dr.gather(Array2f, places, there, inside)
+                own = weight(Float(right) + place.x - 0.5) * weight(Float(down) + place.y - 0.5)
+                own = dr.select(inside, own, 0)
+                sums = [
+                    each + own * dr.gather(type(each), picture, there, inside)
+                    for each, picture in zip(sums, pictures, strict=True)
+                ]
+                return sample + 1, sums
+
+            none = dr.zeros(UInt32, dr.width(x))
+            _, sums = dr.while_loop((none, sums), lambda sample, _: sample < count, next_sample, label="samples")
             return tap + 1, sums
 
         nothing = [dr.zeros(type(each), dr.width(x)) for each in pictures]
         state = (dr.zeros(UInt32, dr.width(x)), nothing)
-        _, sums = dr.while_loop(state, lambda tap, _: tap < most, further, label="filter")
+        _, sums = dr.while_loop(state, lambda tap, _: tap < taps, further, label="filter")
         return dict(zip(values, sums, strict=True))
 
     def error(self) -> float:

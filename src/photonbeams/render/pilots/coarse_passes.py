@@ -60,8 +60,8 @@ class Pilot:
     Attributes
     ----------
     surfaces, beams
-        The radiance of rays in the passes so far, the mean of the channels: all but that of beams, by samples (P · S,
-        H, W), and that of beams, (P, H, W).
+        The radiance of rays in the passes so far, (P, H, W), the mean of the channels: all but that of beams, and that
+        of beams.
     coarse
         How many of the beams a picture gathers along fewer rays than pixels.
     """
@@ -71,13 +71,13 @@ class Pilot:
         self.surfaces = self.beams = np.zeros((0, ROWS, COLUMNS), dtype=np.float32)
         self.coarse = 0
 
-    def add(self, count: int, together: int = 1, each: int = 1) -> None:
-        """Add passes, each with several samples of surfaces.
+    def add(self, count: int, together: int = 1, surfaces: bool = True) -> None:
+        """Add passes, with or without surfaces.
 
         So many passes are rendered `together`: one, or all that have no beams and photons.
         """
-        wide, pixels = together * each, dr.arange(UInt32, COLUMNS * ROWS)
-        joint = ViewRays(PrimaryRays.joined([self._rays] * wide), None)
+        pixels = dr.arange(UInt32, COLUMNS * ROWS)
+        joint = ViewRays(PrimaryRays.joined([self._rays] * together), None)
         first = len(self.beams)
         for number in range(first, first + count, together):
             light, photons = self._passes.lit(number)
@@ -85,12 +85,13 @@ class Pilot:
             self.coarse += sum(len(each.beams) for each in light.sets if self._passes.coarse(number, light, each))
             # Beams are at rest, since coarse rays have no times.
             light = replace(light, sets=[own._replace(close=None) for own in light.sets])
-            samples = self._passes.samples(each * number, (wide - 1).bit_length(), each)
-            order = samples.indices(pixels)
-            dr.eval(order)
-            seen = self._passes.seen(light, joint, order, samples, photons)
-            own = sum(seen.scattered.values(), seen.surface)
-            self.surfaces = np.concatenate([self.surfaces, _gray(own, wide)])
+            if surfaces:
+                samples = self._passes.samples(number, (together - 1).bit_length())
+                order = samples.indices(pixels)
+                dr.eval(order)
+                seen = self._passes.seen(light, joint, order, samples, photons)
+                own = sum(seen.scattered.values(), seen.surface)
+                self.surfaces = np.concatenate([self.surfaces, _gray(own, together)])
             single = self._passes.samples(number)
             gathered = self._passes.gathered(number, light, ViewRays(self._rays, None), pixels, single)
             beams = _gray(sum(gathered.values(), dr.zeros(Array3f, 1)), 1)

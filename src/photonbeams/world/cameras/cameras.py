@@ -151,26 +151,29 @@ class View:
         return self.projection.lens is not None or len(self.projection.poses) > 1
 
     def rays(
-        self, places: Array2f | tuple[float, float], sample: Callable[[UInt32], tuple[Array2f, Float]] | None = None
-    ) -> CameraRays:
-        """Return a ray through each pixel, at its place in [0, 1)², or at one place (x, y) for all.
+        self, places: Array2f | tuple[float, float], sample: Callable[[UInt32], tuple[Array2f, Float]] | None = None,
+        some: UInt32 | None = None,
+    ) -> CameraRays:  # fmt: skip
+        """Return a ray through each pixel, or through `some`, at its place in [0, 1)², or at one place (x, y) for all.
 
         `sample` returns, for the numbers of groups of pixels, places in the unit square for the lens and times in
         [0, 1]. It is given where there is a lens or motion, of the camera or of anything else. The rays of a pinhole at
-        rest are the same with and without it.
+        rest are the same with and without it. What groups share is only told of all pixels.
         """
-        (column, row), view = self.pixels(), self.projection
-        x, y = self._on_film(places)
+        (column, row), view = self.pixels(some), self.projection
+        x, y = self._on_film(places, some)
         square: Any = None
         time: Any = None
-        if sample is not None:
+        own: Any = None
+        if sample is not None and some is None:
             square, time = sample(self._whole(dr.arange(UInt32, lanes(view))))
         if sample is None or not self.film:
             origin, direction = self._through(x, y)
             dr.eval(time)
             return CameraRays(origin, direction, self._facing(direction), times=time)
-        own, _, _ = self._film(Float(self._center[0]), Float(self._center[1]), square, time)
-        own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
+        if some is None:
+            own, _, _ = self._film(Float(self._center[0]), Float(self._center[1]), square, time)
+            own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
         group = lane_of(column, row, dr.opaque(UInt32, view.columns))
         origin, direction, facing = self._film(x, y, *sample(self._whole(group)))
         dr.eval(own, time, origin, direction, facing)
@@ -201,24 +204,26 @@ class View:
         inv = dr.rsqrt(dr.squared_norm(direction))
         return origin, direction * inv, inv
 
-    def on_lens(self, sample: Callable[[UInt32], tuple[Array2f, Float]] | None) -> tuple[Float, Float, Float] | None:
+    def on_lens(
+        self, sample: Callable[[UInt32], tuple[Array2f, Float]] | None, some: UInt32 | None = None
+    ) -> tuple[Float, Float, Float] | None:
         """Return where on the lens the rays of `rays` begin, right and up, and the focus distance; None: no lens."""
         lens = self.projection.lens
         if lens is None or sample is None:
             return None
-        group = lane_of(*self.pixels(), dr.opaque(UInt32, self.projection.columns))
+        group = lane_of(*self.pixels(some), dr.opaque(UInt32, self.projection.columns))
         place = disk(Array2f(sample(self._whole(group))[0])) * lens[0]
         return place.x, place.y, lens[1]
 
-    def pixels(self) -> tuple[UInt32, UInt32]:
-        """Return column and row of each pixel of the window, row by row."""
+    def pixels(self, some: UInt32 | None = None) -> tuple[UInt32, UInt32]:
+        """Return column and row of each pixel of the window, row by row, or of those with `some` numbers."""
         height, width = self.window.shape
-        index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
+        index, columns = dr.arange(UInt32, width * height) if some is None else some, dr.opaque(UInt32, width)
         return index % columns, index // columns
 
-    def _on_film(self, places: Array2f | tuple[float, float]) -> tuple[Float, Float]:
+    def _on_film(self, places: Array2f | tuple[float, float], some: UInt32 | None = None) -> tuple[Float, Float]:
         """Return where rays through `places` in the window's pixels cross the whole picture, in pixels."""
-        (column, row), (left, top) = self.pixels(), self._corner
+        (column, row), (left, top) = self.pixels(some), self._corner
         across, down = (dr.opaque(Float, each) if isinstance(each, float) else each for each in places)
         return Float(Int32(column) + left) + across, Float(Int32(row) + top) + down
 

@@ -95,20 +95,22 @@ class Sensor:
         self.view = None if camera is None else View(camera, self.window)
 
 
-def sampled_rays(sensor: Any, window: Window, places: Array2f, order: UInt32, samples: Samples) -> PrimaryRays:
-    """Return a ray through each pixel, at its place in [0, 1)², as a sensor of Mitsuba's samples them.
+def sampled_rays(
+    sensor: Any, window: Window, places: Array2f, order: UInt32, samples: Samples, some: UInt32 | None = None
+) -> PrimaryRays:
+    """Return a ray through each pixel, or `some`, at its place in [0, 1)², as a sensor of Mitsuba's samples them.
 
     `order` has the pixels' numbers for their samples.
     """
     height, width = window.shape
-    index, columns = dr.arange(UInt32, width * height), dr.opaque(UInt32, width)
+    index, columns = dr.arange(UInt32, width * height) if some is None else some, dr.opaque(UInt32, width)
     x = (Float(index % columns) + places.x) / dr.opaque(Float, width)
     y = (Float(index // columns) + places.y) / dr.opaque(Float, height)
     aperture = samples.pair(order, Stream.LENS)
     ray, weight = sensor.sample_ray_differential(  # some sensors have no others, such as `irradiancemeter`
         Float(sensor.shutter_open()), Float(0.5), mi.Point2f(x, y), mi.Point2f(aperture), True
     )
-    wide = dr.zeros(Array3f, width * height)
+    wide = dr.zeros(Array3f, dr.width(index))
     far = dr.minimum(ray.maxt, dr.largest(Float)) + wide.x
     return PrimaryRays(Array3f(ray.o) + wide, Array3f(ray.d) + wide, 0 * wide.x, far, rgb(weight) + wide)
 
