@@ -21,7 +21,7 @@ from ..ray_passes import PassRenderer, ViewRays
 COLUMNS, ROWS = 40, 24
 #: A pilot has this fraction (1/N) of the light paths, and at least this many of each emitter. Fewer beams are wider, if
 #: the bounds of radii allow it. Then they have as much noise as all beams; else they have more, at most N times as
-#: much. Plans take the geometric mean of the two, N^½ times as much.
+#: much. The choice takes the geometric mean of the two, N^½ times as much.
 FEWER, _FEWEST = 4, 128
 # Cameras of a shot whose rays a pilot takes, at most.
 _CAMERAS = 8

@@ -1,13 +1,13 @@
 """The samples that pixels have in a pass of everything but beams: as many as lower the picture's error the most.
 
 A pass with n samples of a pixel has the variance V = B + S / n there, of which B is that of its beams, and it costs
-C = b + Σ n · s. After equal cost, the mean absolute error of a picture is in proportion to Σ √V · √C, a sum over its
-pixels. Two pilots estimate what that takes, where it may save more than they cost. The first one tells B, by the light
-of some paths along few rays, for all frames of a shot. S differs more: a hundredth of the pixels, where lamps shine on
-surfaces or edges cross, may have most of it. So a second pilot sends rays through all blocks of the frame's whole
-picture, and each block has its own number of samples. The best numbers solve n = argmin √(B + S / n) + λ n, of all λ
-the one with the least error. Costs are computed from counts, so that the plan of a scene is the same on every machine,
-in every crop, and for any number of passes.
+C = b + Σ n · s. Eyes and displays see errors in proportion to about 1 / √L of the light L; after equal cost, the mean
+of these is in proportion to Σ √(V / L) · √C, a sum over the picture. Two pilots tell what that takes, where they cost
+less than they may save. The first one traces some of the light paths and asks few rays for B, which is one number,
+(mean √B)², for all frames of a shot. S differs more: a hundredth of the pixels, where lamps shine on surfaces or edges
+cross, may have most of it. So a second pilot sends rays through all blocks of the frame's whole picture, and each block
+has its own number of samples, n = argmin √((B + S / n) / L) + λ n, of all λ with the one of the least error. Costs are
+computed from counts, so that the plan of a scene is the same on every machine and in every crop.
 """
 
 from __future__ import annotations
@@ -29,17 +29,16 @@ from ..films.sample_layout import Piece
 from ..light import ShotLight
 from ..passes import Statistics
 from ..ray_passes import PassRenderer
-from .coarse_passes import Pilot, Pixels, by_blocks, with_fewer_paths
+from .coarse_passes import Pilot, Pixels, with_fewer_paths
 
 # Passes of the first pilot. It is asked where it costs less than the usual samples of one pass.
 _PASSES = 2
-# Its rays are judged in blocks of this many, across and down.
-_RAYS = 4
 # Where two samples of a pixel differ, it is an edge, where the beams have more samples.
 _CHOICES = 2, 4, 8, 16, 32
 _BITS = 30  # of the indices of all samples in the whole picture; overscan has larger ones
 # Of plans that are nearly as good as the best, the one with the fewest samples is taken: its time has more passes.
 _NEARLY = 1.02
+_DARK = 0.05  # of the mean light: darker blocks count no more than those
 _WEIGHTS = np.geomspace(1e-4, 1e3, 71)  # λ, in units of the mean of √V
 #: The second pilot has one ray for so many pixels across and down, with so many samples.
 CELL, SAMPLES = 4, 2
@@ -127,17 +126,23 @@ class SamplePlan:
         """
         assert self.beams is not None
         beams, cost = self.beams
-        single = radiance.astype(np.float64).var(axis=0, ddof=1).reshape(-1, -(-window.width // CELL))
-        surfaces = _smooth(_of_blocks(single / self.averaged))
+        # Light that overflows is infinite.
+        found = np.nan_to_num(radiance).astype(np.float64).reshape(SAMPLES, -1, -(-window.width // CELL))
+        noise, light = (_of_blocks(each) for each in (found.var(axis=0, ddof=1) / self.averaged, found.mean(axis=0)))
+        # Few samples tell little of light that is rarely found.
+        surfaces, shining = np.maximum(noise, _around(noise)), _around(light)
+        seen = 1 / np.sqrt(np.maximum(shining + _DARK * shining.mean(), 1e-30))
         free = _BITS - 2 * (max(window.width, window.height) - 1).bit_length()
         choices = np.array([each for each in _CHOICES if each.bit_length() <= max(free, 2)])
-        noise = np.sqrt(beams + surfaces / choices[:, None, None])
-        unit = max(noise[0].mean(), 1e-30)
+        errors = seen * np.sqrt(beams + surfaces / choices[:, None, None])
+        unit = max(errors[0].mean(), 1e-30)
         most = max(self.usual, 2 * _CHOICES[0])
-        plans = (choices[(noise / unit + own * choices[:, None, None]).argmin(axis=0)] for own in _WEIGHTS[::-1])
-        found = [each for each in plans if each.mean() <= most]  # the fewest samples first
-        spent = [np.sqrt(beams + surfaces / each).mean() ** 2 * (cost + each.mean() * self.sample) for each in found]
-        return SampleCounts(next(each for each, own in zip(found, spent, strict=True) if own <= _NEARLY * min(spent)))
+        plans = (choices[(errors / unit + own * choices[:, None, None]).argmin(axis=0)] for own in _WEIGHTS[::-1])
+        fit = [each for each in plans if each.mean() <= most]  # the fewest samples first
+        spent = [
+            (seen * np.sqrt(beams + surfaces / each)).mean() ** 2 * (cost + each.mean() * self.sample) for each in fit
+        ]
+        return SampleCounts(next(each for each, own in zip(fit, spent, strict=True) if own <= _NEARLY * min(spent)))
 
 
 def sample_plan(light: ShotLight, pixels: Pixels, statistics: Statistics, seen: bool = True) -> SamplePlan:
@@ -175,8 +180,9 @@ def _beam_cost(light: ShotLight, pixels: Pixels, statistics: Statistics) -> Beam
         with statistics.phase("plan"):
             pilot = Pilot(passes, light.cameras)
             pilot.add(_PASSES, surfaces=False)
-        # Photons, which samples of a pass share, are left out: two passes tell too little.
-        noise = np.sqrt(by_blocks(pilot.beams.var(axis=0, ddof=1), _RAYS)).mean() ** 2 * portion**0.5
+        # The mean of |x₁ − x₂| is 2 / √π standard deviations. Photons, which samples of a pass share, are left out: two
+        # passes tell too little. Radii are taken as bounded: so many times fewer beams have so many times the variance.
+        noise = np.pi / 4 * np.abs(np.diff(pilot.beams.astype(np.float64), axis=0)).mean() ** 2 * portion
         count, coarse = (each / (_PASSES * portion) for each in (passes.statistics.beams, pilot.coarse))
         known[pixels.count] = BeamCost(float(noise), of_beams(count, count, pixels.count, coarse))
     return known[pixels.count]
@@ -212,10 +218,9 @@ def _of_blocks(cells: Array) -> Array:
     return result
 
 
-def _smooth(blocks: Array) -> Array:
-    """Return what is greater, a block's value or the mean of those around it: few samples tell little of rare light."""
-    around = np.pad(blocks, 1, mode="edge")
+def _around(blocks: Array) -> Array:
+    """Return the means of blocks with those around them."""
     rows, columns = blocks.shape
-    mean = sum(around[y : y + rows, x : x + columns] for y in range(3) for x in range(3)) / 9
-    result: Array = np.maximum(blocks, mean)
+    wide = np.pad(blocks, 1, mode="edge")
+    result: Array = sum(wide[y : y + rows, x : x + columns] for y in range(3) for x in range(3)) / 9
     return result
