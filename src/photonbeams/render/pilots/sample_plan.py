@@ -222,5 +222,5 @@ def _around(blocks: Array) -> Array:
     """Return the means of blocks with those around them."""
     rows, columns = blocks.shape
     wide = np.pad(blocks, 1, mode="edge")
-    result: Array = sum(wide[y : y + rows, x : x + columns] for y in range(3) for x in range(3)) / 9
+    result: Array = np.mean([wide[y : y + rows, x : x + columns] for y in range(3) for x in range(3)], axis=0)
     return result
