@@ -83,7 +83,7 @@ class Settings:
         f"for a Mitsuba scene: light paths, default: the integrator's, or {DEFAULT_PATHS}.",
         {"--beams": {}},
         {"paths": {"default": DEFAULT_PATHS, "help": "Light paths in each pass. There are as many passes as samples "
-                   "per pixel; in each pass, a pixel has one sample of beams and up to 16 samples of surfaces."}},
+                   "per pixel; in each pass, a pixel has one sample of beams and up to 32 samples of surfaces."}},
         kind=int, least=1, most=MOST_BEAMS,
     )  # fmt: skip
     max_depth: int | None = setting(
@@ -168,7 +168,8 @@ class Settings:
     surfaces: bool = _yes_or_no("Shade surfaces; if not, only beams are rendered.", True)
     surface_samples: int | None = setting(
         None, "Samples that each pixel has in a pass of everything but beams: a power of two; "
-        "by default, as many as cost half of what the beams cost, up to 16, or fewer where a pilot finds little noise.",
+        "by default, as many as cost half of what the beams cost, or as many as pilots find best for each part of the "
+        "picture, up to 32.",
         kind=int, least=1, most=1 << 10,
     )  # fmt: skip
     normals: bool = _yes_or_no("Add a layer of normals.")
