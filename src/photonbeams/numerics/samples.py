@@ -39,8 +39,11 @@ class Samples:
         return result
 
     def like(self, pixels: UInt32, index: UInt32) -> UInt32:
-        """Return the indices of `pixels`, or of anything else, in the passes that `index` has."""
-        return (pixels << self._together) + (index & self._which)
+        """Return the indices of `pixels`, or of anything else, in the passes that `index` has.
+
+        Of their numbers 22 bits count, however many passes there are.
+        """
+        return ((pixels & 0x3FFFFF) << self._together) + (index & self._which)
 
     def _place(self, index: UInt32) -> UInt32:
         return ((index >> self._together) << self._bits) + (self._number + (index & self._which))
@@ -65,8 +68,8 @@ class Samples:
 class CountedSamples(Samples):
     """Samples of one pass in which each pixel has its own number of samples, n, a power of two up to `most`.
 
-    The samples of a pixel's pass are neighbours in its sequence: they are the same as those of n passes in a row. Its
-    index has n + s in the lowest bits, for the sample s < n.
+    The samples of a pixel's pass are neighbours in its sequence, as those of n passes in a row would be. The index of
+    the sample s < n has n + s in the lowest bits.
     """
 
     def __init__(self, seed: int, number: int, bits: int, most: int) -> None:

@@ -11,8 +11,8 @@ TRACING, RECORD, TEST, FEWER_TESTS, WALK = 2e5, 15.0, 1e-3, 2e-4, 3.0
 _RECORDS, _SAMPLE = 2.0, 2.0
 
 # The samples of surfaces in a pass cost at most this fraction of what its beams cost. The fraction is larger if walks
-# begin there, because then most of the noise is theirs. A pixel has no more than so many: beyond that number, most of
-# the remaining noise is the beams' own.
+# begin there, because then most of the noise is theirs. Without a plan, a pixel has no more than so many: beyond that
+# number, most of the remaining noise is the beams' own.
 _SHARE, _SHARE_WALKED, _MOST = 0.5, 1.0, 16
 
 #: Rays that are followed at once: so many that work done once for all of them hardly counts.

@@ -22,13 +22,13 @@ from ..numerics.sampling import z_order
 from ..numerics.streams import Stream
 from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..scene import SceneError
-from ..world.cameras.cameras import Pinhole, Window
+from ..world.cameras.cameras import Pinhole
 from ..world.cameras.sensors import PrimaryRays
 from ..world.warp import disk
 from .costs import LANES, power_below
 from .films.film import BeamSamples, Film, PassPicture, SeenSums
 from .films.frame_sums import FrameSums
-from .films.sample_layout import Lanes, Piece, SampleLayout, parts
+from .films.sample_layout import Piece, PixelSamples, SampleLayout, parts
 from .films.sums import DEPTH, NORMAL, PassSums
 from .light import ShotLight, TracedLight
 from .memory import release_memory
@@ -36,15 +36,13 @@ from .passes import Statistics
 from .paths import camera_paths
 from .paths.surface_light import NO_LIGHT, SurfaceLight
 from .pilots.coarse_passes import Pixels
-from .pilots.sample_plan import SAMPLES, SampleCounts, pilot_pixels, sample_plan
+from .pilots.sample_plan import EDGE, SAMPLES, SampleCounts, pilot_pixels, sample_plan
 from .ray_passes import CameraImage, PassRenderer, ViewRays, unshaded
 from .settings import Settings
 from .views import FrameView
 
 DEFAULTS = Settings()
 
-# A pixel has an edge if one of its rays reaches this many times as far as another.
-_EDGE = 1.1
 # Most extra samples of such a pixel: half of a small picture may be edges. Their number depends on nothing in the pass;
 # otherwise crops would differ, and sequences would have gaps.
 _AT_EDGES = 4
@@ -66,8 +64,8 @@ class Instant(NamedTuple):
 class WidePicture(NamedTuple):
     """Samples of pixels that are followed at once, with their `indices`, from pass `number` on.
 
-    `share` is the weight of each in its pixel, and `layout` tells where those of a pixel are; None: each pass has one
-    sample of each pixel, and there may be several passes.
+    `share` is the weight of each in its pixel; None: each pass has one sample of each pixel, and there may be several
+    passes. `layout` tells where the samples of a pixel are; None: each has one.
     """
 
     number: int
@@ -132,7 +130,7 @@ class FrameRenderer(PassRenderer):
         self._memory: PassMemory = memory or NoMemory()
         self.about = ""
         window, order = views[0].window, films[0].order
-        self._size, self._counts = (window.width, window.height), dict[int, SampleCounts]()
+        self._size, self._counts = (window.width, window.height), list[tuple[SampleCounts, list[Piece]]]()
         pixels, seen = Pixels(window.width * window.height, films[0].averaged), views[0].holdout is None
         self._plan = sample_plan(light, pixels, self.statistics, seen)
         # Sample indices have 32 bits. Those of further samples follow those of the whole picture, in crops, too.
@@ -140,23 +138,32 @@ class FrameRenderer(PassRenderer):
         self._indices = 1 << int(last[0]).bit_length()
         self._wide = power_below(min(LANES // dr.width(order), (1 << 32) >> int(dr.max(order)[0]).bit_length()))
 
-    def _planned(self, view: int, first: Lit) -> SampleCounts:
-        """Return how many samples each pixel has of everything but beams; pixels of a crop have those of the whole.
+    def _plan_views(self, first: Callable[[], Lit]) -> None:
+        """Plan how many samples each pixel has of everything but beams; pixels of a crop have those of the whole.
 
         They are planned by the light of the `first` pass: all passes add samples that no plan has seen.
         """
         if self._plan.beams is None:
-            return SampleCounts.of(self._plan.usual)
+            counts = [SampleCounts.of(self._plan.usual)] * len(self._views)
+        else:
+            lit = first()
+            counts = [self._planned(view, lit) for view in self._views]
+        self._counts = [
+            (own, [] if own.uniform else own.pieces(view.window)) for own, view in zip(counts, self._views, strict=True)
+        ]
+
+    def _planned(self, view: FrameView, first: Lit) -> SampleCounts:
+        """Return the plan of a view."""
         with self.statistics.phase("plan"):
-            whole, pixels = self._views[view].whole(), pilot_pixels(*self._size)
-            lanes = Lanes.of(0, [Piece(pixels, SAMPLES, range(SAMPLES))])
+            whole, pixels = view.whole(), pilot_pixels(*self._size)
+            lanes = PixelSamples.of(0, [Piece(pixels, SAMPLES, range(SAMPLES))])
             columns = dr.opaque(UInt32, self._size[0])
             samples = self.counted_samples(0, SAMPLES, _PILOT)
             order = z_order(lanes.pixel % columns, lanes.pixel // columns)
             index = samples.index(order, lanes.each, lanes.sample)
         picture, _ = self._looked(whole, WidePicture(0, samples, index, lanes.pixel), first)
         radiance = dr.mean(sum(picture.scattered.values(), picture.surface)).numpy().reshape(SAMPLES, -1)
-        return self._plan.counts(radiance, whole.window)
+        return self._plan.counts(radiance, picture.reach.numpy().reshape(SAMPLES, -1), whole.window)
 
     def together(self, number: int) -> int:
         """Return how many passes from `number` on are best rendered at once."""
@@ -181,6 +188,8 @@ class FrameRenderer(PassRenderer):
 
     def _add(self, numbers: range) -> None:
         """Add a pass, or several passes, if walks alone meet their light."""
+        if numbers[0] > 0 and not self._counts:
+            self._plan_views(lambda: self._lit(0))
         lit = self._lit(numbers[0])
         light, _ = lit
         self.count(light)
@@ -226,12 +235,12 @@ class FrameRenderer(PassRenderer):
 
         As many samples as memory allows are rendered as one wide picture.
         """
-        if view not in self._counts:
-            self._counts[view] = self._planned(view, lit if numbers[0] == 0 else self._lit(0))
-        counts, own, pixels = self._counts[view], self._views[view], dr.width(film.order)
+        if not self._counts:
+            self._plan_views(lambda: lit)
+        (counts, pieces), own, pixels = self._counts[view], self._views[view], dr.width(film.order)
         exposure = dr.opaque(Float, own.exposure(numbers[0]))
         seen = [SeenSums(film, counts.typical, exposure) for _ in numbers]
-        for wide in self._wide_pictures(numbers, counts, own.window, film.order):
+        for wide in self._wide_pictures(numbers, counts, pieces, film.order):
             picture, places = self._looked(own, wide, lit)
             with self.statistics.phase("surfaces"):
                 if wide.share is not None:
@@ -239,27 +248,27 @@ class FrameRenderer(PassRenderer):
                 for place in range(0 if wide.share is not None else dr.width(places) // pixels):
                     lanes = dr.arange(UInt32, pixels) + dr.opaque(UInt32, place * pixels)
                     seen[wide.number + place - numbers[0]].add(picture.taken(lanes), taken(places, lanes))
-            del picture
+            del picture, places
             release_memory(self._size)
         return seen
 
     def _wide_pictures(
-        self, numbers: range, counts: SampleCounts, window: Window, order: UInt32
+        self, numbers: range, counts: SampleCounts, pieces: Sequence[Piece], order: UInt32
     ) -> Iterator[WidePicture]:  # fmt: skip
         """Yield the samples of passes that are followed at once: one pass after the other, or several."""
         pixels, each = dr.width(order), counts.most
         if not counts.uniform:
             counted = self.counted_samples(numbers[0], each)
-            for part in parts(counts.pieces(window), pixels, LANES):
-                lanes, layout = Lanes.of(pixels, part), SampleLayout.of(pixels, part)
+            assert len(numbers) == 1, "light is traced, so that passes are rendered one by one"
+            for part in parts(pieces, pixels, max(LANES, pixels)):
+                lanes, own = PixelSamples.of(pixels, part), SampleLayout.of(pixels, part)
                 index = counted.index(taken(order, lanes.pixel), lanes.each, lanes.sample)
-                yield WidePicture(numbers[0], counted, index, lanes.pixel, dr.rcp(Float(lanes.each)), layout)
+                yield WidePicture(numbers[0], counted, index, lanes.pixel, dr.rcp(Float(lanes.each)), own)
             return
         wide = min(self._wide, each if each > 1 else len(numbers))
         pixel = dr.arange(UInt32, wide * pixels) % dr.opaque(UInt32, pixels)
-        share, layout = None, SampleLayout.of(pixels, [Piece(None, each, range(wide))])
-        if each > 1:
-            share = dr.opaque(Float, 1 / each)
+        share = dr.opaque(Float, 1 / each) if each > 1 else None
+        layout = SampleLayout.of(pixels, [Piece(None, each, range(wide))]) if wide > 1 else None
         for begin in range(each * numbers.start, each * numbers.stop, wide):
             samples = self.samples(begin, (wide - 1).bit_length(), each)
             yield WidePicture(begin // each, samples, samples.indices(order), pixel, share, layout)
@@ -313,7 +322,7 @@ class FrameRenderer(PassRenderer):
         if not len(edge):
             return BeamSamples(self.gathered(number, light, rays, film.order, samples), places)
         with self.statistics.phase("surfaces"):
-            lanes = Lanes.of(pixels, [Piece(edge, each, range(each))])
+            lanes = PixelSamples.of(pixels, [Piece(edge, each, range(each))])
             own_order, further = taken(film.order, lanes.pixel), self.counted_samples(number, each, _EDGES)
             index = further.index(own_order, lanes.each, lanes.sample)
             beside = further.pair(index, Stream.PIXEL)
@@ -386,7 +395,7 @@ def _edges(seen: SeenSums, order: UInt32) -> Any:
 
     They are sorted by `order`, so that pixels of a tile, whose rays meet the same beams, are together.
     """
-    if seen.typical == 1 or seen.nearest is None:
+    if seen.nearest is None:
         return ()
-    edge = np.flatnonzero((seen.farthest > _EDGE * seen.nearest).numpy())
+    edge = np.flatnonzero((seen.farthest > EDGE * seen.nearest).numpy())
     return to_uint(edge[np.argsort(order.numpy()[edge])]) if len(edge) else ()

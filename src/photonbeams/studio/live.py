@@ -34,8 +34,9 @@ class LiveFrame:
     """A frame of a stage that reuses the unchanged parts of an earlier frame.
 
     Its passes have the bits of those of `stage_frame.render`, unless it `keeps_guides`: then emission is guided as in
-    the earlier frame, whatever has changed, for quick first pictures. Samples are chosen for the `planned` number of
-    passes. Once it is `unwanted`, it ends with `Cancelled` before the next part of a phase.
+    the earlier frame, whatever has changed, for quick first pictures. After an edit of a look, large pictures keep the
+    plan of samples that the earlier look had. Samples are chosen for the `planned` number of passes. Once it is
+    `unwanted`, it ends with `Cancelled` before the next part of a phase.
     """
 
     _begun: Begun

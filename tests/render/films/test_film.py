@@ -9,7 +9,7 @@ from photonbeams.numerics.arrays import joined, opaque, taken, to_float, to_uint
 from photonbeams.numerics.samples import Samples
 from photonbeams.render.films.film import BeamSamples, Film, PassPicture, SeenSums
 from photonbeams.render.films.pixel_filters import averaged, reconstruction_filter
-from photonbeams.render.films.sample_layout import Lanes, Piece, SampleLayout, parts
+from photonbeams.render.films.sample_layout import Piece, PixelSamples, SampleLayout, parts
 from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime.device import Array3f, Float, mitsuba
 from photonbeams.scene import SceneError
@@ -46,7 +46,9 @@ def sums_of(film, parts, exposure=1.0):
     result = SeenSums(film, each, exposure)
     for seen, places in parts:
         piece = Piece(None, each, range(dr.width(places) // count))
-        result.add(seen, places, opaque(1 / each), SampleLayout.of(count, [piece]), Lanes.of(count, [piece]).pixel)
+        result.add(
+            seen, places, opaque(1 / each), SampleLayout.of(count, [piece]), PixelSamples.of(count, [piece]).pixel
+        )
     return result
 
 
@@ -157,7 +159,7 @@ def test_pixels_may_have_different_numbers_of_samples(rng, name, most):
     seen = SeenSums(whole, 1)
     pieces = [Piece(to_uint(np.flatnonzero(each == own)), own, range(own)) for own in (1, 2, 8)]
     for part in parts(pieces, count, most):
-        lanes = Lanes.of(count, part)
+        lanes = PixelSamples.of(count, part)
         number = lanes.sample * count + lanes.pixel
         surface, reach = taken(to_vectors(values.reshape(-1, 3)), number), Float(lanes.sample) + 1
         picture = PassPicture(surface, dr.ones(Float, dr.width(number)), reach=reach)

@@ -37,7 +37,7 @@ Groups = Mapping[str, Any]
 
 @dataclass
 class PassPicture:
-    """What camera rays see in a pass, except beams: a value for each ray; first samples of pixels come first.
+    """What camera rays see in a pass, except beams: a value for each ray.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ class Piece(NamedTuple):
         return dr.arange(UInt32, count) if self.pixels is None else self.pixels
 
 
-class Lanes(NamedTuple):
+class PixelSamples(NamedTuple):
     """Samples that are followed at once: the pixel of each, how many samples that has, and which of them it is."""
 
     pixel: UInt32
@@ -36,7 +36,7 @@ class Lanes(NamedTuple):
     sample: UInt32
 
     @classmethod
-    def of(cls, count: int, pieces: Sequence[Piece]) -> Lanes:
+    def of(cls, count: int, pieces: Sequence[Piece]) -> PixelSamples:
         """Return the samples of pieces of a film with so many pixels."""
         pixel, each, sample = list[UInt32](), list[UInt32](), list[UInt32]()
         for own in pieces:
@@ -46,7 +46,9 @@ class Lanes(NamedTuple):
                 pixel.append(numbers + one)
                 each.append(one + dr.opaque(UInt32, own.each))
                 sample.append(one + dr.opaque(UInt32, number))
-        return cls(joined(pixel), joined(each), joined(sample))
+        result = cls(joined(pixel), joined(each), joined(sample))
+        dr.make_opaque(result)
+        return result
 
 
 def parts(pieces: Sequence[Piece], count: int, most: int) -> Iterator[list[Piece]]:

@@ -77,7 +77,6 @@ class Pilot:
         So many passes are rendered `together`: one, or all that have no beams and photons.
         """
         pixels = dr.arange(UInt32, COLUMNS * ROWS)
-        joint = ViewRays(PrimaryRays.joined([self._rays] * together), None)
         first = len(self.beams)
         for number in range(first, first + count, together):
             light, photons = self._passes.lit(number)
@@ -89,6 +88,7 @@ class Pilot:
                 samples = self._passes.samples(number, (together - 1).bit_length())
                 order = samples.indices(pixels)
                 dr.eval(order)
+                joint = ViewRays(PrimaryRays.joined([self._rays] * together), None)
                 seen = self._passes.seen(light, joint, order, samples, photons)
                 own = sum(seen.scattered.values(), seen.surface)
                 self.surfaces = np.concatenate([self.surfaces, _gray(own, together)])
