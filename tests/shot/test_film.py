@@ -9,6 +9,8 @@ import pytest
 import photonbeams as pb
 from photonbeams.render import reuse, stage_light, worlds
 from photonbeams.render.light import ShotLight
+from photonbeams.render.passes import PlannedPasses
+from photonbeams.render.reuse import FilmMemory
 
 FRAMES = (1, 2, 4)
 SETTINGS = {"width": 24, "height": 18, "passes": 3, "beams": 96}
@@ -90,6 +92,21 @@ def test_only_the_camera_moves(usd, made):
     traced.clear()
     rendered(shot, FRAMES[:1])
     assert sorted(traced) == [0, 1, 2]  # the film is over
+
+
+def test_parts_of_frames_have_a_film_in_common(usd, made):
+    """As on a worker of a farm, which renders some passes of each frame."""
+    traced, built = made
+    given = {name: value for name, value in SETTINGS.items() if name != "passes"}
+    found = []
+    for film in (None, FilmMemory()):
+        shot = pb.Shot(usd(STAGE.format(**STILL)))
+        traced.clear()
+        built.clear()
+        part = PlannedPasses(range(1, 3), 3)
+        found.append([shot.render_part(part, frame, film=film, **given).state() for frame in FRAMES])
+    assert (sorted(traced), len(built)) == ([1, 2], 1)
+    assert_same(*found)
 
 
 @pytest.mark.parametrize("stage", OTHER.values(), ids=OTHER)

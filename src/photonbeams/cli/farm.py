@@ -40,6 +40,7 @@ class Request:
 def open_scene(request: Request) -> Opened:
     """Open the scene of a request on a worker; return a function that renders passes of it."""
     from ..render.passes import PlannedPasses
+    from ..render.reuse import FilmMemory
     from .render import Job
 
     # The command has checked where render products go; this worker may run in another folder.
@@ -50,9 +51,10 @@ def open_scene(request: Request) -> Opened:
         job = job.ready(job.tasks[request.first], [])
     except typer.BadParameter as error:
         raise SceneError(error.message) from None
+    film = FilmMemory() if len(job.tasks) > 1 else None
 
     def render(frame: int, numbers: range, planned: int | None) -> dict[str, Any]:
-        return job.part(job.tasks[frame], PlannedPasses(numbers, planned)).state()
+        return job.part(job.tasks[frame], PlannedPasses(numbers, planned), film=film).state()
 
     return render
 

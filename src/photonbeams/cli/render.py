@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ..images.plates import Holdout, Plate
     from ..render.films.frame_sums import FrameSums
     from ..render.passes import PlannedPasses, Progress, Statistics
+    from ..render.reuse import FilmMemory
     from ..render.settings import Settings
     from ..shot import Shot
     from ..usd.settings import RenderSettings
@@ -122,9 +123,11 @@ class Job:
         """Return a rendered frame; `kept` are further arguments of `Shot.render`."""
         return self.shot.render(task.number, progress=progress, **kept, **self._given)
 
-    def part(self, task: Task, part: PlannedPasses, progress: Progress | None = None) -> FrameSums:
-        """Return the sums of some passes of a frame."""
-        return self.shot.render_part(part, task.number, progress=progress, **self._given)
+    def part(
+        self, task: Task, part: PlannedPasses, progress: Progress | None = None, film: FilmMemory | None = None
+    ) -> FrameSums:
+        """Return the sums of some passes of a frame, which has a `film` in common with others."""
+        return self.shot.render_part(part, task.number, progress=progress, film=film, **self._given)
 
     def memory(self) -> int:
         """Return about how many bytes a pass needs; a large stage or many beams need more."""

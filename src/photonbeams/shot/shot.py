@@ -349,7 +349,8 @@ class Shot:
     ) -> FrameSums:
         """Return the sums of some of a frame's passes; the sums of all parts can be joined, and give the frame.
 
-        `part` are the passes to render; `frame`, `settings` and `given` are as for `render`.
+        `part` are the passes to render; `frame`, `settings` and `given` are as for `render`, and `film` among these is
+        what frames whose parts are rendered have in common.
         """
         ready = self._prepared(frame, None, settings, part=part, kept=self._kept, **given)
         return replace(ready.render().sums(), development=ready.development.state())
