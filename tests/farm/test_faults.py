@@ -105,8 +105,8 @@ def test_a_full_disk_leaves_pictures_and_what_they_are_made_of(call, render, sta
     full = str(out / "old.exr"), "File too large"
     merge = "merge", out / "0.checkpoint", out / "1.checkpoint", "-o", out / "old.exr", "--remove", "-q"
     for size in (500, 2000, 4000):  # the command's messages fit, and the smaller picture fits the last ones
-        # What failed commands leave, cycles with tracebacks, would give the next ones kernels of their own, which Dr.Jit
-        # cannot keep on a full disk, and says so.
+        # What failed commands leave, cycles with tracebacks, would give the next ones kernels of their own, which
+        # Dr.Jit cannot keep on a full disk, and says so.
         gc.collect()
         with limited(size):
             fails(render(stage, "-o", out / "old.exr", *flags, "--resume"), 1, *full)
