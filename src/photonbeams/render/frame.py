@@ -28,7 +28,7 @@ from ..world.warp import disk
 from .costs import LANES, power_below
 from .films.film import BeamSamples, Film, PassPicture, SeenSums
 from .films.frame_sums import FrameSums
-from .films.sample_layout import Piece, PixelSamples, SampleLayout, parts
+from .films.sample_layout import PixelSamples, SampleLayout, SamplePiece, parts
 from .films.sums import DEPTH, NORMAL, PassSums
 from .light import ShotLight, TracedLight
 from .memory import release_memory
@@ -130,7 +130,7 @@ class FrameRenderer(PassRenderer):
         self._memory: PassMemory = memory or NoMemory()
         self.about = ""
         window, order = views[0].window, films[0].order
-        self._size, self._counts = (window.width, window.height), list[tuple[SampleCounts, list[Piece]]]()
+        self._size, self._counts = (window.width, window.height), list[tuple[SampleCounts, list[SamplePiece]]]()
         pixels, seen = Pixels(window.width * window.height, films[0].averaged), views[0].holdout is None
         self._plan = sample_plan(light, pixels, self.statistics, seen)
         # Sample indices have 32 bits. Those of further samples follow those of the whole picture, in crops, too.
@@ -156,7 +156,7 @@ class FrameRenderer(PassRenderer):
         """Return the plan of a view."""
         with self.statistics.phase("plan"):
             whole, pixels = view.whole(), pilot_pixels(*self._size)
-            lanes = PixelSamples.of(0, [Piece(pixels, SAMPLES, range(SAMPLES))])
+            lanes = PixelSamples.of(self._size[0] * self._size[1], [SamplePiece(pixels, SAMPLES, range(SAMPLES))])
             columns = dr.opaque(UInt32, self._size[0])
             samples = self.counted_samples(0, SAMPLES, _PILOT)
             order = z_order(lanes.pixel % columns, lanes.pixel // columns)
@@ -204,7 +204,8 @@ class FrameRenderer(PassRenderer):
                 view,
                 lambda view=view, film=film: self._seen_in(numbers, view, film, lit),  # type: ignore[misc]
             )
-            shared = self._views[view].shares_origin(numbers[0])
+            eye = self._views[view]
+            shared = eye.shares_origin(numbers[0])
             for own, number in zip(seen, numbers, strict=True):
                 samples = self.samples(number)
                 beams = BeamSamples({}, film.centers())
@@ -213,9 +214,10 @@ class FrameRenderer(PassRenderer):
                         # Rays with their own origins are not evenly spaced.
                         lattice = film.lattice(samples, *self._size) if shared or pinhole else None
                         places = film.places(samples, lattice)
-                        rays = replace(self._rays(number, view, places, samples, moving, pinhole), lattice=lattice)
+                        rays = eye.rays(number, places, film.order, samples, moving, pinhole)
+                        rays = replace(rays, lattice=lattice)
                         if lattice is not None:
-                            inside = self._views[view].inside(number, rays, places, samples, moving, pinhole)
+                            inside = eye.inside(number, rays, places, samples, moving, pinhole)
                             rays = replace(rays, inside=inside)
                     edge = _edges(own, film.order) if shared else ()
                     beams = self._beams(number, view, film, there, rays, places, edge, min(own.typical, _AT_EDGES))
@@ -243,17 +245,19 @@ class FrameRenderer(PassRenderer):
         for wide in self._wide_pictures(numbers, counts, pieces, film.order):
             picture, places = self._looked(own, wide, lit)
             with self.statistics.phase("surfaces"):
+                begin = wide.number - numbers[0]
                 if wide.share is not None:
-                    seen[wide.number - numbers[0]].add(picture, places, wide.share, wide.layout, wide.pixel)
-                for place in range(0 if wide.share is not None else dr.width(places) // pixels):
-                    lanes = dr.arange(UInt32, pixels) + dr.opaque(UInt32, place * pixels)
-                    seen[wide.number + place - numbers[0]].add(picture.taken(lanes), taken(places, lanes))
+                    seen[begin].add(picture, places, wide.share, wide.layout, wide.pixel)
+                else:
+                    for place, sums in enumerate(seen[begin : begin + dr.width(places) // pixels]):
+                        lanes = dr.arange(UInt32, pixels) + dr.opaque(UInt32, place * pixels)
+                        sums.add(picture.taken(lanes), taken(places, lanes))
             del picture, places
             release_memory(self._size)
         return seen
 
     def _wide_pictures(
-        self, numbers: range, counts: SampleCounts, pieces: Sequence[Piece], order: UInt32
+        self, numbers: range, counts: SampleCounts, pieces: Sequence[SamplePiece], order: UInt32
     ) -> Iterator[WidePicture]:  # fmt: skip
         """Yield the samples of passes that are followed at once: one pass after the other, or several."""
         pixels, each = dr.width(order), counts.most
@@ -268,7 +272,7 @@ class FrameRenderer(PassRenderer):
         wide = min(self._wide, each if each > 1 else len(numbers))
         pixel = dr.arange(UInt32, wide * pixels) % dr.opaque(UInt32, pixels)
         share = dr.opaque(Float, 1 / each) if each > 1 else None
-        layout = SampleLayout.of(pixels, [Piece(None, each, range(wide))]) if wide > 1 else None
+        layout = SampleLayout.of(pixels, [SamplePiece(None, each, range(wide))]) if wide > 1 else None
         for begin in range(each * numbers.start, each * numbers.stop, wide):
             samples = self.samples(begin, (wide - 1).bit_length(), each)
             yield WidePicture(begin // each, samples, samples.indices(order), pixel, share, layout)
@@ -299,16 +303,6 @@ class FrameRenderer(PassRenderer):
         known = [each for each in pinholes if each is not None]
         return Instant(time, known) if len(known) == len(pinholes) else None
 
-    def _rays(
-        self, number: int, view: int, places: Array2f, samples: Samples, moving: bool = False,
-        pinhole: Pinhole | None = None,
-    ) -> ViewRays:  # fmt: skip
-        """Return a view's camera rays in a pass, through `places` in the pixels; if beams move, they have times.
-
-        If a `pinhole` is given, all rays are its rays.
-        """
-        return self._views[view].rays(number, places, self._films[view].order, samples, moving, pinhole)
-
     def _beams(
         self, number: int, view: int, film: Film, light: TracedLight, rays: ViewRays, places: Array2f, edge: Any,
         each: int,
@@ -322,7 +316,7 @@ class FrameRenderer(PassRenderer):
         if not len(edge):
             return BeamSamples(self.gathered(number, light, rays, film.order, samples), places)
         with self.statistics.phase("surfaces"):
-            lanes = PixelSamples.of(pixels, [Piece(edge, each, range(each))])
+            lanes = PixelSamples.of(pixels, [SamplePiece(edge, each, range(each))])
             own_order, further = taken(film.order, lanes.pixel), self.counted_samples(number, each, _EDGES)
             index = further.index(own_order, lanes.each, lanes.sample)
             beside = further.pair(index, Stream.PIXEL)
@@ -335,7 +329,7 @@ class FrameRenderer(PassRenderer):
         # All samples of these pixels, with those that all pixels have, follow those of all pixels.
         own = dr.arange(UInt32, each * dr.width(edge)) + dr.opaque(UInt32, pixels)
         index = joined([dr.arange(UInt32, pixels), edge, own])
-        layout = SampleLayout.of(pixels, [Piece(None, 1, range(1)), Piece(edge, each + 1, range(each + 1))])
+        layout = SampleLayout.of(pixels, [SamplePiece(None, 1, range(1)), SamplePiece(edge, each + 1, range(each + 1))])
         groups = {group: taken(radiance, index) for group, radiance in found.items()}
         return BeamSamples(groups, taken(joined([places, beside]), index), taken(more.shares(pixels), index), layout)
 

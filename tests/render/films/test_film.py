@@ -9,7 +9,7 @@ from photonbeams.numerics.arrays import joined, opaque, taken, to_float, to_uint
 from photonbeams.numerics.samples import Samples
 from photonbeams.render.films.film import BeamSamples, Film, PassPicture, SeenSums
 from photonbeams.render.films.pixel_filters import averaged, reconstruction_filter
-from photonbeams.render.films.sample_layout import Piece, PixelSamples, SampleLayout, parts
+from photonbeams.render.films.sample_layout import PixelSamples, SampleLayout, SamplePiece, parts
 from photonbeams.render.films.sums import PassSums
 from photonbeams.runtime.device import Array3f, Float, mitsuba
 from photonbeams.scene import SceneError
@@ -45,7 +45,7 @@ def sums_of(film, parts, exposure=1.0):
     each = sum(dr.width(places) for _, places in parts) // count
     result = SeenSums(film, each, exposure)
     for seen, places in parts:
-        piece = Piece(None, each, range(dr.width(places) // count))
+        piece = SamplePiece(None, each, range(dr.width(places) // count))
         result.add(
             seen, places, opaque(1 / each), SampleLayout.of(count, [piece]), PixelSamples.of(count, [piece]).pixel
         )
@@ -138,7 +138,7 @@ def test_samples_of_surfaces_and_of_edges_count_as_their_shares_say(rng, name):
     edge = rng.random(count) < 0.5
     share = np.concatenate([np.where(edge, 0.2, 1.0), *[np.where(edge, 0.2, 0.0)] * 4])
     light = joined([each[""] for each in beams]) * to_float(share)
-    layout = SampleLayout.of(count, [Piece(None, 5, range(5))])
+    layout = SampleLayout.of(count, [SamplePiece(None, 5, range(5))])
     whole.add(0, sums_of(whole, parts), BeamSamples({"": light}, joined(places), to_float(share), layout))
     layers = whole.layers()
     expected = of_mitsuba([each["surface"] for each in passes[:4]], name)
@@ -157,7 +157,7 @@ def test_pixels_may_have_different_numbers_of_samples(rng, name, most):
     whole = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name))
     places = joined([whole.places(Samples(0, number)) for number in range(8)])
     seen = SeenSums(whole, 1)
-    pieces = [Piece(to_uint(np.flatnonzero(each == own)), own, range(own)) for own in (1, 2, 8)]
+    pieces = [SamplePiece(to_uint(np.flatnonzero(each == own)), own, range(own)) for own in (1, 2, 8)]
     for part in parts(pieces, count, most):
         lanes = PixelSamples.of(count, part)
         number = lanes.sample * count + lanes.pixel

@@ -23,7 +23,7 @@ from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
 from ...scene import SceneError
 from .layers import GATHERED, SCATTERED, develop
 from .pixel_filters import averaged, filter_weights, margin_of
-from .sample_layout import Piece, SampleLayout
+from .sample_layout import SampleLayout, SamplePiece
 from .sums import ALBEDO, LIGHT, MEAN_NORMAL, SQUARES, PassSums
 
 mi = mitsuba()
@@ -335,7 +335,7 @@ class Film:
         """Return the sums over the samples around each pixel of their values, times the filter's weight."""
         (x, y), (height, width) = self._pixels(), (dr.opaque(UInt32, each) for each in self.shape)
         margin, radius = margin_of(self._filter), float(self._filter.radius())
-        side, layout = 2 * margin + 1, layout or SampleLayout.of(dr.width(x), [Piece(None, 1, range(1))])
+        side, layout = 2 * margin + 1, layout or SampleLayout.of(dr.width(x), [SamplePiece(None, 1, range(1))])
         taps = dr.opaque(UInt32, side * side)
         pictures, places = [*values.values()], Array2f(places)
         dr.make_opaque(pictures, places)

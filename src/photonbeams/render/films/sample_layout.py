@@ -16,7 +16,7 @@ from ...numerics.arrays import joined
 from ...runtime.device import Bool, UInt32
 
 
-class Piece(NamedTuple):
+class SamplePiece(NamedTuple):
     """Some samples of pixels that have `each` in a pass; `pixels` are their numbers, or None: all."""
 
     pixels: UInt32 | None
@@ -36,7 +36,7 @@ class PixelSamples(NamedTuple):
     sample: UInt32
 
     @classmethod
-    def of(cls, count: int, pieces: Sequence[Piece]) -> PixelSamples:
+    def of(cls, count: int, pieces: Sequence[SamplePiece]) -> PixelSamples:
         """Return the samples of pieces of a film with so many pixels."""
         pixel, each, sample = list[UInt32](), list[UInt32](), list[UInt32]()
         for own in pieces:
@@ -51,12 +51,12 @@ class PixelSamples(NamedTuple):
         return result
 
 
-def parts(pieces: Sequence[Piece], count: int, most: int) -> Iterator[list[Piece]]:
+def parts(pieces: Sequence[SamplePiece], count: int, most: int) -> Iterator[list[SamplePiece]]:
     """Yield pieces that are followed at once: up to `most` samples, or one sample of all pixels of a piece.
 
     The pieces are of a film with `count` pixels.
     """
-    part, left = list[Piece](), most
+    part, left = list[SamplePiece](), most
     for pixels, each, samples in pieces:
         width = count if pixels is None else dr.width(pixels)
         while samples:
@@ -64,7 +64,7 @@ def parts(pieces: Sequence[Piece], count: int, most: int) -> Iterator[list[Piece
                 yield part
                 part, left = [], most
             taken = samples[: max(left // width, 1)]
-            part.append(Piece(pixels, each, taken))
+            part.append(SamplePiece(pixels, each, taken))
             samples, left = samples[len(taken) :], left - len(taken) * width
     if part:
         yield part
@@ -82,7 +82,7 @@ class SampleLayout:
     count: UInt32
 
     @classmethod
-    def of(cls, count: int, pieces: Sequence[Piece]) -> SampleLayout:
+    def of(cls, count: int, pieces: Sequence[SamplePiece]) -> SampleLayout:
         """Return the layout of pieces that follow one another, of a film with so many pixels.
 
         Only the last piece that has a pixel counts.

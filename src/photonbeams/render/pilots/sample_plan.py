@@ -25,7 +25,7 @@ from ...runtime.device import UInt32
 from ...scene import Array
 from ...world.cameras.cameras import Window
 from ..costs import LANES, of_beams, of_sample, of_tracing, power_below, surface_samples
-from ..films.sample_layout import Piece
+from ..films.sample_layout import SamplePiece
 from ..light import ShotLight
 from ..passes import Statistics
 from ..ray_passes import PassRenderer
@@ -82,7 +82,7 @@ class SampleCounts:
         """The greatest power of two up to the mean, but 2 where only some blocks have edges."""
         return min(self.most, max(2, power_below(int(self.blocks.mean()))))
 
-    def pieces(self, window: Window) -> list[Piece]:
+    def pieces(self, window: Window) -> list[SamplePiece]:
         """Return the samples of a pass in a window; overscan has the numbers of the picture's edge."""
         x0, y0, x1, y1 = window.crop
         across, down = (
@@ -91,7 +91,7 @@ class SampleCounts:
         )
         counts = self.blocks[down][:, across].ravel()
         found = ((each, np.flatnonzero(counts == each)) for each in np.unique(self.blocks).tolist())
-        return [Piece(to_uint(pixels), each, range(each)) for each, pixels in found if len(pixels)]
+        return [SamplePiece(to_uint(pixels), each, range(each)) for each, pixels in found if len(pixels)]
 
 
 @dataclass(frozen=True)
