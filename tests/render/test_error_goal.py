@@ -93,8 +93,8 @@ def test_the_true_error_is_no_more_than_the_goal(shot):
         relative = np.abs(light(frame) - reference) / reference
         order = np.argsort(relative, axis=None)
         half = np.searchsorted(np.cumsum(reference.ravel()[order]), 0.5 * reference.sum())
-        # As in the estimate, half of the light is in pixels with a smaller error than this. Half of normal errors are
-        # below 0.6745 standard deviations. Samples that are more even than independent ones have a smaller error.
+        # Half of the light is in pixels with a smaller error than this, as half of normal errors are below 0.6745
+        # standard deviations; the estimate is a mean around such a median. Samples that are more even than independent ones have a smaller error.
         assert 0.05 * goal < relative.ravel()[order][half] / 0.6745 < goal
 
 

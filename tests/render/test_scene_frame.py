@@ -154,7 +154,7 @@ def test_the_error_is_told_by_the_passes():
     values = np.array([each.layers()["beams"].mean(axis=2).ravel() for each in found])
     mean = values.mean(axis=0)
     order = np.argsort(values.std(axis=0, ddof=1) / np.maximum(mean, 1e-12))
-    # As in the reported error, half of the light is in pixels with a smaller spread.
+    # The reported error is a mean around this one, of which half of the light has a smaller spread.
     middle = order[np.searchsorted(np.cumsum(mean[order]), 0.5 * mean.sum())]
     spread = values.std(axis=0, ddof=1)[middle] / mean[middle]
     told = np.median([each.error() for each in found])

@@ -70,7 +70,7 @@ class Settings:
         {"--time-limit": {}}, above=0.0, expected="a positive number of seconds",
     )  # fmt: skip
     error: float | None = setting(
-        None, "Relative error at which the render stops: half of the light is in pixels with a smaller error.",
+        None, "Relative error at which the render stops: that of pixels, averaged over the middle half of the light.",
         {"--error": {"metavar": "E", "help": "Render until the relative error is E, such as 0.01; "
                      f"at most --passes, by default {_MOST_FOR_ERROR}."}},
         {"error": {}}, above=0.0, below=1.0, expected="more than 0 and less than 1, such as 0.01",

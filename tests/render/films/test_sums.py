@@ -71,6 +71,20 @@ def test_a_pass_that_is_there_is_refused_and_gaps_are_known():
     assert same(PassSums.restored(sums.state()).total(), sums.total())
 
 
+def test_the_error_does_not_jump_where_half_of_the_light_has_no_noise(rng):
+    def error(calm):
+        sums, light = PassSums(), np.ones(1000, np.float32)
+        for number in range(64):
+            light = light.copy()
+            light[calm:] = rng.uniform(0.5, 1.5, 1000 - calm)
+            sums.add(number, {"light": light, "squares": light**2})
+        return sums.error()
+
+    # The noisy pixels have the standard error 1 / √12 / √64, and as many of them as calm ones are in the middle half.
+    few, many = error(490), error(510)
+    assert few == pytest.approx(many, rel=0.1) and many == pytest.approx(0.5 / np.sqrt(12 * 64), rel=0.15)
+
+
 def test_the_error_of_light_whose_squares_overflow_is_not_known():
     sums = PassSums()
     for number, light in enumerate((2e19, 1e19, 3e19)):

@@ -82,8 +82,9 @@ class PassSums:
         return dict(result)
 
     def error(self) -> float:
-        """Return the relative standard error of a film's mean: half of the light is in pixels with a smaller error.
+        """Return the relative standard error of a film's mean: that of pixels, averaged over the middle half of the light.
 
+        A quarter of the light is in pixels with smaller errors, a quarter in pixels with larger ones.
         The estimate takes the differences between passes as independent. But the passes continue low-discrepancy
         sequences, so the true error tends to be smaller. NaN before there are two passes, or if squares of the light
         overflow.
@@ -99,9 +100,12 @@ class PassSums:
         with np.errstate(over="ignore", invalid="ignore"):  # squares of the brightest light are infinite
             relative = np.sqrt(np.maximum(squares - mean * mean, 0)[lit] / (len(self) - 1)) / mean[lit]
         order = np.argsort(relative)
-        # With the plain median, many pixels that hardly any light reaches would decide alone.
-        light = np.cumsum(mean[lit][order], dtype=np.float64)
-        middle = float(relative[order][np.searchsorted(light, 0.5 * light[-1])])
+        # Without weights, many pixels that hardly any light reaches would decide alone; with the median, a picture of
+        # which half has no noise would have either half's error. A mean of all would be that of the brightest fireflies.
+        light = np.cumsum(mean[lit][order], dtype=np.float64) / mean[lit].sum(dtype=np.float64)
+        shares = np.diff(np.clip(light, 0.25, 0.75), prepend=0.25)
+        counted = shares > 0
+        middle = float(2 * (relative[order][counted] * shares[counted]).sum())
         return middle if np.isfinite(middle) else float("nan")
 
     def variance(self, layer: str) -> np.ndarray | None:
