@@ -94,7 +94,8 @@ def test_the_true_error_is_no_more_than_the_goal(shot):
         order = np.argsort(relative, axis=None)
         half = np.searchsorted(np.cumsum(reference.ravel()[order]), 0.5 * reference.sum())
         # Half of the light is in pixels with a smaller error than this, as half of normal errors are below 0.6745
-        # standard deviations; the estimate is a mean around such a median. Samples that are more even than independent ones have a smaller error.
+        # standard deviations; the estimate is a mean around such a median. Samples that are more even than
+        # independent ones have a smaller error.
         assert 0.05 * goal < relative.ravel()[order][half] / 0.6745 < goal
 
 

@@ -82,7 +82,7 @@ class PassSums:
         return dict(result)
 
     def error(self) -> float:
-        """Return the relative standard error of a film's mean: that of pixels, averaged over the middle half of the light.
+        """Return the relative standard error of a film's mean, averaged over the middle half of the light.
 
         A quarter of the light is in pixels with smaller errors, a quarter in pixels with larger ones.
         The estimate takes the differences between passes as independent. But the passes continue low-discrepancy
@@ -100,8 +100,8 @@ class PassSums:
         with np.errstate(over="ignore", invalid="ignore"):  # squares of the brightest light are infinite
             relative = np.sqrt(np.maximum(squares - mean * mean, 0)[lit] / (len(self) - 1)) / mean[lit]
         order = np.argsort(relative)
-        # Without weights, many pixels that hardly any light reaches would decide alone; with the median, a picture of
-        # which half has no noise would have either half's error. A mean of all would be that of the brightest fireflies.
+        # Without weights, many pixels that hardly any light reaches would decide alone. Where half of the light has no
+        # noise, the median would be the error of either half. A mean of all would be that of fireflies.
         light = np.cumsum(mean[lit][order], dtype=np.float64) / mean[lit].sum(dtype=np.float64)
         shares = np.diff(np.clip(light, 0.25, 0.75), prepend=0.25)
         counted = shares > 0
