@@ -29,11 +29,9 @@ from rich.table import Table
 
 from photonbeams.runtime.device import mitsuba
 
-from .cycles import HOME as BPY
-from .cycles import cycles
+from .cycles import BPY_PYTHON, cycles
 from .cycles_scene import UntranslatedError, cycles_job
 
-BPY_PYTHON = BPY / "bin" / "python"
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "performance.md"
 SIZE = 192, 108
@@ -195,7 +193,7 @@ def report(console: Console, options: Sequence[str] = ()) -> None:
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="scenes whose names begin so")
     parser.add_argument(
         "--cycles", type=Path, metavar="PYTHON", default=BPY_PYTHON if BPY_PYTHON.exists() else None,
-        help=f"the Python that has bpy: {BPY_PYTHON}, made by `python -m benchmarks cycles --install`; none: no Cycles",
+        help=f"the Python that has bpy: {BPY_PYTHON}, if the set-up made it; none: no Cycles",
     )  # fmt: skip
     given = parser.parse_args(options)
     rows = []

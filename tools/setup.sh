@@ -77,6 +77,21 @@ install_chromium() {
     apt_install chromium || echo "set-up: Chromium was not found, so tests in a browser are skipped; to run them, install chromium"
 }
 
+# Blender as a module brings libraries of its own, and there is one for Python 3.11 alone. Without it, all tests run
+# except those of Blender's render engine.
+install_blender() {
+    if [ -x "$venv/bpy/bin/python" ]; then
+        return 0
+    fi
+    if "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then
+        echo "set-up: installing Blender as a module (bpy) in $venv/bpy"
+        "$venv/bin/python" -m venv "$venv/bpy" &&
+            "$venv/bpy/bin/python" -m pip install --quiet --disable-pip-version-check bpy==5.0.1 && return 0
+        rm -rf "$venv/bpy"
+    fi
+    echo "set-up: there is no bpy for this Python, so tests in Blender are skipped"
+}
+
 prove() {
     report=$("$venv/bin/photonbeams" doctor 2>&1) || {
         echo "$report" >&2
@@ -88,5 +103,6 @@ make_venv
 install_libatomic
 install_packages
 install_chromium
+install_blender
 prove
 touch "$venv/.ready"

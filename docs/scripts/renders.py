@@ -1,7 +1,7 @@
 """Render the stages that README.md and docs/ show. `make pictures` calls it; with names it renders those alone.
 
-The attic's layer and the ribbon are those that the pages print. The plate is by Cycles: `python -m benchmarks cycles
---install` gets it.
+The attic's layer and the ribbon are those that the pages print. The plate is by Cycles, which the set-up installs with
+Python 3.11.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ WIDTH = 1280
 QUALITY = 97
 # Without grain, and in a minute or two a picture.
 CLEAN = ("--passes", "32", "--denoise")
-BLENDER = ROOT / "out" / "bpy" / "bin" / "python"
+BLENDER = Path(sys.prefix) / "bpy" / "bin" / "python"
 ATTIC = ("examples/blender/attic.usda", "--scattering", "0.05", "--exposure", "1", *CLEAN)
 KEYHOLE, MAGIC, SHAFT = (f"examples/{name}.usda" for name in ("keyhole/keyhole", "magic/magic", "shaft/physical"))
 DIRECTED = ("--session-layer", "examples/shaft/directed.usda")
@@ -89,7 +89,7 @@ def plate(folder: Path) -> None:
     from photonbeams.images.writing import write_png
 
     if not BLENDER.exists():
-        raise SystemExit("the plate is by Cycles: python -m benchmarks cycles --install")
+        raise SystemExit(f"the plate is by Cycles: {BLENDER} is missing, which the set-up makes with Python 3.11")
     script = ROOT / "examples" / "blender" / "plate.py"
     subprocess.run([BLENDER, script, "--", "plate.exr", str(WIDTH)], cwd=folder, check=True, stdout=subprocess.DEVNULL)
     write_png(folder / "plate.png", read_layers(folder / "plate.exr")["ViewLayer.Combined"], exposure=1.0)

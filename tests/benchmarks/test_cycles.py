@@ -74,7 +74,7 @@ def test_the_reference_has_no_error_and_a_brighter_picture_has_its_own():
 def test_without_bpy_a_sentence_says_what_is_expected(capsys, tmp_path):
     with pytest.raises(SystemExit):
         cycles.report(None, ["--python", str(tmp_path / "python")])
-    assert "is missing: expected --install, or a Python that has bpy" in capsys.readouterr().err
+    assert "is missing: expected a Python that has bpy" in capsys.readouterr().err
 
 
 # -- other scenes ----------------------------------------------------------------------------------------------------
