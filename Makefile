@@ -18,12 +18,13 @@ FLIGHT := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda -cam Flig
 ARGS :=
 PROCESSES := --numprocesses logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help keyhole flight studio test quick lint page wheel bench docs pictures
+.PHONY: help keyhole flight studio blender test quick lint page wheel bench docs pictures
 
 help:
 	@echo 'make keyhole  render the example shot to out/: a layered EXR, a picture, and the beams alone'
 	@echo 'make flight   render the flight through the beams (a quarter of an hour), as a film and a contact sheet'
 	@echo 'make studio   open the example shot in the browser, live, with every control beside it'
+	@echo 'make blender  build the extension for Blender, a render engine, as a zip in out/'
 	@echo 'make test     run the tests (make test ARGS="-k quadrature" for some of them)'
 	@echo 'make quick    run the tests that a change most likely breaks: a minute and a half'
 	@echo 'make lint     check the code with ruff and mypy, words and prose with codespell and proselint'
@@ -45,6 +46,9 @@ flight: $(READY)
 studio: $(READY)
 	@mkdir -p out
 	$(VENV)/bin/photonbeams studio examples/keyhole/keyhole.usda --layer out/look.usda
+
+blender: $(READY)
+	$(PYTHON_BIN) tools/extension.py
 
 test: $(READY)
 	$(PYTHON_BIN) -m pytest $(or $(ARGS),$(PROCESSES))

@@ -15,7 +15,8 @@ TESTS = Path(__file__).parent
 #: Each package may import those before it, and none after it.
 ROOMS = (
     "constants", "scene", "setting", "runtime", "volumes", "numerics", "quadrature", "beams", "looks", "estimators",
-    "studies", "world", "transport", "render", "images", "usd", "shot", "export", "integrator", "farm", "studio", "cli",
+    "studies", "world", "transport", "render", "images", "usd", "shot", "export", "integrator", "farm", "studio",
+    "blender", "cli",
 )  # fmt: skip
 
 #: Wings of a package, and modules beside them. Each may import those before it; modules that are not listed, all.

@@ -1,0 +1,166 @@
+"""The render engine: it reads what Blender has evaluated, and shows what the renderer makes of it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .process import SHARED, NoRendererError, Renderer
+from .reading.scene import CAMERA, SceneReader
+from .settings import chosen_python
+
+ENGINE = "PHOTONBEAMS"
+#: The render passes: Blender's name, the channels, the kind, and the layer of photonbeams.
+PASSES = (
+    ("Combined", "RGBA", "COLOR", "rgba"), ("Depth", "Z", "VALUE", "depth"), ("Beams", "RGB", "COLOR", "beams"),
+    ("Surface", "RGB", "COLOR", "surface"), ("Transmittance", "RGB", "COLOR", "transmittance"),
+)  # fmt: skip
+_GROUP, _GROUP_LAYER = "Beams ", "beams_"
+_WAIT = 0.05  # seconds between looks at whether Blender wants the render to end
+_PATIENCE = 0.8  # seconds until a render that was cancelled is ended by force
+_FARTHEST = 1e10  # the depth where there is nothing, as in Cycles
+
+
+class PhotonBeamsEngine(bpy.types.RenderEngine):
+    """Photon Beams."""
+
+    bl_idname = ENGINE
+    bl_label = "Photon Beams"
+    bl_use_preview = False
+    bl_use_eevee_viewport = True
+    bl_use_postprocess = True
+
+    def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
+        """Tell Blender which passes there are."""
+        for name, channels, kind, _ in PASSES:
+            self.register_pass(scene, renderlayer, name, len(channels), channels, kind)
+        for group in renderlayer.lightgroups:
+            self.register_pass(scene, renderlayer, _GROUP + group.name, 3, "RGB", "COLOR")
+
+    def render(self, depsgraph: Any) -> None:
+        """Render the picture of a view layer, or the pictures of two eyes."""
+        scene, told = depsgraph.scene, set[str]()
+
+        def tell(text: str) -> None:
+            if text not in told:
+                told.add(text)
+                self.report({"WARNING"}, text)
+
+        camera = self.camera_override or scene.camera
+        if camera is None:
+            self._fail("the scene has no camera: expected one, such as by Add > Camera")
+            return
+        self.update_stats("", "Reading the scene")
+        try:
+            with tempfile.TemporaryDirectory(prefix="photonbeams") as folder:
+                reader = SceneReader(depsgraph, folder, tell)
+                renderer = SHARED.get(chosen_python())
+                renderer.send("scene", prims=reader.prims(), whole=True)
+                for view in _views(scene):
+                    if view:
+                        self.active_view_set(view)
+                    if not self._rendered(renderer, reader, camera, scene, view, tell):
+                        return
+        except NoRendererError as error:
+            self._fail(str(error))
+
+    def _rendered(
+        self, renderer: Renderer, reader: SceneReader, camera: Any, scene: Any, view: str, tell: Any
+    ) -> bool:  # fmt: skip
+        """Render a view; return whether it is finished."""
+        whole, crop = picture_size(scene.render), border(scene.render)
+        shift = self.camera_shift_x(camera) - camera.data.shift_x  # of one of two eyes
+        renderer.send("scene", prims=[reader.camera(camera, self.camera_model_matrix(camera), whole, shift)])
+        renderer.rendered += 1
+        number = renderer.rendered
+        renderer.send(
+            "render", number=number, camera=CAMERA, width=whole[0], height=whole[1], crop=crop,
+            settings=scene.photonbeams.arguments(),
+        )  # fmt: skip
+        while True:
+            if self.test_break():
+                return self._cancelled(renderer, number)
+            message = renderer.receive(_WAIT)
+            if message is None or message.get("number", number) != number:
+                continue
+            match message["is"]:
+                case "warning":
+                    tell(message["text"])
+                case "progress":
+                    self._tell_progress(message)
+                case "picture":
+                    self._show(message["layers"], view, scene.render.film_transparent)
+                case "end":
+                    if message["problem"]:
+                        self._fail(message["problem"])
+                    return not message["problem"]
+
+    def _fail(self, text: str) -> None:
+        """Say why there is no picture: in the status bar or to a script, and in the picture's own window."""
+        self.report({"ERROR"}, text)
+        self.error_set(text)
+
+    def _tell_progress(self, message: Any) -> None:
+        done, planned = message["done"], max(message["planned"], 1)
+        error = "" if message["error"] is None else f" | error {message['error']:.1%}"
+        self.update_progress(done / planned)
+        self.update_stats("", f"Pass {done} of {planned}{error}")
+
+    def _cancelled(self, renderer: Renderer, number: int) -> bool:
+        """End a render that is not wanted; return False."""
+        renderer.send("cancel", number=number)
+        for _ in range(round(_PATIENCE / _WAIT)):
+            message = renderer.receive(_WAIT)
+            if message is not None and message["is"] == "end" and message["number"] == number:
+                return False
+        SHARED.close()
+        return False
+
+    def _show(self, layers: dict[str, Any], view: str, transparent: bool) -> None:
+        """Put layers into Blender's render result."""
+        height, width = layers["rgba"].shape[:2]
+        result = self.begin_result(0, 0, width, height, view=view)
+        try:
+            found = {name: layer for name, *_, layer in PASSES}
+            for each in result.layers[0].passes:
+                group = each.name.startswith(_GROUP)
+                name = _GROUP_LAYER + each.name[len(_GROUP) :] if group else found.get(each.name, "")
+                if name in layers:
+                    each.rect.foreach_set(_pixels(layers[name], each.channels, name, transparent).ravel())
+        finally:
+            self.end_result(result)
+
+
+def _pixels(layer: Any, channels: int, name: str, transparent: bool) -> Any:
+    """Return a layer as Blender has it: (H, W, channels) from the bottom row up."""
+    pixels = np.asarray(layer, np.float32).reshape(*layer.shape[:2], -1)[::-1, :, :channels].copy()
+    if name == "rgba" and not transparent:
+        pixels[..., 3] = 1.0
+    if name == "depth":
+        pixels = np.minimum(pixels, _FARTHEST)
+    return pixels
+
+
+def picture_size(render: Any) -> tuple[int, int]:
+    """Return the width and the height of the whole picture."""
+    scale = render.resolution_percentage / 100
+    return max(1, int(render.resolution_x * scale)), max(1, int(render.resolution_y * scale))
+
+
+def border(render: Any) -> list[float] | None:
+    """Return the part that is rendered, x0, y0, x1, y1 in fractions from the top left; None: all."""
+    if not render.use_border:
+        return None
+    return [render.border_min_x, 1 - render.border_max_y, render.border_max_x, 1 - render.border_min_y]
+
+
+def _views(scene: Any) -> Iterator[str]:
+    """Yield the names of the views that are rendered; "" without multi-view."""
+    if not scene.render.use_multiview:
+        yield ""
+        return
+    yield from (each.name for each in scene.render.views if each.use)

@@ -1,0 +1,146 @@
+"""The process that renders: a Python of its own, so that its libraries and Blender's never meet."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from . import messages
+
+#: What names a Python that has photonbeams, if the preferences name none.
+VARIABLE = "PHOTONBEAMS_PYTHON"
+_PATIENCE = 1.0  # seconds until a process that was asked to end is killed
+
+
+class NoRendererError(Exception):
+    """There is no process that renders; the text says why, and what to do."""
+
+
+def python_of(chosen: str) -> str:
+    """Return the Python that has photonbeams: the chosen one, or that of the command on the path."""
+    if chosen or (chosen := os.environ.get(VARIABLE, "")):
+        return chosen
+    command = shutil.which("photonbeams")
+    beside = [] if command is None else sorted(Path(os.path.realpath(command)).parent.glob("python*"))
+    found = [each for each in beside if each.stem == "python"]
+    if not found:
+        raise NoRendererError(
+            "photonbeams was not found: expected a Python that has it (pip install photonbeams) in the preferences of "
+            "this add-on"
+        )
+    return str(found[0])
+
+
+class Renderer:
+    """A process that renders.
+
+    Parameters
+    ----------
+    python
+        The Python that has photonbeams.
+
+    Raises
+    ------
+    NoRendererError
+        The process cannot be started.
+    """
+
+    def __init__(self, python: str) -> None:
+        self.python, self.rendered = python, 0
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+        try:
+            self._process = subprocess.Popen(
+                [python, "-I", "-m", "photonbeams.blender.worker"],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, env=environment,
+            )  # fmt: skip
+        except OSError as error:
+            raise NoRendererError(f"{python} cannot be started ({error.strerror}): expected a Python 3.11") from None
+        self._came: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
+        threading.Thread(target=self._receive, daemon=True).start()
+
+    def _receive(self) -> None:
+        assert self._process.stdout is not None
+        while (message := messages.read(self._process.stdout)) is not None:
+            self._came.put(message)
+        self._came.put(None)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process.poll() is None
+
+    @property
+    def number(self) -> int:
+        """The number of the process."""
+        return self._process.pid
+
+    def send(self, do: str, **content: Any) -> None:
+        """Send a message; NoRendererError if the process has ended."""
+        assert self._process.stdin is not None
+        try:
+            messages.write(self._process.stdin, {"do": do, **content})
+        except (OSError, ValueError):
+            raise self._ended() from None
+
+    def receive(self, seconds: float) -> dict[str, Any] | None:
+        """Return the next message, or None if there is none for so many seconds; NoRendererError as for `send`."""
+        try:
+            message = self._came.get(timeout=seconds)
+        except Empty:
+            return None
+        if message is None:
+            raise self._ended()
+        return message
+
+    def _ended(self) -> NoRendererError:
+        self._process.wait(_PATIENCE)
+        self._log.seek(0)
+        lines = self._log.read().decode(errors="replace").strip().splitlines()
+        why = lines[-1][:200] if lines else f"code {self._process.returncode}"
+        return NoRendererError(f"the renderer has ended ({why}): the next render starts it again")
+
+    def close(self) -> None:
+        """End the process."""
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.close()
+        until = time.monotonic() + _PATIENCE
+        while self.alive and time.monotonic() < until:
+            time.sleep(0.01)
+        self._process.kill()
+        self._process.wait()
+        self._log.close()
+
+
+class Shared:
+    """The renderer that finished pictures are made by; it stays warm between them."""
+
+    def __init__(self) -> None:
+        self._renderer: Renderer | None = None
+
+    def get(self, chosen: str) -> Renderer:
+        """Return the renderer of the chosen Python, started if none runs; NoRendererError if there can be none."""
+        python = python_of(chosen)
+        if self._renderer is not None and not (self._renderer.alive and self._renderer.python == python):
+            self.close()
+        if self._renderer is None:
+            self._renderer = Renderer(python)
+        return self._renderer
+
+    def close(self) -> None:
+        """End the process, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+        self._renderer = None
+
+
+SHARED = Shared()

@@ -1,0 +1,120 @@
+"""Lights and the world, as UsdLux: a light of W watts has the intensity W / π and `normalize`."""
+
+from __future__ import annotations
+
+from math import degrees, pi
+from typing import Any
+
+import numpy as np
+
+from .images import Images
+from .nodes import Texture, Told, color_of, number_of, output_of, source_of, value_of
+
+# Blender's area lights shine along −Z, as those of UsdLux do.
+_SHAPED = "ShapingAPI"
+#: From a Blender world to the pole and the middle of a DomeLight: +Y to +Z, and +Z to +X. Of row vectors.
+_WORLD = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+def light_prim(light: Any, path: str, told: Told) -> dict[str, Any]:
+    """Return the prim of a light, without its transform."""
+    strength, tint = _of_nodes(light, told)
+    factor = strength * 2.0**light.exposure
+    color = np.array(light.color[:]) * tint
+    if light.use_temperature:
+        color = color * np.array(light.temperature_color[:])
+    values: dict[str, Any] = {"inputs:color": ["color3f", color.tolist()], "inputs:normalize": ["bool", True]}
+    apis: list[str] = []
+    match light.type:
+        case "SUN":
+            kind, intensity = "DistantLight", light.energy
+            values["inputs:angle"] = ["float", degrees(light.angle)]
+        case "AREA":
+            kind, own, area = _area(light)
+            values |= own
+            intensity = light.energy / pi * (1.0 if light.normalize else area)
+            if light.spread < pi - 1e-4:
+                told(f"{light.name}: the spread of an area light is not rendered")
+        case _:
+            kind, radius = "SphereLight", light.shadow_soft_size
+            values |= {"inputs:radius": ["float", radius], "treatAsPoint": ["bool", radius == 0]}
+            intensity = light.energy / pi * (1.0 if light.normalize or radius == 0 else 4 * pi * radius**2)
+            if light.type == "SPOT":
+                apis.append(_SHAPED)
+                values["inputs:shaping:cone:angle"] = ["float", degrees(light.spot_size / 2)]
+                values["inputs:shaping:cone:softness"] = ["float", light.spot_blend]
+    values["inputs:intensity"] = ["float", intensity * factor]
+    return {"path": path, "type": kind, "apis": apis, "values": values}
+
+
+def _area(light: Any) -> tuple[str, dict[str, Any], float]:
+    """Return the type, the size and the area of an area light."""
+    wide = light.size
+    high = light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else wide
+    if light.shape in ("DISK", "ELLIPSE"):
+        return "DiskLight", {"inputs:radius": ["float", 0.5]}, pi / 4 * wide * high
+    return "RectLight", {"inputs:width": ["float", wide], "inputs:height": ["float", high]}, wide * high
+
+
+def stretch_of(light: Any) -> Any:
+    """Return the scale (3,) of a light's own shape: a DiskLight is round, an area light may be an ellipse."""
+    if light.type != "AREA" or light.shape not in ("DISK", "ELLIPSE"):
+        return np.ones(3)
+    return np.array([light.size, light.size_y if light.shape == "ELLIPSE" else light.size, 1.0])
+
+
+def _of_nodes(light: Any, told: Told) -> tuple[float, Any]:
+    """Return the factor and the colour that a light's nodes give."""
+    if not light.use_nodes or light.node_tree is None:
+        return 1.0, np.ones(3)
+    output = output_of(light.node_tree, "OUTPUT_LIGHT")
+    source = None if output is None else source_of(output.inputs["Surface"])
+    if source is None:
+        return 0.0, np.ones(3)
+    if source.node.type != "EMISSION":
+        told(f"{light.name}: its nodes are not rendered, only its power and colour")
+        return 1.0, np.ones(3)
+    return number_of(source.node, "Strength", told, 1.0), np.array(color_of(source.node, "Color", told))
+
+
+def world_prims(world: Any, path: str, images: Images, told: Told) -> list[dict[str, Any]]:
+    """Return the prim of what the world's surface emits; none if it is black."""
+    if world is None:
+        return []
+    if world.node_tree is None:
+        return _dome(path, 1.0, np.array(world.color[:]))
+    output = output_of(world.node_tree, "OUTPUT_WORLD")
+    source = None if output is None else source_of(output.inputs["Surface"])
+    if source is None:
+        return []
+    node = source.node
+    if node.type not in ("BACKGROUND", "EMISSION"):
+        told(f"World {world.name}: {node.name} is not rendered: the world is black")
+        return []
+    strength = number_of(node, "Strength", told, 1.0)
+    color = source_of(node.inputs["Color"])
+    if color is not None and color.node.type == "TEX_ENVIRONMENT" and color.node.image is not None:
+        return _dome(path, strength, np.ones(3), images.file_of(color.node.image), _turned(color.node))
+    found = value_of(node, "Color", told)
+    return _dome(path, strength, np.ones(3) if isinstance(found, Texture) else np.array(found[:3]))  # type: ignore[index]
+
+
+def _turned(node: Any) -> Any:
+    """Return the rotation (4, 4) of an environment's Mapping node, of row vectors."""
+    vector = source_of(node.inputs["Vector"])
+    if vector is None or vector.node.type != "MAPPING":
+        return np.eye(4)
+    from mathutils import Euler
+
+    turn = Euler(vector.node.inputs["Rotation"].default_value).to_matrix().to_4x4()
+    return np.array(turn)  # its inverse, transposed: textures turn against their vectors
+
+
+def _dome(path: str, strength: float, color: Any, file: str = "", turn: Any = None) -> list[dict[str, Any]]:
+    if strength <= 0 or not np.any(color > 0):
+        return []
+    values = {"inputs:intensity": ["float", strength], "inputs:color": ["color3f", color.tolist()]}
+    if file:
+        values["inputs:texture:file"] = ["asset", file]
+    matrix = _WORLD if turn is None else _WORLD @ turn
+    return [{"path": path, "type": "DomeLight", "matrix": matrix, "values": values}]

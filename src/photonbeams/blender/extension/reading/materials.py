@@ -1,0 +1,149 @@
+"""Materials: what reaches the Surface of the output, as an OpenPBR shader, which the Principled BSDF resembles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .images import Images
+from .nodes import Texture, Told, Value, output_of, source_of, value_of
+
+_SHADER = "ND_open_pbr_surface_surfaceshader"
+_KINDS = {
+    "base_weight": "float", "base_color": "color3f", "base_metalness": "float", "specular_weight": "float",
+    "specular_roughness": "float", "specular_ior": "float", "transmission_weight": "float",
+    "transmission_color": "color3f", "coat_weight": "float", "coat_roughness": "float", "emission_luminance": "float",
+    "emission_color": "color3f", "geometry_opacity": "float",
+}  # fmt: skip
+
+# The inputs of the Principled BSDF by those of OpenPBR.
+_PRINCIPLED = {
+    "base_color": "Base Color", "base_metalness": "Metallic", "specular_roughness": "Roughness", "specular_ior": "IOR",
+    "transmission_weight": "Transmission Weight", "coat_weight": "Coat Weight", "coat_roughness": "Coat Roughness",
+    "emission_color": "Emission Color", "emission_luminance": "Emission Strength", "geometry_opacity": "Alpha",
+}  # fmt: skip
+_GREY = (0.8, 0.8, 0.8)
+_BLACK = (0.0, 0.0, 0.0)
+
+#: Values of OpenPBR's inputs.
+Surface = dict[str, Value]
+
+
+def has_surface(material: Any) -> bool:
+    """Return whether a material reflects, transmits or emits at its surface; one with only a volume does not."""
+    if material is None or material.node_tree is None:
+        return True
+    output = output_of(material.node_tree, "OUTPUT_MATERIAL")
+    return output is not None and (
+        source_of(output.inputs["Surface"]) is not None or source_of(output.inputs["Volume"]) is None
+    )
+
+
+def material_prims(material: Any, path: str, images: Images, told: Told) -> list[dict[str, Any]]:
+    """Return the prims of a material: itself, its shader and its textures."""
+    surface = surface_of(material, lambda text: told(f"Material {material.name}: {text}"))
+    prims: list[dict[str, Any]] = []
+    values: dict[str, Any] = {"info:id": ["token", _SHADER]}
+    sources: dict[str, Any] = {}
+    for name, value in surface.items():
+        kind = _KINDS[name]
+        if isinstance(value, Texture):
+            own, output = _texture_prims(value, kind, f"{path}/{name}", images)
+            prims += own
+            sources[f"inputs:{name}"] = [kind, output]
+        elif kind == "float":
+            values[f"inputs:{name}"] = [kind, value if isinstance(value, float) else sum(value[:3]) / 3]
+        else:
+            values[f"inputs:{name}"] = [kind, [value] * 3 if isinstance(value, float) else list(value[:3])]
+    values["outputs:out"] = ["token", None]
+    shader = {"path": f"{path}/Shader", "type": "Shader", "values": values, "sources": sources}
+    out = {"outputs:surface": ["token", f"{path}/Shader.outputs:out"]}
+    return [{"path": path, "type": "Material", "sources": out}, shader, *prims]
+
+
+def _texture_prims(texture: Texture, kind: str, path: str, images: Images) -> tuple[list[dict[str, Any]], str]:
+    """Return the prims of a texture, and the path of the output that has its value."""
+    node, colored = texture.node, kind == "color3f"
+    repeat = {"REPEAT": "repeat", "EXTEND": "clamp", "CLIP": "black", "MIRROR": "mirror"}[node.extension]
+    space = "raw" if node.image.colorspace_settings.is_data or not colored else "auto"
+    values = {
+        "info:id": ["token", "UsdUVTexture"], "inputs:file": ["asset", images.file_of(node.image)],
+        "inputs:wrapS": ["token", repeat], "inputs:wrapT": ["token", repeat],
+        "inputs:sourceColorSpace": ["token", space],
+    }  # fmt: skip
+    reader = {"info:id": ["token", "UsdPrimvarReader_float2"], "inputs:varname": ["string", "st"]}
+    prims = [
+        {"path": path, "type": "Shader", "values": values,
+         "sources": {"inputs:st": ["float2", f"{path}_st.outputs:result"]}},
+        {"path": f"{path}_st", "type": "Shader", "values": reader},
+    ]  # fmt: skip
+    return prims, f"{path}.outputs:{'rgb' if colored else 'a' if texture.alpha else 'r'}"
+
+
+def surface_of(material: Any, told: Told) -> Surface:
+    """Return the surface of a material; grey for one without nodes."""
+    if material.node_tree is None:
+        return {"base_color": tuple(material.diffuse_color[:3]), "specular_roughness": float(material.roughness)}
+    output = output_of(material.node_tree, "OUTPUT_MATERIAL")
+    source = None if output is None else source_of(output.inputs["Surface"])
+    return {"base_color": _BLACK, "specular_weight": 0.0} if source is None else _shaded(source.node, told)
+
+
+def _shaded(node: Any, told: Told) -> Surface:
+    """Return the surface that a shader node makes."""
+
+    def value(name: str) -> Any:
+        return value_of(node, name, told)
+
+    match node.type:
+        case "BSDF_PRINCIPLED":
+            found = {name: value(theirs) for name, theirs in _PRINCIPLED.items()}
+            return {
+                **{name: each for name, each in found.items() if each is not None},
+                "transmission_color": found["base_color"],
+            }
+        case "EMISSION":
+            glow = {"emission_color": value("Color"), "emission_luminance": value("Strength")}
+            return {"base_color": _BLACK, "specular_weight": 0.0, **glow}
+        case "BSDF_DIFFUSE":
+            return {"base_color": value("Color"), "specular_weight": 0.0}
+        case "BSDF_GLOSSY" | "BSDF_ANISOTROPIC" | "BSDF_METALLIC":
+            color = value("Color") if "Color" in node.inputs else value("Base Color")
+            return {"base_color": color, "base_metalness": 1.0, "specular_roughness": value("Roughness")}
+        case "BSDF_GLASS" | "BSDF_REFRACTION":
+            glass = {"transmission_color": value("Color"), "specular_roughness": value("Roughness")}
+            return {**glass, "transmission_weight": 1.0, "specular_ior": value("IOR")}
+        case "BSDF_TRANSPARENT":
+            return {"geometry_opacity": 0.0}
+        case "MIX_SHADER":
+            return _mixed(node, told)
+        case "ADD_SHADER":
+            return _added(_linked(node.inputs[0], told), _linked(node.inputs[1], told), told)
+    told(f"{node.name} is not rendered: the surface is grey")
+    return {"base_color": _GREY}
+
+
+def _linked(socket: Any, told: Told) -> Surface:
+    """Return the surface that a socket is linked to; without a link it is black."""
+    source = source_of(socket)
+    return {"base_color": _BLACK, "specular_weight": 0.0} if source is None else _shaded(source.node, told)
+
+
+def _mixed(node: Any, told: Told) -> Surface:
+    """Return what a Mix Shader makes: a surface that is cut out, or the stronger of its two."""
+    factor = value_of(node, node.inputs[0].name, told)
+    first, second = (_linked(each, told) for each in node.inputs[1:3])
+    if second.get("geometry_opacity") == 0.0 and isinstance(factor, float):
+        return {**first, "geometry_opacity": 1 - factor}
+    if first.get("geometry_opacity") == 0.0 and factor is not None:
+        return {**second, "geometry_opacity": factor}
+    told(f"{node.name} is not rendered: the stronger of its shaders is used")
+    return second if isinstance(factor, float) and factor >= 0.5 else first
+
+
+def _added(first: Surface, second: Surface, told: Told) -> Surface:
+    """Return what an Add Shader makes: a surface that also glows, or the first of its two."""
+    for surface, glow in ((first, second), (second, first)):
+        if glow.get("base_color") == _BLACK and "emission_color" in glow:
+            return {**surface, **{name: glow[name] for name in ("emission_color", "emission_luminance")}}
+    told("an Add Shader is not rendered: the first of its shaders is used")
+    return first

@@ -1,0 +1,89 @@
+"""Values of shader nodes: constants and image textures. Whatever else makes a value, its socket's own is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+#: Called with a sentence about what is not rendered as in Blender.
+Told = Callable[[str], None]
+
+_PASSES = {"REROUTE": 0, "SEPARATE_COLOR": 0, "RGBTOBW": 0}
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An image that makes a value: its node, and whether it is the image's alpha."""
+
+    node: Any
+    alpha: bool = False
+
+
+#: A number, a colour, or the image that makes it.
+Value = float | tuple[float, ...] | Texture
+
+
+def output_of(tree: Any, kind: str) -> Any:
+    """Return the active output node of a material, a world or a light; None if there is none."""
+    for target in ("CYCLES", "ALL", "EEVEE"):
+        found = tree.get_output_node(target) if hasattr(tree, "get_output_node") else None
+        if found is not None:
+            return found
+    return next((node for node in tree.nodes if node.type == kind), None)
+
+
+def source_of(socket: Any) -> Any:
+    """Return the socket that a socket is linked to, beyond reroutes and into groups; None if there is none."""
+    if socket is None or not socket.is_linked or socket.links[0].is_muted:
+        return None
+    found = socket.links[0].from_socket
+    node = found.node
+    if node.type == "REROUTE":
+        return source_of(node.inputs[0])
+    if node.type == "GROUP" and node.node_tree is not None:
+        inside = next((each for each in node.node_tree.nodes if each.type == "GROUP_OUTPUT"), None)
+        return None if inside is None else source_of(inside.inputs.get(found.name))
+    return found
+
+
+def value_of(node: Any, name: str, told: Told) -> Value | None:
+    """Return the value of a node's input; None if the node has none of that name."""
+    socket = node.inputs.get(name)
+    if socket is None:
+        return None
+    source = source_of(socket)
+    if source is None:
+        return _plain(socket.default_value)
+    made = source.node
+    if made.type == "TEX_IMAGE" and made.image is not None:
+        return Texture(made, source.name == "Alpha")
+    if made.type in ("RGB", "VALUE"):
+        return _plain(source.default_value)
+    if made.type == "BLACKBODY":
+        return _plain(socket.default_value)
+    told(f"{name} of {node.name} comes from {made.name}, which is not rendered: its own value is used")
+    return _plain(socket.default_value)
+
+
+def number_of(node: Any, name: str, told: Told, otherwise: float = 0.0) -> float:
+    """Return the number of an input, the mean of a colour's channels; images count as `otherwise`."""
+    found = value_of(node, name, told)
+    if isinstance(found, Texture) or found is None:
+        return otherwise
+    return found if isinstance(found, float) else sum(found[:3]) / 3
+
+
+def color_of(node: Any, name: str, told: Told) -> tuple[float, float, float]:
+    """Return the colour of an input; images count as white."""
+    found = value_of(node, name, told)
+    if isinstance(found, Texture) or found is None:
+        return (1.0, 1.0, 1.0)
+    return (found,) * 3 if isinstance(found, float) else tuple(found[:3])  # type: ignore[return-value]
+
+
+def _plain(value: Any) -> Value:
+    try:
+        return tuple(float(each) for each in value)
+    except TypeError:
+        return float(value)

@@ -1,0 +1,145 @@
+"""The prims of a whole scene, from the depsgraph of a render or a viewport."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .cameras import camera_prim
+from .images import Images
+from .lights import light_prim, stretch_of, world_prims
+from .materials import has_surface, material_prims
+from .media import APIS, medium_of
+from .meshes import faces_by_material, mesh_values
+
+CAMERA = "/Camera"
+_MESHES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
+
+
+class SceneReader:
+    """Reads the prims of a scene.
+
+    Parameters
+    ----------
+    depsgraph
+        What Blender has evaluated.
+    folder
+        Where images without a file are written.
+    told
+        Called with a sentence about each thing that is not rendered as in Blender.
+    """
+
+    def __init__(self, depsgraph: Any, folder: str, told: Callable[[str], None]) -> None:
+        self._depsgraph, self._told, self._images = depsgraph, told, Images(folder)
+        self._taken: set[str] = set()
+        self._materials: dict[str, str] = {}
+        self._geometry: dict[Any, tuple[dict[str, Any], dict[int, Any]] | None] = {}
+        self._prims: list[dict[str, Any]] = []
+
+    def prims(self) -> list[dict[str, Any]]:
+        """Return the prims of all but the camera."""
+        for each in self._depsgraph.object_instances:
+            thing = each.object
+            if not each.show_self or thing.is_holdout:
+                continue
+            if thing.type == "LIGHT":
+                self._add_light(thing, np.array(each.matrix_world))
+            elif thing.type in _MESHES:
+                self._add_mesh(thing, np.array(each.matrix_world))
+            elif thing.type == "VOLUME":
+                self._told(f"{thing.name}: volumes of OpenVDB are not rendered yet")
+        self._add_world(self._depsgraph.scene.world)
+        return self._prims
+
+    def camera(self, camera: Any, to_world: Any, size: tuple[int, int], shift: float = 0.0) -> dict[str, Any]:
+        """Return the prim of a camera that sees the picture of this size; arguments as for `camera_prim`."""
+        render = self._depsgraph.scene.render
+        aspect = render.pixel_aspect_x, render.pixel_aspect_y
+        evaluated = camera.evaluated_get(self._depsgraph)
+        return camera_prim(evaluated, to_world, self._depsgraph, CAMERA, size, aspect, shift)
+
+    def _path(self, parent: str, name: str) -> str:
+        """Return a path that no other prim has."""
+        valid = re.sub(r"\W", "_", name, flags=re.ASCII)
+        valid = valid if valid[:1].isalpha() or valid[:1] == "_" else f"_{valid}"
+        path, number = f"{parent}/{valid}", 1
+        while path in self._taken:
+            path, number = f"{parent}/{valid}_{number}", number + 1
+        self._taken.add(path)
+        return path
+
+    def _add_light(self, thing: Any, matrix: Any) -> None:
+        light = thing.data
+        prim = light_prim(light, self._path("/Lights", thing.name), self._told)
+        pose = matrix.copy()
+        scale = np.linalg.norm(pose[:3, :3], axis=0)
+        # Only area lights have the size of their object.
+        pose[:3, :3] *= (1 if light.type == "AREA" else 1 / np.maximum(scale, 1e-30)) * stretch_of(light)
+        prim["matrix"] = pose.T
+        if thing.lightgroup:
+            prim["values"]["photonbeams:lightGroup"] = ["token", thing.lightgroup]
+        self._prims.append(prim)
+
+    def _add_mesh(self, thing: Any, matrix: Any) -> None:
+        found = self._mesh(thing)
+        if found is None:
+            return
+        values, faces = found
+        slots = [each.material for each in thing.material_slots]
+        materials = {slot: slots[min(slot, len(slots) - 1)] if slots else None for slot in faces}
+        path = self._path("/Objects", thing.name)
+        prim = {"path": path, "type": "Mesh", "matrix": matrix.T, "values": values, "apis": [], "targets": {}}
+        self._prims.append(prim)
+        if not any(has_surface(each) for each in materials.values()):
+            medium = medium_of(next(iter(materials.values())), self._told)
+            if medium is None:
+                self._prims.remove(prim)  # nothing of it is seen
+            else:
+                prim["values"], prim["apis"] = {**values, **medium}, APIS
+            return
+        prim["apis"] = ["MaterialBindingAPI"]
+        if len(materials) == 1:
+            prim["targets"] = {"material:binding": [self._material(*materials.values())]}
+            return
+        for slot, material in materials.items():
+            self._prims.append({
+                "path": f"{path}/Part{slot}", "type": "GeomSubset", "apis": ["MaterialBindingAPI"],
+                "values": {"elementType": ["token", "face"], "familyName": ["token", "materialBind"],
+                           "indices": ["int[]", faces[slot]]},
+                "targets": {"material:binding": [self._material(material)]},
+            })  # fmt: skip
+
+    def _mesh(self, thing: Any) -> tuple[dict[str, Any], dict[int, Any]] | None:
+        """Return the attributes and the faces of an object's mesh, which its instances share; None if it has none."""
+        key = thing.original.name_full, thing.data.session_uid if thing.data is not None else 0
+        if key not in self._geometry:
+            mesh = thing.to_mesh()
+            self._geometry[key] = None
+            if mesh is not None and len(mesh.polygons):
+                self._geometry[key] = mesh_values(mesh), faces_by_material(mesh)
+            thing.to_mesh_clear()
+        return self._geometry[key]
+
+    def _material(self, material: Any) -> str:
+        """Return the path of a material, whose prims are added once."""
+        name = "" if material is None else material.name_full
+        if name not in self._materials:
+            self._materials[name] = path = self._path("/Materials", name or "Default")
+            if material is None:
+                shader = {"info:id": ["token", "UsdPreviewSurface"], "inputs:diffuseColor": ["color3f", [0.8] * 3],
+                          "outputs:surface": ["token", None]}  # fmt: skip
+                out = {"outputs:surface": ["token", f"{path}/Shader.outputs:surface"]}
+                self._prims.append({"path": path, "type": "Material", "sources": out})
+                self._prims.append({"path": f"{path}/Shader", "type": "Shader", "values": shader})
+            else:
+                self._prims += material_prims(material, path, self._images, self._told)
+        return self._materials[name]
+
+    def _add_world(self, world: Any) -> None:
+        self._prims += world_prims(world, self._path("", "World"), self._images, self._told)
+        medium = medium_of(world, self._told)
+        if medium is not None:
+            self._prims.append({"path": self._path("", "Fog"), "type": "Scope", "apis": APIS, "values": medium})

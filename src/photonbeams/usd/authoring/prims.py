@@ -1,0 +1,120 @@
+"""Write prims that another program describes in plain values, such as Blender's extension.
+
+A description of a prim is a dict:
+
+    path, type      such as "/Scene/Lamp" and "SphereLight"
+    apis            names of the schemas that are applied
+    matrix          (4, 4), of row vectors: the transform to the parent
+    values          by attribute: [type name, value], or [type name, value, interpolation]
+    targets         by relationship: paths
+    sources         by input or output: [type name, the path of the property that it is connected to]
+
+All but the path and the type may be left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from ...scene import SceneError, shown
+from ..common.openusd import Gf, Sdf, Usd, UsdGeom, Vt
+
+_TRANSFORM = "xformOp:transform"
+
+
+def new_stage(up_axis: str, meters_per_unit: float) -> Usd.Stage:
+    """Return an empty stage in memory."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, up_axis)
+    UsdGeom.SetStageMetersPerUnit(stage, meters_per_unit)
+    return stage
+
+
+def write_prims(stage: Usd.Stage, prims: Iterable[Mapping[str, Any]]) -> None:
+    """Write prims into the layer that the stage edits; each replaces what was written of the same path.
+
+    Raises
+    ------
+    SceneError
+        A description that is none: a path, a type name or a value that OpenUSD does not take.
+    """
+    layer = stage.GetEditTarget().GetLayer()
+    with Sdf.ChangeBlock():
+        for each in prims:
+            try:
+                _write(layer, each)
+            except (KeyError, TypeError, ValueError, RuntimeError) as error:  # OpenUSD's own is a RuntimeError
+                raise SceneError(f"{each.get('path')} is no description of a prim: {shown(error)}") from error
+
+
+def remove_prims(stage: Usd.Stage, paths: Iterable[str]) -> None:
+    """Remove prims from the layer that the stage edits; paths without a prim are left alone."""
+    layer = stage.GetEditTarget().GetLayer()
+    with Sdf.ChangeBlock():
+        edit = Sdf.BatchNamespaceEdit()
+        for path in paths:
+            if layer.GetPrimAtPath(path) is not None:
+                edit.Add(path, Sdf.Path.emptyPath)
+        layer.Apply(edit)
+
+
+def _write(layer: Sdf.Layer, given: Mapping[str, Any]) -> None:
+    spec = Sdf.CreatePrimInLayer(layer, given["path"])
+    spec.specifier, spec.typeName = Sdf.SpecifierDef, given["type"]
+    for path in spec.path.GetParentPath().GetPrefixes():  # new parents are overs, of which nothing is seen
+        layer.GetPrimAtPath(path).specifier = Sdf.SpecifierDef
+    apis = Sdf.TokenListOp()
+    apis.prependedItems = given.get("apis", [])
+    spec.SetInfo("apiSchemas", apis)
+    values: dict[str, Any] = dict(given.get("values", {}))
+    if "matrix" in given:
+        values[_TRANSFORM] = ["matrix4d", Gf.Matrix4d(np.asarray(given["matrix"], np.float64).tolist())]
+        values["xformOpOrder"] = ["token[]", [_TRANSFORM]]
+    sources, targets = given.get("sources", {}), given.get("targets", {})
+    for own in list(spec.properties):
+        if own.name not in values and own.name not in sources and own.name not in targets:
+            spec.RemoveProperty(own)
+    for name, (kind, value, *interpolation) in values.items():
+        attribute = _attribute(spec, name, kind)
+        attribute.default = _value(kind, value)
+        if interpolation:
+            attribute.SetInfo("interpolation", interpolation[0])
+    for name, (kind, source) in sources.items():
+        _attribute(spec, name, kind).connectionPathList.explicitItems = [Sdf.Path(source)]
+    for name, paths in targets.items():
+        found = spec.relationships.get(name) or Sdf.RelationshipSpec(spec, name, custom=False)
+        found.targetPathList.explicitItems = [Sdf.Path(each) for each in paths]
+
+
+def _attribute(spec: Sdf.PrimSpec, name: str, kind: str) -> Sdf.AttributeSpec:
+    found = spec.attributes.get(name)
+    if found is not None and str(found.typeName) == kind:
+        return found
+    if found is not None:
+        spec.RemoveProperty(found)
+    uniform = Sdf.VariabilityUniform if name in _UNIFORM else Sdf.VariabilityVarying
+    return Sdf.AttributeSpec(spec, name, Sdf.ValueTypeNames.Find(kind), uniform, declaresCustom=False)
+
+
+_UNIFORM = {"xformOpOrder", "subdivisionScheme", "elementType", "familyName", "info:id"}
+
+
+def _value(kind: str, value: Any) -> Any:
+    """Return a value as OpenUSD takes it."""
+    if isinstance(value, np.ndarray):
+        return _ARRAYS[kind].FromNumpy(np.ascontiguousarray(value))
+    if kind == "asset":
+        return Sdf.AssetPath(value)
+    if kind == "token[]":
+        return Vt.TokenArray(value)
+    return tuple(value) if isinstance(value, list) else value
+
+
+#: The arrays that (N,) or (N, C) numbers become at once.
+_ARRAYS = {
+    "int[]": Vt.IntArray, "float[]": Vt.FloatArray, "point3f[]": Vt.Vec3fArray, "normal3f[]": Vt.Vec3fArray,
+    "color3f[]": Vt.Vec3fArray, "texCoord2f[]": Vt.Vec2fArray,
+}  # fmt: skip

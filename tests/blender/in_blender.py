@@ -1,0 +1,205 @@
+"""Runs in Blender's Python: builds a scene, renders it with the engine, and prints what came of it as JSON.
+
+    python -I in_blender.py CASE FOLDER
+
+The files of a case are written to FOLDER; the lines that it prints begin with "found ".
+"""
+
+import json
+import math
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "src" / "photonbeams" / "blender"))
+
+import bpy  # noqa: E402
+import extension  # noqa: E402
+from extension.process import SHARED  # noqa: E402
+from mathutils import Vector  # noqa: E402
+
+WIDTH, HEIGHT = 48, 27
+
+
+def tell(**found):
+    """Print what was found."""
+    print("found " + json.dumps(found), flush=True)
+
+
+def material(name, **inputs):
+    """Return a Principled material with these inputs."""
+    made = bpy.data.materials.new(name)
+    shader = made.node_tree.nodes["Principled BSDF"]
+    for key, value in inputs.items():
+        shader.inputs[key.replace("_", " ").title().replace("Ior", "IOR")].default_value = value
+    return made
+
+
+def aim(thing, target):
+    """Turn an object so that its −Z looks at a point."""
+    thing.rotation_euler = (Vector(target) - thing.location).to_track_quat("-Z", "Y").to_euler()
+
+
+def room(fog=0.1):
+    """Build a floor, two things of one mesh, a spot and a lamp in fog, and a camera."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.engine = "PHOTONBEAMS"
+    scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
+    scene.photonbeams.passes, scene.photonbeams.beams, scene.photonbeams.denoise = 4, 1024, False
+    scene.photonbeams.bounces = 0
+    bpy.ops.mesh.primitive_plane_add(size=12)
+    bpy.context.object.data.materials.append(material("Floor", base_color=(0.6, 0.5, 0.4, 1), roughness=0.9))
+    bpy.ops.mesh.primitive_cube_add(size=0.8, location=(0.6, 1, 0.4))
+    box = bpy.context.object
+    box.data.materials.append(material("Box", base_color=(0.1, 0.4, 0.6, 1)))
+    twin = bpy.data.objects.new("Twin", box.data)
+    twin.location, twin.rotation_euler = (-1.4, 1.5, 0.4), (0, 0, 0.5)
+    scene.collection.objects.link(twin)
+    for name, kind, place, power in (("Key", "SPOT", (-1, 0.5, 3), 200.0), ("Fill", "POINT", (2.5, 1.5, 2.0), 20.0)):
+        light = bpy.data.lights.new(name, kind)
+        light.energy, light.shadow_soft_size = power, 0.05
+        lamp = bpy.data.objects.new(name, light)
+        lamp.location = place
+        scene.collection.objects.link(lamp)
+        if kind == "SPOT":
+            light.spot_size = math.radians(40)
+            aim(lamp, (0.2, 1.0, 0.0))
+            lamp.lightgroup = "key"
+    scene.view_layers[0].lightgroups.add(name="key")
+    world = bpy.data.worlds.new("World")
+    world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.02, 0.03, 0.05, 1)
+    if fog:
+        volume = world.node_tree.nodes.new("ShaderNodeVolumeScatter")
+        volume.inputs["Density"].default_value, volume.inputs["Color"].default_value = fog, (0.8, 0.8, 0.8, 1)
+        world.node_tree.links.new(volume.outputs[0], world.node_tree.nodes["World Output"].inputs["Volume"])
+    scene.world = world
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.location = (0.5, -5, 1.6)
+    scene.collection.objects.link(camera)
+    aim(camera, (0, 1, 0.9))
+    scene.camera = camera
+    scene.view_layers[0].use_pass_z = True
+    return scene
+
+
+def render(path):
+    """Render the frame into a multilayer EXR of float32."""
+    settings = bpy.context.scene.render.image_settings
+    settings.media_type = "MULTI_LAYER_IMAGE"
+    settings.file_format, settings.color_depth = "OPEN_EXR_MULTILAYER", "32"
+    bpy.context.scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+
+
+def frame(folder):
+    """Render a frame, and export the scene as Blender does."""
+    room()
+    render(folder / "frame.exr")
+    bpy.ops.wm.usd_export(filepath=str(folder / "frame.usdc"), evaluation_mode="RENDER")
+
+
+def again(folder):
+    """Render the same frame twice: the renderer stays warm, and the pictures are equal."""
+    room()
+    render(folder / "first.exr")
+    first = SHARED.get("").number
+    begin = time.monotonic()
+    render(folder / "second.exr")
+    tell(same=first == SHARED.get("").number, seconds=time.monotonic() - begin)
+
+
+def part(folder):
+    """Render the whole, and a border of it."""
+    scene = room()
+    render(folder / "whole.exr")
+    scene.render.use_border = scene.render.use_crop_to_border = True
+    scene.render.border_min_x, scene.render.border_max_x = 0.25, 0.75
+    scene.render.border_min_y, scene.render.border_max_y = 1 / 3, 1.0
+    render(folder / "part.exr")
+
+
+def stereo(folder):
+    """Render two eyes."""
+    scene = room()
+    scene.render.use_multiview = True
+    scene.camera.data.stereo.interocular_distance = 0.4
+    render(folder / "stereo.exr")
+
+
+def film(folder):
+    """Render frames in which a lamp moves."""
+    scene = room()
+    lamp = bpy.data.objects["Key"]
+    for number, x in ((1, -1.0), (2, 1.0)):
+        lamp.location.x = x
+        lamp.keyframe_insert("location", frame=number)
+    scene.frame_start, scene.frame_end = 1, 2
+    settings = scene.render.image_settings
+    settings.media_type = "MULTI_LAYER_IMAGE"
+    settings.file_format, settings.color_depth = "OPEN_EXR_MULTILAYER", "32"
+    scene.render.filepath = str(folder / "film_")
+    bpy.ops.render.render(animation=True)
+
+
+def killed(folder):
+    """Kill the renderer while it renders, and render again."""
+    scene = room()
+    render(folder / "before.exr")
+    scene.photonbeams.passes = 100_000
+    threading.Timer(1.0, lambda: os.kill(SHARED.get("").number, signal.SIGKILL)).start()
+    begin = time.monotonic()
+    try:
+        bpy.ops.render.render()
+    except RuntimeError as error:
+        tell(error=str(error))
+    tell(seconds=time.monotonic() - begin)
+    scene.photonbeams.passes = 4
+    render(folder / "after.exr")
+
+
+def wrong(folder):
+    """Render what has no camera, what the renderer refuses, and without a renderer."""
+    scene = room()
+    camera, scene.camera = scene.camera, None
+    for case in ("no camera", "no light", "no renderer"):
+        if case == "no light":
+            scene.camera = camera
+            bpy.data.lights.remove(bpy.data.lights["Key"])
+            bpy.data.lights.remove(bpy.data.lights["Fill"])
+            scene.world = None
+        if case == "no renderer":
+            SHARED.close()
+            os.environ["PHOTONBEAMS_PYTHON"] = "/nowhere/python"
+        try:
+            bpy.ops.render.render()
+        except RuntimeError as error:
+            tell(case=case, error=str(error))
+
+
+def registered(folder):
+    """Register and unregister, and look for traces."""
+
+    def traces():
+        return [each for each in dir(bpy.types) if each.lower().startswith("photonbeams")]
+
+    shared = [each for each in bpy.types.Panel.__subclasses__() if "PHOTONBEAMS" in getattr(each, "COMPAT_ENGINES", ())]
+    extension.unregister()
+    left = [
+        each
+        for each in bpy.types.Panel.__subclasses__()
+        if "PHOTONBEAMS" in getattr(each, "COMPAT_ENGINES", ()) and "extension." not in str(each)
+    ]
+    tell(shared=len(shared), left=len(left), scene=hasattr(bpy.types.Scene, "photonbeams"), traces=traces())
+    extension.register()
+
+
+if __name__ == "__main__":
+    extension.register()
+    folder = Path(sys.argv[2])
+    {each.__name__: each for each in (frame, again, part, stereo, film, killed, wrong, registered)}[sys.argv[1]](folder)
+    extension.unregister()

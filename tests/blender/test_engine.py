@@ -1,0 +1,127 @@
+"""The engine in Blender itself, as a module of Python (bpy): what is rendered is what the command renders."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+import photonbeams as pb
+from tests.blender.bpy_python import PYTHON
+
+pytestmark = pytest.mark.skipif(
+    not PYTHON.exists(), reason=f"{PYTHON} is missing: the set-up makes it with Python 3.11"
+)
+SCRIPT = Path(__file__).with_name("in_blender.py")
+WIDTH, HEIGHT = 48, 27
+
+
+def blender(case, folder):
+    """Run a case in Blender, and return what it found; fail if it printed a traceback."""
+    environment = {**os.environ, "PHOTONBEAMS_PYTHON": sys.executable}
+    ran = subprocess.run(
+        [PYTHON, "-I", SCRIPT, case, folder], capture_output=True, text=True, env=environment, timeout=240, check=False
+    )
+    said = ran.stdout + ran.stderr
+    assert ran.returncode == 0 and "Traceback" not in said, said[-3000:]
+    return [json.loads(line.removeprefix("found ")) for line in said.splitlines() if line.startswith("found ")]
+
+
+def passes_of(path):
+    """Return the render passes of a multilayer EXR, (H, W, C), by name."""
+    found = {}
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        for part in file.parts:
+            for name, channel in part.channels.items():
+                layer, _, letter = name.rpartition(".")
+                found.setdefault(layer.removeprefix("ViewLayer."), {})[letter] = channel.pixels
+    order = {letter: place for place, letter in enumerate("RGBAXYZV")}
+    return {
+        name: np.stack([channels[letter] for letter in sorted(channels, key=order.__getitem__)], axis=-1)
+        for name, channels in found.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def frame(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("frame")
+    blender("frame", folder)
+    return folder
+
+
+def test_passes_add_up(frame):
+    found = passes_of(frame / "frame.exr")
+    assert {"Combined", "Depth", "Beams", "Surface", "Transmittance", "Beams key"} <= found.keys()
+    assert found["Combined"].shape == (HEIGHT, WIDTH, 4) and np.all(found["Combined"][..., 3] == 1)
+    np.testing.assert_allclose(found["Combined"][..., :3], found["Beams"] + found["Surface"], rtol=1e-5, atol=1e-6)
+    assert 0 < found["Beams key"].mean() < found["Beams"].mean()
+    assert 2 < found["Depth"].min() < 12 and found["Depth"].max() == np.float32(1e10)
+
+
+def test_the_picture_is_that_of_the_exported_stage(frame):
+    """What crosses over without a file, and Blender's own export, are the same scene: the pictures differ by noise."""
+    fog = pb.Medium(scattering=0.08)  # the density times the colour
+    shot = pb.Shot.open(frame / "frame.usdc", medium=fog)
+    given = {"width": WIDTH, "height": HEIGHT, "beams": 1024, "max_depth": 2}
+    seeds = [shot.render(seed=seed, passes=8, **given).layers for seed in range(1, 5)]
+    found = passes_of(frame / "frame.exr")
+    for name, layer in (("Surface", "surface"), ("Beams", "beams")):
+        theirs = np.array([each[layer] for each in seeds])
+        mean, noise = theirs.mean(axis=0), theirs.std(axis=0, ddof=1)
+        # One picture of four passes has about √2 times the noise of one of eight; of blocks of pixels, much less.
+        assert found[name].mean() == pytest.approx(mean.mean(), rel=0.02), name
+        blocks = np.abs(found[name] - mean)[:24].reshape(3, 8, 6, 8, 3).mean(axis=(1, 3, 4))
+        usual = (noise + 0.02 * mean)[:24].reshape(3, 8, 6, 8, 3).mean(axis=(1, 3, 4))
+        assert np.all(blocks < 4 * usual + 1e-5), name
+
+
+def test_a_frame_is_rendered_again_with_the_same_bits_by_the_same_process(tmp_path):
+    (found,) = blender("again", tmp_path)
+    assert found["same"]
+    first, second = (passes_of(tmp_path / f"{name}.exr") for name in ("first", "second"))
+    assert all(np.array_equal(each, second[name]) for name, each in first.items())
+
+
+def test_a_border_is_that_part_of_the_picture(tmp_path):
+    blender("part", tmp_path)
+    whole, part = (passes_of(tmp_path / f"{name}.exr")["Combined"] for name in ("whole", "part"))
+    assert part.shape == (18, 24, 4)
+    np.testing.assert_allclose(part, whole[:18, 12:36], rtol=0.02, atol=1e-4)
+
+
+def test_two_eyes_see_things_apart(tmp_path):
+    blender("stereo", tmp_path)
+    left, right = (passes_of(tmp_path / f"stereo_{side}.exr")["Combined"] for side in "LR")
+    assert left.shape == right.shape == (HEIGHT, WIDTH, 4)
+    assert not np.allclose(left, right, rtol=0.1) and left.mean() == pytest.approx(right.mean(), rel=0.1)
+
+
+def test_an_animation_has_a_picture_for_each_frame(tmp_path):
+    blender("film", tmp_path)
+    first, second = (passes_of(tmp_path / f"film_{number:04d}.exr")["Beams key"] for number in (1, 2))
+    columns = np.arange(WIDTH) + 0.5
+    middles = [(each.sum(axis=(0, 2)) @ columns) / each.sum() for each in (first, second)]
+    assert middles[1] > middles[0] + 2  # the lamp moves to the right
+
+
+def test_a_renderer_that_was_killed_is_started_again(tmp_path):
+    error, spent = blender("killed", tmp_path)
+    assert "the renderer has ended" in error["error"] and spent["seconds"] < 10
+    before, after = (passes_of(tmp_path / f"{name}.exr") for name in ("before", "after"))
+    assert all(np.array_equal(each, after[name]) for name, each in before.items())
+
+
+def test_what_cannot_be_rendered_is_a_sentence(tmp_path):
+    found = {each["case"]: each["error"] for each in blender("wrong", tmp_path)}
+    assert "no camera" in found["no camera"] and "/nowhere/python cannot be started" in found["no renderer"]
+    assert "light" in found["no light"]
+    assert all(len(each.strip()) <= 320 for each in found.values())
+
+
+def test_unregistering_leaves_no_trace(tmp_path):
+    (found,) = blender("registered", tmp_path)
+    assert found["shared"] > 10 and found["left"] == 0 and not found["scene"] and found["traces"] == []
