@@ -87,11 +87,12 @@ def room(fog=0.1):
     return scene
 
 
-def render(path):
-    """Render the frame into a multilayer EXR of float32."""
+def render(path, passes=True):
+    """Render the frame into an EXR of float32, of all passes or of Combined alone."""
     settings = bpy.context.scene.render.image_settings
-    settings.media_type = "MULTI_LAYER_IMAGE"
-    settings.file_format, settings.color_depth = "OPEN_EXR_MULTILAYER", "32"
+    settings.media_type = "MULTI_LAYER_IMAGE" if passes else "IMAGE"
+    settings.file_format = "OPEN_EXR_MULTILAYER" if passes else "OPEN_EXR"
+    settings.color_depth = "32"
     bpy.context.scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True)
 
@@ -113,14 +114,85 @@ def again(folder):
     tell(same=first == SHARED.get("").number, seconds=time.monotonic() - begin)
 
 
+def layers(folder):
+    """Render two view layers, of which one leaves out a lamp; the light group's name has a space."""
+    scene = room()
+    key = bpy.data.objects["Key"]
+    key.lightgroup = "Key Light"
+    second = scene.view_layers.new("Second")
+    for each in scene.view_layers:
+        each.lightgroups.add(name="Key Light")
+    own = bpy.data.collections.new("Own")
+    scene.collection.children.link(own)
+    own.objects.link(key)
+    scene.collection.objects.unlink(key)
+    second.layer_collection.children["Own"].exclude = True
+    render(folder / "layers.exr")
+
+
+def aspect(folder):
+    """Render pixels that are twice as wide as high, and square ones of the same view."""
+    scene = room()
+    render(folder / "square.exr", passes=False)
+    scene.render.resolution_x, scene.render.pixel_aspect_x = WIDTH // 2, 2.0
+    render(folder / "wide.exr", passes=False)  # Blender itself cannot write passes of such pixels
+
+
+def reading(folder):
+    """Read lights and materials of all kinds, and print their prims and what is told."""
+    from extension.reading.scene import SceneReader
+
+    scene = room()
+    for name, kind, values in (
+        ("sun", "SUN", {"energy": 3.0, "angle": math.radians(1)}),
+        ("bare_sun", "SUN", {"energy": 3.0, "angle": math.radians(1), "normalize": False}),
+        ("ellipse", "AREA", {"energy": 10.0, "shape": "ELLIPSE", "size": 2.0, "size_y": 1.0}),
+        ("bare_area", "AREA", {"energy": 10.0, "shape": "RECTANGLE", "size": 2.0, "size_y": 3.0, "normalize": False}),
+        ("warm", "POINT", {"energy": 10.0, "use_temperature": True, "temperature": 3000.0, "exposure": 1.0}),
+    ):
+        light = bpy.data.lights.new(name, kind)
+        for key, value in values.items():
+            setattr(light, key, value)
+        scene.collection.objects.link(bpy.data.objects.new(name, light))
+    image = bpy.data.images.new("Painted", 4, 4)
+    made = material("Textured", transmission_weight=0.25, ior=1.3, sheen_weight=0.5)
+    tree = made.node_tree
+    texture, mapping, place = (tree.nodes.new(f"ShaderNode{each}") for each in ("TexImage", "Mapping", "TexCoord"))
+    texture.image = image
+    mapping.inputs["Scale"].default_value, mapping.inputs["Rotation"].default_value = (2, 3, 1), (0, 0, math.pi / 2)
+    tree.links.new(place.outputs["UV"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs[0], texture.inputs["Vector"])
+    tree.links.new(texture.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    bpy.data.objects["Twin"].data = bpy.data.objects["Cube"].data.copy()
+    bpy.data.objects["Twin"].data.materials[0] = made
+    foggy = bpy.data.materials.new("Foggy")
+    inside = foggy.node_tree
+    inside.nodes.remove(inside.nodes["Principled BSDF"])
+    volume = inside.nodes.new("ShaderNodeVolumePrincipled")
+    volume.inputs["Density"].default_value, volume.inputs["Color"].default_value = 2.0, (0.5, 0.25, 1.0, 1)
+    inside.links.new(volume.outputs[0], inside.nodes["Material Output"].inputs["Volume"])
+    bpy.data.objects["Cube"].data.materials[0] = foggy
+    said = []
+    prims = SceneReader(bpy.context.evaluated_depsgraph_get(), str(folder), said.append).prims()
+    plain = {
+        each["path"]: {**{name: value[1] for name, value in each.get("values", {}).items()
+                          if not hasattr(value[1], "shape")}, "type": each["type"]}
+        for each in prims
+    }  # fmt: skip
+    tell(prims=plain, said=said, painted=(folder / "0_Painted.png").exists())
+
+
 def part(folder):
-    """Render the whole, and a border of it."""
+    """Render the whole, and a border of it; then one that is drawn by hand."""
     scene = room()
     render(folder / "whole.exr")
     scene.render.use_border = scene.render.use_crop_to_border = True
     scene.render.border_min_x, scene.render.border_max_x = 0.25, 0.75
     scene.render.border_min_y, scene.render.border_max_y = 1 / 3, 1.0
     render(folder / "part.exr")
+    scene.render.border_min_x, scene.render.border_max_x = 0.123, 0.777
+    scene.render.border_min_y, scene.render.border_max_y = 0.211, 0.903
+    render(folder / "drawn.exr")
 
 
 def stereo(folder):
@@ -201,5 +273,8 @@ def registered(folder):
 if __name__ == "__main__":
     extension.register()
     folder = Path(sys.argv[2])
-    {each.__name__: each for each in (frame, again, part, stereo, film, killed, wrong, registered)}[sys.argv[1]](folder)
+    {
+        each.__name__: each
+        for each in (frame, again, layers, aspect, reading, part, stereo, film, killed, wrong, registered)
+    }[sys.argv[1]](folder)
     extension.unregister()

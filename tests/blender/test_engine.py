@@ -91,6 +91,49 @@ def test_a_border_is_that_part_of_the_picture(tmp_path):
     whole, part = (passes_of(tmp_path / f"{name}.exr")["Combined"] for name in ("whole", "part"))
     assert part.shape == (18, 24, 4)
     np.testing.assert_allclose(part, whole[:18, 12:36], rtol=0.02, atol=1e-4)
+    drawn = passes_of(tmp_path / "drawn.exr")["Combined"]
+    # Blender rounds edges down, from the bottom left: rows 5 to 24 of 27, columns 5 to 37 of 48.
+    np.testing.assert_allclose(drawn, whole[27 - 24 : 27 - 5, 5:37], rtol=0.02, atol=1e-4)
+
+
+def test_each_view_layer_has_its_own_picture(tmp_path):
+    blender("layers", tmp_path)
+    found = passes_of(tmp_path / "layers.exr")
+    first, second = (found[f"{layer}Combined"][..., :3].mean() for layer in ("", "Second."))
+    assert first > 1.2 * second > 0
+    assert found["Beams Key Light"].mean() > 0 and not found["Second.Beams Key Light"].any()
+
+
+def test_wide_pixels_show_the_same_view(tmp_path):
+    blender("aspect", tmp_path)
+    square, wide = (passes_of(tmp_path / f"{name}.exr")[""][..., :3] for name in ("square", "wide"))
+    pairs = square.reshape(HEIGHT, WIDTH // 2, 2, 3).mean(axis=2)
+    blocks = [each[:24].reshape(6, 4, 6, 4, 3).mean(axis=(1, 3)) for each in (pairs, wide)]
+    np.testing.assert_allclose(*blocks, rtol=0.15, atol=2e-3)
+
+
+def test_lights_and_materials_cross_over(tmp_path):
+    (found,) = blender("reading", tmp_path)
+    prims, said = found["prims"], " | ".join(found["said"])
+
+    def light(name):
+        own = prims[f"/Lights/{name}"]
+        return own["type"], own["inputs:intensity"], own["inputs:normalize"]
+
+    assert light("sun") == ("DistantLight", 3.0, True) and light("bare_sun") == ("DistantLight", 3.0, False)
+    assert light("ellipse") == ("DiskLight", pytest.approx(10 / np.pi), True)
+    assert light("bare_area") == ("RectLight", pytest.approx(10 / np.pi), False)
+    assert light("warm") == ("SphereLight", pytest.approx(20 / np.pi), True)
+    red, _, blue = prims["/Lights/warm"]["inputs:color"]
+    assert red > 2 * blue
+    shader = prims["/Materials/Textured/Shader"]
+    assert shader["inputs:transmission_weight"] == 0.25 and shader["inputs:specular_ior"] == pytest.approx(1.3)
+    placed = prims["/Materials/Textured/base_color_placed"]
+    assert placed["inputs:scale"] == [2, 3] and placed["inputs:rotation"] == pytest.approx(90)
+    assert prims["/Materials/Textured/base_color"]["inputs:sourceColorSpace"] == "sRGB" and found["painted"]
+    assert "Sheen Weight" in said and "Mapping" not in said
+    fog = prims["/Objects/Cube"]
+    assert fog["photonbeams:scattering"] == [1.0, 0.5, 2.0] and fog["photonbeams:absorption"] == [1.0, 1.5, 0.0]
 
 
 def test_two_eyes_see_things_apart(tmp_path):

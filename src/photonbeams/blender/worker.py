@@ -3,7 +3,8 @@
 It reads messages from its input and writes others to its output (`extension/messages.py`), each a dict:
 
     {"do": "scene", "prims": […], "removed": […]}     change the stage; "whole": True begins a new one
-    {"do": "render", "number": n, "camera": path, "settings": {…}, "width": w, "height": h, "crop": […]}
+    {"do": "render", "number": n, "camera": path, "settings": {…}, "width": w, "height": h,
+     "crop": […], "pixel_aspect": a}
     {"do": "cancel", "number": n}                     end the renders up to this one
 
     {"is": "ready", "version": text}                  once, at the beginning
@@ -30,14 +31,16 @@ from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from ..scene import SceneError
+from ..scene.checks import shortened
 from .extension import messages
 
 if TYPE_CHECKING:
     from ..images.frame import Frame
     from ..render.passes import Statistics
+    from ..shot.shot import Shot
 
-# Seconds between pictures of a render that is under way: each takes Blender about a tenth of a second to show.
-_BETWEEN = 1.0
+# Least seconds between pictures of a render that is under way, and as many times what one takes, with its denoising.
+_BETWEEN, _REST = 1.0, 8.0
 _UP_AXIS, _METERS = "Z", 1.0  # Blender's
 
 
@@ -56,6 +59,9 @@ class Worker:
         self._rendering: int | None = None  # the number of the render that is under way
         self._cancelled, self._telling = -inf, False
         self._stage: Any = None
+        # What is wrong with the machine, and with the scene.
+        self._unable: str | None = None
+        self._problem: str | None = None
 
     def run(self) -> None:
         """Answer messages until there are no more."""
@@ -65,6 +71,10 @@ class Worker:
         logging.getLogger("photonbeams").addHandler(_Warnings(self))
         threading.Thread(target=self._receive, daemon=True).start()
         self.tell("ready", version=__version__)
+        try:
+            from ..render import stage_frame  # noqa: F401 - the libraries load while Blender reads the scene
+        except (ImportError, RuntimeError) as error:  # the device's errors are RuntimeErrors
+            self._unable = shortened(str(error))
         while (message := self._waiting.get()) is not None:
             if message["do"] == "scene":
                 self._change(message)
@@ -82,13 +92,15 @@ class Worker:
 
     def _receive(self) -> None:
         """Put messages into the queue; end what is rendered if it is no longer wanted."""
-        while (message := messages.read(self._source)) is not None:
-            if message["do"] == "cancel":
-                self._cancel(message["number"])
-            else:
-                self._waiting.put(message)
-        self._waiting.put(None)
-        self._cancel(inf)
+        try:
+            while (message := messages.read(self._source)) is not None:
+                if message["do"] == "cancel":
+                    self._cancel(message["number"])
+                else:
+                    self._waiting.put(message)
+        finally:
+            self._waiting.put(None)
+            self._cancel(inf)
 
     def _cancel(self, number: float) -> None:
         self._cancelled = number
@@ -104,42 +116,48 @@ class Worker:
         from ..usd.authoring.prims import new_stage, remove_prims, write_prims
 
         if self._stage is None or message.get("whole"):
-            self._stage = new_stage(_UP_AXIS, _METERS)
-        remove_prims(self._stage, message.get("removed", ()))
-        write_prims(self._stage, message["prims"])
+            self._stage, self._problem = new_stage(_UP_AXIS, _METERS), None
+        try:
+            remove_prims(self._stage, message.get("removed", ()))
+            write_prims(self._stage, message["prims"])
+        except SceneError as error:
+            self._problem = str(error)
 
     def _render(self, wanted: Mapping[str, Any]) -> None:
-        number, problem = wanted["number"], None
-        self._rendering = number
+        from ..shot.shot import Shot
+
+        number, problem = wanted["number"], self._unable or self._problem
+        if problem is not None:
+            self.tell("end", number=number, problem=problem)
+            return
         try:
+            shot = Shot(self._stage, wanted["camera"])
+            self._rendering = number
             self._leave()
-            frame = self._frame(number, wanted)
+            frame = self._frame(shot, number, wanted)
             self._rendering = None
             self.tell("picture", number=number, layers=frame.layers)
         except KeyboardInterrupt:
             pass
-        except (SceneError, OSError, MemoryError) as error:
-            problem = str(error) or type(error).__name__
+        except (SceneError, OSError, MemoryError, RuntimeError) as error:  # Dr.Jit's and the device's are RuntimeErrors
+            problem = shortened(str(error) or type(error).__name__)
         self._rendering = None
         self.tell("end", number=number, problem=problem)
 
-    def _frame(self, number: int, wanted: Mapping[str, Any]) -> Frame:
+    def _frame(self, shot: Shot, number: int, wanted: Mapping[str, Any]) -> Frame:
         """Return the finished frame, and send pictures of it until then."""
-        from ..shot.shot import Shot
-
-        shown, begun = time.monotonic(), wanted["settings"].get("passes")
+        due, begun = time.monotonic() + _BETWEEN, wanted["settings"].get("passes")
 
         def progress(done: int, statistics: Statistics) -> None:
             self.tell("progress", number=number, done=done, planned=begun, error=statistics.error)
 
         def snapshot(frame: Callable[[], Frame]) -> None:
-            nonlocal shown
-            if time.monotonic() - shown > _BETWEEN:
+            nonlocal due
+            if (begin := time.monotonic()) > due:
                 self.tell("picture", number=number, layers=frame().layers)
-                shown = time.monotonic()
+                due = time.monotonic() + max(_BETWEEN, _REST * (time.monotonic() - begin))
 
-        shot = Shot(self._stage, wanted["camera"])
-        size = {name: wanted[name] for name in ("width", "height", "crop")}
+        size = {name: wanted[name] for name in ("width", "height", "crop", "pixel_aspect") if name in wanted}
         return shot.render(progress=progress, snapshot=snapshot, **size, **wanted["settings"])
 
 

@@ -85,6 +85,15 @@ def test_the_error_does_not_jump_where_half_of_the_light_has_no_noise(rng):
     assert few == pytest.approx(many, rel=0.1) and many == pytest.approx(0.5 / np.sqrt(12 * 64), rel=0.15)
 
 
+def test_the_error_of_infinite_light_is_not_known():
+    sums = PassSums()
+    for number in range(3):
+        light = np.ones(9, np.float32) + number
+        light[4] = np.inf
+        sums.add(number, {"light": light, "squares": light**2})
+    assert np.isnan(sums.error())
+
+
 def test_the_error_of_light_whose_squares_overflow_is_not_known():
     sums = PassSums()
     for number, light in enumerate((2e19, 1e19, 3e19)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -32,6 +33,7 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
     bl_label = "Photon Beams"
     bl_use_preview = False
     bl_use_eevee_viewport = True
+    bl_use_shading_nodes_custom = False  # materials are edited as for Cycles
     bl_use_postprocess = True
 
     def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
@@ -60,25 +62,31 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
                 reader = SceneReader(depsgraph, folder, tell)
                 renderer = SHARED.get(chosen_python())
                 renderer.send("scene", prims=reader.prims(), whole=True)
+                if scene.render.film_transparent and scene.world is not None:
+                    tell("Transparent film: the sky's light is in the picture, where alpha is 0")
                 for view in _views(scene):
                     if view:
                         self.active_view_set(view)
-                    if not self._rendered(renderer, reader, camera, scene, view, tell):
+                    if not self._rendered(renderer, reader, camera, depsgraph, view, tell):
                         return
         except NoRendererError as error:
             self._fail(str(error))
 
     def _rendered(
-        self, renderer: Renderer, reader: SceneReader, camera: Any, scene: Any, view: str, tell: Any
+        self, renderer: Renderer, reader: SceneReader, camera: Any, depsgraph: Any, view: str, tell: Any
     ) -> bool:  # fmt: skip
         """Render a view; return whether it is finished."""
-        whole, crop = picture_size(scene.render), border(scene.render)
+        scene, whole = depsgraph.scene, (self.resolution_x, self.resolution_y)
+        x0, y0, x1, y1 = border(scene.render, whole)
         shift = self.camera_shift_x(camera) - camera.data.shift_x  # of one of two eyes
         renderer.send("scene", prims=[reader.camera(camera, self.camera_model_matrix(camera), whole, shift)])
         renderer.rendered += 1
         number = renderer.rendered
         renderer.send(
-            "render", number=number, camera=CAMERA, width=whole[0], height=whole[1], crop=crop,
+            "render", number=number, camera=CAMERA, width=whole[0], height=whole[1],
+            # A little inside of the first pixel, which is found by rounding down.
+            crop=[(x0 + 1e-4) / whole[0], (y0 + 1e-4) / whole[1], x1 / whole[0], y1 / whole[1]],
+            pixel_aspect=scene.render.pixel_aspect_x / scene.render.pixel_aspect_y,
             settings=scene.photonbeams.arguments(),
         )  # fmt: skip
         while True:
@@ -93,7 +101,7 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
                 case "progress":
                     self._tell_progress(message)
                 case "picture":
-                    self._show(message["layers"], view, scene.render.film_transparent)
+                    self._show(message["layers"], depsgraph, view, reader.groups)
                 case "end":
                     if message["problem"]:
                         self._fail(message["problem"])
@@ -113,22 +121,24 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
     def _cancelled(self, renderer: Renderer, number: int) -> bool:
         """End a render that is not wanted; return False."""
         renderer.send("cancel", number=number)
-        for _ in range(round(_PATIENCE / _WAIT)):
+        until = time.monotonic() + _PATIENCE
+        while time.monotonic() < until:
             message = renderer.receive(_WAIT)
             if message is not None and message["is"] == "end" and message["number"] == number:
                 return False
         SHARED.close()
         return False
 
-    def _show(self, layers: dict[str, Any], view: str, transparent: bool) -> None:
-        """Put layers into Blender's render result."""
+    def _show(self, layers: dict[str, Any], depsgraph: Any, view: str, groups: dict[str, str]) -> None:
+        """Put layers into Blender's render result; `groups` are the names of light groups here, by Blender's."""
+        transparent = depsgraph.scene.render.film_transparent
         height, width = layers["rgba"].shape[:2]
-        result = self.begin_result(0, 0, width, height, view=view)
+        result = self.begin_result(0, 0, width, height, layer=depsgraph.view_layer.name, view=view)
         try:
             found = {name: layer for name, *_, layer in PASSES}
+            found |= {_GROUP + name: _GROUP_LAYER + token for name, token in groups.items()}
             for each in result.layers[0].passes:
-                group = each.name.startswith(_GROUP)
-                name = _GROUP_LAYER + each.name[len(_GROUP) :] if group else found.get(each.name, "")
+                name = found.get(each.name, "")
                 if name in layers:
                     each.rect.foreach_set(_pixels(layers[name], each.channels, name, transparent).ravel())
         finally:
@@ -145,17 +155,17 @@ def _pixels(layer: Any, channels: int, name: str, transparent: bool) -> Any:
     return pixels
 
 
-def picture_size(render: Any) -> tuple[int, int]:
-    """Return the width and the height of the whole picture."""
-    scale = render.resolution_percentage / 100
-    return max(1, int(render.resolution_x * scale)), max(1, int(render.resolution_y * scale))
-
-
-def border(render: Any) -> list[float] | None:
-    """Return the part that is rendered, x0, y0, x1, y1 in fractions from the top left; None: all."""
+def border(render: Any, whole: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Return the pixels that are rendered, x0, y0, x1, y1 from the top left, rounded as Blender does."""
+    width, height = whole
     if not render.use_border:
-        return None
-    return [render.border_min_x, 1 - render.border_max_y, render.border_max_x, 1 - render.border_min_y]
+        return 0, 0, width, height
+
+    def rounded(edge: float, size: int) -> int:
+        return int(np.float32(edge) * np.float32(size))
+
+    x0, x1 = rounded(render.border_min_x, width), rounded(render.border_max_x, width)
+    return x0, height - rounded(render.border_max_y, height), x1, height - rounded(render.border_min_y, height)
 
 
 def _views(scene: Any) -> Iterator[str]:

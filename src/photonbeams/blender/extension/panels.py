@@ -5,11 +5,16 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import bpy
+from bl_ui.properties_view_layer import ViewLayerLightgroupsPanelHelper
 
 from .engine import ENGINE
 
-# Panels of Blender's that make no sense here.
+# Panels of Blender's that make no sense here, and those of EEVEE that do.
 _HIDDEN = {"VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes", "RENDER_PT_simplify_greasepencil"}
+_OF_EEVEE = {
+    "DATA_PT_EEVEE_light", "EEVEE_MATERIAL_PT_context_material", "EEVEE_MATERIAL_PT_surface",
+    "EEVEE_MATERIAL_PT_volume", "EEVEE_WORLD_PT_surface", "EEVEE_WORLD_PT_volume",
+}  # fmt: skip
 
 
 class _RenderPanel(bpy.types.Panel):
@@ -58,7 +63,50 @@ class PHOTONBEAMS_PT_light(_RenderPanel):  # noqa: N801
         layout.prop(settings, "estimator")
 
 
-CLASSES = (PHOTONBEAMS_PT_sampling, PHOTONBEAMS_PT_light)
+class PHOTONBEAMS_PT_film(_RenderPanel):  # noqa: N801
+    """What the picture has where nothing is."""
+
+    bl_label = "Film"
+
+    def draw(self, context: Any) -> None:
+        """Draw the panel."""
+        self.layout.use_property_split = True
+        self.layout.prop(context.scene.render, "film_transparent", text="Transparent")
+
+
+class PHOTONBEAMS_PT_light_groups(ViewLayerLightgroupsPanelHelper, bpy.types.Panel):  # noqa: N801
+    """The light groups of a view layer, each of which has a render pass."""
+
+    COMPAT_ENGINES: ClassVar = {ENGINE}
+
+
+class PHOTONBEAMS_PT_light_group(bpy.types.Panel):  # noqa: N801
+    """The light group of a lamp."""
+
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "object"
+    bl_label = "Light Group"
+    COMPAT_ENGINES: ClassVar = {ENGINE}
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        """Return whether the scene is rendered by this engine, and the object is a lamp."""
+        return context.engine in cls.COMPAT_ENGINES and context.object is not None and context.object.type == "LIGHT"
+
+    def draw(self, context: Any) -> None:
+        """Draw the panel."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop_search(
+            context.object, "lightgroup", context.view_layer, "lightgroups", results_are_suggestions=True
+        )
+
+
+CLASSES = (
+    PHOTONBEAMS_PT_sampling, PHOTONBEAMS_PT_light, PHOTONBEAMS_PT_film, PHOTONBEAMS_PT_light_groups,
+    PHOTONBEAMS_PT_light_group,
+)  # fmt: skip
 
 
 def _shared() -> list[Any]:
@@ -66,7 +114,8 @@ def _shared() -> list[Any]:
     return [
         each
         for each in bpy.types.Panel.__subclasses__()
-        if "BLENDER_RENDER" in getattr(each, "COMPAT_ENGINES", ()) and each.__name__ not in _HIDDEN
+        if ("BLENDER_RENDER" in getattr(each, "COMPAT_ENGINES", ()) and each.__name__ not in _HIDDEN)
+        or each.__name__ in _OF_EEVEE
     ]
 
 

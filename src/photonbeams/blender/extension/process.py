@@ -29,14 +29,15 @@ def python_of(chosen: str) -> str:
     if chosen or (chosen := os.environ.get(VARIABLE, "")):
         return chosen
     command = shutil.which("photonbeams")
-    beside = [] if command is None else sorted(Path(os.path.realpath(command)).parent.glob("python*"))
-    found = [each for each in beside if each.stem == "python"]
-    if not found:
+    folder = Path() if command is None else Path(os.path.realpath(command)).parent
+    names = (folder / "python", folder / "python3", folder / "python.exe", folder.parent / "python.exe")
+    found = next((each for each in names if command is not None and each.exists()), None)
+    if found is None:
         raise NoRendererError(
-            "photonbeams was not found: expected a Python that has it (pip install photonbeams) in the preferences of "
-            "this add-on"
+            "photonbeams was not found: expected a Python that has it (pip install 'photonbeams[usd]') in the "
+            "preferences of this add-on"
         )
-    return str(found[0])
+    return str(found)
 
 
 class Renderer:
@@ -59,7 +60,7 @@ class Renderer:
         environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
         try:
             self._process = subprocess.Popen(
-                [python, "-I", "-m", "photonbeams.blender.worker"],
+                [python, "-P", "-m", "photonbeams.blender.worker"],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, env=environment,
             )  # fmt: skip
         except OSError as error:
@@ -69,9 +70,11 @@ class Renderer:
 
     def _receive(self) -> None:
         assert self._process.stdout is not None
-        while (message := messages.read(self._process.stdout)) is not None:
-            self._came.put(message)
-        self._came.put(None)
+        try:
+            while (message := messages.read(self._process.stdout)) is not None:
+                self._came.put(message)
+        finally:
+            self._came.put(None)
 
     @property
     def alive(self) -> bool:
@@ -102,10 +105,15 @@ class Renderer:
         return message
 
     def _ended(self) -> NoRendererError:
-        self._process.wait(_PATIENCE)
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_PATIENCE)
+        self._process.kill()
+        code = self._process.wait()
         self._log.seek(0)
         lines = self._log.read().decode(errors="replace").strip().splitlines()
-        why = lines[-1][:200] if lines else f"code {self._process.returncode}"
+        why = (
+            f"code {code}" if code < 0 or not lines else lines[-1][:180]
+        )  # below 0: a signal, of which nothing is said
         return NoRendererError(f"the renderer has ended ({why}): the next render starts it again")
 
     def close(self) -> None:

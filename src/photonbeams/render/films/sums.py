@@ -102,8 +102,10 @@ class PassSums:
         order = np.argsort(relative)
         # Without weights, many pixels that hardly any light reaches would decide alone. Where half of the light has no
         # noise, the median would be the error of either half. A mean of all would be that of fireflies.
-        light = np.cumsum(mean[lit][order], dtype=np.float64) / mean[lit].sum(dtype=np.float64)
-        shares = np.diff(np.clip(light, 0.25, 0.75), prepend=0.25)
+        light = np.cumsum(mean[lit][order], dtype=np.float64)
+        if not np.isfinite(light[-1]):
+            return float("nan")
+        shares = np.diff(np.clip(light / light[-1], 0.25, 0.75), prepend=0.25)
         counted = shares > 0
         middle = float(2 * (relative[order][counted] * shares[counted]).sum())
         return middle if np.isfinite(middle) else float("nan")

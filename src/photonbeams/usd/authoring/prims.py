@@ -34,7 +34,7 @@ def new_stage(up_axis: str, meters_per_unit: float) -> Usd.Stage:
 
 
 def write_prims(stage: Usd.Stage, prims: Iterable[Mapping[str, Any]]) -> None:
-    """Write prims into the layer that the stage edits; each replaces what was written of the same path.
+    """Write prims into the layer that the stage edits; each replaces what was written of its path and below.
 
     Raises
     ------
@@ -54,11 +54,11 @@ def remove_prims(stage: Usd.Stage, paths: Iterable[str]) -> None:
     """Remove prims from the layer that the stage edits; paths without a prim are left alone."""
     layer = stage.GetEditTarget().GetLayer()
     with Sdf.ChangeBlock():
-        edit = Sdf.BatchNamespaceEdit()
-        for path in paths:
+        for path in map(Sdf.Path, paths):
             if layer.GetPrimAtPath(path) is not None:
+                edit = Sdf.BatchNamespaceEdit()
                 edit.Add(path, Sdf.Path.emptyPath)
-        layer.Apply(edit)
+                layer.Apply(edit)
 
 
 def _write(layer: Sdf.Layer, given: Mapping[str, Any]) -> None:
@@ -75,8 +75,9 @@ def _write(layer: Sdf.Layer, given: Mapping[str, Any]) -> None:
         values["xformOpOrder"] = ["token[]", [_TRANSFORM]]
     sources, targets = given.get("sources", {}), given.get("targets", {})
     for own in list(spec.properties):
-        if own.name not in values and own.name not in sources and own.name not in targets:
-            spec.RemoveProperty(own)
+        spec.RemoveProperty(own)
+    for child in list(spec.nameChildren):
+        del spec.nameChildren[child.name]
     for name, (kind, value, *interpolation) in values.items():
         attribute = _attribute(spec, name, kind)
         attribute.default = _value(kind, value)
@@ -85,16 +86,11 @@ def _write(layer: Sdf.Layer, given: Mapping[str, Any]) -> None:
     for name, (kind, source) in sources.items():
         _attribute(spec, name, kind).connectionPathList.explicitItems = [Sdf.Path(source)]
     for name, paths in targets.items():
-        found = spec.relationships.get(name) or Sdf.RelationshipSpec(spec, name, custom=False)
+        found = Sdf.RelationshipSpec(spec, name, custom=False)
         found.targetPathList.explicitItems = [Sdf.Path(each) for each in paths]
 
 
 def _attribute(spec: Sdf.PrimSpec, name: str, kind: str) -> Sdf.AttributeSpec:
-    found = spec.attributes.get(name)
-    if found is not None and str(found.typeName) == kind:
-        return found
-    if found is not None:
-        spec.RemoveProperty(found)
     uniform = Sdf.VariabilityUniform if name in _UNIFORM else Sdf.VariabilityVarying
     return Sdf.AttributeSpec(spec, name, Sdf.ValueTypeNames.Find(kind), uniform, declaresCustom=False)
 

@@ -6,9 +6,10 @@ from math import degrees, pi
 from typing import Any
 
 import numpy as np
+from mathutils import Euler
 
 from .images import Images
-from .nodes import Texture, Told, color_of, number_of, output_of, source_of, value_of
+from .nodes import Told, color_of, number_of, output_of, source_of
 
 # Blender's area lights shine along −Z, as those of UsdLux do.
 _SHAPED = "ShapingAPI"
@@ -23,37 +24,40 @@ def light_prim(light: Any, path: str, told: Told) -> dict[str, Any]:
     color = np.array(light.color[:]) * tint
     if light.use_temperature:
         color = color * np.array(light.temperature_color[:])
-    values: dict[str, Any] = {"inputs:color": ["color3f", color.tolist()], "inputs:normalize": ["bool", True]}
-    apis: list[str] = []
+    values: dict[str, Any] = {"inputs:color": ["color3f", color.tolist()]}
+    normalized, apis = light.normalize, list[str]()
     match light.type:
         case "SUN":
             kind, intensity = "DistantLight", light.energy
+            normalized |= light.angle == 0
             values["inputs:angle"] = ["float", degrees(light.angle)]
         case "AREA":
-            kind, own, area = _area(light)
+            kind, own = _area(light)
             values |= own
-            intensity = light.energy / pi * (1.0 if light.normalize else area)
+            intensity = light.energy / pi
             if light.spread < pi - 1e-4:
                 told(f"{light.name}: the spread of an area light is not rendered")
         case _:
             kind, radius = "SphereLight", light.shadow_soft_size
             values |= {"inputs:radius": ["float", radius], "treatAsPoint": ["bool", radius == 0]}
-            intensity = light.energy / pi * (1.0 if light.normalize or radius == 0 else 4 * pi * radius**2)
+            intensity = light.energy / pi
+            normalized |= radius == 0
             if light.type == "SPOT":
                 apis.append(_SHAPED)
                 values["inputs:shaping:cone:angle"] = ["float", degrees(light.spot_size / 2)]
                 values["inputs:shaping:cone:softness"] = ["float", light.spot_blend]
     values["inputs:intensity"] = ["float", intensity * factor]
+    values["inputs:normalize"] = ["bool", normalized]
     return {"path": path, "type": kind, "apis": apis, "values": values}
 
 
-def _area(light: Any) -> tuple[str, dict[str, Any], float]:
-    """Return the type, the size and the area of an area light."""
+def _area(light: Any) -> tuple[str, dict[str, Any]]:
+    """Return the type and the size of an area light; `stretch_of` is that of discs."""
     wide = light.size
     high = light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else wide
     if light.shape in ("DISK", "ELLIPSE"):
-        return "DiskLight", {"inputs:radius": ["float", 0.5]}, pi / 4 * wide * high
-    return "RectLight", {"inputs:width": ["float", wide], "inputs:height": ["float", high]}, wide * high
+        return "DiskLight", {"inputs:radius": ["float", 0.5]}
+    return "RectLight", {"inputs:width": ["float", wide], "inputs:height": ["float", high]}
 
 
 def stretch_of(light: Any) -> Any:
@@ -94,20 +98,23 @@ def world_prims(world: Any, path: str, images: Images, told: Told) -> list[dict[
     strength = number_of(node, "Strength", told, 1.0)
     color = source_of(node.inputs["Color"])
     if color is not None and color.node.type == "TEX_ENVIRONMENT" and color.node.image is not None:
-        return _dome(path, strength, np.ones(3), images.file_of(color.node.image), _turned(color.node))
-    found = value_of(node, "Color", told)
-    return _dome(path, strength, np.ones(3) if isinstance(found, Texture) else np.array(found[:3]))  # type: ignore[index]
+        return _dome(path, strength, np.ones(3), images.file_of(color.node.image), _turned(color.node, told))
+    return _dome(path, strength, np.array(color_of(node, "Color", told)))
 
 
-def _turned(node: Any) -> Any:
+def _turned(node: Any, told: Told) -> Any:
     """Return the rotation (4, 4) of an environment's Mapping node, of row vectors."""
+    if node.projection != "EQUIRECTANGULAR":
+        told(f"{node.name} is a mirror ball, which is not rendered: it is read as equirectangular")
     vector = source_of(node.inputs["Vector"])
-    if vector is None or vector.node.type != "MAPPING":
+    if vector is None or (vector.node.type == "TEX_COORD" and vector.name == "Generated"):
         return np.eye(4)
-    from mathutils import Euler
-
-    turn = Euler(vector.node.inputs["Rotation"].default_value).to_matrix().to_4x4()
-    return np.array(turn)  # its inverse, transposed: textures turn against their vectors
+    if vector.node.type != "MAPPING" or vector.node.inputs["Rotation"].is_linked:
+        told(f"the coordinates of {node.name} are not rendered: the sky is not turned")
+        return np.eye(4)
+    turn = np.array(Euler(vector.node.inputs["Rotation"].default_value).to_matrix().to_4x4())
+    # Textures turn against their vectors: the inverse, transposed for row vectors.
+    return turn.T if vector.node.vector_type == "TEXTURE" else turn
 
 
 def _dome(path: str, strength: float, color: Any, file: str = "", turn: Any = None) -> list[dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import degrees
 from typing import Any
 
 from .images import Images
@@ -20,6 +21,11 @@ _PRINCIPLED = {
     "base_color": "Base Color", "base_metalness": "Metallic", "specular_roughness": "Roughness", "specular_ior": "IOR",
     "transmission_weight": "Transmission Weight", "coat_weight": "Coat Weight", "coat_roughness": "Coat Roughness",
     "emission_color": "Emission Color", "emission_luminance": "Emission Strength", "geometry_opacity": "Alpha",
+}  # fmt: skip
+# Inputs that are not rendered, and their values that make no difference.
+_IGNORED = {
+    "Subsurface Weight": 0.0, "Specular IOR Level": 0.5, "Anisotropic": 0.0, "Sheen Weight": 0.0,
+    "Thin Film Thickness": 0.0, "Normal": None, "Coat Normal": None,
 }  # fmt: skip
 _GREY = (0.8, 0.8, 0.8)
 _BLACK = (0.0, 0.0, 0.0)
@@ -40,14 +46,17 @@ def has_surface(material: Any) -> bool:
 
 def material_prims(material: Any, path: str, images: Images, told: Told) -> list[dict[str, Any]]:
     """Return the prims of a material: itself, its shader and its textures."""
-    surface = surface_of(material, lambda text: told(f"Material {material.name}: {text}"))
-    prims: list[dict[str, Any]] = []
+
+    def tell(text: str) -> None:
+        told(f"Material {material.name}: {text}")
+
+    surface, prims = surface_of(material, tell), list[dict[str, Any]]()
     values: dict[str, Any] = {"info:id": ["token", _SHADER]}
     sources: dict[str, Any] = {}
     for name, value in surface.items():
         kind = _KINDS[name]
         if isinstance(value, Texture):
-            own, output = _texture_prims(value, kind, f"{path}/{name}", images)
+            own, output = _texture_prims(value, kind, f"{path}/{name}", images, tell)
             prims += own
             sources[f"inputs:{name}"] = [kind, output]
         elif kind == "float":
@@ -60,23 +69,62 @@ def material_prims(material: Any, path: str, images: Images, told: Told) -> list
     return [{"path": path, "type": "Material", "sources": out}, shader, *prims]
 
 
-def _texture_prims(texture: Texture, kind: str, path: str, images: Images) -> tuple[list[dict[str, Any]], str]:
+def _texture_prims(
+    texture: Texture, kind: str, path: str, images: Images, told: Told
+) -> tuple[list[dict[str, Any]], str]:  # fmt: skip
     """Return the prims of a texture, and the path of the output that has its value."""
     node, colored = texture.node, kind == "color3f"
     repeat = {"REPEAT": "repeat", "EXTEND": "clamp", "CLIP": "black", "MIRROR": "mirror"}[node.extension]
-    space = "raw" if node.image.colorspace_settings.is_data or not colored else "auto"
+    if node.projection != "FLAT":
+        told(f"{node.name} is projected as {node.projection.lower()}, which is not rendered: the UVs are used")
     values = {
         "info:id": ["token", "UsdUVTexture"], "inputs:file": ["asset", images.file_of(node.image)],
         "inputs:wrapS": ["token", repeat], "inputs:wrapT": ["token", repeat],
-        "inputs:sourceColorSpace": ["token", space],
+        "inputs:sourceColorSpace": ["token", _space_of(node.image, told)],
     }  # fmt: skip
     reader = {"info:id": ["token", "UsdPrimvarReader_float2"], "inputs:varname": ["string", "st"]}
-    prims = [
-        {"path": path, "type": "Shader", "values": values,
-         "sources": {"inputs:st": ["float2", f"{path}_st.outputs:result"]}},
-        {"path": f"{path}_st", "type": "Shader", "values": reader},
-    ]  # fmt: skip
+    prims = [{"path": f"{path}_st", "type": "Shader", "values": reader}]
+    place = f"{path}_st.outputs:result"
+    if (moved := _placement(node, told)) is not None:
+        source = {"inputs:in": ["float2", place]}
+        prims.append({"path": f"{path}_placed", "type": "Shader", "values": moved, "sources": source})
+        place = f"{path}_placed.outputs:result"
+    prims.append({"path": path, "type": "Shader", "values": values, "sources": {"inputs:st": ["float2", place]}})
     return prims, f"{path}.outputs:{'rgb' if colored else 'a' if texture.alpha else 'r'}"
+
+
+def _space_of(image: Any, told: Told) -> str:
+    """Return the colour space of an image's values."""
+    name = image.colorspace_settings.name
+    if image.colorspace_settings.is_data or name.startswith("Linear Rec.709"):
+        return "raw"
+    if name != "sRGB":
+        told(f"{image.name} is in {name}: it is read as sRGB")
+    return "sRGB"
+
+
+def _placement(node: Any, told: Told) -> dict[str, Any] | None:
+    """Return the values of a UsdTransform2d that moves UVs as a Mapping node does; None: they are not moved."""
+    source = source_of(node.inputs["Vector"])
+    if source is None:
+        return None
+    found, moved = source, None
+    if source.node.type == "MAPPING":
+        found = source_of(source.node.inputs["Vector"])
+        inputs = [source.node.inputs[name] for name in ("Location", "Rotation", "Scale") if name in source.node.inputs]
+        if source.node.vector_type == "POINT" and not any(each.is_linked for each in inputs):
+            location, rotation, scale = (tuple(each.default_value) for each in inputs)
+            moved = {
+                "info:id": ["token", "UsdTransform2d"],
+                "inputs:scale": ["float2", list(scale[:2])],
+                "inputs:rotation": ["float", degrees(rotation[2])],
+                "inputs:translation": ["float2", list(location[:2])],
+            }
+        else:
+            told(f"{source.node.name} is not rendered: the UVs are used as they are")
+    if found is not None and not (found.node.type == "TEX_COORD" and found.name == "UV"):
+        told(f"the coordinates of {node.name} are not rendered: the active UVs are used")
+    return moved
 
 
 def surface_of(material: Any, told: Told) -> Surface:
@@ -97,6 +145,7 @@ def _shaded(node: Any, told: Told) -> Surface:
     match node.type:
         case "BSDF_PRINCIPLED":
             found = {name: value(theirs) for name, theirs in _PRINCIPLED.items()}
+            _tell_ignored(node, told)
             return {
                 **{name: each for name, each in found.items() if each is not None},
                 "transmission_color": found["base_color"],
@@ -120,6 +169,16 @@ def _shaded(node: Any, told: Told) -> Surface:
             return _added(_linked(node.inputs[0], told), _linked(node.inputs[1], told), told)
     told(f"{node.name} is not rendered: the surface is grey")
     return {"base_color": _GREY}
+
+
+def _tell_ignored(node: Any, told: Told) -> None:
+    """Say which inputs of a Principled BSDF are not rendered though they would make a difference."""
+    for name, plain in _IGNORED.items():
+        socket = node.inputs.get(name)
+        if socket is None:
+            continue
+        if socket.is_linked or (plain is not None and abs(socket.default_value - plain) > 1e-6):
+            told(f"{name} of {node.name} is not rendered")
 
 
 def _linked(socket: Any, told: Told) -> Surface:

@@ -9,8 +9,6 @@ from typing import Any
 #: Called with a sentence about what is not rendered as in Blender.
 Told = Callable[[str], None]
 
-_PASSES = {"REROUTE": 0, "SEPARATE_COLOR": 0, "RGBTOBW": 0}
-
 
 @dataclass(frozen=True)
 class Texture:
@@ -39,6 +37,8 @@ def source_of(socket: Any) -> Any:
         return None
     found = socket.links[0].from_socket
     node = found.node
+    if node.mute:
+        return None
     if node.type == "REROUTE":
         return source_of(node.inputs[0])
     if node.type == "GROUP" and node.node_tree is not None:
@@ -60,8 +60,6 @@ def value_of(node: Any, name: str, told: Told) -> Value | None:
         return Texture(made, source.name == "Alpha")
     if made.type in ("RGB", "VALUE"):
         return _plain(source.default_value)
-    if made.type == "BLACKBODY":
-        return _plain(socket.default_value)
     told(f"{name} of {node.name} comes from {made.name}, which is not rendered: its own value is used")
     return _plain(socket.default_value)
 
@@ -69,6 +67,8 @@ def value_of(node: Any, name: str, told: Told) -> Value | None:
 def number_of(node: Any, name: str, told: Told, otherwise: float = 0.0) -> float:
     """Return the number of an input, the mean of a colour's channels; images count as `otherwise`."""
     found = value_of(node, name, told)
+    if isinstance(found, Texture):
+        told(f"the image of {name} of {node.name} is not rendered: it counts as {otherwise:g}")
     if isinstance(found, Texture) or found is None:
         return otherwise
     return found if isinstance(found, float) else sum(found[:3]) / 3
@@ -77,6 +77,8 @@ def number_of(node: Any, name: str, told: Told, otherwise: float = 0.0) -> float
 def color_of(node: Any, name: str, told: Told) -> tuple[float, float, float]:
     """Return the colour of an input; images count as white."""
     found = value_of(node, name, told)
+    if isinstance(found, Texture):
+        told(f"the image of {name} of {node.name} is not rendered: it counts as white")
     if isinstance(found, Texture) or found is None:
         return (1.0, 1.0, 1.0)
     return (found,) * 3 if isinstance(found, float) else tuple(found[:3])  # type: ignore[return-value]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,9 @@ from .meshes import faces_by_material, mesh_values
 
 CAMERA = "/Camera"
 _MESHES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
+_UNREAD = {
+    "VOLUME": "a volume of OpenVDB", "CURVES": "hair", "POINTCLOUD": "a cloud of points", "GREASEPENCIL": "a drawing"
+}  # fmt: skip
 
 
 class SceneReader:
@@ -34,6 +38,9 @@ class SceneReader:
 
     def __init__(self, depsgraph: Any, folder: str, told: Callable[[str], None]) -> None:
         self._depsgraph, self._told, self._images = depsgraph, told, Images(folder)
+        self._layer = depsgraph.view_layer
+        #: The names of light groups here, by those in Blender.
+        self.groups: dict[str, str] = {}
         self._taken: set[str] = set()
         self._materials: dict[str, str] = {}
         self._geometry: dict[Any, tuple[dict[str, Any], dict[int, Any]] | None] = {}
@@ -43,16 +50,25 @@ class SceneReader:
         """Return the prims of all but the camera."""
         for each in self._depsgraph.object_instances:
             thing = each.object
-            if not each.show_self or thing.is_holdout:
+            if not each.show_self or self._left_out(each.parent or thing):
                 continue
-            if thing.type == "LIGHT":
+            if thing.type == "LIGHT" and not getattr(getattr(thing.data, "cycles", None), "is_portal", False):
                 self._add_light(thing, np.array(each.matrix_world))
             elif thing.type in _MESHES:
                 self._add_mesh(thing, np.array(each.matrix_world))
-            elif thing.type == "VOLUME":
-                self._told(f"{thing.name}: volumes of OpenVDB are not rendered yet")
-        self._add_world(self._depsgraph.scene.world)
+            elif thing.type in _UNREAD:
+                self._told(f"{thing.name} is {_UNREAD[thing.type]}, which is not rendered")
+        self._add_world(self._layer.world_override or self._depsgraph.scene.world)
         return self._prims
+
+    def _left_out(self, thing: Any) -> bool:
+        """Return whether an object is a holdout or seen only indirectly, which is told."""
+        own = thing.original
+        for what, wanted in (("a holdout", own.holdout_get), ("seen only indirectly", own.indirect_only_get)):
+            if wanted(view_layer=self._layer):
+                self._told(f"{thing.name} is {what}, which is not rendered: it is left out")
+                return True
+        return False
 
     def camera(self, camera: Any, to_world: Any, size: tuple[int, int], shift: float = 0.0) -> dict[str, Any]:
         """Return the prim of a camera that sees the picture of this size; arguments as for `camera_prim`."""
@@ -76,20 +92,30 @@ class SceneReader:
         prim = light_prim(light, self._path("/Lights", thing.name), self._told)
         pose = matrix.copy()
         scale = np.linalg.norm(pose[:3, :3], axis=0)
+        if light.type == "SPOT" and np.ptp(scale) > 1e-4 * scale.max():
+            self._told(f"{thing.name} is scaled unevenly: its cone is round")
         # Only area lights have the size of their object.
         pose[:3, :3] *= (1 if light.type == "AREA" else 1 / np.maximum(scale, 1e-30)) * stretch_of(light)
         prim["matrix"] = pose.T
         if thing.lightgroup:
-            prim["values"]["photonbeams:lightGroup"] = ["token", thing.lightgroup]
+            prim["values"]["photonbeams:lightGroup"] = ["token", self._group(thing.lightgroup)]
         self._prims.append(prim)
+
+    def _group(self, name: str) -> str:
+        """Return the name of a light group here, which consists of fewer letters than Blender allows."""
+        if name not in self.groups:
+            valid, taken = re.sub(r"[^A-Za-z0-9_-]", "_", name), set(self.groups.values())
+            self.groups[name] = next(each for k in count() if (each := f"{valid}_{k}" if k else valid) not in taken)
+        return self.groups[name]
 
     def _add_mesh(self, thing: Any, matrix: Any) -> None:
         found = self._mesh(thing)
         if found is None:
             return
         values, faces = found
-        slots = [each.material for each in thing.material_slots]
-        materials = {slot: slots[min(slot, len(slots) - 1)] if slots else None for slot in faces}
+        override = self._layer.material_override
+        slots = [override or each.material for each in thing.material_slots] or [override]
+        materials = {slot: slots[min(slot, len(slots) - 1)] for slot in faces}
         path = self._path("/Objects", thing.name)
         prim = {"path": path, "type": "Mesh", "matrix": matrix.T, "values": values, "apis": [], "targets": {}}
         self._prims.append(prim)
