@@ -41,7 +41,7 @@ WORKER = Path(__file__).with_name("cycles_worker.py")
 #: For each kind of scattering: the edges of our longest path, and Cycles' bounces in the medium.
 DEPTHS = {"single": (2, 0), "all": (-1, 1024)}
 #: Passes, and light paths per pass, from the cheapest up.
-LADDER = (*((1, 1 << k) for k in range(10, 15)), *((1 << k, 1 << 14) for k in range(1, 5)))
+LADDER = (*((1, 1 << k) for k in range(10, 15)), *((1 << k, 1 << 14) for k in range(1, 6)))
 #: What renders our pictures: `mi.render`, the same with `denoise`, and a `Shot` whose light has the hole as its portal.
 DOORS = (_, DENOISED, PORTAL) = ("mi.render", "denoised", "portal")
 ROUNDS = 3  # medians are over these, after one round that compiles kernels

@@ -172,6 +172,19 @@ def reading(folder):
     volume.inputs["Density"].default_value, volume.inputs["Color"].default_value = 2.0, (0.5, 0.25, 1.0, 1)
     inside.links.new(volume.outputs[0], inside.nodes["Material Output"].inputs["Volume"])
     bpy.data.objects["Cube"].data.materials[0] = foggy
+    hollow = bpy.data.materials.new("Hollow")  # neither surface nor volume
+    hollow.node_tree.nodes.clear()
+    hollow.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    bpy.ops.mesh.primitive_plane_add()
+    bpy.context.object.name = "Two"
+    bpy.context.object.data.materials.append(made)
+    bpy.ops.mesh.primitive_cube_add()
+    two = bpy.context.object
+    two.name = "Parts"
+    for each in (made, foggy, hollow):
+        two.data.materials.append(each)
+    for k, face in enumerate(two.data.polygons):
+        face.material_index = k % 3
     said = []
     prims = SceneReader(bpy.context.evaluated_depsgraph_get(), str(folder), said.append).prims()
     plain = {

@@ -132,6 +132,10 @@ def test_lights_and_materials_cross_over(tmp_path):
     assert placed["inputs:scale"] == [2, 3] and placed["inputs:rotation"] == pytest.approx(90)
     assert prims["/Materials/Textured/base_color"]["inputs:sourceColorSpace"] == "sRGB" and found["painted"]
     assert "Sheen Weight" in said and "Mapping" not in said
+    assert {name for name in prims if name.startswith("/Objects/Parts/")} == {
+        f"/Objects/Parts/Part{k}" for k in range(3)
+    }
+    assert "Parts has a surface" in said
     fog = prims["/Objects/Cube"]
     assert fog["photonbeams:scattering"] == [1.0, 0.5, 2.0] and fog["photonbeams:absorption"] == [1.0, 1.5, 0.0]
 

@@ -13,10 +13,7 @@ APIS = ["PhotonBeamsMediumAPI"]
 
 def medium_of(owner: Any, told: Told) -> dict[str, Any] | None:
     """Return the attributes of the volume of a material or a world; None if it has none."""
-    if owner is None or owner.node_tree is None:
-        return None
-    output = output_of(owner.node_tree, "OUTPUT_MATERIAL") or output_of(owner.node_tree, "OUTPUT_WORLD")
-    source = None if output is None else source_of(output.inputs["Volume"])
+    source = _source(owner)
     if source is None:
         return None
     found = _volume(source.node, lambda text: told(f"{owner.name}: {text}"))
@@ -28,6 +25,19 @@ def medium_of(owner: Any, told: Told) -> dict[str, Any] | None:
         "photonbeams:absorption": ["color3f", absorption.tolist()],
         "photonbeams:anisotropy": ["float", anisotropy],
     }
+
+
+def has_volume(owner: Any) -> bool:
+    """Return whether a material or a world has a volume."""
+    return _source(owner) is not None
+
+
+def _source(owner: Any) -> Any:
+    """Return the socket that the volume of a material or a world comes from; None if it has none."""
+    if owner is None or owner.node_tree is None:
+        return None
+    output = output_of(owner.node_tree, "OUTPUT_MATERIAL") or output_of(owner.node_tree, "OUTPUT_WORLD")
+    return None if output is None else source_of(output.inputs["Volume"])
 
 
 def _volume(node: Any, told: Told) -> tuple[Any, Any, float] | None:

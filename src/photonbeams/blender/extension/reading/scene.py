@@ -13,7 +13,7 @@ from .cameras import camera_prim
 from .images import Images
 from .lights import light_prim, stretch_of, world_prims
 from .materials import has_surface, material_prims
-from .media import APIS, medium_of
+from .media import APIS, has_volume, medium_of
 from .meshes import faces_by_material, mesh_values
 
 CAMERA = "/Camera"
@@ -116,27 +116,33 @@ class SceneReader:
         override = self._layer.material_override
         slots = [override or each.material for each in thing.material_slots] or [override]
         materials = {slot: slots[min(slot, len(slots) - 1)] for slot in faces}
-        path = self._path("/Objects", thing.name)
-        prim = {"path": path, "type": "Mesh", "matrix": matrix.T, "values": values, "apis": [], "targets": {}}
-        self._prims.append(prim)
-        if not any(has_surface(each) for each in materials.values()):
-            medium = medium_of(next(iter(materials.values())), self._told)
-            if medium is None:
-                self._prims.remove(prim)  # nothing of it is seen
-            else:
-                prim["values"], prim["apis"] = {**values, **medium}, APIS
-            return
-        prim["apis"] = ["MaterialBindingAPI"]
+        prim: dict[str, Any] = {
+            "path": self._path("/Objects", thing.name), "type": "Mesh", "matrix": matrix.T, "values": values,
+        }  # fmt: skip
+        if any(has_surface(each) for each in materials.values()):
+            if any(has_volume(each) for each in materials.values()):
+                self._told(f"{thing.name} has a surface: the volume inside it is not rendered")
+            self._prims += self._bound(prim, materials, faces)
+        elif (medium := medium_of(next(iter(materials.values())), self._told)) is not None:
+            self._prims.append({**prim, "apis": APIS, "values": {**values, **medium}})
+
+    def _bound(
+        self, prim: dict[str, Any], materials: dict[int, Any], faces: dict[int, Any]
+    ) -> list[dict[str, Any]]:  # fmt: skip
+        """Return the prim of a mesh with its material, or with a part of its faces for each of several."""
+        bound = {**prim, "apis": ["MaterialBindingAPI"]}
         if len(materials) == 1:
-            prim["targets"] = {"material:binding": [self._material(*materials.values())]}
-            return
-        for slot, material in materials.items():
-            self._prims.append({
-                "path": f"{path}/Part{slot}", "type": "GeomSubset", "apis": ["MaterialBindingAPI"],
+            return [{**bound, "targets": {"material:binding": [self._material(*materials.values())]}}]
+        parts = [
+            {
+                "path": f"{prim['path']}/Part{slot}", "type": "GeomSubset", "apis": ["MaterialBindingAPI"],
                 "values": {"elementType": ["token", "face"], "familyName": ["token", "materialBind"],
                            "indices": ["int[]", faces[slot]]},
                 "targets": {"material:binding": [self._material(material)]},
-            })  # fmt: skip
+            }
+            for slot, material in materials.items()
+        ]  # fmt: skip
+        return [bound, *parts]
 
     def _mesh(self, thing: Any) -> tuple[dict[str, Any], dict[int, Any]] | None:
         """Return the attributes and the faces of an object's mesh, which its instances share; None if it has none."""
