@@ -5,7 +5,7 @@ PYTHON_BIN := $(VENV)/bin/python
 
 # The two halves of the Talk's figure, from one render: the composite, and the beams alone.
 KEYHOLE := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda \
-	--passes 10 --denoise \
+	--passes 5 --denoise \
 	-o out/keyhole.exr -o out/keyhole.png --picture beams=out/keyhole.beams.png
 
 # Frames that are there already are not rendered again: `make flight` goes on where it was stopped.

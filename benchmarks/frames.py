@@ -30,7 +30,7 @@ class Case(NamedTuple):
 
 FLIGHT = {"passes": 16, "beams": 2048}
 CASES = {
-    "make keyhole": Case(None, None, (1280, 720), {"passes": 10, "denoise": True}, 10.0),
+    "make keyhole": Case(None, None, (1280, 720), {"passes": 5, "denoise": True}, 10.0),
     "a pass": Case(None, None, (1280, 720), {"passes": 1}),
     "a pass of nine times the pixels": Case(None, None, (3840, 2160), {"passes": 1}, None, 3.0),
     **{f"flight, frame {frame}": Case("Flight", frame, (640, 360), FLIGHT, 2.0) for frame in (1, 26, 51, 76)},
