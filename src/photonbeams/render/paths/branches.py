@@ -29,6 +29,10 @@ IDEAL = int(mi.BSDFFlags.Delta | mi.BSDFFlags.Null)
 #: Steps after which paths end if nothing else ends them, as between two mirrors.
 STEPS = 128
 
+# The least step beyond a surface: a fraction of the gap beside it, so that thin things are not left out; and a few
+# units in the last place of the distance from the camera.
+_LEAST_STEP, _ROUNDED = 0.1, 4e-7
+
 # How often a path splits in two, and the throughput below which branches end by Russian roulette.
 _SPLITS, _NEGLIGIBLE = 2, 1 / 8
 # A sample that selects the last of a BSDF's lobes, where 0 selects the first.
@@ -163,7 +167,10 @@ def _continued(
     throughput, clear = (each * factor for each in weights)
     spawned = leaving(hit, direction, tracing.world.size)
     # A primary ray keeps its origin, for the tiles; its `near` moves to the surface that it has passed.
-    distance = dr.dot(spawned - paths.origin, paths.direction)
+    # Along a surface the gap beside it brings no progress: without a least step, such a ray would meet it for ever.
+    reached = dr.dot(hit.p - paths.origin, paths.direction)
+    least = dr.maximum(_LEAST_STEP * dr.norm(spawned - hit.p), _ROUNDED * reached)
+    distance = dr.maximum(dr.dot(spawned - paths.origin, paths.direction), reached + least)
     following.origin = dr.select(straight, paths.origin, spawned)
     following.direction = dr.select(straight, paths.direction, Array3f(direction))
     following.near = dr.select(straight, distance, 0)
