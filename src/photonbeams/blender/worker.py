@@ -68,7 +68,7 @@ class Worker:
         from .. import __version__
 
         signal.signal(signal.SIGINT, self._leave)  # a parent that ignores it would hand this down
-        logging.getLogger("photonbeams").addHandler(_Warnings(self))
+        logging.getLogger("photonbeams").addHandler(_WarningHandler(self))
         threading.Thread(target=self._receive, daemon=True).start()
         self.tell("ready", version=__version__)
         try:
@@ -161,7 +161,7 @@ class Worker:
         return shot.render(progress=progress, snapshot=snapshot, **size, **wanted["settings"])
 
 
-class _Warnings(logging.Handler):
+class _WarningHandler(logging.Handler):
     """Sends what photonbeams warns of."""
 
     def __init__(self, worker: Worker) -> None:

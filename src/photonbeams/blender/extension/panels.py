@@ -17,6 +17,12 @@ _OF_EEVEE = {
 }  # fmt: skip
 
 
+def _split(layout: Any) -> Any:
+    """Return a layout with names left of the values, and without buttons for keyframes."""
+    layout.use_property_split, layout.use_property_decorate = True, False
+    return layout
+
+
 class _RenderPanel(bpy.types.Panel):
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
@@ -36,8 +42,7 @@ class PHOTONBEAMS_PT_sampling(_RenderPanel):  # noqa: N801 - Blender wants these
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        layout, settings = self.layout, context.scene.photonbeams
-        layout.use_property_split, layout.use_property_decorate = True, False
+        layout, settings = _split(self.layout), context.scene.photonbeams
         layout.prop(settings, "passes")
         heading = layout.row(heading="Until Error")
         heading.prop(settings, "use_error", text="")
@@ -56,11 +61,9 @@ class PHOTONBEAMS_PT_light(_RenderPanel):  # noqa: N801
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        layout, settings = self.layout, context.scene.photonbeams
-        layout.use_property_split, layout.use_property_decorate = True, False
-        layout.prop(settings, "bounces")
-        layout.prop(settings, "beams")
-        layout.prop(settings, "estimator")
+        layout = _split(self.layout)
+        for name in ("bounces", "beams", "estimator"):
+            layout.prop(context.scene.photonbeams, name)
 
 
 class PHOTONBEAMS_PT_film(_RenderPanel):  # noqa: N801
@@ -70,8 +73,7 @@ class PHOTONBEAMS_PT_film(_RenderPanel):  # noqa: N801
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        self.layout.use_property_split = True
-        self.layout.prop(context.scene.render, "film_transparent", text="Transparent")
+        _split(self.layout).prop(context.scene.render, "film_transparent", text="Transparent")
 
 
 class PHOTONBEAMS_PT_light_groups(ViewLayerLightgroupsPanelHelper, bpy.types.Panel):  # noqa: N801
@@ -96,9 +98,7 @@ class PHOTONBEAMS_PT_light_group(bpy.types.Panel):  # noqa: N801
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
-        layout.prop_search(
+        _split(self.layout).prop_search(
             context.object, "lightgroup", context.view_layer, "lightgroups", results_are_suggestions=True
         )
 

@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import tempfile
 import threading
-import time
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -105,15 +104,11 @@ class Renderer:
         return message
 
     def _ended(self) -> NoRendererError:
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(_PATIENCE)
-        self._process.kill()
-        code = self._process.wait()
+        code = self._waited()
         self._log.seek(0)
         lines = self._log.read().decode(errors="replace").strip().splitlines()
-        why = (
-            f"code {code}" if code < 0 or not lines else lines[-1][:180]
-        )  # below 0: a signal, of which nothing is said
+        killed = code < 0  # by a signal, of which the log says nothing
+        why = f"code {code}" if killed or not lines else lines[-1][:180]
         return NoRendererError(f"the renderer has ended ({why}): the next render starts it again")
 
     def close(self) -> None:
@@ -121,12 +116,15 @@ class Renderer:
         assert self._process.stdin is not None
         with suppress(OSError):
             self._process.stdin.close()
-        until = time.monotonic() + _PATIENCE
-        while self.alive and time.monotonic() < until:
-            time.sleep(0.01)
-        self._process.kill()
-        self._process.wait()
+        self._waited()
         self._log.close()
+
+    def _waited(self) -> int:
+        """Return the code with which the process ends, or is ended after a while."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_PATIENCE)
+        self._process.kill()
+        return self._process.wait()
 
 
 class Shared:

@@ -11,8 +11,6 @@ from mathutils import Euler
 from .images import Images
 from .nodes import Told, color_of, number_of, output_of, source_of
 
-# Blender's area lights shine along −Z, as those of UsdLux do.
-_SHAPED = "ShapingAPI"
 #: From a Blender world to the pole and the middle of a DomeLight: +Y to +Z, and +Z to +X. Of row vectors.
 _WORLD = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
@@ -26,24 +24,23 @@ def light_prim(light: Any, path: str, told: Told) -> dict[str, Any]:
         color = color * np.array(light.temperature_color[:])
     values: dict[str, Any] = {"inputs:color": ["color3f", color.tolist()]}
     normalized, apis = light.normalize, list[str]()
+    intensity = light.energy if light.type == "SUN" else light.energy / pi
     match light.type:
         case "SUN":
-            kind, intensity = "DistantLight", light.energy
+            kind = "DistantLight"
             normalized |= light.angle == 0
             values["inputs:angle"] = ["float", degrees(light.angle)]
         case "AREA":
             kind, own = _area(light)
             values |= own
-            intensity = light.energy / pi
             if light.spread < pi - 1e-4:
                 told(f"{light.name}: the spread of an area light is not rendered")
         case _:
             kind, radius = "SphereLight", light.shadow_soft_size
             values |= {"inputs:radius": ["float", radius], "treatAsPoint": ["bool", radius == 0]}
-            intensity = light.energy / pi
             normalized |= radius == 0
             if light.type == "SPOT":
-                apis.append(_SHAPED)
+                apis.append("ShapingAPI")
                 values["inputs:shaping:cone:angle"] = ["float", degrees(light.spot_size / 2)]
                 values["inputs:shaping:cone:softness"] = ["float", light.spot_blend]
     values["inputs:intensity"] = ["float", intensity * factor]
@@ -53,8 +50,7 @@ def light_prim(light: Any, path: str, told: Told) -> dict[str, Any]:
 
 def _area(light: Any) -> tuple[str, dict[str, Any]]:
     """Return the type and the size of an area light; `stretch_of` is that of discs."""
-    wide = light.size
-    high = light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else wide
+    wide, high = _size_of(light)
     if light.shape in ("DISK", "ELLIPSE"):
         return "DiskLight", {"inputs:radius": ["float", 0.5]}
     return "RectLight", {"inputs:width": ["float", wide], "inputs:height": ["float", high]}
@@ -64,7 +60,12 @@ def stretch_of(light: Any) -> Any:
     """Return the scale (3,) of a light's own shape: a DiskLight is round, an area light may be an ellipse."""
     if light.type != "AREA" or light.shape not in ("DISK", "ELLIPSE"):
         return np.ones(3)
-    return np.array([light.size, light.size_y if light.shape == "ELLIPSE" else light.size, 1.0])
+    return np.array([*_size_of(light), 1.0])
+
+
+def _size_of(light: Any) -> tuple[float, float]:
+    """Return the width and the height of an area light."""
+    return light.size, light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else light.size
 
 
 def _of_nodes(light: Any, told: Told) -> tuple[float, Any]:
