@@ -279,15 +279,18 @@ def registered(folder):
         for each in bpy.types.Panel.__subclasses__()
         if "PHOTONBEAMS" in getattr(each, "COMPAT_ENGINES", ()) and "extension." not in str(each)
     ]
-    tell(shared=len(shared), left=len(left), scene=hasattr(bpy.types.Scene, "photonbeams"), traces=traces())
+    owners = [bpy.types.Scene, bpy.types.Light, bpy.types.World, bpy.types.Curve, bpy.types.NodeTree]
+    own = any(hasattr(each, "photonbeams") for each in owners)
+    tell(shared=len(shared), left=len(left), scene=own, traces=traces())
     extension.register()
+
+
+def run(*cases):
+    """Run the case that the command line names."""
+    extension.register()
+    {each.__name__: each for each in cases}[sys.argv[1]](Path(sys.argv[2]))
+    extension.unregister()
 
 
 if __name__ == "__main__":
-    extension.register()
-    folder = Path(sys.argv[2])
-    {
-        each.__name__: each
-        for each in (frame, again, layers, aspect, reading, part, stereo, film, killed, wrong, registered)
-    }[sys.argv[1]](folder)
-    extension.unregister()
+    run(frame, again, layers, aspect, reading, part, stereo, film, killed, wrong, registered)

@@ -6,23 +6,27 @@ import atexit
 
 import bpy
 
-from . import panels, settings
+from . import beams, export, light_panels, looks, panels, settings
 from .engine import PhotonBeamsEngine
 from .process import SHARED
 
 
 def register() -> None:
     """Add properties, engine and panels."""
-    settings.register()
+    for each in (settings, looks, beams):
+        each.register()
     bpy.utils.register_class(PhotonBeamsEngine)
-    panels.register()
+    for each in (panels, light_panels, export):
+        each.register()
     atexit.register(SHARED.close)
 
 
 def unregister() -> None:
     """Remove what was added, and end the renderer."""
-    panels.unregister()
+    for each in (export, light_panels, panels):
+        each.unregister()
     bpy.utils.unregister_class(PhotonBeamsEngine)
-    settings.unregister()
+    for each in (beams, looks, settings):
+        each.unregister()
     atexit.unregister(SHARED.close)
     SHARED.close()

@@ -1,0 +1,229 @@
+"""Runs in Blender's Python: what an artist sets for beams, as `in_blender.py` does.
+
+python -I controls_in_blender.py CASE FOLDER
+"""
+
+import sys
+from functools import partial
+from inspect import isfunction
+from pathlib import Path
+from types import SimpleNamespace
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import bpy
+import numpy as np
+from in_blender import aim, render, room, run, tell
+
+# Blender itself finds its OpenUSD; as a module, it is in a folder of its own.
+sys.path.append(str(next(Path(bpy.utils.resource_path("LOCAL")).glob("python/lib/*/site-packages"))))
+
+
+def painted(left, right):
+    """Return an image whose halves have these linear colours."""
+    image = bpy.data.images.new("Slide", 8, 8, float_buffer=True)
+    pixels = np.ones((8, 8, 4), np.float32)
+    pixels[:, :4, :3], pixels[:, 4:, :3] = left, right
+    image.pixels.foreach_set(pixels.ravel())
+    return image
+
+
+def shown():
+    """Return the room with a lamp that has a look, one that makes no beams, a portal, and curves that are beams."""
+    from extension.looks import PRESETS, apply_preset, new_look
+
+    scene = room()
+    scene.photonbeams.passes = 8
+    key, fill = (bpy.data.lights[name].photonbeams for name in ("Key", "Fill"))
+    key.intensity, fill.enabled = 2.0, False
+    key.look = look = new_look("Ember")
+    apply_preset(look, next(each for each in PRESETS if each["label"] == "Ember"))
+    look.photonbeams.across_profile = "tabulated"
+    key.gobo = painted((1.0, 0.6, 0.4), (0.1, 0.2, 0.5))
+    sun = bpy.data.lights.new("Sun", "SUN")
+    sun.energy, sun.angle = 2.0, 0.0
+    lamp = bpy.data.objects.new("Sun", sun)
+    lamp.location = (4, 1, 3)
+    aim(lamp, (1.5, 1, 1))
+    scene.collection.objects.link(lamp)
+    bpy.ops.mesh.primitive_plane_add(size=0.6, location=(1.8, 1.2, 1.4))
+    sun.photonbeams.portal = bpy.context.object
+    line = bpy.data.curves.new("Line", "CURVE")
+    line.dimensions = "3D"
+    spline = line.splines.new("BEZIER")
+    spline.bezier_points.add(1)
+    for point, x in zip(spline.bezier_points, (-1.0, 1.0), strict=True):
+        point.co, point.handle_left, point.handle_right = (x, 0, 2), (x - 0.3, 0, 2.2), (x + 0.3, 0, 1.8)
+    straight = line.splines.new("POLY")
+    straight.points.add(1)
+    straight.points[0].co, straight.points[1].co = (-1, 1, 0.2, 1), (1, 1, 1.8, 1)
+    line.bevel_depth = 0.1  # it is not a tube, nevertheless
+    line.photonbeams.enabled, line.photonbeams.power, line.photonbeams.color = True, 2.0, (0.2, 0.5, 1.0)
+    scene.collection.objects.link(bpy.data.objects.new("Line", line))
+    return scene
+
+
+def controls(folder):
+    """Render a frame; export the scene with the hook, and without."""
+    from extension.export import PhotonBeamsExport
+
+    shown()
+    render(folder / "frame.exr")
+    bpy.ops.wm.usd_export(filepath=str(folder / "hooked.usdc"), evaluation_mode="RENDER")
+    bpy.utils.unregister_class(PhotonBeamsExport)
+    bpy.ops.wm.usd_export(filepath=str(folder / "plain.usda"), evaluation_mode="RENDER")
+    bpy.utils.register_class(PhotonBeamsExport)
+
+
+def read(folder):
+    """Return the prims of the scene by path, with arrays as lists, and what is told."""
+    from extension.reading.scene import SceneReader
+
+    for each in (*bpy.data.lights, *bpy.data.curves, *bpy.data.node_groups, *bpy.data.worlds):
+        each.update_tag()  # as Blender's own user interface does
+    said = []
+    prims = SceneReader(bpy.context.evaluated_depsgraph_get(), str(folder), said.append).prims()
+    plain = {}
+    for each in prims:
+        values = {name: np.asarray(value).tolist() for name, (_, value, *_) in each.get("values", {}).items()}
+        plain[each["path"]] = {"type": each["type"], "targets": each.get("targets", {}), **values}
+    return plain, said
+
+
+def values(folder):
+    """Read lamps, portals of Cycles, the world, curves of all kinds, and text."""
+    scene = shown()
+    sky = bpy.data.lights.new("Window", "AREA")
+    sky.cycles.is_portal, sky.shape, sky.size, sky.size_y = True, "RECTANGLE", 2.0, 1.0
+    scene.collection.objects.link(bpy.data.objects.new("Window", sky))
+    scene.world.photonbeams.enabled, scene.world.photonbeams.count = True, 512
+    slide = bpy.data.lights["Fill"]
+    slide.use_nodes = True
+    tree = slide.node_tree
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images["Slide"]
+    tree.links.new(texture.outputs["Color"], tree.nodes["Emission"].inputs["Color"])
+    slide.photonbeams.gobo_angle, slide.photonbeams.gobo_wrap = np.pi / 3, "repeat"
+    bpy.ops.curve.primitive_nurbs_circle_add()
+    circle = bpy.context.object
+    circle.name, circle.data.photonbeams.enabled, circle.lightgroup = "Ring", True, "key"
+    circle.data.splines[0].order_u = 4
+    circle.data.photonbeams.look = bpy.data.node_groups["Ember"]
+    bpy.ops.curve.primitive_nurbs_path_add()
+    bpy.context.object.data.splines[0].order_u = 3
+    bpy.context.object.name, bpy.context.object.data.photonbeams.enabled = "Third", True
+    bpy.ops.object.text_add()
+    bpy.context.object.name, bpy.context.object.data.extrude = "Title", 0.1
+    plane = bpy.data.objects["Plane.001"]
+    plane.hide_render = True
+    first, said = read(folder)
+    key = bpy.data.lights["Key"].photonbeams
+    key.look.nodes.remove(key.look.nodes["across curve"])
+    key.portal = bpy.data.objects.new("Empty", None)
+    bpy.data.objects["Third"].data.splines.clear()
+    key.look.photonbeams.along_use_curve = True
+    second, later = read(folder)
+    tell(prims=first, said=said, changed=second, later=later)
+
+
+def presets(_folder):
+    """Give each preset to a look and read it."""
+    from extension.looks import PRESETS, apply_preset, new_look
+    from extension.reading.looks import look_prim
+
+    tree = new_look("Look")
+    for each in PRESETS:
+        apply_preset(tree, next(own for own in PRESETS if own["label"] == "Physical" and own["factor"] == "look"))
+        apply_preset(tree, each)
+        prim = look_prim(tree, "/Look", None, print)
+        found = {name: np.asarray(value).tolist() for name, (_, value) in prim["values"].items()}
+        tell(name=f"{each['factor']} {each['label']}", values=found)
+
+
+class Layout:
+    """What a panel draws on: it notes what is shown, and all that is inside of it is itself."""
+
+    def __init__(self):
+        self.shown = []
+
+    def prop(self, data, name, **_):
+        own = data.bl_rna.properties[name]
+        self.shown.append([f"{data.bl_rna.identifier}.{name}", own.name, own.description])
+
+    def prop_search(self, data, name, *_, **__):
+        self.prop(data, name)
+
+    def template_ID(self, data, name, new="", open="", **_):  # noqa: N802 - Blender's names
+        self.prop(data, name)
+        for each in filter(None, (new, open)):
+            self.operator(each)
+
+    def template_color_ramp(self, data, name, **_):
+        self.shown.append([type(data).__name__, name, type(getattr(data, name)).__name__])
+
+    template_curve_mapping = template_color_ramp
+
+    def menu(self, name, **_):
+        self.shown.append([name, getattr(bpy.types, name).bl_label, name])
+
+    def operator(self, name, **_):
+        module, _, function = name.partition(".")
+        own = getattr(getattr(bpy.ops, module), function).get_rna_type()
+        self.shown.append([name, own.name, own.description])
+        return SimpleNamespace()
+
+    def inside(self, *_, **__):
+        return self
+
+    row = column = inside
+
+
+class Stand:
+    """Stands in for a panel, which Blender alone can make."""
+
+    def __init__(self, panel, layout):
+        self.panel, self.layout = panel, layout
+
+    def __getattr__(self, name):
+        own = getattr(self.panel, name)
+        return partial(own, self) if isfunction(own) else own
+
+
+def panels(_folder):
+    """Draw all panels and menus for a lamp of each kind, the world, a curve and the scene."""
+    from extension import light_panels
+    from extension import panels as others
+    from extension.looks import PRESETS, apply_preset
+
+    scene = shown()
+    bpy.data.lights["Sun"].photonbeams.gobo = bpy.data.images["Slide"]
+    owners = [*bpy.data.lights, *bpy.data.curves, bpy.data.worlds["World"]]
+    shown_by = {}
+    for owner in owners:
+        own = owner.photonbeams
+        own.look = bpy.data.node_groups["Ember"]
+        for preset in (None, *PRESETS):
+            if preset is not None:
+                apply_preset(own.look, preset)
+            own.look.photonbeams.along_use_curve = True
+            kind = type(owner).__name__.lower()
+            member = "light" if "light" in kind else "curve" if "curve" in kind else "world"
+            thing = next((each for each in bpy.data.objects if each.data == owner), None)
+            context = SimpleNamespace(
+                engine="PHOTONBEAMS", object=thing, scene=scene, view_layer=scene.view_layers[0], **{member: owner}
+            )
+            for each in (*light_panels.CLASSES, *others.CLASSES):
+                if each is others.PHOTONBEAMS_PT_light_groups or (hasattr(each, "poll") and not each.poll(context)):
+                    continue
+                layout = Layout()
+                each.draw(Stand(each, layout), context)
+                if hasattr(each, "draw_header"):
+                    each.draw_header(Stand(each, layout), context)
+                shown_by.setdefault(each.__name__, []).extend(layout.shown)
+    other = SimpleNamespace(engine="CYCLES", object=None, light=bpy.data.lights[0])
+    tell(shown=shown_by, elsewhere=[each.__name__ for each in light_panels.CLASSES
+                                    if hasattr(each, "poll") and each.poll(other)])  # fmt: skip
+
+
+if __name__ == "__main__":
+    run(controls, values, presets, panels)
