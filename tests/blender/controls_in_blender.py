@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import bpy
 import numpy as np
-from in_blender import aim, render, room, run, tell
+from in_blender import aim, empty, render, room, run, tell
 
 # Blender itself finds its OpenUSD; as a module, it is in a folder of its own.
 sys.path.append(str(next(Path(bpy.utils.resource_path("LOCAL")).glob("python/lib/*/site-packages"))))
@@ -191,7 +191,7 @@ class Stand:
 
 def panels(_folder):
     """Draw all panels and menus for a lamp of each kind, the world, a curve and the scene."""
-    from extension import light_panels
+    from extension import adding, light_panels
     from extension import panels as others
     from extension.looks import PRESETS, apply_preset
 
@@ -212,7 +212,7 @@ def panels(_folder):
             context = SimpleNamespace(
                 engine="PHOTONBEAMS", object=thing, scene=scene, view_layer=scene.view_layers[0], **{member: owner}
             )
-            for each in (*light_panels.CLASSES, *others.CLASSES):
+            for each in (*light_panels.CLASSES, *others.CLASSES, adding.PHOTONBEAMS_MT_add):
                 if each is others.PHOTONBEAMS_PT_light_groups or (hasattr(each, "poll") and not each.poll(context)):
                     continue
                 layout = Layout()
@@ -225,5 +225,30 @@ def panels(_folder):
                                     if hasattr(each, "poll") and each.poll(other)])  # fmt: skip
 
 
+def added(folder):
+    """Add the ready-made things to an empty scene, each at the cursor, and render them."""
+    for name in ("keyhole", "blinds", "strands"):
+        scene = empty()
+        scene.cursor.location = (1.0, 2.0, 3.0)
+        getattr(bpy.ops.photonbeams, f"add_{name}")()
+        thing = bpy.context.object
+        camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+        camera.location = (-2.5, -2.5, 3.4) if name != "strands" else (1, -3, 4)
+        scene.collection.objects.link(camera)
+        aim(camera, (0.9, 1.2, 2.6) if name != "strands" else (1, 2, 4))
+        scene.camera = camera
+        if "--large" in sys.argv:
+            scene.render.resolution_x, scene.render.resolution_y = 320, 180
+            scene.photonbeams.denoise, scene.photonbeams.beams, scene.photonbeams.passes = True, 0, 16
+        render(folder / f"{name}.exr")
+        area = sum(each.area for each in thing.data.polygons) if thing.type == "MESH" else 0.0
+        prims, said = read(folder)
+        tell(
+            name=name, place=list(thing.location), area=area, prims=sorted(prims), said=said, world=len(bpy.data.worlds)
+        )
+        getattr(bpy.ops.photonbeams, f"add_{name}")()
+        tell(volumes=sum(each.type == "VOLUME_SCATTER" for each in scene.world.node_tree.nodes))
+
+
 if __name__ == "__main__":
-    run(controls, values, presets, panels)
+    run(controls, values, presets, panels, added)

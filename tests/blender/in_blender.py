@@ -44,14 +44,20 @@ def aim(thing, target):
     thing.rotation_euler = (Vector(target) - thing.location).to_track_quat("-Z", "Y").to_euler()
 
 
-def room(fog=0.1):
-    """Build a floor, two things of one mesh, a spot and a lamp in fog, and a camera."""
+def empty():
+    """Return a scene with nothing in it, of small and quick pictures."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "PHOTONBEAMS"
     scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
     scene.photonbeams.passes, scene.photonbeams.beams, scene.photonbeams.denoise = 4, 1024, False
     scene.photonbeams.bounces = 0
+    return scene
+
+
+def room(fog=0.1):
+    """Build a floor, two things of one mesh, a spot and a lamp in fog, and a camera."""
+    scene = empty()
     bpy.ops.mesh.primitive_plane_add(size=12)
     bpy.context.object.data.materials.append(material("Floor", base_color=(0.6, 0.5, 0.4, 1), roughness=0.9))
     bpy.ops.mesh.primitive_cube_add(size=0.8, location=(0.6, 1, 0.4))
@@ -281,6 +287,7 @@ def registered(folder):
     ]
     owners = [bpy.types.Scene, bpy.types.Light, bpy.types.World, bpy.types.Curve, bpy.types.NodeTree]
     own = any(hasattr(each, "photonbeams") for each in owners)
+    own |= any("extension." in each.__module__ for each in bpy.types.VIEW3D_MT_add._dyn_ui_initialize())
     tell(shared=len(shared), left=len(left), scene=own, traces=traces())
     extension.register()
 

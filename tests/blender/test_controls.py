@@ -133,6 +133,23 @@ def test_what_cannot_be_used_is_a_sentence(values):
     assert "photonbeams:across:profile" not in look and len(look["photonbeams:along:ramp:knots"]) == 97
 
 
+def test_ready_made_things_are_lit(tmp_path):
+    found = blender("added", tmp_path, SCRIPT)
+    turn = np.radians(np.linspace(-60, 240, 33))
+    keyhole = np.array([*zip(0.13 * np.cos(turn), 0.13 * np.sin(turn), strict=True), (-0.15, -0.47), (0.15, -0.47)])
+    x, y = keyhole.T
+    hole = (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    slat = 2 * (1.0 * 0.18 + 1.0 * 0.004 + 0.18 * 0.004)
+    for name, thing, fog in zip(("keyhole", "blinds", "strands"), found[::2], found[1::2], strict=True):
+        area = {"keyhole": 9 - hole, "blinds": 9 - 1.2 + 6 * slat, "strands": 0}[name]
+        assert thing["place"] == [1, 2, 3] and thing["area"] == pytest.approx(area, rel=1e-5)
+        assert "/Fog" in thing["prims"] and thing["said"] == [] and fog["volumes"] == 1  # added twice, with one fog
+        beams = passes_of(tmp_path / f"{name}.exr")["Beams"].mean(axis=(0, 1))
+        color = (1, 0.7, 0.35) if name == "strands" else (1, 1, 1)
+        assert beams[0] > 0
+        np.testing.assert_allclose(beams / beams[0], color, rtol=1e-3)
+
+
 def test_presets_are_those_of_the_studio(tmp_path):
     """Ramps and tables are the same functions, within a 500th; other attributes have the same values or defaults."""
     found = {each["name"]: each["values"] for each in blender("presets", tmp_path, SCRIPT)}

@@ -6,7 +6,7 @@ import atexit
 
 import bpy
 
-from . import beams, export, light_panels, looks, panels, settings
+from . import adding, beams, export, light_panels, looks, panels, settings
 from .engine import PhotonBeamsEngine
 from .process import SHARED
 
@@ -16,14 +16,14 @@ def register() -> None:
     for each in (settings, looks, beams):
         each.register()
     bpy.utils.register_class(PhotonBeamsEngine)
-    for each in (panels, light_panels, export):
+    for each in (panels, light_panels, adding, export):
         each.register()
     atexit.register(SHARED.close)
 
 
 def unregister() -> None:
     """Remove what was added, and end the renderer."""
-    for each in (export, light_panels, panels):
+    for each in (export, adding, light_panels, panels):
         each.unregister()
     bpy.utils.unregister_class(PhotonBeamsEngine)
     for each in (beams, looks, settings):
