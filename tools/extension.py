@@ -18,7 +18,7 @@ def build(folder: Path) -> Path:
     version = re.search(r'^version = "(.+)"$', manifest, re.MULTILINE)[1]
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"photonbeams-{version}.zip"
-    files = [path for path in sorted(SOURCE.rglob("*")) if path.suffix in (".py", ".toml", ".json")]
+    files = [path for path in sorted(SOURCE.rglob("*")) if path.suffix in (".py", ".toml", ".json", ".png")]
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in [*files, ROOT / "LICENSE"]:
             archive.write(path, path.name if path.parent == ROOT else path.relative_to(SOURCE))

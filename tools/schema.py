@@ -76,8 +76,10 @@ def looks() -> str:
         for name, own in definitions(LOOK).items()
         if ":ramp:" not in name and not name.endswith("across:values")
     }
-    presets = [{"factor": each.factor, "label": each.label, "values": _plain_ramps(each.attributes())}
-               for each in PRESETS]  # fmt: skip
+    presets = [
+        {"name": each.name, "factor": each.factor, "label": each.label, "values": _plain_ramps(each.attributes())}
+        for each in PRESETS
+    ]
     return json.dumps({"attributes": attributes, "presets": presets}, indent=1) + "\n"
 
 

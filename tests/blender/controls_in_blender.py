@@ -137,7 +137,7 @@ def presets(_folder):
         apply_preset(tree, each)
         prim = look_prim(tree, "/Look", None, print)
         found = {name: np.asarray(value).tolist() for name, (_, value) in prim["values"].items()}
-        tell(name=f"{each['factor']} {each['label']}", values=found)
+        tell(name=each["name"], values=found)
 
 
 class Layout:
@@ -166,6 +166,11 @@ class Layout:
     def menu(self, name, **_):
         self.shown.append([name, getattr(bpy.types, name).bl_label, name])
 
+    popover = menu
+
+    def template_icon(self, icon, scale):  # without a window, there are no icons
+        self.shown.append(["icon", str(icon), str(scale)])
+
     def operator(self, name, **_):
         module, _, function = name.partition(".")
         own = getattr(getattr(bpy.ops, module), function).get_rna_type()
@@ -175,7 +180,7 @@ class Layout:
     def inside(self, *_, **__):
         return self
 
-    row = column = inside
+    row = column = grid_flow = inside
 
 
 class Stand:

@@ -5,11 +5,16 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 import photonbeams.blender
+from photonbeams.studio.encoding import thumbnail_of
+from photonbeams.usd.authoring.presets import PRESETS
 from tests.blender.bpy_python import PYTHON
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -35,6 +40,15 @@ def test_the_manifest_has_the_version_of_the_package():
     assert manifest["version"] == project["tool"]["setuptools_scm"]["fallback_version"]
 
 
+def test_each_preset_has_a_thumbnail():
+    """If it has none, run `python tools/thumbnails.py`."""
+    found = {each.stem: np.asarray(Image.open(each)) for each in (SOURCE / "thumbnails").glob("*.png")}
+    assert found.keys() == {each.name for each in PRESETS}
+    drawn = np.asarray(Image.open(BytesIO(thumbnail_of("look-ember"))))
+    assert np.abs(found["look-ember"].astype(int) - drawn).mean() < 1
+    assert all(each.shape == drawn.shape and each.max() > 40 for each in found.values())
+
+
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("zip")
@@ -46,7 +60,7 @@ def test_the_zip_has_all_modules(archive):
     with zipfile.ZipFile(archive) as found:
         names = set(found.namelist())
     assert names == {"LICENSE", "blender_manifest.toml"} | {
-        str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*") if path.suffix in (".py", ".json")
+        str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*") if path.suffix in (".py", ".json", ".png")
     }
 
 

@@ -8,6 +8,7 @@ import bpy
 
 from .engine import ENGINE
 from .looks import CURVED, PRESETS, curve_of, owner_of, property_of, ramp_of
+from .thumbnails import THUMBNAILS
 
 #: The parameters that a choice of a look has; those of the others are not shown.
 _OF_CHOICE = {
@@ -108,18 +109,23 @@ def _draw_beams(layout: Any, own: Any) -> None:
         layout.template_ID(own, "portal_gobo", open="image.open", text="Portal Image")
 
 
-class PHOTONBEAMS_MT_presets(bpy.types.Menu):  # noqa: N801
-    """Looks to start from."""
+class _PresetsPanel(bpy.types.Panel):
+    """Ready-made looks, or factors of looks, with their pictures."""
 
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "HEADER"  # it is shown by a button alone
     bl_label = "Presets"
+    bl_ui_units_x = 16
     FACTOR: ClassVar = "look"
 
     def draw(self, _context: Any) -> None:
-        """Draw the menu."""
+        """Draw the panel."""
+        grid = self.layout.grid_flow(columns=3, even_columns=True)
         for each in PRESETS:
             if each["factor"] == self.FACTOR:
-                name = f"{each['factor']} {each['label']}"
-                self.layout.operator("photonbeams.look_preset", text=each["label"]).preset = name
+                cell = grid.column(align=True)
+                cell.template_icon(THUMBNAILS.icon_of(each["name"]), scale=5.0)
+                cell.operator("photonbeams.look_preset", text=each["label"]).preset = each["name"]
 
 
 class _LookPanel(_BeamsPanel):
@@ -135,7 +141,7 @@ class _LookPanel(_BeamsPanel):
         """Draw the panel."""
         layout = self.layout
         layout.template_ID(owner_of(context), "look", new="photonbeams.look_new")
-        layout.menu("PHOTONBEAMS_MT_presets_look")
+        layout.popover("PHOTONBEAMS_PT_presets_look")
 
 
 class _FactorPanel(_BeamsPanel):
@@ -156,7 +162,7 @@ class _FactorPanel(_BeamsPanel):
         """Draw the panel."""
         tree, layout = owner_of(context).look, split(self.layout)
         own = tree.photonbeams
-        layout.menu(f"PHOTONBEAMS_MT_presets_{self.FACTOR}")
+        layout.popover(f"PHOTONBEAMS_PT_presets_{self.FACTOR}")
         if self.FACTOR == "noise":
             for name in ("amount", "scale", "octaves", "contrast", "drift", "evolution", "space"):
                 layout.prop(own, f"noise_{name}")
@@ -200,17 +206,18 @@ def _panels(suffix: str, member: str, context: str) -> list[type]:
     )]  # fmt: skip
 
 
-def _menus() -> list[type]:
+def _presets() -> list[type]:
+    """Return the panels of presets."""
     return [
-        type(f"PHOTONBEAMS_MT_presets_{factor}", (PHOTONBEAMS_MT_presets,), {
-            "bl_idname": f"PHOTONBEAMS_MT_presets_{factor}", "FACTOR": factor, "__doc__": "Ready-made looks.",
+        type(f"PHOTONBEAMS_PT_presets_{factor}", (_PresetsPanel,), {
+            "bl_idname": f"PHOTONBEAMS_PT_presets_{factor}", "FACTOR": factor, "__doc__": "Ready-made looks.",
         })
         for factor in ("look", "along", "across", "eye", "angle", "noise")
     ]  # fmt: skip
 
 
 CLASSES = (
-    *_menus(), PHOTONBEAMS_PT_beams, *_panels("", "light", "data"), PHOTONBEAMS_PT_world_beams,
+    *_presets(), PHOTONBEAMS_PT_beams, *_panels("", "light", "data"), PHOTONBEAMS_PT_world_beams,
     *_panels("world_", "world", "world"), PHOTONBEAMS_PT_curve_beams, *_panels("curve_", "curve", "data"),
 )  # fmt: skip
 
@@ -225,3 +232,4 @@ def unregister() -> None:
     """Remove the panels."""
     for each in reversed(CLASSES):
         bpy.utils.unregister_class(each)
+    THUMBNAILS.close()

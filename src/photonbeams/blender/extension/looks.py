@@ -25,7 +25,7 @@ from bpy.props import (
 _FILE = json.loads(Path(__file__).with_name("looks.json").read_text(encoding="utf-8"))
 #: What the schema says of each attribute, by names without "photonbeams:".
 ATTRIBUTES: dict[str, dict[str, Any]] = _FILE["attributes"]
-#: Looks to start from: factor, label and values of attributes.
+#: Looks to start from: name, factor, label and values of attributes.
 PRESETS: list[dict[str, Any]] = _FILE["presets"]
 #: The factors of a look that may have a ramp, and those that may have a curve.
 FACTORS, CURVED = ("along", "across", "eye", "angle"), ("along", "across")
@@ -232,13 +232,13 @@ class PHOTONBEAMS_OT_look_preset(bpy.types.Operator):  # noqa: N801
 
     preset: EnumProperty(
         name="Preset", description="The ready-made look",
-        items=[(f"{each['factor']} {each['label']}", each["label"], "") for each in PRESETS],
+        items=[(each["name"], each["label"], "") for each in PRESETS],
     )  # fmt: skip
     poll = PHOTONBEAMS_OT_look_new.poll
 
     def execute(self, context: Any) -> set[str]:
         """Apply the preset; what has no look gets a new one."""
-        preset = next(each for each in PRESETS if f"{each['factor']} {each['label']}" == self.preset)
+        preset = next(each for each in PRESETS if each["name"] == self.preset)
         owner = owner_of(context)
         if owner.look is None:
             owner.look = new_look(preset["label"])
