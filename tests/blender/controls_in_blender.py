@@ -107,11 +107,19 @@ def values(folder):
     bpy.ops.curve.primitive_nurbs_circle_add()
     circle = bpy.context.object
     circle.name, circle.data.photonbeams.enabled, circle.lightgroup = "Ring", True, "key"
-    circle.data.splines[0].order_u = 4
+    circle.data.splines[0].use_cyclic_u = True
     circle.data.photonbeams.look = bpy.data.node_groups["Ember"]
     bpy.ops.curve.primitive_nurbs_path_add()
-    bpy.context.object.data.splines[0].order_u = 3
+    bpy.context.object.data.splines[0].order_u, bpy.context.object.data.bevel_depth = 3, 0.1
     bpy.context.object.name, bpy.context.object.data.photonbeams.enabled = "Third", True
+    path = bpy.data.curves.new("Path", "CURVE")
+    path.dimensions, path.photonbeams.enabled = "3D", True
+    spline = path.splines.new("NURBS")
+    spline.points.add(4)
+    spline.order_u = 4
+    for k, point in enumerate(spline.points):
+        point.co, point.radius = (k, k % 2, 0, 1), 1 + k
+    scene.collection.objects.link(bpy.data.objects.new("Path", path))
     bpy.ops.object.text_add()
     bpy.context.object.name, bpy.context.object.data.extrude = "Title", 0.1
     plane = bpy.data.objects["Plane.001"]
@@ -255,5 +263,32 @@ def added(folder):
         tell(volumes=sum(each.type == "VOLUME_SCATTER" for each in scene.world.node_tree.nodes))
 
 
+def exported(folder):
+    """Export what Blender itself leaves out: fog in a mesh, nodes of lamps, portals with things below them."""
+    scene = shown()
+    bpy.data.objects["Key"].lightgroup = "Key Light"
+    fill = bpy.data.lights["Fill"]
+    fill.use_nodes, fill.color = True, (1.0, 0.5, 1.0)
+    fill.node_tree.nodes["Emission"].inputs["Strength"].default_value = 3.0
+    fill.node_tree.nodes["Emission"].inputs["Color"].default_value = (0.5, 1.0, 1.0, 1.0)
+    sky = bpy.data.lights.new("Window", "AREA")
+    sky.cycles.is_portal = True
+    window = bpy.data.objects.new("Window", sky)
+    scene.collection.objects.link(window)
+    bpy.data.objects["Twin"].parent = window  # it stays, though the portal is no lamp
+    scene.world.photonbeams.enabled = True
+    bpy.ops.mesh.primitive_cube_add(location=(-3, 3, 1))
+    made = bpy.data.materials.new("Foggy")
+    made.node_tree.nodes.remove(made.node_tree.nodes["Principled BSDF"])
+    volume = made.node_tree.nodes.new("ShaderNodeVolumeScatter")
+    volume.inputs["Density"].default_value, volume.inputs["Color"].default_value = 0.5, (0.2, 0.4, 0.6, 1.0)
+    made.node_tree.links.new(volume.outputs[0], made.node_tree.nodes["Material Output"].inputs["Volume"])
+    bpy.context.object.name = "Box"
+    bpy.context.object.data.materials.append(made)
+    bpy.ops.wm.usd_export(filepath=str(folder / "exported.usda"), evaluation_mode="RENDER")
+    scene.render.engine = "CYCLES"
+    bpy.ops.wm.usd_export(filepath=str(folder / "of_cycles.usda"), evaluation_mode="RENDER")
+
+
 if __name__ == "__main__":
-    run(controls, values, presets, panels, added)
+    run(controls, values, presets, panels, added, exported)
