@@ -290,5 +290,21 @@ def exported(folder):
     bpy.ops.wm.usd_export(filepath=str(folder / "of_cycles.usda"), evaluation_mode="RENDER")
 
 
+def saved(folder):
+    """Give lamps presets by the buttons, save the file and open it again."""
+    shown()
+    for name, preset in (("Key", "across-double"), ("Fill", "look-laser"), ("Line", "look-deep-water")):
+        bpy.context.view_layer.objects.active = bpy.data.objects[name]
+        bpy.ops.photonbeams.look_preset(preset=preset)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Sun"]
+    bpy.ops.photonbeams.look_new()
+    before, _ = read(folder)
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "saved.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.open_mainfile(filepath=str(folder / "saved.blend"))
+    after, said = read(folder)
+    tell(before=before, after=after, said=said)
+
+
 if __name__ == "__main__":
-    run(controls, values, presets, panels, added, exported)
+    run(controls, values, presets, panels, added, exported, saved)

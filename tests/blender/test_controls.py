@@ -206,6 +206,20 @@ def _ramp(values, ramp, x):
     return interpolate(knots, colors, values.get(f"{ramp}:interpolation", "linear"), x)
 
 
+def test_what_is_set_is_saved_in_the_file(tmp_path):
+    (found,) = blender("saved", tmp_path, SCRIPT)
+    before, after = found["before"], found["after"]
+    assert before == after and found["said"] == []
+    looks = {name: before[path]["targets"][f"{PREFIX}look"] for name, path in (
+        ("Key", "/Lights/Key"), ("Fill", "/Lights/Fill"), ("Sun", "/Lights/Sun"), ("Line", "/Beams/Line"),
+    )}  # fmt: skip
+    assert looks == {"Key": ["/Looks/Ember"], "Fill": ["/Looks/Laser"], "Sun": ["/Looks/Look"],
+                     "Line": ["/Looks/Deep_water"]}  # fmt: skip
+    ember = before["/Looks/Ember"]  # the preset of a factor leaves the others
+    assert ember[f"{PREFIX}across:profile"] == "tabulated" and f"{PREFIX}along:ramp:knots" in ember
+    assert f"{PREFIX}eye:falloff" not in ember and before["/Looks/Laser"][f"{PREFIX}eye:falloff"] == "none"
+
+
 def test_panels_show_what_there_is_and_explain_it(tmp_path):
     (found,) = blender("panels", tmp_path, SCRIPT)
     shown = found["shown"]
