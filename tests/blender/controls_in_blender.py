@@ -77,12 +77,13 @@ def controls(folder):
 
 def read(folder):
     """Return the prims of the scene by path, with arrays as lists, and what is told."""
+    from extension.reading.kept import Kept
     from extension.reading.scene import SceneReader
 
     for each in (*bpy.data.lights, *bpy.data.curves, *bpy.data.node_groups, *bpy.data.worlds):
         each.update_tag()  # as Blender's own user interface does
     said = []
-    prims = SceneReader(bpy.context.evaluated_depsgraph_get(), str(folder), said.append).prims()
+    prims = SceneReader(bpy.context.evaluated_depsgraph_get(), Kept(str(folder)), said.append).prims()
     plain = {}
     for each in prims:
         values = {name: np.asarray(value).tolist() for name, (_, value, *_) in each.get("values", {}).items()}

@@ -8,7 +8,7 @@ import bpy
 
 from . import adding, beams, export, light_panels, looks, panels, settings
 from .engine import PhotonBeamsEngine
-from .process import SHARED
+from .process import POOL
 
 
 def register() -> None:
@@ -18,15 +18,15 @@ def register() -> None:
     bpy.utils.register_class(PhotonBeamsEngine)
     for each in (panels, light_panels, adding, export):
         each.register()
-    atexit.register(SHARED.close)
+    atexit.register(POOL.close)
 
 
 def unregister() -> None:
-    """Remove what was added, and end the renderer."""
+    """Remove what was added, and end the renderers."""
     for each in (export, adding, light_panels, panels):
         each.unregister()
     bpy.utils.unregister_class(PhotonBeamsEngine)
     for each in (beams, looks, settings):
         each.unregister()
-    atexit.unregister(SHARED.close)
-    SHARED.close()
+    atexit.unregister(POOL.close)
+    POOL.close()

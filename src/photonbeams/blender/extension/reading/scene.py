@@ -10,7 +10,7 @@ import numpy as np
 
 from .beams import BeamReader, is_cycles_portal, portals_of
 from .cameras import camera_prim
-from .images import Images
+from .kept import Kept
 from .lights import light_prim, stretch_of, world_prims
 from .materials import has_surface, material_prims
 from .media import APIS, has_volume, medium_of
@@ -30,14 +30,14 @@ class SceneReader:
     ----------
     depsgraph
         What Blender has evaluated.
-    folder
-        Where images without a file are written.
+    kept
+        Meshes and files of images of earlier readings.
     told
         Called with a sentence about each thing that is not rendered as in Blender.
     """
 
-    def __init__(self, depsgraph: Any, folder: str, told: Callable[[str], None]) -> None:
-        self._depsgraph, self._told, self._images = depsgraph, told, Images(folder)
+    def __init__(self, depsgraph: Any, kept: Kept, told: Callable[[str], None]) -> None:
+        self._depsgraph, self._told, self._images = depsgraph, told, kept.images
         self._layer = depsgraph.view_layer
         #: The names of light groups here, by those in Blender.
         self.groups: dict[str, str] = {}
@@ -46,7 +46,7 @@ class SceneReader:
         # Names of objects that are portals of lamps, or curves that are beams, and the paths of Cycles' portals.
         self._no_surfaces, self._sky_portals = portals_of(depsgraph), list[str]()
         self._materials: dict[str, str] = {}
-        self._geometry: dict[Any, tuple[dict[str, Any], dict[int, Any]] | None] = {}
+        self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
 
     def prims(self) -> list[dict[str, Any]]:
@@ -68,6 +68,8 @@ class SceneReader:
             elif thing.type in _UNREAD:
                 self._told(f"{thing.name} is {_UNREAD[thing.type]}, which is not rendered")
         self._add_world(self._layer.world_override or self._depsgraph.scene.world)
+        for key in self._kept.meshes.keys() - self._used:
+            del self._kept.meshes[key]
         return self._prims + self._beams.prims
 
     def _left_out(self, thing: Any) -> bool:
@@ -160,13 +162,15 @@ class SceneReader:
     def _mesh(self, thing: Any) -> tuple[dict[str, Any], dict[int, Any]] | None:
         """Return the attributes and the faces of an object's mesh, which its instances share; None if it has none."""
         key = thing.original.name_full, thing.data.session_uid if thing.data is not None else 0
-        if key not in self._geometry:
+        meshes = self._kept.meshes
+        self._used.add(key)
+        if key not in meshes:
             mesh = thing.to_mesh()
-            self._geometry[key] = None
+            meshes[key] = None
             if mesh is not None and len(mesh.polygons):
-                self._geometry[key] = mesh_values(mesh), faces_by_material(mesh)
+                meshes[key] = mesh_values(mesh), faces_by_material(mesh)
             thing.to_mesh_clear()
-        return self._geometry[key]
+        return meshes[key]
 
     def _material(self, material: Any) -> str:
         """Return the path of a material, whose prims are added once."""
