@@ -31,7 +31,7 @@ def build(folder: Path, bare: bool) -> Path:
     platform = sysconfig.get_platform().replace("x86_64", "x64").replace("amd64", "x64").replace("win-", "windows-")
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / (f"photonbeams-{version}.zip" if bare else f"photonbeams-{version}-{platform}.zip")
-    files = [path for path in sorted(SOURCE.rglob("*")) if path.suffix == ".py"]
+    files = [path for path in sorted(SOURCE.rglob("*")) if path.suffix in (".py", ".json", ".png")]
     with tempfile.TemporaryDirectory() as scratch, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         if not bare:
             manifest = manifest.replace("\n[permissions]", f'platforms = ["{platform}"]\n\n[permissions]')

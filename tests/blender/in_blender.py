@@ -47,14 +47,20 @@ def aim(thing, target):
     thing.rotation_euler = (Vector(target) - thing.location).to_track_quat("-Z", "Y").to_euler()
 
 
-def room(fog=0.1):
-    """Build a floor, two things of one mesh, a spot and a lamp in fog, and a camera."""
+def empty():
+    """Return a scene with nothing in it, of small and quick pictures."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "PHOTONBEAMS"
     scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
     scene.photonbeams.passes, scene.photonbeams.beams, scene.photonbeams.denoise = 4, 1024, False
     scene.photonbeams.bounces = 0
+    return scene
+
+
+def room(fog=0.1):
+    """Build a floor, two things of one mesh, a spot and a lamp in fog, and a camera."""
+    scene = empty()
     bpy.ops.mesh.primitive_plane_add(size=12)
     bpy.context.object.data.materials.append(material("Floor", base_color=(0.6, 0.5, 0.4, 1), roughness=0.9))
     bpy.ops.mesh.primitive_cube_add(size=0.8, location=(0.6, 1, 0.4))
@@ -442,32 +448,21 @@ def registered(folder):
         for each in bpy.types.Panel.__subclasses__()
         if "PHOTONBEAMS" in getattr(each, "COMPAT_ENGINES", ()) and "extension." not in str(each)
     ]
-    tell(shared=len(shared), left=len(left), scene=hasattr(bpy.types.Scene, "photonbeams"), traces=traces())
+    owners = [bpy.types.Scene, bpy.types.Light, bpy.types.World, bpy.types.Curve, bpy.types.NodeTree]
+    own = any(hasattr(each, "photonbeams") for each in owners)
+    own |= any("extension." in each.__module__ for each in bpy.types.VIEW3D_MT_add._dyn_ui_initialize())
+    tell(shared=len(shared), left=len(left), scene=own, traces=traces())
     extension.register()
 
 
-if __name__ == "__main__":
+def run(*cases):
+    """Run the case that the command line names."""
     extension.register()
     take = POOL.take
     POOL.take = lambda chosen: TAKEN.append(take(chosen)) or TAKEN[-1]
-    folder = Path(sys.argv[2])
-    {
-        each.__name__: each
-        for each in (
-            frame,
-            again,
-            layers,
-            aspect,
-            reading,
-            part,
-            stereo,
-            film,
-            killed,
-            viewport,
-            leaks,
-            over,
-            wrong,
-            registered,
-        )
-    }[sys.argv[1]](folder)
+    {each.__name__: each for each in cases}[sys.argv[1]](Path(sys.argv[2]))
     extension.unregister()
+
+
+if __name__ == "__main__":
+    run(frame, again, layers, aspect, reading, part, stereo, film, killed, viewport, leaks, over, wrong, registered)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from . import compositing, panels, settings
+from . import adding, beams, compositing, export, light_panels, looks, panels, settings
 from .bundle import Bundle
 from .engine import PhotonBeamsEngine
 from .process import POOL
@@ -16,10 +16,11 @@ from .process import POOL
 
 def register() -> None:
     """Add properties, engine and panels."""
-    settings.register()
+    for each in (settings, looks, beams):
+        each.register()
     bpy.utils.register_class(PhotonBeamsEngine)
-    compositing.register()
-    panels.register()
+    for each in (compositing, panels, light_panels, adding, export):
+        each.register()
     with suppress(ValueError):  # not installed as an extension, which has a folder
         folder = Path(bpy.utils.extension_path_user(__package__, create=True))
         POOL.bundle = Bundle.within(Path(__file__).parent, folder)
@@ -28,9 +29,10 @@ def register() -> None:
 
 def unregister() -> None:
     """Remove what was added, and end the renderers."""
-    panels.unregister()
-    compositing.unregister()
+    for each in (export, adding, light_panels, panels, compositing):
+        each.unregister()
     bpy.utils.unregister_class(PhotonBeamsEngine)
-    settings.unregister()
+    for each in (beams, looks, settings):
+        each.unregister()
     atexit.unregister(POOL.close)
     POOL.close()
