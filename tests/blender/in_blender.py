@@ -256,10 +256,52 @@ def killed(folder):
     render(folder / "after.exr")
 
 
+def matt():
+    """Make the floor and the boxes reflect as a Diffuse BSDF, whose light is the same here and in Cycles."""
+    for name in ("Floor", "Box"):
+        tree = bpy.data.materials[name].node_tree
+        shader = tree.nodes.new("ShaderNodeBsdfDiffuse")
+        shader.inputs["Color"].default_value = tree.nodes["Principled BSDF"].inputs["Base Color"].default_value
+        tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+
+
+def lamps(folder):
+    """Render a matt floor under one lamp of each kind, without fog, by this engine and by Cycles."""
+    scene = room(fog=0)
+    scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0
+    scene.photonbeams.passes = 16
+    scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.max_bounces = 256, False, 0
+    for name in ("Cube", "Twin", "Key", "Fill"):
+        bpy.data.objects.remove(bpy.data.objects[name])
+    scene.camera.location = (0, 0, 9)
+    aim(scene.camera, (0, 0, 0))
+    matt()
+    kinds = {
+        "point": ("POINT", {"shadow_soft_size": 0.3}), "tiny": ("POINT", {"shadow_soft_size": 0}),
+        **{f"spot {blend}": ("SPOT", {"spot_size": size, "spot_blend": blend, "shadow_soft_size": 0.02})
+           for size, blend in ((0.9, 0.0), (1.0, 0.15), (1.1, 0.5), (1.2, 1.0))},
+        "area": ("AREA", {"shape": "RECTANGLE", "size": 1.0, "size_y": 0.5}),
+        "disc": ("AREA", {"shape": "DISK", "size": 1.0}), "sun": ("SUN", {"angle": 0.1}),
+    }  # fmt: skip
+    for name, (kind, values) in kinds.items():
+        light = bpy.data.lights.new(name, kind)
+        light.energy = 3.0 if kind == "SUN" else 500.0
+        for key, value in values.items():
+            setattr(light, key, value)
+        lamp = bpy.data.objects.new(name, light)
+        lamp.location = (0.3, 0.2, 3)
+        scene.collection.objects.link(lamp)
+        for engine in ("PHOTONBEAMS", "CYCLES"):
+            scene.render.engine = engine
+            render(folder / f"{name}.{engine}.exr", passes=False)
+        bpy.data.objects.remove(lamp)
+
+
 def over(folder):
     """Set up beams over Cycles, and render both and their composite."""
     scene = room()
     scene.photonbeams.passes, scene.photonbeams.beams = 16, 4096
+    matt()
     # The sky lights surfaces through fog everywhere here, but not in Cycles.
     scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0
     render(folder / "whole.exr")
@@ -465,4 +507,20 @@ def run(*cases):
 
 
 if __name__ == "__main__":
-    run(frame, again, layers, aspect, reading, part, stereo, film, killed, viewport, leaks, over, wrong, registered)
+    run(
+        frame,
+        again,
+        layers,
+        aspect,
+        reading,
+        part,
+        stereo,
+        film,
+        killed,
+        viewport,
+        leaks,
+        lamps,
+        over,
+        wrong,
+        registered,
+    )

@@ -14,7 +14,7 @@ import numpy as np
 
 from .reading.beams import BeamReader, is_cycles_portal, portals_of
 from .reading.images import Images
-from .reading.lights import nodes_of
+from .reading.lights import nodes_of, seen_values, softness_values
 from .reading.materials import has_surface
 from .reading.media import APIS, medium_of
 from .reading.names import free_path, group_name
@@ -91,6 +91,7 @@ class _Stage:
         values, targets = self._beams.of_light(thing.data)
         if thing.lightgroup:
             values["photonbeams:lightGroup"] = ["token", group_name(thing.lightgroup)]
+        values |= seen_values(thing) | (softness_values(thing.data) if thing.data.type == "SPOT" else {})
         self._set(lamp, values, targets)
         strength, tint = nodes_of(thing.data, _untold)  # which Blender does not write
         if strength != 1:

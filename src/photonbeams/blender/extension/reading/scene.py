@@ -11,7 +11,7 @@ import numpy as np
 from .beams import BeamReader, is_cycles_portal, portals_of
 from .cameras import camera_prim
 from .kept import Kept
-from .lights import light_prim, stretch_of, world_prims
+from .lights import light_prim, seen_values, stretch_of, world_prims
 from .materials import has_surface, material_prims
 from .media import APIS, has_volume, medium_of
 from .meshes import faces_by_material, mesh_values
@@ -98,7 +98,7 @@ class SceneReader:
         light = thing.data
         prim = light_prim(light, self._path("/Lights", thing.name), self._told)
         values, prim["targets"] = self._beams.of_light(light)
-        prim["values"] |= values
+        prim["values"] |= values | seen_values(thing)
         pose = matrix.copy()
         scale = np.linalg.norm(pose[:3, :3], axis=0)
         if light.type == "SPOT" and np.ptp(scale) > 1e-4 * scale.max():
