@@ -66,6 +66,25 @@ class PHOTONBEAMS_PT_light(_RenderPanel):  # noqa: N801
             layout.prop(context.scene.photonbeams, name)
 
 
+class PHOTONBEAMS_PT_motion_blur(_RenderPanel):  # noqa: N801
+    """The shutter, as Blender has it, and how finely motion is read."""
+
+    bl_label = "Motion Blur"
+    bl_options: ClassVar = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context: Any) -> None:
+        """Draw the switch."""
+        self.layout.prop(context.scene.render, "use_motion_blur", text="")
+
+    def draw(self, context: Any) -> None:
+        """Draw the panel."""
+        layout, render = _split(self.layout), context.scene.render
+        layout.active = render.use_motion_blur
+        layout.prop(render, "motion_blur_position", text="Position")
+        layout.prop(render, "motion_blur_shutter")
+        layout.prop(context.scene.photonbeams, "motion_steps")
+
+
 class PHOTONBEAMS_PT_film(_RenderPanel):  # noqa: N801
     """What the picture has where nothing is."""
 
@@ -104,8 +123,8 @@ class PHOTONBEAMS_PT_light_group(bpy.types.Panel):  # noqa: N801
 
 
 CLASSES = (
-    PHOTONBEAMS_PT_sampling, PHOTONBEAMS_PT_light, PHOTONBEAMS_PT_film, PHOTONBEAMS_PT_light_groups,
-    PHOTONBEAMS_PT_light_group,
+    PHOTONBEAMS_PT_sampling, PHOTONBEAMS_PT_light, PHOTONBEAMS_PT_motion_blur, PHOTONBEAMS_PT_film,
+    PHOTONBEAMS_PT_light_groups, PHOTONBEAMS_PT_light_group,
 )  # fmt: skip
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from itertools import count
 from typing import Any
 
@@ -14,7 +15,8 @@ from .images import Images
 from .lights import light_prim, stretch_of, world_prims
 from .materials import has_surface, material_prims
 from .media import APIS, has_volume, medium_of
-from .meshes import faces_by_material, mesh_values
+from .meshes import faces_by_material, mesh_values, points_of
+from .motion import is_blurred
 
 CAMERA = "/Camera"
 _MESHES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
@@ -42,24 +44,54 @@ class SceneReader:
         #: The names of light groups here, by those in Blender.
         self.groups: dict[str, str] = {}
         self._taken: set[str] = set()
+        self._places: dict[Any, str] = {}  # the paths of what may move
         self._materials: dict[str, str] = {}
         self._geometry: dict[Any, tuple[dict[str, Any], dict[int, Any]] | None] = {}
         self._prims: list[dict[str, Any]] = []
 
     def prims(self) -> list[dict[str, Any]]:
         """Return the prims of all but the camera."""
-        for each in self._depsgraph.object_instances:
-            thing = each.object
-            if not each.show_self or self._left_out(each.parent or thing):
-                continue
+        for thing, matrix, key in self._things():
             if thing.type == "LIGHT" and not getattr(getattr(thing.data, "cycles", None), "is_portal", False):
-                self._add_light(thing, np.array(each.matrix_world))
+                self._places[key] = path = self._path("/Lights", thing.name)
+                self._prims.append(self._light(thing, matrix, path))
             elif thing.type in _MESHES:
-                self._add_mesh(thing, np.array(each.matrix_world))
+                self._add_mesh(thing, matrix, key)
             elif thing.type in _UNREAD:
                 self._told(f"{thing.name} is {_UNREAD[thing.type]}, which is not rendered")
         self._add_world(self._layer.world_override or self._depsgraph.scene.world)
         return self._prims
+
+    def moved(self) -> dict[str, dict[str, Any]]:
+        """Return what may move, by path, as Blender has evaluated it now: transforms, lights, shapes that differ."""
+        first = {each["path"]: each.get("values", {}) for each in self._prims}
+        found, shapes = dict[str, dict[str, Any]](), dict[Any, dict[str, Any]]()
+        for thing, matrix, key in self._things():
+            path = self._places.get(key, "")
+            if path not in first or not is_blurred(thing):
+                continue
+            if thing.type == "LIGHT":
+                found[path] = self._light(thing, matrix, path)
+                continue
+            found[path] = {"matrix": matrix.T}
+            if thing.type in _MESHES:
+                own = _geometry_of(thing)
+                if own not in shapes:
+                    shapes[own] = _reshaped(thing, first[path]["points"][1])
+                found[path]["values"] = shapes[own]
+        return found
+
+    def _things(self) -> Iterator[tuple[Any, Any, Any]]:
+        """Yield the objects that are rendered, and their copies: object, transform, and what names it at all times."""
+        seen = Counter[Any]()
+        for each in self._depsgraph.object_instances:
+            thing = each.object
+            if not each.show_self or self._left_out(each.parent or thing):
+                continue
+            parent = each.parent.original.name_full if each.is_instance else ""
+            key = parent, thing.original.name_full, thing.type, tuple(each.persistent_id)
+            seen[key] += 1
+            yield thing, np.array(each.matrix_world), (*key, seen[key])
 
     def _left_out(self, thing: Any) -> bool:
         """Return whether an object is a holdout or seen only indirectly, which is told."""
@@ -87,9 +119,9 @@ class SceneReader:
         self._taken.add(path)
         return path
 
-    def _add_light(self, thing: Any, matrix: Any) -> None:
+    def _light(self, thing: Any, matrix: Any, path: str) -> dict[str, Any]:
         light = thing.data
-        prim = light_prim(light, self._path("/Lights", thing.name), self._told)
+        prim = light_prim(light, path, self._told)
         pose = matrix.copy()
         scale = np.linalg.norm(pose[:3, :3], axis=0)
         if light.type == "SPOT" and np.ptp(scale) > 1e-4 * scale.max():
@@ -99,7 +131,7 @@ class SceneReader:
         prim["matrix"] = pose.T
         if thing.lightgroup:
             prim["values"]["photonbeams:lightGroup"] = ["token", self._group(thing.lightgroup)]
-        self._prims.append(prim)
+        return prim
 
     def _group(self, name: str) -> str:
         """Return the name of a light group here, which consists of fewer letters than Blender allows."""
@@ -108,7 +140,7 @@ class SceneReader:
             self.groups[name] = next(each for k in count() if (each := f"{valid}_{k}" if k else valid) not in taken)
         return self.groups[name]
 
-    def _add_mesh(self, thing: Any, matrix: Any) -> None:
+    def _add_mesh(self, thing: Any, matrix: Any, key: Any) -> None:
         found = self._mesh(thing)
         if found is None:
             return
@@ -116,8 +148,9 @@ class SceneReader:
         override = self._layer.material_override
         slots = [override or each.material for each in thing.material_slots] or [override]
         materials = {slot: slots[min(slot, len(slots) - 1)] for slot in faces}
+        self._places[key] = path = self._path("/Objects", thing.name)
         prim: dict[str, Any] = {
-            "path": self._path("/Objects", thing.name), "type": "Mesh", "matrix": matrix.T, "values": values,
+            "path": path, "type": "Mesh", "matrix": matrix.T, "values": values,
         }  # fmt: skip
         if any(has_surface(each) for each in materials.values()):
             if any(has_volume(each) for each in materials.values()):
@@ -146,7 +179,7 @@ class SceneReader:
 
     def _mesh(self, thing: Any) -> tuple[dict[str, Any], dict[int, Any]] | None:
         """Return the attributes and the faces of an object's mesh, which its instances share; None if it has none."""
-        key = thing.original.name_full, thing.data.session_uid if thing.data is not None else 0
+        key = _geometry_of(thing)
         if key not in self._geometry:
             mesh = thing.to_mesh()
             self._geometry[key] = None
@@ -175,3 +208,17 @@ class SceneReader:
         medium = medium_of(world, self._told)
         if medium is not None:
             self._prims.append({"path": self._path("", "Fog"), "type": "Scope", "apis": APIS, "values": medium})
+
+
+def _geometry_of(thing: Any) -> Any:
+    """Return what names the geometry of an object, which its instances share."""
+    return thing.original.name_full, thing.data.session_uid if thing.data is not None else 0
+
+
+def _reshaped(thing: Any, points: Any) -> dict[str, Any]:
+    """Return the attributes of an object's mesh if it has other points than these; else none."""
+    mesh = thing.to_mesh()
+    differs = mesh is not None and len(mesh.polygons) and not np.array_equal(points_of(mesh), points)
+    found = mesh_values(mesh) if differs else {}
+    thing.to_mesh_clear()
+    return found
