@@ -14,14 +14,15 @@ from .cameras import camera_prim
 from .images import Images
 from .lights import light_prim, stretch_of, world_prims
 from .materials import has_surface, material_prims
-from .media import APIS, has_volume, medium_of
+from .media import APIS, has_volume, medium_of, volume_of
 from .meshes import faces_by_material, mesh_values, points_of
 from .motion import is_blurred
+from .volumes import GridFiles, scale_of, smoke_of, volume_prims
 
 CAMERA = "/Camera"
 _MESHES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 _UNREAD = {
-    "VOLUME": "a volume of OpenVDB", "CURVES": "hair", "POINTCLOUD": "a cloud of points", "GREASEPENCIL": "a drawing"
+    "CURVES": "hair", "POINTCLOUD": "a cloud of points", "GREASEPENCIL": "a drawing"
 }  # fmt: skip
 
 
@@ -44,6 +45,7 @@ class SceneReader:
         #: The names of light groups here, by those in Blender.
         self.groups: dict[str, str] = {}
         self._taken: set[str] = set()
+        self._grids = GridFiles(folder, told)
         self._places: dict[Any, str] = {}  # the paths of what may move
         self._materials: dict[str, str] = {}
         self._geometry: dict[Any, tuple[dict[str, Any], dict[int, Any]] | None] = {}
@@ -55,6 +57,8 @@ class SceneReader:
             if thing.type == "LIGHT" and not getattr(getattr(thing.data, "cycles", None), "is_portal", False):
                 self._places[key] = path = self._path("/Lights", thing.name)
                 self._prims.append(self._light(thing, matrix, path))
+            elif thing.type == "VOLUME" or smoke_of(thing) is not None:
+                self._add_volume(thing, matrix, key)
             elif thing.type in _MESHES:
                 self._add_mesh(thing, matrix, key)
             elif thing.type in _UNREAD:
@@ -74,7 +78,7 @@ class SceneReader:
                 found[path] = self._light(thing, matrix, path)
                 continue
             found[path] = {"matrix": matrix.T}
-            if thing.type in _MESHES:
+            if "points" in first[path]:
                 own = _geometry_of(thing)
                 if own not in shapes:
                     shapes[own] = _reshaped(thing, first[path]["points"][1])
@@ -158,6 +162,21 @@ class SceneReader:
             self._prims += self._bound(prim, materials, faces)
         elif (medium := medium_of(next(iter(materials.values())), self._told)) is not None:
             self._prims.append({**prim, "apis": APIS, "values": {**values, **medium}})
+
+    def _add_volume(self, thing: Any, matrix: Any, key: Any) -> None:
+        slots = [each.material for each in thing.material_slots]
+        volume = volume_of(self._layer.material_override or next(iter(slots), None), self._told)
+        if volume is None:
+            self._told(f"{thing.name} is not rendered: its material has no volume that is")
+            return
+        files = self._grids.of(thing, {volume.density, volume.color, volume.glow_grid} - {""})
+        if files is None:
+            return
+        if volume.density in files:
+            self._places[key] = path = self._path("/Objects", thing.name)
+            self._prims += volume_prims(path, matrix, volume, files, scale_of(thing, matrix))
+        else:
+            self._told(f"{thing.name} is not rendered: it has no grid {volume.density}")
 
     def _bound(
         self, prim: dict[str, Any], materials: dict[int, Any], faces: dict[int, Any]
