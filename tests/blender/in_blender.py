@@ -13,16 +13,19 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "src" / "photonbeams" / "blender"))
 
 import bpy  # noqa: E402
 import extension  # noqa: E402
-from extension.process import SHARED  # noqa: E402
+import numpy as np  # noqa: E402
+from extension.process import POOL, Renderer  # noqa: E402
 from mathutils import Vector  # noqa: E402
 
 WIDTH, HEIGHT = 48, 27
+TAKEN = []  # the renderers that were taken
 
 
 def tell(**found):
@@ -108,10 +111,9 @@ def again(folder):
     """Render the same frame twice: the renderer stays warm, and the pictures are equal."""
     room()
     render(folder / "first.exr")
-    first = SHARED.get("").number
     begin = time.monotonic()
     render(folder / "second.exr")
-    tell(same=first == SHARED.get("").number, seconds=time.monotonic() - begin)
+    tell(same=len({each.number for each in TAKEN}) == 1, seconds=time.monotonic() - begin)
 
 
 def layers(folder):
@@ -140,6 +142,7 @@ def aspect(folder):
 
 def reading(folder):
     """Read lights and materials of all kinds, and print their prims and what is told."""
+    from extension.reading.kept import Kept
     from extension.reading.scene import SceneReader
 
     scene = room()
@@ -186,7 +189,7 @@ def reading(folder):
     for k, face in enumerate(two.data.polygons):
         face.material_index = k % 3
     said = []
-    prims = SceneReader(bpy.context.evaluated_depsgraph_get(), str(folder), said.append).prims()
+    prims = SceneReader(bpy.context.evaluated_depsgraph_get(), Kept(str(folder)), said.append).prims()
     plain = {
         each["path"]: {**{name: value[1] for name, value in each.get("values", {}).items()
                           if not hasattr(value[1], "shape")}, "type": each["type"]}
@@ -236,7 +239,7 @@ def killed(folder):
     scene = room()
     render(folder / "before.exr")
     scene.photonbeams.passes = 100_000
-    threading.Timer(1.0, lambda: os.kill(SHARED.get("").number, signal.SIGKILL)).start()
+    threading.Timer(1.0, lambda: os.kill(TAKEN[-1].number, signal.SIGKILL)).start()
     begin = time.monotonic()
     try:
         bpy.ops.render.render()
@@ -258,12 +261,154 @@ def wrong(folder):
             bpy.data.lights.remove(bpy.data.lights["Fill"])
             scene.world = None
         if case == "no renderer":
-            SHARED.close()
+            POOL.close()
             os.environ["PHOTONBEAMS_PYTHON"] = "/nowhere/python"
         try:
             bpy.ops.render.render()
         except RuntimeError as error:
             tell(case=case, error=str(error))
+
+
+class Screen:
+    """A viewport that looks through the scene's camera, as the engine has it drawn."""
+
+    def __init__(self):
+        from extension.viewport import Viewport
+
+        self.viewport = Viewport()
+        bpy.app.handlers.depsgraph_update_post.append(self.update)
+
+    def update(self, _scene, depsgraph):
+        self.viewport.change(depsgraph.updates)
+
+    def show(self, width=WIDTH, height=HEIGHT, passes=2):
+        """Show the scene as it is now; return the finished picture, and the sizes of all pictures."""
+        from extension.reading.cameras import viewport_prim
+        from extension.reading.scene import CAMERA
+
+        bpy.context.view_layer.update()
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        camera = bpy.context.scene.camera.evaluated_get(depsgraph)
+        region = SimpleNamespace(
+            view_matrix=camera.matrix_world.inverted(), view_perspective="CAMERA",
+            window_matrix=camera.calc_matrix_camera(depsgraph, x=width, y=height),
+        )  # fmt: skip
+        space = SimpleNamespace(lens=50, clip_start=0.1, clip_end=100, camera=bpy.context.scene.camera)
+        view = {"width": width, "height": height, "passes": passes, "denoise": False, "bounces": 0}
+        self.viewport.picture, sizes, until = None, [], time.monotonic() + 100
+        self.viewport.show(depsgraph, "", viewport_prim(region, space, depsgraph, CAMERA), view)
+        while time.monotonic() < until:
+            if self.viewport.poll():
+                if self.viewport.picture is not None:
+                    sizes.append(self.viewport.picture.shape[1])
+                whole = sizes and sizes[-1] == width and self.viewport.text.startswith(f"Pass {passes} of")
+                if whole or self.viewport.picture is None:
+                    break
+            time.sleep(0.002)
+        return self.viewport.picture, sizes
+
+    def close(self):
+        bpy.app.handlers.depsgraph_update_post.remove(self.update)
+        self.viewport.close()
+
+
+def viewport(folder):
+    """Show a viewport, edit what it shows, and compare with viewports that see it for the first time."""
+    scene, sent = room(), []
+    scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0, 0, 0, 1)
+    write = Renderer.send
+
+    def send(self, do, **content):
+        sent.append([each["path"] for each in content.get("prims", ())] if do == "scene" else do)
+        write(self, do, **content)
+
+    Renderer.send = send
+    screen = Screen()
+    first, sizes = screen.show(320, 180)
+    np.save(folder / "first.npy", first)
+    tell(sizes=sizes, sent=sent[:], text=screen.viewport.text)
+
+    def edit(name, change):
+        sent.clear()
+        change()
+        picture, _ = screen.show()
+        told = sent[:]
+        fresh = Screen()
+        expected, _ = fresh.show()
+        fresh.close()
+        tell(edit=name, sent=told, same=bool(np.array_equal(picture, expected)), mean=float(picture[..., :3].mean()))
+
+    def brighter():
+        for name in ("Key", "Fill"):
+            bpy.data.lights[name].energy *= 2
+
+    def sculpt():
+        bpy.data.objects["Cube"].data.vertices[0].co.x -= 1
+        bpy.data.objects["Cube"].data.update()
+
+    edit("size", lambda: None)
+    edit("light", brighter)
+    edit("camera", lambda: setattr(scene.camera.location, "x", 0.7))
+    edit("lens", lambda: setattr(scene.camera.data, "lens", 40))
+    edit("object", lambda: setattr(bpy.data.objects["Twin"].location, "x", -1.0))
+    edit("mesh", sculpt)
+    edit("material", lambda: setattr(floor_color(), "default_value", (0.1, 0.2, 0.3, 1)))
+    edit("deleted", lambda: bpy.data.objects.remove(bpy.data.objects["Twin"]))
+    os.kill(screen.viewport._renderer.number, signal.SIGKILL)
+    screen.viewport._renderer._process.wait()
+    scene.camera.location.x = 0.9
+    nothing, _ = screen.show()
+    told = screen.viewport.text
+    picture, _ = screen.show()
+    tell(killed=told, nothing=nothing is None, again=picture is not None)
+    screen.close()
+
+
+def floor_color():
+    """Return the input of the floor's colour."""
+    return bpy.data.materials["Floor"].node_tree.nodes["Principled BSDF"].inputs["Base Color"]
+
+
+def memory(number):
+    """Return the memory of a process in MB."""
+    return int(Path(f"/proc/{number}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def leaks(folder):
+    """Edit, resize and load again and again, and print the memory of both processes."""
+    room()
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "room.blend"))
+    screen = Screen()
+
+    def used(what, count, change):
+        found = []
+        for k in range(count):
+            change(k)
+            if k % (count // 5) == count // 5 - 1:
+                found.append([memory(os.getpid()), memory(screen.viewport._renderer.number)])
+        tell(what=what, used=found)
+
+    def edit(k):
+        bpy.data.lights["Key"].energy = 100 + k
+        bpy.data.objects["Cube"].data.vertices[0].co.x -= 0.01
+        bpy.data.objects["Cube"].data.update()
+        screen.show(passes=1)
+
+    def resize(k):
+        screen.show(WIDTH + k % 20, HEIGHT + k % 7, passes=1)
+
+    def load(k):
+        nonlocal screen
+        screen.close()
+        bpy.ops.wm.open_mainfile(filepath=str(folder / "room.blend"))
+        screen = Screen()
+        screen.show(passes=1)
+
+    used("edits", 50, edit)
+    used("sizes", 100, resize)
+    used("loads", 20, load)
+    screen.close()
+    tell(processes=len({each.number for each in TAKEN}))
 
 
 def registered(folder):
@@ -285,9 +430,25 @@ def registered(folder):
 
 if __name__ == "__main__":
     extension.register()
+    take = POOL.take
+    POOL.take = lambda chosen: TAKEN.append(take(chosen)) or TAKEN[-1]
     folder = Path(sys.argv[2])
     {
         each.__name__: each
-        for each in (frame, again, layers, aspect, reading, part, stereo, film, killed, wrong, registered)
+        for each in (
+            frame,
+            again,
+            layers,
+            aspect,
+            reading,
+            part,
+            stereo,
+            film,
+            killed,
+            viewport,
+            leaks,
+            wrong,
+            registered,
+        )
     }[sys.argv[1]](folder)
     extension.unregister()

@@ -84,6 +84,7 @@ def eyes(folder):
 
 def samples(folder):
     """Tell the time samples of things that turn, are copied, change their faces, and are not blurred; of a lens."""
+    from extension.reading.kept import Kept
     from extension.reading.motion import shutter_of, with_samples
     from extension.reading.scene import SceneReader
 
@@ -111,7 +112,7 @@ def samples(folder):
     scene.frame_set(1)
     said = []
     graph = bpy.context.evaluated_depsgraph_get()
-    reader, closed = SceneReader(graph, str(folder), said.append), shutter_of(scene, said.append)
+    reader, closed = SceneReader(graph, Kept(str(folder)), said.append), shutter_of(scene, said.append)
     prims, moved = reader.prims(), {}
     for each in closed.other_times():
         scene.frame_set(math.floor(each), subframe=each % 1)

@@ -138,3 +138,41 @@ def test_what_cannot_be_rendered_is_a_sentence(tmp_path):
 def test_unregistering_leaves_no_trace(tmp_path):
     (found,) = blender("registered", tmp_path)
     assert found["shared"] > 10 and found["left"] == 0 and not found["scene"] and found["traces"] == []
+
+
+@pytest.fixture(scope="module")
+def viewport(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("viewport")
+    return blender("viewport", folder), np.load(folder / "first.npy")
+
+
+def test_a_viewport_shows_a_small_picture_at_once_and_then_whole_ones(viewport):
+    (first, *_), picture = viewport
+    assert first["sizes"] == [160, 320, 320] and first["text"] == "Pass 2 of 2 | 320 × 180"
+    assert picture.shape == (180, 320, 4) and np.isfinite(picture).all()
+
+
+def test_only_what_changed_crosses_and_the_picture_is_that_of_a_new_viewport(viewport):
+    edits = {each["edit"]: each for each in viewport[0] if "edit" in each}
+    assert all(each["same"] for each in edits.values())
+    sent = {name: each["sent"] for name, each in edits.items()}
+    assert sent == {
+        "size": [["/Camera"], "view"], "light": [["/Lights/Key", "/Lights/Fill"], "view"], "camera": ["view"],
+        "lens": [["/Camera"], "view"], "object": [["/Objects/Twin"], "view"],
+        "mesh": [["/Objects/Cube", "/Objects/Twin"], "view"], "material": [["/Materials/Floor/Shader"], "view"],
+        "deleted": [[], "view"],
+    }  # fmt: skip
+    assert edits["light"]["mean"] == pytest.approx(2 * edits["size"]["mean"], rel=1e-4)
+
+
+def test_a_viewport_whose_renderer_was_killed_says_so_and_goes_on(viewport):
+    *_, last = viewport[0]
+    assert last["nothing"] and "the renderer has ended" in last["killed"] and last["again"]
+
+
+def test_edits_sizes_and_loads_leak_nothing(tmp_path):
+    *found, last = blender("leaks", tmp_path)
+    assert [each["what"] for each in found] == ["edits", "sizes", "loads"] and last["processes"] == 1
+    for each in found:
+        # A leaked picture is 7 kB, a leaked scene over a megabyte, of which there are 16 after the first reading.
+        assert np.ptp(np.array(each["used"]), axis=0).max() < 12, each

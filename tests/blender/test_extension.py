@@ -15,7 +15,7 @@ from tests.blender.bpy_python import PYTHON
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = Path(photonbeams.blender.__file__).parent / "extension"
 #: What Blender's Python has.
-THERE = {*sys.stdlib_module_names, "numpy", "bpy", "bl_ui", "mathutils"}
+THERE = {*sys.stdlib_module_names, "numpy", "bpy", "bl_ui", "mathutils", "gpu", "gpu_extras"}
 
 
 @pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: path.name)

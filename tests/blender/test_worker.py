@@ -107,6 +107,36 @@ def test_what_is_wrong_is_a_sentence(warm, given, sentence):
     assert sentence in end["problem"] and len(end["problem"]) <= 300
 
 
+VIEW = {"width": 320, "height": 180, "passes": 2, "denoise": False, "bounces": 0}
+
+
+def test_a_view_shows_a_small_picture_and_whole_ones(warm):
+    warm.send("view", number=40, camera=CAMERA, view=VIEW)
+    *pictures, end = (each for each in warm.until("end") if each["is"] != "warning")
+    assert [(each["scale"] < 1, each["done"], each["layers"]["rgba"].shape) for each in pictures] == [
+        (True, 1, (90, 160, 4)), (False, 1, (180, 320, 4)), (False, 2, (180, 320, 4)),
+    ]  # fmt: skip
+    assert end == {"is": "end", "number": 40, "problem": None}
+    expected = shot().render(width=320, height=180, passes=2, max_depth=2).layers["rgba"]
+    assert np.array_equal(pictures[-1]["layers"]["rgba"], expected)
+
+
+def test_a_view_ends_when_another_comes(warm):
+    for number in (41, 42):
+        warm.send("view", number=number, camera=CAMERA, view={**VIEW, "passes": 10_000 if number == 41 else 1})
+    found = warm.until("end") + warm.until("end")
+    assert [each["number"] for each in found if each["is"] == "end"] == [41, 42]
+    assert [each["done"] for each in found if each["is"] == "picture" and each["number"] == 42] == [1, 1]
+
+
+def test_a_finished_view_is_denoised_if_that_is_wanted(warm):
+    given = {"passes": 2, "max_depth": 2, "width": 320, "height": 180}
+    warm.send("view", number=43, camera=CAMERA, view={**VIEW, "denoise": True})
+    *_, last, _ = warm.until("end")
+    raw, denoised = (shot().render(denoise=each, **given).layers["rgba"] for each in (False, True))
+    assert np.abs(last["layers"]["rgba"] - denoised).mean() < 0.1 * np.abs(raw - denoised).mean()
+
+
 def test_warnings_are_told(warm):
     wrong = {"path": "/Sky", "type": "DomeLight", "values": {"inputs:texture:file": ["asset", "/nowhere.exr"]}}
     warm.send("scene", prims=[wrong])

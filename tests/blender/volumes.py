@@ -63,6 +63,7 @@ def frame(folder):
 
 def reading(folder):
     """Read volumes of all kinds, and tell their prims and what is said."""
+    from extension.reading.kept import Kept
     from extension.reading.scene import SceneReader
     from extension.reading.volumes import smoke_grid, write_vol
 
@@ -90,7 +91,7 @@ def reading(folder):
     made.object, made.voxel_amount, made.density = bpy.context.object, 8, 2
     scene.frame_set(2)
     said = []
-    prims = SceneReader(bpy.context.evaluated_depsgraph_get(), str(folder), said.append).prims()
+    prims = SceneReader(bpy.context.evaluated_depsgraph_get(), Kept(str(folder)), said.append).prims()
     plain = [
         {**each, "matrix": np.asarray(each.get("matrix", np.eye(4))).tolist()}
         for each in prims

@@ -6,10 +6,13 @@ It reads messages from its input and writes others to its output (`extension/mes
     {"do": "render", "number": n, "camera": path, "settings": {…}, "width": w, "height": h,
      "crop": […], "pixel_aspect": a, "frame": time code}
     {"do": "cancel", "number": n}                     end the renders up to this one
+    {"do": "view", "number": n, "camera": path, "view": {…}}
+                                                      show a viewport, by fields of `SessionView`, until a message comes
 
     {"is": "ready", "version": text}                  once, at the beginning
     {"is": "progress", "number": n, "done": passes, "planned": passes, "error": relative error or None}
-    {"is": "picture", "number": n, "layers": {…}}     the layers so far, (H, W, C) from the top row down
+    {"is": "picture", "number": n, "layers": {…}}     the layers so far, (H, W, C) from the top row down; of a view
+                                                      rgba alone, with "done", "planned" and "scale" as a `Picture` has
     {"is": "warning", "text": sentence}
     {"is": "end", "number": n, "problem": sentence}   no sentence: the render is finished, or was cancelled
 
@@ -18,6 +21,7 @@ The process ends when its input does, so none is left when Blender crashes.
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -26,6 +30,7 @@ import threading
 import time
 from _thread import interrupt_main
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext, suppress
 from math import inf
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -38,9 +43,12 @@ if TYPE_CHECKING:
     from ..images.frame import Frame
     from ..render.passes import Statistics
     from ..shot.shot import Shot
+    from ..studio.viewing import LivePictures
 
 # Least seconds between pictures of a render that is under way, and as many times what one takes, with its denoising.
 _BETWEEN, _REST = 1.0, 8.0
+# Seconds that a view waits after its first picture: while a camera moves, or a value is dragged, another one comes.
+_MOVING = 0.25
 _UP_AXIS, _METERS = "Z", 1.0  # Blender's
 
 
@@ -59,6 +67,7 @@ class Worker:
         self._rendering: int | None = None  # the number of the render that is under way
         self._cancelled, self._telling = -inf, False
         self._stage: Any = None
+        self._live: LivePictures | None = None  # of the views of this stage
         # What is wrong with the machine, and with the scene.
         self._unable: str | None = None
         self._problem: str | None = None
@@ -79,7 +88,9 @@ class Worker:
             if message["do"] == "scene":
                 self._change(message)
             elif message["do"] == "render":
-                self._render(message)
+                self._answer(message, self._render)
+            elif message["do"] == "view":
+                self._answer(message, self._view)
 
     def tell(self, kind: str, **content: Any) -> None:
         """Send a message."""
@@ -116,33 +127,66 @@ class Worker:
         from ..usd.authoring.prims import new_stage, remove_prims, write_prims
 
         if self._stage is None or message.get("whole"):
-            self._stage, self._problem = new_stage(_UP_AXIS, _METERS), None
+            self._stage, self._live, self._problem = new_stage(_UP_AXIS, _METERS), None, None
+            gc.collect()  # kernels have code for the surfaces and media of every scene in memory
         try:
             remove_prims(self._stage, message.get("removed", ()))
             write_prims(self._stage, message["prims"])
         except SceneError as error:
             self._problem = str(error)
 
+    def _answer(self, wanted: Mapping[str, Any], render: Callable[[Mapping[str, Any]], None]) -> None:
+        """Render what is wanted, and say that it has ended, and of which problem."""
+        problem = self._unable or self._problem
+        if problem is None:
+            try:
+                render(wanted)
+            except KeyboardInterrupt:
+                pass
+            except (SceneError, OSError, MemoryError, RuntimeError) as error:  # Dr.Jit's and the device's, too
+                problem = shortened(str(error) or type(error).__name__)
+        self._rendering = None
+        self.tell("end", number=wanted["number"], problem=problem)
+
     def _render(self, wanted: Mapping[str, Any]) -> None:
         from ..shot.shot import Shot
 
-        number, problem = wanted["number"], self._unable or self._problem
-        if problem is not None:
-            self.tell("end", number=number, problem=problem)
-            return
-        try:
-            shot = Shot(self._stage, wanted["camera"])
-            self._rendering = number
-            self._leave()
-            frame = self._frame(shot, number, wanted)
-            self._rendering = None
-            self.tell("picture", number=number, layers=frame.layers)
-        except KeyboardInterrupt:
-            pass
-        except (SceneError, OSError, MemoryError, RuntimeError) as error:  # Dr.Jit's and the device's are RuntimeErrors
-            problem = shortened(str(error) or type(error).__name__)
+        number = wanted["number"]
+        shot = Shot(self._stage, wanted["camera"])
+        self._rendering = number
+        self._leave()
+        frame = self._frame(shot, number, wanted)
         self._rendering = None
-        self.tell("end", number=number, problem=problem)
+        self.tell("picture", number=number, layers=frame.layers)
+
+    def _view(self, wanted: Mapping[str, Any]) -> None:
+        from ..shot.shot import Shot
+        from ..shot.subject import Viewpoint
+        from ..studio.live import Cancelled
+        from ..studio.pictures import SessionView
+        from ..studio.viewing import LivePictures
+
+        if self._live is None:
+            seen_by = Viewpoint(wanted["camera"], None)
+            shot = Shot(self._stage, wanted["camera"])
+            self._live = LivePictures(shot, lambda _: seen_by, tuple, nullcontext(), raw_at_last=False)
+        number, view = wanted["number"], SessionView(**wanted["view"])
+        with suppress(Cancelled):
+            for picture in self._live.pictures(view, number, self._is_another_wanted, self._is_left):
+                told = {"done": picture.passes, "planned": picture.planned, "scale": picture.scale}
+                self.tell("picture", number=number, layers={"rgba": picture.layers["rgba"]}, **told)
+                if picture.is_first and self._is_another_wanted(_MOVING):
+                    return
+
+    def _is_another_wanted(self, within: float = 0.0) -> bool:
+        """Return whether a message waits, or comes within some seconds."""
+        until = time.monotonic() + within
+        while self._waiting.empty() and time.monotonic() < until:
+            time.sleep(0.005)
+        return not self._waiting.empty()
+
+    def _is_left(self) -> bool:
+        return self._cancelled == inf
 
     def _frame(self, shot: Shot, number: int, wanted: Mapping[str, Any]) -> Frame:
         """Return the finished frame, and send pictures of it until then."""

@@ -70,13 +70,17 @@ class _Chain:
 
 
 class LivePictures:
-    """The pictures of a session's views: a quick small one, then a whole one, then more passes."""
+    """The pictures of a session's views: a quick small one, then a whole one, then more passes.
+
+    The finished one is `raw_at_last`: it is not denoised, so that it has the bits of a render.
+    """
 
     def __init__(
         self, shot: Shot, viewpoint: Callable[[SessionView], Viewpoint], edited: Callable[[], Sequence[str]],
-        lock: AbstractContextManager[Any],
+        lock: AbstractContextManager[Any], raw_at_last: bool = True,
     ) -> None:  # fmt: skip
         self._shot, self._viewpoint, self._edited, self._lock = shot, viewpoint, edited, lock
+        self._raw_at_last = raw_at_last
         self._room: bool | None = None  # whether the first picture is of a room
         self.forget()
 
@@ -128,7 +132,7 @@ class LivePictures:
             if unwanted():
                 raise Cancelled
             development, done = self._development(ready, chain, number, view), number + 1
-            if development.settings.denoise and done > _EACH and done % _ONE_OF:
+            if development.settings.denoise and done > _EACH and done % _ONE_OF and done < view.passes:
                 continue
             made = development.frame(frame.sums(), frame.statistics)
             if unwanted():
@@ -140,7 +144,7 @@ class LivePictures:
 
     def _development(self, ready: Prepared, chain: _Chain, number: int, view: SessionView) -> Development:
         """Return how the passes up to `number` become a picture."""
-        if chain is self._whole and number >= view.passes - 1:
+        if chain is self._whole and self._raw_at_last and number >= view.passes - 1:
             return replace(ready.development, settings=replace(ready.development.settings, denoise=False))
         # After an edit of a look, denoised layers of surfaces can be reused.
         return replace(ready.development, filtered=chain.filtered) if number == 0 else ready.development

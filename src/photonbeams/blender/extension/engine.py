@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterator
+import weakref
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import bpy
 import numpy as np
 
-from .process import SHARED, NoRendererError, Renderer
+from .drawing import Drawing
+from .process import POOL, NoRendererError, Renderer
+from .reading.cameras import viewport_prim
+from .reading.kept import Kept
 from .reading.motion import Shutter, is_blurred, shutter_of, with_samples
 from .reading.scene import CAMERA, SceneReader
 from .settings import chosen_python
+from .viewport import Viewport
 
 ENGINE = "PHOTONBEAMS"
 #: The render passes: Blender's name, the channels, the kind, and the layer of photonbeams.
@@ -24,6 +29,7 @@ PASSES = (
 _GROUP, _GROUP_LAYER = "Beams ", "beams_"
 _WAIT = 0.05  # seconds between looks at whether Blender wants the render to end
 _PATIENCE = 0.8  # seconds until a render that was cancelled is ended by force
+_OFTEN = 0.02  # seconds between looks at whether a viewport has a new picture
 _FARTHEST = 1e10  # the depth where there is nothing, as in Cycles
 
 
@@ -36,6 +42,8 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
     bl_use_eevee_viewport = True
     bl_use_shading_nodes_custom = False  # materials are edited as for Cycles
     bl_use_postprocess = True
+
+    _viewport: Viewport | None = None
 
     def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
         """Tell Blender which passes there are."""
@@ -59,21 +67,24 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
             return
         self.update_stats("", "Reading the scene")
         try:
-            with tempfile.TemporaryDirectory(prefix="photonbeams") as folder:
-                reader = SceneReader(depsgraph, folder, tell)
-                renderer = SHARED.get(chosen_python())
-                shutter = shutter_of(scene, tell)
-                prims, eyes = self._read(reader, camera, depsgraph, shutter, tell)
-                renderer.send("scene", prims=prims, whole=True)
-                if scene.render.film_transparent and scene.world is not None:
-                    tell("Transparent film: the sky's light is in the picture, where alpha is 0")
-                frame = {} if shutter is None else {"frame": shutter.frame}
-                for view, eye in eyes.items():
-                    if view:
-                        self.active_view_set(view)
-                    renderer.send("scene", prims=[eye])
-                    if not self._rendered(renderer, reader, depsgraph, view, tell, frame):
-                        return
+            renderer = POOL.take(chosen_python())
+            try:
+                with tempfile.TemporaryDirectory(prefix="photonbeams") as folder:
+                    reader = SceneReader(depsgraph, Kept(folder), tell)
+                    shutter = shutter_of(scene, tell)
+                    prims, eyes = self._read(reader, camera, depsgraph, shutter, tell)
+                    renderer.send("scene", prims=prims, whole=True)
+                    if scene.render.film_transparent and scene.world is not None:
+                        tell("Transparent film: the sky's light is in the picture, where alpha is 0")
+                    frame = {} if shutter is None else {"frame": shutter.frame}
+                    for view, eye in eyes.items():
+                        if view:
+                            self.active_view_set(view)
+                        renderer.send("scene", prims=[eye])
+                        if not self._rendered(renderer, reader, depsgraph, view, tell, frame):
+                            return
+            finally:
+                POOL.give(renderer)
         except NoRendererError as error:
             self._fail(str(error))
 
@@ -148,6 +159,30 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
                         self._fail(message["problem"])
                     return not message["problem"]
 
+    def view_update(self, context: Any, depsgraph: Any) -> None:
+        """Note what has changed since the viewport was drawn last."""
+        if self._viewport is None:
+            self._viewport, self._drawing = Viewport(), Drawing()
+            weakref.finalize(self, self._viewport.close)
+            bpy.app.timers.register(_follower(self, self._viewport), first_interval=_OFTEN)
+        self._viewport.change(depsgraph.updates)
+
+    def view_draw(self, context: Any, depsgraph: Any) -> None:
+        """Draw the last picture, and ask for one of what is seen now."""
+        if self._viewport is None:
+            self.view_update(context, depsgraph)
+        assert self._viewport is not None
+        scene, region = depsgraph.scene, context.region
+        coarse = _coarseness(scene.render.preview_pixel_size)
+        size = {"width": max(1, region.width // coarse), "height": max(1, region.height // coarse)}
+        camera = viewport_prim(context.region_data, context.space_data, depsgraph, CAMERA)
+        self._viewport.show(depsgraph, chosen_python(), camera, {**size, **scene.photonbeams.viewed()})
+        for text in self._viewport.warnings():
+            self.report({"WARNING"}, text)
+        self.update_stats("", self._viewport.text)
+        if self._viewport.picture is not None:
+            self._drawing.draw(self._viewport.picture, (region.width, region.height), scene.render.film_transparent)
+
     def _fail(self, text: str) -> None:
         """Say why there is no picture: in the status bar or to a script, and in the picture's own window."""
         self.report({"ERROR"}, text)
@@ -167,7 +202,7 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
             message = renderer.receive(_WAIT)
             if message is not None and message["is"] == "end" and message["number"] == number:
                 return False
-        SHARED.close()
+        renderer.close()
         return False
 
     def _show(self, layers: dict[str, Any], depsgraph: Any, view: str, groups: dict[str, str]) -> None:
@@ -207,6 +242,28 @@ def border(render: Any, whole: tuple[int, int]) -> tuple[int, int, int, int]:
 
     x0, x1 = rounded(render.border_min_x, width), rounded(render.border_max_x, width)
     return x0, height - rounded(render.border_max_y, height), x1, height - rounded(render.border_min_y, height)
+
+
+def _coarseness(chosen: str) -> int:
+    """Return the pixels of the screen in a rendered one, each way."""
+    return int(bpy.context.preferences.system.pixel_size) if chosen == "AUTO" else int(chosen)
+
+
+def _follower(engine: PhotonBeamsEngine, viewport: Viewport) -> Callable[[], float | None]:
+    """Return a timer that has a viewport drawn when there is something new, as long as its engine exists."""
+    known = weakref.ref(engine)
+
+    def follow() -> float | None:
+        if (engine := known()) is None:
+            return None
+        try:
+            if viewport.poll():
+                engine.tag_redraw()
+        except ReferenceError:  # Blender has freed it
+            return None
+        return _OFTEN
+
+    return follow
 
 
 def _views(scene: Any) -> Iterator[str]:

@@ -54,6 +54,20 @@ class PHOTONBEAMS_PT_sampling(_RenderPanel):  # noqa: N801 - Blender wants these
         layout.prop(settings, "seed")
 
 
+class PHOTONBEAMS_PT_viewport(_RenderPanel):  # noqa: N801
+    """Passes and pixels of the pictures in a viewport."""
+
+    bl_label = "Viewport"
+    bl_parent_id = "PHOTONBEAMS_PT_sampling"
+
+    def draw(self, context: Any) -> None:
+        """Draw the panel."""
+        layout, settings = _split(self.layout), context.scene.photonbeams
+        layout.prop(settings, "viewport_passes", text="Passes")
+        layout.prop(settings, "viewport_denoise", text="Denoise")
+        layout.prop(context.scene.render, "preview_pixel_size", text="Pixel Size")
+
+
 class PHOTONBEAMS_PT_light(_RenderPanel):  # noqa: N801
     """Light paths, bounces and the estimator."""
 
@@ -123,7 +137,8 @@ class PHOTONBEAMS_PT_light_group(bpy.types.Panel):  # noqa: N801
 
 
 CLASSES = (
-    PHOTONBEAMS_PT_sampling, PHOTONBEAMS_PT_light, PHOTONBEAMS_PT_motion_blur, PHOTONBEAMS_PT_film,
+    PHOTONBEAMS_PT_sampling, PHOTONBEAMS_PT_viewport, PHOTONBEAMS_PT_light, PHOTONBEAMS_PT_motion_blur,
+    PHOTONBEAMS_PT_film,
     PHOTONBEAMS_PT_light_groups, PHOTONBEAMS_PT_light_group,
 )  # fmt: skip
 

@@ -65,7 +65,9 @@ class Renderer:
         except OSError as error:
             raise NoRendererError(f"{python} cannot be started ({error.strerror}): expected a Python 3.11") from None
         self._came: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
-        threading.Thread(target=self._receive, daemon=True).start()
+        self._going: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
+        for work in (self._receive, self._write):  # Blender never waits for a pipe
+            threading.Thread(target=work, daemon=True).start()
 
     def _receive(self) -> None:
         assert self._process.stdout is not None
@@ -74,6 +76,14 @@ class Renderer:
                 self._came.put(message)
         finally:
             self._came.put(None)
+
+    def _write(self) -> None:
+        assert self._process.stdin is not None
+        with suppress(OSError, ValueError):  # the process has ended, or the pipe was closed
+            while (message := self._going.get()) is not None:
+                messages.write(self._process.stdin, message)
+        with suppress(OSError):
+            self._process.stdin.close()
 
     @property
     def alive(self) -> bool:
@@ -86,12 +96,10 @@ class Renderer:
         return self._process.pid
 
     def send(self, do: str, **content: Any) -> None:
-        """Send a message; NoRendererError if the process has ended."""
-        assert self._process.stdin is not None
-        try:
-            messages.write(self._process.stdin, {"do": do, **content})
-        except (OSError, ValueError):
-            raise self._ended() from None
+        """Send a message, whose arrays must not change any more; NoRendererError if the process has ended."""
+        if not self.alive:
+            raise self._ended()
+        self._going.put({"do": do, **content})
 
     def receive(self, seconds: float) -> dict[str, Any] | None:
         """Return the next message, or None if there is none for so many seconds; NoRendererError as for `send`."""
@@ -113,9 +121,7 @@ class Renderer:
 
     def close(self) -> None:
         """End the process."""
-        assert self._process.stdin is not None
-        with suppress(OSError):
-            self._process.stdin.close()
+        self._going.put(None)
         self._waited()
         self._log.close()
 
@@ -127,26 +133,34 @@ class Renderer:
         return self._process.wait()
 
 
-class Shared:
-    """The renderer that finished pictures are made by; it stays warm between them."""
+class Pool:
+    """Renderers that stay warm while nothing is rendered: a picture takes one, and each viewport."""
 
     def __init__(self) -> None:
-        self._renderer: Renderer | None = None
+        self._idle: list[Renderer] = []
 
-    def get(self, chosen: str) -> Renderer:
-        """Return the renderer of the chosen Python, started if none runs; NoRendererError if there can be none."""
+    def take(self, chosen: str) -> Renderer:
+        """Return a renderer of the chosen Python, started if none waits; NoRendererError if there can be none."""
         python = python_of(chosen)
-        if self._renderer is not None and not (self._renderer.alive and self._renderer.python == python):
-            self.close()
-        if self._renderer is None:
-            self._renderer = Renderer(python)
-        return self._renderer
+        while self._idle:
+            renderer = self._idle.pop()
+            if renderer.alive and renderer.python == python:
+                return renderer
+            renderer.close()
+        return Renderer(python)
+
+    def give(self, renderer: Renderer) -> None:
+        """Take back a renderer, which forgets its scene."""
+        if renderer.alive:
+            renderer.send("scene", prims=[], whole=True)
+            self._idle.append(renderer)
+        else:
+            renderer.close()
 
     def close(self) -> None:
-        """End the process, if there is one."""
-        if self._renderer is not None:
-            self._renderer.close()
-        self._renderer = None
+        """End the processes that wait."""
+        while self._idle:
+            self._idle.pop().close()
 
 
-SHARED = Shared()
+POOL = Pool()

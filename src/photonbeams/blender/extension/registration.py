@@ -8,7 +8,7 @@ import bpy
 
 from . import panels, settings
 from .engine import PhotonBeamsEngine
-from .process import SHARED
+from .process import POOL
 
 
 def register() -> None:
@@ -16,13 +16,13 @@ def register() -> None:
     settings.register()
     bpy.utils.register_class(PhotonBeamsEngine)
     panels.register()
-    atexit.register(SHARED.close)
+    atexit.register(POOL.close)
 
 
 def unregister() -> None:
-    """Remove what was added, and end the renderer."""
+    """Remove what was added, and end the renderers."""
     panels.unregister()
     bpy.utils.unregister_class(PhotonBeamsEngine)
     settings.unregister()
-    atexit.unregister(SHARED.close)
-    SHARED.close()
+    atexit.unregister(POOL.close)
+    POOL.close()

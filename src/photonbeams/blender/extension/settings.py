@@ -18,6 +18,16 @@ class PhotonBeamsRenderSettings(bpy.types.PropertyGroup):
         soft_max=256,
         description="Passes that a picture averages; more have less noise",
     )
+    viewport_passes: IntProperty(
+        name="Viewport Passes",
+        default=32,
+        min=1,
+        soft_max=256,
+        description="Passes that the picture in a viewport averages",
+    )
+    viewport_denoise: BoolProperty(
+        name="Denoise Viewport", default=True, description="Remove noise from the pictures in a viewport"
+    )
     use_error: BoolProperty(name="Until Error", description="Render until the noise is small, at most so many passes")
     error: FloatProperty(
         name="Error", default=0.02, min=0.001, max=0.5, precision=3, description="Relative error, such as 0.02 for 2 %"
@@ -52,6 +62,10 @@ class PhotonBeamsRenderSettings(bpy.types.PropertyGroup):
             ("frustum", "Frustum", "Beam × Beam 2D: a cone, integrated by quadrature"),
         ],
     )  # fmt: skip
+
+    def viewed(self) -> dict[str, Any]:
+        """Return what the renderer is told about a viewport."""
+        return {"passes": self.viewport_passes, "denoise": self.viewport_denoise, "bounces": self.bounces}
 
     def arguments(self) -> dict[str, Any]:
         """Return what the renderer is told."""

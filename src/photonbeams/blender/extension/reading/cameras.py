@@ -28,26 +28,44 @@ def camera_prim(
     matrix = np.array(camera.calc_matrix_camera(depsgraph, x=width, y=height, scale_x=aspect[0], scale_y=aspect[1]))
     data, pose = camera.data, np.array(to_world)
     pose[:3, :3] /= np.linalg.norm(pose[:3, :3], axis=0)
-    orthographic = data.type == "ORTHO"
-    focal = data.lens * 1e-3 / _TENTH  # millimetres
-    across, down = (2 / matrix[k, k] * (1 / _TENTH if orthographic else focal) for k in (0, 1))
-    place = 3 if orthographic else 2
-    sign = -1 if orthographic else 1
+    values = _projected(matrix, data.lens, (data.clip_start, data.clip_end))
     wide = width * aspect[0] >= height * aspect[1] if data.sensor_fit == "AUTO" else data.sensor_fit == "HORIZONTAL"
-    fitted = across if wide else down  # what shifts are fractions of
-    values = {
+    fitted = values["horizontalAperture" if wide else "verticalAperture"][1]  # what shifts are fractions of
+    values["horizontalApertureOffset"][1] += shift * fitted
+    return {"path": path, "type": "Camera", "matrix": pose.T, "values": values | _lens(data, pose)}
+
+
+def viewport_prim(region: Any, space: Any, depsgraph: Any, path: str) -> dict[str, Any]:
+    """Return the prim of a viewport's camera, from its `RegionView3D` and its `SpaceView3D`."""
+    pose = np.linalg.inv(np.array(region.view_matrix))
+    values = _projected(np.array(region.window_matrix), space.lens, (space.clip_start, space.clip_end))
+    if region.view_perspective == "CAMERA" and space.camera is not None and space.camera.type == "CAMERA":
+        values |= _lens(space.camera.evaluated_get(depsgraph).data, pose)
+    return {"path": path, "type": "Camera", "matrix": pose.T, "values": values}
+
+
+def _projected(matrix: Any, lens: float, clip: tuple[float, float]) -> dict[str, Any]:
+    """Return the attributes of a camera with a projection matrix (4, 4), for a focal length in millimetres."""
+    orthographic = matrix[3, 3] == 1
+    focal = lens * 1e-3 / _TENTH
+    across, down = (2 / matrix[k, k] * (1 / _TENTH if orthographic else focal) for k in (0, 1))
+    place, sign = (3, -1) if orthographic else (2, 1)
+    return {
         "projection": ["token", "orthographic" if orthographic else "perspective"],
         "focalLength": ["float", focal],
         "horizontalAperture": ["float", across],
         "verticalAperture": ["float", down],
-        "horizontalApertureOffset": ["float", sign * matrix[0, place] * across / 2 + shift * fitted],
+        "horizontalApertureOffset": ["float", sign * matrix[0, place] * across / 2],
         "verticalApertureOffset": ["float", sign * matrix[1, place] * down / 2],
-        "clippingRange": ["float2", [max(data.clip_start, 0.0), data.clip_end]],
+        "clippingRange": ["float2", [max(clip[0], 0.0), clip[1]]],
     }
-    if data.dof.use_dof and not orthographic:
-        values["fStop"] = ["float", data.dof.aperture_fstop]
-        values["focusDistance"] = ["float", _focus(data.dof, pose)]
-    return {"path": path, "type": "Camera", "matrix": pose.T, "values": values}
+
+
+def _lens(data: Any, pose: Any) -> dict[str, Any]:
+    """Return the attributes of depth of field; none without it."""
+    if not data.dof.use_dof or data.type == "ORTHO":
+        return {}
+    return {"fStop": ["float", data.dof.aperture_fstop], "focusDistance": ["float", _focus(data.dof, pose)]}
 
 
 def _focus(dof: Any, pose: Any) -> float:

@@ -19,7 +19,7 @@ class Images:
     """
 
     def __init__(self, folder: str) -> None:
-        self._folder, self._written = Path(folder), dict[str, str]()
+        self._folder, self._written, self._count = Path(folder), dict[str, str](), 0
 
     def file_of(self, image: Any) -> str:
         """Return the path of an image's file."""
@@ -29,14 +29,19 @@ class Images:
         )
         if on_disk:
             return path
-        if image.name not in self._written:
+        if image.name_full not in self._written:
             suffix = "exr" if image.is_float else "png"
             name = re.sub(r"\W", "_", image.name)
-            target = self._folder / f"{len(self._written)}_{name}.{suffix}"
+            target = self._folder / f"{self._count}_{name}.{suffix}"  # another one after each change
+            self._count += 1
             if image.packed_file is not None and not image.is_dirty and Path(path).suffix:
                 target = target.with_suffix(Path(path).suffix)
                 target.write_bytes(image.packed_file.data)
             else:
                 image.save(filepath=str(target), save_copy=True)
-            self._written[image.name] = str(target)
-        return self._written[image.name]
+            self._written[image.name_full] = str(target)
+        return self._written[image.name_full]
+
+    def forget(self, image: Any) -> None:
+        """Forget the file of an image that has changed."""
+        self._written.pop(image.name_full, None)

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from .cameras import camera_prim
-from .images import Images
+from .kept import Kept
 from .lights import light_prim, stretch_of, world_prims
 from .materials import has_surface, material_prims
 from .media import APIS, has_volume, medium_of, volume_of
 from .meshes import faces_by_material, mesh_values, points_of
 from .motion import is_blurred
-from .volumes import GridFiles, scale_of, smoke_of, volume_prims
+from .volumes import scale_of, smoke_of, volume_prims
 
 CAMERA = "/Camera"
 _MESHES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
@@ -33,22 +33,21 @@ class SceneReader:
     ----------
     depsgraph
         What Blender has evaluated.
-    folder
-        Where images without a file are written.
+    kept
+        Meshes and files of images of earlier readings.
     told
         Called with a sentence about each thing that is not rendered as in Blender.
     """
 
-    def __init__(self, depsgraph: Any, folder: str, told: Callable[[str], None]) -> None:
-        self._depsgraph, self._told, self._images = depsgraph, told, Images(folder)
+    def __init__(self, depsgraph: Any, kept: Kept, told: Callable[[str], None]) -> None:
+        self._depsgraph, self._told, self._images = depsgraph, told, kept.images
         self._layer = depsgraph.view_layer
         #: The names of light groups here, by those in Blender.
         self.groups: dict[str, str] = {}
         self._taken: set[str] = set()
-        self._grids = GridFiles(folder, told)
         self._places: dict[Any, str] = {}  # the paths of what may move
         self._materials: dict[str, str] = {}
-        self._geometry: dict[Any, tuple[dict[str, Any], dict[int, Any]] | None] = {}
+        self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
 
     def prims(self) -> list[dict[str, Any]]:
@@ -64,6 +63,8 @@ class SceneReader:
             elif thing.type in _UNREAD:
                 self._told(f"{thing.name} is {_UNREAD[thing.type]}, which is not rendered")
         self._add_world(self._layer.world_override or self._depsgraph.scene.world)
+        for key in self._kept.meshes.keys() - self._used:
+            del self._kept.meshes[key]
         return self._prims
 
     def moved(self) -> dict[str, dict[str, Any]]:
@@ -169,7 +170,7 @@ class SceneReader:
         if volume is None:
             self._told(f"{thing.name} is not rendered: its material has no volume that is")
             return
-        files = self._grids.of(thing, {volume.density, volume.color, volume.glow_grid} - {""})
+        files = self._kept.grids.of(thing, {volume.density, volume.color, volume.glow_grid} - {""}, self._told)
         if files is None:
             return
         if volume.density in files:
@@ -199,13 +200,15 @@ class SceneReader:
     def _mesh(self, thing: Any) -> tuple[dict[str, Any], dict[int, Any]] | None:
         """Return the attributes and the faces of an object's mesh, which its instances share; None if it has none."""
         key = _geometry_of(thing)
-        if key not in self._geometry:
+        meshes = self._kept.meshes
+        self._used.add(key)
+        if key not in meshes:
             mesh = thing.to_mesh()
-            self._geometry[key] = None
+            meshes[key] = None
             if mesh is not None and len(mesh.polygons):
-                self._geometry[key] = mesh_values(mesh), faces_by_material(mesh)
+                meshes[key] = mesh_values(mesh), faces_by_material(mesh)
             thing.to_mesh_clear()
-        return self._geometry[key]
+        return meshes[key]
 
     def _material(self, material: Any) -> str:
         """Return the path of a material, whose prims are added once."""

@@ -15,44 +15,49 @@ _VOL = struct.Struct("<3sB5i6f")  # the head of Mitsuba's .vol: float32 values, 
 
 
 class GridFiles:
-    """The files of the grids of a scene's volumes.
+    """The files of the grids of volumes, by object.
 
     Parameters
     ----------
     folder
         Where grids without a file are written.
-    told
-        Called with a sentence about each volume that has none.
     """
 
-    def __init__(self, folder: str, told: Told) -> None:
-        self._folder, self._told = Path(folder), told
-        self._found: dict[Any, dict[str, str] | None] = {}
-        self._written = 0
+    def __init__(self, folder: str) -> None:
+        self._folder, self._written = Path(folder), 0
+        self._found: dict[tuple[str, int, frozenset[str]], dict[str, str] | None] = {}
 
-    def of(self, thing: Any, names: set[str]) -> dict[str, str] | None:
+    def of(self, thing: Any, names: set[str], told: Told) -> dict[str, str] | None:
         """Return the files, by name, of those of an evaluated object's grids that there are; None if it has none."""
         key = thing.original.name_full, thing.data.session_uid, frozenset(names)
         if key not in self._found:
             domain = smoke_of(thing)
-            self._found[key] = self._of_volume(thing, names) if domain is None else self._of_smoke(thing, domain, names)
+            found = self._of_volume(thing, names) if domain is None else self._of_smoke(thing, domain, names)
+            if isinstance(found, str):
+                told(f"{thing.name} is not rendered: {found}")
+            self._found[key] = None if isinstance(found, str) else found
         return self._found[key]
 
-    def _of_volume(self, thing: Any, names: set[str]) -> dict[str, str] | None:
+    def forget(self, name: str, number: int) -> None:
+        """Forget the grids of an object of this name, or of data of this number."""
+        self._found = {key: each for key, each in self._found.items() if name != key[0] and number != key[1]}
+
+    def _of_volume(self, thing: Any, names: set[str]) -> dict[str, str] | str:
+        """Return the files of a volume object's grids, or why there are none."""
         grids = thing.data.grids
         if not grids.load():
-            return self._told(f"{thing.name} is not rendered: {grids.error_message or 'its file cannot be read'}")
+            return str(grids.error_message or "its file cannot be read")
         if not len(grids):
-            no_file = "it has no OpenVDB file" if not thing.data.filepath else "it has no grids at this frame"
-            return self._told(f"{thing.name} is not rendered: {no_file}")
+            return "it has no grids at this frame" if thing.data.filepath else "it has no OpenVDB file"
         file = grids.frame_filepath
         if len(thing.modifiers) or not Path(file).is_file():  # Blender made it, or it is packed
             file = str(self._new(".vdb"))
             if not grids.save(file):
-                return self._told(f"{thing.name} is not rendered: Blender cannot write its grids")
+                return "Blender cannot write its grids"
         return dict.fromkeys(names & {each.name for each in grids}, file)
 
-    def _of_smoke(self, thing: Any, domain: Any, names: set[str]) -> dict[str, str] | None:
+    def _of_smoke(self, thing: Any, domain: Any, names: set[str]) -> dict[str, str] | str:
+        """Return the files of a domain's grids, or why there are none."""
         mesh = thing.to_mesh()
         box = np.array([vertex.co[:] for vertex in mesh.vertices])
         thing.to_mesh_clear()
@@ -61,9 +66,7 @@ class GridFiles:
             if (values := smoke_grid(domain, name)) is not None:
                 found[name] = str(self._new(".vol"))
                 write_vol(found[name], values, box.min(axis=0), box.max(axis=0))
-        if not found:
-            return self._told(f"{thing.name} has no smoke at this frame: expected a baked cache")
-        return found
+        return found or "it has no smoke at this frame, expected a baked cache"
 
     def _new(self, suffix: str) -> Path:
         self._written += 1

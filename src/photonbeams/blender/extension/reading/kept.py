@@ -1,0 +1,37 @@
+"""What is not read again while it does not change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import bpy
+
+from .images import Images
+from .volumes import GridFiles
+
+
+class Kept:
+    """Meshes, and files of images and grids, that stay from one reading of a scene to the next.
+
+    Parameters
+    ----------
+    folder
+        Where images and grids without a file are written.
+    """
+
+    def __init__(self, folder: str) -> None:
+        self.images, self.grids = Images(folder), GridFiles(folder)
+        #: By an object's name and its data's number: the attributes and the faces of its mesh; None if it has none.
+        self.meshes: dict[tuple[str, int], tuple[dict[str, Any], dict[int, Any]] | None] = {}
+
+    def forget(self, updates: Iterable[Any]) -> None:
+        """Forget what has changed, by the updates of a depsgraph."""
+        for each in updates:
+            changed = each.id.original
+            if isinstance(changed, bpy.types.Image):
+                self.images.forget(changed)
+            elif each.is_updated_geometry:
+                name, number = changed.name_full, changed.session_uid
+                self.grids.forget(name, number)
+                self.meshes = {key: mesh for key, mesh in self.meshes.items() if name != key[0] and number != key[1]}
