@@ -183,7 +183,7 @@ def reading(folder):
     bpy.context.object.data.materials.append(made)
     bpy.ops.mesh.primitive_cube_add()
     two = bpy.context.object
-    two.name = "Parts"
+    two.name, two.visible_shadow = "Parts", False
     for each in (made, foggy, hollow):
         two.data.materials.append(each)
     for k, face in enumerate(two.data.polygons):

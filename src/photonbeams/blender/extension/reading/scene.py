@@ -17,13 +17,14 @@ from .materials import has_surface, material_prims
 from .media import APIS, has_volume, medium_of, volume_of
 from .meshes import faces_by_material, mesh_values, points_of
 from .motion import is_blurred
+from .strands import Strands, strands_of
 from .volumes import scale_of, smoke_of, volume_prims
 
 CAMERA = "/Camera"
 _MESHES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
-_UNREAD = {
-    "CURVES": "hair", "POINTCLOUD": "a cloud of points", "GREASEPENCIL": "a drawing"
-}  # fmt: skip
+# What an object may be hidden from, and what is rendered all the same.
+_HIDDEN = {"visible_camera": "hidden from the camera: it is seen", "visible_shadow": "without a shadow: it casts one"}
+_UNREAD = {"GREASEPENCIL": "a drawing"}
 
 
 class SceneReader:
@@ -62,6 +63,8 @@ class SceneReader:
                 self._add_mesh(thing, matrix, key)
             elif thing.type in _UNREAD:
                 self._told(f"{thing.name} is {_UNREAD[thing.type]}, which is not rendered")
+        for strands, thing, matrix, key in self._strands():
+            self._add_strands(strands, thing, matrix, key)
         self._add_world(self._layer.world_override or self._depsgraph.scene.world)
         for key in self._kept.meshes.keys() - self._used:
             del self._kept.meshes[key]
@@ -84,6 +87,10 @@ class SceneReader:
                 if own not in shapes:
                     shapes[own] = _reshaped(thing, first[path]["points"][1])
                 found[path]["values"] = shapes[own]
+        for strands, thing, matrix, key in self._strands():
+            path = self._places.get(key, "")
+            if path in first and is_blurred(thing):
+                found[path] = {"matrix": matrix.T, "values": strands.read() or {}}
         return found
 
     def _things(self) -> Iterator[tuple[Any, Any, Any]]:
@@ -93,10 +100,18 @@ class SceneReader:
             thing = each.object
             if not each.show_self or self._left_out(each.parent or thing):
                 continue
-            parent = each.parent.original.name_full if each.is_instance else ""
-            key = parent, thing.original.name_full, thing.type, tuple(each.persistent_id)
+            key = _key_of(each)
             seen[key] += 1
             yield thing, np.array(each.matrix_world), (*key, seen[key])
+
+    def _strands(self) -> Iterator[tuple[Strands, Any, Any, Any]]:
+        """Yield hair and points: themselves, their object, transform, and what names them at all times."""
+        for each in self._depsgraph.object_instances:
+            thing = each.object
+            shown = each.show_self if thing.type in ("CURVES", "POINTCLOUD") else each.show_particles
+            if shown and not self._left_out(each.parent or thing):
+                for place, strands in enumerate(strands_of(thing, self._depsgraph.mode == "RENDER", self._told)):
+                    yield strands, thing, np.array(each.matrix_world), (*_key_of(each), "strands", place)
 
     def _left_out(self, thing: Any) -> bool:
         """Return whether an object is a holdout or seen only indirectly, which is told."""
@@ -149,6 +164,9 @@ class SceneReader:
         found = self._mesh(thing)
         if found is None:
             return
+        for name, text in _HIDDEN.items():
+            if not getattr(thing, name):
+                self._told(f"{thing.name} is {text}")
         values, faces = found
         override = self._layer.material_override
         slots = [override or each.material for each in thing.material_slots] or [override]
@@ -163,6 +181,21 @@ class SceneReader:
             self._prims += self._bound(prim, materials, faces)
         elif (medium := medium_of(next(iter(materials.values())), self._told)) is not None:
             self._prims.append({**prim, "apis": APIS, "values": {**values, **medium}})
+
+    def _add_strands(self, strands: Strands, thing: Any, matrix: Any, key: Any) -> None:
+        kept, own = self._kept.meshes, (_geometry_of(thing)[0], strands.number)
+        self._used.add(own)
+        if own not in kept:
+            values = strands.read()
+            kept[own] = None if values is None else (values, {})
+        found = kept[own]
+        if found is None:
+            return
+        slots = thing.material_slots
+        material = slots[min(max(strands.slot, 0), len(slots) - 1)].material if len(slots) else None
+        self._places[key] = path = self._path("/Objects", strands.name)
+        prim = {"path": path, "type": strands.kind, "matrix": matrix.T, "values": found[0]}
+        self._prims += self._bound(prim, {0: self._layer.material_override or material}, {})
 
     def _add_volume(self, thing: Any, matrix: Any, key: Any) -> None:
         slots = [each.material for each in thing.material_slots]
@@ -230,6 +263,12 @@ class SceneReader:
         medium = medium_of(world, self._told)
         if medium is not None:
             self._prims.append({"path": self._path("", "Fog"), "type": "Scope", "apis": APIS, "values": medium})
+
+
+def _key_of(instance: Any) -> tuple[Any, ...]:
+    """Return what names an object, or a copy of it, at all times, unless several copies have the same name."""
+    thing, parent = instance.object, instance.parent.original.name_full if instance.is_instance else ""
+    return parent, thing.original.name_full, thing.type, tuple(instance.persistent_id)
 
 
 def _geometry_of(thing: Any) -> Any:
