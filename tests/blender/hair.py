@@ -25,6 +25,22 @@ def curves(name, places, kind=None):
     return thing
 
 
+def dots():
+    """Add a square whose corners geometry nodes make points of 10 cm."""
+    bpy.ops.mesh.primitive_plane_add(size=2, location=(5, 0, 1))
+    tree = bpy.data.node_groups.new("Dots", "GeometryNodeTree")
+    for side in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=side, socket_type="NodeSocketGeometry")
+    first, points, last = (
+        tree.nodes.new(each) for each in ("NodeGroupInput", "GeometryNodeMeshToPoints", "NodeGroupOutput")
+    )
+    points.inputs["Radius"].default_value = 0.1
+    tree.links.new(first.outputs[0], points.inputs[0])
+    tree.links.new(points.outputs[0], last.inputs[0])
+    bpy.context.object.name = "Dots"
+    bpy.context.object.modifiers.new("Dots", "NODES").node_group = tree
+
+
 def lawn():
     """Build a square that grows hair of half a metre, a third of it from parents; the square is hidden."""
     bpy.ops.mesh.primitive_plane_add(size=1, location=(0, 2, 0), rotation=(np.pi / 2, 0, 0))
@@ -55,6 +71,7 @@ def reading(folder):
     straight.data.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", np.full(5, 0.05, np.float32))
     curves("Bent", [[(0, 0, 0), (1, 0, 1), (2, 0, 0)]])
     curves("None", [[(0, 0, 0), (1, 0, 1)]]).data.remove_curves()
+    dots()
     lawn()
     kept, said = Kept(str(folder)), []
     made = SceneReader(bpy.context.evaluated_depsgraph_get(), kept, said.append).prims()

@@ -10,6 +10,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 import bpy
+import hair
 from in_blender import extension, render, room, tell
 
 
@@ -106,6 +107,12 @@ def samples(folder):
     bpy.context.object.name = "Unblurred"
     keys(bpy.context.object, "location", (0, 0, 0), (2, 0, 0))
     bpy.context.object.cycles.use_motion_blur = False
+    mist = bpy.data.objects.new("Mist", bpy.data.volumes.new("Mist"))
+    mist.modifiers.new("Mist", "MESH_TO_VOLUME").object = copied
+    grass = hair.lawn()
+    for each in (mist, grass):
+        keys(each, "location", (0, 0, 0), (2, 0, 0))
+    scene.collection.objects.link(mist)
     shutter(scene, 1.0, "START")
     points = scene.render.motion_blur_shutter_curve.curves[0].points
     points[0].location = (0, 0)

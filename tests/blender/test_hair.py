@@ -59,6 +59,11 @@ def test_hair_of_particles_grows_from_its_object(prims, meshes):
     assert meshes["Lawn_Blades"].points[:, 1].min() == pytest.approx(1.5, abs=0.02)
 
 
+def test_points_of_geometry_nodes_are_spheres(meshes):
+    low, high = meshes["Dots"].points.min(axis=0), meshes["Dots"].points.max(axis=0)
+    np.testing.assert_allclose([low, high], [[3.9, -1.1, 0.9], [6.1, 1.1, 1.1]], atol=1e-5)
+
+
 def test_hair_is_seen(tmp_path):
     blender("frame", tmp_path, SCRIPT)
     without, found = (passes_of(tmp_path / f"{name}.exr")["Depth"][..., 0] for name in ("without", "with"))

@@ -55,13 +55,16 @@ def test_transforms_shapes_and_lights_have_time_samples(tmp_path):
     (found,) = blender("samples", tmp_path, SCRIPT)
     samples, said = found["samples"], " | ".join(found["said"])
     assert found["times"] == [1.5, 2.0]
-    assert samples.keys() == {"/Objects/Cube", "/Objects/Copied", "/Lights/Fill"}
+    assert samples.keys() == {
+        "/Objects/Cube", "/Objects/Copied", "/Objects/Mist", "/Objects/Lawn_Blades", "/Lights/Fill"
+    }  # fmt: skip
     turned = [np.array(matrix) for _, matrix in samples["/Objects/Cube"]["matrix"]]
     halfway = [np.linalg.norm(((a + b) / 2)[0, :3]) for a, b in pairwise(turned)]
     assert min(halfway) > 0.998  # it keeps its size between the samples
     np.testing.assert_allclose(turned[-1][0, :2], [np.cos(np.radians(150)), np.sin(np.radians(150))], atol=1e-6)
-    moved = {time: matrix[3][0] for time, matrix in samples["/Objects/Copied"]["matrix"]}
-    assert moved == {1.0: 0.0, 1.5: pytest.approx(1.0), 2.0: pytest.approx(2.0)}
+    for name in ("Copied", "Mist", "Lawn_Blades"):
+        moved = {time: matrix[3][0] for time, matrix in samples[f"/Objects/{name}"]["matrix"]}
+        assert moved == {1.0: 0.0, 1.5: pytest.approx(1.0), 2.0: pytest.approx(2.0)}, name
     sizes = [value for _, value in samples["/Lights/Fill"]["inputs:radius"]]
     assert sizes == pytest.approx([0.1, 0.2, 0.3])
     assert "Growing has other faces" in said and "the curve of the shutter" in said

@@ -81,9 +81,10 @@ def with_samples(
     matrices = _sampled(prim.get("matrix"), frame, {time: each.get("matrix") for time, each in others.items()})
     if matrices:
         samples["matrix"] = _turned(matrices)
+    first = prim.get("values", {})
     values = {time: each["values"] for time, each in others.items() if each.get("values")}
-    if all(_has_shape_of(prim["values"], each) for each in values.values()):
-        for name, (kind, value, *_) in prim["values"].items():
+    if all(_has_shape_of(first, each) for each in values.values()):
+        for name, (kind, value, *_) in first.items():
             there = {time: each[name][1] for time, each in values.items() if name in each}
             if kind in _SAMPLED and (found := _sampled(value, frame, there)):
                 samples[name] = found
