@@ -250,6 +250,24 @@ def killed(folder):
     render(folder / "after.exr")
 
 
+def over(folder):
+    """Set up beams over Cycles, and render both and their composite."""
+    scene = room()
+    scene.photonbeams.passes, scene.photonbeams.beams = 16, 4096
+    # The sky lights surfaces through fog everywhere here, but not in Cycles.
+    scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0
+    render(folder / "whole.exr")
+    bpy.ops.photonbeams.over_cycles()
+    beams = bpy.data.scenes["Scene Beams"]
+    scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.max_bounces = 256, False, 0
+    render(folder / "composite.exr", passes=False)
+    scene.compositing_node_group = None
+    render(folder / "plate.exr", passes=False)
+    bpy.context.window.scene = beams
+    render(folder / "beams.exr")
+    tell(engines=[scene.render.engine, beams.render.engine], worlds=[scene.world.name, beams.world.name])
+
+
 def wrong(folder):
     """Render what has no camera, what the renderer refuses, and without a renderer."""
     scene = room()
@@ -447,6 +465,7 @@ if __name__ == "__main__":
             killed,
             viewport,
             leaks,
+            over,
             wrong,
             registered,
         )

@@ -176,3 +176,14 @@ def test_edits_sizes_and_loads_leak_nothing(tmp_path):
     for each in found:
         # A leaked picture is 7 kB, a leaked scene over a megabyte, of which there are 16 after the first reading.
         assert np.ptp(np.array(each["used"]), axis=0).max() < 12, each
+
+
+def test_beams_over_cycles_are_the_surfaces_through_the_fog_and_the_beams(tmp_path):
+    (found,) = blender("over", tmp_path)
+    assert found == {"engines": ["CYCLES", "PHOTONBEAMS"], "worlds": ["World without Beams", "World"]}
+    composite, plate = (passes_of(tmp_path / f"{name}.exr")[""][..., :3] for name in ("composite", "plate"))
+    beams, whole = (passes_of(tmp_path / f"{name}.exr") for name in ("beams", "whole"))
+    np.testing.assert_allclose(composite, plate + beams["Combined"][..., :3], rtol=1e-3, atol=1e-4)
+    # Both renderers have about 2 % of noise in a pixel; a specular lobe of OpenPBR is not quite that of Cycles.
+    assert plate.mean() == pytest.approx(whole["Surface"].mean(), rel=0.03)
+    assert composite.mean() == pytest.approx(whole["Combined"][..., :3].mean(), rel=0.02)

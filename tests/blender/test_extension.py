@@ -37,7 +37,8 @@ def test_the_manifest_has_the_version_of_the_package():
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("zip")
-    ran = subprocess.run([sys.executable, ROOT / "tools" / "extension.py", folder], capture_output=True, check=True)
+    command = [sys.executable, ROOT / "tools" / "extension.py", folder, "--bare"]
+    ran = subprocess.run(command, capture_output=True, check=True)
     return Path(ran.stdout.decode().strip())
 
 

@@ -65,6 +65,7 @@ class Worker:
         self._source, self._sink = source, sink
         self._waiting: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
         self._rendering: int | None = None  # the number of the render that is under way
+        self._viewing = False  # whether a view is under way, beyond its first picture
         self._cancelled, self._telling = -inf, False
         self._stage: Any = None
         self._live: LivePictures | None = None  # of the views of this stage
@@ -109,6 +110,8 @@ class Worker:
                     self._cancel(message["number"])
                 else:
                     self._waiting.put(message)
+                    if self._viewing:
+                        interrupt_main()
         finally:
             self._waiting.put(None)
             self._cancel(inf)
@@ -119,8 +122,9 @@ class Worker:
 
     def _leave(self, *_: object) -> None:
         """Raise KeyboardInterrupt if what is rendered is no longer wanted; never amid a message."""
-        if self._rendering is not None and self._rendering <= self._cancelled and not self._telling:
-            self._rendering = None
+        cancelled = self._rendering is not None and self._rendering <= self._cancelled
+        if (cancelled or (self._viewing and not self._waiting.empty())) and not self._telling:
+            self._rendering, self._viewing = None, False
             raise KeyboardInterrupt
 
     def _change(self, message: Mapping[str, Any]) -> None:
@@ -145,7 +149,7 @@ class Worker:
                 pass
             except (SceneError, OSError, MemoryError, RuntimeError) as error:  # Dr.Jit's and the device's, too
                 problem = shortened(str(error) or type(error).__name__)
-        self._rendering = None
+        self._rendering, self._viewing = None, False
         self.tell("end", number=wanted["number"], problem=problem)
 
     def _render(self, wanted: Mapping[str, Any]) -> None:
@@ -177,6 +181,7 @@ class Worker:
                 self.tell("picture", number=number, layers={"rgba": picture.layers["rgba"]}, **told)
                 if picture.is_first and self._is_another_wanted(_MOVING):
                     return
+                self._viewing = True
 
     def _is_another_wanted(self, within: float = 0.0) -> bool:
         """Return whether a message waits, or comes within some seconds."""

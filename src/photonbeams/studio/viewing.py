@@ -29,6 +29,9 @@ from .pictures import Picture, SessionView
 # with more of either it is hardly better, and takes twice as long.
 _FIRST_PIXELS, _FIRST_PATHS = 160 * 90, 256
 
+# The most pixels of the second picture, of one pass, and how many times as many the whole one has at least.
+_SECOND_PIXELS, _MANY = 480 * 270, 3
+
 # Denoised pictures come with each of the first 16 passes, then with every eighth: denoising takes longer than a pass,
 # and pictures hardly change from one pass to the next.
 _EACH, _ONE_OF = 16, 8
@@ -72,6 +75,8 @@ class _Chain:
 class LivePictures:
     """The pictures of a session's views: a quick small one, then a whole one, then more passes.
 
+    Before a whole one of many pixels comes one of a medium size.
+
     The finished one is `raw_at_last`: it is not denoised, so that it has the bits of a render.
     """
 
@@ -86,7 +91,7 @@ class LivePictures:
 
     def forget(self) -> None:
         """Forget all frames: kernels have code for the surfaces and media of every scene in memory."""
-        self._first, self._whole = _Chain(), _Chain()
+        self._first, self._second, self._whole = _Chain(), _Chain(), _Chain()
 
     def frame(self) -> LiveFrame | None:
         """Return the last frame, of a whole picture if there is one."""
@@ -116,10 +121,16 @@ class LivePictures:
         self, view: SessionView, version: int, is_old: Callable[[], bool], is_closed: Callable[[], bool]
     ) -> Iterator[Picture]:
         """Yield the pictures of a view; raise `Cancelled` once it is old."""
-        scale = min(1.0, (_FIRST_PIXELS / (view.width * view.height)) ** 0.5)
+        pixels = view.width * view.height
         # First pictures are never cancelled: there would be none while edits come faster than pictures.
-        yield from self._passes(view, version, self._first, scale, is_closed)
-        yield from self._passes(view, version, self._whole, 1.0, is_old)
+        yield from self._passes(view, version, self._first, min(1.0, (_FIRST_PIXELS / pixels) ** 0.5), is_closed)
+        try:
+            if pixels > _MANY * _SECOND_PIXELS:
+                yield from self._passes(view, version, self._second, (_SECOND_PIXELS / pixels) ** 0.5, is_old)
+            yield from self._passes(view, version, self._whole, 1.0, is_old)
+        except KeyboardInterrupt:  # anywhere: what would be reused may not be whole
+            self._second, self._whole = _Chain(), _Chain()
+            raise
 
     def _passes(
         self, view: SessionView, version: int, chain: _Chain, scale: float, unwanted: Callable[[], bool]
@@ -127,7 +138,7 @@ class LivePictures:
         """Yield the pictures of a chain, pass after pass."""
         frame, ready = self.begun(view, chain, scale, unwanted)
         first = chain is self._first
-        for number in range(1 if first else view.passes):
+        for number in range(view.passes if chain is self._whole else 1):
             frame.add_pass(number)
             if unwanted():
                 raise Cancelled
