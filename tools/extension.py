@@ -8,8 +8,8 @@ which the add-on's preferences choose.
 """
 
 import hashlib
+import lzma
 import re
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -20,8 +20,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "photonbeams" / "blender" / "extension"
+# Blender's versions that have a version of Python.
+BLENDERS = {
+    (3, 11): 'blender_version_min = "5.0.0"\nblender_version_max = "5.1.0"',
+    (3, 13): 'blender_version_min = "5.1.0"',
+}
 # What no renderer needs: half of the files.
-UNUSED = re.compile(r"/(bin|include|tests|share|__pycache__|pip|pip-[^/]*|libOpenImageIO/.*\.cmake)(/|$)|\.pyi$")
+UNUSED = re.compile(
+    r"/(bin|include|tests|share|__pycache__|pip|pip-[^/]*)(/|$)|\.pyi$|/mitsuba/\w+_(mono|spectral)(_polarized)?\.cpython"
+)
 
 
 def build(folder: Path, bare: bool) -> Path:
@@ -34,7 +41,8 @@ def build(folder: Path, bare: bool) -> Path:
     files = [path for path in sorted(SOURCE.rglob("*")) if path.suffix in (".py", ".json", ".png")]
     with tempfile.TemporaryDirectory() as scratch, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         if not bare:
-            manifest = manifest.replace("\n[permissions]", f'platforms = ["{platform}"]\n\n[permissions]')
+            own = f'platforms = ["{platform}"]\n{BLENDERS[sys.version_info[:2]]}\n'
+            manifest = re.sub("blender_version_min.*\n", own, manifest)
             packed = packed_renderer(Path(scratch))
             archive.write(packed, packed.name, zipfile.ZIP_STORED)
         archive.writestr("blender_manifest.toml", manifest)
@@ -48,24 +56,17 @@ def packed_renderer(scratch: Path) -> Path:
     tree, packed = scratch / "renderer", scratch / "renderer.tar.xz"
     subprocess.run(
         [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--ignore-installed",
-         "--no-compile", "--no-warn-script-location", "--prefix", tree, f"{ROOT}[usd,vdb,materialx]"], check=True,
+         "--no-compile", "--no-warn-script-location", "--prefix", tree, f"{ROOT}[usd,vdb]"], check=True,
     )  # fmt: skip
-    several = [shutil.which("xz"), "--threads=0", "-7", "--stdout"]  # on all processors, where there is one
-    with packed.open("wb") as sink:
-        if several[0] is None:
-            pack(tree, sink, "w:xz")
-        else:
-            with subprocess.Popen(several, stdin=subprocess.PIPE, stdout=sink) as compressing:
-                pack(tree, compressing.stdin, "w|")
-                compressing.stdin.close()
+    # The filter for machine code saves a tenth.
+    best = {"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "dict_size": 1 << 26}
+    with (
+        lzma.open(packed, "wb", filters=[{"id": lzma.FILTER_X86}, best]) as sink,
+        tarfile.open(fileobj=sink, mode="w") as archive,
+    ):
+        archive.add(tree, ".", filter=lambda each: None if UNUSED.search(each.name) else each)
     digest = hashlib.sha256(packed.read_bytes()).hexdigest()[:12]
     return packed.rename(scratch / f"renderer-{digest}.tar.xz")
-
-
-def pack(tree: Path, sink, mode: str) -> None:
-    """Write the files of a folder that a renderer needs into an archive."""
-    with tarfile.open(fileobj=sink, mode=mode) as archive:
-        archive.add(tree, ".", filter=lambda each: None if UNUSED.search(each.name) else each)
 
 
 if __name__ == "__main__":

@@ -77,6 +77,7 @@ def room(fog=0.1):
         scene.collection.objects.link(lamp)
         if kind == "SPOT":
             light.spot_size = math.radians(40)
+            light.spot_blend = 0  # Blender's own export writes another softness for it
             aim(lamp, (0.2, 1.0, 0.0))
             lamp.lightgroup = "key"
     scene.view_layers[0].lightgroups.add(name="key")
@@ -189,7 +190,7 @@ def reading(folder):
     bpy.context.object.data.materials.append(made)
     bpy.ops.mesh.primitive_cube_add()
     two = bpy.context.object
-    two.name = "Parts"
+    two.name, two.visible_shadow = "Parts", False
     for each in (made, foggy, hollow):
         two.data.materials.append(each)
     for k, face in enumerate(two.data.polygons):
@@ -456,7 +457,7 @@ def leaks(folder):
 
     def edit(k):
         bpy.data.lights["Key"].energy = 100 + k
-        bpy.data.objects["Cube"].data.vertices[0].co.x -= 0.01
+        bpy.data.objects["Cube"].data.vertices[0].co.x += 0.01 * (-1) ** k
         bpy.data.objects["Cube"].data.update()
         screen.show(passes=1)
 

@@ -51,6 +51,19 @@ def test_sources_and_targets_are_connected():
     assert [str(each) for each in stage.GetRelationshipAtPath("/A.material:binding").GetTargets()] == ["/M"]
 
 
+def test_time_samples_are_interpolated_and_the_value_stays_the_default():
+    stage = new_stage("Z", 1.0)
+    lamp, moved = next(each for each in prims() if each["path"] == "/Lamp"), np.eye(4)
+    moved[3, :3] = 4, 0, 2
+    samples = {"matrix": [[1.0, lamp["matrix"]], [3.0, moved]], "inputs:intensity": [[1.0, 10.0], [3.0, 20.0]]}
+    write_prims(stage, [{**lamp, "samples": samples}])
+    found = UsdLux.SphereLight(stage.GetPrimAtPath("/Lamp"))
+    assert found.GetIntensityAttr().Get() == 10.0 and found.GetIntensityAttr().Get(2.0) == 15.0
+    assert tuple(UsdGeom.Xformable(found).GetLocalTransformation(2.0).ExtractTranslation()) == (2, 0, 2)
+    write_prims(stage, [lamp])
+    assert found.GetIntensityAttr().Get(2.0) == 10.0
+
+
 def test_prims_are_removed():
     stage = new_stage("Z", 1.0)
     write_prims(stage, prims())

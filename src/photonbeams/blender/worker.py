@@ -4,7 +4,7 @@ It reads messages from its input and writes others to its output (`extension/mes
 
     {"do": "scene", "prims": […], "removed": […]}     change the stage; "whole": True begins a new one
     {"do": "render", "number": n, "camera": path, "settings": {…}, "width": w, "height": h,
-     "crop": […], "pixel_aspect": a}
+     "crop": […], "pixel_aspect": a, "frame": time code}
     {"do": "cancel", "number": n}                     end the renders up to this one
     {"do": "view", "number": n, "camera": path, "view": {…}}
                                                       show a viewport, by fields of `SessionView`, until a message comes
@@ -206,7 +206,7 @@ class Worker:
                 self.tell("picture", number=number, layers=frame().layers)
                 due = time.monotonic() + max(_BETWEEN, _REST * (time.monotonic() - begin))
 
-        size = {name: wanted[name] for name in ("width", "height", "crop", "pixel_aspect") if name in wanted}
+        size = {name: wanted[name] for name in ("width", "height", "crop", "pixel_aspect", "frame") if name in wanted}
         return shot.render(progress=progress, snapshot=snapshot, **size, **wanted["settings"])
 
 

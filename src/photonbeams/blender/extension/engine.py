@@ -16,6 +16,7 @@ from .drawing import Drawing
 from .process import POOL, Renderer
 from .reading.cameras import viewport_prim
 from .reading.kept import Kept
+from .reading.motion import Shutter, is_blurred, shutter_of, with_samples
 from .reading.scene import CAMERA, SceneReader
 from .settings import chosen_python
 from .viewport import Viewport
@@ -73,13 +74,17 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
                 self.update_stats("", "Reading the scene")
                 with tempfile.TemporaryDirectory(prefix="photonbeams") as folder:
                     reader = SceneReader(depsgraph, Kept(folder), tell)
-                    renderer.send("scene", prims=reader.prims(), whole=True)
+                    shutter = shutter_of(scene, tell)
+                    prims, eyes = self._read(reader, camera, depsgraph, shutter, tell)
+                    renderer.send("scene", prims=prims, whole=True)
                     if scene.render.film_transparent and scene.world is not None:
                         tell("Transparent film: the sky's light is in the picture, where alpha is 0")
-                    for view in _views(scene):
+                    frame = {} if shutter is None else {"frame": shutter.frame}
+                    for view, eye in eyes.items():
                         if view:
                             self.active_view_set(view)
-                        if not self._rendered(renderer, reader, camera, depsgraph, view, tell):
+                        renderer.send("scene", prims=[eye])
+                        if not self._rendered(renderer, reader, depsgraph, view, tell, frame):
                             return
             finally:
                 POOL.give(renderer)
@@ -96,14 +101,50 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
                 time.sleep(_WAIT)
         return None
 
+    def _read(
+        self, reader: SceneReader, camera: Any, depsgraph: Any, shutter: Shutter | None, tell: Any
+    ) -> tuple[list[dict[str, Any]], dict[str, dict[str, Any]]]:  # fmt: skip
+        """Return the prims of the scene, and those of the camera by view, with time samples of what moves."""
+        prims, eyes = reader.prims(), self._eyes(reader, camera, depsgraph)
+        if shutter is None:
+            return prims, eyes
+        moved = dict[float, dict[str, Any]]()
+        try:
+            for at in shutter.other_times():
+                self._go_to(at)
+                moved[at] = reader.moved() | (self._eyes(reader, camera, depsgraph) if is_blurred(camera) else {})
+        finally:
+            self._go_to(shutter.frame)
+
+        def sampled(prim: dict[str, Any], name: str) -> dict[str, Any]:
+            others = {at: each[name] for at, each in moved.items() if name in each}
+            return with_samples(prim, shutter.frame, others, tell)
+
+        eyes = {view: shutter.of_camera(sampled(eye, view)) for view, eye in eyes.items()}
+        return [sampled(each, each["path"]) for each in prims], eyes
+
+    def _go_to(self, frame: float) -> None:
+        """Let Blender evaluate the scene at a frame, which need not be whole."""
+        whole, part = divmod(frame, 1)
+        self.frame_set(int(whole), part)
+
+    def _eyes(self, reader: SceneReader, camera: Any, depsgraph: Any) -> dict[str, dict[str, Any]]:
+        """Return the prims of the camera by view."""
+        found, size = {}, (self.resolution_x, self.resolution_y)
+        evaluated = camera.evaluated_get(depsgraph)
+        for view in _views(depsgraph.scene):
+            if view:
+                self.active_view_set(view)
+            shift = self.camera_shift_x(evaluated) - evaluated.data.shift_x  # of one of two eyes
+            found[view] = reader.camera(camera, self.camera_model_matrix(evaluated), size, shift)
+        return found
+
     def _rendered(
-        self, renderer: Renderer, reader: SceneReader, camera: Any, depsgraph: Any, view: str, tell: Any
+        self, renderer: Renderer, reader: SceneReader, depsgraph: Any, view: str, tell: Any, frame: dict[str, float]
     ) -> bool:  # fmt: skip
         """Render a view; return whether it is finished."""
         scene, whole = depsgraph.scene, (self.resolution_x, self.resolution_y)
         x0, y0, x1, y1 = border(scene.render, whole)
-        shift = self.camera_shift_x(camera) - camera.data.shift_x  # of one of two eyes
-        renderer.send("scene", prims=[reader.camera(camera, self.camera_model_matrix(camera), whole, shift)])
         renderer.rendered += 1
         number = renderer.rendered
         renderer.send(
@@ -111,7 +152,7 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
             # A little inside of the first pixel, which is found by rounding down.
             crop=[(x0 + 1e-4) / whole[0], (y0 + 1e-4) / whole[1], x1 / whole[0], y1 / whole[1]],
             pixel_aspect=scene.render.pixel_aspect_x / scene.render.pixel_aspect_y,
-            settings=scene.photonbeams.arguments(),
+            settings=scene.photonbeams.arguments(), **frame,
         )  # fmt: skip
         while True:
             if self.test_break():

@@ -10,7 +10,7 @@ from bl_ui.properties_view_layer import ViewLayerLightgroupsPanelHelper
 from .engine import ENGINE
 
 # Panels of Blender's that make no sense here, and those of EEVEE that do.
-_HIDDEN = {"VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes", "RENDER_PT_simplify_greasepencil"}
+_HIDDEN = {"DATA_PT_light", "VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes", "RENDER_PT_simplify_greasepencil"}
 _OF_EEVEE = {
     "DATA_PT_EEVEE_light", "EEVEE_MATERIAL_PT_context_material", "EEVEE_MATERIAL_PT_surface",
     "EEVEE_MATERIAL_PT_volume", "EEVEE_WORLD_PT_surface", "EEVEE_WORLD_PT_volume",
@@ -81,6 +81,25 @@ class PHOTONBEAMS_PT_light(_RenderPanel):  # noqa: N801
         layout.operator("photonbeams.over_cycles")
 
 
+class PHOTONBEAMS_PT_motion_blur(_RenderPanel):  # noqa: N801
+    """The shutter, as Blender has it, and how finely motion is read."""
+
+    bl_label = "Motion Blur"
+    bl_options: ClassVar = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context: Any) -> None:
+        """Draw the switch."""
+        self.layout.prop(context.scene.render, "use_motion_blur", text="")
+
+    def draw(self, context: Any) -> None:
+        """Draw the panel."""
+        layout, render = _split(self.layout), context.scene.render
+        layout.active = render.use_motion_blur
+        layout.prop(render, "motion_blur_position", text="Position")
+        layout.prop(render, "motion_blur_shutter")
+        layout.prop(context.scene.photonbeams, "motion_steps")
+
+
 class PHOTONBEAMS_PT_film(_RenderPanel):  # noqa: N801
     """What the picture has where nothing is."""
 
@@ -119,7 +138,8 @@ class PHOTONBEAMS_PT_light_group(bpy.types.Panel):  # noqa: N801
 
 
 CLASSES = (
-    PHOTONBEAMS_PT_sampling, PHOTONBEAMS_PT_viewport, PHOTONBEAMS_PT_light, PHOTONBEAMS_PT_film,
+    PHOTONBEAMS_PT_sampling, PHOTONBEAMS_PT_viewport, PHOTONBEAMS_PT_light, PHOTONBEAMS_PT_motion_blur,
+    PHOTONBEAMS_PT_film,
     PHOTONBEAMS_PT_light_groups, PHOTONBEAMS_PT_light_group,
 )  # fmt: skip
 

@@ -55,6 +55,10 @@ class PhotonBeamsRenderSettings(bpy.types.PropertyGroup):
         soft_max=65536,
         description="Light paths in a pass; 0: as many as are usual",
     )
+    motion_steps: IntProperty(
+        name="Steps", default=2, min=1, soft_max=8,
+        description="Into how many steps what moves is divided while the shutter is open; more follow curved motion",
+    )  # fmt: skip
     estimator: EnumProperty(
         name="Estimator", default="auto", description="How beams are integrated along a ray",
         items=[

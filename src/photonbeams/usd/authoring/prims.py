@@ -8,6 +8,7 @@ A description of a prim is a dict:
     values          by attribute: [type name, value], or [type name, value, interpolation]
     targets         by relationship: paths
     sources         by input or output: [type name, the path of the property that it is connected to]
+    samples         by attribute of `values`, or "matrix": [time code, value] of each time sample
 
 All but the path and the type may be left out.
 """
@@ -70,10 +71,11 @@ def _write(layer: Sdf.Layer, given: Mapping[str, Any]) -> None:
     apis = Sdf.TokenListOp()
     apis.prependedItems = given.get("apis", [])
     spec.SetInfo("apiSchemas", apis)
-    values: dict[str, Any] = dict(given.get("values", {}))
+    values, samples = dict[str, Any](given.get("values", {})), dict[str, Any](given.get("samples", {}))
     if "matrix" in given:
-        values[_TRANSFORM] = ["matrix4d", Gf.Matrix4d(np.asarray(given["matrix"], np.float64).tolist())]
+        values[_TRANSFORM] = ["matrix4d", given["matrix"]]
         values["xformOpOrder"] = ["token[]", [_TRANSFORM]]
+        samples[_TRANSFORM] = samples.pop("matrix", ())
     sources, targets = given.get("sources", {}), given.get("targets", {})
     for own in list(spec.properties):
         spec.RemoveProperty(own)
@@ -84,6 +86,8 @@ def _write(layer: Sdf.Layer, given: Mapping[str, Any]) -> None:
         attribute.default = _value(kind, value)
         if interpolation:
             attribute.SetInfo("interpolation", interpolation[0])
+        for code, sample in samples.get(name, ()):
+            layer.SetTimeSample(attribute.path, code, _value(kind, sample))
     for name, (kind, source) in sources.items():
         _attribute(spec, name, kind).connectionPathList.explicitItems = [Sdf.Path(source)]
     for name, paths in targets.items():
@@ -101,6 +105,8 @@ _UNIFORM = {"xformOpOrder", "subdivisionScheme", "elementType", "familyName", "i
 
 def _value(kind: str, value: Any) -> Any:
     """Return a value as OpenUSD takes it."""
+    if kind == "matrix4d":
+        return Gf.Matrix4d(np.asarray(value, np.float64).tolist())
     if isinstance(value, np.ndarray):
         return _ARRAYS[kind].FromNumpy(np.ascontiguousarray(value))
     if kind == "asset":

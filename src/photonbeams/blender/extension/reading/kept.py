@@ -8,19 +8,20 @@ from typing import Any
 import bpy
 
 from .images import Images
+from .volumes import GridFiles
 
 
 class Kept:
-    """Meshes and files of images that stay from one reading of a scene to the next.
+    """Meshes, and files of images and grids, that stay from one reading of a scene to the next.
 
     Parameters
     ----------
     folder
-        Where images without a file are written.
+        Where images and grids without a file are written.
     """
 
     def __init__(self, folder: str) -> None:
-        self.images = Images(folder)
+        self.images, self.grids = Images(folder), GridFiles(folder)
         #: By an object's name and its data's number: the attributes and the faces of its mesh; None if it has none.
         self.meshes: dict[tuple[str, int], tuple[dict[str, Any], dict[int, Any]] | None] = {}
 
@@ -32,4 +33,5 @@ class Kept:
                 self.images.forget(changed)
             elif each.is_updated_geometry:
                 name, number = changed.name_full, changed.session_uid
+                self.grids.forget(name, number)
                 self.meshes = {key: mesh for key, mesh in self.meshes.items() if name != key[0] and number != key[1]}

@@ -155,6 +155,9 @@ def _shaded(node: Any, told: Told) -> Surface:
             return {"base_color": _BLACK, "specular_weight": 0.0, **glow}
         case "BSDF_DIFFUSE":
             return {"base_color": value("Color"), "specular_weight": 0.0}
+        case "BSDF_HAIR" | "BSDF_HAIR_PRINCIPLED":
+            told(f"{node.name} is not rendered: hair is a surface of its colour")
+            return {"base_color": value("Color"), "specular_roughness": 0.5}
         case "BSDF_GLOSSY" | "BSDF_ANISOTROPIC" | "BSDF_METALLIC":
             color = value("Color") if "Color" in node.inputs else value("Base Color")
             return {"base_color": color, "base_metalness": 1.0, "specular_roughness": value("Roughness")}

@@ -2,13 +2,42 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from .nodes import Told, color_of, number_of, output_of, source_of
+from .nodes import Told, color_of, number_of, output_of, product_of, source_of
 
 APIS = ["PhotonBeamsMediumAPI"]
+
+
+@dataclass(frozen=True)
+class Volume:
+    """What a volume shader does.
+
+    Attributes
+    ----------
+    scattering, absorption, anisotropy
+        Coefficients per metre, (3,), and the mean cosine of what is scattered.
+    density, color
+        Grids by which the coefficients, and the scattering alone, are multiplied; "" for none.
+    glow, glow_grid, kelvin
+        What it emits per metre, (3,), where the grid is 1; or a factor on the light of a black body, whose temperature
+        is the grid times so many kelvin.
+    """
+
+    scattering: Any
+    absorption: Any
+    anisotropy: float
+    density: str = ""
+    color: str = ""
+    glow: Any = None
+    glow_grid: str = ""
+    kelvin: float = 0.0
+
+
+_NOTHING = Volume(np.zeros(3), np.zeros(3), 0.0)
 
 
 def medium_of(owner: Any, told: Told) -> dict[str, Any] | None:
@@ -19,12 +48,23 @@ def medium_of(owner: Any, told: Told) -> dict[str, Any] | None:
     found = _volume(source.node, lambda text: told(f"{owner.name}: {text}"))
     if found is None:
         return None
-    scattering, absorption, anisotropy = found
     return {
-        "photonbeams:scattering": ["color3f", scattering.tolist()],
-        "photonbeams:absorption": ["color3f", absorption.tolist()],
-        "photonbeams:anisotropy": ["float", anisotropy],
+        "photonbeams:scattering": ["color3f", found.scattering.tolist()],
+        "photonbeams:absorption": ["color3f", found.absorption.tolist()],
+        "photonbeams:anisotropy": ["float", found.anisotropy],
     }
+
+
+def volume_of(material: Any, told: Told) -> Volume | None:
+    """Return what the volume of the material of an object of grids does; None if it has none."""
+    if material is None:
+        return Volume(np.full(3, 0.5), np.full(3, 0.5), 0.0, "density")  # Blender's own
+    source = _source(material)
+    found = None if source is None else _volume(source.node, lambda text: told(f"{material.name}: {text}"), True)
+    if found is None or found.density:
+        return found
+    told(f"{material.name}: its density comes from no grid: that of the grid density is used")
+    return replace(found, density="density")
 
 
 def has_volume(owner: Any) -> bool:
@@ -40,30 +80,92 @@ def _source(owner: Any) -> Any:
     return None if output is None else source_of(output.inputs["Volume"])
 
 
-def _volume(node: Any, told: Told) -> tuple[Any, Any, float] | None:
-    """Return the scattering and absorption coefficients per metre, and the anisotropy, of a volume shader."""
+def _volume(node: Any, told: Told, grids: bool = False) -> Volume | None:
+    """Return what a volume shader does; with `grids`, also those that it reads."""
     match node.type:
         case "PRINCIPLED_VOLUME":
-            density, color = number_of(node, "Density", told), np.array(color_of(node, "Color", told))
+            density, grid = _density(node, told, grids)
+            color, tint = _color(node, told, grids)
             absorbed = np.array(color_of(node, "Absorption Color", told))
             # As Cycles: what is not scattered is absorbed, except for the absorption colour.
             kept = np.maximum(1 - color, 0) * np.maximum(1 - np.sqrt(absorbed), 0)
-            if number_of(node, "Emission Strength", told) > 0 or number_of(node, "Blackbody Intensity", told) > 0:
-                told(f"the light that {node.name} emits is not rendered")
-            return density * color, density * kept, number_of(node, "Anisotropy", told)
+            grid, tint = (grid or _text(node, "Density Attribute"), tint or _text(node, "Color Attribute"))
+            found = Volume(density * color, density * kept, number_of(node, "Anisotropy", told), grid, tint)
+            return _glowing(node, found, told, grids)
         case "VOLUME_SCATTER":
-            density, color = number_of(node, "Density", told), np.array(color_of(node, "Color", told))
-            return density * color, np.zeros(3), number_of(node, "Anisotropy", told)
+            density, grid = _density(node, told, grids)
+            color, tint = _color(node, told, grids)
+            if node.phase != "HENYEY_GREENSTEIN":
+                told(f"{node.name} scatters as Henyey and Greenstein have it: its own phase is not rendered")
+            return Volume(density * color, np.zeros(3), number_of(node, "Anisotropy", told), grid, tint)
         case "VOLUME_ABSORPTION":
-            density, color = number_of(node, "Density", told), np.array(color_of(node, "Color", told))
-            return np.zeros(3), density * np.maximum(1 - color, 0), 0.0
+            density, grid = _density(node, told, grids)
+            color = np.array(color_of(node, "Color", told))
+            return Volume(np.zeros(3), density * np.maximum(1 - color, 0), 0.0, grid)
+        case "EMISSION" if grids:
+            return replace(_NOTHING, **_emission(node, "Strength", "Color", told))
         case "ADD_SHADER":
             parts = [source_of(each) for each in node.inputs]
-            found = [own for each in parts if each is not None and (own := _volume(each.node, told)) is not None]
-            if not found:
-                return None
-            weights = [own[0].sum() for own in found]
-            mean = np.average([own[2] for own in found], weights=weights) if sum(weights) else 0.0
-            return sum(own[0] for own in found), sum(own[1] for own in found), float(mean)
+            return _added([_volume(each.node, told, grids) for each in parts if each is not None], told)
     told(f"the volume of {node.name} is not rendered")
     return None
+
+
+def _added(parts: list[Volume | None], told: Told) -> Volume | None:
+    """Return what several volumes in the same place do; None if there are none."""
+    found = [each for each in parts if each is not None]
+    if not found:
+        return None
+    weights = [each.scattering.sum() for each in found]
+    mean = float(np.average([each.anisotropy for each in found], weights=weights)) if sum(weights) else 0.0
+    grids = {each.density for each in found if (each.scattering + each.absorption).any()}
+    if len(grids) > 1:
+        told("volumes of several grids are added: the first grid is used for all of them")
+    first = next((each for each in found if each.density in grids), found[0])
+    glowing = next((each for each in found if each.glow_grid), first)
+    return Volume(
+        sum(each.scattering for each in found), sum(each.absorption for each in found), mean,
+        first.density, next((each.color for each in found if each.color), ""),
+        glowing.glow, glowing.glow_grid, glowing.kelvin,
+    )  # fmt: skip
+
+
+def _density(node: Any, told: Told, grids: bool) -> tuple[float, str]:
+    """Return the density of a volume shader, and the grid that multiplies it."""
+    return _product(node, "Density", told) if grids else (number_of(node, "Density", told), "")
+
+
+def _color(node: Any, told: Told, grids: bool) -> tuple[Any, str]:
+    """Return the colour of a volume shader, and the grid that multiplies it."""
+    grid = product_of(node, node.inputs["Color"], told)[1] if grids else ""
+    return np.array((1.0, 1.0, 1.0) if grid else color_of(node, "Color", told)), grid
+
+
+def _product(node: Any, name: str, told: Told) -> tuple[float, str]:
+    """Return the number and the grid whose product an input is."""
+    value, grid = product_of(node, node.inputs[name], told)
+    return (value, grid) if isinstance(value, float) else (number_of(node, name, told), grid)
+
+
+def _glowing(node: Any, volume: Volume, told: Told, grids: bool) -> Volume:
+    """Return the volume of a Principled Volume with what it emits; without a grid it emits nothing here."""
+    hot = number_of(node, "Blackbody Intensity", told)
+    if grids and hot > 0 and (heat := _text(node, "Temperature Attribute")):
+        tint = hot * np.array(color_of(node, "Blackbody Tint", told))
+        return replace(volume, glow=tint, glow_grid=heat, kelvin=number_of(node, "Temperature", told))
+    emission = _emission(node, "Emission Strength", "Emission Color", told) if grids else {}
+    if emission.get("glow_grid"):
+        return replace(volume, **emission)
+    if hot > 0 or number_of(node, "Emission Strength", told) > 0:
+        told(f"the light that {node.name} emits is not rendered")
+    return volume
+
+
+def _emission(node: Any, strength: str, color: str, told: Told) -> dict[str, Any]:
+    """Return the emission of a shader of this strength and colour."""
+    number, grid = _product(node, strength, told)
+    return {"glow": number * np.array(color_of(node, color, told)), "glow_grid": grid}
+
+
+def _text(node: Any, name: str) -> str:
+    return str(node.inputs[name].default_value)

@@ -50,8 +50,11 @@ def source_of(socket: Any) -> Any:
 def value_of(node: Any, name: str, told: Told) -> Value | None:
     """Return the value of a node's input; None if the node has none of that name."""
     socket = node.inputs.get(name)
-    if socket is None:
-        return None
+    return None if socket is None else _value(node, socket, told)
+
+
+def _value(node: Any, socket: Any, told: Told) -> Value:
+    """Return the value of a socket of a node."""
     source = source_of(socket)
     if source is None:
         return _plain(socket.default_value)
@@ -60,8 +63,21 @@ def value_of(node: Any, name: str, told: Told) -> Value | None:
         return Texture(made, source.name == "Alpha")
     if made.type in ("RGB", "VALUE"):
         return _plain(source.default_value)
-    told(f"{name} of {node.name} comes from {made.name}, which is not rendered: its own value is used")
+    told(f"{socket.name} of {node.name} comes from {made.name}, which is not rendered: its own value is used")
     return _plain(socket.default_value)
+
+
+def product_of(node: Any, socket: Any, told: Told) -> tuple[Value, str]:
+    """Return the constant and the grid of a volume whose product a socket's value is; "" if no grid is in it."""
+    source = source_of(socket)
+    made = None if source is None else source.node
+    if made is not None and made.type in ("ATTRIBUTE", "VOLUME_INFO"):
+        return 1.0, made.attribute_name if made.type == "ATTRIBUTE" else source.name.lower()
+    if made is not None and made.type == "MATH" and made.operation == "MULTIPLY":
+        (a, first), (b, second) = (product_of(made, each, told) for each in made.inputs[:2])
+        if isinstance(a, float) and isinstance(b, float) and not (first and second):
+            return a * b, first or second
+    return _value(node, socket, told), ""
 
 
 def number_of(node: Any, name: str, told: Told, otherwise: float = 0.0) -> float:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from itertools import count
 from typing import Any
 
@@ -13,14 +14,17 @@ from .cameras import camera_prim
 from .kept import Kept
 from .lights import light_prim, seen_values, stretch_of, world_prims
 from .materials import has_surface, material_prims
-from .media import APIS, has_volume, medium_of
-from .meshes import faces_by_material, mesh_values
+from .media import APIS, has_volume, medium_of, volume_of
+from .meshes import faces_by_material, mesh_values, points_of
+from .motion import is_blurred
 from .names import free_path, group_name
+from .strands import Strands, strands_of
+from .volumes import scale_of, smoke_of, volume_prims
 
 CAMERA = "/Camera"
-_UNREAD = {
-    "VOLUME": "a volume of OpenVDB", "CURVES": "hair", "POINTCLOUD": "a cloud of points", "GREASEPENCIL": "a drawing"
-}  # fmt: skip
+# What an object may be hidden from, and what is rendered all the same.
+_HIDDEN = {"visible_camera": "hidden from the camera: it is seen", "visible_shadow": "without a shadow: it casts one"}
+_UNREAD = {"GREASEPENCIL": "a drawing"}
 
 
 class SceneReader:
@@ -45,32 +49,77 @@ class SceneReader:
         self._beams = BeamReader(self._images, self._path, told)
         # Names of objects that are portals of lamps, or curves that are beams, and the paths of Cycles' portals.
         self._no_surfaces, self._sky_portals = portals_of(depsgraph), list[str]()
+        self._places: dict[Any, str] = {}  # the paths of what may move
         self._materials: dict[str, str] = {}
         self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
 
     def prims(self) -> list[dict[str, Any]]:
         """Return the prims of all but the camera."""
-        for each in self._depsgraph.object_instances:
-            thing = each.object
-            if not each.show_self or self._left_out(each.parent or thing):
-                continue
+        for thing, matrix, key in self._things():
             if thing.type == "CURVE" and thing.data.photonbeams.enabled:
-                self._add_curves(thing, np.array(each.matrix_world))
+                self._add_curves(thing, matrix)
             elif thing.name_full in self._no_surfaces:
                 pass
             elif thing.type == "LIGHT" and is_cycles_portal(thing.data):
                 self._sky_portals.append(self._beams.portal(thing))
             elif thing.type == "LIGHT":
-                self._add_light(thing, np.array(each.matrix_world))
+                self._add_light(thing, matrix, key)
+            elif thing.type == "VOLUME" or smoke_of(thing) is not None:
+                self._add_volume(thing, matrix, key)
             elif thing.type == "MESH":  # curves, text and the like come as meshes, too
-                self._add_mesh(thing, np.array(each.matrix_world))
+                self._add_mesh(thing, matrix, key)
             elif thing.type in _UNREAD:
                 self._told(f"{thing.name} is {_UNREAD[thing.type]}, which is not rendered")
+        for strands, thing, matrix, key in self._strands():
+            self._add_strands(strands, thing, matrix, key)
         self._add_world(self._layer.world_override or self._depsgraph.scene.world)
         for key in self._kept.meshes.keys() - self._used:
             del self._kept.meshes[key]
         return self._prims + self._beams.prims
+
+    def moved(self) -> dict[str, dict[str, Any]]:
+        """Return what may move, by path, as Blender has evaluated it now: transforms, lights, shapes that differ."""
+        first = {each["path"]: each.get("values", {}) for each in self._prims}
+        found, shapes = dict[str, dict[str, Any]](), dict[Any, dict[str, Any]]()
+        for thing, matrix, key in self._things():
+            path = self._places.get(key, "")
+            if path not in first or not is_blurred(thing):
+                continue
+            if thing.type == "LIGHT":
+                found[path] = self._light(thing, matrix, path)
+                continue
+            found[path] = {"matrix": matrix.T}
+            if "points" in first[path]:
+                own = _geometry_of(thing)
+                if own not in shapes:
+                    shapes[own] = _reshaped(thing, first[path]["points"][1])
+                found[path]["values"] = shapes[own]
+        for strands, thing, matrix, key in self._strands():
+            path = self._places.get(key, "")
+            if path in first and is_blurred(thing):
+                found[path] = {"matrix": matrix.T, "values": strands.read() or {}}
+        return found
+
+    def _things(self) -> Iterator[tuple[Any, Any, Any]]:
+        """Yield the objects that are rendered, and their copies: object, transform, and what names it at all times."""
+        seen = Counter[Any]()
+        for each in self._depsgraph.object_instances:
+            thing = each.object
+            if not each.show_self or self._left_out(each.parent or thing):
+                continue
+            key = _key_of(each)
+            seen[key] += 1
+            yield thing, np.array(each.matrix_world), (*key, seen[key])
+
+    def _strands(self) -> Iterator[tuple[Strands, Any, Any, Any]]:
+        """Yield hair and points: themselves, their object, transform, and what names them at all times."""
+        for each in self._depsgraph.object_instances:
+            thing = each.object
+            shown = each.show_self if thing.type in ("CURVES", "POINTCLOUD") else each.show_particles
+            if shown and not self._left_out(each.parent or thing):
+                for place, strands in enumerate(strands_of(thing, self._depsgraph.mode == "RENDER", self._told)):
+                    yield strands, thing, np.array(each.matrix_world), (*_key_of(each), "strands", place)
 
     def _left_out(self, thing: Any) -> bool:
         """Return whether an object is a holdout or seen only indirectly, which is told."""
@@ -94,11 +143,18 @@ class SceneReader:
         self._taken.add(path)
         return path
 
-    def _add_light(self, thing: Any, matrix: Any) -> None:
+    def _add_light(self, thing: Any, matrix: Any, key: Any) -> None:
+        self._places[key] = path = self._path("/Lights", thing.name)
+        prim = self._light(thing, matrix, path)
+        values, prim["targets"] = self._beams.of_light(thing.data)
+        prim["values"] |= values
+        self._prims.append(prim)
+
+    def _light(self, thing: Any, matrix: Any, path: str) -> dict[str, Any]:
+        """Return the prim of a light, without its beams."""
         light = thing.data
-        prim = light_prim(light, self._path("/Lights", thing.name), self._told)
-        values, prim["targets"] = self._beams.of_light(light)
-        prim["values"] |= values | seen_values(thing)
+        prim = light_prim(light, path, self._told)
+        prim["values"] |= seen_values(thing)
         pose = matrix.copy()
         scale = np.linalg.norm(pose[:3, :3], axis=0)
         if light.type == "SPOT" and np.ptp(scale) > 1e-4 * scale.max():
@@ -108,7 +164,7 @@ class SceneReader:
         prim["matrix"] = pose.T
         if thing.lightgroup:
             prim["values"]["photonbeams:lightGroup"] = ["token", self._group(thing.lightgroup)]
-        self._prims.append(prim)
+        return prim
 
     def _add_curves(self, thing: Any, matrix: Any) -> None:
         self._no_surfaces.add(thing.name_full)
@@ -123,16 +179,20 @@ class SceneReader:
             self.groups[name] = next(each for k in count() if (each := f"{valid}_{k}" if k else valid) not in taken)
         return self.groups[name]
 
-    def _add_mesh(self, thing: Any, matrix: Any) -> None:
+    def _add_mesh(self, thing: Any, matrix: Any, key: Any) -> None:
         found = self._mesh(thing)
         if found is None:
             return
+        for name, text in _HIDDEN.items():
+            if not getattr(thing, name):
+                self._told(f"{thing.name} is {text}")
         values, faces = found
         override = self._layer.material_override
         slots = [override or each.material for each in thing.material_slots] or [override]
         materials = {slot: slots[min(slot, len(slots) - 1)] for slot in faces}
+        self._places[key] = path = self._path("/Objects", thing.name)
         prim: dict[str, Any] = {
-            "path": self._path("/Objects", thing.name), "type": "Mesh", "matrix": matrix.T, "values": values,
+            "path": path, "type": "Mesh", "matrix": matrix.T, "values": values,
         }  # fmt: skip
         if any(has_surface(each) for each in materials.values()):
             if any(has_volume(each) for each in materials.values()):
@@ -140,6 +200,36 @@ class SceneReader:
             self._prims += self._bound(prim, materials, faces)
         elif (medium := medium_of(next(iter(materials.values())), self._told)) is not None:
             self._prims.append({**prim, "apis": APIS, "values": {**values, **medium}})
+
+    def _add_strands(self, strands: Strands, thing: Any, matrix: Any, key: Any) -> None:
+        kept, own = self._kept.meshes, (_geometry_of(thing)[0], strands.number)
+        self._used.add(own)
+        if own not in kept:
+            values = strands.read()
+            kept[own] = None if values is None else (values, {})
+        found = kept[own]
+        if found is None:
+            return
+        slots = thing.material_slots
+        material = slots[min(max(strands.slot, 0), len(slots) - 1)].material if len(slots) else None
+        self._places[key] = path = self._path("/Objects", strands.name)
+        prim = {"path": path, "type": strands.kind, "matrix": matrix.T, "values": found[0]}
+        self._prims += self._bound(prim, {0: self._layer.material_override or material}, {})
+
+    def _add_volume(self, thing: Any, matrix: Any, key: Any) -> None:
+        slots = [each.material for each in thing.material_slots]
+        volume = volume_of(self._layer.material_override or next(iter(slots), None), self._told)
+        if volume is None:
+            self._told(f"{thing.name} is not rendered: its material has no volume that is")
+            return
+        files = self._kept.grids.of(thing, {volume.density, volume.color, volume.glow_grid} - {""}, self._told)
+        if files is None:
+            return
+        if volume.density in files:
+            self._places[key] = path = self._path("/Objects", thing.name)
+            self._prims += volume_prims(path, matrix, volume, files, scale_of(thing, matrix))
+        else:
+            self._told(f"{thing.name} is not rendered: it has no grid {volume.density}")
 
     def _bound(
         self, prim: dict[str, Any], materials: dict[int, Any], faces: dict[int, Any]
@@ -161,7 +251,7 @@ class SceneReader:
 
     def _mesh(self, thing: Any) -> tuple[dict[str, Any], dict[int, Any]] | None:
         """Return the attributes and the faces of an object's mesh, which its instances share; None if it has none."""
-        key = thing.original.name_full, thing.data.session_uid if thing.data is not None else 0
+        key = _geometry_of(thing)
         meshes = self._kept.meshes
         self._used.add(key)
         if key not in meshes:
@@ -196,3 +286,23 @@ class SceneReader:
         medium = medium_of(world, self._told)
         if medium is not None:
             self._prims.append({"path": self._path("", "Fog"), "type": "Scope", "apis": APIS, "values": medium})
+
+
+def _key_of(instance: Any) -> tuple[Any, ...]:
+    """Return what names an object, or a copy of it, at all times, unless several copies have the same name."""
+    thing, parent = instance.object, instance.parent.original.name_full if instance.is_instance else ""
+    return parent, thing.original.name_full, thing.type, tuple(instance.persistent_id)
+
+
+def _geometry_of(thing: Any) -> Any:
+    """Return what names the geometry of an object, which its instances share."""
+    return thing.original.name_full, thing.data.session_uid if thing.data is not None else 0
+
+
+def _reshaped(thing: Any, points: Any) -> dict[str, Any]:
+    """Return the attributes of an object's mesh if it has other points than these; else none."""
+    mesh = thing.to_mesh()
+    differs = mesh is not None and len(mesh.polygons) and not np.array_equal(points_of(mesh), points)
+    found = mesh_values(mesh) if differs else {}
+    thing.to_mesh_clear()
+    return found
