@@ -85,6 +85,7 @@ class Worker:
             from ..render import stage_frame  # noqa: F401 - the libraries load while Blender reads the scene
         except (ImportError, RuntimeError) as error:  # the device's errors are RuntimeErrors
             self._unable = shortened(str(error))
+        gc.freeze()  # what the libraries have made stays, and is not looked through again
         while (message := self._waiting.get()) is not None:
             if message["do"] == "scene":
                 self._change(message)
@@ -132,7 +133,7 @@ class Worker:
 
         if self._stage is None or message.get("whole"):
             self._stage, self._live, self._problem = new_stage(_UP_AXIS, _METERS), None, None
-            gc.collect()  # kernels have code for the surfaces and media of every scene in memory
+        gc.collect()  # kernels have code for the surfaces and media of every scene in memory
         try:
             remove_prims(self._stage, message.get("removed", ()))
             write_prims(self._stage, message["prims"])
