@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
+
+from .exr import write_exr
 
 
 class Images:
@@ -41,6 +45,14 @@ class Images:
                 image.save(filepath=str(target), save_copy=True)
             self._written[image.name_full] = str(target)
         return self._written[image.name_full]
+
+    def written(self, pixels: Any, name: str) -> str:
+        """Return the path of an EXR of scene-linear pixels (H, W, 3), from the top row down."""
+        digest = hashlib.sha256(np.ascontiguousarray(pixels, np.float32).tobytes()).hexdigest()[:16]
+        target = self._folder / f"{re.sub(r'[^A-Za-z0-9]', '_', name)}_{digest}.exr"
+        if not target.exists():
+            write_exr(target, pixels)
+        return str(target)
 
     def forget(self, image: Any) -> None:
         """Forget the file of an image that has changed."""

@@ -27,6 +27,12 @@ def medium_of(owner: Any, told: Told) -> dict[str, Any] | None:
     }
 
 
+def is_dense(medium: dict[str, Any]) -> bool:
+    """Return whether no light of any colour comes through a medium from infinitely far away."""
+    scattering, absorption = (np.array(medium[f"photonbeams:{name}"][1]) for name in ("scattering", "absorption"))
+    return bool(np.all(scattering + absorption > 0))
+
+
 def has_volume(owner: Any) -> bool:
     """Return whether a material or a world has a volume."""
     return _source(owner) is not None

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from .cameras import camera_prim
+from .glow import GlowingMeshes, areas
 from .kept import Kept
 from .lights import light_prim, stretch_of, world_prims
-from .materials import has_surface, material_prims
-from .media import APIS, has_volume, medium_of
+from .materials import emitted_by, has_surface, material_prims
+from .media import APIS, has_volume, is_dense, medium_of
 from .meshes import faces_by_material, mesh_values
 
 CAMERA = "/Camera"
@@ -45,6 +46,7 @@ class SceneReader:
         self._materials: dict[str, str] = {}
         self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
+        self._glowing, self._emitted = GlowingMeshes(told), dict[str, float]()
 
     def prims(self) -> list[dict[str, Any]]:
         """Return the prims of all but the camera."""
@@ -58,6 +60,7 @@ class SceneReader:
                 self._add_mesh(thing, np.array(each.matrix_world))
             elif thing.type in _UNREAD:
                 self._told(f"{thing.name} is {_UNREAD[thing.type]}, which is not rendered")
+        self._glowing.enable()
         self._add_world(self._layer.world_override or self._depsgraph.scene.world)
         for key in self._kept.meshes.keys() - self._used:
             del self._kept.meshes[key]
@@ -99,6 +102,8 @@ class SceneReader:
         # Only area lights have the size of their object.
         pose[:3, :3] *= (1 if light.type == "AREA" else 1 / np.maximum(scale, 1e-30)) * stretch_of(light)
         prim["matrix"] = pose.T
+        if not thing.visible_camera:
+            prim["values"]["inputs:visibility:camera"] = ["bool", False]
         if thing.lightgroup:
             prim["values"]["photonbeams:lightGroup"] = ["token", self._group(thing.lightgroup)]
         self._prims.append(prim)
@@ -124,7 +129,12 @@ class SceneReader:
         if any(has_surface(each) for each in materials.values()):
             if any(has_volume(each) for each in materials.values()):
                 self._told(f"{thing.name} has a surface: the volume inside it is not rendered")
-            self._prims += self._bound(prim, materials, faces)
+            parts = self._bound(prim, materials, faces)
+            self._prims += parts
+            emitted = {slot: self._emitted[_name_of(material)] for slot, material in materials.items()}
+            if any(emitted.values()):
+                area = areas(values, faces, matrix)
+                self._glowing.add(parts[0], sum(area[slot] * value for slot, value in emitted.items()))
         elif (medium := medium_of(next(iter(materials.values())), self._told)) is not None:
             self._prims.append({**prim, "apis": APIS, "values": {**values, **medium}})
 
@@ -161,9 +171,10 @@ class SceneReader:
 
     def _material(self, material: Any) -> str:
         """Return the path of a material, whose prims are added once."""
-        name = "" if material is None else material.name_full
+        name = _name_of(material)
         if name not in self._materials:
             self._materials[name] = path = self._path("/Materials", name or "Default")
+            self._emitted[name] = 0.0
             if material is None:
                 shader = {"info:id": ["token", "UsdPreviewSurface"], "inputs:diffuseColor": ["color3f", [0.8] * 3],
                           "outputs:surface": ["token", None]}  # fmt: skip
@@ -171,11 +182,22 @@ class SceneReader:
                 self._prims.append({"path": path, "type": "Material", "sources": out})
                 self._prims.append({"path": f"{path}/Shader", "type": "Shader", "values": shader})
             else:
-                self._prims += material_prims(material, path, self._images, self._told)
+                prims = material_prims(material, path, self._images, self._told)
+                self._prims += prims
+                self._emitted[name] = emitted_by(prims)
         return self._materials[name]
 
     def _add_world(self, world: Any) -> None:
-        self._prims += world_prims(world, self._path("", "World"), self._images, self._told)
         medium = medium_of(world, self._told)
+        sky = world_prims(world, self._path("", "World"), self._images, self._told)
+        if sky and medium is not None and is_dense(medium):
+            self._told(f"World {world.name}: its volume hides the sky, as in Cycles: nothing comes from infinitely far")
+            sky = []
+        self._prims += sky
         if medium is not None:
             self._prims.append({"path": self._path("", "Fog"), "type": "Scope", "apis": APIS, "values": medium})
+
+
+def _name_of(material: Any) -> str:
+    """Return the name of a material, "" for none."""
+    return "" if material is None else material.name_full
