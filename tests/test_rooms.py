@@ -37,7 +37,7 @@ MOST_MODULES = 20
 KNOWERS = {
     "dask": {"farm"},
     "distributed": {"farm"},
-    "pxr": {"usd", "cli"},  # `info` reads stages itself, and `doctor` versions
+    "pxr": {"usd", "cli", "blender"},  # `info` reads stages itself, and `doctor` versions; Blender exports by its own
     "OpenEXR": {"images"},
     "OpenImageIO": {"images"},
     "anywidget": {"studio"},

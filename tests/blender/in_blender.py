@@ -47,14 +47,20 @@ def aim(thing, target):
     thing.rotation_euler = (Vector(target) - thing.location).to_track_quat("-Z", "Y").to_euler()
 
 
-def room(fog=0.1):
-    """Build a floor, two things of one mesh, a spot and a lamp in fog, and a camera."""
+def empty():
+    """Return a scene with nothing in it, of small and quick pictures."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "PHOTONBEAMS"
     scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
     scene.photonbeams.passes, scene.photonbeams.beams, scene.photonbeams.denoise = 4, 1024, False
     scene.photonbeams.bounces = 0
+    return scene
+
+
+def room(fog=0.1):
+    """Build a floor, two things of one mesh, a spot and a lamp in fog, and a camera."""
+    scene = empty()
     bpy.ops.mesh.primitive_plane_add(size=12)
     bpy.context.object.data.materials.append(material("Floor", base_color=(0.6, 0.5, 0.4, 1), roughness=0.9))
     bpy.ops.mesh.primitive_cube_add(size=0.8, location=(0.6, 1, 0.4))
@@ -250,6 +256,66 @@ def killed(folder):
     render(folder / "after.exr")
 
 
+def matt():
+    """Make the floor and the boxes reflect as a Diffuse BSDF, whose light is the same here and in Cycles."""
+    for name in ("Floor", "Box"):
+        tree = bpy.data.materials[name].node_tree
+        shader = tree.nodes.new("ShaderNodeBsdfDiffuse")
+        shader.inputs["Color"].default_value = tree.nodes["Principled BSDF"].inputs["Base Color"].default_value
+        tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+
+
+def lamps(folder):
+    """Render a matt floor under one lamp of each kind, without fog, by this engine and by Cycles."""
+    scene = room(fog=0)
+    scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0
+    scene.photonbeams.passes = 16
+    scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.max_bounces = 256, False, 0
+    for name in ("Cube", "Twin", "Key", "Fill"):
+        bpy.data.objects.remove(bpy.data.objects[name])
+    scene.camera.location = (0, 0, 9)
+    aim(scene.camera, (0, 0, 0))
+    matt()
+    kinds = {
+        "point": ("POINT", {"shadow_soft_size": 0.3}), "tiny": ("POINT", {"shadow_soft_size": 0}),
+        **{f"spot {blend}": ("SPOT", {"spot_size": size, "spot_blend": blend, "shadow_soft_size": 0.02})
+           for size, blend in ((0.9, 0.0), (1.0, 0.15), (1.1, 0.5), (1.2, 1.0))},
+        "area": ("AREA", {"shape": "RECTANGLE", "size": 1.0, "size_y": 0.5}),
+        "disc": ("AREA", {"shape": "DISK", "size": 1.0}), "sun": ("SUN", {"angle": 0.1}),
+    }  # fmt: skip
+    for name, (kind, values) in kinds.items():
+        light = bpy.data.lights.new(name, kind)
+        light.energy = 3.0 if kind == "SUN" else 500.0
+        for key, value in values.items():
+            setattr(light, key, value)
+        lamp = bpy.data.objects.new(name, light)
+        lamp.location = (0.3, 0.2, 3)
+        scene.collection.objects.link(lamp)
+        for engine in ("PHOTONBEAMS", "CYCLES"):
+            scene.render.engine = engine
+            render(folder / f"{name}.{engine}.exr", passes=False)
+        bpy.data.objects.remove(lamp)
+
+
+def over(folder):
+    """Set up beams over Cycles, and render both and their composite."""
+    scene = room()
+    scene.photonbeams.passes, scene.photonbeams.beams = 16, 4096
+    matt()
+    # The sky lights surfaces through fog everywhere here, but not in Cycles.
+    scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0
+    render(folder / "whole.exr")
+    bpy.ops.photonbeams.over_cycles()
+    beams = bpy.data.scenes["Scene Beams"]
+    scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.max_bounces = 256, False, 0
+    render(folder / "composite.exr", passes=False)
+    scene.compositing_node_group = None
+    render(folder / "plate.exr", passes=False)
+    bpy.context.window.scene = beams
+    render(folder / "beams.exr")
+    tell(engines=[scene.render.engine, beams.render.engine], worlds=[scene.world.name, beams.world.name])
+
+
 def wrong(folder):
     """Render what has no camera, what the renderer refuses, and without a renderer."""
     scene = room()
@@ -424,31 +490,37 @@ def registered(folder):
         for each in bpy.types.Panel.__subclasses__()
         if "PHOTONBEAMS" in getattr(each, "COMPAT_ENGINES", ()) and "extension." not in str(each)
     ]
-    tell(shared=len(shared), left=len(left), scene=hasattr(bpy.types.Scene, "photonbeams"), traces=traces())
+    owners = [bpy.types.Scene, bpy.types.Light, bpy.types.World, bpy.types.Curve, bpy.types.NodeTree]
+    own = any(hasattr(each, "photonbeams") for each in owners)
+    own |= any("extension." in each.__module__ for each in bpy.types.VIEW3D_MT_add._dyn_ui_initialize())
+    tell(shared=len(shared), left=len(left), scene=own, traces=traces())
     extension.register()
 
 
-if __name__ == "__main__":
+def run(*cases):
+    """Run the case that the command line names."""
     extension.register()
     take = POOL.take
     POOL.take = lambda chosen: TAKEN.append(take(chosen)) or TAKEN[-1]
-    folder = Path(sys.argv[2])
-    {
-        each.__name__: each
-        for each in (
-            frame,
-            again,
-            layers,
-            aspect,
-            reading,
-            part,
-            stereo,
-            film,
-            killed,
-            viewport,
-            leaks,
-            wrong,
-            registered,
-        )
-    }[sys.argv[1]](folder)
+    {each.__name__: each for each in cases}[sys.argv[1]](Path(sys.argv[2]))
     extension.unregister()
+
+
+if __name__ == "__main__":
+    run(
+        frame,
+        again,
+        layers,
+        aspect,
+        reading,
+        part,
+        stereo,
+        film,
+        killed,
+        viewport,
+        leaks,
+        lamps,
+        over,
+        wrong,
+        registered,
+    )

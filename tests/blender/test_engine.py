@@ -1,49 +1,14 @@
 """The engine in Blender itself, as a module of Python (bpy): what is rendered is what the command renders."""
 
-import json
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
-import OpenEXR
 import pytest
 
 import photonbeams as pb
-from tests.blender.bpy_python import PYTHON
+from tests.blender.bpy_python import HEIGHT, PYTHON, WIDTH, blender, passes_of
 
 pytestmark = pytest.mark.skipif(
     not PYTHON.exists(), reason=f"{PYTHON} is missing: the set-up makes it with Python 3.11"
 )
-SCRIPT = Path(__file__).with_name("in_blender.py")
-WIDTH, HEIGHT = 48, 27
-
-
-def blender(case, folder):
-    """Run a case in Blender, and return what it found; fail if it printed a traceback."""
-    environment = {**os.environ, "PHOTONBEAMS_PYTHON": sys.executable}
-    ran = subprocess.run(
-        [PYTHON, "-I", SCRIPT, case, folder], capture_output=True, text=True, env=environment, timeout=240, check=False
-    )
-    said = ran.stdout + ran.stderr
-    assert ran.returncode == 0 and "Traceback" not in said, said[-3000:]
-    return [json.loads(line.removeprefix("found ")) for line in said.splitlines() if line.startswith("found ")]
-
-
-def passes_of(path):
-    """Return the render passes of a multilayer EXR, (H, W, C), by name."""
-    found = {}
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        for part in file.parts:
-            for name, channel in part.channels.items():
-                layer, _, letter = name.rpartition(".")
-                found.setdefault(layer.removeprefix("ViewLayer."), {})[letter] = channel.pixels
-    order = {letter: place for place, letter in enumerate("RGBAXYZV")}
-    return {
-        name: np.stack([channels[letter] for letter in sorted(channels, key=order.__getitem__)], axis=-1)
-        for name, channels in found.items()
-    }
 
 
 @pytest.fixture(scope="module")
@@ -210,3 +175,27 @@ def test_edits_sizes_and_loads_leak_nothing(tmp_path):
     for each in found:
         # A leaked picture is 7 kB, a leaked scene over a megabyte, of which there are 16 after the first reading.
         assert np.ptp(np.array(each["used"]), axis=0).max() < 12, each
+
+
+def test_lamps_light_a_floor_as_in_cycles(tmp_path):
+    blender("lamps", tmp_path)
+    pictures = sorted(tmp_path.glob("*.PHOTONBEAMS.exr"))
+    assert len(pictures) == 9
+    for path in pictures:
+        ours = passes_of(path)[""][..., :3]
+        theirs = passes_of(path.with_name(path.name.replace("PHOTONBEAMS", "CYCLES")))[""][..., :3]
+        # The lamp hangs before the camera, unseen. Noise is below .5 % of a picture.
+        assert ours.mean() == pytest.approx(theirs.mean(), rel=0.015), path.name
+        blocks = [each[:24].reshape(6, 4, 12, 4, 3).mean(axis=(1, 3)) for each in (ours, theirs)]
+        assert np.abs(blocks[0] - blocks[1]).max() < 0.06 * theirs.max(), path.name
+
+
+def test_beams_over_cycles_are_the_surfaces_through_the_fog_and_the_beams(tmp_path):
+    (found,) = blender("over", tmp_path)
+    assert found == {"engines": ["CYCLES", "PHOTONBEAMS"], "worlds": ["World without Beams", "World"]}
+    composite, plate = (passes_of(tmp_path / f"{name}.exr")[""][..., :3] for name in ("composite", "plate"))
+    beams, whole = (passes_of(tmp_path / f"{name}.exr") for name in ("beams", "whole"))
+    np.testing.assert_allclose(composite, plate + beams["Combined"][..., :3], rtol=1e-3, atol=1e-4)
+    # Both renderers have about 2 % of noise in a pixel.
+    assert plate.mean() == pytest.approx(whole["Surface"].mean(), rel=0.02)
+    assert composite.mean() == pytest.approx(whole["Combined"][..., :3].mean(), rel=0.02)

@@ -146,6 +146,20 @@ def test_warnings_are_told(warm):
     assert found[-1]["problem"] is None
 
 
+def test_a_look_that_leaves_values_out_has_the_defaults_of_the_schema(warm):
+    """The process knows the schemas before its first stage: without them, the list `noise:drift` has no default."""
+    tint = {"photonbeams:along:tint": ["color3f", [1.0, 0.5, 0.0]]}
+    (lamp,) = (each for each in prims() if each["path"] == "/Lamp")
+    warm.send("scene", prims=[{"path": "/Look", "type": "PhotonBeamsLook", "values": tint},
+                              {**lamp, "targets": {"photonbeams:look": ["/Look"]}}])  # fmt: skip
+    found = warm.picture(32)
+    warm.send("scene", prims=[lamp], removed=["/Look"])
+    assert not [each for each in found if each["is"] == "warning"]
+    *_, picture, _ = found
+    red, green, blue = picture["layers"]["beams"].mean(axis=(0, 1))
+    assert green == pytest.approx(red / 2, rel=1e-4) and blue == 0
+
+
 def test_a_renderer_ends_when_blender_does():
     with renderer() as found:
         found.until("ready")

@@ -11,8 +11,9 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .bundle import NoRendererError, NotYetError
 from .drawing import Drawing
-from .process import POOL, NoRendererError, Renderer
+from .process import POOL, Renderer
 from .reading.cameras import viewport_prim
 from .reading.kept import Kept
 from .reading.scene import CAMERA, SceneReader
@@ -64,10 +65,12 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
         if camera is None:
             self._fail("the scene has no camera: expected one, such as by Add > Camera")
             return
-        self.update_stats("", "Reading the scene")
         try:
-            renderer = POOL.take(chosen_python())
+            renderer = self._renderer()
+            if renderer is None:
+                return
             try:
+                self.update_stats("", "Reading the scene")
                 with tempfile.TemporaryDirectory(prefix="photonbeams") as folder:
                     reader = SceneReader(depsgraph, Kept(folder), tell)
                     renderer.send("scene", prims=reader.prims(), whole=True)
@@ -82,6 +85,16 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
                 POOL.give(renderer)
         except NoRendererError as error:
             self._fail(str(error))
+
+    def _renderer(self) -> Renderer | None:
+        """Return a renderer, None if the render was cancelled while it was unpacked."""
+        while not self.test_break():
+            try:
+                return POOL.take(chosen_python())
+            except NotYetError as waiting:
+                self.update_stats("", str(waiting))
+                time.sleep(_WAIT)
+        return None
 
     def _rendered(
         self, renderer: Renderer, reader: SceneReader, camera: Any, depsgraph: Any, view: str, tell: Any

@@ -76,8 +76,9 @@ class PHOTONBEAMS_PT_light(_RenderPanel):  # noqa: N801
     def draw(self, context: Any) -> None:
         """Draw the panel."""
         layout = _split(self.layout)
-        for name in ("bounces", "beams", "estimator"):
+        for name in ("bounces", "beams", "estimator", "surfaces"):
             layout.prop(context.scene.photonbeams, name)
+        layout.operator("photonbeams.over_cycles")
 
 
 class PHOTONBEAMS_PT_film(_RenderPanel):  # noqa: N801

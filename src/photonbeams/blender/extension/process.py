@@ -5,28 +5,35 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 import threading
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, NamedTuple
 
 from . import messages
+from .bundle import Bundle, NoRendererError
 
 #: What names a Python that has photonbeams, if the preferences name none.
 VARIABLE = "PHOTONBEAMS_PYTHON"
 _PATIENCE = 1.0  # seconds until a process that was asked to end is killed
 
 
-class NoRendererError(Exception):
-    """There is no process that renders; the text says why, and what to do."""
+class Python(NamedTuple):
+    """A Python that has photonbeams, and a folder of further packages, "" for none."""
+
+    path: str
+    packages: str = ""
 
 
-def python_of(chosen: str) -> str:
-    """Return the Python that has photonbeams: the chosen one, or that of the command on the path."""
+def python_of(chosen: str, bundle: Bundle | None = None) -> Python:
+    """Return the Python that has photonbeams: the chosen one, Blender's with a bundle, or that of the command."""
     if chosen or (chosen := os.environ.get(VARIABLE, "")):
-        return chosen
+        return Python(chosen)
+    if bundle is not None:
+        return Python(sys.executable, bundle.packages())
     command = shutil.which("photonbeams")
     folder = Path() if command is None else Path(os.path.realpath(command)).parent
     names = (folder / "python", folder / "python3", folder / "python.exe", folder.parent / "python.exe")
@@ -36,7 +43,7 @@ def python_of(chosen: str) -> str:
             "photonbeams was not found: expected a Python that has it (pip install 'photonbeams[usd]') in the "
             "preferences of this add-on"
         )
-    return str(found)
+    return Python(str(found))
 
 
 class Renderer:
@@ -53,17 +60,21 @@ class Renderer:
         The process cannot be started.
     """
 
-    def __init__(self, python: str) -> None:
+    def __init__(self, python: Python) -> None:
         self.python, self.rendered = python, 0
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
         environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+        if python.packages:
+            environment |= {"PYTHONPATH": python.packages, "PYTHONNOUSERSITE": "1"}
         try:
             self._process = subprocess.Popen(
-                [python, "-P", "-m", "photonbeams.blender.worker"],
+                [python.path, "-P", "-m", "photonbeams.blender.worker"],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, env=environment,
             )  # fmt: skip
         except OSError as error:
-            raise NoRendererError(f"{python} cannot be started ({error.strerror}): expected a Python 3.11") from None
+            raise NoRendererError(
+                f"{python.path} cannot be started ({error.strerror}): expected a Python 3.11"
+            ) from None
         self._came: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
         self._going: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
         for work in (self._receive, self._write):  # Blender never waits for a pipe
@@ -138,10 +149,19 @@ class Pool:
 
     def __init__(self) -> None:
         self._idle: list[Renderer] = []
+        self.bundle: Bundle | None = None  #: The renderer that comes with the extension, if one does.
 
     def take(self, chosen: str) -> Renderer:
-        """Return a renderer of the chosen Python, started if none waits; NoRendererError if there can be none."""
-        python = python_of(chosen)
+        """Return a renderer of the chosen Python, started if none waits.
+
+        Raises
+        ------
+        NotYetError
+            The one that comes with the extension is being unpacked.
+        NoRendererError
+            There can be none.
+        """
+        python = python_of(chosen, self.bundle)
         while self._idle:
             renderer = self._idle.pop()
             if renderer.alive and renderer.python == python:

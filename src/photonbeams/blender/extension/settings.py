@@ -40,6 +40,11 @@ class PhotonBeamsRenderSettings(bpy.types.PropertyGroup):
         name="Bounces", default=3, min=0, soft_max=16, description="How often light is scattered or reflected"
     )
     denoise: BoolProperty(name="Denoise", default=True, description="Remove noise with Open Image Denoise")
+    surfaces: BoolProperty(
+        name="Surfaces",
+        default=True,
+        description="Shade surfaces; without, they are black: only beams are rendered",
+    )
     seed: IntProperty(
         name="Seed", default=0, min=0, description="Another seed has other noise; it is the same for all frames"
     )
@@ -67,7 +72,7 @@ class PhotonBeamsRenderSettings(bpy.types.PropertyGroup):
         """Return what the renderer is told."""
         found: dict[str, Any] = {
             "passes": self.passes, "max_depth": self.bounces + 2, "denoise": self.denoise, "seed": self.seed,
-            "estimator": self.estimator,
+            "estimator": self.estimator, "surfaces": self.surfaces,
         }  # fmt: skip
         if self.use_error:
             found["error"] = self.error

@@ -5,8 +5,9 @@ from __future__ import annotations
 import tempfile
 from typing import Any
 
+from .bundle import NoRendererError, NotYetError
 from .changes import Sent, same
-from .process import POOL, NoRendererError, Renderer
+from .process import POOL, Renderer
 from .reading.kept import Kept
 from .reading.scene import CAMERA, SceneReader
 
@@ -32,6 +33,7 @@ class Viewport:
         self._prims: list[dict[str, Any]] = []
         self._is_read = False  # whether the prims are those of the scene as it is
         self._awaited: int | None = None  # the view whose first picture has not come
+        self._waits = False  # whether there was not yet a renderer
         self._failures = 0  # renderers in a row that ended before they showed something
         self._warnings: list[str] = []
         self._told = set[str]()
@@ -77,12 +79,14 @@ class Viewport:
             self._renderer.rendered += 1
             self._awaited, self._shown = self._renderer.rendered, wanted
             self._renderer.send("view", number=self._awaited, camera=CAMERA, view=wanted)
+        except NotYetError as error:
+            self.text, self._waits = str(error), True
         except NoRendererError as error:
             self._fail(error)
 
     def poll(self) -> bool:
         """Take what the renderer has sent; return whether there is something new to be drawn."""
-        new = False
+        new, self._waits = self._waits, False
         try:
             while self._renderer is not None and (message := self._renderer.receive(0)) is not None:
                 new |= self._take(message)

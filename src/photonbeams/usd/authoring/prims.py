@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ...scene import SceneError, shown
+from ..common import definitions as _schemas  # noqa: F401 - OpenUSD has to know them before the first stage
 from ..common.openusd import Gf, Sdf, Usd, UsdGeom, Vt
 
 _TRANSFORM = "xformOp:transform"

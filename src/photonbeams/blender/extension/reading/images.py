@@ -19,7 +19,7 @@ class Images:
     Parameters
     ----------
     folder
-        Where images without a file are written.
+        Where images without a file are written; made if it is not there.
     """
 
     def __init__(self, folder: str) -> None:
@@ -36,6 +36,7 @@ class Images:
         if image.name_full not in self._written:
             suffix = "exr" if image.is_float else "png"
             name = re.sub(r"\W", "_", image.name)
+            self._folder.mkdir(exist_ok=True)
             target = self._folder / f"{self._count}_{name}.{suffix}"  # another one after each change
             self._count += 1
             if image.packed_file is not None and not image.is_dirty and Path(path).suffix:

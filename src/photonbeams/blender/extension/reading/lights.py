@@ -19,7 +19,7 @@ _WORLD = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0
 
 def light_prim(light: Any, path: str, told: Told) -> dict[str, Any]:
     """Return the prim of a light, without its transform."""
-    strength, tint = _of_nodes(light, told)
+    strength, tint = nodes_of(light, told)
     factor = strength * 2.0**light.exposure
     color = np.array(light.color[:]) * tint
     if light.use_temperature:
@@ -44,15 +44,35 @@ def light_prim(light: Any, path: str, told: Told) -> dict[str, Any]:
             if light.type == "SPOT":
                 apis.append("ShapingAPI")
                 values["inputs:shaping:cone:angle"] = ["float", degrees(light.spot_size / 2)]
-                values["inputs:shaping:cone:softness"] = ["float", light.spot_blend]
+                values |= softness_values(light)
     values["inputs:intensity"] = ["float", intensity * factor]
     values["inputs:normalize"] = ["bool", normalized]
     return {"path": path, "type": kind, "apis": apis, "values": values}
 
 
+def softness_values(light: Any) -> dict[str, Any]:
+    """Return the softness of a spot's cone that leaves it the power that its blend does.
+
+    Blender's light falls as smoothstep of the cosine, over the outer part `blend` of the solid angle, UsdLux's as
+    1 − smoothstep of the angle, over its outer part `softness`. With equal power they differ by 5 % of the light in the
+    middle, at most.
+    """
+    half, part = light.spot_size / 2, np.linspace(0, 1, 129)
+    angle = half * (np.arange(512) + 0.5) / 512
+    across = np.clip((angle / half - 1 + part[:, None]) / np.maximum(part[:, None], 1e-6), 0, 1)
+    power = ((1 - across**2 * (3 - 2 * across)) * np.sin(angle)).sum(axis=1) * half / 512
+    wanted = (1 - np.cos(half)) * (1 - light.spot_blend / 2)
+    return {"inputs:shaping:cone:softness": ["float", float(np.interp(-wanted, -power, part))]}
+
+
+def seen_values(thing: Any) -> dict[str, Any]:
+    """Return what hides a lamp's own shape from the camera, as Blender does unless it is told otherwise."""
+    return {} if thing.visible_camera else {"visibleInPrimaryRay": ["bool", False]}
+
+
 def _area(light: Any) -> tuple[str, dict[str, Any]]:
     """Return the type and the size of an area light; `stretch_of` is that of discs."""
-    wide, high = _size_of(light)
+    wide, high = size_of(light)
     if light.shape in ("DISK", "ELLIPSE"):
         return "DiskLight", {"inputs:radius": ["float", 0.5]}
     return "RectLight", {"inputs:width": ["float", wide], "inputs:height": ["float", high]}
@@ -62,26 +82,50 @@ def stretch_of(light: Any) -> Any:
     """Return the scale (3,) of a light's own shape: a DiskLight is round, an area light may be an ellipse."""
     if light.type != "AREA" or light.shape not in ("DISK", "ELLIPSE"):
         return np.ones(3)
-    return np.array([*_size_of(light), 1.0])
+    return np.array([*size_of(light), 1.0])
 
 
-def _size_of(light: Any) -> tuple[float, float]:
+def size_of(light: Any) -> tuple[float, float]:
     """Return the width and the height of an area light."""
     return light.size, light.size_y if light.shape in ("RECTANGLE", "ELLIPSE") else light.size
 
 
-def _of_nodes(light: Any, told: Told) -> tuple[float, Any]:
-    """Return the factor and the colour that a light's nodes give."""
+def nodes_of(light: Any, told: Told) -> tuple[float, Any]:
+    """Return the factor and the colour that a light's nodes give; an image is a gobo."""
     if not light.use_nodes or light.node_tree is None:
         return 1.0, np.ones(3)
-    output = output_of(light.node_tree, "OUTPUT_LIGHT")
-    source = None if output is None else source_of(output.inputs["Surface"])
-    if source is None:
+    node = _emission(light)
+    if node is None:
         return 0.0, np.ones(3)
-    if source.node.type != "EMISSION":
+    if node.type != "EMISSION":
         told(f"{light.name}: its nodes are not rendered, only its power and colour")
         return 1.0, np.ones(3)
-    return number_of(source.node, "Strength", told, 1.0), np.array(color_of(source.node, "Color", told))
+    strength = number_of(node, "Strength", told, 1.0)
+    return strength, np.ones(3) if _image_node(node) is not None else np.array(color_of(node, "Color", told))
+
+
+def image_of(light: Any, told: Told) -> Any:
+    """Return the image that a light's Emission node has as its colour, which is a gobo; None if there is none."""
+    node = _emission(light) if light.use_nodes and light.node_tree is not None else None
+    made = None if node is None or node.type != "EMISSION" else _image_node(node)
+    if made is None:
+        return None
+    if source_of(made.inputs["Vector"]) is not None:
+        told(f"{light.name}: the coordinates of {made.name} are not rendered: its image is a gobo that fills the light")
+    return made.image
+
+
+def _emission(light: Any) -> Any:
+    """Return the node that a light's nodes end in; None if nothing does."""
+    output = output_of(light.node_tree, "OUTPUT_LIGHT")
+    source = None if output is None else source_of(output.inputs["Surface"])
+    return None if source is None else source.node
+
+
+def _image_node(node: Any) -> Any:
+    """Return the Image Texture that gives an Emission node's colour; None if there is none."""
+    source = source_of(node.inputs["Color"])
+    return source.node if source is not None and source.node.type == "TEX_IMAGE" and source.node.image else None
 
 
 def world_prims(world: Any, path: str, images: Images, told: Told) -> list[dict[str, Any]]:

@@ -10,19 +10,19 @@ import numpy as np
 
 def mesh_values(mesh: Any) -> dict[str, Any]:
     """Return the attributes of a mesh that has faces."""
-    points = _read(mesh.vertices, "co", 3)
+    points = read(mesh.vertices, "co", 3)
     values = {
         "points": ["point3f[]", points],
-        "faceVertexIndices": ["int[]", _read(mesh.loops, "vertex_index", 1, np.int32)],
-        "faceVertexCounts": ["int[]", _read(mesh.polygons, "loop_total", 1, np.int32)],
+        "faceVertexIndices": ["int[]", read(mesh.loops, "vertex_index", 1, np.int32)],
+        "faceVertexCounts": ["int[]", read(mesh.polygons, "loop_total", 1, np.int32)],
         "subdivisionScheme": ["token", "none"],
         "extent": ["point3f[]", np.stack([points.min(axis=0), points.max(axis=0)])],
     }
     if mesh.normals_domain != "FACE":
-        values["normals"] = ["normal3f[]", _read(mesh.corner_normals, "vector", 3), "faceVarying"]
+        values["normals"] = ["normal3f[]", read(mesh.corner_normals, "vector", 3), "faceVarying"]
     layer = next((each for each in mesh.uv_layers if each.active_render), None)
     if layer is not None:
-        values["primvars:st"] = ["texCoord2f[]", _read(layer.uv, "vector", 2), "faceVarying"]
+        values["primvars:st"] = ["texCoord2f[]", read(layer.uv, "vector", 2), "faceVarying"]
     return values | _colors(mesh)
 
 
@@ -38,7 +38,7 @@ def _colors(mesh: Any) -> dict[str, Any]:
         interpolation = {"POINT": "vertex", "CORNER": "faceVarying"}.get(layer.domain)
         if interpolation is None or not len(layer.data):
             continue
-        value = ["color3f[]", np.ascontiguousarray(_read(layer.data, "color", 4)[:, :3]), interpolation]
+        value = ["color3f[]", np.ascontiguousarray(read(layer.data, "color", 4)[:, :3]), interpolation]
         found[f"primvars:{varname(layer.name)}"] = value
         if place == attributes.render_color_index:
             found["primvars:displayColor"] = value
@@ -47,11 +47,12 @@ def _colors(mesh: Any) -> dict[str, Any]:
 
 def faces_by_material(mesh: Any) -> dict[int, Any]:
     """Return the faces of each material slot that has any."""
-    slots = _read(mesh.polygons, "material_index", 1, np.int32)
+    slots = read(mesh.polygons, "material_index", 1, np.int32)
     return {int(slot): np.flatnonzero(slots == slot).astype(np.int32) for slot in np.unique(slots)}
 
 
-def _read(items: Any, name: str, columns: int, kind: type = np.float32) -> Any:
+def read(items: Any, name: str, columns: int, kind: type = np.float32) -> Any:
+    """Return a property of all items as numbers (N,) or (N, columns)."""
     found: Any = np.empty(len(items) * columns, kind)
     items.foreach_get(name, found)
     return found.reshape(-1, columns) if columns > 1 else found

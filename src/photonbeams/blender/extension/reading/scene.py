@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from itertools import count
 from typing import Any
 
 import numpy as np
 
+from .beams import BeamReader, is_cycles_portal, portals_of
 from .cameras import camera_prim
 from .glow import GlowingMeshes, areas
 from .kept import Kept
-from .lights import light_prim, stretch_of, world_prims
+from .lights import light_prim, seen_values, stretch_of, world_prims
 from .materials import emitted_by, has_surface, material_prims
 from .media import APIS, has_volume, is_dense, medium_of
 from .meshes import faces_by_material, mesh_values
+from .names import free_path, group_name
 
 CAMERA = "/Camera"
-_MESHES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 _UNREAD = {
     "VOLUME": "a volume of OpenVDB", "CURVES": "hair", "POINTCLOUD": "a cloud of points", "GREASEPENCIL": "a drawing"
 }  # fmt: skip
@@ -43,6 +43,9 @@ class SceneReader:
         #: The names of light groups here, by those in Blender.
         self.groups: dict[str, str] = {}
         self._taken: set[str] = set()
+        self._beams = BeamReader(self._images, self._path, told)
+        # Names of objects that are portals of lamps, or curves that are beams, and the paths of Cycles' portals.
+        self._no_surfaces, self._sky_portals = portals_of(depsgraph), list[str]()
         self._materials: dict[str, str] = {}
         self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
@@ -54,9 +57,15 @@ class SceneReader:
             thing = each.object
             if not each.show_self or self._left_out(each.parent or thing):
                 continue
-            if thing.type == "LIGHT" and not getattr(getattr(thing.data, "cycles", None), "is_portal", False):
+            if thing.type == "CURVE" and thing.data.photonbeams.enabled:
+                self._add_curves(thing, np.array(each.matrix_world))
+            elif thing.name_full in self._no_surfaces:
+                pass
+            elif thing.type == "LIGHT" and is_cycles_portal(thing.data):
+                self._sky_portals.append(self._beams.portal(thing))
+            elif thing.type == "LIGHT":
                 self._add_light(thing, np.array(each.matrix_world))
-            elif thing.type in _MESHES:
+            elif thing.type == "MESH":  # curves, text and the like come as meshes, too
                 self._add_mesh(thing, np.array(each.matrix_world))
             elif thing.type in _UNREAD:
                 self._told(f"{thing.name} is {_UNREAD[thing.type]}, which is not rendered")
@@ -64,7 +73,7 @@ class SceneReader:
         self._add_world(self._layer.world_override or self._depsgraph.scene.world)
         for key in self._kept.meshes.keys() - self._used:
             del self._kept.meshes[key]
-        return self._prims
+        return self._prims + self._beams.prims
 
     def _left_out(self, thing: Any) -> bool:
         """Return whether an object is a holdout or seen only indirectly, which is told."""
@@ -84,17 +93,15 @@ class SceneReader:
 
     def _path(self, parent: str, name: str) -> str:
         """Return a path that no other prim has."""
-        valid = re.sub(r"\W", "_", name, flags=re.ASCII)
-        valid = valid if valid[:1].isalpha() or valid[:1] == "_" else f"_{valid}"
-        path, number = f"{parent}/{valid}", 1
-        while path in self._taken:
-            path, number = f"{parent}/{valid}_{number}", number + 1
+        path = free_path(parent, name, self._taken.__contains__)
         self._taken.add(path)
         return path
 
     def _add_light(self, thing: Any, matrix: Any) -> None:
         light = thing.data
         prim = light_prim(light, self._path("/Lights", thing.name), self._told)
+        values, prim["targets"] = self._beams.of_light(light)
+        prim["values"] |= values | seen_values(thing)
         pose = matrix.copy()
         scale = np.linalg.norm(pose[:3, :3], axis=0)
         if light.type == "SPOT" and np.ptp(scale) > 1e-4 * scale.max():
@@ -102,16 +109,20 @@ class SceneReader:
         # Only area lights have the size of their object.
         pose[:3, :3] *= (1 if light.type == "AREA" else 1 / np.maximum(scale, 1e-30)) * stretch_of(light)
         prim["matrix"] = pose.T
-        if not thing.visible_camera:
-            prim["values"]["inputs:visibility:camera"] = ["bool", False]
         if thing.lightgroup:
             prim["values"]["photonbeams:lightGroup"] = ["token", self._group(thing.lightgroup)]
         self._prims.append(prim)
 
+    def _add_curves(self, thing: Any, matrix: Any) -> None:
+        self._no_surfaces.add(thing.name_full)
+        group = self._group(thing.lightgroup) if thing.lightgroup else ""
+        path = self._path("/Beams", thing.name)
+        self._prims += [{**each, "matrix": matrix.T} for each in self._beams.of_curve(thing, path, group)]
+
     def _group(self, name: str) -> str:
         """Return the name of a light group here, which consists of fewer letters than Blender allows."""
         if name not in self.groups:
-            valid, taken = re.sub(r"[^A-Za-z0-9_-]", "_", name), set(self.groups.values())
+            valid, taken = group_name(name), set(self.groups.values())
             self.groups[name] = next(each for k in count() if (each := f"{valid}_{k}" if k else valid) not in taken)
         return self.groups[name]
 
@@ -190,9 +201,13 @@ class SceneReader:
     def _add_world(self, world: Any) -> None:
         medium = medium_of(world, self._told)
         sky = world_prims(world, self._path("", "World"), self._images, self._told)
-        if sky and medium is not None and is_dense(medium):
-            self._told(f"World {world.name}: its volume hides the sky, as in Cycles: nothing comes from infinitely far")
+        if sky and medium is not None and is_dense(medium) and not world.photonbeams.enabled:
+            self._told(f"World {world.name}: its volume hides the sky, as in Cycles")
             sky = []
+        for each in sky:
+            if each["type"] == "DomeLight":
+                values, each["targets"] = self._beams.of_world(world, self._sky_portals)
+                each["values"] |= values
         self._prims += sky
         if medium is not None:
             self._prims.append({"path": self._path("", "Fog"), "type": "Scope", "apis": APIS, "values": medium})

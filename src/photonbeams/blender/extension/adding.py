@@ -1,0 +1,217 @@
+"""Add > Photon Beams: a keyhole, a spot through blinds, and strands of light, at the 3D cursor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import atan2, cos, pi, radians, sin
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Euler, Matrix, Vector
+
+from .engine import ENGINE
+from .reading.media import has_volume
+
+_WALL = (1.5, 1.5)  # half of the width and of the height, in metres
+_DENSITY = 0.05  # of a fog that is added, per metre
+
+
+def _keyhole() -> list[tuple[float, float]]:
+    """Return the outline of a keyhole, 0.6 m high, counterclockwise: a disc, and a skirt that widens below it."""
+    turn = np.linspace(radians(-60), radians(240), 33)
+    return [(0.13 * cos(a), 0.13 * sin(a)) for a in turn] + [(-0.15, -0.47), (0.15, -0.47)]
+
+
+def _wall(outline: Sequence[tuple[float, float]]) -> tuple[list[Any], list[Any]]:
+    """Return the vertices and the faces of a wall in the XZ plane with a hole.
+
+    The outline is a polygon around the origin, of which each point is seen from there. Each face is between the hole
+    and the wall's edge, and between two neighbours of the directions of all corners.
+    """
+    hole, (wide, high) = np.array(outline), _WALL
+    corners = np.array([(wide, high), (-wide, high), (-wide, -high), (wide, -high)])
+    both = np.concatenate([hole, corners])
+    turns = np.unique(np.round(np.arctan2(both[:, 1], both[:, 0]), 9))
+    rays = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    rings = [rays * _distances(rays, each)[:, None] for each in (hole, corners)]
+    count = len(turns)
+    vertices = [(x, 0.0, z) for x, z in np.concatenate(rings)]
+    following = [(k + 1) % count for k in range(count)]
+    return vertices, [(k, count + k, count + after, after) for k, after in enumerate(following)]
+
+
+def _distances(rays: Any, polygon: Any) -> Any:
+    """Return how far a polygon is along each ray (N, 2) from the origin, which is inside of it."""
+    start, edge = polygon[:, None], (np.roll(polygon, -1, axis=0) - polygon)[:, None]
+
+    def cross(a: Any, b: Any) -> Any:
+        return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along, across = cross(start, edge) / cross(rays, edge), cross(start, rays) / cross(rays, edge)
+    hit = (along > 0) & (across > -1e-6) & (across < 1 + 1e-6)
+    return np.where(hit, along, np.inf).min(axis=0)
+
+
+def _box(size: tuple[float, float, float], to: Matrix, first: int) -> tuple[list[Any], list[Any]]:
+    """Return the vertices and the faces of a box; `first` is the index of its first vertex."""
+    signs = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    vertices = [to @ Vector([s * length for s, length in zip(each, size, strict=True)]) for each in signs]
+    return vertices, [tuple(first + k for k in face) for face in faces]
+
+
+class _Adding(bpy.types.Operator):
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012
+
+    def execute(self, context: Any) -> set[str]:
+        """Add the things, select them, and add fog if the world has none."""
+        for each in context.selected_objects:
+            each.select_set(False)
+        found = self.things()
+        for thing in found:
+            context.collection.objects.link(thing)
+            if thing.parent is None:
+                thing.matrix_world = Matrix.Translation(context.scene.cursor.location) @ thing.matrix_basis
+            thing.select_set(True)
+        context.view_layer.objects.active = found[0]
+        _add_fog(context.scene)
+        return {"FINISHED"}
+
+    def things(self) -> list[Any]:
+        """Return the new objects; those without a parent are where they are from the cursor."""
+        raise NotImplementedError
+
+
+def _mesh(name: str, vertices: list[Any], faces: list[Any]) -> Any:
+    """Return a new object that is a mesh."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices, [], faces)
+    return bpy.data.objects.new(name, mesh)
+
+
+def _lit_hole(name: str, vertices: list[Any], faces: list[Any], hole: Any, place: Any) -> list[Any]:
+    """Return a wall, the portal in its hole, and a spot at a place behind it that shines toward the viewer."""
+    wall = _mesh(name, vertices, faces)
+    (left, low), (right, high) = hole.min(axis=0), hole.max(axis=0)
+    portal = _mesh(f"{name} Portal", [(left, 0, low), (right, 0, low), (right, 0, high), (left, 0, high)],
+                   [(0, 1, 2, 3)])  # fmt: skip
+    portal.display_type = "WIRE"
+    light = bpy.data.lights.new(f"{name} Spot", "SPOT")
+    light.energy = 150.0 * Vector(place).length_squared
+    light.shadow_soft_size = 0.02
+    light.spot_size = 2.4 * atan2(
+        np.linalg.norm(hole, axis=1).max(), Vector(place).length
+    )  # a little more than the hole
+    light.photonbeams.portal = portal
+    spot = bpy.data.objects.new(light.name, light)
+    spot.location = place
+    spot.rotation_euler = (-spot.location).to_track_quat("-Z", "Y").to_euler()
+    for each in (portal, spot):
+        each.parent = wall
+    return [wall, portal, spot]
+
+
+class PHOTONBEAMS_OT_add_keyhole(_Adding):  # noqa: N801 - Blender wants these names
+    """Add a wall with a keyhole, and a spot behind it whose beams are aimed at the hole."""
+
+    bl_idname = "photonbeams.add_keyhole"
+    bl_label = "Keyhole"
+
+    def things(self) -> list[Any]:
+        """Return the wall, its portal and the spot."""
+        outline = _keyhole()
+        return _lit_hole("Keyhole", *_wall(outline), np.array(outline), (0.4, 1.5, 0.7))
+
+
+class PHOTONBEAMS_OT_add_blinds(_Adding):  # noqa: N801
+    """Add a wall with a window and its blinds, and a spot that shines through them."""
+
+    bl_idname = "photonbeams.add_blinds"
+    bl_label = "Spot Through Blinds"
+
+    def things(self) -> list[Any]:
+        """Return the wall with the blinds, the portal and the spot."""
+        wide, high, count = 0.5, 0.6, 6
+        outline = [(wide, high), (-wide, high), (-wide, -high), (wide, -high)]
+        vertices, faces = _wall(outline)
+        step = 2 * high / count
+        for k in range(count):
+            to = Matrix.LocRotScale((0, 0.09, (k + 0.5) * step - high), Euler((radians(-25), 0, 0)), None)
+            own, sides = _box((2 * wide, 0.18, 0.004), to, len(vertices))
+            vertices, faces = vertices + own, faces + sides
+        return _lit_hole("Blinds", vertices, faces, np.array(outline), (0.8, 3.0, 1.4))
+
+
+class PHOTONBEAMS_OT_add_strands(_Adding):  # noqa: N801
+    """Add a curve whose splines are beams of light that wind around each other."""
+
+    bl_idname = "photonbeams.add_strands"
+    bl_label = "Strands"
+
+    def things(self) -> list[Any]:
+        """Return the curve."""
+        curve = bpy.data.curves.new("Strands", "CURVE")
+        curve.dimensions = "3D"
+        for k in range(12):
+            spline = curve.splines.new("BEZIER")
+            spline.bezier_points.add(6)
+            for j, point in enumerate(spline.bezier_points):
+                turn, radius = 2 * pi * (k / 12 + j / 8), 0.15 + 0.25 * sin(pi * j / 6 + 0.4 * k) ** 2
+                point.co = (radius * cos(turn), radius * sin(turn), j / 3)
+                point.handle_left_type = point.handle_right_type = "AUTO"
+        own = curve.photonbeams
+        own.enabled, own.power, own.radius, own.color = True, 1.0, 0.012, (1.0, 0.7, 0.35)
+        return [bpy.data.objects.new("Strands", curve)]
+
+
+def _add_fog(scene: Any) -> None:
+    """Give the world a thin fog unless it has a volume; a scene without a world gets a black one."""
+    if scene.world is None:
+        scene.world = bpy.data.worlds.new("World")
+        scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0, 0, 0, 1)
+    world = scene.world
+    if world.node_tree is None or has_volume(world):
+        return
+    output = world.node_tree.get_output_node("ALL")
+    if output is None:
+        return
+    fog = world.node_tree.nodes.new("ShaderNodeVolumeScatter")
+    fog.location = output.location - Vector((200, 200))
+    fog.inputs["Density"].default_value, fog.inputs["Anisotropy"].default_value = _DENSITY, 0.3
+    world.node_tree.links.new(fog.outputs[0], output.inputs["Volume"])
+
+
+class PHOTONBEAMS_MT_add(bpy.types.Menu):  # noqa: N801
+    """Ready-made beams."""
+
+    bl_label = "Photon Beams"
+
+    def draw(self, _context: Any) -> None:
+        """Draw the menu."""
+        for name in ("keyhole", "blinds", "strands"):
+            self.layout.operator(f"photonbeams.add_{name}")
+
+
+def _draw(self: Any, context: Any) -> None:
+    """Draw the entry in Blender's own menu."""
+    if context.engine == ENGINE:
+        self.layout.menu("PHOTONBEAMS_MT_add", icon="LIGHT_SPOT")
+
+
+CLASSES = (PHOTONBEAMS_OT_add_keyhole, PHOTONBEAMS_OT_add_blinds, PHOTONBEAMS_OT_add_strands, PHOTONBEAMS_MT_add)
+
+
+def register() -> None:
+    """Add the menu and what it adds."""
+    for each in CLASSES:
+        bpy.utils.register_class(each)
+    bpy.types.VIEW3D_MT_add.append(_draw)
+
+
+def unregister() -> None:
+    """Remove them."""
+    bpy.types.VIEW3D_MT_add.remove(_draw)
+    for each in reversed(CLASSES):
+        bpy.utils.unregister_class(each)

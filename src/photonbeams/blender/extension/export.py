@@ -1,0 +1,180 @@
+"""Blender's own USD export writes beams, looks and fog, too, so that the command renders the same picture.
+
+It tells nothing of what is not rendered: the command does.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .reading.beams import BeamReader, is_cycles_portal, portals_of
+from .reading.images import Images
+from .reading.lights import nodes_of, seen_values, softness_values
+from .reading.materials import has_surface
+from .reading.media import APIS, medium_of
+from .reading.names import free_path, group_name
+
+_OBJECT = "userProperties:blender:object_name"  # what Blender writes of an object into its prim
+_SKY = "DomeLight"
+
+
+class PhotonBeamsExport(bpy.types.USDHook):
+    """Writes what an artist sets for beams."""
+
+    bl_idname = "PHOTONBEAMS_usd_export"
+    bl_label = "Photon Beams"
+    bl_description = "Writes beams, looks and fog for the command photonbeams"
+
+    @staticmethod
+    def on_export(context: Any) -> bool:
+        """Add to the stage that Blender exports."""
+        depsgraph = context.get_depsgraph()
+        if depsgraph.scene.render.engine == "PHOTONBEAMS":
+            _Stage(context.get_stage(), depsgraph).write()
+        return True
+
+
+class _Stage:
+    """A stage that Blender has exported."""
+
+    def __init__(self, stage: Any, depsgraph: Any) -> None:
+        self._stage, self._depsgraph, self._taken = stage, depsgraph, set[str]()
+        self._root = str(stage.GetDefaultPrim().GetPath()) if stage.GetDefaultPrim() else ""
+        folder = Path(stage.GetRootLayer().realPath).parent / "textures"
+        self._beams = BeamReader(Images(str(folder)), self._path, _untold)
+        self._found: dict[str, list[Any]] = {}  # the prims of objects' data, by the names of objects
+        for each in stage.Traverse():
+            if each.HasAttribute(_OBJECT):
+                # An object is an Xform with its data and other objects below it, or, merged, the data itself.
+                data = [child for child in each.GetChildren() if not child.HasAttribute(_OBJECT)]
+                own = data if each.GetTypeName() == "Xform" else [each]
+                self._found.setdefault(each.GetAttribute(_OBJECT).Get(), []).extend(own)
+
+    def write(self) -> None:
+        """Add to lamps, curves, volumes and the world what Blender does not write."""
+        portals, sky = portals_of(self._depsgraph), list[str]()
+        for thing in self._depsgraph.objects:
+            prims = self._found.get(thing.name, [])
+            if thing.type == "CURVE" and thing.data.photonbeams.enabled:
+                self._add_curves(thing)
+            elif thing.name_full in portals:
+                pass
+            elif thing.type == "LIGHT" and is_cycles_portal(thing.data):
+                sky.append(self._beams.portal(thing))
+            else:
+                if thing.type == "LIGHT":
+                    self._add_light(thing, prims)
+                elif thing.type == "MESH":
+                    self._add_medium(thing, prims)
+                continue
+            for each in prims:  # it is no surface, and no lamp
+                each.SetActive(False)
+        self._add_world(self._depsgraph.scene.world, sky)
+        for each in self._beams.prims:
+            self._define(each)
+
+    def _path(self, parent: str, name: str) -> str:
+        """Return a path that no prim has."""
+        path = free_path(self._root + parent, name, lambda path: path in self._taken or self._stage.GetPrimAtPath(path))
+        self._taken.add(path)
+        return path
+
+    def _add_light(self, thing: Any, prims: list[Any]) -> None:
+        lamp = next((each for each in prims if each.GetTypeName().endswith("Light")), None)
+        if lamp is None:
+            return
+        values, targets = self._beams.of_light(thing.data)
+        if thing.lightgroup:
+            values["photonbeams:lightGroup"] = ["token", group_name(thing.lightgroup)]
+        values |= seen_values(thing) | (softness_values(thing.data) if thing.data.type == "SPOT" else {})
+        self._set(lamp, values, targets)
+        strength, tint = nodes_of(thing.data, _untold)  # which Blender does not write
+        if strength != 1:
+            intensity = lamp.GetAttribute("inputs:intensity")
+            intensity.Set((intensity.Get() or 0.0) * strength)
+        if np.any(tint != 1):
+            self._set(lamp, {"inputs:color": ["color3f", (np.array(thing.data.color[:]) * tint).tolist()]}, {})
+
+    def _add_curves(self, thing: Any) -> None:
+        group = group_name(thing.lightgroup) if thing.lightgroup else ""
+        for each in self._beams.of_curve(thing, self._path("/Beams", thing.name), group):
+            self._define({**each, "matrix": np.array(thing.matrix_world).T})
+
+    def _add_medium(self, thing: Any, prims: list[Any]) -> None:
+        """Make a mesh that has a volume and no surface a box of that fog."""
+        slots = [each.material for each in thing.material_slots]
+        mesh = next((each for each in prims if each.GetTypeName() == "Mesh"), None)
+        if mesh is None or not slots or any(has_surface(each) for each in slots):
+            return
+        if (medium := medium_of(slots[0], _untold)) is not None:
+            for name in APIS:
+                mesh.AddAppliedSchema(name)
+            self._set(mesh, medium, {})
+
+    def _add_world(self, world: Any, portals: list[str]) -> None:
+        if world is None:
+            return
+        dome = next((each for each in self._stage.Traverse() if each.GetTypeName() == _SKY), None)
+        if dome is not None:
+            self._set(dome, *self._beams.of_world(world, portals))
+        if (medium := medium_of(world, _untold)) is not None:
+            self._define({"path": self._path("", "Fog"), "type": "Scope", "apis": APIS, "values": medium})
+
+    def _define(self, given: dict[str, Any]) -> None:
+        """Define the prim of a description (`usd/authoring/prims.py`)."""
+        from pxr import Gf, UsdGeom
+
+        prim = self._stage.DefinePrim(given["path"], given["type"])
+        for name in given.get("apis", []):
+            prim.AddAppliedSchema(name)
+        if "matrix" in given:
+            UsdGeom.Xformable(prim).AddTransformOp().Set(Gf.Matrix4d(np.asarray(given["matrix"], float).tolist()))
+        self._set(prim, given["values"], given.get("targets", {}))
+
+    def _set(self, prim: Any, values: dict[str, Any], targets: dict[str, list[str]]) -> None:
+        from pxr import Sdf, Vt
+
+        for name, (kind, value, *interpolation) in values.items():
+            attribute = prim.CreateAttribute(name, Sdf.ValueTypeNames.Find(kind), custom=False)
+            attribute.Set(_plain(kind, value, Vt) if kind != "asset" else self._asset(value))
+            if interpolation:
+                attribute.SetMetadata("interpolation", interpolation[0])
+        for name, paths in targets.items():
+            prim.CreateRelationship(name, custom=False).SetTargets(paths)
+
+    def _asset(self, file: str) -> str:
+        """Return the path of a file relative to the stage, as Blender writes it."""
+        folder = self._stage.GetRootLayer().realPath
+        try:
+            return Path("./", Path(file).resolve().relative_to(Path(folder).resolve().parent)).as_posix()
+        except ValueError:
+            return file
+
+
+def _plain(kind: str, value: Any, vt: Any) -> Any:
+    """Return a value as OpenUSD takes it."""
+    if not isinstance(value, np.ndarray):
+        return tuple(value) if isinstance(value, list) else value
+    arrays = {"int[]": vt.IntArray, "float[]": vt.FloatArray}
+    return arrays.get(kind, vt.Vec2fArray if kind == "texCoord2f[]" else vt.Vec3fArray).FromNumpy(value)
+
+
+def _untold(_text: str) -> None:
+    """Do nothing with a sentence."""
+
+
+def register() -> None:
+    """Add the hook, if this Blender can call one: without OpenUSD's modules for Python it would end."""
+    if find_spec("pxr") is not None:
+        bpy.utils.register_class(PhotonBeamsExport)
+
+
+def unregister() -> None:
+    """Remove the hook."""
+    if PhotonBeamsExport.is_registered:
+        bpy.utils.unregister_class(PhotonBeamsExport)
