@@ -101,8 +101,8 @@ def test_lights_and_materials_cross_over(tmp_path):
         f"/Objects/Parts/Part{k}" for k in range(3)
     }
     assert "Parts has a surface" in said
-    fog = prims["/Objects/Cube"]
-    assert fog["photonbeams:scattering"] == [1.0, 0.5, 2.0] and fog["photonbeams:absorption"] == [1.0, 1.5, 0.0]
+    fog = prims["/Objects/Cube/Volume/Shader"]
+    assert fog["inputs:scattering"] == [1.0, 0.5, 2.0] and fog["inputs:absorption"] == [1.0, 1.5, 0.0]
 
 
 def test_two_eyes_see_things_apart(tmp_path):

@@ -23,6 +23,7 @@ _OZONE = 1.5e-6 * np.exp(-(((_WAVES - 600) / 75) ** 2))  # Chappuis' band, at th
 _RGB = np.array([[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560],
                  [0.0556434, -0.2040259, 1.0572252]])  # fmt: skip
 _STEPS, _INNER = 40, 12
+_ROWS, _COLUMNS = 40, 48
 # Measured against Cycles 5.0, over suns of 6° to 60°: its wavelengths and steps are others, as is the unit of Hosek's.
 _SINGLE, _MULTIPLE, _HOSEK = np.full(3, 0.935), np.array([0.92, 1.2, 1.64]), np.full(3, 1 / 7.0)
 _LIMB = 0.8  # the mean of a disc whose brightness falls by 0.6 to its edge
@@ -82,10 +83,19 @@ class Sky:
         """Return the radiance (N, 3) in directions (N, 3), without the sun's disc; below the horizon it fades."""
         if self.turbidity is not None:
             return _preetham(self.sun, self.turbidity, directions) * self.gain
-        above = directions * np.where(directions[:, 2:] < 0, [1, 1, 0], 1)
-        above = above / np.maximum(np.linalg.norm(above, axis=1), 1e-9)[:, None]
-        fade = np.clip(1 + np.arcsin(np.clip(directions[:, 2], -1, 0)) / 0.2, 0, 1) ** 2
-        return np.maximum(self._scattered(above) @ _XYZ @ _RGB.T, 0) * self.gain * fade[:, None]
+        up = np.arcsin(np.clip(directions[:, 2], -1, 1))
+        fade = np.clip(1 + np.minimum(up, 0) / 0.2, 0, 1) ** 2
+        around = np.arctan2(directions[:, 0], directions[:, 1]) - np.arctan2(self.sun[0], self.sun[1])
+        around = np.abs((around + pi) % (2 * pi) - pi)
+        table = np.maximum(self._table() @ _XYZ @ _RGB.T, 0) * self.gain
+        return _interpolated(table, np.sqrt(np.maximum(up, 0) / (pi / 2)), around / pi) * fade[:, None]
+
+    def _table(self) -> Any:
+        """Return spectra by the square root of the elevation, and by the angle from the sun around the vertical."""
+        up, around = np.meshgrid(np.linspace(0, 1, _ROWS) ** 2 * pi / 2, np.linspace(0, pi, _COLUMNS), indexing="ij")
+        around = around + np.arctan2(self.sun[0], self.sun[1])
+        found = np.stack([np.cos(up) * np.sin(around), np.cos(up) * np.cos(around), np.sin(up)], axis=-1)
+        return self._scattered(found.reshape(-1, 3)).reshape(_ROWS, _COLUMNS, -1)
 
     def _eye(self) -> Any:
         return np.array([0.0, 0.0, _EARTH + self.altitude])
@@ -127,6 +137,15 @@ class Sky:
             total += scattered * reached * (lit * step)[:, None]
             depth += own
         return total * _SUN
+
+
+def _interpolated(table: Any, row: Any, column: Any) -> Any:
+    """Return values of a table (H, W, C) at rows and columns from 0 to 1, linearly between entries."""
+    y, x = row * (len(table) - 1), column * (table.shape[1] - 1)
+    low, left = np.minimum(y.astype(int), len(table) - 2), np.minimum(x.astype(int), table.shape[1] - 2)
+    v, u = (y - low)[:, None], (x - left)[:, None]
+    upper, lower = (table[low + k, left] * (1 - u) + table[low + k, left + 1] * u for k in (0, 1))
+    return upper * (1 - v) + lower * v
 
 
 def _reach(places: Any, directions: Any) -> Any:

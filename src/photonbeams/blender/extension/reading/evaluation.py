@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .images import MISSING, is_missing
 from .links import linked_to
 from .noise import fractal, hashed
 
@@ -536,6 +537,8 @@ def _image(run: Evaluation, node: Any, source: Any) -> Any:
     known = run.points.images.get(node.as_pointer())
     if known is None:
         pixels = pixels_of(node.image)
+        if pixels is None and node.image is not None and is_missing(node.image):
+            pixels = np.array([[[*MISSING, 1.0]]])
         if pixels is None:
             raise UnknownNodeError(node.name)
         height, width = pixels.shape[:2]

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import struct
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 
-def write_exr(path: Path, pixels: Any) -> None:
-    """Write scene-linear pixels (H, W, 3), from the top row down."""
+def exr_of(pixels: Any) -> bytes:
+    """Return the content of a file of scene-linear pixels (H, W, 3), from the top row down."""
     height, width = pixels.shape[:2]
     channels = b"".join(name + b"\0" + struct.pack("<iBxxxii", 2, 0, 1, 1) for name in (b"B", b"G", b"R")) + b"\0"
     window = struct.pack("<4i", 0, 0, width - 1, height - 1)
@@ -31,4 +30,4 @@ def write_exr(path: Path, pixels: Any) -> None:
     lines[:, 4:8] = np.full((height, 1), 12 * width, "<i4").view(np.uint8)
     planes = np.asarray(pixels)[..., ::-1].transpose(0, 2, 1).astype("<f4")  # (H, 3, W): B, G, R
     lines[:, 8:] = np.ascontiguousarray(planes).reshape(height, -1).view(np.uint8)
-    path.write_bytes(header + offsets.tobytes() + lines.tobytes())
+    return header + offsets.tobytes() + lines.tobytes()

@@ -8,9 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-import numpy as np
 
-from .exr import write_exr
+from .exr import exr_of
+
+#: What Blender shows in place of an image whose file is missing.
+MISSING = (1.0, 0.0, 1.0)
+
+
+def is_missing(image: Any) -> bool:
+    """Return whether the file of an image does not exist."""
+    if image.source != "FILE" or image.packed_file is not None or image.is_dirty or image.has_data:
+        return False
+    return not Path(bpy.path.abspath(image.filepath_raw, library=image.library)).is_file()
 
 
 class Images:
@@ -49,10 +58,13 @@ class Images:
 
     def written(self, pixels: Any, name: str) -> str:
         """Return the path of an EXR of scene-linear pixels (H, W, 3), from the top row down."""
-        digest = hashlib.sha256(np.ascontiguousarray(pixels, np.float32).tobytes()).hexdigest()[:16]
-        target = self._folder / f"{re.sub(r'[^A-Za-z0-9]', '_', name)}_{digest}.exr"
+        return self.stored(exr_of(pixels), name, ".exr")
+
+    def stored(self, content: bytes, name: str, suffix: str) -> str:
+        """Return the path of a file of this content."""
+        target = self._folder / f"{name}_{hashlib.sha256(content).hexdigest()[:16]}{suffix}"
         if not target.exists():
-            write_exr(target, pixels)
+            target.write_bytes(content)
         return str(target)
 
     def forget(self, image: Any) -> None:

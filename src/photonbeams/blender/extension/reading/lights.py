@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from mathutils import Euler
 
-from .images import Images
+from .images import MISSING, Images, is_missing
 from .nodes import Told, color_of, number_of, output_of, source_of
 from .skies import SkyReader
 
@@ -142,6 +142,9 @@ def world_prims(world: Any, path: str, images: Images, told: Told) -> list[dict[
     color = source_of(node.inputs["Color"]) if node.type in ("BACKGROUND", "EMISSION") else None
     if color is not None and color.node.type == "TEX_ENVIRONMENT" and color.node.image is not None:
         strength = number_of(node, "Strength", tell, 1.0)
+        if is_missing(color.node.image):
+            tell(f"the file of {color.node.image.name} is missing: it is magenta, as in Blender")
+            return _dome(path, strength, np.array(MISSING))
         return _dome(path, strength, np.ones(3), images.file_of(color.node.image), _turned(color.node, tell))
     sky = SkyReader(tell)
     radiance = sky.radiance(source)

@@ -6,6 +6,8 @@ from functools import partial
 from math import degrees
 from typing import Any
 
+import numpy as np
+
 from .images import Images
 from .meshes import varname
 from .mixing import Surface, between
@@ -76,15 +78,14 @@ def material_prims(material: Any, path: str, images: Images, told: Told) -> list
     return [{"path": path, "type": "Material", "sources": out}, shader, *prims]
 
 
-def emitted_by(prims: list[dict[str, Any]]) -> float:
-    """Return the mean radiance that the surface of a material emits, by its prims; images count as white."""
+def emitted_by(prims: list[dict[str, Any]]) -> Any:
+    """Return the mean radiance (3,) that the surface of a material emits, by its prims; images count as white."""
     shader = next(each for each in prims if each["type"] == "Shader")
     values, sources = shader["values"], shader["sources"]
-    strength = values.get(
-        "inputs:emission_luminance", ["float", 1.0 if "inputs:emission_luminance" in sources else 0.0]
-    )
-    color = values.get("inputs:emission_color", ["color3f", [1.0] * 3])
-    return float(strength[1] * sum(color[1]) / 3)
+    strength, color = (f"inputs:emission_{each}" for each in ("luminance", "color"))
+    _, factor = values.get(strength, ["float", 1.0 if strength in sources else 0.0])
+    _, tint = values.get(color, ["color3f", [1.0] * 3])
+    return factor * np.array(tint)
 
 
 def _texture_prims(

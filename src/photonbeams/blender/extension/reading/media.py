@@ -6,17 +6,21 @@ from typing import Any
 
 import numpy as np
 
+from .evaluation import Evaluation, Points, UnknownNodeError
 from .nodes import Told, color_of, number_of, output_of, source_of
 
 APIS = ["PhotonBeamsMediumAPI"]
 
 
-def medium_of(owner: Any, told: Told) -> dict[str, Any] | None:
-    """Return the attributes of the volume of a material or a world; None if it has none."""
+def medium_of(owner: Any, told: Told, density: float | None = None) -> dict[str, Any] | None:
+    """Return the attributes of the volume of a material or a world; None if it has none.
+
+    A density replaces that of the volume.
+    """
     source = _source(owner)
     if source is None:
         return None
-    found = _volume(source.node, lambda text: told(f"{owner.name}: {text}"))
+    found = _volume(source.node, lambda text: told(f"{owner.name}: {text}"), density)
     if found is None:
         return None
     scattering, absorption, anisotropy = found
@@ -46,11 +50,24 @@ def _source(owner: Any) -> Any:
     return None if output is None else source_of(output.inputs["Volume"])
 
 
-def _volume(node: Any, told: Told) -> tuple[Any, Any, float] | None:
+def density_at(owner: Any, points: Points) -> Any:
+    """Return the densities (N,) of the volume of a material at points; None if they are even or not known."""
+    source = _source(owner)
+    socket = None if source is None else source.node.inputs.get("Density")
+    if socket is None or not socket.is_linked:
+        return None
+    try:
+        return Evaluation(points).input(socket)
+    except UnknownNodeError:
+        return None
+
+
+def _volume(node: Any, told: Told, density: float | None = None) -> tuple[Any, Any, float] | None:
     """Return the scattering and absorption coefficients per metre, and the anisotropy, of a volume shader."""
     match node.type:
         case "PRINCIPLED_VOLUME":
-            density, color = number_of(node, "Density", told), np.array(color_of(node, "Color", told))
+            density = number_of(node, "Density", told) if density is None else density
+            color = np.array(color_of(node, "Color", told))
             absorbed = np.array(color_of(node, "Absorption Color", told))
             # As Cycles: what is not scattered is absorbed, except for the absorption colour.
             kept = np.maximum(1 - color, 0) * np.maximum(1 - np.sqrt(absorbed), 0)
@@ -58,10 +75,12 @@ def _volume(node: Any, told: Told) -> tuple[Any, Any, float] | None:
                 told(f"the light that {node.name} emits is not rendered")
             return density * color, density * kept, number_of(node, "Anisotropy", told)
         case "VOLUME_SCATTER":
-            density, color = number_of(node, "Density", told), np.array(color_of(node, "Color", told))
+            density = number_of(node, "Density", told) if density is None else density
+            color = np.array(color_of(node, "Color", told))
             return density * color, np.zeros(3), number_of(node, "Anisotropy", told)
         case "VOLUME_ABSORPTION":
-            density, color = number_of(node, "Density", told), np.array(color_of(node, "Color", told))
+            density = number_of(node, "Density", told) if density is None else density
+            color = np.array(color_of(node, "Color", told))
             return np.zeros(3), density * np.maximum(1 - color, 0), 0.0
         case "ADD_SHADER":
             parts = [source_of(each) for each in node.inputs]

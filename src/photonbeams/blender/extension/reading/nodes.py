@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .evaluation import UnknownNodeError, evaluated
+from .images import MISSING, is_missing
 from .links import linked_to
 from .links import output_of as output_of
 from .links import source_of as source_of
@@ -51,6 +52,9 @@ def value_of(node: Any, name: str, told: Told) -> Value | None:
     if source is None or not source.is_output:
         return _plain((source or socket).default_value)
     made = source.node
+    if made.type == "TEX_IMAGE" and made.image is not None and is_missing(made.image):
+        told(f"the file of {made.image.name} is missing: it is magenta, as in Blender")
+        return MISSING
     if made.type == "TEX_IMAGE" and made.image is not None:
         return Texture(made, source.name == "Alpha")
     if made.type in ("VERTEX_COLOR", "ATTRIBUTE") and source.name == "Color":

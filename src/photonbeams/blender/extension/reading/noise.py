@@ -11,15 +11,18 @@ _SCALE = 0.982  # Blender's, which keeps noise of three dimensions in -1 to 1
 
 def fractal(points: Any, detail: float, roughness: Any, lacunarity: Any) -> Any:
     """Return noise (N,) from 0 to 1, about 0.5, at points (N, 3): `detail` octaves beyond the first."""
-    octaves = int(np.clip(detail, 0, 15))
+    detail = float(np.clip(detail, 0, 15))
+    whole, part = int(detail), detail - int(detail)
     total, most = np.zeros(len(points)), np.zeros(len(points))
     amplitude: Any = 1.0
     scale: Any = 1.0
-    for k in range(octaves + 2):
-        part = 1.0 if k <= octaves else float(np.clip(detail, 0, 15)) - octaves
-        total, most = total + part * amplitude * perlin(points * scale), most + part * amplitude
+    found = []
+    for k in range(whole + 2 if part else whole + 1):
+        total, most = total + amplitude * perlin(points * scale), most + amplitude
         amplitude, scale = amplitude * roughness, scale * np.reshape(lacunarity, (-1, 1))
-    return 0.5 * total / most + 0.5
+        if k >= whole:
+            found.append(0.5 * total / most + 0.5)
+    return found[0] + part * (found[-1] - found[0])
 
 
 def perlin(points: Any) -> Any:

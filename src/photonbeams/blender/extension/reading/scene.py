@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from .beams import BeamReader, is_cycles_portal, portals_of
 from .cameras import camera_prim
+from .fogs import fog_prims
 from .glow import GlowingMeshes, areas
 from .kept import Kept
 from .lights import light_prim, seen_values, stretch_of, world_prims
@@ -49,7 +51,7 @@ class SceneReader:
         self._materials: dict[str, str] = {}
         self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
-        self._glowing, self._emitted = GlowingMeshes(told), dict[str, float]()
+        self._glowing, self._emitted = GlowingMeshes(told), dict[str, Any]()
 
     def prims(self) -> list[dict[str, Any]]:
         """Return the prims of all but the camera."""
@@ -143,11 +145,20 @@ class SceneReader:
             parts = self._bound(prim, materials, faces)
             self._prims += parts
             emitted = {slot: self._emitted[_name_of(material)] for slot, material in materials.items()}
-            if any(emitted.values()):
+            if any(np.any(each > 0) for each in emitted.values()):
                 area = areas(values, faces, matrix)
-                self._glowing.add(parts[0], sum(area[slot] * value for slot, value in emitted.items()))
-        elif (medium := medium_of(next(iter(materials.values())), self._told)) is not None:
-            self._prims.append({**prim, "apis": APIS, "values": {**values, **medium}})
+                self._glowing.add(parts[0], emitted, area, is_seen=thing.visible_camera)
+            else:
+                self._tell_visibility(thing)
+        else:
+            self._prims += fog_prims(prim, next(iter(materials.values())), self._kept, self._told)
+
+    def _tell_visibility(self, thing: Any) -> None:
+        """Say what is not rendered of an object's ray visibility."""
+        if not thing.visible_camera:
+            self._told(f"{thing.name} is hidden from the camera in Blender, which is not rendered: it is seen")
+        elif not thing.visible_shadow:
+            self._told(f"{thing.name} casts no shadow in Blender, which is not rendered: it casts one")
 
     def _bound(
         self, prim: dict[str, Any], materials: dict[int, Any], faces: dict[int, Any]
@@ -185,7 +196,7 @@ class SceneReader:
         name = _name_of(material)
         if name not in self._materials:
             self._materials[name] = path = self._path("/Materials", name or "Default")
-            self._emitted[name] = 0.0
+            self._emitted[name] = np.zeros(3)
             if material is None:
                 shader = {"info:id": ["token", "UsdPreviewSurface"], "inputs:diffuseColor": ["color3f", [0.8] * 3],
                           "outputs:surface": ["token", None]}  # fmt: skip
@@ -193,14 +204,21 @@ class SceneReader:
                 self._prims.append({"path": path, "type": "Material", "sources": out})
                 self._prims.append({"path": f"{path}/Shader", "type": "Shader", "values": shader})
             else:
-                prims = material_prims(material, path, self._images, self._told)
+                make = partial(material_prims, material, path, self._images, self._told)
+                prims = self._kept.once((name, path), make)
                 self._prims += prims
                 self._emitted[name] = emitted_by(prims)
         return self._materials[name]
 
     def _add_world(self, world: Any) -> None:
         medium = medium_of(world, self._told)
-        sky = world_prims(world, self._path("", "World"), self._images, self._told)
+        path = self._path("", "World")
+        sky = (
+            []
+            if world is None
+            else self._kept.once((world.name_full, path), partial(world_prims, world, path, self._images, self._told))
+        )
+        sky = [{**each, "values": {**each["values"]}} for each in sky]
         if sky and medium is not None and is_dense(medium) and not world.photonbeams.enabled:
             self._told(f"World {world.name}: its volume hides the sky, as in Cycles")
             sky = []
