@@ -109,6 +109,7 @@ def render(path, passes=True):
 def frame(folder):
     """Render a frame, and export the scene as Blender does."""
     scene = room()
+    bpy.data.lights["Key"].spot_blend = 0  # which Blender exports as another softness
     render(folder / "frame.exr")
     scene.world = None  # its volume hides its sky, as in Cycles; a stage's fog does not
     bpy.ops.wm.usd_export(filepath=str(folder / "frame.usdc"), evaluation_mode="RENDER")
