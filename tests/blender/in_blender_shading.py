@@ -14,12 +14,12 @@ sys.path.insert(0, str(ROOT / "src" / "photonbeams" / "blender"))
 import bpy  # noqa: E402
 import extension  # noqa: E402
 import numpy as np  # noqa: E402
-from extension.reading.evaluation import Points, evaluated  # noqa: E402
 from extension.reading.kept import Kept  # noqa: E402
-from extension.reading.links import source_of  # noqa: E402
 from extension.reading.nodes import value_of  # noqa: E402
 from extension.reading.scene import SceneReader  # noqa: E402
-from extension.reading.skies import SkyReader  # noqa: E402
+from extension.reading.shading.evaluation import Points, evaluated  # noqa: E402
+from extension.reading.shading.links import source_of  # noqa: E402
+from extension.reading.shading.skies import SkyReader  # noqa: E402
 
 
 def tell(**found):

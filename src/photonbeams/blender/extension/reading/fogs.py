@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from .evaluation import Points
 from .kept import Kept
 from .media import APIS, density_at, has_volume, medium_of
 from .nodes import Told
+from .shading.evaluation import Points
 
 _CELLS = 64  # along the longest edge of a box
 _HEADER = "<3sB5i6f"  # of Mitsuba's .vol files

@@ -11,7 +11,7 @@ from mathutils import Euler
 
 from .images import MISSING, Images, is_missing
 from .nodes import Told, color_of, number_of, output_of, source_of
-from .skies import SkyReader
+from .shading.skies import SkyReader
 
 #: From a Blender world to the pole and the middle of a DomeLight: +Y to +Z, and +Z to +X. Of row vectors.
 _WORLD = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])

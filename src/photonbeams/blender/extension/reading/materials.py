@@ -10,8 +10,8 @@ import numpy as np
 
 from .images import Images
 from .meshes import varname
-from .mixing import Surface, between
 from .nodes import Attribute, Texture, Told, output_of, source_of, value_of
+from .shading.mixing import Surface, between
 
 _SHADER = "ND_open_pbr_surface_surfaceshader"
 _KINDS = {

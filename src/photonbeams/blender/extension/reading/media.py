@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from .evaluation import Evaluation, Points, UnknownNodeError
 from .nodes import Told, color_of, number_of, output_of, source_of
+from .shading.evaluation import Evaluation, Points, UnknownNodeError
 
 APIS = ["PhotonBeamsMediumAPI"]
 

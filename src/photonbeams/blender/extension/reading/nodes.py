@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from .evaluation import UnknownNodeError, evaluated
 from .images import MISSING, is_missing
-from .links import linked_to
-from .links import output_of as output_of
-from .links import source_of as source_of
+from .shading.evaluation import UnknownNodeError, evaluated
+from .shading.links import linked_to
+from .shading.links import output_of as output_of
+from .shading.links import source_of as source_of
 
 _SAME = 1e-5  # values that differ relatively by less are the same
 

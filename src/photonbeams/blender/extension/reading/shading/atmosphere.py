@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .nodes import Told
+from ..nodes import Told
 
 _WAVES = np.linspace(400.0, 720.0, 17)  # nm
 _EARTH, _TOP = 6_360_000.0, 6_420_000.0  # m

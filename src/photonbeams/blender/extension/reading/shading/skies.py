@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ..nodes import Told
 from . import atmosphere
 from .evaluation import NODES, Evaluation, UnknownNodeError, sky_points
 from .links import source_of
-from .nodes import Told
 
 _HEIGHT = 128
 _FINE = 512  # with an image

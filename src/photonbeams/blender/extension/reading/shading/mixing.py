@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from .nodes import Value
+from ..nodes import Value
 
 #: Values of OpenPBR's inputs.
 Surface = dict[str, Value]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .images import MISSING, is_missing
+from ..images import MISSING, is_missing
 from .links import linked_to
 from .noise import fractal, hashed
 
