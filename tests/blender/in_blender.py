@@ -109,8 +109,9 @@ def render(path, passes=True):
 
 def frame(folder):
     """Render a frame, and export the scene as Blender does."""
-    room()
+    scene = room()
     render(folder / "frame.exr")
+    scene.world = None  # its volume hides its sky, as in Cycles; a stage's fog does not
     bpy.ops.wm.usd_export(filepath=str(folder / "frame.usdc"), evaluation_mode="RENDER")
 
 

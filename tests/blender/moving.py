@@ -57,6 +57,7 @@ def frame(folder):
     scene = moving_room()
     render(folder / "frame.exr")
     tell(frame=scene.frame_current + scene.frame_subframe)
+    scene.world = None  # its volume hides its sky, as in Cycles; a stage's fog does not
     bpy.ops.wm.usd_export(filepath=str(folder / "frame.usdc"), evaluation_mode="RENDER", export_animation=True)
 
 

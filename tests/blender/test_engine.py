@@ -100,9 +100,9 @@ def test_lights_and_materials_cross_over(tmp_path):
     assert {name for name in prims if name.startswith("/Objects/Parts/")} == {
         f"/Objects/Parts/Part{k}" for k in range(3)
     }
-    assert "Parts has a surface" in said and "Parts is without a shadow" in said
-    fog = prims["/Objects/Cube"]
-    assert fog["photonbeams:scattering"] == [1.0, 0.5, 2.0] and fog["photonbeams:absorption"] == [1.0, 1.5, 0.0]
+    assert "Parts has a surface" in said and "Parts casts no shadow" in said
+    fog = prims["/Objects/Cube/Volume/Shader"]
+    assert fog["inputs:scattering"] == [1.0, 0.5, 2.0] and fog["inputs:absorption"] == [1.0, 1.5, 0.0]
 
 
 def test_two_eyes_see_things_apart(tmp_path):

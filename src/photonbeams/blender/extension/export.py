@@ -16,7 +16,7 @@ from .reading.beams import BeamReader, is_cycles_portal, portals_of
 from .reading.images import Images
 from .reading.lights import nodes_of, seen_values, softness_values
 from .reading.materials import has_surface
-from .reading.media import APIS, medium_of
+from .reading.media import APIS, hides_sky, medium_of
 from .reading.names import free_path, group_name
 
 _OBJECT = "userProperties:blender:object_name"  # what Blender writes of an object into its prim
@@ -120,9 +120,12 @@ class _Stage:
         if world is None:
             return
         dome = next((each for each in self._stage.Traverse() if each.GetTypeName() == _SKY), None)
-        if dome is not None:
+        medium = medium_of(world, _untold)
+        if dome is not None and medium is not None and hides_sky(world, medium):
+            dome.SetActive(False)
+        elif dome is not None:
             self._set(dome, *self._beams.of_world(world, portals))
-        if (medium := medium_of(world, _untold)) is not None:
+        if medium is not None:
             self._define({"path": self._path("", "Fog"), "type": "Scope", "apis": APIS, "values": medium})
 
     def _define(self, given: dict[str, Any]) -> None:

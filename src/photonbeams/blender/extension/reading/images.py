@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from pathlib import Path
 from typing import Any
 
 import bpy
+
+from .exr import exr_of
+
+#: What Blender shows in place of an image whose file is missing.
+MISSING = (1.0, 0.0, 1.0)
+
+
+def is_missing(image: Any) -> bool:
+    """Return whether the file of an image does not exist."""
+    if image.source != "FILE" or image.packed_file is not None or image.is_dirty or image.has_data:
+        return False
+    return not Path(bpy.path.abspath(image.filepath_raw, library=image.library)).is_file()
 
 
 class Images:
@@ -42,6 +55,17 @@ class Images:
                 image.save(filepath=str(target), save_copy=True)
             self._written[image.name_full] = str(target)
         return self._written[image.name_full]
+
+    def written(self, pixels: Any, name: str) -> str:
+        """Return the path of an EXR of scene-linear pixels (H, W, 3), from the top row down."""
+        return self.stored(exr_of(pixels), name, ".exr")
+
+    def stored(self, content: bytes, name: str, suffix: str) -> str:
+        """Return the path of a file of this content."""
+        target = self._folder / f"{name}_{hashlib.sha256(content).hexdigest()[:16]}{suffix}"
+        if not target.exists():
+            target.write_bytes(content)
+        return str(target)
 
     def forget(self, image: Any) -> None:
         """Forget the file of an image that has changed."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import degrees, pi
 from typing import Any
 
 import numpy as np
 from mathutils import Euler
 
-from .images import Images
+from .images import MISSING, Images, is_missing
 from .nodes import Told, color_of, number_of, output_of, source_of
+from .shading.skies import SkyReader
 
 #: From a Blender world to the pole and the middle of a DomeLight: +Y to +Z, and +Z to +X. Of row vectors.
 _WORLD = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -136,15 +138,26 @@ def world_prims(world: Any, path: str, images: Images, told: Told) -> list[dict[
     source = None if output is None else source_of(output.inputs["Surface"])
     if source is None:
         return []
-    node = source.node
-    if node.type not in ("BACKGROUND", "EMISSION"):
-        told(f"World {world.name}: {node.name} is not rendered: the world is black")
-        return []
-    strength = number_of(node, "Strength", told, 1.0)
-    color = source_of(node.inputs["Color"])
+    node, tell = source.node, partial(_tell, told, world)
+    color = source_of(node.inputs["Color"]) if node.type in ("BACKGROUND", "EMISSION") else None
     if color is not None and color.node.type == "TEX_ENVIRONMENT" and color.node.image is not None:
-        return _dome(path, strength, np.ones(3), images.file_of(color.node.image), _turned(color.node, told))
-    return _dome(path, strength, np.array(color_of(node, "Color", told)))
+        strength = number_of(node, "Strength", tell, 1.0)
+        if is_missing(color.node.image):
+            tell(f"the file of {color.node.image.name} is missing: it is magenta, as in Blender")
+            return _dome(path, strength, np.array(MISSING))
+        return _dome(path, strength, np.ones(3), images.file_of(color.node.image), _turned(color.node, tell))
+    sky = SkyReader(tell)
+    radiance = sky.radiance(source)
+    suns = [{"path": f"{path}_Sun{k}", **prim} for k, prim in enumerate(sky.suns)]
+    mean = radiance.mean(axis=(0, 1), dtype=np.float64)
+    if np.ptp(radiance, axis=(0, 1)).max() <= 1e-5 * mean.max():
+        return _dome(path, 1.0, mean) + suns
+    return _dome(path, 1.0, np.ones(3), images.written(radiance, "sky")) + suns
+
+
+def _tell(told: Told, world: Any, text: str) -> None:
+    """Say what is not rendered of a world."""
+    told(f"World {world.name}: {text}")
 
 
 def _turned(node: Any, told: Told) -> Any:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import degrees
 from typing import Any
 
+import numpy as np
+
 from .images import Images
-from .nodes import Texture, Told, Value, output_of, source_of, value_of
+from .meshes import varname
+from .nodes import Attribute, Texture, Told, output_of, source_of, value_of
+from .shading.mixing import Surface, between
 
 _SHADER = "ND_open_pbr_surface_surfaceshader"
 _KINDS = {
@@ -29,9 +34,6 @@ _IGNORED = {
 }  # fmt: skip
 _GREY = (0.8, 0.8, 0.8)
 _BLACK = (0.0, 0.0, 0.0)
-
-#: Values of OpenPBR's inputs.
-Surface = dict[str, Value]
 
 
 def has_surface(material: Any) -> bool:
@@ -59,6 +61,13 @@ def material_prims(material: Any, path: str, images: Images, told: Told) -> list
             own, output = _texture_prims(value, kind, f"{path}/{name}", images, tell)
             prims += own
             sources[f"inputs:{name}"] = [kind, output]
+        elif isinstance(value, Attribute):
+            reader = {
+                "info:id": ["token", "UsdPrimvarReader_float3"],
+                "inputs:varname": ["string", varname(value.name)],
+            }
+            prims.append({"path": f"{path}/{name}", "type": "Shader", "values": reader})
+            sources[f"inputs:{name}"] = [kind, f"{path}/{name}.outputs:result"]
         elif kind == "float":
             values[f"inputs:{name}"] = [kind, value if isinstance(value, float) else sum(value[:3]) / 3]
         else:
@@ -67,6 +76,16 @@ def material_prims(material: Any, path: str, images: Images, told: Told) -> list
     shader = {"path": f"{path}/Shader", "type": "Shader", "values": values, "sources": sources}
     out = {"outputs:surface": ["token", f"{path}/Shader.outputs:out"]}
     return [{"path": path, "type": "Material", "sources": out}, shader, *prims]
+
+
+def emitted_by(prims: list[dict[str, Any]]) -> Any:
+    """Return the mean radiance (3,) that the surface of a material emits, by its prims; images count as white."""
+    shader = next(each for each in prims if each["type"] == "Shader")
+    values, sources = shader["values"], shader["sources"]
+    strength, color = (f"inputs:emission_{each}" for each in ("luminance", "color"))
+    _, factor = values.get(strength, ["float", 1.0 if strength in sources else 0.0])
+    _, tint = values.get(color, ["color3f", [1.0] * 3])
+    return factor * np.array(tint)
 
 
 def _texture_prims(
@@ -191,21 +210,29 @@ def _linked(socket: Any, told: Told) -> Surface:
 
 
 def _mixed(node: Any, told: Told) -> Surface:
-    """Return what a Mix Shader makes: a surface that is cut out, or the stronger of its two."""
+    """Return what a Mix Shader makes: a surface that is cut out, or one between its two."""
     factor = value_of(node, node.inputs[0].name, told)
+    if isinstance(factor, tuple):
+        factor = sum(factor) / len(factor)
+    if factor in (0.0, 1.0):
+        return _linked(node.inputs[2 if factor else 1], told)
     first, second = (_linked(each, told) for each in node.inputs[1:3])
     if second.get("geometry_opacity") == 0.0 and isinstance(factor, float):
         return {**first, "geometry_opacity": 1 - factor}
     if first.get("geometry_opacity") == 0.0 and factor is not None:
         return {**second, "geometry_opacity": factor}
-    told(f"{node.name} is not rendered: the stronger of its shaders is used")
-    return second if isinstance(factor, float) and factor >= 0.5 else first
+    if not isinstance(factor, float):
+        told(f"{node.name} has an image as its factor, which is not rendered: it counts as a half")
+        factor = 0.5
+    return between(
+        first, second, factor, partial(told, f"{node.name} mixes images, which is not rendered: one is used")
+    )
 
 
 def _added(first: Surface, second: Surface, told: Told) -> Surface:
-    """Return what an Add Shader makes: a surface that also glows, or the first of its two."""
+    """Return what an Add Shader makes: a surface that also glows, or one that reflects what both do."""
     for surface, glow in ((first, second), (second, first)):
         if glow.get("base_color") == _BLACK and "emission_color" in glow:
             return {**surface, **{name: glow[name] for name in ("emission_color", "emission_luminance")}}
-    told("an Add Shader is not rendered: the first of its shaders is used")
-    return first
+    tell = partial(told, "an Add Shader adds images, which is not rendered: one is used")
+    return between(first, second, 0.5, tell, add=True)

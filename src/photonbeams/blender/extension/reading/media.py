@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .nodes import Told, color_of, number_of, output_of, product_of, source_of
+from .shading.evaluation import Evaluation, Points, UnknownNodeError
 
 APIS = ["PhotonBeamsMediumAPI"]
 
@@ -40,12 +41,15 @@ class Volume:
 _NOTHING = Volume(np.zeros(3), np.zeros(3), 0.0)
 
 
-def medium_of(owner: Any, told: Told) -> dict[str, Any] | None:
-    """Return the attributes of the volume of a material or a world; None if it has none."""
+def medium_of(owner: Any, told: Told, density: float | None = None) -> dict[str, Any] | None:
+    """Return the attributes of the volume of a material or a world; None if it has none.
+
+    A density replaces that of the volume.
+    """
     source = _source(owner)
     if source is None:
         return None
-    found = _volume(source.node, lambda text: told(f"{owner.name}: {text}"))
+    found = _volume(source.node, lambda text: told(f"{owner.name}: {text}"), given=density)
     if found is None:
         return None
     return {
@@ -67,6 +71,12 @@ def volume_of(material: Any, told: Told) -> Volume | None:
     return replace(found, density="density")
 
 
+def hides_sky(world: Any, medium: dict[str, Any]) -> bool:
+    """Return whether no light of a world's sky comes through its medium, as in Cycles, unless its beams are wanted."""
+    scattering, absorption = (np.array(medium[f"photonbeams:{name}"][1]) for name in ("scattering", "absorption"))
+    return bool(np.all(scattering + absorption > 0)) and not world.photonbeams.enabled
+
+
 def has_volume(owner: Any) -> bool:
     """Return whether a material or a world has a volume."""
     return _source(owner) is not None
@@ -80,11 +90,23 @@ def _source(owner: Any) -> Any:
     return None if output is None else source_of(output.inputs["Volume"])
 
 
-def _volume(node: Any, told: Told, grids: bool = False) -> Volume | None:
-    """Return what a volume shader does; with `grids`, also those that it reads."""
+def density_at(owner: Any, points: Points) -> Any:
+    """Return the densities (N,) of the volume of a material at points; None if they are even or not known."""
+    source = _source(owner)
+    socket = None if source is None else source.node.inputs.get("Density")
+    if socket is None or not socket.is_linked:
+        return None
+    try:
+        return Evaluation(points).input(socket)
+    except UnknownNodeError:
+        return None
+
+
+def _volume(node: Any, told: Told, grids: bool = False, given: float | None = None) -> Volume | None:
+    """Return what a volume shader does; with `grids`, also those that it reads; a density may be `given` instead."""
     match node.type:
         case "PRINCIPLED_VOLUME":
-            density, grid = _density(node, told, grids)
+            density, grid = _density(node, told, grids, given)
             color, tint = _color(node, told, grids)
             absorbed = np.array(color_of(node, "Absorption Color", told))
             # As Cycles: what is not scattered is absorbed, except for the absorption colour.
@@ -93,20 +115,20 @@ def _volume(node: Any, told: Told, grids: bool = False) -> Volume | None:
             found = Volume(density * color, density * kept, number_of(node, "Anisotropy", told), grid, tint)
             return _glowing(node, found, told, grids)
         case "VOLUME_SCATTER":
-            density, grid = _density(node, told, grids)
+            density, grid = _density(node, told, grids, given)
             color, tint = _color(node, told, grids)
             if node.phase != "HENYEY_GREENSTEIN":
                 told(f"{node.name} scatters as Henyey and Greenstein have it: its own phase is not rendered")
             return Volume(density * color, np.zeros(3), number_of(node, "Anisotropy", told), grid, tint)
         case "VOLUME_ABSORPTION":
-            density, grid = _density(node, told, grids)
+            density, grid = _density(node, told, grids, given)
             color = np.array(color_of(node, "Color", told))
             return Volume(np.zeros(3), density * np.maximum(1 - color, 0), 0.0, grid)
         case "EMISSION" if grids:
             return replace(_NOTHING, **_emission(node, "Strength", "Color", told))
         case "ADD_SHADER":
             parts = [source_of(each) for each in node.inputs]
-            return _added([_volume(each.node, told, grids) for each in parts if each is not None], told)
+            return _added([_volume(each.node, told, grids, given) for each in parts if each is not None], told)
     told(f"the volume of {node.name} is not rendered")
     return None
 
@@ -130,8 +152,10 @@ def _added(parts: list[Volume | None], told: Told) -> Volume | None:
     )  # fmt: skip
 
 
-def _density(node: Any, told: Told, grids: bool) -> tuple[float, str]:
+def _density(node: Any, told: Told, grids: bool, given: float | None) -> tuple[float, str]:
     """Return the density of a volume shader, and the grid that multiplies it."""
+    if given is not None:
+        return given, ""
     return _product(node, "Density", told) if grids else (number_of(node, "Density", told), "")
 
 

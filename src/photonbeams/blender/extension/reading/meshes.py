@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,26 @@ def mesh_values(mesh: Any) -> dict[str, Any]:
     layer = next((each for each in mesh.uv_layers if each.active_render), None)
     if layer is not None:
         values["primvars:st"] = ["texCoord2f[]", read(layer.uv, "vector", 2), "faceVarying"]
-    return values
+    return values | _colors(mesh)
+
+
+def varname(attribute: str) -> str:
+    """Return the name of the primvar of a colour attribute; "" is the one that is active for rendering."""
+    return f"color_{re.sub(r'[^A-Za-z0-9]', '_', attribute)}" if attribute else "displayColor"
+
+
+def _colors(mesh: Any) -> dict[str, Any]:
+    """Return the colours of vertices or corners, scene-linear, and those of the active attribute once more."""
+    found, attributes = dict[str, Any](), mesh.color_attributes
+    for place, layer in enumerate(attributes):
+        interpolation = {"POINT": "vertex", "CORNER": "faceVarying"}.get(layer.domain)
+        if interpolation is None or not len(layer.data):
+            continue
+        value = ["color3f[]", np.ascontiguousarray(read(layer.data, "color", 4)[:, :3]), interpolation]
+        found[f"primvars:{varname(layer.name)}"] = value
+        if place == attributes.render_color_index:
+            found["primvars:displayColor"] = value
+    return found
 
 
 def points_of(mesh: Any) -> Any:

@@ -1,10 +1,20 @@
-"""Values of shader nodes: constants and image textures. Whatever else makes a value, its socket's own is used."""
+"""Values of inputs of shader nodes: numbers and colours, images, attributes of meshes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+
+from .images import MISSING, is_missing
+from .shading.evaluation import UnknownNodeError, evaluated
+from .shading.links import linked_to
+from .shading.links import output_of as output_of
+from .shading.links import source_of as source_of
+
+_SAME = 1e-5  # values that differ relatively by less are the same
 
 #: Called with a sentence about what is not rendered as in Blender.
 Told = Callable[[str], None]
@@ -18,53 +28,49 @@ class Texture:
     alpha: bool = False
 
 
-#: A number, a colour, or the image that makes it.
-Value = float | tuple[float, ...] | Texture
+@dataclass(frozen=True)
+class Attribute:
+    """An attribute of meshes that makes a colour; "" is the one that is active for rendering."""
+
+    name: str
 
 
-def output_of(tree: Any, kind: str) -> Any:
-    """Return the active output node of a material, a world or a light; None if there is none."""
-    for target in ("CYCLES", "ALL", "EEVEE"):
-        found = tree.get_output_node(target) if hasattr(tree, "get_output_node") else None
-        if found is not None:
-            return found
-    return next((node for node in tree.nodes if node.type == kind), None)
-
-
-def source_of(socket: Any) -> Any:
-    """Return the socket that a socket is linked to, beyond reroutes and into groups; None if there is none."""
-    if socket is None or not socket.is_linked or socket.links[0].is_muted:
-        return None
-    found = socket.links[0].from_socket
-    node = found.node
-    if node.mute:
-        return None
-    if node.type == "REROUTE":
-        return source_of(node.inputs[0])
-    if node.type == "GROUP" and node.node_tree is not None:
-        inside = next((each for each in node.node_tree.nodes if each.type == "GROUP_OUTPUT"), None)
-        return None if inside is None else source_of(inside.inputs.get(found.name))
-    return found
+#: A number, a colour, or the image or the attribute that makes it.
+Value = float | tuple[float, ...] | Texture | Attribute
 
 
 def value_of(node: Any, name: str, told: Told) -> Value | None:
-    """Return the value of a node's input; None if the node has none of that name."""
+    """Return the value of a node's input; None if the node has none of that name.
+
+    Nodes that have the same value everywhere are computed. Those that vary count as their mean, which is told, except
+    for an image, and what is made of it.
+    """
     socket = node.inputs.get(name)
     return None if socket is None else _value(node, socket, told)
 
 
 def _value(node: Any, socket: Any, told: Told) -> Value:
     """Return the value of a socket of a node."""
-    source = source_of(socket)
-    if source is None:
-        return _plain(socket.default_value)
+    source = linked_to(socket)
+    if source is None or not source.is_output:
+        return _plain((source or socket).default_value)
     made = source.node
+    if made.type == "TEX_IMAGE" and made.image is not None and is_missing(made.image):
+        told(f"the file of {made.image.name} is missing: it is magenta, as in Blender")
+        return MISSING
     if made.type == "TEX_IMAGE" and made.image is not None:
         return Texture(made, source.name == "Alpha")
-    if made.type in ("RGB", "VALUE"):
-        return _plain(source.default_value)
-    told(f"{socket.name} of {node.name} comes from {made.name}, which is not rendered: its own value is used")
-    return _plain(socket.default_value)
+    if made.type in ("VERTEX_COLOR", "ATTRIBUTE") and source.name == "Color":
+        return Attribute(made.layer_name if made.type == "VERTEX_COLOR" else made.attribute_name)
+    try:
+        found = evaluated(source)
+    except UnknownNodeError as unknown:
+        told(f"{socket.name} of {node.name} comes from {unknown}, which is not rendered: its own value is used")
+        return _plain(socket.default_value)
+    if np.ptp(found, axis=0).max() > _SAME * max(np.abs(found).max(), _SAME):
+        told(f"{socket.name} of {node.name} comes from {made.name} and varies, which is not rendered: its mean is used")
+    mean = found.mean(axis=0, dtype=np.float64)
+    return float(mean) if found.ndim == 1 else tuple(mean.tolist())
 
 
 def product_of(node: Any, socket: Any, told: Told) -> tuple[Value, str]:
@@ -83,21 +89,21 @@ def product_of(node: Any, socket: Any, told: Told) -> tuple[Value, str]:
 def number_of(node: Any, name: str, told: Told, otherwise: float = 0.0) -> float:
     """Return the number of an input, the mean of a colour's channels; images count as `otherwise`."""
     found = value_of(node, name, told)
-    if isinstance(found, Texture):
+    if isinstance(found, Texture | Attribute):
         told(f"the image of {name} of {node.name} is not rendered: it counts as {otherwise:g}")
-    if isinstance(found, Texture) or found is None:
-        return otherwise
-    return found if isinstance(found, float) else sum(found[:3]) / 3
+    if isinstance(found, tuple):
+        return sum(found[:3]) / 3
+    return found if isinstance(found, float) else otherwise
 
 
 def color_of(node: Any, name: str, told: Told) -> tuple[float, float, float]:
     """Return the colour of an input; images count as white."""
     found = value_of(node, name, told)
-    if isinstance(found, Texture):
+    if isinstance(found, Texture | Attribute):
         told(f"the image of {name} of {node.name} is not rendered: it counts as white")
-    if isinstance(found, Texture) or found is None:
-        return (1.0, 1.0, 1.0)
-    return (found,) * 3 if isinstance(found, float) else tuple(found[:3])  # type: ignore[return-value]
+    if isinstance(found, tuple):
+        return found[0], found[1], found[2]
+    return (found,) * 3 if isinstance(found, float) else (1.0, 1.0, 1.0)
 
 
 def _plain(value: Any) -> Value:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -11,10 +12,12 @@ import numpy as np
 
 from .beams import BeamReader, is_cycles_portal, portals_of
 from .cameras import camera_prim
+from .fogs import fog_prims
+from .glow import GlowingMeshes, areas
 from .kept import Kept
 from .lights import light_prim, seen_values, stretch_of, world_prims
-from .materials import has_surface, material_prims
-from .media import APIS, has_volume, medium_of, volume_of
+from .materials import emitted_by, has_surface, material_prims
+from .media import APIS, has_volume, hides_sky, medium_of, volume_of
 from .meshes import faces_by_material, mesh_values, points_of
 from .motion import is_blurred
 from .names import free_path, group_name
@@ -22,8 +25,6 @@ from .strands import Strands, strands_of
 from .volumes import scale_of, smoke_of, volume_prims
 
 CAMERA = "/Camera"
-# What an object may be hidden from, and what is rendered all the same.
-_HIDDEN = {"visible_camera": "hidden from the camera: it is seen", "visible_shadow": "without a shadow: it casts one"}
 _UNREAD = {"GREASEPENCIL": "a drawing"}
 
 
@@ -53,6 +54,7 @@ class SceneReader:
         self._materials: dict[str, str] = {}
         self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
+        self._glowing, self._emitted = GlowingMeshes(told), dict[str, Any]()
 
     def prims(self) -> list[dict[str, Any]]:
         """Return the prims of all but the camera."""
@@ -73,6 +75,7 @@ class SceneReader:
                 self._told(f"{thing.name} is {_UNREAD[thing.type]}, which is not rendered")
         for strands, thing, matrix, key in self._strands():
             self._add_strands(strands, thing, matrix, key)
+        self._glowing.enable()
         self._add_world(self._layer.world_override or self._depsgraph.scene.world)
         for key in self._kept.meshes.keys() - self._used:
             del self._kept.meshes[key]
@@ -183,9 +186,6 @@ class SceneReader:
         found = self._mesh(thing)
         if found is None:
             return
-        for name, text in _HIDDEN.items():
-            if not getattr(thing, name):
-                self._told(f"{thing.name} is {text}")
         values, faces = found
         override = self._layer.material_override
         slots = [override or each.material for each in thing.material_slots] or [override]
@@ -197,9 +197,23 @@ class SceneReader:
         if any(has_surface(each) for each in materials.values()):
             if any(has_volume(each) for each in materials.values()):
                 self._told(f"{thing.name} has a surface: the volume inside it is not rendered")
-            self._prims += self._bound(prim, materials, faces)
-        elif (medium := medium_of(next(iter(materials.values())), self._told)) is not None:
-            self._prims.append({**prim, "apis": APIS, "values": {**values, **medium}})
+            parts = self._bound(prim, materials, faces)
+            self._prims += parts
+            emitted = {slot: self._emitted[_name_of(material)] for slot, material in materials.items()}
+            if any(np.any(each > 0) for each in emitted.values()):
+                area = areas(values, faces, matrix)
+                self._glowing.add(parts[0], emitted, area, is_seen=thing.visible_camera)
+            else:
+                self._tell_visibility(thing)
+        else:
+            self._prims += fog_prims(prim, next(iter(materials.values())), self._kept, self._told)
+
+    def _tell_visibility(self, thing: Any) -> None:
+        """Say what is not rendered of an object's ray visibility."""
+        if not thing.visible_camera:
+            self._told(f"{thing.name} is hidden from the camera in Blender, which is not rendered: it is seen")
+        elif not thing.visible_shadow:
+            self._told(f"{thing.name} casts no shadow in Blender, which is not rendered: it casts one")
 
     def _add_strands(self, strands: Strands, thing: Any, matrix: Any, key: Any) -> None:
         kept, own = self._kept.meshes, (_geometry_of(thing)[0], strands.number)
@@ -264,9 +278,10 @@ class SceneReader:
 
     def _material(self, material: Any) -> str:
         """Return the path of a material, whose prims are added once."""
-        name = "" if material is None else material.name_full
+        name = _name_of(material)
         if name not in self._materials:
             self._materials[name] = path = self._path("/Materials", name or "Default")
+            self._emitted[name] = np.zeros(3)
             if material is None:
                 shader = {"info:id": ["token", "UsdPreviewSurface"], "inputs:diffuseColor": ["color3f", [0.8] * 3],
                           "outputs:surface": ["token", None]}  # fmt: skip
@@ -274,16 +289,29 @@ class SceneReader:
                 self._prims.append({"path": path, "type": "Material", "sources": out})
                 self._prims.append({"path": f"{path}/Shader", "type": "Shader", "values": shader})
             else:
-                self._prims += material_prims(material, path, self._images, self._told)
+                make = partial(material_prims, material, path, self._images, self._told)
+                prims = self._kept.once((name, path), make)
+                self._prims += prims
+                self._emitted[name] = emitted_by(prims)
         return self._materials[name]
 
     def _add_world(self, world: Any) -> None:
-        sky = world_prims(world, self._path("", "World"), self._images, self._told)
-        for each in sky:
-            values, each["targets"] = self._beams.of_world(world, self._sky_portals)
-            each["values"] |= values
-        self._prims += sky
         medium = medium_of(world, self._told)
+        path = self._path("", "World")
+        sky = (
+            []
+            if world is None
+            else self._kept.once((world.name_full, path), partial(world_prims, world, path, self._images, self._told))
+        )
+        sky = [{**each, "values": {**each["values"]}} for each in sky]
+        if sky and medium is not None and hides_sky(world, medium):
+            self._told(f"World {world.name}: its volume hides the sky, as in Cycles")
+            sky = []
+        for each in sky:
+            if each["type"] == "DomeLight":
+                values, each["targets"] = self._beams.of_world(world, self._sky_portals)
+                each["values"] |= values
+        self._prims += sky
         if medium is not None:
             self._prims.append({"path": self._path("", "Fog"), "type": "Scope", "apis": APIS, "values": medium})
 
@@ -306,3 +334,8 @@ def _reshaped(thing: Any, points: Any) -> dict[str, Any]:
     found = mesh_values(mesh) if differs else {}
     thing.to_mesh_clear()
     return found
+
+
+def _name_of(material: Any) -> str:
+    """Return the name of a material, "" for none."""
+    return "" if material is None else material.name_full

@@ -1,0 +1,65 @@
+"""Meshes that glow are lamps, as in Blender: the brightest make beams, the others light what is near them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .nodes import Told
+
+_MOST = 8  # the renderer's kernels have code for each lamp that is a mesh
+_TOKEN = "photonbeams:enabled"
+
+
+class GlowingMeshes:
+    """The prims of meshes whose materials emit light, with what they emit.
+
+    Parameters
+    ----------
+    told
+        Called with a sentence if there are more than can be lamps.
+    """
+
+    def __init__(self, told: Told) -> None:
+        self._told, self._flux = told, list[tuple[float, dict[str, Any]]]()
+
+    def add(self, prim: dict[str, Any], radiance: dict[int, Any], area: dict[int, float], *, is_seen: bool) -> None:
+        """Add the prim of a mesh whose material slots have these radiances (3,) and areas.
+
+        One that the camera does not see is a lamp alone: it has no surface.
+        """
+        flux = sum(area[slot] * value for slot, value in radiance.items())
+        if not np.any(flux > 0):
+            return
+        self._flux.append((float(np.mean(flux)), prim))
+        if not is_seen:
+            mean = flux / sum(area[slot] for slot, value in radiance.items() if np.any(value > 0))
+            prim["apis"] = [*prim["apis"], "MeshLightAPI"]
+            prim["values"] = {
+                **prim["values"], "light:materialSyncMode": ["token", "noMaterialResponse"],
+                "visibleInPrimaryRay": ["bool", False], "inputs:color": ["color3f", mean.tolist()],
+            }  # fmt: skip
+
+    def enable(self) -> None:
+        """Make lamps of the brightest meshes; the others light only where light bounces."""
+        ranked = sorted(self._flux, key=lambda each: -each[0])
+        for place, (_, prim) in enumerate(ranked):
+            if place < _MOST or "MeshLightAPI" in prim["apis"]:
+                on = place < _MOST
+                prim["values"] = {**prim["values"], _TOKEN: ["bool", on]}  # the arrays are those of other instances
+        if len(ranked) > _MOST:
+            self._told(f"{len(ranked)} meshes glow: the {_MOST} brightest make beams")
+
+
+def areas(values: dict[str, Any], faces: dict[int, Any], matrix: Any) -> dict[int, float]:
+    """Return the area of the faces of each material slot of a mesh in the world, by its attributes."""
+    points = values["points"][1] @ matrix[:3, :3].T
+    corners, counts = values["faceVertexIndices"][1], values["faceVertexCounts"][1]
+    starts = np.cumsum(counts) - counts
+    following = np.arange(1, len(corners) + 1)
+    following[starts + counts - 1] = starts  # the last corner of a face is followed by its first
+    origin = np.repeat(points[corners[starts]], counts, axis=0)
+    turns = np.cross(points[corners] - origin, points[corners[following]] - origin)
+    doubled = np.linalg.norm(np.add.reduceat(turns, starts, axis=0), axis=1)
+    return {slot: float(doubled[own].sum() / 2) for slot, own in faces.items()}

@@ -1,0 +1,1 @@
+"""Evaluate shader nodes: links, values at points, textures of noise, skies, and mixtures of surfaces."""

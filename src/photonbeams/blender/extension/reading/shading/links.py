@@ -1,0 +1,103 @@
+"""Links of shader nodes, through reroutes, muted nodes and groups."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+
+def output_of(tree: Any, kind: str) -> Any:
+    """Return the active output node of a material, a world or a light; None if there is none."""
+    for target in ("CYCLES", "ALL", "EEVEE"):
+        found = tree.get_output_node(target) if hasattr(tree, "get_output_node") else None
+        if found is not None:
+            return found
+    return next((node for node in tree.nodes if node.type == kind), None)
+
+
+class _Inputs:
+    """The inputs of a node inside of groups."""
+
+    def __init__(self, inputs: Any, groups: tuple[Any, ...]) -> None:
+        self._inputs, self._groups = inputs, groups
+
+    def __getitem__(self, key: Any) -> Any:
+        found = self._inputs[key]
+        return [Inside(each, self._groups) for each in found] if isinstance(key, slice) else Inside(found, self._groups)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._inputs
+
+    def __iter__(self) -> Iterator[Any]:
+        return (Inside(each, self._groups) for each in self._inputs)
+
+    def get(self, name: str) -> Any:
+        """Return the input of a name; None if there is none."""
+        return self[name] if name in self._inputs else None
+
+
+class Inside:
+    """A node, or a socket, in the tree of a group: what the group's inputs are depends on the node of the group.
+
+    Parameters
+    ----------
+    own
+        Blender's node or socket, whose attributes it has.
+    groups
+        The nodes of the groups that it is in, from the outermost.
+    """
+
+    def __init__(self, own: Any, groups: tuple[Any, ...]) -> None:
+        self.own, self.groups = own, groups
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.own, name)
+
+    @property
+    def node(self) -> Any:
+        """The node of a socket."""
+        return Inside(self.own.node, self.groups)
+
+    @property
+    def inputs(self) -> Any:
+        """The inputs of a node."""
+        return _Inputs(self.own.inputs, self.groups)
+
+
+def source_of(socket: Any) -> Any:
+    """Return the socket that a socket is linked to, beyond reroutes and into groups; None if there is none."""
+    found = linked_to(socket)
+    return None if found is None or not found.is_output else found
+
+
+def linked_to(socket: Any) -> Any:
+    """Return the output that makes a socket's value, or the unlinked input of a group that has it; else None."""
+    if socket is None or not socket.is_linked or socket.links[0].is_muted:
+        return None
+    own, groups = (socket.own, socket.groups) if isinstance(socket, Inside) else (socket, ())
+    found = own.links[0].from_socket
+    node = found.node
+    if node.mute:
+        return _passed(node, found, groups)
+    if node.type == "REROUTE":
+        return linked_to(Inside(node.inputs[0], groups))
+    if node.type == "GROUP" and node.node_tree is not None:
+        inside = next((each for each in node.node_tree.nodes if each.type == "GROUP_OUTPUT" and each.is_active_output),
+                      None)  # fmt: skip
+        out = None if inside is None else inside.inputs.get(found.name)
+        return None if out is None else _or_own(Inside(out, (*groups, Inside(node, groups))))
+    if node.type == "GROUP_INPUT" and groups:
+        outside = groups[-1].inputs.get(found.name)
+        return None if outside is None else _or_own(outside)
+    return Inside(found, groups)
+
+
+def _or_own(socket: Any) -> Any:
+    """Return what a socket is linked to, or itself if it is not."""
+    return linked_to(socket) if socket.is_linked else socket
+
+
+def _passed(node: Any, output: Any, groups: tuple[Any, ...]) -> Any:
+    """Return what a muted node lets through to an output."""
+    link = next((each for each in node.internal_links if each.to_socket == output), None)
+    return None if link is None else _or_own(Inside(link.from_socket, groups))

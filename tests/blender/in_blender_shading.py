@@ -1,0 +1,240 @@
+"""Runs in Blender's Python: nodes, skies, glowing meshes and fog in objects, beside Cycles where it is the oracle.
+
+python -I in_blender_shading.py CASE FOLDER
+"""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "src" / "photonbeams" / "blender"))
+
+import bpy  # noqa: E402
+import extension  # noqa: E402
+import numpy as np  # noqa: E402
+from extension.reading.kept import Kept  # noqa: E402
+from extension.reading.nodes import value_of  # noqa: E402
+from extension.reading.scene import SceneReader  # noqa: E402
+from extension.reading.shading.evaluation import Points, evaluated  # noqa: E402
+from extension.reading.shading.links import source_of  # noqa: E402
+from extension.reading.shading.skies import SkyReader  # noqa: E402
+
+
+def tell(**found):
+    """Print what was found."""
+    print("found " + json.dumps(found), flush=True)
+
+
+def empty():
+    """Return an empty scene with a black world."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.world = bpy.data.worlds.new("World")
+    scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0, 0, 0, 1)
+    return scene
+
+
+def add(tree, kind, link=None, **inputs):
+    """Add a node with values of its inputs; an output as a value is linked."""
+    node = tree.nodes.new(f"ShaderNode{kind}")
+    for key, value in inputs.items():
+        socket = node.inputs[int(key[1:])] if key[0] == "_" else node.inputs[key]
+        if isinstance(value, bpy.types.NodeSocket):
+            tree.links.new(value, socket)
+        else:
+            socket.default_value = value
+    return node
+
+
+def principled(name="Made"):
+    """Return a new material's tree, and its Principled BSDF."""
+    tree = bpy.data.materials.new(name).node_tree
+    return tree, tree.nodes["Principled BSDF"]
+
+
+def read(folder):
+    """Return the prims of the scene, and what is told."""
+    said = []
+    prims = SceneReader(bpy.context.evaluated_depsgraph_get(), Kept(str(folder)), said.append).prims()
+    return prims, said
+
+
+def cycles(path, width, height):
+    """Render the scene with Cycles; return its pixels (H, W, 3) from the top row down."""
+    scene = bpy.context.scene
+    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 16, False
+    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BLACKMAN_HARRIS", 0.01
+    scene.render.resolution_x, scene.render.resolution_y = width, height
+    settings = scene.render.image_settings
+    settings.media_type, settings.file_format, settings.color_depth = "IMAGE", "OPEN_EXR", "32"
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(str(path))
+    pixels = np.array(image.pixels[:]).reshape(height, width, -1)[::-1, :, :3]
+    bpy.data.images.remove(image)
+    return pixels
+
+
+def values(folder):
+    """Print values of inputs that nodes make."""
+    empty()
+    tree, shader = principled()
+    inside = bpy.data.node_groups.new("Halved", "ShaderNodeTree")
+    inside.interface.new_socket("Value", in_out="INPUT", socket_type="NodeSocketFloat")
+    inside.interface.new_socket("Result", in_out="OUTPUT", socket_type="NodeSocketFloat")
+    ends = inside.nodes.new("NodeGroupInput"), inside.nodes.new("NodeGroupOutput")
+    half = add(inside, "Math", _0=ends[0].outputs[0], _1=0.5)
+    half.operation = "MULTIPLY"
+    inside.links.new(half.outputs[0], ends[1].inputs[0])
+
+    def halved(value):
+        group = tree.nodes.new("ShaderNodeGroup")
+        group.node_tree = inside
+        if isinstance(value, float):
+            group.inputs[0].default_value = value
+        else:
+            tree.links.new(value, group.inputs[0])
+        return group.outputs[0]
+
+    mix = tree.nodes.new("ShaderNodeMix")
+    mix.data_type, mix.blend_type = "RGBA", "MULTIPLY"
+    mix.inputs[0].default_value = 0.5
+    mix.inputs[6].default_value, mix.inputs[7].default_value = (0.8, 0.4, 0.2, 1), (0.5, 0.5, 1.0, 1)
+    ramp = add(tree, "ValToRGB", _0=0.25)
+    ramp.color_ramp.elements[1].color = (1, 0.5, 0, 1)
+    place = tree.nodes.new("ShaderNodeTexCoord")
+    apart = add(tree, "SeparateXYZ", _0=place.outputs["Generated"])
+    cases = {
+        "group in a group": halved(halved(0.6)), "mix": mix.outputs[2], "ramp": ramp.outputs[0],
+        "hue": add(tree, "HueSaturation", Hue=0.5 + 1 / 3, Color=(0.9, 0.3, 0.3, 1)).outputs[0],
+        "gamma": add(tree, "Gamma", _0=(0.5, 0.25, 1, 1), _1=2.0).outputs[0],
+        "linear": apart.outputs[2],
+    }  # fmt: skip
+    found, said = {}, []
+    for name, output in cases.items():
+        socket = shader.inputs["Base Color" if output.type == "RGBA" else "Roughness"]
+        tree.links.new(output, socket)
+        found[name] = value_of(shader, socket.name, said.append)
+    tell(values=found, said=said)
+
+
+def noise(folder):
+    """Evaluate a Noise Texture where Cycles shows it, and print the largest difference."""
+    scene = empty()
+    bpy.ops.mesh.primitive_plane_add(size=2)
+    tree, _ = principled()
+    place = tree.nodes.new("ShaderNodeTexCoord")
+    texture = add(tree, "TexNoise", Scale=3.0, Detail=2.5, Roughness=0.6, Vector=place.outputs["Object"])
+    light = add(tree, "Emission", Color=texture.outputs["Color"])
+    tree.links.new(light.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    bpy.context.object.data.materials.append(bpy.data.materials["Made"])
+    camera = bpy.data.cameras.new("Camera")
+    camera.type, camera.ortho_scale = "ORTHO", 2.0
+    scene.camera = bpy.data.objects.new("Camera", camera)
+    scene.camera.location = (0, 0, 1)
+    scene.collection.objects.link(scene.camera)
+    size = 16
+    shown = cycles(folder / "noise.exr", size, size)[..., 0]  # the first of three noises is the texture's Factor
+    middles = (np.arange(size) + 0.5) / size * 2 - 1
+    x, y = np.meshgrid(middles, -middles)
+    points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    expected = evaluated(source_of(light.inputs["Color"]), Points(points, points, points, points, points[:, 0]))
+    tell(difference=float(np.abs(expected[:, 0].reshape(size, size) - shown).max()), spread=float(np.ptp(shown)))
+
+
+def skies(folder):
+    """Print the irradiance of the ground under skies, here and by Cycles, and of their suns."""
+    scene = empty()
+    camera = bpy.data.cameras.new("Camera")
+    camera.type, camera.panorama_type = "PANO", "EQUIRECTANGULAR"
+    scene.camera = bpy.data.objects.new("Camera", camera)
+    scene.camera.rotation_euler = (math.pi / 2, 0, math.pi / 2)  # to −X, the middle of Environment Textures
+    scene.collection.objects.link(scene.camera)
+    tree = scene.world.node_tree
+    background = tree.nodes["Background"]
+    sky = tree.nodes.new("ShaderNodeTexSky")
+    place = tree.nodes.new("ShaderNodeTexCoord")
+    up = add(tree, "SeparateXYZ", _0=place.outputs["Generated"])
+    ramp = add(tree, "ValToRGB", _0=up.outputs[2])
+    ramp.color_ramp.elements[0].color = (0.1, 0.2, 0.5, 1)
+    height = 32
+    rows = math.pi * (0.5 - (np.arange(height) + 0.5) / height)
+    weights = (np.cos(rows) * np.maximum(np.sin(rows), 0))[:, None, None] * math.pi**2 / height**2
+    for name, output, kind, extra in (
+        ("low sun", sky, "SINGLE_SCATTERING", {"sun_elevation": 0.1}),
+        ("high sun", sky, "SINGLE_SCATTERING", {"sun_elevation": 1.0, "sun_rotation": 1.2}),
+        ("haze", sky, "SINGLE_SCATTERING", {"aerosol_density": 4.0}), ("many", sky, "MULTIPLE_SCATTERING", {}),
+        ("preetham", sky, "PREETHAM", {"turbidity": 3.0, "sun_direction": (0.6, 0.3, 0.5)}),
+        ("hosek", sky, "HOSEK_WILKIE", {}), ("ramp", ramp, None, {}),
+    ):  # fmt: skip
+        sky.sun_disc = False
+        if kind:
+            sky.sky_type = kind
+        for key, value in extra.items():
+            setattr(sky, key, value)
+        tree.links.new(output.outputs[0], background.inputs["Color"])
+        background.inputs["Strength"].default_value = 0.5
+        source = source_of(tree.nodes["World Output"].inputs["Surface"])
+        said = []
+        own = SkyReader(said.append).radiance(source)
+        own = own.reshape(height, own.shape[0] // height, 2 * height, -1, 3).mean(axis=(1, 3))
+        shown = cycles(folder / "sky.exr", 2 * height, height)
+        sky.sun_disc = True
+        reader = SkyReader(said.append)
+        reader.radiance(source)
+        sun = [each["values"]["inputs:color"][1] for each in reader.suns]
+        peaks = [int(each[:15].sum(axis=(0, 2)).argmax()) for each in (own, shown)]
+        own, shown = ((each * weights).sum(axis=(0, 1)).tolist() for each in (own, shown))
+        tell(sky=name, own=own, cycles=shown, sun=sun, peaks=peaks, said=said)
+
+
+def glow(folder):
+    """Print which glowing meshes are lamps, and what of them."""
+    scene = empty()
+    for k in range(10):
+        _, shader = principled(f"Glow{k}")
+        shader.inputs["Emission Strength"].default_value = 1.0 + k
+        shader.inputs["Emission Color"].default_value = (1, 0.5, 0.25, 1)
+        bpy.ops.mesh.primitive_cube_add(size=1, location=(3 * k, 0, 0), scale=(1, 1, 2))
+        bpy.context.object.name = f"Cube{k}"
+        bpy.context.object.data.materials.append(bpy.data.materials[f"Glow{k}"])
+    bpy.data.objects["Cube9"].visible_camera = False
+    bpy.data.objects["Cube8"].scale = (0.1, 0.1, 0.1)
+    scene.view_layers[0].update()
+    prims, said = read(folder)
+    meshes = {each["path"]: each for each in prims if each["type"] == "Mesh"}
+    lamps = [path for path, each in meshes.items() if each["values"].get("photonbeams:enabled", [0, 0])[1]]
+    unseen = meshes["/Objects/Cube9"]
+    tell(lamps=lamps, unseen=unseen["values"]["inputs:color"][1], apis=unseen["apis"], said=said)
+
+
+def fog(folder):
+    """Print the prims of fog in objects: even in a ball, and one that grows with the height in a box."""
+    empty()
+    for name, add_mesh in (("Ball", bpy.ops.mesh.primitive_uv_sphere_add), ("Box", bpy.ops.mesh.primitive_cube_add)):
+        add_mesh()
+        bpy.context.object.name = name
+        made = bpy.data.materials.new(name)
+        bpy.context.object.data.materials.append(made)
+        tree = made.node_tree
+        tree.nodes.remove(tree.nodes["Principled BSDF"])
+        volume = add(tree, "VolumePrincipled", Density=0.4, Color=(0.5, 0.25, 1.0, 1))
+        tree.links.new(volume.outputs[0], tree.nodes["Material Output"].inputs["Volume"])
+        if name == "Box":
+            place = tree.nodes.new("ShaderNodeTexCoord")
+            up = add(tree, "SeparateXYZ", _0=place.outputs["Generated"])
+            tree.links.new(up.outputs[2], volume.inputs["Density"])
+    prims, said = read(folder)
+    found = {each["path"]: each for each in prims}
+    file = found["/Objects/Box/Density"]["values"]["filePath"][1]
+    (shader,) = (each for path, each in found.items() if path.startswith("/Objects/Ball/") and each["type"] == "Shader")
+    ball, box = shader["values"]["inputs:scattering"][1], found["/Objects/Box"]["values"]["photonbeams:scattering"][1]
+    tell(types={path: each["type"] for path, each in found.items()}, file=file, ball=ball, box=box, said=said)
+
+
+if __name__ == "__main__":
+    extension.register()
+    {each.__name__: each for each in (values, noise, skies, glow, fog)}[sys.argv[1]](Path(sys.argv[2]))
+    extension.unregister()

@@ -1,0 +1,66 @@
+"""Nodes, skies, glowing meshes and fog in objects of Blender, beside Cycles and analytic values."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.blender.bpy_python import PYTHON
+from tests.blender.bpy_python import blender as run
+
+pytestmark = pytest.mark.skipif(
+    not PYTHON.exists(), reason=f"{PYTHON} is missing: the set-up makes it with Python 3.11"
+)
+SCRIPT = Path(__file__).with_name("in_blender_shading.py")
+
+
+def blender(case, folder):
+    return run(case, folder, SCRIPT)
+
+
+def test_nodes_have_their_values_and_the_mean_where_they_vary(tmp_path):
+    (found,) = blender("values", tmp_path)
+    values = found["values"]
+    assert values["group in a group"] == pytest.approx(0.6 / 4)
+    assert values["mix"] == pytest.approx([0.6, 0.3, 0.2])
+    assert values["ramp"] == pytest.approx([0.25, 0.125, 0.0], abs=1e-3)
+    assert values["hue"] == pytest.approx([0.3, 0.9, 0.3], abs=1e-6)
+    assert values["gamma"] == pytest.approx([0.25, 0.0625, 1.0])
+    assert values["linear"] == pytest.approx(0.5, abs=3 / np.sqrt(12 * 4096))
+    assert len(found["said"]) == 1 and "varies" in found["said"][0]
+
+
+def test_noise_is_that_of_cycles(tmp_path):
+    (found,) = blender("noise", tmp_path)
+    assert found["spread"] > 0.2 and found["difference"] < 0.01  # of a pixel's jitter
+
+
+def test_skies_light_the_ground_as_in_cycles(tmp_path):
+    """Nishita's sky has other wavelengths and steps here, and Hosek's is Preetham's: within 12 %."""
+    found = {each["sky"]: each for each in blender("skies", tmp_path)}
+    assert len(found) == 7
+    for name, each in found.items():
+        exact = name in ("preetham", "ramp")
+        np.testing.assert_allclose(each["own"], each["cycles"], rtol=0.005 if exact else 0.12, err_msg=name)
+        assert name == "ramp" or abs(each["peaks"][0] - each["peaks"][1]) <= 1
+        assert bool(each["said"]) == (name in ("many", "hosek"))
+    red, _, blue = found["low sun"]["sun"][0]
+    assert red > 5 * blue and not found["preetham"]["sun"]
+
+
+def test_the_brightest_meshes_that_glow_are_lamps(tmp_path):
+    (found,) = blender("glow", tmp_path)
+    assert found["lamps"] == [f"/Objects/Cube{k}" for k in (1, 2, 3, 4, 5, 6, 7, 9)]
+    assert found["said"] == ["10 meshes glow: the 8 brightest make beams"]
+    assert found["unseen"] == pytest.approx([10, 5, 2.5]) and "MeshLightAPI" in found["apis"]
+
+
+def test_fog_in_objects_is_even_or_a_grid(tmp_path):
+    (found,) = blender("fog", tmp_path)
+    types = found["types"]
+    assert types["/Objects/Ball"] == "Mesh" and types["/Objects/Box"] == "Volume" and found["said"] == []
+    assert found["ball"] == pytest.approx([0.2, 0.1, 0.4]) and found["box"] == [0.5, 0.25, 1.0]
+    content = Path(found["file"]).read_bytes()
+    grid = np.frombuffer(content, "<f4", offset=48).reshape(64, 64, 64)
+    np.testing.assert_allclose(grid, np.broadcast_to((np.arange(64)[:, None, None] + 0.5) / 64, grid.shape), atol=1e-6)
+    np.testing.assert_array_equal(np.frombuffer(content, "<f4", 6, 24), [-1, -1, -1, 1, 1, 1])
