@@ -58,6 +58,7 @@ def packed_renderer(scratch: Path) -> Path:
         [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--ignore-installed",
          "--no-compile", "--no-warn-script-location", "--prefix", tree, f"{ROOT}[usd,vdb]"], check=True,
     )  # fmt: skip
+    print("packing the renderer, which takes some minutes", file=sys.stderr)
     # The filter for machine code saves a tenth.
     best = {"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "dict_size": 1 << 26}
     with (
