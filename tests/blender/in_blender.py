@@ -304,7 +304,6 @@ def over(folder):
     scene = room()
     scene.photonbeams.passes, scene.photonbeams.beams = 16, 4096
     matt()
-    # The sky lights surfaces through fog everywhere here, but not in Cycles.
     scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0
     render(folder / "whole.exr")
     bpy.ops.photonbeams.over_cycles()

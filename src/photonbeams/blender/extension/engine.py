@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from .bundle import NoRendererError, NotYetError
-from .drawing import Drawing
+from .drawing import Drawing, upwards
 from .process import POOL, Renderer
 from .reading.cameras import viewport_prim
 from .reading.kept import Kept
@@ -235,13 +235,9 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
 
 
 def _pixels(layer: Any, channels: int, name: str, transparent: bool) -> Any:
-    """Return a layer as Blender has it: (H, W, channels) from the bottom row up."""
-    pixels = np.asarray(layer, np.float32).reshape(*layer.shape[:2], -1)[::-1, :, :channels].copy()
-    if name == "rgba" and not transparent:
-        pixels[..., 3] = 1.0
-    if name == "depth":
-        pixels = np.minimum(pixels, _FARTHEST)
-    return pixels
+    """Return a layer of some name as Blender has it; see `upwards`."""
+    pixels = upwards(layer, channels, opaque=name == "rgba" and not transparent)
+    return np.minimum(pixels, _FARTHEST) if name == "depth" else pixels
 
 
 def border(render: Any, whole: tuple[int, int]) -> tuple[int, int, int, int]:

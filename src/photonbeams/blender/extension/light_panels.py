@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 
 import bpy
 
-from .engine import ENGINE
 from .looks import CURVED, PRESETS, curve_of, owner_of, property_of, ramp_of
+from .panels import PropertiesPanel, split
 from .thumbnails import THUMBNAILS
 
 #: The parameters that a choice of a look has; those of the others are not shown.
@@ -29,23 +29,14 @@ _ALWAYS = {
 }  # fmt: skip
 
 
-def split(layout: Any) -> Any:
-    """Return a layout with names left of the values, and buttons for keyframes."""
-    layout.use_property_split, layout.use_property_decorate = True, True
-    return layout
-
-
-class _BeamsPanel(bpy.types.Panel):
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
+class _BeamsPanel(PropertiesPanel):
     bl_context = "data"
-    COMPAT_ENGINES: ClassVar = {ENGINE}
     MEMBER: ClassVar = "light"
 
     @classmethod
     def poll(cls, context: Any) -> bool:
         """Return whether the scene is rendered by this engine, and the properties show what has beams."""
-        if context.engine not in cls.COMPAT_ENGINES or getattr(context, cls.MEMBER, None) is None:
+        if not super().poll(context) or getattr(context, cls.MEMBER, None) is None:
             return False
         return cls.MEMBER != "curve" or (context.object is not None and context.object.type == "CURVE")  # or text
 
@@ -61,7 +52,7 @@ class PHOTONBEAMS_PT_beams(_BeamsPanel):  # noqa: N801 - Blender wants these nam
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        layout, light = split(self.layout), context.light
+        layout, light = split(self.layout, keyframes=True), context.light
         own = light.photonbeams
         _draw_beams(layout, own)
         gobo = layout.column()
@@ -83,7 +74,7 @@ class PHOTONBEAMS_PT_world_beams(_BeamsPanel):  # noqa: N801
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        _draw_beams(split(self.layout), context.world.photonbeams)
+        _draw_beams(split(self.layout, keyframes=True), context.world.photonbeams)
 
 
 class PHOTONBEAMS_PT_curve_beams(_BeamsPanel):  # noqa: N801
@@ -94,7 +85,7 @@ class PHOTONBEAMS_PT_curve_beams(_BeamsPanel):  # noqa: N801
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        layout, own = split(self.layout), context.curve.photonbeams
+        layout, own = split(self.layout, keyframes=True), context.curve.photonbeams
         layout.active = own.enabled
         for name in ("power", "color", "radius"):
             layout.prop(own, name)
@@ -160,7 +151,7 @@ class _FactorPanel(_BeamsPanel):
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        tree, layout = owner_of(context).look, split(self.layout)
+        tree, layout = owner_of(context).look, split(self.layout, keyframes=True)
         own = tree.photonbeams
         layout.popover(f"PHOTONBEAMS_PT_presets_{self.FACTOR}")
         if self.FACTOR == "noise":

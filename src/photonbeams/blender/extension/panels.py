@@ -17,22 +17,27 @@ _OF_EEVEE = {
 }  # fmt: skip
 
 
-def _split(layout: Any) -> Any:
-    """Return a layout with names left of the values, and without buttons for keyframes."""
-    layout.use_property_split, layout.use_property_decorate = True, False
+def split(layout: Any, keyframes: bool = False) -> Any:
+    """Return a layout with names left of the values, and with or without buttons for keyframes."""
+    layout.use_property_split, layout.use_property_decorate = True, keyframes
     return layout
 
 
-class _RenderPanel(bpy.types.Panel):
+class PropertiesPanel(bpy.types.Panel):
+    """A panel among the properties, while the scene is rendered by this engine."""
+
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
-    bl_context = "render"
     COMPAT_ENGINES: ClassVar = {ENGINE}
 
     @classmethod
     def poll(cls, context: Any) -> bool:
         """Return whether the scene is rendered by this engine."""
         return context.engine in cls.COMPAT_ENGINES
+
+
+class _RenderPanel(PropertiesPanel):
+    bl_context = "render"
 
 
 class PHOTONBEAMS_PT_sampling(_RenderPanel):  # noqa: N801 - Blender wants these names
@@ -42,7 +47,7 @@ class PHOTONBEAMS_PT_sampling(_RenderPanel):  # noqa: N801 - Blender wants these
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        layout, settings = _split(self.layout), context.scene.photonbeams
+        layout, settings = split(self.layout), context.scene.photonbeams
         layout.prop(settings, "passes")
         heading = layout.row(heading="Until Error")
         heading.prop(settings, "use_error", text="")
@@ -62,7 +67,7 @@ class PHOTONBEAMS_PT_viewport(_RenderPanel):  # noqa: N801
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        layout, settings = _split(self.layout), context.scene.photonbeams
+        layout, settings = split(self.layout), context.scene.photonbeams
         layout.prop(settings, "viewport_passes", text="Passes")
         layout.prop(settings, "viewport_denoise", text="Denoise")
         layout.prop(context.scene.render, "preview_pixel_size", text="Pixel Size")
@@ -75,7 +80,7 @@ class PHOTONBEAMS_PT_light(_RenderPanel):  # noqa: N801
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        layout = _split(self.layout)
+        layout = split(self.layout)
         for name in ("bounces", "beams", "estimator", "surfaces"):
             layout.prop(context.scene.photonbeams, name)
         layout.operator("photonbeams.over_cycles")
@@ -93,7 +98,7 @@ class PHOTONBEAMS_PT_motion_blur(_RenderPanel):  # noqa: N801
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        layout, render = _split(self.layout), context.scene.render
+        layout, render = split(self.layout), context.scene.render
         layout.active = render.use_motion_blur
         layout.prop(render, "motion_blur_position", text="Position")
         layout.prop(render, "motion_blur_shutter")
@@ -107,7 +112,7 @@ class PHOTONBEAMS_PT_film(_RenderPanel):  # noqa: N801
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        _split(self.layout).prop(context.scene.render, "film_transparent", text="Transparent")
+        split(self.layout).prop(context.scene.render, "film_transparent", text="Transparent")
 
 
 class PHOTONBEAMS_PT_light_groups(ViewLayerLightgroupsPanelHelper, bpy.types.Panel):  # noqa: N801
@@ -116,23 +121,20 @@ class PHOTONBEAMS_PT_light_groups(ViewLayerLightgroupsPanelHelper, bpy.types.Pan
     COMPAT_ENGINES: ClassVar = {ENGINE}
 
 
-class PHOTONBEAMS_PT_light_group(bpy.types.Panel):  # noqa: N801
+class PHOTONBEAMS_PT_light_group(PropertiesPanel):  # noqa: N801
     """The light group of a lamp."""
 
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
     bl_context = "object"
     bl_label = "Light Group"
-    COMPAT_ENGINES: ClassVar = {ENGINE}
 
     @classmethod
     def poll(cls, context: Any) -> bool:
         """Return whether the scene is rendered by this engine, and the object is a lamp."""
-        return context.engine in cls.COMPAT_ENGINES and context.object is not None and context.object.type == "LIGHT"
+        return super().poll(context) and context.object is not None and context.object.type == "LIGHT"
 
     def draw(self, context: Any) -> None:
         """Draw the panel."""
-        _split(self.layout).prop_search(
+        split(self.layout).prop_search(
             context.object, "lightgroup", context.view_layer, "lightgroups", results_are_suggestions=True
         )
 

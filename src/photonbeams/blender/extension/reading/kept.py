@@ -27,7 +27,6 @@ class Kept:
         self.images, self.grids = Images(folder), GridFiles(folder)
         #: By an object's name and its data's number: the attributes and the faces of its mesh; None if it has none.
         self.meshes: dict[tuple[str, int], tuple[dict[str, Any], dict[int, Any]] | None] = {}
-
         self._made: dict[Any, Any] = {}
 
     def once(self, key: Any, make: Callable[[], Any]) -> Any:
