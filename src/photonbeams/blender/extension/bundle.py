@@ -72,10 +72,10 @@ class Bundle:
             part.mkdir(parents=True)
             with self._archive.open("rb") as source, tarfile.open(fileobj=_Read(source, self), mode="r|xz") as packed:  # type: ignore[call-overload]
                 packed.extractall(part, filter="data")
-            part.rename(self._folder)
-            for other in self._parent.glob("renderer-*"):
-                if other != self._folder:
+            for other in self._parent.glob("renderer-*"):  # before it is there: who sees it sees it alone
+                if other != part:
                     shutil.rmtree(other, ignore_errors=True)
+            part.rename(self._folder)
         except (OSError, EOFError, tarfile.TarError) as error:
             shutil.rmtree(part, ignore_errors=True)
             why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
