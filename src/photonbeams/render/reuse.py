@@ -63,14 +63,15 @@ class Begun(NamedTuple):
 class Reuse:
     """What a frame with other settings, window and viewers takes over: see `stage_light.Earlier`.
 
-    If it `keeps_guides`, light is guided as in the earlier frame, whatever has changed.
+    If it `keeps_guides`, light is guided as in the earlier frame, whatever has changed. Where `beside` is a frame that
+    has more of the scene, its world is taken over.
     """
 
     def __init__(
         self, known: Begun, settings: Settings, window: Window, viewers: Sequence[scene.Camera],
-        keeps_guides: bool = False,
+        keeps_guides: bool = False, beside: Begun | None = None,
     ) -> None:  # fmt: skip
-        self.worlds: Sequence[World] = known.worlds.known[-1:]
+        self.worlds: Sequence[World] = (beside or known).worlds.known[-1:]
         self.light_side = known.light_side if keeps_guides else None
         self._known, self._settings, self._keeps_guides = known, settings, keeps_guides
         # Guides depend on the whole picture, not on the crop.

@@ -90,17 +90,19 @@ class ShutterWorlds:
         As in `described.world_of_scene`.
     planned
         How many passes share the interval; further passes begin it again. None: the number is not known.
-    known
-        Worlds of an earlier frame of the same shot, parts of which may be used again.
+    earlier
+        Worlds of another frame of the same shot, parts of which may be used again. They are let go with the first world
+        that is built: kernels have code for the surfaces of all worlds in memory.
     """
 
     varies = True
 
     def __init__(
-        self, shutter: Shutter, sharp: bool, planned: int | None = None, known: Sequence[World] = ()
+        self, shutter: Shutter, sharp: bool, planned: int | None = None, earlier: Sequence[World] = ()
     ) -> None:  # fmt: skip
-        self.shutter, self.planned, self.known = shutter, planned, list(known)
-        self._sharp = sharp
+        self.shutter, self.planned = shutter, planned
+        self.known: list[World] = []
+        self._sharp, self._earlier = sharp, [each for each in earlier if each.parts.sharp == sharp]
         cameras = [camera for moment in shutter.ends(0.0, 1.0) for camera in moment.cameras]
         self._eyes = [np.asarray(each.to_world)[:3, 3] for each in cameras]
 
@@ -109,9 +111,10 @@ class ShutterWorlds:
         for world in self.known:
             if world.parts.content is moment.scene:
                 return world
-        like = self.known[-1] if self.known else None
-        world = world_of_scene(moment.scene, self._eyes, like=like, sharp=self._sharp)
-        self.known = [*self.known[-2:], world]
+        found = next((each for each in self._earlier if each.parts.content is moment.scene), None)
+        like = next(reversed(self.known or self._earlier), None)
+        world = found or world_of_scene(moment.scene, self._eyes, like=like, sharp=self._sharp)
+        self.known, self._earlier = [*self.known[-2:], world], []
         return world
 
     def slice(self, number: int) -> tuple[float, float]:

@@ -35,7 +35,8 @@ class LiveFrame:
 
     Its passes have the bits of those of `stage_frame.render`, unless it `keeps_guides`: then emission is guided as in
     the earlier frame, whatever has changed, for quick first pictures. After an edit of a look, large pictures keep the
-    plan of samples that the earlier look had. Samples are chosen for the `planned` number of passes. Once it is
+    plan of samples that the earlier look had. Samples are chosen for the `planned` number of passes. `beside` is
+    another frame whose world is used where it is the same, so that there is one at a time. Once the frame is
     `unwanted`, it ends with `Cancelled` before the next part of a phase.
     """
 
@@ -43,7 +44,7 @@ class LiveFrame:
 
     def __init__(
         self, ready: Prepared, planned: int | None, like: LiveFrame | None = None, keeps_guides: bool = False,
-        unwanted: Callable[[], bool] = lambda: False,
+        beside: LiveFrame | None = None, unwanted: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip
         self._ready, self._shutter = ready, ready.content.shutter
         viewers = tuple(ready.content.viewers())
@@ -54,7 +55,10 @@ class LiveFrame:
             if unwanted():
                 raise Cancelled
 
-        earlier = None if like is None else Reuse(like._begun, ready.settings, ready.window, viewers, keeps_guides)
+        earlier = None
+        if like is not None:
+            other = None if beside is None else beside._begun
+            earlier = Reuse(like._begun, ready.settings, ready.window, viewers, keeps_guides, other)
         self._frame = begin(
             self._shutter, ready.window, ready.settings, ready.holdouts, lambda: viewers, planned,
             earlier=earlier, memory=weakref.proxy(self), interrupt=interrupt,

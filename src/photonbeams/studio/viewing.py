@@ -167,7 +167,9 @@ class LivePictures:
         first, before = chain is self._first, chain.frame
         with self._lock:
             ready = self._ready(view, scale, first, chain.moment)
-        frame = LiveFrame(ready, None if first else view.passes, before, first and before is not None, unwanted)
+        like, beside = before or self._first.frame, None if first else self._first.frame
+        planned, keeps_guides = None if first else view.passes, first and before is not None
+        frame = LiveFrame(ready, planned, like, keeps_guides, beside, unwanted)
         chain.frame, chain.moment = frame, ready.content.shutter.at(0.0)
         if self._room is None and view.bounces is None and not self.own_bounces:
             self._room = frame.in_room
@@ -200,6 +202,8 @@ class LivePictures:
         content = seen(moment.scene)
         if before is not None:
             content = sharing(before.scene, content)
+        if not first and self._first.moment is not None:
+            content = sharing(self._first.moment.scene, content)
         cameras = moment.cameras
         if view.pose is not None:
             cameras = placed(cameras, view.pose)

@@ -20,7 +20,8 @@ from .emitters.emitter import Emitter
 from .emitters.sources import Source
 from .media.bounded import BoundedMedia, same, touching
 from .shadow_rays import size_of
-from .surfaces.shapes import cut_out, glows, is_glass, is_mirror, is_pane, scene_of, shapes_of
+from .surfaces.build import Group, grouped, ids_of, shapes_of
+from .surfaces.shapes import cut_out, glows, is_glass, is_mirror, is_pane, scene_of
 from .world import World, translucent
 
 if TYPE_CHECKING:
@@ -35,19 +36,29 @@ class KeptParts:
     ----------
     content
         The scene.
-    meshes, shapes
-        The surfaces, each as a Mitsuba shape.
+    groups, shapes
+        The surfaces, each group as a Mitsuba shape.
     media
         The media and their boundaries.
     glass
         Closed meshes of glass, which are empty inside.
+    sharp
+        As in `world_of_scene`.
     """
 
     content: scene.Scene
-    meshes: tuple[scene.Mesh, ...]
+    groups: list[Group]
     shapes: tuple[Any, ...]
     media: BoundedMedia
     glass: tuple[scene.Mesh, ...]
+    sharp: bool
+
+    def built(self, media: BoundedMedia) -> dict[tuple[int, ...], MiShape]:
+        """Return the shapes that stay the same among media, by the ids of their meshes."""
+        changed = media is not self.media and (media.outside or self.media.outside)
+        bodies = {id(each) for each in self.glass} if changed else ()
+        found = zip(map(ids_of, self.groups), self.shapes, strict=True)
+        return {ids: shape for ids, shape in found if ids[0] not in bodies}
 
 
 def world_of_scene(
@@ -62,7 +73,8 @@ def world_of_scene(
     viewpoints
         The camera's positions, which the bounds contain unless the scene gives its own bounds.
     like
-        A world of the same shot at another time. Objects that are identical in both scenes are not built again.
+        A world of the same shot at another time, as `sharp`. Objects that are identical in both scenes are not built
+        again.
     sharp
         Whether smooth metal is an ideal mirror and transparent materials are glass. Camera paths need more than two
         edges to show what these reflect and refract.
@@ -79,22 +91,25 @@ def world_of_scene(
     host = scene_of(()) if like is None else like.host
     glass = tuple(each for each in meshes if sharp and is_glass(each.material) and each.closed)
     content = _media(description, host, known, glass)
-    # Bodies of glass in media are built with the media around them.
-    still = known is not None and same(meshes, known.meshes) and (not content.outside or content is known.media)
-    shapes = known.shapes if known and still else shapes_of(_solid(meshes, glass), sharp, content.outside)
+    bodies = {id(each) for each in glass}
+    linked = {names for light in description.lights for names in (light.unlit, light.unshadowed) if names}
+    groups = grouped(meshes, bodies, linked, sharp)
+    built = known.built(content) if known else {}
+    shapes = shapes_of(groups, bodies, sharp, content.outside, built)
+    still = known is not None and same(shapes, known.shapes)
     surfaces = like.surfaces if like and still else scene_of(shapes, host)
     kept = still and known is not None and content.boundaries is known.media.boundaries
     plugin = like.plugin if like and kept else _with_boundaries(surfaces, shapes, content, host)
     names = [mesh.name for mesh in meshes]
     emitters = emitters_of(description.lights, frozenset(names), host, [plugin], like.emitters if like else ())
-    shown = list(zip(names, shapes, strict=True))
+    shown = [(group[0].name, shape) for group, shape in zip(groups, shapes, strict=True)]
     numbers = {each.name: own.number for each, own in zip(description.media, content.media.all, strict=True)}
     sky = {id(light) for light in description.sky}
     endless = [each for each in content.media.all if each.number not in content.boxes]
     return World(
         plugin, surfaces, content.around, host, content.media, emitters, _sources(description, emitters),
         Bounds(center, radius), radius, extent=radius, endless=endless_length(radius, endless),
-        parts=KeptParts(description, meshes, shapes, content, glass),
+        parts=KeptParts(description, groups, shapes, content, glass, sharp),
         nested=bool(content.boundaries or content.outside),
         touching=like.touching if like and kept
         else bool(shapes) and touching(description.media, surfaces, size_of(plugin)),
@@ -176,9 +191,3 @@ def _blockers(
         names: known.get(names) or scene_of([shape for name, shape in shapes if name not in names], host)
         for names in absent
     }
-
-
-def _solid(meshes: Sequence[scene.Mesh], glass: Sequence[scene.Mesh]) -> list[scene.Mesh]:
-    """Return meshes, those of glass with their faces outward."""
-    bodies = {id(each) for each in glass}
-    return [each.solid() if id(each) in bodies else each for each in meshes]

@@ -80,7 +80,8 @@ class World:
     mirrors, glowing
         Whether there are mirrors or glass, and whether surfaces shine without being emitters, to both sides.
     boundaries, shapes
-        Mitsuba's shapes of the media's boundaries, or that light passes; and of the surfaces, with their names.
+        Mitsuba's shapes of the media's boundaries, or that light passes; and of the surfaces. A shape may be several
+        meshes that lights treat alike, and has the name of the first.
     blockers
         For lights with shadow links: Mitsuba scenes without some of the surfaces, by the names of these.
     boxes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,25 +20,6 @@ mi = mitsuba()
 
 #: Roughness up to which a mirror or glass is smooth.
 SMOOTH = 0.05
-
-
-def shapes_of(
-    meshes: Sequence[scene.Mesh], sharp: bool = False, around: Mapping[str, MiMedium] | None = None
-) -> tuple[MiMesh, ...]:
-    """Return all surfaces as Mitsuba shapes, with mirrors and glass if `sharp`; a material's BSDF is shared.
-
-    `around` are the media around bodies that are empty inside, by the names of their meshes.
-    """
-    bsdfs: dict[tuple[int, bool], Any] = {}
-    keys = [(id(mesh.material), sharp and is_pane(mesh)) for mesh in meshes]
-    for mesh, key in zip(meshes, keys, strict=True):
-        if key not in bsdfs:
-            own = sharp_bsdf_of(mesh.material, thin=key[1]) if sharp else None
-            bsdfs[key] = mi.load_dict(own or bsdf_of(mesh.material))
-    return tuple(
-        shape_of(mesh, bsdfs[key], _emitter(mesh.material), exterior=(around or {}).get(mesh.name))
-        for mesh, key in zip(meshes, keys, strict=True)
-    )
 
 
 def shape_of(
@@ -221,10 +202,6 @@ def radiance_of(color: scene.Color, image: scene.UVTexture | None = None) -> dic
         return {"type": "rgb", "value": [float(channel) for channel in color]}
     pixels = np.asarray(image.pixels, dtype=np.float32) * np.asarray(color, dtype=np.float32)
     return _texture(replace(image, pixels=pixels))
-
-
-def _emitter(material: scene.Material) -> Any:
-    return mi.load_dict(emitter_of(material)) if glows(material) else None
 
 
 def _texture(value: scene.Color | scene.UVTexture | scene.VertexValues | float, name: str = "") -> Any:
