@@ -350,7 +350,7 @@ class Screen:
 
     def show(self, width=WIDTH, height=HEIGHT, passes=2):
         """Show the scene as it is now; return the finished picture, and the sizes of all pictures."""
-        from extension.reading.cameras import viewport_prim
+        from extension.reading.cameras import viewport_area, viewport_prim
         from extension.reading.scene import CAMERA
 
         bpy.context.view_layer.update()
@@ -361,7 +361,8 @@ class Screen:
             window_matrix=camera.calc_matrix_camera(depsgraph, x=width, y=height),
         )  # fmt: skip
         space = SimpleNamespace(lens=50, clip_start=0.1, clip_end=100, camera=bpy.context.scene.camera)
-        view = {"width": width, "height": height, "passes": passes, "denoise": False, "bounces": 0}
+        area = viewport_area(region, space, bpy.context.scene)
+        view = {"width": width, "height": height, "area": area, "passes": passes, "denoise": False, "bounces": 0}
         self.viewport.picture, sizes, until = None, [], time.monotonic() + 100
         self.viewport.show(depsgraph, "", viewport_prim(region, space, depsgraph, CAMERA), view)
         while time.monotonic() < until:
@@ -420,6 +421,15 @@ def viewport(folder):
     edit("object", lambda: setattr(bpy.data.objects["Twin"].location, "x", -1.0))
     edit("mesh", sculpt)
     edit("material", lambda: setattr(floor_color(), "default_value", (0.1, 0.2, 0.3, 1)))
+    whole = screen.viewport.picture
+    scene.render.use_border = True
+    scene.render.border_min_x, scene.render.border_max_x = 0.25, 0.75
+    scene.render.border_min_y, scene.render.border_max_y = 0.0, 0.5
+    edit("border", lambda: None)
+    inside, rows, columns = screen.viewport.picture, slice(HEIGHT // 2, HEIGHT), slice(WIDTH // 4, 3 * WIDTH // 4)
+    same = bool(np.array_equal(inside[rows, columns], whole[rows, columns]))
+    tell(border=same, rest=float(inside[: HEIGHT // 2].max()))
+    scene.render.use_border = False
     edit("deleted", lambda: bpy.data.objects.remove(bpy.data.objects["Twin"]))
     os.kill(screen.viewport._renderer.number, signal.SIGKILL)
     screen.viewport._renderer._process.wait()

@@ -159,9 +159,14 @@ def test_only_what_changed_crosses_and_the_picture_is_that_of_a_new_viewport(vie
         "size": [["/Camera"], "view"], "light": [["/Lights/Key", "/Lights/Fill"], "view"], "camera": ["view"],
         "lens": [["/Camera"], "view"], "object": [["/Objects/Twin"], "view"],
         "mesh": [["/Objects/Cube", "/Objects/Twin"], "view"], "material": [["/Materials/Floor/Shader"], "view"],
-        "deleted": [[], "view"],
+        "deleted": [[], "view"], "border": ["view"],
     }  # fmt: skip
     assert edits["light"]["mean"] == pytest.approx(2 * edits["size"]["mean"], rel=1e-4)
+
+
+def test_a_border_in_a_viewport_is_that_part_of_the_picture(viewport):
+    (found,) = (each for each in viewport[0] if "border" in each)
+    assert found == {"border": True, "rest": 0}
 
 
 def test_a_viewport_whose_renderer_was_killed_says_so_and_goes_on(viewport):

@@ -165,6 +165,7 @@ class Worker:
         self.tell("picture", number=number, layers=frame.layers)
 
     def _view(self, wanted: Mapping[str, Any]) -> None:
+        from ..images.frame import within
         from ..shot.shot import Shot
         from ..shot.subject import Viewpoint
         from ..studio.live import Cancelled
@@ -179,7 +180,9 @@ class Worker:
         with suppress(Cancelled):
             for picture in self._live.pictures(view, number, self._is_another_wanted, self._is_left):
                 told = {"done": picture.passes, "planned": picture.planned, "scale": picture.scale}
-                self.tell("picture", number=number, layers={"rgba": picture.layers["rgba"]}, **told)
+                rgba = picture.layers["rgba"]
+                shown = rgba if view.area is None else within(rgba, view.area)
+                self.tell("picture", number=number, layers={"rgba": shown}, **told)
                 if picture.is_first and self._is_another_wanted(_MOVING):
                     return
                 self._viewing = True

@@ -159,6 +159,15 @@ def fractions_of(first: int, last: int, count: int) -> tuple[float, float]:
     return (first + _EDGE) / count, last / count
 
 
+def within(pixels: Array, area: Sequence[float]) -> Array:
+    """Return a picture, (H, W, C), that is black and transparent outside of an area; see `pixels_of`."""
+    height, width = pixels.shape[:2]
+    x0, y0, x1, y1 = pixels_of(area, width, height)
+    result = np.zeros_like(pixels)
+    result[y0:y1, x0:x1] = pixels[y0:y1, x0:x1]
+    return result
+
+
 def pixels_of(
     crop: Sequence[float] | None, width: int, height: int, *, overscan: bool = False
 ) -> tuple[int, int, int, int]:

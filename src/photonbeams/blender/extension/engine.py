@@ -14,7 +14,7 @@ import numpy as np
 from .bundle import NoRendererError, NotYetError
 from .drawing import Drawing, upwards
 from .process import POOL, Renderer
-from .reading.cameras import viewport_prim
+from .reading.cameras import viewport_area, viewport_prim
 from .reading.kept import Kept
 from .reading.motion import Shutter, is_blurred, shutter_of, with_samples
 from .reading.scene import CAMERA, SceneReader
@@ -187,9 +187,12 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
         assert self._viewport is not None
         scene, region = depsgraph.scene, context.region
         coarse = _coarseness(scene.render.preview_pixel_size)
-        size = {"width": max(1, region.width // coarse), "height": max(1, region.height // coarse)}
-        camera = viewport_prim(context.region_data, context.space_data, depsgraph, CAMERA)
-        self._viewport.show(depsgraph, chosen_python(), camera, {**size, **scene.photonbeams.viewed()})
+        seen = context.region_data, context.space_data
+        view = {
+            "width": max(1, region.width // coarse), "height": max(1, region.height // coarse),
+            "area": viewport_area(*seen, scene), **scene.photonbeams.viewed(),
+        }  # fmt: skip
+        self._viewport.show(depsgraph, chosen_python(), viewport_prim(*seen, depsgraph, CAMERA), view)
         for text in self._viewport.warnings():
             self.report({"WARNING"}, text)
         self.update_stats("", self._viewport.text)

@@ -44,6 +44,26 @@ def viewport_prim(region: Any, space: Any, depsgraph: Any, path: str) -> dict[st
     return {"path": path, "type": "Camera", "matrix": pose.T, "values": values}
 
 
+def viewport_area(region: Any, space: Any, scene: Any) -> list[float] | None:
+    """Return the border of a viewport: x0, y0, x1, y1 in fractions from the top left; None: all of it is rendered.
+
+    Through a camera that is the scene's own, which is in fractions of the camera's frame; else the viewport's.
+    """
+    corners, border = np.array([[-1.0, -1.0], [1.0, 1.0]]), space
+    through = region.view_perspective == "CAMERA" and space.camera is not None and space.camera.type == "CAMERA"
+    if through:
+        frame = np.array([[*corner, 1.0] for corner in space.camera.data.view_frame(scene=scene)])
+        clip = frame @ np.array(region.window_matrix).T
+        places = clip[:, :2] / clip[:, 3:]
+        corners, border = np.array([places.min(axis=0), places.max(axis=0)]), scene.render
+    if not (border.use_border if through else border.use_render_border):
+        return None
+    names = ("border" if through else "render_border") + "_{}_{}"
+    ends = [[getattr(border, names.format(end, axis)) for axis in "xy"] for end in ("min", "max")]
+    (left, bottom), (right, top) = np.clip(corners[0] + ends * (corners[1] - corners[0]), -1, 1) * 0.5 + 0.5
+    return [float(left), float(1 - top), float(right), float(1 - bottom)] if right > left and top > bottom else None
+
+
 def _projected(matrix: Any, lens: float, clip: tuple[float, float]) -> dict[str, Any]:
     """Return the attributes of a camera with a projection matrix (4, 4), for a focal length in millimetres."""
     orthographic = matrix[3, 3] == 1
