@@ -234,7 +234,102 @@ def fog(folder):
     tell(types={path: each["type"] for path, each in found.items()}, file=file, ball=ball, box=box, said=said)
 
 
+def image(name, values):
+    """Return an image (H, W, 3) of numbers that are no colours."""
+    height, width = values.shape[:2]
+    made = bpy.data.images.new(name, width, height, float_buffer=True, is_data=True)
+    made.pixels.foreach_set(np.concatenate([values, np.ones((height, width, 1))], axis=-1).astype(np.float32).ravel())
+    made.pack()
+    return made
+
+
+def bumps(folder):
+    """Print the light of the four quarters of planes that are bumped, here and by Cycles."""
+    scene = empty()
+    across = np.abs(2 * (np.arange(64) + 0.5) / 64 - 1)  # a ridge along v
+    heights, ridge = np.broadcast_to(across[None, :, None], (64, 64, 3)), np.sign(np.linspace(-1, 1, 64))
+    tilted = np.broadcast_to(
+        np.stack([0.5 + 0.2 * ridge, 0.5 + 0 * ridge, 0 * ridge + 0.5 + 0.21**0.5], -1), (64, 64, 3)
+    )
+    images = {"Along": image("Along", heights), "Across": image("Across", heights.swapaxes(0, 1)),
+              "Normals": image("Normals", tilted)}  # fmt: skip
+
+    def texture(tree, name):
+        made = tree.nodes.new("ShaderNodeTexImage")
+        made.image = images[name]
+        return made.outputs["Color"]
+
+    def bump(tree, name, **inputs):
+        return add(tree, "Bump", Height=texture(tree, name), **{"Strength": 1.0, **inputs})
+
+    def inverted(tree):
+        node = bump(tree, "Along", Distance=0.3, Strength=0.4)
+        node.invert = True
+        return node
+
+    def on_another_layer(tree):
+        layer = tree.nodes.new("ShaderNodeUVMap")
+        layer.uv_map = "Turned"
+        node = bump(tree, "Along", Distance=0.3)
+        tree.links.new(layer.outputs[0], node.inputs["Height"].links[0].from_node.inputs["Vector"])
+        return node
+
+    cases = {
+        "bump": lambda tree: bump(tree, "Along", Distance=0.3),
+        "weak": inverted,
+        "chained": lambda tree: bump(tree, "Across", Distance=0.2,
+                                     Normal=bump(tree, "Along", Distance=0.3).outputs[0]),
+        "normals": lambda tree: add(tree, "NormalMap", Color=texture(tree, "Normals"), Strength=0.5),
+        "displaced": lambda tree: add(tree, "Displacement", Height=texture(tree, "Along"), Scale=0.3),
+        "layer": on_another_layer,
+    }  # fmt: skip
+    for k, (name, make) in enumerate(cases.items()):
+        bpy.ops.mesh.primitive_plane_add(size=1, location=(2 * k, 0, 0))
+        plane, (tree, _) = bpy.context.object, principled(name)
+        plane.scale = (2, 2, 2)
+        plane.data.materials.append(bpy.data.materials[name])
+        turned = plane.data.uv_layers.new(name="Turned")
+        for place, each in enumerate(plane.data.uv_layers[0].uv):
+            turned.uv[place].vector = each.vector.yx
+        output, matt = tree.nodes["Material Output"], add(tree, "BsdfDiffuse", Color=(0.5, 0.5, 0.5, 1))
+        tree.links.new(matt.outputs[0], output.inputs["Surface"])
+        made = make(tree)
+        tree.links.new(made.outputs[0], output.inputs["Displacement"] if name == "displaced" else matt.inputs["Normal"])
+    sun = bpy.data.lights.new("Sun", "SUN")
+    sun.energy, sun.angle = 3.0, 0.0
+    lamp = bpy.data.objects.new("Sun", sun)
+    lamp.rotation_euler = (0.3, 0.7, 0)
+    scene.collection.objects.link(lamp)
+    camera = bpy.data.cameras.new("Camera")
+    camera.type, camera.ortho_scale = "ORTHO", 2 * len(cases)
+    scene.camera = bpy.data.objects.new("Camera", camera)
+    scene.camera.location = (len(cases) - 1, 0, 3)
+    scene.collection.objects.link(scene.camera)
+    for name, picture in both(folder, 16 * len(cases), 16).items():
+        quarters = picture.reshape(2, 8, len(cases), 2, 8, 3)[:, 2:6, :, :, 2:6].mean(axis=(1, 4, 5))
+        tell(engine=name, quarters=dict(zip(cases, quarters.transpose(1, 0, 2).tolist(), strict=True)))
+    tell(said=read(folder)[1])
+
+
+def both(folder, width, height, **settings):
+    """Return the scene's picture (H, W, 3) here and by Cycles, whose paths do not go on."""
+    scene = bpy.context.scene
+    scene.cycles.max_bounces = 0
+    found = {"Cycles": cycles(folder / "cycles.exr", width, height)}
+    own = scene.photonbeams
+    scene.render.engine, own.denoise, own.bounces = "PHOTONBEAMS", False, 0
+    own.passes, own.beams = 32, 256
+    for name, value in settings.items():
+        setattr(own, name, value)
+    scene.render.filepath = str(folder / "own.exr")
+    bpy.ops.render.render(write_still=True)
+    picture = bpy.data.images.load(scene.render.filepath)
+    found["own"] = np.array(picture.pixels[:]).reshape(height, width, -1)[::-1, :, :3]
+    bpy.data.images.remove(picture)
+    return found
+
+
 if __name__ == "__main__":
     extension.register()
-    {each.__name__: each for each in (values, noise, skies, glow, fog)}[sys.argv[1]](Path(sys.argv[2]))
+    {each.__name__: each for each in (values, noise, skies, glow, fog, bumps)}[sys.argv[1]](Path(sys.argv[2]))
     extension.unregister()

@@ -64,3 +64,16 @@ def test_fog_in_objects_is_even_or_a_grid(tmp_path):
     grid = np.frombuffer(content, "<f4", offset=48).reshape(64, 64, 64)
     np.testing.assert_allclose(grid, np.broadcast_to((np.arange(64)[:, None, None] + 0.5) / 64, grid.shape), atol=1e-6)
     np.testing.assert_array_equal(np.frombuffer(content, "<f4", 6, 24), [-1, -1, -1, 1, 1, 1])
+
+
+def test_bumps_and_normal_maps_have_the_slopes_of_cycles(tmp_path):
+    """On matt planes in sunlight; both engines soften the ridge of an image, over which the quarters do not reach."""
+    cycles, own, last = blender("bumps", tmp_path)
+    assert last["said"] == []
+    for name, expected in cycles["quarters"].items():
+        expected, found = np.array(expected), np.array(own["quarters"][name])
+        assert np.ptp(expected) > 0.1 * expected.max(), name
+        # Chained bumps are added here; in Cycles the second one is steeper by the length of the first one's normal.
+        np.testing.assert_allclose(found, expected, rtol=0.03 if name == "chained" else 0.01, err_msg=name)
+    turned = np.array(own["quarters"]["layer"])
+    assert np.ptp(turned.mean(axis=1)) > 0.05 > 10 * np.ptp(turned.mean(axis=0))

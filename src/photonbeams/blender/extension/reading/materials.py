@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from functools import partial
-from math import degrees
 from typing import Any
 
 import numpy as np
 
+from .bumps import Tilt, displacement_of, tilt_of, tilt_prims, with_bump
 from .images import Images
 from .meshes import varname
 from .nodes import Attribute, Texture, Told, output_of, source_of, value_of
-from .shading.mixing import Surface, between
+from .shading.mixing import TILT, Surface, between
+from .textures import shader_prim, texture_prims
 
 _SHADER = "ND_open_pbr_surface_surfaceshader"
 _KINDS = {
     "base_weight": "float", "base_color": "color3f", "base_metalness": "float", "specular_weight": "float",
     "specular_roughness": "float", "specular_ior": "float", "transmission_weight": "float",
     "transmission_color": "color3f", "coat_weight": "float", "coat_roughness": "float", "emission_luminance": "float",
-    "emission_color": "color3f", "geometry_opacity": "float",
+    "emission_color": "color3f", "geometry_opacity": "float", TILT: "vector3f",
 }  # fmt: skip
 
 # The inputs of the Principled BSDF by those of OpenPBR.
@@ -30,7 +31,7 @@ _PRINCIPLED = {
 # Inputs that are not rendered, and their values that make no difference.
 _IGNORED = {
     "Subsurface Weight": 0.0, "Specular IOR Level": 0.5, "Anisotropic": 0.0, "Sheen Weight": 0.0,
-    "Thin Film Thickness": 0.0, "Normal": None, "Coat Normal": None,
+    "Thin Film Thickness": 0.0, "Coat Normal": None,
 }  # fmt: skip
 _GREY = (0.8, 0.8, 0.8)
 _BLACK = (0.0, 0.0, 0.0)
@@ -46,27 +47,28 @@ def has_surface(material: Any) -> bool:
     )
 
 
-def material_prims(material: Any, path: str, images: Images, told: Told) -> list[dict[str, Any]]:
-    """Return the prims of a material: itself, its shader and its textures."""
+def material_prims(material: Any, path: str, scale: float, images: Images, told: Told) -> list[dict[str, Any]]:
+    """Return the prims of a material: itself, its shader and its textures; `scale` is that of its displacement."""
 
     def tell(text: str) -> None:
         told(f"Material {material.name}: {text}")
 
-    surface, prims = surface_of(material, tell), list[dict[str, Any]]()
+    surface, prims = surface_of(material, scale, tell), list[dict[str, Any]]()
     values: dict[str, Any] = {"info:id": ["token", _SHADER]}
     sources: dict[str, Any] = {}
     for name, value in surface.items():
         kind = _KINDS[name]
-        if isinstance(value, Texture):
-            own, output = _texture_prims(value, kind, f"{path}/{name}", images, tell)
+        if isinstance(value, Texture | Tilt):
+            own, output = (
+                tilt_prims(value, f"{path}/{name}", images, tell)
+                if isinstance(value, Tilt)
+                else texture_prims(value, kind, f"{path}/{name}", images, tell)
+            )
             prims += own
             sources[f"inputs:{name}"] = [kind, output]
         elif isinstance(value, Attribute):
-            reader = {
-                "info:id": ["token", "UsdPrimvarReader_float3"],
-                "inputs:varname": ["string", varname(value.name)],
-            }
-            prims.append({"path": f"{path}/{name}", "type": "Shader", "values": reader})
+            primvar = {"varname": ["string", varname(value.name)]}
+            prims.append(shader_prim(f"{path}/{name}", "UsdPrimvarReader_float3", ("float3", "result"), primvar))
             sources[f"inputs:{name}"] = [kind, f"{path}/{name}.outputs:result"]
         elif kind == "float":
             values[f"inputs:{name}"] = [kind, value if isinstance(value, float) else sum(value[:3]) / 3]
@@ -88,75 +90,30 @@ def emitted_by(prims: list[dict[str, Any]]) -> Any:
     return factor * np.array(tint)
 
 
-def _texture_prims(
-    texture: Texture, kind: str, path: str, images: Images, told: Told
-) -> tuple[list[dict[str, Any]], str]:  # fmt: skip
-    """Return the prims of a texture, and the path of the output that has its value."""
-    node, colored = texture.node, kind == "color3f"
-    repeat = {"REPEAT": "repeat", "EXTEND": "clamp", "CLIP": "black", "MIRROR": "mirror"}[node.extension]
-    if node.projection != "FLAT":
-        told(f"{node.name} is projected as {node.projection.lower()}, which is not rendered: the UVs are used")
-    values = {
-        "info:id": ["token", "UsdUVTexture"], "inputs:file": ["asset", images.file_of(node.image)],
-        "inputs:wrapS": ["token", repeat], "inputs:wrapT": ["token", repeat],
-        "inputs:sourceColorSpace": ["token", _space_of(node.image, told)],
-    }  # fmt: skip
-    reader = {"info:id": ["token", "UsdPrimvarReader_float2"], "inputs:varname": ["string", "st"]}
-    prims = [{"path": f"{path}_st", "type": "Shader", "values": reader}]
-    place = f"{path}_st.outputs:result"
-    if (moved := _placement(node, told)) is not None:
-        source = {"inputs:in": ["float2", place]}
-        prims.append({"path": f"{path}_placed", "type": "Shader", "values": moved, "sources": source})
-        place = f"{path}_placed.outputs:result"
-    prims.append({"path": path, "type": "Shader", "values": values, "sources": {"inputs:st": ["float2", place]}})
-    return prims, f"{path}.outputs:{'rgb' if colored else 'a' if texture.alpha else 'r'}"
-
-
-def _space_of(image: Any, told: Told) -> str:
-    """Return the colour space of an image's values."""
-    name = image.colorspace_settings.name
-    if image.colorspace_settings.is_data or name.startswith("Linear Rec.709"):
-        return "raw"
-    if name != "sRGB":
-        told(f"{image.name} is in {name}: it is read as sRGB")
-    return "sRGB"
-
-
-def _placement(node: Any, told: Told) -> dict[str, Any] | None:
-    """Return the values of a UsdTransform2d that moves UVs as a Mapping node does; None: they are not moved."""
-    source = source_of(node.inputs["Vector"])
-    if source is None:
-        return None
-    found, moved = source, None
-    if source.node.type == "MAPPING":
-        found = source_of(source.node.inputs["Vector"])
-        inputs = [source.node.inputs[name] for name in ("Location", "Rotation", "Scale") if name in source.node.inputs]
-        if source.node.vector_type == "POINT" and not any(each.is_linked for each in inputs):
-            location, rotation, scale = (tuple(each.default_value) for each in inputs)
-            moved = {
-                "info:id": ["token", "UsdTransform2d"],
-                "inputs:scale": ["float2", list(scale[:2])],
-                "inputs:rotation": ["float", degrees(rotation[2])],
-                "inputs:translation": ["float2", list(location[:2])],
-            }
-        else:
-            told(f"{source.node.name} is not rendered: the UVs are used as they are")
-    if found is not None and not (found.node.type == "TEX_COORD" and found.name == "UV"):
-        told(f"the coordinates of {node.name} are not rendered: the active UVs are used")
-    return moved
-
-
-def surface_of(material: Any, told: Told) -> Surface:
+def surface_of(material: Any, scale: float, told: Told) -> Surface:
     """Return the surface of a material; grey for one without nodes."""
     if material.node_tree is None:
         return {"base_color": tuple(material.diffuse_color[:3]), "specular_roughness": float(material.roughness)}
     output = output_of(material.node_tree, "OUTPUT_MATERIAL")
     source = None if output is None else source_of(output.inputs["Surface"])
-    return {"base_color": _BLACK, "specular_weight": 0.0} if source is None else _shaded(source.node, told)
+    if source is None:
+        return {"base_color": _BLACK, "specular_weight": 0.0}
+    surface = _shaded(source.node, told)
+    return _tilted(surface, with_bump(surface.get(TILT), displacement_of(material, scale, told), told))
+
+
+def _tilted(surface: Surface, tilt: Tilt | None) -> Surface:
+    """Return a surface whose normals are tilted."""
+    return surface if tilt is None else {**surface, TILT: tilt}
 
 
 def _shaded(node: Any, told: Told) -> Surface:
-    """Return the surface that a shader node makes."""
+    """Return the surface that a shader node makes, and what tilts its normals."""
+    return _tilted(_reflecting(node, told), tilt_of(node, told))
+
+
+def _reflecting(node: Any, told: Told) -> Surface:
+    """Return the surface that a shader node makes, with normals that are not tilted."""
 
     def value(name: str) -> Any:
         return value_of(node, name, told)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .beams import BeamReader, is_cycles_portal, portals_of
+from .bumps import scale_of_heights
 from .cameras import camera_prim
 from .fogs import fog_prims
 from .glow import GlowingMeshes, areas
@@ -51,7 +52,7 @@ class SceneReader:
         # Names of objects that are portals of lamps, or curves that are beams, and the paths of Cycles' portals.
         self._no_surfaces, self._sky_portals = portals_of(depsgraph), list[str]()
         self._places: dict[Any, str] = {}  # the paths of what may move
-        self._materials: dict[str, str] = {}
+        self._materials: dict[tuple[str, float], str] = {}
         self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
         self._glowing, self._emitted = GlowingMeshes(told), dict[str, Any]()
@@ -249,15 +250,16 @@ class SceneReader:
         self, prim: dict[str, Any], materials: dict[int, Any], faces: dict[int, Any]
     ) -> list[dict[str, Any]]:  # fmt: skip
         """Return the prim of a mesh with its material, or with a part of its faces for each of several."""
-        bound = {**prim, "apis": ["MaterialBindingAPI"]}
+        bound, matrix = {**prim, "apis": ["MaterialBindingAPI"]}, prim["matrix"]
         if len(materials) == 1:
-            return [{**bound, "targets": {"material:binding": [self._material(*materials.values())]}}]
+            (only,) = materials.values()
+            return [{**bound, "targets": {"material:binding": [self._material(only, matrix)]}}]
         parts = [
             {
                 "path": f"{prim['path']}/Part{slot}", "type": "GeomSubset", "apis": ["MaterialBindingAPI"],
                 "values": {"elementType": ["token", "face"], "familyName": ["token", "materialBind"],
                            "indices": ["int[]", faces[slot]]},
-                "targets": {"material:binding": [self._material(material)]},
+                "targets": {"material:binding": [self._material(material, matrix)]},
             }
             for slot, material in materials.items()
         ]  # fmt: skip
@@ -276,11 +278,12 @@ class SceneReader:
             thing.to_mesh_clear()
         return meshes[key]
 
-    def _material(self, material: Any) -> str:
-        """Return the path of a material, whose prims are added once."""
+    def _material(self, material: Any, matrix: Any) -> str:
+        """Return the path of a material on an object, whose prims are added once, if its scale makes no difference."""
         name = _name_of(material)
-        if name not in self._materials:
-            self._materials[name] = path = self._path("/Materials", name or "Default")
+        key = name, scale_of_heights(material, matrix)
+        if key not in self._materials:
+            self._materials[key] = path = self._path("/Materials", name or "Default")
             self._emitted[name] = np.zeros(3)
             if material is None:
                 shader = {"info:id": ["token", "UsdPreviewSurface"], "inputs:diffuseColor": ["color3f", [0.8] * 3],
@@ -289,11 +292,11 @@ class SceneReader:
                 self._prims.append({"path": path, "type": "Material", "sources": out})
                 self._prims.append({"path": f"{path}/Shader", "type": "Shader", "values": shader})
             else:
-                make = partial(material_prims, material, path, self._images, self._told)
-                prims = self._kept.once((name, path), make)
+                make = partial(material_prims, material, path, key[1], self._images, self._told)
+                prims = self._kept.once((*key, path), make)
                 self._prims += prims
                 self._emitted[name] = emitted_by(prims)
-        return self._materials[name]
+        return self._materials[key]
 
     def _add_world(self, world: Any) -> None:
         medium = medium_of(world, self._told)

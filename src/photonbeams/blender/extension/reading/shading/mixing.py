@@ -7,8 +7,9 @@ from typing import Any
 
 from ..nodes import Value
 
-#: Values of OpenPBR's inputs.
-Surface = dict[str, Value]
+#: Values of OpenPBR's inputs; that of its normals is a `Tilt`.
+Surface = dict[str, Any]
+TILT = "geometry_normal"
 
 _BLACK = (0.0, 0.0, 0.0)
 # What inputs are where nothing is said.
@@ -37,12 +38,17 @@ def between(first: Surface, second: Surface, factor: float, told: Callable[[], N
     mirrors = [part * _mirrored(each) for part, each in zip(parts, whole, strict=True)]
     weights |= {"specular_roughness": mirrors, "specular_ior": mirrors}
     found: Surface = {}
-    for name in sorted((first.keys() | second.keys()) - set(_EMISSION)):
+    for name in sorted((first.keys() | second.keys()) - {*_EMISSION, TILT}):
         found[name] = _mean(whole[0][name], whole[1][name], weights.get(name, list(parts)), told)
     if _EMISSION[0] in first or _EMISSION[0] in second:
         found |= _emitted(whole, parts, told, 2.0 if add else 1.0)
+    tilts = [each[TILT] for each in (first, second) if TILT in each]
+    if tilts:
+        found[TILT] = tilts[0]
+        if tilts[-1] != tilts[0]:
+            told()
     if add:
-        found["base_color"] = _scaled(found.get("base_color", _PLAIN["base_color"]), 2.0)
+        found["base_color"] = _scaled({**_PLAIN, **found}["base_color"], 2.0)
     return found
 
 
