@@ -62,17 +62,18 @@ def read(folder):
 
 
 def cycles(path, width, height):
-    """Render the scene with Cycles; return its pixels (H, W, 3) from the top row down."""
+    """Render the scene with Cycles; return its pixels (H, W, 4) from the top row down."""
     scene = bpy.context.scene
     scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 16, False
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BLACKMAN_HARRIS", 0.01
     scene.render.resolution_x, scene.render.resolution_y = width, height
     settings = scene.render.image_settings
     settings.media_type, settings.file_format, settings.color_depth = "IMAGE", "OPEN_EXR", "32"
+    settings.color_mode = "RGBA"
     scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True)
     image = bpy.data.images.load(str(path))
-    pixels = np.array(image.pixels[:]).reshape(height, width, -1)[::-1, :, :3]
+    pixels = np.array(image.pixels[:]).reshape(height, width, -1)[::-1]
     bpy.data.images.remove(image)
     return pixels
 
@@ -180,7 +181,7 @@ def skies(folder):
         said = []
         own = SkyReader(said.append).radiance(source)
         own = own.reshape(height, own.shape[0] // height, 2 * height, -1, 3).mean(axis=(1, 3))
-        shown = cycles(folder / "sky.exr", 2 * height, height)
+        shown = cycles(folder / "sky.exr", 2 * height, height)[..., :3]
         sky.sun_disc = True
         reader = SkyReader(said.append)
         reader.radiance(source)
@@ -207,7 +208,7 @@ def glow(folder):
     meshes = {each["path"]: each for each in prims if each["type"] == "Mesh"}
     lamps = [path for path, each in meshes.items() if each["values"].get("photonbeams:enabled", [0, 0])[1]]
     unseen = meshes["/Objects/Cube9"]
-    tell(lamps=lamps, unseen=unseen["values"]["inputs:color"][1], apis=unseen["apis"], said=said)
+    tell(lamps=lamps, unseen=not unseen["values"]["visibleInPrimaryRay"][1], apis=unseen["apis"], said=said)
 
 
 def fog(folder):
@@ -306,13 +307,53 @@ def bumps(folder):
     scene.camera.location = (len(cases) - 1, 0, 3)
     scene.collection.objects.link(scene.camera)
     for name, picture in both(folder, 16 * len(cases), 16).items():
-        quarters = picture.reshape(2, 8, len(cases), 2, 8, 3)[:, 2:6, :, :, 2:6].mean(axis=(1, 4, 5))
+        quarters = picture[..., :3].reshape(2, 8, len(cases), 2, 8, 3)[:, 2:6, :, :, 2:6].mean(axis=(1, 4, 5))
         tell(engine=name, quarters=dict(zip(cases, quarters.transpose(1, 0, 2).tolist(), strict=True)))
     tell(said=read(folder)[1])
 
 
+def rays(folder):
+    """Print the light of a floor and two things that some rays do not meet, here and by Cycles."""
+    scene = empty()
+    scene.world = None
+    for name, place, size in (("Floor", (0, 0, 0), 12), ("Left", (-1.2, 0, 0.6), 1.2), ("Right", (1.2, 0, 0.6), 1.2)):
+        add_mesh = bpy.ops.mesh.primitive_plane_add if name == "Floor" else bpy.ops.mesh.primitive_cube_add
+        add_mesh(size=size, location=place)
+        bpy.context.object.name = name
+        tree, _ = principled(name)
+        matt = add(tree, "BsdfDiffuse", Color=(0.5, 0.5, 0.5, 1))
+        tree.links.new(matt.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+        bpy.context.object.data.materials.append(bpy.data.materials[name])
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
+    lamp.data.energy, lamp.data.shadow_soft_size, lamp.location = 300.0, 0.1, (-0.4, -2, 3)
+    camera = bpy.data.cameras.new("Camera")
+    scene.camera = bpy.data.objects.new("Camera", camera)
+    scene.camera.location, scene.camera.rotation_euler = (0, -6, 4), (math.radians(55), 0, 0)
+    for each in (lamp, scene.camera):
+        scene.collection.objects.link(each)
+    left, right = bpy.data.objects["Left"], bpy.data.objects["Right"]
+    inner = bpy.data.collections.new("Inner")
+    scene.collection.children.link(inner)
+    inner.objects.link(right)
+    scene.collection.objects.unlink(right)
+    indirect = scene.view_layers[0].layer_collection.children["Inner"]
+    scene.render.film_transparent = True
+    cases = {
+        "plain": (), "camera": ((left, "visible_camera", False),), "shadow": ((left, "visible_shadow", False),),
+        "holdout": ((left, "is_holdout", True),), "indirect": ((indirect, "indirect_only", True),),
+    }  # fmt: skip
+    for name, settings in cases.items():
+        for thing, key, value in settings:
+            setattr(thing, key, value)
+        for engine, picture in both(folder, 48, 28).items():
+            blocks = picture.reshape(4, 7, 6, 8, 4).mean(axis=(1, 3))
+            tell(case=name, engine=engine, blocks=blocks.tolist())
+        for thing, key, value in settings:
+            setattr(thing, key, not value)
+
+
 def both(folder, width, height, **settings):
-    """Return the scene's picture (H, W, 3) here and by Cycles, whose paths do not go on."""
+    """Return the scene's picture (H, W, 4) here and by Cycles, whose paths do not go on."""
     scene = bpy.context.scene
     scene.cycles.max_bounces = 0
     found = {"Cycles": cycles(folder / "cycles.exr", width, height)}
@@ -324,12 +365,12 @@ def both(folder, width, height, **settings):
     scene.render.filepath = str(folder / "own.exr")
     bpy.ops.render.render(write_still=True)
     picture = bpy.data.images.load(scene.render.filepath)
-    found["own"] = np.array(picture.pixels[:]).reshape(height, width, -1)[::-1, :, :3]
+    found["own"] = np.array(picture.pixels[:]).reshape(height, width, -1)[::-1]
     bpy.data.images.remove(picture)
     return found
 
 
 if __name__ == "__main__":
     extension.register()
-    {each.__name__: each for each in (values, noise, skies, glow, fog, bumps)}[sys.argv[1]](Path(sys.argv[2]))
+    {each.__name__: each for each in (values, noise, skies, glow, fog, bumps, rays)}[sys.argv[1]](Path(sys.argv[2]))
     extension.unregister()
