@@ -15,6 +15,7 @@ import bpy  # noqa: E402
 import extension  # noqa: E402
 import numpy as np  # noqa: E402
 from extension.reading.kept import Kept  # noqa: E402
+from extension.reading.materials import surface_of  # noqa: E402
 from extension.reading.nodes import value_of  # noqa: E402
 from extension.reading.scene import SceneReader  # noqa: E402
 from extension.reading.shading.evaluation import Points, evaluated  # noqa: E402
@@ -118,6 +119,11 @@ def values(folder):
         socket = shader.inputs["Base Color" if output.type == "RGBA" else "Roughness"]
         tree.links.new(output, socket)
         found[name] = value_of(shader, socket.name, said.append)
+    for name, level in (("weak", 0.25), ("strong", 1.0)):
+        shader = principled(name)[1]
+        shader.inputs["Specular IOR Level"].default_value = level
+        shader.inputs["Specular Tint"].default_value = (1, 0.5, 0, 1)
+        found[name] = surface_of(bpy.data.materials[name], 1.0, said.append)
     tell(values=found, said=said)
 
 
@@ -352,6 +358,36 @@ def rays(folder):
             setattr(thing, key, not value)
 
 
+def glowing_fog(folder):
+    """Print the light of glowing fog in a cube with a clear surface, or everywhere, here and by Cycles."""
+    scene = empty()
+    bpy.ops.mesh.primitive_cube_add(size=2)
+    tree, _ = principled()
+    bpy.context.object.data.materials.append(bpy.data.materials["Made"])
+    fog = add(tree, "VolumePrincipled", Density=0.5, Color=(0, 0, 0, 1))
+    fog.inputs["Emission Strength"].default_value, fog.inputs["Emission Color"].default_value = 0.3, (1, 0.5, 0.25, 1)
+    output = tree.nodes["Material Output"]
+    tree.links.new(fog.outputs[0], output.inputs["Volume"])
+    tree.links.new(add(tree, "BsdfTransparent").outputs[0], output.inputs["Surface"])
+    world = scene.world.node_tree
+    shine, stop = add(world, "Emission", Strength=0.2), add(world, "VolumeAbsorption", Density=0.25, Color=(0, 0, 0, 1))
+    both_of = add(world, "AddShader", _0=shine.outputs[0], _1=stop.outputs[0])
+    camera = bpy.data.cameras.new("Camera")
+    camera.type, camera.ortho_scale = "ORTHO", 1.0
+    scene.camera = bpy.data.objects.new("Camera", camera)
+    scene.camera.location = (0, 0, 3)
+    scene.collection.objects.link(scene.camera)
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
+    lamp.data.energy, lamp.location = 1e-6, (9, 9, 9)
+    scene.collection.objects.link(lamp)
+    for place in ("cube", "world"):
+        for engine, picture in both(folder, 8, 8).items():
+            light = picture[..., :3].mean(axis=(0, 1)).tolist()
+            tell(place=place, engine=engine, light=light, said=read(folder)[1])
+        world.links.new(both_of.outputs[0], world.nodes["World Output"].inputs["Volume"])
+        bpy.data.objects["Cube"].hide_render = True
+
+
 def both(folder, width, height, **settings):
     """Return the scene's picture (H, W, 4) here and by Cycles, whose paths do not go on."""
     scene = bpy.context.scene
@@ -372,5 +408,6 @@ def both(folder, width, height, **settings):
 
 if __name__ == "__main__":
     extension.register()
-    {each.__name__: each for each in (values, noise, skies, glow, fog, bumps, rays)}[sys.argv[1]](Path(sys.argv[2]))
+    cases = (values, noise, skies, glow, fog, bumps, rays, glowing_fog)
+    {each.__name__: each for each in cases}[sys.argv[1]](Path(sys.argv[2]))
     extension.unregister()

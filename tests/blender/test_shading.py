@@ -28,6 +28,10 @@ def test_nodes_have_their_values_and_the_mean_where_they_vary(tmp_path):
     assert values["gamma"] == pytest.approx([0.25, 0.0625, 1.0])
     assert values["linear"] == pytest.approx(0.5, abs=3 / np.sqrt(12 * 4096))
     assert len(found["said"]) == 1 and "varies" in found["said"][0]
+    # Blender's level is half of the factor on the reflectance at normal incidence, 0.04.
+    weak, strong = values["weak"], values["strong"]
+    assert weak["specular_weight"] == 0.5 and weak["specular_color"][:3] == [1, 0.5, 0]
+    assert ((strong["specular_ior"] - 1) / (strong["specular_ior"] + 1)) ** 2 == pytest.approx(0.08)
 
 
 def test_noise_is_that_of_cycles(tmp_path):
@@ -91,3 +95,13 @@ def test_objects_are_hidden_from_rays_as_in_cycles(tmp_path):
         assert np.all(np.abs(own - expected) < 0.06 * most), name
         np.testing.assert_allclose(own.mean(axis=(0, 1)), expected.mean(axis=(0, 1)), rtol=0.01, err_msg=name)
         assert name == "plain" or np.any(np.abs(own - found["plain"]["own"]) > 0.1 * most), name
+
+
+def test_fog_glows_as_in_cycles(tmp_path):
+    """Even fog of the emission ε, the extinction σ and the thickness d has the radiance ε (1 − exp(−σ d)) / σ."""
+    found = {(each["place"], each["engine"]): each for each in blender("glowing_fog", tmp_path)}
+    expected = {"cube": np.array([0.3, 0.15, 0.075]) * (1 - np.exp(-0.5 * 2)) / 0.5, "world": np.full(3, 0.2 / 0.25)}
+    for place, light in expected.items():
+        np.testing.assert_allclose(found[place, "own"]["light"], light, rtol=1e-3)
+        np.testing.assert_allclose(found[place, "Cycles"]["light"], light, rtol=1e-3)
+    assert not any(each["said"] for each in found.values())

@@ -17,7 +17,7 @@ from .textures import shader_prim, texture_prims
 _SHADER = "ND_open_pbr_surface_surfaceshader"
 _KINDS = {
     "base_weight": "float", "base_color": "color3f", "base_metalness": "float", "specular_weight": "float",
-    "specular_roughness": "float", "specular_ior": "float", "transmission_weight": "float",
+    "specular_color": "color3f", "specular_roughness": "float", "specular_ior": "float", "transmission_weight": "float",
     "transmission_color": "color3f", "coat_weight": "float", "coat_roughness": "float", "emission_luminance": "float",
     "emission_color": "color3f", "geometry_opacity": "float", TILT: "vector3f",
 }  # fmt: skip
@@ -30,7 +30,7 @@ _PRINCIPLED = {
 }  # fmt: skip
 # Inputs that are not rendered, and their values that make no difference.
 _IGNORED = {
-    "Subsurface Weight": 0.0, "Specular IOR Level": 0.5, "Anisotropic": 0.0, "Sheen Weight": 0.0,
+    "Subsurface Weight": 0.0, "Anisotropic": 0.0, "Sheen Weight": 0.0,
     "Thin Film Thickness": 0.0, "Coat Normal": None,
 }  # fmt: skip
 _GREY = (0.8, 0.8, 0.8)
@@ -42,9 +42,16 @@ def has_surface(material: Any) -> bool:
     if material is None or material.node_tree is None:
         return True
     output = output_of(material.node_tree, "OUTPUT_MATERIAL")
-    return output is not None and (
-        source_of(output.inputs["Surface"]) is not None or source_of(output.inputs["Volume"]) is None
-    )
+    if output is None or source_of(output.inputs["Volume"]) is None:
+        return output is not None
+    source = source_of(output.inputs["Surface"])
+    return source is not None and not _is_clear(source.node)
+
+
+def _is_clear(node: Any) -> bool:
+    """Return whether light passes a shader node unchanged."""
+    color = node.inputs["Color"] if node.type == "BSDF_TRANSPARENT" else None
+    return color is not None and not color.is_linked and min(color.default_value[:3]) > 1 - 1e-6
 
 
 def material_prims(material: Any, path: str, scale: float, images: Images, told: Told) -> list[dict[str, Any]]:
@@ -78,6 +85,15 @@ def material_prims(material: Any, path: str, scale: float, images: Images, told:
     shader = {"path": f"{path}/Shader", "type": "Shader", "values": values, "sources": sources}
     out = {"outputs:surface": ["token", f"{path}/Shader.outputs:out"]}
     return [{"path": path, "type": "Material", "sources": out}, shader, *prims]
+
+
+def lets_through(prims: list[dict[str, Any]]) -> bool:
+    """Return whether light passes the surface of a material, by its prims."""
+    shader = next(each for each in prims if each["type"] == "Shader")
+    plain = {"inputs:transmission_weight": 0.0, "inputs:geometry_opacity": 1.0}
+    return any(
+        name in shader["sources"] or shader["values"].get(name, [None, each])[1] != each for name, each in plain.items()
+    )
 
 
 def emitted_by(prims: list[dict[str, Any]]) -> Any:
@@ -122,6 +138,7 @@ def _reflecting(node: Any, told: Told) -> Surface:
         case "BSDF_PRINCIPLED":
             found = {name: value(theirs) for name, theirs in _PRINCIPLED.items()}
             _tell_ignored(node, told)
+            found |= _specular(found, value("Specular IOR Level"), value("Specular Tint"), told)
             return {
                 **{name: each for name, each in found.items() if each is not None},
                 "transmission_color": found["base_color"],
@@ -148,6 +165,21 @@ def _reflecting(node: Any, told: Told) -> Surface:
             return _added(_linked(node.inputs[0], told), _linked(node.inputs[1], told), told)
     told(f"{node.name} is not rendered: the surface is grey")
     return {"base_color": _GREY}
+
+
+def _specular(found: Surface, level: Any, tint: Any, told: Told) -> Surface:
+    """Return the specular inputs of a Principled BSDF: the level scales the reflectance at normal incidence by 2."""
+    surface: Surface = {} if tint in (None, (1.0,) * 4) else {"specular_color": tint}
+    ior = found["specular_ior"]
+    if level in (None, 0.5):
+        return surface
+    if not (isinstance(level, float) and isinstance(ior, float)) or found["transmission_weight"] != 0.0:
+        told("Specular IOR Level is not rendered where it is an image, or where light passes through")
+        return surface
+    if level < 0.5:
+        return {**surface, "specular_weight": 2 * level}
+    root = min(2 * level * ((ior - 1) / (ior + 1)) ** 2, 0.99) ** 0.5
+    return {**surface, "specular_ior": (1 + root) / (1 - root)}
 
 
 def _tell_ignored(node: Any, told: Told) -> None:

@@ -17,7 +17,7 @@ from .fogs import fog_prims
 from .glow import GlowingMeshes, areas
 from .kept import Kept
 from .lights import light_prim, stretch_of, world_prims
-from .materials import emitted_by, has_surface, material_prims
+from .materials import emitted_by, has_surface, lets_through, material_prims
 from .media import APIS, has_volume, hides_sky, medium_of, volume_of
 from .meshes import faces_by_material, mesh_values, points_of
 from .motion import is_blurred
@@ -58,6 +58,7 @@ class SceneReader:
         self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
         self._glowing, self._emitted = GlowingMeshes(told), dict[str, Any]()
+        self._clear = set[str]()  # the names of materials that light passes
 
     def prims(self) -> list[dict[str, Any]]:
         """Return the prims of all but the camera."""
@@ -193,16 +194,25 @@ class SceneReader:
             "path": path, "type": "Mesh", "matrix": matrix.T, "values": {**values, **self._rays[key]},
         }  # fmt: skip
         if any(has_surface(each) for each in materials.values()):
-            if any(has_volume(each) for each in materials.values()):
-                self._told(f"{thing.name} has a surface: the volume inside it is not rendered")
             parts = self._bound(prim, materials, faces)
             self._prims += parts
+            names = {_name_of(each) for each in materials.values()}
+            if any(has_volume(each) for each in materials.values()) and names & self._clear:
+                self._told(f"{thing.name} has a surface: the volume inside it is not rendered")
             emitted = {slot: self._emitted[_name_of(material)] for slot, material in materials.items()}
-            if any(np.any(each > 0) for each in emitted.values()):
+            if not thing.visible_volume_scatter:
+                self._told(f"{thing.name} is hidden from fog: it makes no beams, but the light that it reflects does")
+            elif any(np.any(each > 0) for each in emitted.values()):
                 area = areas(values, faces, matrix)
                 self._glowing.add(parts[0], emitted, area)
         else:
+            self._tell_rays(thing, key)
             self._prims += fog_prims(prim, next(iter(materials.values())), self._kept, self._told)
+
+    def _tell_rays(self, thing: Any, key: Any) -> None:
+        """Say that some rays do not meet a volume, if so."""
+        if self._rays[key]:
+            self._told(f"{thing.name} is a volume that some rays do not meet, which is not rendered: all meet it")
 
     def _add_strands(self, strands: Strands, thing: Any, matrix: Any, key: Any) -> None:
         kept, own = self._kept.meshes, (_geometry_of(thing)[0], strands.number)
@@ -229,6 +239,7 @@ class SceneReader:
         if files is None:
             return
         if volume.density in files:
+            self._tell_rays(thing, key)
             self._places[key] = path = self._path("/Objects", thing.name)
             self._prims += volume_prims(path, matrix, volume, files, scale_of(thing, matrix))
         else:
@@ -284,6 +295,7 @@ class SceneReader:
                 prims = self._kept.once((*key, path), make)
                 self._prims += prims
                 self._emitted[name] = emitted_by(prims)
+                self._clear |= {name} if lets_through(prims) else set()
         return self._materials[key]
 
     def _add_world(self, world: Any) -> None:

@@ -15,8 +15,10 @@ def ray_values(thing: Any, owner: Any, layer: Any) -> dict[str, Any]:
     own, values = owner.original, seen_values(thing)
     if own.indirect_only_get(view_layer=layer):
         values["visibleInPrimaryRay"] = ["bool", False]
-    if thing.type != "LIGHT" and not thing.visible_shadow:
+    if thing.type == "LIGHT":
+        return values if thing.visible_volume_scatter else {**values, "photonbeams:enabled": ["bool", False]}
+    if not thing.visible_shadow:
         values["primvars:arnold:visibility:shadow"] = ["bool", False]
-    if thing.type != "LIGHT" and own.holdout_get(view_layer=layer):
+    if own.holdout_get(view_layer=layer):
         values["primvars:arnold:matte"] = ["bool", True]
     return values

@@ -15,6 +15,7 @@ _BLACK = (0.0, 0.0, 0.0)
 # What inputs are where nothing is said.
 _PLAIN: Surface = {
     "base_weight": 1.0, "base_color": (0.8, 0.8, 0.8), "base_metalness": 0.0, "specular_weight": 1.0,
+    "specular_color": (1.0, 1.0, 1.0),
     "specular_roughness": 0.3, "specular_ior": 1.5, "transmission_weight": 0.0, "transmission_color": (1.0, 1.0, 1.0),
     "coat_weight": 0.0, "coat_roughness": 0.0, "emission_luminance": 0.0, "emission_color": _BLACK,
     "geometry_opacity": 1.0,
