@@ -15,11 +15,11 @@ import bpy  # noqa: E402
 import extension  # noqa: E402
 import numpy as np  # noqa: E402
 from extension.reading.kept import Kept  # noqa: E402
-from extension.reading.materials import surface_of  # noqa: E402
 from extension.reading.nodes import value_of  # noqa: E402
 from extension.reading.scene import SceneReader  # noqa: E402
 from extension.reading.shading.evaluation import Points, evaluated  # noqa: E402
 from extension.reading.shading.links import source_of  # noqa: E402
+from extension.reading.shading.materials import surface_of  # noqa: E402
 from extension.reading.shading.skies import SkyReader  # noqa: E402
 
 
@@ -266,6 +266,9 @@ def bumps(folder):
         made.image = images[name]
         return made.outputs["Color"]
 
+    def matt(tree):
+        return tree.nodes["Diffuse BSDF"]
+
     def bump(tree, name, **inputs):
         return add(tree, "Bump", Height=texture(tree, name), **{"Strength": 1.0, **inputs})
 
@@ -281,6 +284,16 @@ def bumps(folder):
         tree.links.new(layer.outputs[0], node.inputs["Height"].links[0].from_node.inputs["Vector"])
         return node
 
+    def of_nodes(tree):
+        ramp = add(tree, "ValToRGB", _0=texture(tree, "Along"))
+        ramp.color_ramp.elements[0].color, ramp.color_ramp.elements[1].color = (1, 1, 1, 1), (0, 0, 0, 1)
+        both = tree.nodes.new("ShaderNodeMix")
+        both.data_type = "RGBA"
+        for socket, output in ((both.inputs[6], ramp.outputs[0]), (both.inputs[7], texture(tree, "Across"))):
+            tree.links.new(output, socket)
+        tree.links.new(add(tree, "Gamma", _0=both.outputs[2], _1=2.0).outputs[0], matt(tree).inputs["Color"])
+        return add(tree, "Bump", Height=ramp.outputs[0], Distance=0.3, Strength=1.0)
+
     cases = {
         "bump": lambda tree: bump(tree, "Along", Distance=0.3),
         "weak": inverted,
@@ -289,6 +302,7 @@ def bumps(folder):
         "normals": lambda tree: add(tree, "NormalMap", Color=texture(tree, "Normals"), Strength=0.5),
         "displaced": lambda tree: add(tree, "Displacement", Height=texture(tree, "Along"), Scale=0.3),
         "layer": on_another_layer,
+        "nodes": of_nodes,
     }  # fmt: skip
     for k, (name, make) in enumerate(cases.items()):
         bpy.ops.mesh.primitive_plane_add(size=1, location=(2 * k, 0, 0))
@@ -298,10 +312,10 @@ def bumps(folder):
         turned = plane.data.uv_layers.new(name="Turned")
         for place, each in enumerate(plane.data.uv_layers[0].uv):
             turned.uv[place].vector = each.vector.yx
-        output, matt = tree.nodes["Material Output"], add(tree, "BsdfDiffuse", Color=(0.5, 0.5, 0.5, 1))
-        tree.links.new(matt.outputs[0], output.inputs["Surface"])
-        made = make(tree)
-        tree.links.new(made.outputs[0], output.inputs["Displacement"] if name == "displaced" else matt.inputs["Normal"])
+        output = tree.nodes["Material Output"]
+        tree.links.new(add(tree, "BsdfDiffuse", Color=(0.5, 0.5, 0.5, 1)).outputs[0], output.inputs["Surface"])
+        made, into = make(tree), output.inputs["Displacement"] if name == "displaced" else matt(tree).inputs["Normal"]
+        tree.links.new(made.outputs[0], into)
     sun = bpy.data.lights.new("Sun", "SUN")
     sun.energy, sun.angle = 3.0, 0.0
     lamp = bpy.data.objects.new("Sun", sun)

@@ -15,9 +15,9 @@ import numpy as np
 from .reading.beams import BeamReader, is_cycles_portal, portals_of
 from .reading.images import Images
 from .reading.lights import nodes_of, softness_values
-from .reading.materials import has_surface
 from .reading.media import APIS, hides_sky, medium_of
 from .reading.names import free_path, group_name
+from .reading.shading.materials import has_surface
 from .reading.visibility import ray_values
 
 _OBJECT = "userProperties:blender:object_name"  # what Blender writes of an object into its prim

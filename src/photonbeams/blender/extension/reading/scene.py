@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from .beams import BeamReader, is_cycles_portal, portals_of
-from .bumps import scale_of_heights
 from .cameras import camera_prim
 from .fogs import fog_prims
 from .glow import GlowingMeshes, areas
 from .kept import Kept
 from .lights import light_prim, stretch_of, world_prims
-from .materials import emitted_by, has_surface, lets_through, material_prims
 from .media import APIS, has_volume, hides_sky, medium_of, volume_of
 from .meshes import faces_by_material, mesh_values, points_of
 from .motion import is_blurred
 from .names import free_path, group_name
+from .shading.bumps import scale_of_heights
+from .shading.materials import emitted_by, has_surface, lets_through, material_prims
 from .strands import Strands, strands_of
 from .visibility import ray_values
 from .volumes import scale_of, smoke_of, volume_prims

@@ -5,9 +5,10 @@ from __future__ import annotations
 from math import degrees
 from typing import Any
 
-from .images import Images
-from .meshes import uv_name
-from .nodes import Texture, Told, source_of
+from ..images import Images
+from ..meshes import uv_name
+from ..nodes import Texture, Told, source_of
+from .baking import baked
 
 
 def shader_prim(
@@ -33,9 +34,13 @@ def texture_prims(
     repeat = {"REPEAT": "repeat", "EXTEND": "clamp", "CLIP": "black", "MIRROR": "mirror"}[node.extension]
     if node.projection != "FLAT":
         told(f"{node.name} is projected as {node.projection.lower()}, which is not rendered: the UVs are used")
+    if texture.output is None:
+        file, space = images.file_of(node.image), _space_of(node.image, told)
+    else:
+        file, space = images.written(baked(texture.output), "made"), "raw"
     values = {
-        "file": ["asset", images.file_of(node.image)], "wrapS": ["token", repeat], "wrapT": ["token", repeat],
-        "sourceColorSpace": ["token", _space_of(node.image, told)],
+        "file": ["asset", file], "wrapS": ["token", repeat], "wrapT": ["token", repeat],
+        "sourceColorSpace": ["token", space],
         **{name: ["float4", each] for name, each in (scaled or {}).items()},
     }  # fmt: skip
     moved, layer = _placement(node, told)

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ..images import Images
+from ..meshes import varname
+from ..nodes import Attribute, Texture, Told, output_of, source_of, value_of
 from .bumps import Tilt, displacement_of, tilt_of, tilt_prims, with_bump
-from .images import Images
-from .meshes import varname
-from .nodes import Attribute, Texture, Told, output_of, source_of, value_of
-from .shading.mixing import TILT, Surface, between
+from .mixing import TILT, Surface, between
 from .textures import shader_prim, texture_prims
 
 _SHADER = "ND_open_pbr_surface_surfaceshader"
@@ -132,7 +132,7 @@ def _reflecting(node: Any, told: Told) -> Surface:
     """Return the surface that a shader node makes, with normals that are not tilted."""
 
     def value(name: str) -> Any:
-        return value_of(node, name, told)
+        return value_of(node, name, told, bakes=True)
 
     match node.type:
         case "BSDF_PRINCIPLED":

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .images import Images
-from .nodes import Attribute, Texture, Told, number_of, output_of, source_of, value_of
+from ..images import Images
+from ..nodes import Attribute, Texture, Told, number_of, output_of, source_of, value_of
 from .textures import shader_prim, texture_prims
 
 
@@ -112,7 +112,7 @@ def _tilt(socket: Any, told: Told) -> Tilt | None:
 
 def _bump(node: Any, height: float, told: Told) -> Tilt | None:
     """Return the bump that a node's input Height makes; even heights make none."""
-    value = value_of(node, "Height", told)
+    value = value_of(node, "Height", told, bakes=True)
     if isinstance(value, Attribute):
         told(f"the heights of {node.name} come from an attribute, which is not rendered: they are even")
     return Tilt(((value, height),)) if isinstance(value, Texture) and height else None
@@ -123,5 +123,5 @@ def _normals(node: Any, told: Told) -> Tilt | None:
     if node.space != "TANGENT":
         told(f"{node.name} has normals in {node.space.lower().replace('_', ' ')} space, which are not rendered")
         return None
-    value, strength = value_of(node, "Color", told), max(number_of(node, "Strength", told, 1.0), 0.0)
+    value, strength = value_of(node, "Color", told, bakes=True), max(number_of(node, "Strength", told, 1.0), 0.0)
     return Tilt(normals=value, strength=strength) if isinstance(value, Texture) and strength else None
