@@ -276,7 +276,9 @@ def exported(folder):
     sky.cycles.is_portal = True
     window = bpy.data.objects.new("Window", sky)
     scene.collection.objects.link(window)
-    bpy.data.objects["Twin"].parent = window  # it stays, though the portal is no lamp
+    twin = bpy.data.objects["Twin"]
+    twin.parent = window  # it stays, though the portal is no lamp
+    twin.visible_camera, twin.visible_shadow, twin.is_holdout = False, False, True
     scene.world.photonbeams.enabled = True
     bpy.ops.mesh.primitive_cube_add(location=(-3, 3, 1))
     made = bpy.data.materials.new("Foggy")

@@ -156,7 +156,9 @@ def test_the_export_writes_what_blender_leaves_out(tmp_path):
     (window,) = sky.GetRelationship(f"{PREFIX}portal").GetTargets()
     assert sky.GetAttribute(f"{PREFIX}enabled").Get() and stage.GetPrimAtPath(window).GetTypeName() == "Mesh"
     assert not stage.GetPrimAtPath("/root/Window/Window").IsActive()
-    assert any(each.GetTypeName() == "Mesh" for each in Usd.PrimRange(stage.GetPrimAtPath("/root/Window")))
+    (twin,) = (each for each in Usd.PrimRange(stage.GetPrimAtPath("/root/Window")) if each.GetTypeName() == "Mesh")
+    rays = ("visibleInPrimaryRay", "primvars:arnold:visibility:shadow", "primvars:arnold:matte")
+    assert [twin.GetAttribute(name).Get() for name in rays] == [False, False, True]
     others = Usd.Stage.Open(str(tmp_path / "of_cycles.usda"))
     assert not any(name.startswith(PREFIX) for each in others.Traverse() for name in each.GetPropertyNames())
 

@@ -100,7 +100,7 @@ def test_lights_and_materials_cross_over(tmp_path):
     assert {name for name in prims if name.startswith("/Objects/Parts/")} == {
         f"/Objects/Parts/Part{k}" for k in range(3)
     }
-    assert "Parts has a surface" in said and "Parts casts no shadow" in said
+    assert "Parts has a surface" in said and prims["/Objects/Parts"]["primvars:arnold:visibility:shadow"] is False
     fog = prims["/Objects/Cube/Volume/Shader"]
     assert fog["inputs:scattering"] == [1.0, 0.5, 2.0] and fog["inputs:absorption"] == [1.0, 1.5, 0.0]
 

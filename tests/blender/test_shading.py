@@ -28,6 +28,10 @@ def test_nodes_have_their_values_and_the_mean_where_they_vary(tmp_path):
     assert values["gamma"] == pytest.approx([0.25, 0.0625, 1.0])
     assert values["linear"] == pytest.approx(0.5, abs=3 / np.sqrt(12 * 4096))
     assert len(found["said"]) == 1 and "varies" in found["said"][0]
+    # Blender's level is half of the factor on the reflectance at normal incidence, 0.04.
+    weak, strong = values["weak"], values["strong"]
+    assert weak["specular_weight"] == 0.5 and weak["specular_color"][:3] == [1, 0.5, 0]
+    assert ((strong["specular_ior"] - 1) / (strong["specular_ior"] + 1)) ** 2 == pytest.approx(0.08)
 
 
 def test_noise_is_that_of_cycles(tmp_path):
@@ -52,7 +56,7 @@ def test_the_brightest_meshes_that_glow_are_lamps(tmp_path):
     (found,) = blender("glow", tmp_path)
     assert found["lamps"] == [f"/Objects/Cube{k}" for k in (1, 2, 3, 4, 5, 6, 7, 9)]
     assert found["said"] == ["10 meshes glow: the 8 brightest make beams"]
-    assert found["unseen"] == pytest.approx([10, 5, 2.5]) and "MeshLightAPI" in found["apis"]
+    assert found["unseen"] and "MeshLightAPI" not in found["apis"]
 
 
 def test_fog_in_objects_is_even_or_a_grid(tmp_path):
@@ -64,3 +68,40 @@ def test_fog_in_objects_is_even_or_a_grid(tmp_path):
     grid = np.frombuffer(content, "<f4", offset=48).reshape(64, 64, 64)
     np.testing.assert_allclose(grid, np.broadcast_to((np.arange(64)[:, None, None] + 0.5) / 64, grid.shape), atol=1e-6)
     np.testing.assert_array_equal(np.frombuffer(content, "<f4", 6, 24), [-1, -1, -1, 1, 1, 1])
+
+
+def test_bumps_and_normal_maps_have_the_slopes_of_cycles(tmp_path):
+    """On matt planes in sunlight; both engines soften the ridge of an image, over which the quarters do not reach."""
+    cycles, own, last = blender("bumps", tmp_path)
+    assert last["said"] == []
+    for name, expected in cycles["quarters"].items():
+        expected, found = np.array(expected), np.array(own["quarters"][name])
+        assert np.ptp(expected) > 0.1 * expected.max(), name
+        # Chained bumps are added here; in Cycles the second one is steeper by the length of the first one's normal.
+        np.testing.assert_allclose(found, expected, rtol=0.03 if name == "chained" else 0.01, err_msg=name)
+    turned = np.array(own["quarters"]["layer"])
+    assert np.ptp(turned.mean(axis=1)) > 0.05 > 10 * np.ptp(turned.mean(axis=0))
+
+
+def test_objects_are_hidden_from_rays_as_in_cycles(tmp_path):
+    found = {}
+    for each in blender("rays", tmp_path):
+        found.setdefault(each["case"], {})[each["engine"]] = np.array(each["blocks"])
+    assert found["holdout"]["own"][..., 3].min() < 0.5
+    for name, pictures in found.items():
+        own, expected = pictures["own"], pictures["Cycles"]
+        # Cycles samples the middles of pixels: an edge takes half of up to 7 of a block's 56 pixels too much.
+        most = expected.max(axis=(0, 1))
+        assert np.all(np.abs(own - expected) < 0.06 * most), name
+        np.testing.assert_allclose(own.mean(axis=(0, 1)), expected.mean(axis=(0, 1)), rtol=0.01, err_msg=name)
+        assert name == "plain" or np.any(np.abs(own - found["plain"]["own"]) > 0.1 * most), name
+
+
+def test_fog_glows_as_in_cycles(tmp_path):
+    """Even fog of the emission ε, the extinction σ and the thickness d has the radiance ε (1 − exp(−σ d)) / σ."""
+    found = {(each["place"], each["engine"]): each for each in blender("glowing_fog", tmp_path)}
+    expected = {"cube": np.array([0.3, 0.15, 0.075]) * (1 - np.exp(-0.5 * 2)) / 0.5, "world": np.full(3, 0.2 / 0.25)}
+    for place, light in expected.items():
+        np.testing.assert_allclose(found[place, "own"]["light"], light, rtol=1e-3)
+        np.testing.assert_allclose(found[place, "Cycles"]["light"], light, rtol=1e-3)
+    assert not any(each["said"] for each in found.values())

@@ -47,7 +47,7 @@ def test_a_pass_renders_what_its_collections_leave(usd, lines, names):
     assert [each.name for each in (*found.meshes, *found.lights)] == [f"/{name}" for name in names.split()]
 
 
-def test_what_a_pass_says_and_is_not_done_is_warned_of(usd, caplog):
+def test_a_pass_hides_from_the_camera_and_holds_out(usd, caplog):
     caplog.set_level(logging.WARNING, "photonbeams")
     stage = usd(
         CONTENT
@@ -59,9 +59,10 @@ def test_what_a_pass_says_and_is_not_done_is_warned_of(usd, caplog):
         )
     )
     assert apply_pass(stage, "/Pass") is None
-    assert [message.partition(" is not supported")[0].rpartition(": ")[2] for message in caplog.messages] == [
-        "/Pass.collection:matte", "/Pass.collection:cameraVisibility",
-    ]  # fmt: skip
+    found = {each.name: each for each in read_scene(stage).meshes}
+    assert [each.name for each in found.values() if each.holdout] == ["/Front"]
+    assert [each.name for each in found.values() if not each.seen] == ["/Back"]
+    assert not caplog.messages
 
 
 @pytest.mark.parametrize(

@@ -167,3 +167,18 @@ def test_on_cuda_all_scenes_in_which_a_kernel_traces_rays_share_the_table_of_one
     fog = {"type": "cube", "bsdf": {"type": "null"}, "interior": {"type": "homogeneous"}}
     plugin = mi.load_dict({"type": "scene", "fog": fog, "lamp": {"type": "point"}})
     assert (world_of_plugin(plugin).without_surfaces().plugin, plugin) in spy.hosts
+
+
+def test_rays_meet_what_is_not_hidden_from_them():
+    front = dataclasses.replace(box("/front", [-1, -1, -1], [1, 1, 0]), seen=False, blocks=False)
+    back = dataclasses.replace(box("/back", [-1, -1, -5], [1, 1, -4]), holdout=True)
+    lamp = scene.SphereLight("/lamp", 1.0, center=(0, 9, 0), radius=0.1)
+    world = world_of_scene(scene.Scene((front, back), (lamp,)))
+    start, ahead, active = Array3f(0.1, 0.2, [3, 3]), Array3f(0, 0, -1), dr.full(Bool, True, 2)
+    hit = world.seen(start, ahead, Float(np.inf), active, UInt32(0), Bool([True, False]))
+    assert np.allclose(hit.t.numpy(), [7, 3])  # straight from the camera; after a mirror
+    assert world.held_out(hit, start, ahead, active).numpy().tolist() == [True, False]
+    (emitter,) = world.emitters
+    each = (world, world.stopping(emitter.links))
+    blocked = [own.solids.blocked(start, ahead, Float(5), active, UInt32(0)).numpy().all() for own in each]
+    assert blocked == [True, False]

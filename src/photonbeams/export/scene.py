@@ -163,6 +163,8 @@ def _add_surfaces(twin: Twin, content: scene.Scene, exposure: float) -> None:
     for mesh in content.meshes:
         if mesh.name in hidden or not len(mesh.faces):
             continue
+        if not (mesh.seen and mesh.blocks) or mesh.holdout:
+            twin.lost.append(f"{mesh.name} is met by all rays: Mitsuba hides nothing from the camera or from lights")
         material, name = mesh.material, twin.id_of(mesh.name)
         part = ply(twin, mesh, name)
         twin.parts[name] = part

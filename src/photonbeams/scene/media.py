@@ -104,7 +104,8 @@ class Medium:
         For a medium on a grid: factors of its scattering, from 0 to 1; light that they take away is absorbed.
         Default: None, 1 everywhere.
     emission
-        For a medium on a grid: the radiance that it emits per scene unit. Default: None, no emission.
+        The radiance that it emits per scene unit, which only cameras see: on a grid a grid, else a colour. Default:
+        None, no emission.
     lit_by_domes
         Whether dome lights that make no beams light the medium: see `scene.DomeLight.lights_media`. Default: False.
 
@@ -113,7 +114,8 @@ class Medium:
     SceneError
         If a coefficient is negative, not finite, or neither one number nor three; if the anisotropy is beyond ±0.99; if
         the number of bounces is negative; if there are both a mesh and a grid; if there are colours or emission without
-        a grid; or if numbers have gradients enabled: use `looks.Fog` for those.
+        a grid, or a colour of emission on one; if an endless medium emits what it does not absorb or scatter; or if
+        numbers have gradients enabled: use `looks.Fog` for those.
 
     Notes
     -----
@@ -141,7 +143,7 @@ class Medium:
     grid: DensityGrid | None = None
     bounces: int | None = None
     scattering_color: DensityGrid | None = None
-    emission: DensityGrid | None = None
+    emission: Color | DensityGrid | None = None
     lit_by_domes: bool = False
 
     if TYPE_CHECKING:  # the generated one would take only what the fields hold
@@ -157,7 +159,7 @@ class Medium:
             grid: DensityGrid | None = None,
             bounces: int | None = None,
             scattering_color: DensityGrid | None = None,
-            emission: DensityGrid | None = None,
+            emission: ColorLike | DensityGrid | None = None,
             lit_by_domes: bool = False,
         ) -> None: ...
 
@@ -171,8 +173,21 @@ class Medium:
             raise SceneError(f"medium {self.name}: has a mesh and a grid: expected one of them")
         if self.grid is not None:
             check_depth(max(self.extinction) * float(self.grid.values.max()), self.grid.to_world, f"medium {self.name}")
-        if self.grid is None and (self.scattering_color is not None or self.emission is not None):
+        if self.grid is None and (self.scattering_color is not None or isinstance(self.emission, DensityGrid)):
             raise SceneError(f"medium {self.name}: has colours or emission on a grid: expected a density grid, too")
+        if self.emission is not None and not isinstance(self.emission, DensityGrid):
+            self._check_emission()
+
+    def _check_emission(self) -> None:
+        """Make emission that is even a colour, None if it is black; raise SceneError if it cannot be rendered."""
+        emitted = color(self.emission, "emission")  # type: ignore[arg-type]
+        object.__setattr__(self, "emission", emitted if any(emitted) else None)
+        if any(emitted) and self.grid is not None:
+            raise SceneError(f"medium {self.name}: emits a colour on a grid: expected a DensityGrid of what it emits")
+        endless = any(light > 0 and not stopped for light, stopped in zip(emitted, self.extinction, strict=True))
+        if not self.bounded and endless:
+            text = "expected absorption in each channel that it emits, or a mesh that it fills"
+            raise SceneError(f"medium {self.name}: emits light without end: {text}")
 
     @property
     def extinction(self) -> Color:

@@ -150,6 +150,12 @@ class Mesh:
         (V, 2) texture coordinates. None, the default: the mesh has none.
     material
         Its `Material`. Default: 18 % grey.
+    seen
+        Whether the camera sees it where nothing reflects or refracts in between. Default True.
+    blocks
+        Whether it blocks the light of lights, and is met by their beams. Default True.
+    holdout
+        Whether the camera sees black of no opacity in its place, and the fog in front of that. Default False.
 
     Raises
     ------
@@ -171,6 +177,9 @@ class Mesh:
     normals: Array | None = None
     uvs: Array | None = None
     material: Material = Material()
+    seen: bool = True
+    blocks: bool = True
+    holdout: bool = False
 
     def __post_init__(self) -> None:
         for name, columns in (("points", 3), ("faces", 3), ("normals", 3), ("uvs", 2)):

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from ..scene import SceneError
 from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
 from .common.reading import Reading, file_of, prims_under
+from .common.visibility import CAMERA, MATTE
 from .common.warnings import Warnings
 from .lights.light import is_light
 
@@ -14,9 +15,8 @@ from .lights.light import is_light
 def apply_pass(stage: Usd.Stage, path: str, warnings: Warnings | None = None) -> str | None:
     """Hide what a pass does not render, in the stage's session layer; return the path of its settings, or None.
 
-    Prims in the collection `prune`, and those that `renderVisibility` leaves out, are not rendered. `matte` and
-    `cameraVisibility` only give a warning, because everything rendered is seen by all rays. The pass's command is not
-    run.
+    Prims in the collection `prune`, and those that `renderVisibility` leaves out, are not rendered. Those in `matte`
+    are holdouts, and those that `cameraVisibility` leaves out are not seen. The pass's command is not run.
 
     Raises
     ------
@@ -36,24 +36,29 @@ def apply_pass(stage: Usd.Stage, path: str, warnings: Warnings | None = None) ->
         if not each.IsA(UsdRender.Settings):
             raise reading.fail(prim, "renderSource", f"names {each.GetPath()}: expected a RenderSettings")
     _hide(reading, prim)
-    _warn(reading, prim)
     return str(sources[0].GetPath()) if sources else None
 
 
 def _hide(reading: Reading, prim: Usd.Prim) -> None:
-    """Make everything invisible that the pass does not render."""
-    pruned, shown = (Usd.CollectionAPI(prim, name).ComputeMembershipQuery() for name in ("prune", "renderVisibility"))
-    hidden = [
-        each
-        for each in _rendered(reading.stage)
-        if pruned.IsPathIncluded(each.GetPath()) or not shown.IsPathIncluded(each.GetPath())
-    ]
+    """Make invisible what the pass does not render, hide from the camera what it does not see, and set holdouts."""
+    pruned, shown, seen, held = (
+        Usd.CollectionAPI(prim, name).ComputeMembershipQuery()
+        for name in ("prune", "renderVisibility", "cameraVisibility", "matte")
+    )
     with Usd.EditContext(reading.stage, reading.stage.GetSessionLayer()):
-        for each in hidden:
-            if each.IsInstanceProxy():
-                reading.warn(prim, f"leaves out {each.GetPath()}, which is inside an instance: it is rendered anyway")
-            else:
+        for each in list(_rendered(reading.stage)):
+            path = each.GetPath()
+            hidden = pruned.IsPathIncluded(path) or not shown.IsPathIncluded(path)
+            wanted = {CAMERA: False} if not seen.IsPathIncluded(path) else {}
+            wanted |= {MATTE: True} if held.IsPathIncluded(path) else {}
+            if each.IsInstanceProxy() and (hidden or wanted):
+                done = f"leaves out {path}, which is" if hidden else f"hides or holds out {path}, which is"
+                reading.warn(prim, f"{done} inside an instance: it is rendered anyway")
+            elif hidden:
                 UsdGeom.Imageable(each).CreateVisibilityAttr().Set("invisible")
+            else:
+                for name, value in wanted.items():
+                    each.CreateAttribute(name, Sdf.ValueTypeNames.Bool).Set(value)
 
 
 def _rendered(stage: Usd.Stage) -> Iterator[Usd.Prim]:
@@ -61,18 +66,3 @@ def _rendered(stage: Usd.Stage) -> Iterator[Usd.Prim]:
     for prim in prims_under(stage.GetPseudoRoot()):
         if prim.IsA(UsdGeom.Boundable) or prim.IsA(UsdGeom.PointInstancer) or is_light(prim):
             yield prim
-
-
-def _warn(reading: Reading, prim: Usd.Prim) -> None:
-    """Warn about settings of a pass that are not supported."""
-    matte = Usd.CollectionAPI(prim, "matte")
-    if matte.GetIncludesRel().GetTargets() or matte.GetIncludeRootAttr().Get() or _by_expression(matte):
-        reading.warn(prim, "is not supported: its prims are seen as they are", "collection:matte")
-    camera = Usd.CollectionAPI(prim, "cameraVisibility")
-    if camera.GetExcludesRel().GetTargets() or not camera.GetIncludeRootAttr().Get() or _by_expression(camera):
-        reading.warn(prim, "is not supported: the camera sees all that is rendered", "collection:cameraVisibility")
-
-
-def _by_expression(collection: Usd.CollectionAPI) -> bool:
-    """Return whether a path expression says what a collection contains."""
-    return not collection.IsInRelationshipsMode() and bool(collection.ResolveCompleteMembershipExpression())

@@ -7,7 +7,7 @@ the same light. A glowing surface has an `area` emitter, which is evaluated wher
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -100,13 +100,13 @@ def world_of_scene(
     surfaces = like.surfaces if like and still else scene_of(shapes, host)
     kept = still and known is not None and content.boundaries is known.media.boundaries
     plugin = like.plugin if like and kept else _with_boundaries(surfaces, shapes, content, host)
-    names = [mesh.name for mesh in meshes]
-    emitters = emitters_of(description.lights, frozenset(names), host, [plugin], like.emitters if like else ())
-    shown = [(group[0].name, shape) for group, shape in zip(groups, shapes, strict=True)]
+    emitters = emitters_of(description.lights, meshes, host, [plugin], like.emitters if like else ())
+    each_group = list(zip((group[0] for group in groups), shapes, strict=True))
+    shown = [(first.name, shape) for first, shape in each_group]
     numbers = {each.name: own.number for each, own in zip(description.media, content.media.all, strict=True)}
     sky = {id(light) for light in description.sky}
     endless = [each for each in content.media.all if each.number not in content.boxes]
-    return World(
+    world = World(
         plugin, surfaces, content.around, host, content.media, emitters, _sources(description, emitters),
         Bounds(center, radius), radius, extent=radius, endless=endless_length(radius, endless),
         parts=KeptParts(description, groups, shapes, content, glass, sharp),
@@ -124,7 +124,22 @@ def world_of_scene(
         sky=[number for number, each in enumerate(emitters) if id(each.beams) in sky],
         numbers=numbers,
         drawn=description.drawn,
+        holdouts=_only([shape for first, shape in each_group if first.holdout], host),
     )  # fmt: skip
+    visible = [shape for first, shape in each_group if first.seen]
+    return world if len(visible) == len(shapes) else replace(world, shown=_shown(world, visible))
+
+
+def _only(shapes: Sequence[MiShape], host: MiScene) -> MiScene | None:
+    """Return a Mitsuba scene of shapes; None if there are none."""
+    return scene_of(shapes, host) if shapes else None
+
+
+def _shown(world: World, shapes: Sequence[MiShape]) -> World:
+    """Return the world in which surfaces are these shapes alone."""
+    surfaces = scene_of(shapes, world.host)
+    plugin = scene_of([*shapes, *world.boundaries], world.host) if world.boundaries else surfaces
+    return replace(world, plugin=plugin, surfaces=surfaces, blockers={})
 
 
 def _with_boundaries(surfaces: MiScene, shapes: Sequence[MiShape], media: BoundedMedia, host: MiScene) -> MiScene:

@@ -96,6 +96,10 @@ class World:
         Numbers of the media by name, which may be others at another time; media without a name have none.
     drawn
         Beams that no lamp makes.
+    shown
+        The world that camera rays meet before they are reflected or refracted; None: this one.
+    holdouts
+        A Mitsuba scene of the surfaces in whose place these rays show black; None: there are none.
     """
 
     plugin: Any
@@ -131,6 +135,8 @@ class World:
     sky: Sequence[int] = ()
     numbers: Mapping[str, int] = field(default_factory=dict)
     drawn: Sequence[DrawnBeams] = ()
+    shown: World | None = None
+    holdouts: Any = None
 
     @cached_property
     def size(self) -> Float:
@@ -177,7 +183,9 @@ class World:
 
     def without_surfaces(self) -> World:
         """Return the world with its media alone."""
-        return replace(self, plugin=self.around, touching=False, cutouts=False, mirrors=False)
+        return replace(
+            self, plugin=self.around, touching=False, cutouts=False, mirrors=False, shown=None, holdouts=None
+        )
 
     def stopping(self, links: Links) -> World:
         """Return the world with only the surfaces that block lights with these links; the world itself if all do."""
@@ -221,11 +229,27 @@ class World:
         met = on_boundary & solid.is_valid() & ~transmits(solid) & (behind <= gap_at(Array3f(hit.p), self.size))
         return dr.select(met, solid, hit)
 
-    def seen(self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32) -> SurfaceInteraction:
-        """Return the first surface, or boundary of a medium, that camera rays meet within `reach`."""
-        hit = self.intersect(origin, direction, active, seed)
+    def seen(
+        self, origin: Array3f, direction: Array3f, reach: Float, active: Bool, seed: UInt32, straight: Bool
+    ) -> SurfaceInteraction:
+        """Return the first surface, or boundary of a medium, that camera rays meet within `reach`.
+
+        `straight` are the rays that nothing has reflected or refracted.
+        """
+        if self.shown is None:
+            hit = self.intersect(origin, direction, active, seed)
+        else:
+            hit = self.intersect(origin, direction, active & ~straight, seed)
+            hit = dr.select(straight, self.shown.intersect(origin, direction, active & straight, seed), hit)
         hit.t = dr.select(hit.t < reach, hit.t, dr.inf)
         return hit
+
+    def held_out(self, hit: SurfaceInteraction, origin: Array3f, direction: Array3f, active: Bool) -> Bool:
+        """Return which hits of camera rays are on holdouts."""
+        if self.holdouts is None:
+            return Bool(False)
+        found = self.holdouts.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)), active)
+        return active & found.is_valid() & (dr.norm(found.p - hit.p) <= gap_at(Array3f(hit.p), self.size))
 
     def entered(self, number: int, rays: EmittedRays, bounds: Bounds, through: bool) -> EmittedRays:
         """Return rays of an emitter as they begin in the world, with `reach` and `medium`.

@@ -183,6 +183,23 @@ def test_hidden_guide_and_proxy_prims_are_no_surfaces(scene):
     assert [each.name for each in scene(text).meshes] == ["/D"]
 
 
+@pytest.mark.parametrize(("field", "usual", "line"), [
+    ("seen", True, "bool visibleInPrimaryRay = 0"), ("seen", True, "bool primvars:arnold:visibility:camera = 0"),
+    ("seen", True, "int primvars:ri:attributes:visibility:camera = 0"),
+    ("seen", True, 'string primvars:karma:object:rendervisibility = "-primary"'),
+    ("blocks", True, "bool primvars:arnold:visibility:shadow = 0"),
+    ("blocks", True, "int primvars:ri:attributes:visibility:transmission = 0"),
+    ("blocks", True, 'string primvars:karma:object:rendervisibility = "-primary&-shadow"'),
+    ("holdout", False, "bool primvars:arnold:matte = 1"),
+    ("holdout", False, "int primvars:karma:object:holdoutmode = 1"),
+])  # fmt: skip
+def test_surfaces_are_hidden_from_rays_as_other_programs_say_it(scene, field, usual, line):
+    ball = 'def Sphere "Ball" {\n}\n'
+    texts = ball.replace("{", "{\n" + line), f'def Xform "All" {{\n{line}\n{ball}}}\n', ball
+    (own,), (inherited,), (plain,) = (scene(text).meshes for text in texts)
+    assert [getattr(each, field) for each in (own, inherited, plain)] == [not usual, not usual, usual]
+
+
 def test_points_deform_with_time(usd):
     body = QUAD.replace(
         "point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]",

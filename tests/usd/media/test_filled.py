@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photonbeams.scene import SceneError
+from photonbeams.scene import Medium, SceneError
 from photonbeams.usd.stage import open_stage, read_scene
 
 VOLUME = """
@@ -48,6 +48,20 @@ def test_the_volume_fills_its_mesh_which_is_no_surface(scene):
     assert np.allclose(medium.scattering, [1.5, 1.0, 0.5])
     assert np.allclose(medium.absorption, [0.5, 1.0, 1.5])
     assert medium.anisotropy == pytest.approx(0.3)
+
+
+def test_even_fog_emits_what_its_shader_or_its_attribute_says(scene, caplog):
+    shines = stage().replace('"none"', '"density"\n        color3f inputs:emission_color = (1, 2, 3)')
+    (medium,) = scene(shines).media
+    assert medium.emission == (1, 2, 3) and "only cameras see" in caplog.text
+    caplog.clear()
+    own = "color3f photonbeams:scattering = (0, 0, 1)\ncolor3f photonbeams:emission = (0, 0, 2)"
+    (everywhere,) = scene(f'def Scope "Air" (\nprepend apiSchemas = ["PhotonBeamsMediumAPI"]\n) {{\n{own}\n}}\n').media
+    assert everywhere.emission == (0, 0, 2) and everywhere.mesh is None
+    assert scene(shines.replace('"density"', '"channel"')).media[0].emission is None
+    assert "has no field heat" in caplog.text
+    with pytest.raises(SceneError, match="emits light without end"):
+        Medium((0, 0, 1), emission=(0, 1, 0))
 
 
 def test_a_material_with_a_surface_is_one(scene):

@@ -8,8 +8,8 @@ import bpy
 import numpy as np
 
 from .engine import ENGINE
-from .reading.materials import has_surface
 from .reading.media import has_volume, medium_of
+from .reading.shading.materials import has_surface
 
 
 class PHOTONBEAMS_OT_over_cycles(bpy.types.Operator):  # noqa: N801 - Blender wants these names

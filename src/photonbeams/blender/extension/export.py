@@ -14,10 +14,11 @@ import numpy as np
 
 from .reading.beams import BeamReader, is_cycles_portal, portals_of
 from .reading.images import Images
-from .reading.lights import nodes_of, seen_values, softness_values
-from .reading.materials import has_surface
+from .reading.lights import nodes_of, softness_values
 from .reading.media import APIS, hides_sky, medium_of
 from .reading.names import free_path, group_name
+from .reading.shading.materials import has_surface
+from .reading.visibility import ray_values
 
 _OBJECT = "userProperties:blender:object_name"  # what Blender writes of an object into its prim
 _SKY = "DomeLight"
@@ -71,6 +72,8 @@ class _Stage:
                     self._add_light(thing, prims)
                 elif thing.type == "MESH":
                     self._add_medium(thing, prims)
+                    for each in prims:
+                        self._set(each, ray_values(thing, thing, self._depsgraph.view_layer), {})
                 continue
             for each in prims:  # it is no surface, and no lamp
                 each.SetActive(False)
@@ -91,7 +94,8 @@ class _Stage:
         values, targets = self._beams.of_light(thing.data)
         if thing.lightgroup:
             values["photonbeams:lightGroup"] = ["token", group_name(thing.lightgroup)]
-        values |= seen_values(thing) | (softness_values(thing.data) if thing.data.type == "SPOT" else {})
+        values |= ray_values(thing, thing, self._depsgraph.view_layer)
+        values |= softness_values(thing.data) if thing.data.type == "SPOT" else {}
         self._set(lamp, values, targets)
         strength, tint = nodes_of(thing.data, _untold)  # which Blender does not write
         if strength != 1:

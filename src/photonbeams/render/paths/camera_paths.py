@@ -230,7 +230,8 @@ def _step(
     name = step + STEPS * paths.branch
     start = paths.origin + paths.near * paths.direction
     reach = dr.minimum(paths.far - paths.near, dr.largest(Float))
-    hit = world.seen(start, paths.direction, reach, alive, samples.bits(paths.order, Stream.CUTOUT, name))
+    chosen = samples.bits(paths.order, Stream.CUTOUT, name)
+    hit = world.seen(start, paths.direction, reach, alive, chosen, paths.primary)
     lamp = tracing.lighting.lamp(start, paths.direction, paths.flown)
     met = alive & hit.is_valid()
     distance = dr.select(met, hit.t, reach)
@@ -249,14 +250,15 @@ def _step(
     throughput, clear = paths.throughput * passed, paths.clear * felt
     vertex.transmittance = dr.select(alive, clear, 0)
     flags = hit.bsdf().flags()
-    smooth = met & mi.has_flag(flags, mi.BSDFFlags.Smooth) & tracing.within(paths.depth, 2)
+    held = world.held_out(hit, start, paths.direction, met & paths.primary)
+    smooth = met & ~held & mi.has_flag(flags, mi.BSDFFlags.Smooth) & tracing.within(paths.depth, 2)
     vertex.radiance = dr.zeros(Array3f, 1)
     if tracing.shining:
         point = ShadingPoint(hit, paths.medium, paths.order, name, samples)
         radiance = _radiance(tracing, paths, point, None if lamp is None else (on_lamp, lamp.radiance), smooth, light)
         seen = radiance * clear
         # A texture may contain NaN; atomic additions on a GPU do not skip it.
-        vertex.radiance = dr.select(alive & ~dr.isnan(dr.sum(seen)), seen, 0)
+        vertex.radiance = dr.select(alive & ~held & ~dr.isnan(dr.sum(seen)), seen, 0)
         if world.media.emissive:
             seed = samples.bits(paths.order, Stream.GLOW, name)
             vertex.radiance += paths.throughput * world.media.emitted(
@@ -265,7 +267,7 @@ def _step(
     if tracing.walked is not None:
         vertex.bounce = _bounce(world, hit, paths, clear, smooth & alive, samples, name)
     visible = (UInt32(flags) & _VISIBLE) != 0
-    vertex.solid = on_lamp | (met & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null)))
+    vertex.solid = on_lamp | (met & ~held & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null)))
     vertex.normal = dr.zeros(Array3f, 1)
     if tracing.normals:
         normal = world.shading_normal(hit, met)
@@ -277,7 +279,7 @@ def _step(
         vertex.albedo = _albedo(hit, met)
     if not tracing.sharp:
         return vertex, []
-    return vertex, onward(tracing, paths, hit, (throughput, clear), met, samples, name)
+    return vertex, onward(tracing, paths, hit, (throughput, clear), met & ~held, samples, name)
 
 
 def _albedo(hit: Any, met: Bool) -> Array3f:

@@ -18,6 +18,7 @@ from ..common.openusd import Usd, UsdGeom, UsdShade
 from ..common.reading import Reading, may_vary
 from ..common.selection import refinement_level
 from ..common.sizes import lowered, room
+from ..common.visibility import rays_of
 from ..materials.bound import Bound, bound_material, bound_to
 from .gprims import GPRIMS, gprim_polygons
 from .on_mesh import on_mesh, primvars_of
@@ -107,15 +108,16 @@ def _placed(reading: Reading, prim: Usd.Prim, surface: _MeshPart, to_world: Arra
         text = f"has more triangles than fit into memory, with those before it: expected a total of at most {room():,}"
         raise reading.fail(prim, "", text)
     name += surface.suffix
-    known = reading.lasting.get(("placed", name))
+    rays = rays_of(reading, prim)
+    known = reading.lasting.get(("placed", name, *rays.values()))
     if known is not None and known[0] is surface.triangles and np.array_equal(known[1], to_world):
         mesh: Mesh = known[2]
         if _alike(reading, mesh.material, surface.material):
             return mesh
-    mesh = _in_world(surface.triangles, to_world, name, surface.material)
+    mesh = _in_world(surface.triangles, to_world, name, surface.material, **rays)
     reading.within_reach(prim, mesh.points)
     if surface.lasting:
-        reading.lasting["placed", name] = surface.triangles, to_world, mesh
+        reading.lasting["placed", name, *rays.values()] = surface.triangles, to_world, mesh
     return mesh
 
 
@@ -337,8 +339,8 @@ def _uvs(reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], uv_name: 
     return None
 
 
-def _in_world(triangles: Triangles, to_world: Array, name: str, material: Material) -> Mesh:
-    """Return triangles in world space, wound around the outward normal even if mirrored."""
+def _in_world(triangles: Triangles, to_world: Array, name: str, material: Material, **rays: bool) -> Mesh:
+    """Return triangles in world space, wound around the outward normal even if mirrored; `rays` as of `rays_of`."""
     vertices = triangles.vertices
     linear = to_world[:3, :3]
     determinant = np.linalg.det(linear)
@@ -363,6 +365,7 @@ def _in_world(triangles: Triangles, to_world: Array, name: str, material: Materi
         normals=normals,
         uvs=triangles.values.get("uvs"),
         material=material,
+        **rays,
     )
 
 

@@ -9,16 +9,8 @@ import numpy as np
 from ...scene import Shaping
 from ..common.openusd import Usd, UsdLux
 from ..common.reading import Reading, target_paths
+from ..common.visibility import is_seen
 from .ies import read_profile
-
-# Attributes that hide a light from the camera, for which UsdLux has none: of Karma and hdEmbree, Omniverse, Arnold and
-# RenderMan.
-_SEEN = (
-    "inputs:visibility:camera",
-    "visibleInPrimaryRay",
-    "primvars:arnold:camera",
-    "primvars:ri:attributes:visibility:camera",
-)
 
 
 def read_shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
@@ -60,7 +52,7 @@ def on_surfaces(reading: Reading, prim: Usd.Prim, beams: bool) -> dict[str, Any]
         "surface_scale": diffuse,
         "shadow_distance": distance if distance > 0 else np.inf,
         "shadow_color": color,
-        "seen": not any(reading.value(prim, name, True) in (False, 0) for name in _SEEN),
+        "seen": is_seen(reading, prim),
     }
 
 

@@ -16,10 +16,11 @@ from ..common.reading import Reading, has_photonbeams
 from ..geometry.meshes import is_closed, is_gprim, read_solid
 from ..materials.bound import bound_to
 from .volume_shaders import VolumeEmission, VolumeShading, read_shading
-from .volumes import field_of, fields_of, read_density, read_field
+from .volumes import DENSITY, field_of, fields_of, read_density, read_field
 
 # The radiance of a black body over T⁴, as in Blender's volumes: the Stefan-Boltzmann constant, in 1e6 W / m², over π.
 _RADIANCE = 5.670374e-14 / np.pi
+_UNLIT = "emits light that only cameras see: it lights no surfaces and makes no beams"
 _COLDEST, _HOTTEST = 1000, 10000  # kelvin: the range for which OpenUSD knows the colours
 
 
@@ -54,9 +55,10 @@ def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     if not (own or volume or is_closed(reading, prim)):
         raise reading.fail(prim, "", "has a volume material: expected a closed mesh")
     shading = VolumeShading(*_coefficients(reading, prim)) if own else read_shading(reading, prim)
-    place = _in_grid(reading, prim, to_world, shading) if volume else {"mesh": _filled(reading, prim, to_world)}
-    if not (own or volume) and shading.emission is not None and not shading.emission.kelvin:
-        reading.warn(prim, "emits light without a field, which is not rendered: the emission is ignored")
+    place: dict[str, Any] = (
+        _in_grid(reading, prim, to_world, shading) if volume else {"mesh": _filled(reading, prim, to_world)}
+    )
+    place["emission"] = place.get("emission") or _even_glow(reading, prim, shading)
     return Medium(
         scattering=shading.scattering,
         absorption=shading.absorption,
@@ -105,8 +107,25 @@ def _glow(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShad
     if shading.emission is None or field is None:
         return None
     result = _emitted(read_field(reading, prim, field, to_world), shading.emission)
-    reading.warn(prim, "emits light that only cameras see: it lights no surfaces and makes no beams")
+    reading.warn(prim, _UNLIT)
     return result
+
+
+def _even_glow(reading: Reading, prim: Usd.Prim, shading: VolumeShading) -> Color | None:
+    """Return what even fog emits, by its attribute or its shader, or None."""
+    shader, usual = None if prim.IsA(UsdVol.Volume) else shading.emission, None
+    if shader is not None and shader.field == DENSITY:
+        usual = shader.color
+    elif shader is not None and not shader.kelvin:
+        reading.warn(prim, f"has no field {shader.field}, by which its shader says that it emits light: it emits none")
+    emitted = read_attribute(reading, prim, MEDIUM, "emission", usual)
+    if emitted is None or not any(emitted):
+        return None
+    if prim.IsA(UsdVol.Volume):
+        reading.warn(prim, "is even, which is not rendered on a grid: it is ignored", "photonbeams:emission")
+        return None
+    reading.warn(prim, _UNLIT)
+    return tuple(emitted)  # type: ignore[return-value]
 
 
 def _emitted(field: DensityGrid, emission: VolumeEmission) -> DensityGrid:

@@ -38,7 +38,7 @@ def lamp_of(light: scene.Light, host: MiScene | None = None, around: Sequence[Mi
 
 
 def emitters_of(
-    lights: Sequence[scene.Light], meshes: frozenset[str], host: MiScene, around: Sequence[MiScene],
+    lights: Sequence[scene.Light], meshes: Sequence[scene.Mesh], host: MiScene, around: Sequence[MiScene],
     known: Sequence[Emitter],
 ) -> tuple[Emitter, ...]:  # fmt: skip
     """Return the emitters of a stage.
@@ -46,7 +46,7 @@ def emitters_of(
     Parameters
     ----------
     lights, meshes
-        The lights, and the names of the meshes that are surfaces.
+        The lights, and the meshes that are surfaces.
     host, around
         As for `lamp_of`.
     known
@@ -59,7 +59,8 @@ def emitters_of(
         for each in known
         for name, image in each.lamp.images.items()
     }
-    links = [links_of(light, meshes) for light in lights]
+    every, clear = frozenset(each.name for each in meshes), frozenset(each.name for each in meshes if not each.blocks)
+    links = [links_of(light, every, clear) for light in lights]
     blocking = sorted({each.unshadowed for each in links} - {frozenset()}, key=sorted)
     result = []
     for number, (light, own) in enumerate(zip(lights, links, strict=True)):
@@ -72,7 +73,10 @@ def emitters_of(
     return tuple(result)
 
 
-def links_of(light: scene.Light, meshes: frozenset[str]) -> Links:
-    """Return which of the meshes a light does not light, which do not block it, and how it lights the others."""
+def links_of(light: scene.Light, meshes: frozenset[str], clear: frozenset[str] = frozenset()) -> Links:
+    """Return which of the meshes a light does not light, which do not block it, and how it lights the others.
+
+    `clear` are meshes that block no light.
+    """
     shining = light.shadow_distance, light.surface_scale, light.shadow_color, light.seen
-    return Links(light.unlit & meshes, light.unshadowed & meshes, *shining)
+    return Links(light.unlit & meshes, light.unshadowed & meshes | clear, *shining)

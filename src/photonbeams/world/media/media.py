@@ -162,6 +162,9 @@ class Media:
         result = dr.zeros(Array3f, dr.width(direction))
         for each, volume in self._emission:
             inside = active & (medium == dr.opaque(UInt32, each.number))
+            if isinstance(volume, tuple):
+                result += dr.select(inside, _even_glow(each.extinction(origin), distance) * Array3f(*volume), 0)
+                continue
 
             def emission(point: Array3f, volume: MiVolume = volume) -> Array3f:
                 place = dr.zeros(mi.Interaction3f, dr.width(point))
@@ -194,3 +197,11 @@ class Media:
 
 def _repeats(shape: MiShape) -> bool:
     return bool(shape.class_name() == "Instance")
+
+
+def _even_glow(extinction: Array3f, distance: Float) -> Array3f:
+    """Return ∫ exp(−σt s) ds over a distance: the radiance of even fog that emits 1 per scene unit."""
+    depth = extinction * distance
+    thin = depth < 1e-3  # where 1 − exp(−τ) cancels
+    long = (1 - dr.exp(-depth)) * dr.rcp(dr.select(thin, 1, extinction))
+    return dr.select(thin, distance * (1 - 0.5 * depth), long)

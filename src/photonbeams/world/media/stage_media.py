@@ -44,7 +44,7 @@ class BuiltMedium:
     plugin, shape
         Mitsuba's medium, and the shape that bounds it; None if it fills the space.
     emission
-        Mitsuba's volume of the radiance that it emits per scene unit, or None.
+        The radiance that it emits per scene unit, as Mitsuba's volume or one colour, or None.
     """
 
     medium: scene.Medium
@@ -93,7 +93,7 @@ def media_of(
     result, seen = [], set() if warned is None else warned
     for each in media:
         if not each.bounded:
-            result.append(BuiltMedium(each, plugins[id(each)]))
+            result.append(BuiltMedium(each, plugins[id(each)], emission=each.emission))
             continue
         texts = set[str]()
         outer = _around(each, solids, texts) or next(iter(filling), None)
@@ -103,8 +103,9 @@ def media_of(
             boundaries[id(each)], mi.load_dict({"type": "null"}), interior=plugins[id(each)], exterior=exterior
         )
         emitted = each.emission
-        emission = None if emitted is None else mi.load_dict(_volume(emitted.values, emitted.to_world))
-        result.append(BuiltMedium(each, plugins[id(each)], shape, emission))
+        if isinstance(emitted, scene.DensityGrid):
+            emitted = mi.load_dict(_volume(emitted.values, emitted.to_world))
+        result.append(BuiltMedium(each, plugins[id(each)], shape, emitted))
     return result
 
 

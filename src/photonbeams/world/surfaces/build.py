@@ -27,7 +27,7 @@ _MOST = 1 << 16
 def grouped(
     meshes: Sequence[scene.Mesh], glass: Collection[int], linked: Collection[frozenset[str]], sharp: bool
 ) -> list[Group]:
-    """Return meshes in groups of the same material, all of which lights treat alike.
+    """Return meshes in groups of the same material, which all cameras see and lights treat alike.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def grouped(
     for mesh in meshes:
         kind = (
             id(mesh) if id(mesh) in glass else id(mesh.material), sharp and is_pane(mesh), mesh.normals is None,
-            mesh.uvs is None, *(mesh.name in names for names in linked),
+            mesh.uvs is None, mesh.seen, mesh.blocks, mesh.holdout, *(mesh.name in names for names in linked),
         )  # fmt: skip
         last, count = room.get(kind, ([], _MOST))
         if count + len(mesh.points) > _MOST:

@@ -35,6 +35,8 @@ def fog_prims(prim: dict[str, Any], material: Any, kept: Kept, told: Told) -> li
         if density is not None and density.std() > _VARIES * density.mean():
             medium = medium_of(material, told, density=1.0)
             assert medium is not None
+            if medium.pop("photonbeams:emission", None) is not None:
+                told(f"{material.name}: light from a box whose density varies is not rendered")
             file = kept.images.stored(_vol(density, low, high, shape), "density", ".vol")
             return _grid(prim, medium, file)
     medium = medium_of(material, told)
@@ -68,8 +70,10 @@ def _filled(prim: dict[str, Any], medium: dict[str, Any]) -> list[dict[str, Any]
     values = {f"inputs:{name}": ["vector3f" if name != "anisotropy" else "float", medium[f"photonbeams:{name}"][1]]
               for name in names}  # fmt: skip
     values |= {"info:id": ["token", "ND_anisotropic_vdf"], "outputs:out": ["token", None]}
+    glow = {name: value for name, value in medium.items() if name == "photonbeams:emission"}
+    bound = {"apis": ["MaterialBindingAPI"], "targets": {"material:binding": [path]}}
     return [
-        {**prim, "apis": ["MaterialBindingAPI"], "targets": {"material:binding": [path]}},
+        {**prim, **bound, "values": {**prim["values"], **glow}},
         {"path": path, "type": "Material",
          "sources": {"outputs:mtlx:volume": ["token", f"{path}/Shader.outputs:out"]}},
         {"path": f"{path}/Shader", "type": "Shader", "values": values},

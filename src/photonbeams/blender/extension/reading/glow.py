@@ -24,30 +24,17 @@ class GlowingMeshes:
     def __init__(self, told: Told) -> None:
         self._told, self._flux = told, list[tuple[float, dict[str, Any]]]()
 
-    def add(self, prim: dict[str, Any], radiance: dict[int, Any], area: dict[int, float], *, is_seen: bool) -> None:
-        """Add the prim of a mesh whose material slots have these radiances (3,) and areas.
-
-        One that the camera does not see is a lamp alone: it has no surface.
-        """
+    def add(self, prim: dict[str, Any], radiance: dict[int, Any], area: dict[int, float]) -> None:
+        """Add the prim of a mesh whose material slots have these radiances (3,) and areas."""
         flux = sum(area[slot] * value for slot, value in radiance.items())
-        if not np.any(flux > 0):
-            return
-        self._flux.append((float(np.mean(flux)), prim))
-        if not is_seen:
-            mean = flux / sum(area[slot] for slot, value in radiance.items() if np.any(value > 0))
-            prim["apis"] = [*prim["apis"], "MeshLightAPI"]
-            prim["values"] = {
-                **prim["values"], "light:materialSyncMode": ["token", "noMaterialResponse"],
-                "visibleInPrimaryRay": ["bool", False], "inputs:color": ["color3f", mean.tolist()],
-            }  # fmt: skip
+        if np.any(flux > 0):
+            self._flux.append((float(np.mean(flux)), prim))
 
     def enable(self) -> None:
         """Make lamps of the brightest meshes; the others light only where light bounces."""
         ranked = sorted(self._flux, key=lambda each: -each[0])
-        for place, (_, prim) in enumerate(ranked):
-            if place < _MOST or "MeshLightAPI" in prim["apis"]:
-                on = place < _MOST
-                prim["values"] = {**prim["values"], _TOKEN: ["bool", on]}  # the arrays are those of other instances
+        for _, prim in ranked[:_MOST]:
+            prim["values"][_TOKEN] = ["bool", True]
         if len(ranked) > _MOST:
             self._told(f"{len(ranked)} meshes glow: the {_MOST} brightest make beams")
 

@@ -24,8 +24,8 @@ class Volume:
     density, color
         Grids by which the coefficients, and the scattering alone, are multiplied; "" for none.
     glow, glow_grid, kelvin
-        What it emits per metre, (3,), where the grid is 1; or a factor on the light of a black body, whose temperature
-        is the grid times so many kelvin.
+        What it emits per metre, (3,), where the grid is 1, or everywhere without one; or a factor on the light of a
+        black body, whose temperature is the grid times so many kelvin.
     """
 
     scattering: Any
@@ -56,6 +56,7 @@ def medium_of(owner: Any, told: Told, density: float | None = None) -> dict[str,
         "photonbeams:scattering": ["color3f", found.scattering.tolist()],
         "photonbeams:absorption": ["color3f", found.absorption.tolist()],
         "photonbeams:anisotropy": ["float", found.anisotropy],
+        **({"photonbeams:emission": ["color3f", found.glow.tolist()]} if found.glow is not None else {}),
     }
 
 
@@ -124,8 +125,8 @@ def _volume(node: Any, told: Told, grids: bool = False, given: float | None = No
             density, grid = _density(node, told, grids, given)
             color = np.array(color_of(node, "Color", told))
             return Volume(np.zeros(3), density * np.maximum(1 - color, 0), 0.0, grid)
-        case "EMISSION" if grids:
-            return replace(_NOTHING, **_emission(node, "Strength", "Color", told))
+        case "EMISSION":
+            return _emitting(node, "Strength", "Color", _NOTHING, told, grids)
         case "ADD_SHADER":
             parts = [source_of(each) for each in node.inputs]
             return _added([_volume(each.node, told, grids, given) for each in parts if each is not None], told)
@@ -144,7 +145,8 @@ def _added(parts: list[Volume | None], told: Told) -> Volume | None:
     if len(grids) > 1:
         told("volumes of several grids are added: the first grid is used for all of them")
     first = next((each for each in found if each.density in grids), found[0])
-    glowing = next((each for each in found if each.glow_grid), first)
+    even = [each.glow for each in found if each.glow is not None]
+    glowing = next((each for each in found if each.glow_grid), replace(first, glow=sum(even) if even else None))
     return Volume(
         sum(each.scattering for each in found), sum(each.absorption for each in found), mean,
         first.density, next((each.color for each in found if each.color), ""),
@@ -172,23 +174,25 @@ def _product(node: Any, name: str, told: Told) -> tuple[float, str]:
 
 
 def _glowing(node: Any, volume: Volume, told: Told, grids: bool) -> Volume:
-    """Return the volume of a Principled Volume with what it emits; without a grid it emits nothing here."""
+    """Return the volume of a Principled Volume with what it emits."""
     hot = number_of(node, "Blackbody Intensity", told)
     if grids and hot > 0 and (heat := _text(node, "Temperature Attribute")):
         tint = hot * np.array(color_of(node, "Blackbody Tint", told))
         return replace(volume, glow=tint, glow_grid=heat, kelvin=number_of(node, "Temperature", told))
-    emission = _emission(node, "Emission Strength", "Emission Color", told) if grids else {}
-    if emission.get("glow_grid"):
-        return replace(volume, **emission)
-    if hot > 0 or number_of(node, "Emission Strength", told) > 0:
-        told(f"the light that {node.name} emits is not rendered")
-    return volume
+    if hot > 0:
+        told(f"the light of the black body in {node.name} is not rendered")
+    return _emitting(node, "Emission Strength", "Emission Color", volume, told, grids)
 
 
-def _emission(node: Any, strength: str, color: str, told: Told) -> dict[str, Any]:
-    """Return the emission of a shader of this strength and colour."""
-    number, grid = _product(node, strength, told)
-    return {"glow": number * np.array(color_of(node, color, told)), "glow_grid": grid}
+def _emitting(node: Any, strength: str, color: str, volume: Volume, told: Told, grids: bool) -> Volume:
+    """Return a volume with the emission of a shader of this strength and colour; in grids, even light is none."""
+    number, grid = _product(node, strength, told) if grids else (number_of(node, strength, told), "")
+    if number <= 0:
+        return volume
+    if grids and not grid:
+        told(f"the light that {node.name} emits comes from no grid, which is not rendered")
+        return volume
+    return replace(volume, glow=number * np.array(color_of(node, color, told)), glow_grid=grid)
 
 
 def _text(node: Any, name: str) -> str:

@@ -20,15 +20,26 @@ def mesh_values(mesh: Any) -> dict[str, Any]:
     }
     if mesh.normals_domain != "FACE":
         values["normals"] = ["normal3f[]", read(mesh.corner_normals, "vector", 3), "faceVarying"]
-    layer = next((each for each in mesh.uv_layers if each.active_render), None)
-    if layer is not None:
-        values["primvars:st"] = ["texCoord2f[]", read(layer.uv, "vector", 2), "faceVarying"]
+    for layer in mesh.uv_layers:
+        value = ["texCoord2f[]", read(layer.uv, "vector", 2), "faceVarying"]
+        values[f"primvars:{uv_name(layer.name)}"] = value
+        if layer.active_render:
+            values[f"primvars:{uv_name('')}"] = value
     return values | _colors(mesh)
+
+
+def uv_name(layer: str) -> str:
+    """Return the name of the primvar of a UV layer; "" is the one that is active for rendering."""
+    return f"uv_{_plain(layer)}" if layer else "st"
 
 
 def varname(attribute: str) -> str:
     """Return the name of the primvar of a colour attribute; "" is the one that is active for rendering."""
-    return f"color_{re.sub(r'[^A-Za-z0-9]', '_', attribute)}" if attribute else "displayColor"
+    return f"color_{_plain(attribute)}" if attribute else "displayColor"
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]", "_", name)
 
 
 def _colors(mesh: Any) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .images import MISSING, is_missing
+from .shading.baking import image_behind
 from .shading.evaluation import UnknownNodeError, evaluated
 from .shading.links import linked_to
 from .shading.links import output_of as output_of
@@ -22,10 +23,11 @@ Told = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Texture:
-    """An image that makes a value: its node, and whether it is the image's alpha."""
+    """An image that makes a value: its node, and whether it is the image's alpha; or the output that is made of it."""
 
     node: Any
     alpha: bool = False
+    output: Any = None
 
 
 @dataclass(frozen=True)
@@ -39,17 +41,17 @@ class Attribute:
 Value = float | tuple[float, ...] | Texture | Attribute
 
 
-def value_of(node: Any, name: str, told: Told) -> Value | None:
+def value_of(node: Any, name: str, told: Told, *, bakes: bool = False) -> Value | None:
     """Return the value of a node's input; None if the node has none of that name.
 
     Nodes that have the same value everywhere are computed. Those that vary count as their mean, which is told, except
-    for an image, and what is made of it.
+    for an image and, if it `bakes`, what nodes make of images.
     """
     socket = node.inputs.get(name)
-    return None if socket is None else _value(node, socket, told)
+    return None if socket is None else _value(node, socket, told, bakes)
 
 
-def _value(node: Any, socket: Any, told: Told) -> Value:
+def _value(node: Any, socket: Any, told: Told, bakes: bool = False) -> Value:
     """Return the value of a socket of a node."""
     source = linked_to(socket)
     if source is None or not source.is_output:
@@ -68,6 +70,8 @@ def _value(node: Any, socket: Any, told: Told) -> Value:
         told(f"{socket.name} of {node.name} comes from {unknown}, which is not rendered: its own value is used")
         return _plain(socket.default_value)
     if np.ptp(found, axis=0).max() > _SAME * max(np.abs(found).max(), _SAME):
+        if bakes and (image := image_behind(source)) is not None:
+            return Texture(image, output=source)
         told(f"{socket.name} of {node.name} comes from {made.name} and varies, which is not rendered: its mean is used")
     mean = found.mean(axis=0, dtype=np.float64)
     return float(mean) if found.ndim == 1 else tuple(mean.tolist())

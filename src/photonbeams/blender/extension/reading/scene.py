@@ -15,13 +15,15 @@ from .cameras import camera_prim
 from .fogs import fog_prims
 from .glow import GlowingMeshes, areas
 from .kept import Kept
-from .lights import light_prim, seen_values, stretch_of, world_prims
-from .materials import emitted_by, has_surface, material_prims
+from .lights import light_prim, stretch_of, world_prims
 from .media import APIS, has_volume, hides_sky, medium_of, volume_of
 from .meshes import faces_by_material, mesh_values, points_of
 from .motion import is_blurred
 from .names import free_path, group_name
+from .shading.bumps import scale_of_heights
+from .shading.materials import emitted_by, has_surface, lets_through, material_prims
 from .strands import Strands, strands_of
+from .visibility import ray_values
 from .volumes import scale_of, smoke_of, volume_prims
 
 CAMERA = "/Camera"
@@ -51,10 +53,12 @@ class SceneReader:
         # Names of objects that are portals of lamps, or curves that are beams, and the paths of Cycles' portals.
         self._no_surfaces, self._sky_portals = portals_of(depsgraph), list[str]()
         self._places: dict[Any, str] = {}  # the paths of what may move
-        self._materials: dict[str, str] = {}
+        self._rays: dict[Any, dict[str, Any]] = {}  # attributes of what some rays do not meet
+        self._materials: dict[tuple[str, float], str] = {}
         self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
         self._glowing, self._emitted = GlowingMeshes(told), dict[str, Any]()
+        self._clear = set[str]()  # the names of materials that light passes
 
     def prims(self) -> list[dict[str, Any]]:
         """Return the prims of all but the camera."""
@@ -90,7 +94,7 @@ class SceneReader:
             if path not in first or not is_blurred(thing):
                 continue
             if thing.type == "LIGHT":
-                found[path] = self._light(thing, matrix, path)
+                found[path] = self._light(thing, matrix, path, key)
                 continue
             found[path] = {"matrix": matrix.T}
             if "points" in first[path]:
@@ -109,29 +113,24 @@ class SceneReader:
         seen = Counter[Any]()
         for each in self._depsgraph.object_instances:
             thing = each.object
-            if not each.show_self or self._left_out(each.parent or thing):
+            if not each.show_self:
                 continue
             key = _key_of(each)
             seen[key] += 1
-            yield thing, np.array(each.matrix_world), (*key, seen[key])
+            key = (*key, seen[key])
+            self._rays[key] = ray_values(thing, each.parent or thing, self._layer)
+            yield thing, np.array(each.matrix_world), key
 
     def _strands(self) -> Iterator[tuple[Strands, Any, Any, Any]]:
         """Yield hair and points: themselves, their object, transform, and what names them at all times."""
         for each in self._depsgraph.object_instances:
             thing = each.object
             shown = each.show_self if thing.type in ("CURVES", "POINTCLOUD") else each.show_particles
-            if shown and not self._left_out(each.parent or thing):
+            if shown:
                 for place, strands in enumerate(strands_of(thing, self._depsgraph.mode == "RENDER", self._told)):
-                    yield strands, thing, np.array(each.matrix_world), (*_key_of(each), "strands", place)
-
-    def _left_out(self, thing: Any) -> bool:
-        """Return whether an object is a holdout or seen only indirectly, which is told."""
-        own = thing.original
-        for what, wanted in (("a holdout", own.holdout_get), ("seen only indirectly", own.indirect_only_get)):
-            if wanted(view_layer=self._layer):
-                self._told(f"{thing.name} is {what}, which is not rendered: it is left out")
-                return True
-        return False
+                    key = (*_key_of(each), "strands", place)
+                    self._rays[key] = ray_values(thing, each.parent or thing, self._layer)
+                    yield strands, thing, np.array(each.matrix_world), key
 
     def camera(self, camera: Any, to_world: Any, size: tuple[int, int], shift: float = 0.0) -> dict[str, Any]:
         """Return the prim of a camera that sees the picture of this size; arguments as for `camera_prim`."""
@@ -148,16 +147,16 @@ class SceneReader:
 
     def _add_light(self, thing: Any, matrix: Any, key: Any) -> None:
         self._places[key] = path = self._path("/Lights", thing.name)
-        prim = self._light(thing, matrix, path)
+        prim = self._light(thing, matrix, path, key)
         values, prim["targets"] = self._beams.of_light(thing.data)
         prim["values"] |= values
         self._prims.append(prim)
 
-    def _light(self, thing: Any, matrix: Any, path: str) -> dict[str, Any]:
+    def _light(self, thing: Any, matrix: Any, path: str, key: Any) -> dict[str, Any]:
         """Return the prim of a light, without its beams."""
         light = thing.data
         prim = light_prim(light, path, self._told)
-        prim["values"] |= seen_values(thing)
+        prim["values"] |= self._rays[key]
         pose = matrix.copy()
         scale = np.linalg.norm(pose[:3, :3], axis=0)
         if light.type == "SPOT" and np.ptp(scale) > 1e-4 * scale.max():
@@ -192,28 +191,28 @@ class SceneReader:
         materials = {slot: slots[min(slot, len(slots) - 1)] for slot in faces}
         self._places[key] = path = self._path("/Objects", thing.name)
         prim: dict[str, Any] = {
-            "path": path, "type": "Mesh", "matrix": matrix.T, "values": values,
+            "path": path, "type": "Mesh", "matrix": matrix.T, "values": {**values, **self._rays[key]},
         }  # fmt: skip
         if any(has_surface(each) for each in materials.values()):
-            if any(has_volume(each) for each in materials.values()):
-                self._told(f"{thing.name} has a surface: the volume inside it is not rendered")
             parts = self._bound(prim, materials, faces)
             self._prims += parts
+            names = {_name_of(each) for each in materials.values()}
+            if any(has_volume(each) for each in materials.values()) and names & self._clear:
+                self._told(f"{thing.name} has a surface: the volume inside it is not rendered")
             emitted = {slot: self._emitted[_name_of(material)] for slot, material in materials.items()}
-            if any(np.any(each > 0) for each in emitted.values()):
+            if not thing.visible_volume_scatter:
+                self._told(f"{thing.name} is hidden from fog: it makes no beams, but the light that it reflects does")
+            elif any(np.any(each > 0) for each in emitted.values()):
                 area = areas(values, faces, matrix)
-                self._glowing.add(parts[0], emitted, area, is_seen=thing.visible_camera)
-            else:
-                self._tell_visibility(thing)
+                self._glowing.add(parts[0], emitted, area)
         else:
+            self._tell_rays(thing, key)
             self._prims += fog_prims(prim, next(iter(materials.values())), self._kept, self._told)
 
-    def _tell_visibility(self, thing: Any) -> None:
-        """Say what is not rendered of an object's ray visibility."""
-        if not thing.visible_camera:
-            self._told(f"{thing.name} is hidden from the camera in Blender, which is not rendered: it is seen")
-        elif not thing.visible_shadow:
-            self._told(f"{thing.name} casts no shadow in Blender, which is not rendered: it casts one")
+    def _tell_rays(self, thing: Any, key: Any) -> None:
+        """Say that some rays do not meet a volume, if so."""
+        if self._rays[key]:
+            self._told(f"{thing.name} is a volume that some rays do not meet, which is not rendered: all meet it")
 
     def _add_strands(self, strands: Strands, thing: Any, matrix: Any, key: Any) -> None:
         kept, own = self._kept.meshes, (_geometry_of(thing)[0], strands.number)
@@ -227,7 +226,7 @@ class SceneReader:
         slots = thing.material_slots
         material = slots[min(max(strands.slot, 0), len(slots) - 1)].material if len(slots) else None
         self._places[key] = path = self._path("/Objects", strands.name)
-        prim = {"path": path, "type": strands.kind, "matrix": matrix.T, "values": found[0]}
+        prim = {"path": path, "type": strands.kind, "matrix": matrix.T, "values": {**found[0], **self._rays[key]}}
         self._prims += self._bound(prim, {0: self._layer.material_override or material}, {})
 
     def _add_volume(self, thing: Any, matrix: Any, key: Any) -> None:
@@ -240,6 +239,7 @@ class SceneReader:
         if files is None:
             return
         if volume.density in files:
+            self._tell_rays(thing, key)
             self._places[key] = path = self._path("/Objects", thing.name)
             self._prims += volume_prims(path, matrix, volume, files, scale_of(thing, matrix))
         else:
@@ -249,15 +249,16 @@ class SceneReader:
         self, prim: dict[str, Any], materials: dict[int, Any], faces: dict[int, Any]
     ) -> list[dict[str, Any]]:  # fmt: skip
         """Return the prim of a mesh with its material, or with a part of its faces for each of several."""
-        bound = {**prim, "apis": ["MaterialBindingAPI"]}
+        bound, matrix = {**prim, "apis": ["MaterialBindingAPI"]}, prim["matrix"]
         if len(materials) == 1:
-            return [{**bound, "targets": {"material:binding": [self._material(*materials.values())]}}]
+            (only,) = materials.values()
+            return [{**bound, "targets": {"material:binding": [self._material(only, matrix)]}}]
         parts = [
             {
                 "path": f"{prim['path']}/Part{slot}", "type": "GeomSubset", "apis": ["MaterialBindingAPI"],
                 "values": {"elementType": ["token", "face"], "familyName": ["token", "materialBind"],
                            "indices": ["int[]", faces[slot]]},
-                "targets": {"material:binding": [self._material(material)]},
+                "targets": {"material:binding": [self._material(material, matrix)]},
             }
             for slot, material in materials.items()
         ]  # fmt: skip
@@ -276,11 +277,12 @@ class SceneReader:
             thing.to_mesh_clear()
         return meshes[key]
 
-    def _material(self, material: Any) -> str:
-        """Return the path of a material, whose prims are added once."""
+    def _material(self, material: Any, matrix: Any) -> str:
+        """Return the path of a material on an object, whose prims are added once, if its scale makes no difference."""
         name = _name_of(material)
-        if name not in self._materials:
-            self._materials[name] = path = self._path("/Materials", name or "Default")
+        key = name, scale_of_heights(material, matrix)
+        if key not in self._materials:
+            self._materials[key] = path = self._path("/Materials", name or "Default")
             self._emitted[name] = np.zeros(3)
             if material is None:
                 shader = {"info:id": ["token", "UsdPreviewSurface"], "inputs:diffuseColor": ["color3f", [0.8] * 3],
@@ -289,11 +291,12 @@ class SceneReader:
                 self._prims.append({"path": path, "type": "Material", "sources": out})
                 self._prims.append({"path": f"{path}/Shader", "type": "Shader", "values": shader})
             else:
-                make = partial(material_prims, material, path, self._images, self._told)
-                prims = self._kept.once((name, path), make)
+                make = partial(material_prims, material, path, key[1], self._images, self._told)
+                prims = self._kept.once((*key, path), make)
                 self._prims += prims
                 self._emitted[name] = emitted_by(prims)
-        return self._materials[name]
+                self._clear |= {name} if lets_through(prims) else set()
+        return self._materials[key]
 
     def _add_world(self, world: Any) -> None:
         medium = medium_of(world, self._told)

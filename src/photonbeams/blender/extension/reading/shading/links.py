@@ -53,6 +53,12 @@ class Inside:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.own, name)
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Inside) and (self.own, self.groups) == (other.own, other.groups)
+
+    def __hash__(self) -> int:
+        return hash(self.own)
+
     @property
     def node(self) -> Any:
         """The node of a socket."""

@@ -7,13 +7,15 @@ from typing import Any
 
 from ..nodes import Value
 
-#: Values of OpenPBR's inputs.
-Surface = dict[str, Value]
+#: Values of OpenPBR's inputs; that of its normals is a `Tilt`.
+Surface = dict[str, Any]
+TILT = "geometry_normal"
 
 _BLACK = (0.0, 0.0, 0.0)
 # What inputs are where nothing is said.
 _PLAIN: Surface = {
     "base_weight": 1.0, "base_color": (0.8, 0.8, 0.8), "base_metalness": 0.0, "specular_weight": 1.0,
+    "specular_color": (1.0, 1.0, 1.0),
     "specular_roughness": 0.3, "specular_ior": 1.5, "transmission_weight": 0.0, "transmission_color": (1.0, 1.0, 1.0),
     "coat_weight": 0.0, "coat_roughness": 0.0, "emission_luminance": 0.0, "emission_color": _BLACK,
     "geometry_opacity": 1.0,
@@ -37,12 +39,17 @@ def between(first: Surface, second: Surface, factor: float, told: Callable[[], N
     mirrors = [part * _mirrored(each) for part, each in zip(parts, whole, strict=True)]
     weights |= {"specular_roughness": mirrors, "specular_ior": mirrors}
     found: Surface = {}
-    for name in sorted((first.keys() | second.keys()) - set(_EMISSION)):
+    for name in sorted((first.keys() | second.keys()) - {*_EMISSION, TILT}):
         found[name] = _mean(whole[0][name], whole[1][name], weights.get(name, list(parts)), told)
     if _EMISSION[0] in first or _EMISSION[0] in second:
         found |= _emitted(whole, parts, told, 2.0 if add else 1.0)
+    tilts = [each[TILT] for each in (first, second) if TILT in each]
+    if tilts:
+        found[TILT] = tilts[0]
+        if tilts[-1] != tilts[0]:
+            told()
     if add:
-        found["base_color"] = _scaled(found.get("base_color", _PLAIN["base_color"]), 2.0)
+        found["base_color"] = _scaled({**_PLAIN, **found}["base_color"], 2.0)
     return found
 
 

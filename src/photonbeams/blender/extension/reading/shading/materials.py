@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from functools import partial
-from math import degrees
 from typing import Any
 
 import numpy as np
 
-from .images import Images
-from .meshes import varname
-from .nodes import Attribute, Texture, Told, output_of, source_of, value_of
-from .shading.mixing import Surface, between
+from ..images import Images
+from ..meshes import varname
+from ..nodes import Attribute, Texture, Told, output_of, source_of, value_of
+from .bumps import Tilt, displacement_of, tilt_of, tilt_prims, with_bump
+from .mixing import TILT, Surface, between
+from .textures import shader_prim, texture_prims
 
 _SHADER = "ND_open_pbr_surface_surfaceshader"
 _KINDS = {
     "base_weight": "float", "base_color": "color3f", "base_metalness": "float", "specular_weight": "float",
-    "specular_roughness": "float", "specular_ior": "float", "transmission_weight": "float",
+    "specular_color": "color3f", "specular_roughness": "float", "specular_ior": "float", "transmission_weight": "float",
     "transmission_color": "color3f", "coat_weight": "float", "coat_roughness": "float", "emission_luminance": "float",
-    "emission_color": "color3f", "geometry_opacity": "float",
+    "emission_color": "color3f", "geometry_opacity": "float", TILT: "vector3f",
 }  # fmt: skip
 
 # The inputs of the Principled BSDF by those of OpenPBR.
@@ -29,8 +30,8 @@ _PRINCIPLED = {
 }  # fmt: skip
 # Inputs that are not rendered, and their values that make no difference.
 _IGNORED = {
-    "Subsurface Weight": 0.0, "Specular IOR Level": 0.5, "Anisotropic": 0.0, "Sheen Weight": 0.0,
-    "Thin Film Thickness": 0.0, "Normal": None, "Coat Normal": None,
+    "Subsurface Weight": 0.0, "Anisotropic": 0.0, "Sheen Weight": 0.0,
+    "Thin Film Thickness": 0.0, "Coat Normal": None,
 }  # fmt: skip
 _GREY = (0.8, 0.8, 0.8)
 _BLACK = (0.0, 0.0, 0.0)
@@ -41,32 +42,40 @@ def has_surface(material: Any) -> bool:
     if material is None or material.node_tree is None:
         return True
     output = output_of(material.node_tree, "OUTPUT_MATERIAL")
-    return output is not None and (
-        source_of(output.inputs["Surface"]) is not None or source_of(output.inputs["Volume"]) is None
-    )
+    if output is None or source_of(output.inputs["Volume"]) is None:
+        return output is not None
+    source = source_of(output.inputs["Surface"])
+    return source is not None and not _is_clear(source.node)
 
 
-def material_prims(material: Any, path: str, images: Images, told: Told) -> list[dict[str, Any]]:
-    """Return the prims of a material: itself, its shader and its textures."""
+def _is_clear(node: Any) -> bool:
+    """Return whether light passes a shader node unchanged."""
+    color = node.inputs["Color"] if node.type == "BSDF_TRANSPARENT" else None
+    return color is not None and not color.is_linked and min(color.default_value[:3]) > 1 - 1e-6
+
+
+def material_prims(material: Any, path: str, scale: float, images: Images, told: Told) -> list[dict[str, Any]]:
+    """Return the prims of a material: itself, its shader and its textures; `scale` is that of its displacement."""
 
     def tell(text: str) -> None:
         told(f"Material {material.name}: {text}")
 
-    surface, prims = surface_of(material, tell), list[dict[str, Any]]()
+    surface, prims = surface_of(material, scale, tell), list[dict[str, Any]]()
     values: dict[str, Any] = {"info:id": ["token", _SHADER]}
     sources: dict[str, Any] = {}
     for name, value in surface.items():
         kind = _KINDS[name]
-        if isinstance(value, Texture):
-            own, output = _texture_prims(value, kind, f"{path}/{name}", images, tell)
+        if isinstance(value, Texture | Tilt):
+            own, output = (
+                tilt_prims(value, f"{path}/{name}", images, tell)
+                if isinstance(value, Tilt)
+                else texture_prims(value, kind, f"{path}/{name}", images, tell)
+            )
             prims += own
             sources[f"inputs:{name}"] = [kind, output]
         elif isinstance(value, Attribute):
-            reader = {
-                "info:id": ["token", "UsdPrimvarReader_float3"],
-                "inputs:varname": ["string", varname(value.name)],
-            }
-            prims.append({"path": f"{path}/{name}", "type": "Shader", "values": reader})
+            primvar = {"varname": ["string", varname(value.name)]}
+            prims.append(shader_prim(f"{path}/{name}", "UsdPrimvarReader_float3", ("float3", "result"), primvar))
             sources[f"inputs:{name}"] = [kind, f"{path}/{name}.outputs:result"]
         elif kind == "float":
             values[f"inputs:{name}"] = [kind, value if isinstance(value, float) else sum(value[:3]) / 3]
@@ -76,6 +85,15 @@ def material_prims(material: Any, path: str, images: Images, told: Told) -> list
     shader = {"path": f"{path}/Shader", "type": "Shader", "values": values, "sources": sources}
     out = {"outputs:surface": ["token", f"{path}/Shader.outputs:out"]}
     return [{"path": path, "type": "Material", "sources": out}, shader, *prims]
+
+
+def lets_through(prims: list[dict[str, Any]]) -> bool:
+    """Return whether light passes the surface of a material, by its prims."""
+    shader = next(each for each in prims if each["type"] == "Shader")
+    plain = {"inputs:transmission_weight": 0.0, "inputs:geometry_opacity": 1.0}
+    return any(
+        name in shader["sources"] or shader["values"].get(name, [None, each])[1] != each for name, each in plain.items()
+    )
 
 
 def emitted_by(prims: list[dict[str, Any]]) -> Any:
@@ -88,83 +106,39 @@ def emitted_by(prims: list[dict[str, Any]]) -> Any:
     return factor * np.array(tint)
 
 
-def _texture_prims(
-    texture: Texture, kind: str, path: str, images: Images, told: Told
-) -> tuple[list[dict[str, Any]], str]:  # fmt: skip
-    """Return the prims of a texture, and the path of the output that has its value."""
-    node, colored = texture.node, kind == "color3f"
-    repeat = {"REPEAT": "repeat", "EXTEND": "clamp", "CLIP": "black", "MIRROR": "mirror"}[node.extension]
-    if node.projection != "FLAT":
-        told(f"{node.name} is projected as {node.projection.lower()}, which is not rendered: the UVs are used")
-    values = {
-        "info:id": ["token", "UsdUVTexture"], "inputs:file": ["asset", images.file_of(node.image)],
-        "inputs:wrapS": ["token", repeat], "inputs:wrapT": ["token", repeat],
-        "inputs:sourceColorSpace": ["token", _space_of(node.image, told)],
-    }  # fmt: skip
-    reader = {"info:id": ["token", "UsdPrimvarReader_float2"], "inputs:varname": ["string", "st"]}
-    prims = [{"path": f"{path}_st", "type": "Shader", "values": reader}]
-    place = f"{path}_st.outputs:result"
-    if (moved := _placement(node, told)) is not None:
-        source = {"inputs:in": ["float2", place]}
-        prims.append({"path": f"{path}_placed", "type": "Shader", "values": moved, "sources": source})
-        place = f"{path}_placed.outputs:result"
-    prims.append({"path": path, "type": "Shader", "values": values, "sources": {"inputs:st": ["float2", place]}})
-    return prims, f"{path}.outputs:{'rgb' if colored else 'a' if texture.alpha else 'r'}"
-
-
-def _space_of(image: Any, told: Told) -> str:
-    """Return the colour space of an image's values."""
-    name = image.colorspace_settings.name
-    if image.colorspace_settings.is_data or name.startswith("Linear Rec.709"):
-        return "raw"
-    if name != "sRGB":
-        told(f"{image.name} is in {name}: it is read as sRGB")
-    return "sRGB"
-
-
-def _placement(node: Any, told: Told) -> dict[str, Any] | None:
-    """Return the values of a UsdTransform2d that moves UVs as a Mapping node does; None: they are not moved."""
-    source = source_of(node.inputs["Vector"])
-    if source is None:
-        return None
-    found, moved = source, None
-    if source.node.type == "MAPPING":
-        found = source_of(source.node.inputs["Vector"])
-        inputs = [source.node.inputs[name] for name in ("Location", "Rotation", "Scale") if name in source.node.inputs]
-        if source.node.vector_type == "POINT" and not any(each.is_linked for each in inputs):
-            location, rotation, scale = (tuple(each.default_value) for each in inputs)
-            moved = {
-                "info:id": ["token", "UsdTransform2d"],
-                "inputs:scale": ["float2", list(scale[:2])],
-                "inputs:rotation": ["float", degrees(rotation[2])],
-                "inputs:translation": ["float2", list(location[:2])],
-            }
-        else:
-            told(f"{source.node.name} is not rendered: the UVs are used as they are")
-    if found is not None and not (found.node.type == "TEX_COORD" and found.name == "UV"):
-        told(f"the coordinates of {node.name} are not rendered: the active UVs are used")
-    return moved
-
-
-def surface_of(material: Any, told: Told) -> Surface:
+def surface_of(material: Any, scale: float, told: Told) -> Surface:
     """Return the surface of a material; grey for one without nodes."""
     if material.node_tree is None:
         return {"base_color": tuple(material.diffuse_color[:3]), "specular_roughness": float(material.roughness)}
     output = output_of(material.node_tree, "OUTPUT_MATERIAL")
     source = None if output is None else source_of(output.inputs["Surface"])
-    return {"base_color": _BLACK, "specular_weight": 0.0} if source is None else _shaded(source.node, told)
+    if source is None:
+        return {"base_color": _BLACK, "specular_weight": 0.0}
+    surface = _shaded(source.node, told)
+    return _tilted(surface, with_bump(surface.get(TILT), displacement_of(material, scale, told), told))
+
+
+def _tilted(surface: Surface, tilt: Tilt | None) -> Surface:
+    """Return a surface whose normals are tilted."""
+    return surface if tilt is None else {**surface, TILT: tilt}
 
 
 def _shaded(node: Any, told: Told) -> Surface:
-    """Return the surface that a shader node makes."""
+    """Return the surface that a shader node makes, and what tilts its normals."""
+    return _tilted(_reflecting(node, told), tilt_of(node, told))
+
+
+def _reflecting(node: Any, told: Told) -> Surface:
+    """Return the surface that a shader node makes, with normals that are not tilted."""
 
     def value(name: str) -> Any:
-        return value_of(node, name, told)
+        return value_of(node, name, told, bakes=True)
 
     match node.type:
         case "BSDF_PRINCIPLED":
             found = {name: value(theirs) for name, theirs in _PRINCIPLED.items()}
             _tell_ignored(node, told)
+            found |= _specular(found, value("Specular IOR Level"), value("Specular Tint"), told)
             return {
                 **{name: each for name, each in found.items() if each is not None},
                 "transmission_color": found["base_color"],
@@ -191,6 +165,21 @@ def _shaded(node: Any, told: Told) -> Surface:
             return _added(_linked(node.inputs[0], told), _linked(node.inputs[1], told), told)
     told(f"{node.name} is not rendered: the surface is grey")
     return {"base_color": _GREY}
+
+
+def _specular(found: Surface, level: Any, tint: Any, told: Told) -> Surface:
+    """Return the specular inputs of a Principled BSDF: the level scales the reflectance at normal incidence by 2."""
+    surface: Surface = {} if tint in (None, (1.0,) * 4) else {"specular_color": tint}
+    ior = found["specular_ior"]
+    if level in (None, 0.5):
+        return surface
+    if not (isinstance(level, float) and isinstance(ior, float)) or found["transmission_weight"] != 0.0:
+        told("Specular IOR Level is not rendered where it is an image, or where light passes through")
+        return surface
+    if level < 0.5:
+        return {**surface, "specular_weight": 2 * level}
+    root = min(2 * level * ((ior - 1) / (ior + 1)) ** 2, 0.99) ** 0.5
+    return {**surface, "specular_ior": (1 + root) / (1 - root)}
 
 
 def _tell_ignored(node: Any, told: Told) -> None:
