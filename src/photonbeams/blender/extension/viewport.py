@@ -30,7 +30,7 @@ class Viewport:
         self._kept = Kept(self._folder.name)
         self._renderer: Renderer | None = None
         self._sent, self._shown = Sent(), dict[str, Any]()
-        self._prims: list[dict[str, Any]] = []
+        self._prims: list[dict[str, Any]] | None = None  # None: the scene cannot be read
         self._is_read = False  # whether the prims are those of the scene as it is
         self._awaited: int | None = None  # the view whose first picture has not come
         self._waits = False  # whether there was not yet a renderer
@@ -67,7 +67,9 @@ class Viewport:
                 self._prims = SceneReader(depsgraph, self._kept, self._warn).prims()
             except Exception as error:  # of any kind: it would come again with each redraw
                 self.text = f"the scene could not be read: {type(error).__name__}: {error}"[:300]
-                return
+                self._prims = None
+        if self._prims is None:
+            return
         try:
             if self._renderer is None:
                 self._renderer, self._sent, self._shown = POOL.take(python), Sent(), {}

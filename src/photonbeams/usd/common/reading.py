@@ -43,7 +43,7 @@ def quiet() -> Iterator[None]:
 def file_of(stage: Usd.Stage) -> str:
     """Return the name of a stage's root layer, for messages."""
     layer = stage.GetRootLayer()
-    return str(layer.realPath or layer.identifier)
+    return "the stage" if layer.anonymous else str(layer.realPath or layer.identifier)
 
 
 def frame_number(time: Usd.TimeCode) -> float:
