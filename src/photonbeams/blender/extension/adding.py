@@ -15,6 +15,8 @@ from .reading.media import has_volume
 
 _WALL = (1.5, 1.5)  # half of the width and of the height, in metres
 _DENSITY = 0.05  # of a fog that is added, per metre
+_BEHIND = 2.5  # how far walls are behind the cursor, in metres
+_POWER = 2500.0  # of a spot 1 m behind a hole, in watts: its shaft is as bright as a lit wall
 
 
 def _keyhole() -> list[tuple[float, float]]:
@@ -92,14 +94,15 @@ def _mesh(name: str, vertices: list[Any], faces: list[Any]) -> Any:
 
 
 def _lit_hole(name: str, vertices: list[Any], faces: list[Any], hole: Any, place: Any) -> list[Any]:
-    """Return a wall, the portal in its hole, and a spot at a place behind it that shines toward the viewer."""
+    """Return a wall, the portal in its hole, and a spot at a place behind it, which shines on the cursor."""
     wall = _mesh(name, vertices, faces)
+    wall.location = Vector(place) * (_BEHIND / place[1])
     (left, low), (right, high) = hole.min(axis=0), hole.max(axis=0)
     portal = _mesh(f"{name} Portal", [(left, 0, low), (right, 0, low), (right, 0, high), (left, 0, high)],
                    [(0, 1, 2, 3)])  # fmt: skip
     portal.display_type = "WIRE"
     light = bpy.data.lights.new(f"{name} Spot", "SPOT")
-    light.energy = 150.0 * Vector(place).length_squared
+    light.energy = _POWER * Vector(place).length_squared
     light.shadow_soft_size = 0.02
     light.spot_size = 2.4 * atan2(
         np.linalg.norm(hole, axis=1).max(), Vector(place).length
@@ -122,7 +125,7 @@ class PHOTONBEAMS_OT_add_keyhole(_Adding):  # noqa: N801 - Blender wants these n
     def things(self) -> list[Any]:
         """Return the wall, its portal and the spot."""
         outline = _keyhole()
-        return _lit_hole("Keyhole", *_wall(outline), np.array(outline), (0.4, 1.5, 0.7))
+        return _lit_hole("Keyhole", *_wall(outline), np.array(outline), (0.9, 1.5, 0.7))
 
 
 class PHOTONBEAMS_OT_add_blinds(_Adding):  # noqa: N801
@@ -141,7 +144,7 @@ class PHOTONBEAMS_OT_add_blinds(_Adding):  # noqa: N801
             to = Matrix.LocRotScale((0, 0.09, (k + 0.5) * step - high), Euler((radians(-25), 0, 0)), None)
             own, sides = _box((2 * wide, 0.18, 0.004), to, len(vertices))
             vertices, faces = vertices + own, faces + sides
-        return _lit_hole("Blinds", vertices, faces, np.array(outline), (0.8, 3.0, 1.4))
+        return _lit_hole("Blinds", vertices, faces, np.array(outline), (1.6, 3.0, 1.4))
 
 
 class PHOTONBEAMS_OT_add_strands(_Adding):  # noqa: N801

@@ -151,9 +151,14 @@ def _shared() -> list[Any]:
     return [
         each
         for each in bpy.types.Panel.__subclasses__()
-        if ("BLENDER_RENDER" in getattr(each, "COMPAT_ENGINES", ()) and each.__name__ not in _HIDDEN)
+        if ("BLENDER_RENDER" in getattr(each, "COMPAT_ENGINES", ()) and _name_of(each) not in _HIDDEN)
         or each.__name__ in _OF_EEVEE
     ]
+
+
+def _name_of(panel: Any) -> str:
+    """Return the name of a panel, also of its copy in the shader editor."""
+    return str(panel.__name__).removeprefix("NODE_")
 
 
 def register() -> None:
