@@ -14,6 +14,12 @@ from photonbeams.scene import SceneError
 from tests.helpers.frames import write_frame
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+GUIDE = EXAMPLES.parent / "docs" / "guide.md"
+
+
+def masked(text):
+    """Return a text with its numbers masked, which differ a little from machine to machine, and single spaces."""
+    return re.sub(r"-?\d[\d.]*", "#", " ".join(text.split()))
 
 
 def lines(capsys, path):
@@ -93,7 +99,8 @@ def test_the_keyhole_stage_shows_all_that_a_render_needs(capsys):
     assert not re.search(r"^/World/Portal", found, re.MULTILINE)  # a portal is not listed as a mesh
 
 
-def test_a_stage_from_blender_says_what_it_lacks_and_what_to_type(capsys):
+def test_a_stage_from_blender_says_what_it_lacks_and_what_to_type(capsys, monkeypatch):
+    monkeypatch.chdir(EXAMPLES.parent)
     found = lines(capsys, EXAMPLES / "blender" / "attic.usda")
     assert "fog none" in found
     assert "frames no range, 24 a second" in found
@@ -105,7 +112,13 @@ def test_a_stage_from_blender_says_what_it_lacks_and_what_to_type(capsys):
     middle = [float(each) for each in opening.rpartition(" at ")[2].split()]
     assert np.allclose(middle, (-0.585, 0.25, 2.515), atol=0.1)  # that of the skylight, which the guide's layer names
     assert "there is no fog, so no shaft shows --scattering 0.05" in found
-    assert "or, for good: photonbeams dress attic.usda -o attic_beams.usda" in found
+    assert "or, for good: photonbeams dress examples/blender/attic.usda -o attic_beams.usda" in found
+    shown = re.findall(
+        r"^    (.+)$", GUIDE.read_text().partition("## See what is there")[2].partition("## First")[0], re.M
+    )
+    assert len(shown) == 9
+    for line in shown:  # of the guide, but for digits
+        assert any(masked(line) in masked(each) for each in found) or line == "…", line
 
 
 AWAY = """{{

@@ -53,16 +53,16 @@ def test_each_value_of_a_layer_has_a_comment(export, tmp_path):
 
 def test_portals_change_no_light(export, tmp_path):
     dressed(export, tmp_path / "shot.usda")
-    options = {"beams": 512, "passes": 2, "width": 24, "height": 14, "max_depth": 2}
+    options = {"beams": 512, "passes": 1, "width": 16, "height": 9, "max_depth": 2}
 
     def means(*overrides):
         shot = pb.Shot.open(tmp_path / "shot.usda", overrides=overrides)
-        return np.array([shot.render(seed=seed, **options).layers["beams_Sun"].mean() for seed in range(12)])
+        return np.array([shot.render(seed=seed, **options).layers["beams_Sun"].mean() for seed in range(6)])
 
     aimed, all_around = means(), means("/Lights/Sun.photonbeams:portal=")
     error = np.hypot(*(each.std(ddof=1) / np.sqrt(len(each)) for each in (aimed, all_around)))
     assert abs(aimed.mean() - all_around.mean()) < 4 * error
-    assert 0 < error < 0.1 * all_around.mean()
+    assert 0 < error < 0.15 * all_around.mean()
 
 
 def test_what_an_export_has_stays(export, tmp_path):
@@ -87,3 +87,19 @@ def test_layers_that_cannot_be_written_are_refused(export, tmp_path):
         with pytest.raises(SceneError, match=message):
             dress(shot, tmp_path / "a.usda")
     assert not (tmp_path / "a.usda").exists()
+
+
+def test_instances_stay_and_names_are_unique(tmp_path):
+    lamp = 'def SphereLight "{}" {{\n    double3 xformOp:translate = ({}, 1, -5)\n    {}\n'
+    lamp += '    uniform token[] xformOpOrder = ["xformOp:translate"]\n}}\n'
+    (tmp_path / "part.usda").write_text(f'#usda 1.0\ndef Xform "Part" {{\n{lamp.format("Lamp", 0, "")}}}\n')
+    place = 'def Xform "{}" (\n    instanceable = true\n    references = @part.usda@</Part>\n)\n{{\n}}\n'
+    own = 'token photonbeams:lightGroup = "Lamp"'
+    text = [place.format("A"), f'def Xform "B" {{\n{lamp.format("Lamp", 1, "")}}}\n', lamp.format("Known", 2, own)]
+    camera = 'def Camera "Camera" {\n}\ndef Scope "Beams" {\n}\n'
+    (tmp_path / "export.usda").write_text("#usda 1.0\n" + "".join(text) + camera)
+    said = dressed(tmp_path / "export.usda", tmp_path / "shot.usda")
+    assert "/A/Lamp is an instance, which no layer can change: its beams stay as they are" in said
+    content, _ = pb.Shot.open(tmp_path / "shot.usda", strict=True).read()
+    assert {each.name: each.group for each in content.lights} == {"/A/Lamp": "", "/B/Lamp": "Lamp_2", "/Known": "Lamp"}
+    assert content.medium.name == "/Beams2/Fog"

@@ -62,7 +62,7 @@ def dress(shot: Shot, path: PathLike) -> list[str]:
     survey = Survey(content, {camera.name: camera})
     lamps = [Lamp(name, [mesh_of("", each).points for each in survey.openings.get(name, ())]) for name in survey.shafts]
     fog = None if content.media else Fog(survey.scattering, _reason(survey))
-    result = dressing(shot.stage, path.absolute(), fog, lamps)
+    result = dressing(shot.stage, path.absolute(), fog, lamps, {each.group for each in content.lights})
     write_bytes(path, result.text.encode())
     others = [each.name for each in content.lights if each.name not in survey.shafts]
     if others:

@@ -75,9 +75,10 @@ def _makes_beams(light: Light) -> bool:
 def _of_fog(stage: Usd.Stage, survey: Survey) -> Iterator[Reason]:
     medium, suits = survey.scene.medium, f"{survey.scattering:g}"
     if not survey.scene.media:
-        name = Path(stage.GetRootLayer().realPath or "stage.usda")
+        path = Path(stage.GetRootLayer().realPath)
+        named = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
         yield "there is no fog, so no shaft shows", f"--scattering {suits}"
-        yield "", f"or, for good: photonbeams dress {quote(name.name)} -o {quote(f'{name.stem}_beams.usda')}"
+        yield "", f"or, for good: photonbeams dress {quote(str(named))} -o {quote(f'{path.stem}_beams.usda')}"
     elif medium is not None and medium.mesh is None:
         depth = float(np.mean(medium.extinction)) * survey.distance
         what = _set(medium.name, "photonbeams:scattering", suits) if medium.name else f"--scattering {suits}"

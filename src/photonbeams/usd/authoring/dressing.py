@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import wrap
@@ -62,7 +62,9 @@ class Dressing:
     said: list[str] = field(default_factory=list)
 
 
-def dressing(stage: Usd.Stage, path: Path, fog: Fog | None, lamps: Sequence[Lamp]) -> Dressing:
+def dressing(
+    stage: Usd.Stage, path: Path, fog: Fog | None, lamps: Sequence[Lamp], groups: Iterable[str] = ()
+) -> Dressing:  # fmt: skip
     """Return a layer over the root layer of a stage, for a file at a path.
 
     Parameters
@@ -71,6 +73,8 @@ def dressing(stage: Usd.Stage, path: Path, fog: Fog | None, lamps: Sequence[Lamp
         The fog; None: the export has one, which stays.
     lamps
         Lamps that make shafts. Their looks, groups and portals that the export has stay.
+    groups
+        The light groups of the export: new ones have other names.
     """
     result = Dressing()
     if fog is None:
@@ -82,7 +86,7 @@ def dressing(stage: Usd.Stage, path: Path, fog: Fog | None, lamps: Sequence[Lamp
     if fog is not None:
         own.children.append(_fog(fog))
     overs = _Prim("", "")
-    taken: set[str] = set()
+    taken = set(groups)
     for lamp in lamps:
         over = _lamp(stage, lamp, own, taken, result.said)
         if over is not None:
