@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Optical depth of a fog in which shafts show, up to what a camera sees: surfaces there lose 22 % of their light.
 DEPTH = 0.25
+# From this fraction on, all of a lamp's light is seen: no opening keeps the rest away.
+_WHOLE = 0.95
 # The reflectance that surfaces are taken to have, and the width of the picture of which rays are traced.
 _GREY, _WIDTH = 0.5, 128
 
@@ -70,10 +72,11 @@ class Survey:
 
     @cached_property
     def openings(self) -> dict[str, list[Sides]]:
-        """The openings through which lamps that make beams, and have no portal, light what cameras see."""
+        """The openings through which lamps light what cameras see; none of lamps with portals, or that are all seen."""
         from ..transport.openings import openings_of_lamps
 
-        return openings_of_lamps(self._foggy, [*self._views.values()]) if self._makes_beams else {}
+        hidden = [name for name, each in self.reach.items() if max(each.seen, default=0) < _WHOLE]
+        return openings_of_lamps(self._foggy, [*self._views.values()], hidden)
 
     @cached_property
     def shafts(self) -> list[str]:

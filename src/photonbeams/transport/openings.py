@@ -7,7 +7,7 @@ wall. Other than the pilot of a render, which takes a rectangle only where that 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -41,15 +41,15 @@ _WORSE, _ROUNDS = 4.0, 3
 _NEAR, _FREE, _LONELY = 16, 0.7, 2.5
 
 
-def openings_of_lamps(world: World, views: Sequence[Projection]) -> dict[str, list[Sides]]:
-    """Return the openings of each lamp that makes beams, by name, as rectangles; none of lamps that have a portal."""
-    if not views:
+def openings_of_lamps(world: World, views: Sequence[Projection], names: Collection[str]) -> dict[str, list[Sides]]:
+    """Return the openings of lamps that make beams, by their names, as rectangles; none of lamps that have a portal."""
+    if not (views and names):
         return {}
     strata, lines = Allotment(_PATHS).strata(world, Tuning(max_bounces=0)), Connections(world, views)
     return {
-        world.emitters[each.emitter.number].name: list(_openings(each, lines(each.emitter), world))
+        each.emitter.name: list(_openings(each, lines(each.emitter), world))
         for each in strata
-        if each.emitter.portal is None and each.emitter.lamp.illuminates
+        if each.emitter.portal is None and each.emitter.lamp.illuminates and each.emitter.name in names
     }
 
 
