@@ -6,7 +6,7 @@ import pytest
 from photonbeams import scene
 from photonbeams.shot.survey import DEPTH, Survey
 from photonbeams.transport.openings import openings_of_lamps
-from tests.helpers.comparison import quad
+from tests.helpers.comparison import box, quad
 from tests.helpers.windows import WINDOWS, camera, room
 
 
@@ -40,6 +40,17 @@ def test_light_in_the_open_comes_through_no_opening():
     assert found.openings == {}  # not looked for, because all of the light is seen
     assert found.shafts == ["/Lamp"]
     assert found.reach["/Lamp"].in_fog == pytest.approx(1, abs=1e-3)
+
+
+def test_a_floor_is_no_wall_around_an_opening():
+    floor = quad("/Floor", [[-20, 0, -20], [20, 0, -20], [20, 0, 20], [-20, 0, 20]])
+    smoke = scene.Medium(scattering=0.2, mesh=box("/Smoke", (-3, 0.1, -3), (3, 8, 3)), name="/Smoke")
+    axis = np.array([0.6, -0.3, -0.75])
+    sun = scene.DistantLight("/Sun", 3e4, axis=axis / np.linalg.norm(axis), angle=0.5)
+    own = scene.Camera.look_at(origin=(0, 3, 15), target=(0, 3, 0), name="/Camera", fov=50)
+    found = survey(scene.Scene(meshes=(floor, smoke.mesh), lights=(sun,), media=(smoke,)), own)
+    assert found.shafts == ["/Sun"]
+    assert found.openings == {"/Sun": []}
 
 
 def test_white_paper_shows_irradiance_over_pi_where_light_falls():

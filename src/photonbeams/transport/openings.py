@@ -58,7 +58,9 @@ def _openings(stratum: Stratum, lines: ShadowRays, world: World) -> Iterator[Sid
     for part in () if bundle is None else _parts(bundle, world.extent):
         found = fitted(part, world.extent)
         found = None if found is None else walled(found, part, stratum.emitter, world, _WORSE, _ROUNDS)
-        if found is not None and stopped_around(found, stratum.emitter, world) > _STOPPED:
+        if found is None or np.linalg.norm(found.edges, axis=1).max() > world.extent:
+            continue  # no hole in anything: a floor, too, is in the way of light
+        if stopped_around(found, stratum.emitter, world) > _STOPPED:
             yield found.corner, found.edges[0], found.edges[1]
 
 

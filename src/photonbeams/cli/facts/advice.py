@@ -98,8 +98,8 @@ def _of_surfaces(survey: Survey) -> Iterator[Reason]:
             break
     first = next(iter(survey.cameras))
     stops = round(survey.exposure(first))
-    if abs(stops) >= _STOPS:
-        yield f"what {first} sees is {'dark' if stops > 0 else 'bright'} for a screen", f"--exposure {stops}"
+    if stops >= _STOPS:
+        yield f"what {first} sees is dark for a screen", f"--exposure {stops}"
 
 
 def _set(path: str, name: str, value: str) -> str:
