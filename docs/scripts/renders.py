@@ -105,6 +105,12 @@ def rendered(folder: Path, arguments: tuple[str, ...], pictures: dict[str, str])
         keep(folder / f"{name}.png", name)
 
 
+def dressed(folder: Path) -> None:
+    """Write the attic under the layer that `photonbeams dress` makes."""
+    photonbeams(folder, "dress", ATTIC[0], "-o", "dressed.usda", "-q")
+    rendered(folder, ("dressed.usda", "--bounces", "3", "--exposure", "1", *CLEAN), {"rgba": "attic-dressed"})
+
+
 def swatch(folder: Path) -> None:
     """Write what docs/examples.md shows of the shaft's look."""
     photonbeams(folder, "swatch", SHAFT, *DIRECTED, "--length", "7", "-o", str(PICTURES / "shaft-look.png"))
@@ -125,7 +131,7 @@ def main() -> None:
         for arguments, pictures in RENDERS.items()
     }
     jobs |= {
-        "attic-over": plate, "shaft-look": swatch, "fit": fitted,
+        "attic-dressed": dressed, "attic-over": plate, "shaft-look": swatch, "fit": fitted,
         "flight": lambda folder: sheet(folder, FLIGHT, "flight", columns=5),
         "magic-grow": lambda folder: sheet(folder, GROWTH, "magic-grow", columns=4),
     }  # fmt: skip

@@ -14,6 +14,12 @@ from photonbeams.scene import SceneError
 from tests.helpers.frames import write_frame
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+GUIDE = EXAMPLES.parent / "docs" / "guide.md"
+
+
+def masked(text):
+    """Return a text with its numbers masked, which differ a little from machine to machine, and single spaces."""
+    return re.sub(r"-?\d[\d.]*", "#", " ".join(text.split()))
 
 
 def lines(capsys, path):
@@ -76,24 +82,79 @@ def test_the_keyhole_stage_shows_all_that_a_render_needs(capsys):
         r"^unit 1 m$",
         r"^frames 1 to 101, 24 a second$",
         r"^fog scattering [\d.]",
-        r"^a beam of power 1 and radius 1 shows [\d. e-]+, one unit along [\d. e-]+$",
+        r"^half of a shaft's light is left after 5\.33 or 4\.95 or 4\.62 units \(m\) \(by colour\) of it$",
+        r"^of what /World/Camera sees, about 3\.\d+ units \(m\) away, 6\d % 6\d % 6\d % of the light is left$",
         r"^/World/Camera 32 mm on 36 mm 58\.7 degrees wide no blur all sharp x 1 ",
         r"^/World/Flight 28 mm on 36 mm 65\.5 degrees wide -0\.25 to 0\.25 frames f/4 at 2\.5 x 1 ",
         r"^/World/Light/Key rect .* key 4,096.* /World/Portal /World/Looks/Keyhole$",
         r"^/World/Light/Fill dome .* none, but lights volumes$",
-        r"^/World/Door/Leaf [\d,]+ [\d,]+ 256 px texture$",
+        r"^/World/Light/Key lights 2\.\d % of what /World/Camera sees; white paper there shows [\d.]+ \(1 is white\)$",
+        r"^all of its light gets into fog, of which /World/Camera sees 6\d %, /World/Flight sees 6\d %$",
+        r"^/World/Door/… 5 2,708 4,172 2 materials$",
+        r"^/World/Chamber 1 [\d,]+ [\d,]+ [\d. ]+$",
+        r"^lamps light 3\d % of what /World/Camera sees, and nothing lights the rest --bounces 3$",
         r"^/World/Looks/Keyhole physical x ramp of \d epanechnikov physical physical$",
     ):
         assert re.search(pattern, found, re.MULTILINE), pattern
     assert not re.search(r"^/World/Portal", found, re.MULTILINE)  # a portal is not listed as a mesh
 
 
-def test_a_stage_from_blender_says_what_it_lacks(capsys):
+def test_a_stage_from_blender_says_what_it_lacks_and_what_to_type(capsys, monkeypatch):
+    monkeypatch.chdir(EXAMPLES.parent)
     found = lines(capsys, EXAMPLES / "blender" / "attic.usda")
-    assert "fog none: add one with --scattering" in found
+    assert "fog none" in found
     assert "frames no range, 24 a second" in found
     assert "up axis Z" in found
-    assert any(line.startswith("and ") and " more " in line for line in found)
+    assert "/Attic/CrateSmall/… 13 1,176 540 2 materials" in found
+    assert sum(line.startswith(("/Attic/", "and others ")) for line in found) < 20  # of 90 meshes, and all lights
+    assert re.search(r"^/Attic/Spot/Spot sphere [\d. e+]+ 4,096$", "\n".join(found), re.MULTILINE)
+    opening = next(line for line in found if line.startswith("comes in through an opening"))
+    middle = [float(each) for each in opening.rpartition(" at ")[2].split()]
+    assert np.allclose(middle, (-0.585, 0.25, 2.515), atol=0.1)  # that of the skylight, which the guide's layer names
+    assert "there is no fog, so no shaft shows --scattering 0.05" in found
+    assert "or, for good: photonbeams dress examples/blender/attic.usda -o attic_beams.usda" in found
+    shown = re.findall(
+        r"^    (.+)$", GUIDE.read_text().partition("## See what is there")[2].partition("## First")[0], re.M
+    )
+    assert len(shown) == 9
+    for line in shown:  # of the guide, but for digits
+        assert any(masked(line) in masked(each) for each in found) or line == "…", line
+
+
+AWAY = """{{
+    double3 xformOp:translate = (0, 0, {z})
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    {more}
+}}
+"""
+CAMERA, FOG = 'def Camera "C" {\n}\n', 'def Scope "Fog" {\n color3f photonbeams:scattering = (9, 9, 9)\n}\n'
+HIDDEN, BLACK, WEAK, PLAIN = (
+    f"{{\n {each}\n}}\n"
+    for each in ('token visibility = "invisible"', "float inputs:intensity = 0", "float inputs:intensity = 1", "")
+)
+IN_A_BOX = f'{AWAY.format(z=50, more="")}def Cube "Box" {AWAY.format(z=50, more="double size = 4")}'
+WALL = f'def Cube "Box" {AWAY.format(z=-9, more="")}'
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "the stage has no camera"),
+        (CAMERA, "the stage has no light"),
+        (f'{CAMERA}def SphereLight "L" {HIDDEN}', r"all lights are hidden --set /L\.visibility=inherited"),
+        (f'{CAMERA}def SphereLight "L" {BLACK}', r"/L is black --set /L\.inputs:intensity=1"),
+        (f'{CAMERA}def DomeLight "Sky" {PLAIN}{WALL}', "no light makes beams --dome-beams"),
+        (f'{CAMERA}def SphereLight "L" {IN_A_BOX}', "no camera sees fog that /L lights"),
+        (f'{CAMERA}{FOG}{WALL}def SphereLight "L" {PLAIN}',
+         r"the fog is thick: hardly any is left .* --set /Fog\.photonbeams:scattering=0\.03"),
+        (f'{CAMERA}{WALL}def DistantLight "L" {WEAK}', r"what /C sees is dark for a screen --exposure 1\d"),
+    ],
+    ids=("camera", "light", "hidden", "black", "dome", "shut", "thick", "dim"),
+)  # fmt: skip
+def test_why_a_picture_would_be_dark(tmp_path, capsys, text, reason):
+    (tmp_path / "a.usda").write_text(f"#usda 1.0\n{text}")
+    found = "\n".join(lines(capsys, tmp_path / "a.usda"))
+    assert re.search(rf"^{reason}", found.partition("why it would be dark")[2], re.MULTILINE)
 
 
 def test_lights_that_are_hidden_at_first_are_told(tmp_path, capsys):
@@ -113,7 +174,7 @@ def SphereLight "Fill" {
 """
     )
     found = lines(capsys, tmp_path / "a.usda")
-    assert "/G/Key hidden at first" in found
+    assert "/G/Key hidden at first none yet" in found
     assert sum(line.startswith("/Fill ") for line in found) == 1
 
 

@@ -225,12 +225,8 @@ def test_blocks_that_missed_light_that_is_rarely_found_have_samples_like_those_a
     radiance = np.where(rng.uniform(size=(2, 60, 80)) < 0.02, 50.0, 0.0) + rng.uniform(0.9, 1.1, (2, 60, 80))
     window = Window.full(320, 240)
     given = SamplePlan(8, BeamCost(0.0, 1e6), 1e5)
-    found = given.counts(radiance.reshape(2, -1), np.ones(radiance[0].shape).ravel()[None].repeat(2, 0), window).blocks
+    found = given.counts(radiance.reshape(2, -1), np.ones((2, 4800)), window).blocks
     assert found.max() <= 4 * found.min() and found.min() >= 2
-    # Light that many neighbours have is not spread.
-    pool = rng.uniform(0.9, 1.1, (2, 60, 80))
-    pool[:, 20:40, 20:40] *= rng.uniform(0, 40, (2, 20, 20))
-    found = given.counts(pool.reshape(2, -1), np.ones((2, 4800)), window).blocks
     monkeypatch.setattr(sample_plan, "_PART", 0.0)
-    alike = given.counts(pool.reshape(2, -1), np.ones((2, 4800)), window).blocks == found
-    assert alike[:3].all() and alike.mean() > 0.95
+    patchy = given.counts(radiance.reshape(2, -1), np.ones((2, 4800)), window).blocks
+    assert patchy.max() >= 8 * patchy.min()

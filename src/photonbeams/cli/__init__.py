@@ -24,7 +24,9 @@ from typer.exceptions import TyperException
 
 __all__ = ["app", "main"]
 
-_COMMANDS = ("render", "merge", "steady", "beams", "export", "swatch", "studio", "info", "quadrature", "doctor")
+_COMMANDS = (
+    "render", "merge", "steady", "beams", "export", "dress", "swatch", "studio", "info", "quadrature", "doctor",
+)  # fmt: skip
 _INTERRUPTED = 128 + SIGINT
 _LONGEST = 300  # characters of a message
 _TEMPORARY = 75  # EX_TEMPFAIL of sysexits.h

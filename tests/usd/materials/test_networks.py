@@ -1,10 +1,12 @@
 """Materials of other renderers, and nodes that compute values, are read as the nearest UsdPreviewSurface."""
 
+import shlex
+
 import numpy as np
 import pytest
 
 from photonbeams.scene import UVTexture
-from photonbeams.usd.stage import read_scene
+from photonbeams.usd.stage import open_stage, read_scene
 from tests.usd.materials.networks import PIXELS, STANDARD, material, shader
 
 OPEN = ["ND_open_pbr_surface_surfaceshader", "arnold:openpbr_surface"]
@@ -258,12 +260,17 @@ def test_the_network_that_loses_least_is_read(scene, caplog):
     assert not caplog.text
 
 
-def test_blenders_opaque_glass_is_named(usd, caplog):
+def test_blenders_opaque_glass_is_named_with_the_flag_that_makes_it_clear(usd, caplog):
     text = material("UsdPreviewSurface", "float inputs:ior = 1.45")
     for before, after in (("/Mat", "/ClearGlass"), ('"Mat"', '"ClearGlass"')):
         text = text.replace(before, after)
-    read_scene(usd(text, 'doc = "Blender v5.0.1"'))
+    stage = usd(text, 'doc = "Blender v5.0.1"')
+    assert read_scene(stage).meshes[0].material.opacity == 1
     assert "/ClearGlass is opaque, because Blender writes no transmission" in caplog.text
+    flag, argument = shlex.split(caplog.messages[-1].partition("for glass: ")[2])
+    assert flag == "--set"
+    mended = open_stage(stage.GetRootLayer().realPath, overrides=[argument])
+    assert read_scene(mended).meshes[0].material.opacity == 0
 
 
 def test_nvidias_shaders_have_their_textures_as_inputs(usd, image):

@@ -47,11 +47,12 @@ _MARGIN, _MARGIN_PATHS = 0.02, 2.0
 # must be, as a fraction of the rectangle.
 _PROBES, _BEYOND, _STRIP, _DARK = 1 << 13, 0.25, 0.1, 0.1
 # Numbers of walls that are tried, and of points that may define one. Points belong to one wall if the cosine between
-# their normals is more than _FLAT, and their distance from its plane is less than _THICK of their spread. The cost of a
-# rectangle in a wall may be higher by the factor _WORSE.
+# their normals is more than _FLAT, and their distance from its plane is less than _THICK of their spread. _WORSE is
+# the usual factor of `walled`.
 _WALLS, _TRIED, _FLAT, _THICK, _WORSE = 4, 32, 0.99, 0.003, 1.5
 #: The box of a whole rectangle, (2, 2) by axis and end.
 UNIT = np.array([[0.0, 1.0], [0.0, 1.0]])
+_BESIDE = np.array([[-0.5, 1.5]] * 2)  # a box around it, in which walls are looked for
 # Bounds of the fraction of paths that goes through the rectangle.
 _SHARES = (0.75, 0.9)
 
@@ -187,19 +188,33 @@ def fitted(bundle: Bundle, size: float) -> FittedRectangle | None:
     return None if whole is None else whole.rectangle
 
 
-def walled(rectangle: FittedRectangle, bundle: Bundle, emitter: PathEmitter, world: World) -> FittedRectangle | None:
+def walled(
+    rectangle: FittedRectangle, bundle: Bundle, emitter: PathEmitter, world: World, worse: float = _WORSE,
+    rounds: int = 1,
+) -> FittedRectangle | None:  # fmt: skip
     """Return a rectangle moved into the plane of the wall around it, with its sides moved outward to the wall's edges.
 
-    None if no wall stops the light around it, because then there is no hole.
+    None if no wall stops the light around it, because then there is no hole. The cost of a rectangle in a wall may be
+    higher by the factor `worse`. In each of several `rounds` it may become three times as wide.
     """
     around = _ProbeRays.of(rectangle, emitter, world)
     planes = (_CrossSection.of(bundle, *wall) for wall in around.walls())
     found = min((each for each in planes if each is not None), key=lambda each: each.cost, default=None)
-    if found is not None and found.cost < _WORSE * sum(rectangle.rooms):
+    if found is not None and found.cost < worse * sum(rectangle.rooms):
         rectangle = found.rectangle
         around = _ProbeRays.of(rectangle, emitter, world)
-    box = around.box()
-    return None if box is None else rectangle.cut(box, bundle)
+    for left in reversed(range(rounds)):
+        box, ends = around.box()
+        rectangle = rectangle.cut(box, bundle)
+        if ends:
+            return rectangle
+        around = _ProbeRays.of(rectangle, emitter, world) if left else around
+    return None
+
+
+def stopped_around(rectangle: FittedRectangle, emitter: PathEmitter, world: World) -> float:
+    """Return the fraction of the light close around a rectangle that surfaces stop; 0 if it is dark there anyway."""
+    return _ProbeRays.of(rectangle, emitter, world).stopped()
 
 
 @dataclass(frozen=True)
@@ -238,7 +253,7 @@ class _ProbeRays:
 
     def walls(self) -> list[tuple[Array, Array]]:
         """Return the planes that stop most of the rays around the rectangle: a normal and a point of each."""
-        beside = _within(self.local, np.array([[-0.5, 1.5]] * 2)) & ~_within(self.local, UNIT)
+        beside = _within(self.local, _BESIDE) & ~_within(self.local, UNIT)
         beside &= (self.light > 0) & np.isfinite(self.point).all(axis=1)
         points, normals = self.point[beside], self.normal[beside]
         result: list[tuple[Array, Array]] = []
@@ -255,16 +270,30 @@ class _ProbeRays:
             points, normals = points[~same[best]], normals[~same[best]]
         return result
 
-    def box(self) -> Array | None:
+    def stopped(self) -> float:
+        """Return the fraction of the light beside the rectangle that is stopped; 0 if there is next to none."""
+        inside, wider = (_within(self.local, box) for box in (UNIT, _BESIDE))
+        usual, beside = self._usual(), wider & ~inside
+        light, room = self.light[beside].sum(), np.prod(np.diff(_BESIDE, axis=1)) - 1
+        if usual is None or light < _DARK * room * self.light[inside].sum():
+            return 0.0
+        return float(self.light[beside & (self.beyond <= _BEYOND * usual)].sum() / light)
+
+    def _usual(self) -> float | None:
+        """Return the usual distance that light gets beyond the rectangle; None if none does."""
+        found = self.beyond[_within(self.local, UNIT) & (self.light > 0) & (self.beyond > 0)]
+        return float(np.median(found)) if len(found) else None
+
+    def box(self) -> tuple[Array, bool]:
         """Return the box whose sides are where light is stopped, (2, 2) by axis and end in units of the edges.
 
-        Light counts as stopped if it gets less far than a fraction of the usual distance beyond the rectangle. None if
-        light is not stopped anywhere near.
+        Light counts as stopped if it gets less far than a fraction of the usual distance beyond the rectangle. Return,
+        too, whether it is stopped on all sides of the box.
         """
-        usual = self.beyond[_within(self.local, UNIT) & (self.light > 0) & (self.beyond > 0)]
-        if not len(usual):
-            return None
-        light = np.where(self.beyond > _BEYOND * np.median(usual), self.light, 0)
+        usual = self._usual()
+        if usual is None:
+            return UNIT, False
+        light = np.where(self.beyond > _BEYOND * usual, self.light, 0)
         box, darkest = UNIT.copy(), _DARK * light[_within(self.local, UNIT)].sum()
         for _ in range(int(1 / _STRIP)):
             before = box.copy()
@@ -274,8 +303,8 @@ class _ProbeRays:
                 if light[_within(self.local, strip)].sum() > darkest * np.prod(np.diff(strip, axis=1)):
                     box[axis, end] = strip[axis, end]
             if (box == before).all():
-                return box
-        return None
+                return box, True
+        return box, False
 
 
 def _within(local: Array, box: Array) -> Array:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...scene import SceneError
-from ..common.openusd import Gf, Sdf, Tf, Usd, UsdGeom
+from ..common.openusd import Gf, Sdf, Sdr, Tf, Usd, UsdGeom, UsdShade
 from ..common.reading import file_of, quiet
 from ..layers.writing import write_layer
 from ..lights.light import is_light
@@ -298,12 +298,20 @@ def _instance(prim: Usd.Prim) -> str:
 
 
 def _type_of(prim: Usd.Prim, name: str) -> Sdf.ValueTypeName | None:
-    """Return an attribute's type, including photonbeams' own attributes if their schema could be applied."""
+    """Return an attribute's type, also of photonbeams' own if their schema could be applied, and of shaders' inputs."""
     attribute = prim.GetAttribute(name)
     if attribute:
         return attribute.GetTypeName()
     found = (definition.GetAttributeDefinition(name) for definition in _applicable(prim))
-    return next((each.GetTypeName() for each in found if each), None)
+    return next((each.GetTypeName() for each in found if each), None) or _type_of_input(prim, name)
+
+
+def _type_of_input(prim: Usd.Prim, name: str) -> Sdf.ValueTypeName | None:
+    """Return the type of an input that a shader has by its kind, as UsdPreviewSurface has an opacity."""
+    shader = UsdShade.Shader(prim)
+    node = Sdr.Registry().GetShaderNodeByIdentifier(shader.GetShaderId() or "") if shader else None
+    found = node.GetShaderInput(name.removeprefix("inputs:")) if node and name.startswith("inputs:") else None
+    return found.GetTypeAsSdfType().GetSdfType() if found else None
 
 
 def _is_relationship(prim: Usd.Prim, name: str) -> bool:

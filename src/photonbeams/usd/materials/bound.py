@@ -142,7 +142,7 @@ def _read(reading: Reading, material: UsdShade.Material) -> Bound:
         reading.warn(place, text, name)
     bound = _bound(reading, material, surface)
     if wrote_prim(material.GetPrim()) and "glass" in material.GetPrim().GetName().lower():
-        _warn_of_glass(reading, material.GetPrim(), bound.material)
+        _warn_of_glass(reading, material, bound.material)
     return bound
 
 
@@ -159,10 +159,14 @@ def _surfaces(material: UsdShade.Material) -> Iterator[UsdShade.Shader]:
             yield shader
 
 
-def _warn_of_glass(reading: Reading, prim: Usd.Prim, material: Material) -> None:
-    if isinstance(material.opacity, float | int) and material.opacity == 1:
-        text = "is opaque, because Blender writes no transmission: for glass, set inputs:opacity = 0 on its shader"
-        reading.warn(prim, text)
+def _warn_of_glass(reading: Reading, material: UsdShade.Material, read: Material) -> None:
+    """Warn if a surface that Blender calls glass is opaque, with the flag that makes it clear."""
+    previews = (each for each in _surfaces(material) if category(each) == "UsdPreviewSurface")
+    shader = next(previews, None)
+    if shader is not None and isinstance(read.opacity, float | int) and read.opacity == 1:
+        flag = f"--set '{shader.GetPath().AppendProperty('inputs:opacity')}=0'"
+        text = f"is opaque, because Blender writes no transmission, and no light passes it; for glass: {flag}"
+        reading.warn(material.GetPrim(), text)
 
 
 def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> Bound:

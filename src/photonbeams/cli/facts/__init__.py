@@ -1,0 +1,1 @@
+"""What `photonbeams info` shows of stages, as rows of text."""

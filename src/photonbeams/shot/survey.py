@@ -1,0 +1,136 @@
+"""What the light of a scene does, from a few rays: for `photonbeams info`, and for layers over exports.
+
+A scene without fog is looked at with a fog that suits the distance of what its camera sees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..scene import Camera, Medium, Scene
+
+if TYPE_CHECKING:
+    from ..estimators.projection import Projection
+    from ..scene import Array
+    from ..transport.reach import Reach
+    from ..transport.sight import Sight
+    from ..world.emitters.rectangles import Sides
+    from ..world.world import World
+
+#: Optical depth of a fog in which shafts show, up to what a camera sees: surfaces there lose 22 % of their light.
+DEPTH = 0.25
+# From this fraction on, all of a lamp's light is seen: no opening keeps the rest away.
+_WHOLE = 0.95
+# The reflectance that surfaces are taken to have, and the width of the picture of which rays are traced.
+_GREY, _WIDTH = 0.5, 128
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What the light of a scene does.
+
+    Attributes
+    ----------
+    scene
+        The scene as it is.
+    cameras
+        The cameras that look at it, by name, the most important first.
+    """
+
+    scene: Scene
+    cameras: Mapping[str, Camera]
+
+    @cached_property
+    def distance(self) -> float:
+        """How far away what the first camera sees is, in scene units; the size of the scene if it sees nothing."""
+        known = [each.distance for each in self.sights.values() if each.distance is not None]
+        return known[0] if known else self._world.extent
+
+    @cached_property
+    def scattering(self) -> float:
+        """The scattering per scene unit of a fog in which shafts show, to one digit."""
+        return float(f"{DEPTH / self.distance:.1g}")
+
+    @cached_property
+    def sights(self) -> dict[str, Sight]:
+        """What each camera sees of surfaces."""
+        from ..transport.sight import sight_of
+
+        return {name: sight_of(self._world, view) for name, view in self._views.items()}
+
+    @cached_property
+    def reach(self) -> dict[str, Reach]:
+        """What part of each lamp's light gets into fog and is seen, by the names of lamps that make beams."""
+        from ..transport.reach import reach_of_lamps
+
+        return reach_of_lamps(self._foggy, [*self._views.values()]) if self._makes_beams else {}
+
+    @cached_property
+    def openings(self) -> dict[str, list[Sides]]:
+        """The openings through which lamps light what cameras see; none of lamps with portals, or that are all seen."""
+        from ..transport.openings import openings_of_lamps
+
+        hidden = [name for name, each in self.reach.items() if max(each.seen, default=0) < _WHOLE]
+        return openings_of_lamps(self._foggy, [*self._views.values()], hidden)
+
+    @cached_property
+    def shafts(self) -> list[str]:
+        """The names of the lamps of whose light in fog a camera sees some, or may, as where beams follow guides."""
+        guided = {each.name for each in self.scene.lights if getattr(each, "guides", ())}
+        return [
+            name for name, each in self.reach.items() if any(each.seen) or self.openings.get(name) or name in guided
+        ]
+
+    def exposure(self, name: str) -> float:
+        """Return about which exposure in stops suits the picture of a camera; 0 if no lamp lights it."""
+        from ..images.display import exposure_of
+
+        light = sum(self.sights[name].light.values(), np.zeros((1, 3)))
+        return exposure_of(_GREY * self.cameras[name].exposure_scale * light)
+
+    def white(self, name: str, lamp: str) -> tuple[float, float]:
+        """Return which fraction of what a camera sees a lamp lights, and the median radiance of white paper there."""
+        light: Array = self.sights[name].light[lamp].max(axis=1)
+        lit = light[light > 0]
+        return len(lit) / max(len(light), 1), float(np.median(lit)) if len(lit) else 0.0
+
+    def lit(self, name: str) -> float:
+        """Return which fraction of what a camera sees is lit straight from lamps."""
+        light = sum(self.sights[name].light.values(), np.zeros((1, 3)))
+        return float(np.mean(light.max(axis=1) > 0)) if len(light) else 0.0
+
+    @property
+    def _makes_beams(self) -> bool:
+        return any(each.emits_beams for each in self.scene.lights)
+
+    @cached_property
+    def _world(self) -> World:
+        return self._built(self.scene)
+
+    @cached_property
+    def _foggy(self) -> World:
+        """The world with fog."""
+        if self.scene.media:
+            return self._world
+        return self._built(replace(self.scene, media=(Medium(scattering=self.scattering),)))
+
+    def _built(self, content: Scene) -> World:
+        from ..world.described import world_of_scene
+
+        eyes = [np.asarray(each.to_world)[:3, 3] for each in self.cameras.values()]
+        return world_of_scene(content, eyes, sharp=True)
+
+    @cached_property
+    def _views(self) -> dict[str, Projection]:
+        from ..world.cameras.cameras import View, Window
+
+        result = {}
+        for name, camera in self.cameras.items():
+            height = max(1, round(_WIDTH * camera.vertical_aperture / camera.horizontal_aperture))
+            result[name] = View(replace(camera, lens_radius=0.0), Window.full(_WIDTH, height)).projection
+        return result
