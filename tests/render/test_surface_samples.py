@@ -226,7 +226,7 @@ def test_blocks_that_missed_light_that_is_rarely_found_have_samples_like_those_a
     window = Window.full(320, 240)
     given = SamplePlan(8, BeamCost(0.0, 1e6), 1e5)
     found = given.counts(radiance.reshape(2, -1), np.ones((2, 4800)), window).blocks
-    assert found.max() <= 4 * found.min() and found.min() >= 2
+    assert (found >= 4).mean() > 0.98 and found.min() >= 2 and found.max() <= 16
     monkeypatch.setattr(sample_plan, "_PART", 0.0)
     patchy = given.counts(radiance.reshape(2, -1), np.ones((2, 4800)), window).blocks
-    assert patchy.max() >= 8 * patchy.min()
+    assert (patchy == 1).mean() > 0.1
