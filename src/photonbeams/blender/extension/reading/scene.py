@@ -15,12 +15,14 @@ from .cameras import camera_prim
 from .fogs import fog_prims
 from .glow import GlowingMeshes, areas
 from .kept import Kept
-from .lights import light_prim, seen_values, stretch_of, world_prims
+from .lights import light_prim, stretch_of, visibility_values, world_prims
+from .linking import Links
 from .materials import emitted_by, has_surface, material_prims
 from .media import APIS, has_volume, hides_sky, medium_of, volume_of
 from .meshes import faces_by_material, mesh_values, points_of
 from .motion import is_blurred
 from .names import free_path, group_name
+from .shading.profiles import profile_values
 from .strands import Strands, strands_of
 from .volumes import scale_of, smoke_of, volume_prims
 
@@ -54,11 +56,13 @@ class SceneReader:
         self._materials: dict[str, str] = {}
         self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
+        self._links = Links(told)
         self._glowing, self._emitted = GlowingMeshes(told), dict[str, Any]()
 
     def prims(self) -> list[dict[str, Any]]:
         """Return the prims of all but the camera."""
         for thing, matrix, key in self._things():
+            self._links.see(thing, key)
             if thing.type == "CURVE" and thing.data.photonbeams.enabled:
                 self._add_curves(thing, matrix)
             elif thing.name_full in self._no_surfaces:
@@ -77,6 +81,7 @@ class SceneReader:
             self._add_strands(strands, thing, matrix, key)
         self._glowing.enable()
         self._add_world(self._layer.world_override or self._depsgraph.scene.world)
+        self._links.write(self._prims, self._places)
         for key in self._kept.meshes.keys() - self._used:
             del self._kept.meshes[key]
         return self._prims + self._beams.prims
@@ -150,14 +155,14 @@ class SceneReader:
         self._places[key] = path = self._path("/Lights", thing.name)
         prim = self._light(thing, matrix, path)
         values, prim["targets"] = self._beams.of_light(thing.data)
-        prim["values"] |= values
+        prim["values"] |= values | profile_values(thing.data, self._images, self._told)
         self._prims.append(prim)
 
     def _light(self, thing: Any, matrix: Any, path: str) -> dict[str, Any]:
         """Return the prim of a light, without its beams."""
         light = thing.data
         prim = light_prim(light, path, self._told)
-        prim["values"] |= seen_values(thing)
+        prim["values"] |= visibility_values(thing, self._told)
         pose = matrix.copy()
         scale = np.linalg.norm(pose[:3, :3], axis=0)
         if light.type == "SPOT" and np.ptp(scale) > 1e-4 * scale.max():
