@@ -288,6 +288,18 @@ def exported(folder):
     made.node_tree.links.new(volume.outputs[0], made.node_tree.nodes["Material Output"].inputs["Volume"])
     bpy.context.object.name = "Box"
     bpy.context.object.data.materials.append(made)
+    boxes = bpy.data.collections.new("Boxes")
+    copy = bpy.data.objects.new("Copy", None)
+    copy.instance_type, copy.instance_collection = "COLLECTION", boxes
+    scene.collection.objects.link(copy)
+    boxes.objects.link(bpy.data.objects["Cube"])
+    lit = bpy.data.collections.new("Lit")
+    for each in (bpy.data.objects["Box"], copy):
+        lit.objects.link(each)
+    bpy.data.objects["Key"].light_linking.receiver_collection = lit
+    panel = bpy.data.lights.new("Panel", "AREA")
+    panel.use_shadow, panel.spread = False, np.pi / 2
+    scene.collection.objects.link(bpy.data.objects.new("Panel", panel))
     bpy.ops.wm.usd_export(filepath=str(folder / "exported.usda"), evaluation_mode="RENDER")
     scene.render.engine = "CYCLES"
     bpy.ops.wm.usd_export(filepath=str(folder / "of_cycles.usda"), evaluation_mode="RENDER")

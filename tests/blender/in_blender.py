@@ -267,6 +267,35 @@ def matt():
         tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
 
 
+# The light of a luminaire that is another one on each side.
+PROFILE = """IESNA:LM-63-1995
+TILT=NONE
+1 1000 0.04 7 5 1 2 0 0 0
+1 1 100
+0 15 30 45 60 75 90
+0 90 180 270 360
+500 480 400 300 160 60 0
+500 450 300 120 30 0 0
+500 420 200 40 0 0 0
+500 490 450 380 260 120 10
+500 480 400 300 160 60 0
+"""
+
+
+def give_profile(light, **values):
+    """Give a lamp an IES Texture, half of whose product with a strength of two counts."""
+    light.use_nodes = True
+    tree = light.node_tree
+    texture, half = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexIES", "Math"))
+    texture.mode = "INTERNAL" if "ies" in values else "EXTERNAL"
+    for key, value in values.items():
+        setattr(texture, key, value)
+    half.operation = "MULTIPLY"
+    texture.inputs["Strength"].default_value, half.inputs[1].default_value = 2.0, 0.5
+    tree.links.new(texture.outputs[0], half.inputs[0])
+    tree.links.new(half.outputs[0], tree.nodes["Emission"].inputs["Strength"])
+
+
 def lamps(folder):
     """Render a matt floor under one lamp of each kind, without fog, by this engine and by Cycles."""
     scene = room(fog=0)
@@ -284,13 +313,25 @@ def lamps(folder):
            for size, blend in ((0.9, 0.0), (1.0, 0.15), (1.1, 0.5), (1.2, 1.0))},
         "area": ("AREA", {"shape": "RECTANGLE", "size": 1.0, "size_y": 0.5}),
         "disc": ("AREA", {"shape": "DISK", "size": 1.0}), "sun": ("SUN", {"angle": 0.1}),
+        "spread": ("AREA", {"shape": "RECTANGLE", "size": 1.0, "size_y": 0.5, "spread": 1.0}),
+        "narrow": ("AREA", {"shape": "DISK", "size": 1.0, "spread": 0.3}),
+        **{f"profile {kind}": (kind, {"ies": mode}) for kind, mode in
+           (("POINT", "INTERNAL"), ("SPOT", "EXTERNAL"), ("AREA", "INTERNAL"), ("SUN", "INTERNAL"))},
+        "profile that is missing": ("POINT", {"ies": "EXTERNAL", "shadow_soft_size": 0.0}),
     }  # fmt: skip
+    profile = bpy.data.texts.new("Profile")
+    profile.write(PROFILE)
+    (folder / "spot.ies").write_text(PROFILE)
     for name, (kind, values) in kinds.items():
         light = bpy.data.lights.new(name, kind)
         light.energy = 3.0 if kind == "SUN" else 500.0
+        lamp = bpy.data.objects.new(name, light)
+        if mode := values.pop("ies", None):
+            file = "" if "missing" in name else str(folder / "spot.ies")
+            give_profile(light, **({"ies": profile} if mode == "INTERNAL" else {"filepath": file}))
+            lamp.rotation_euler = (0.3, 0.2, 0.7)
         for key, value in values.items():
             setattr(light, key, value)
-        lamp = bpy.data.objects.new(name, light)
         lamp.location = (0.3, 0.2, 3)
         scene.collection.objects.link(lamp)
         for engine in ("PHOTONBEAMS", "CYCLES"):

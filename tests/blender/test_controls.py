@@ -1,5 +1,6 @@
 """What an artist sets for beams in Blender is what the attributes of a stage say."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import photonbeams as pb
 from photonbeams.looks.ramp import interpolate
 from photonbeams.usd.authoring.presets import PRESETS
 from photonbeams.usd.common.definitions import LOOK, PREFIX, definitions
+from photonbeams.usd.lights.ies import parse
 from tests.blender.bpy_python import HEIGHT, PYTHON, WIDTH, blender, passes_of
 
 pytestmark = pytest.mark.skipif(
@@ -152,6 +154,16 @@ def test_the_export_writes_what_blender_leaves_out(tmp_path):
     box = next(each for each in stage.GetPrimAtPath("/root/Box").GetChildren() if each.GetTypeName() == "Mesh")
     assert "PhotonBeamsMediumAPI" in box.GetAppliedSchemas()
     assert np.allclose(box.GetAttribute(f"{PREFIX}scattering").Get(), (0.1, 0.2, 0.3))
+    links = stage.GetPrimAtPath("/root/Key/Key").GetRelationship("collection:lightLink:includes").GetTargets()
+    assert value("/root/Key/Key", "collection:lightLink:includeRoot") is False
+    assert set(links) == {box.GetPath(), Sdf.Path("/root/Copy/Cube_0/Cube")}
+    assert value("/root/Panel/Panel", "inputs:shadow:enable") is False
+    profile = parse(Path(value("/root/Panel/Panel", "inputs:shaping:ies:file").resolvedPath).read_text())
+    scale = value("/root/Panel/Panel", "inputs:shaping:ies:angleScale")
+    assert scale == pytest.approx(0.25)  # Cycles': tan a − tan x over tan a − a, with a = 45 degrees
+    factor = replace(profile, angle_scale=scale).at([0, 20, 44, 46, 120], 0)
+    there = np.array([1, 1 - np.tan(np.radians(20)), 1 - np.tan(np.radians(44)), 0, 0]) / (1 - np.pi / 4)
+    np.testing.assert_allclose(factor, there, rtol=1e-5, atol=1e-9)
     sky = stage.GetPrimAtPath("/root/env_light")
     (window,) = sky.GetRelationship(f"{PREFIX}portal").GetTargets()
     assert sky.GetAttribute(f"{PREFIX}enabled").Get() and stage.GetPrimAtPath(window).GetTypeName() == "Mesh"
@@ -233,7 +245,8 @@ def test_panels_show_what_there_is_and_explain_it(tmp_path):
     for panel, rows in shown.items():
         assert rows, panel
         for name, label, tip in rows:
-            assert label and tip and len(tip) <= 400, (panel, name)
+            # Blender itself does not explain its Shadow switch.
+            assert label and (tip or name.endswith(".use_shadow")) and len(tip) <= 400, (panel, name)
     names = {name for rows in shown.values() for name, *_ in rows}
     properties = {name.removeprefix(PREFIX).replace(":", "_") for name in definitions(LOOK)
                   if ":ramp:" not in name and not name.endswith("across:values")}  # fmt: skip

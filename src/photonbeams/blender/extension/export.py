@@ -14,10 +14,12 @@ import numpy as np
 
 from .reading.beams import BeamReader, is_cycles_portal, portals_of
 from .reading.images import Images
-from .reading.lights import nodes_of, softness_values
+from .reading.lights import nodes_of, shadow_values, softness_values
+from .reading.linking import links_of
 from .reading.media import APIS, hides_sky, medium_of
 from .reading.names import free_path, group_name
 from .reading.shading.materials import has_surface
+from .reading.shading.profiles import profile_values
 from .reading.visibility import ray_values
 
 _OBJECT = "userProperties:blender:object_name"  # what Blender writes of an object into its prim
@@ -47,14 +49,19 @@ class _Stage:
         self._stage, self._depsgraph, self._taken = stage, depsgraph, set[str]()
         self._root = str(stage.GetDefaultPrim().GetPath()) if stage.GetDefaultPrim() else ""
         folder = Path(stage.GetRootLayer().realPath).parent / "textures"
-        self._beams = BeamReader(Images(str(folder)), self._path, _untold)
+        self._images = Images(str(folder))
+        self._beams = BeamReader(self._images, self._path, _untold)
         self._found: dict[str, list[Any]] = {}  # the prims of objects' data, by the names of objects
+        self._instancers = {each.name for each in depsgraph.objects if each.instance_type == "COLLECTION"}
+        self._places = list[tuple[tuple[str, ...], str]]()  # their paths, each with what it is a copy for
         for each in stage.Traverse():
             if each.HasAttribute(_OBJECT):
                 # An object is an Xform with its data and other objects below it, or, merged, the data itself.
                 data = [child for child in each.GetChildren() if not child.HasAttribute(_OBJECT)]
                 own = data if each.GetTypeName() == "Xform" else [each]
-                self._found.setdefault(each.GetAttribute(_OBJECT).Get(), []).extend(own)
+                name, *instancers = self._names(each)
+                self._found.setdefault(name, []).extend(own)
+                self._places += [((name, *instancers), str(child.GetPath())) for child in own]
 
     def write(self) -> None:
         """Add to lamps, curves, volumes and the world what Blender does not write."""
@@ -73,13 +80,20 @@ class _Stage:
                 elif thing.type == "MESH":
                     self._add_medium(thing, prims)
                     for each in prims:
-                        self._set(each, ray_values(thing, thing, self._depsgraph.view_layer), {})
+                        self._set(each, ray_values(thing, thing, self._depsgraph.view_layer, _untold), {})
+                self._add_links(thing, prims)
                 continue
             for each in prims:  # it is no surface, and no lamp
                 each.SetActive(False)
         self._add_world(self._depsgraph.scene.world, sky)
         for each in self._beams.prims:
             self._define(each)
+
+    def _names(self, prim: Any) -> list[str]:
+        """Return the names of the object of a prim, and of what instances it, from the inside."""
+        above = prim.GetPath().GetPrefixes()[-2::-1]
+        names = [each.Get() for path in above if (each := self._stage.GetPrimAtPath(path).GetAttribute(_OBJECT))]
+        return [prim.GetAttribute(_OBJECT).Get(), *(each for each in names if each in self._instancers)]
 
     def _path(self, parent: str, name: str) -> str:
         """Return a path that no prim has."""
@@ -94,8 +108,9 @@ class _Stage:
         values, targets = self._beams.of_light(thing.data)
         if thing.lightgroup:
             values["photonbeams:lightGroup"] = ["token", group_name(thing.lightgroup)]
-        values |= ray_values(thing, thing, self._depsgraph.view_layer)
-        values |= softness_values(thing.data) if thing.data.type == "SPOT" else {}
+        values = profile_values(thing.data, self._images, _untold) | values
+        values |= ray_values(thing, thing, self._depsgraph.view_layer, _untold)
+        values |= shadow_values(thing.data) | (softness_values(thing.data) if thing.data.type == "SPOT" else {})
         self._set(lamp, values, targets)
         strength, tint = nodes_of(thing.data, _untold)  # which Blender does not write
         if strength != 1:
@@ -103,6 +118,12 @@ class _Stage:
             intensity.Set((intensity.Get() or 0.0) * strength)
         if np.any(tint != 1):
             self._set(lamp, {"inputs:color": ["color3f", (np.array(thing.data.color[:]) * tint).tolist()]}, {})
+
+    def _add_links(self, thing: Any, prims: list[Any]) -> None:
+        """Link a lamp, or a mesh that may glow."""
+        values, targets = links_of(thing.original, self._places)
+        for each in prims if values else ():
+            self._set(each, values, targets)
 
     def _add_curves(self, thing: Any) -> None:
         group = group_name(thing.lightgroup) if thing.lightgroup else ""

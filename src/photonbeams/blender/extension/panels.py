@@ -139,10 +139,29 @@ class PHOTONBEAMS_PT_light_group(PropertiesPanel):  # noqa: N801
         )
 
 
+class PHOTONBEAMS_PT_light_shape(PropertiesPanel):  # noqa: N801
+    """What EEVEE's panel of a lamp leaves out, or mixes with its own."""
+
+    bl_context = "data"
+    bl_label = "Spread and Shadow"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        """Return whether the scene is rendered by this engine, and the properties show a lamp."""
+        return super().poll(context) and getattr(context, "light", None) is not None
+
+    def draw(self, context: Any) -> None:
+        """Draw the panel."""
+        layout, light = split(self.layout, keyframes=True), context.light
+        if light.type == "AREA":
+            layout.prop(light, "spread")
+        layout.prop(light, "use_shadow", text="Cast Shadow")
+
+
 CLASSES = (
     PHOTONBEAMS_PT_sampling, PHOTONBEAMS_PT_viewport, PHOTONBEAMS_PT_light, PHOTONBEAMS_PT_motion_blur,
     PHOTONBEAMS_PT_film,
-    PHOTONBEAMS_PT_light_groups, PHOTONBEAMS_PT_light_group,
+    PHOTONBEAMS_PT_light_groups, PHOTONBEAMS_PT_light_group, PHOTONBEAMS_PT_light_shape,
 )  # fmt: skip
 
 

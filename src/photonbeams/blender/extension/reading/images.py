@@ -64,6 +64,7 @@ class Images:
         """Return the path of a file of this content."""
         target = self._folder / f"{name}_{hashlib.sha256(content).hexdigest()[:16]}{suffix}"
         if not target.exists():
+            self._folder.mkdir(exist_ok=True)
             target.write_bytes(content)
         return str(target)
 

@@ -10,7 +10,8 @@ import numpy as np
 from mathutils import Euler
 
 from .images import MISSING, Images, is_missing
-from .nodes import Told, color_of, number_of, output_of, source_of
+from .nodes import Told, color_of, number_of, output_of, product_of, source_of
+from .shading.profiles import constant_of, emission_of, ies_node
 from .shading.skies import SkyReader
 
 #: From a Blender world to the pole and the middle of a DomeLight: +Y to +Z, and +Z to +X. Of row vectors.
@@ -35,8 +36,6 @@ def light_prim(light: Any, path: str, told: Told) -> dict[str, Any]:
         case "AREA":
             kind, own = _area(light)
             values |= own
-            if light.spread < pi - 1e-4:
-                told(f"{light.name}: the spread of an area light is not rendered")
         case _:
             kind, radius = "SphereLight", light.shadow_soft_size
             values |= {"inputs:radius": ["float", radius], "treatAsPoint": ["bool", radius == 0]}
@@ -47,7 +46,12 @@ def light_prim(light: Any, path: str, told: Told) -> dict[str, Any]:
                 values |= softness_values(light)
     values["inputs:intensity"] = ["float", intensity * factor]
     values["inputs:normalize"] = ["bool", normalized]
-    return {"path": path, "type": kind, "apis": apis, "values": values}
+    return {"path": path, "type": kind, "apis": apis, "values": values | shadow_values(light)}
+
+
+def shadow_values(light: Any) -> dict[str, Any]:
+    """Return what lets a lamp shine through everything, as its Shadow switch does."""
+    return {} if light.use_shadow else {"inputs:shadow:enable": ["bool", False]}
 
 
 def softness_values(light: Any) -> dict[str, Any]:
@@ -63,11 +67,6 @@ def softness_values(light: Any) -> dict[str, Any]:
     power = ((1 - across**2 * (3 - 2 * across)) * np.sin(angle)).sum(axis=1) * half / 512
     wanted = (1 - np.cos(half)) * (1 - light.spot_blend / 2)
     return {"inputs:shaping:cone:softness": ["float", float(np.interp(-wanted, -power, part))]}
-
-
-def seen_values(thing: Any) -> dict[str, Any]:
-    """Return what hides a lamp's own shape from the camera, as Blender does unless it is told otherwise."""
-    return {} if thing.visible_camera else {"visibleInPrimaryRay": ["bool", False]}
 
 
 def _area(light: Any) -> tuple[str, dict[str, Any]]:
@@ -91,35 +90,43 @@ def size_of(light: Any) -> tuple[float, float]:
 
 
 def nodes_of(light: Any, told: Told) -> tuple[float, Any]:
-    """Return the factor and the colour that a light's nodes give; an image is a gobo."""
+    """Return the factor and the colour that a light's nodes give; an image is a gobo, an IES Texture a profile."""
     if not light.use_nodes or light.node_tree is None:
         return 1.0, np.ones(3)
-    node = _emission(light)
+    node = emission_of(light)
     if node is None:
         return 0.0, np.ones(3)
     if node.type != "EMISSION":
         told(f"{light.name}: its nodes are not rendered, only its power and colour")
         return 1.0, np.ones(3)
-    strength = number_of(node, "Strength", told, 1.0)
+    strength = _strength(light, node, told)
     return strength, np.ones(3) if _image_node(node) is not None else np.array(color_of(node, "Color", told))
+
+
+def _strength(light: Any, node: Any, told: Told) -> float:
+    """Return the strength of a light's Emission node, without its profile."""
+    texture, factors = ies_node(node)
+    if texture is None:
+        return number_of(node, "Strength", told, 1.0)
+    found = constant_of(light, texture)
+    for made, socket in factors:
+        value, _ = product_of(made, socket, told)
+        if isinstance(value, float):
+            found *= value
+        else:
+            told(f"{light.name}: what is linked to {socket.name} of {made.name} is no number: it counts as 1")
+    return found
 
 
 def image_of(light: Any, told: Told) -> Any:
     """Return the image that a light's Emission node has as its colour, which is a gobo; None if there is none."""
-    node = _emission(light) if light.use_nodes and light.node_tree is not None else None
+    node = emission_of(light) if light.use_nodes and light.node_tree is not None else None
     made = None if node is None or node.type != "EMISSION" else _image_node(node)
     if made is None:
         return None
     if source_of(made.inputs["Vector"]) is not None:
         told(f"{light.name}: the coordinates of {made.name} are not rendered: its image is a gobo that fills the light")
     return made.image
-
-
-def _emission(light: Any) -> Any:
-    """Return the node that a light's nodes end in; None if nothing does."""
-    output = output_of(light.node_tree, "OUTPUT_LIGHT")
-    source = None if output is None else source_of(output.inputs["Surface"])
-    return None if source is None else source.node
 
 
 def _image_node(node: Any) -> Any:

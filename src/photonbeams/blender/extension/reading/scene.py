@@ -16,12 +16,14 @@ from .fogs import fog_prims
 from .glow import GlowingMeshes, areas
 from .kept import Kept
 from .lights import light_prim, stretch_of, world_prims
+from .linking import Links
 from .media import APIS, has_volume, hides_sky, medium_of, volume_of
 from .meshes import faces_by_material, mesh_values, points_of
 from .motion import is_blurred
 from .names import free_path, group_name
 from .shading.bumps import scale_of_heights
 from .shading.materials import emitted_by, has_surface, lets_through, material_prims
+from .shading.profiles import profile_values
 from .strands import Strands, strands_of
 from .visibility import ray_values
 from .volumes import scale_of, smoke_of, volume_prims
@@ -57,12 +59,14 @@ class SceneReader:
         self._materials: dict[tuple[str, float], str] = {}
         self._kept, self._used = kept, set[tuple[str, int]]()
         self._prims: list[dict[str, Any]] = []
+        self._links = Links(told)
         self._glowing, self._emitted = GlowingMeshes(told), dict[str, Any]()
         self._clear = set[str]()  # the names of materials that light passes
 
     def prims(self) -> list[dict[str, Any]]:
         """Return the prims of all but the camera."""
         for thing, matrix, key in self._things():
+            self._links.see(thing, key)
             if thing.type == "CURVE" and thing.data.photonbeams.enabled:
                 self._add_curves(thing, matrix)
             elif thing.name_full in self._no_surfaces:
@@ -81,6 +85,7 @@ class SceneReader:
             self._add_strands(strands, thing, matrix, key)
         self._glowing.enable()
         self._add_world(self._layer.world_override or self._depsgraph.scene.world)
+        self._links.write(self._prims, self._places)
         for key in self._kept.meshes.keys() - self._used:
             del self._kept.meshes[key]
         return self._prims + self._beams.prims
@@ -118,7 +123,7 @@ class SceneReader:
             key = _key_of(each)
             seen[key] += 1
             key = (*key, seen[key])
-            self._rays[key] = ray_values(thing, each.parent or thing, self._layer)
+            self._rays[key] = ray_values(thing, each.parent or thing, self._layer, self._told)
             yield thing, np.array(each.matrix_world), key
 
     def _strands(self) -> Iterator[tuple[Strands, Any, Any, Any]]:
@@ -129,7 +134,7 @@ class SceneReader:
             if shown:
                 for place, strands in enumerate(strands_of(thing, self._depsgraph.mode == "RENDER", self._told)):
                     key = (*_key_of(each), "strands", place)
-                    self._rays[key] = ray_values(thing, each.parent or thing, self._layer)
+                    self._rays[key] = ray_values(thing, each.parent or thing, self._layer, self._told)
                     yield strands, thing, np.array(each.matrix_world), key
 
     def camera(self, camera: Any, to_world: Any, size: tuple[int, int], shift: float = 0.0) -> dict[str, Any]:
@@ -149,7 +154,7 @@ class SceneReader:
         self._places[key] = path = self._path("/Lights", thing.name)
         prim = self._light(thing, matrix, path, key)
         values, prim["targets"] = self._beams.of_light(thing.data)
-        prim["values"] |= values
+        prim["values"] |= values | profile_values(thing.data, self._images, self._told)
         self._prims.append(prim)
 
     def _light(self, thing: Any, matrix: Any, path: str, key: Any) -> dict[str, Any]:
