@@ -311,7 +311,9 @@ def test_the_two_sides_of_a_plane_add_up_to_the_whole_beam(moving, rng):
     assert whole.any()
     # Each chord is cut in two, and each part is integrated with six points, as the whole is.
     assert np.allclose(seen(normal, -normal), whole, rtol=2e-3, atol=1e-4 * whole.max())
-    assert np.allclose(seen(0 * normal), whole, rtol=1e-5, atol=1e-6 * whole.max())
+    # Beams that move are interpolated: near a rim, a chord grows with the root of the distance, and so does rounding.
+    rounding = np.sqrt(EPSILON32) if moving else 1e-6
+    assert np.allclose(seen(0 * normal), whole, rtol=1e-5, atol=rounding * whole.max())
 
 
 def test_nothing_is_seen_behind_a_cap(rng):
