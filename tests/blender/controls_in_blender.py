@@ -268,7 +268,9 @@ def exported(folder):
     """Export what Blender itself leaves out: fog in a mesh, nodes of lamps, portals with things below them."""
     scene = shown()
     bpy.data.objects["Key"].lightgroup = "Key Light"
-    fill = bpy.data.lights["Fill"]
+    key, fill = (bpy.data.lights[name] for name in ("Key", "Fill"))
+    key.use_temperature, key.temperature, key.color = True, 3000.0, (0.5, 1.0, 1.0)
+    tell(temperature=list(key.temperature_color))
     fill.use_nodes, fill.color = True, (1.0, 0.5, 1.0)
     fill.node_tree.nodes["Emission"].inputs["Strength"].default_value = 3.0
     fill.node_tree.nodes["Emission"].inputs["Color"].default_value = (0.5, 1.0, 1.0, 1.0)

@@ -141,13 +141,16 @@ def test_what_cannot_be_used_is_a_sentence(values):
 
 
 def test_the_export_writes_what_blender_leaves_out(tmp_path):
-    blender("exported", tmp_path, SCRIPT)
+    (told,) = blender("exported", tmp_path, SCRIPT)
     stage = Usd.Stage.Open(str(tmp_path / "exported.usda"))
 
     def value(path, name):
         return stage.GetPrimAtPath(path).GetAttribute(name).Get()
 
     assert value("/root/Fill/Fill", "inputs:intensity") == pytest.approx(3 * 20 / np.pi)
+    warm = np.multiply((0.5, 1, 1), told["temperature"])
+    assert value("/root/Key/Key", "inputs:color") == pytest.approx(warm, rel=1e-6)
+    assert value("/root/Key/Key", "inputs:enableColorTemperature") is False
     assert tuple(value("/root/Fill/Fill", "inputs:color")) == (0.5, 0.5, 1.0)
     assert value("/root/Key/Key", f"{PREFIX}lightGroup") == "Key_Light"
     assert np.allclose(value("/root/Fog", f"{PREFIX}scattering"), 0.08)

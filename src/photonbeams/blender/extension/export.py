@@ -14,7 +14,7 @@ import numpy as np
 
 from .reading.beams import BeamReader, is_cycles_portal, portals_of
 from .reading.images import Images
-from .reading.lights import nodes_of, shadow_values, softness_values
+from .reading.lights import nodes_of, shadow_values, softness_values, tint_of
 from .reading.linking import links_of
 from .reading.media import APIS, hides_sky, medium_of
 from .reading.names import free_path, group_name
@@ -116,8 +116,9 @@ class _Stage:
         if strength != 1:
             intensity = lamp.GetAttribute("inputs:intensity")
             intensity.Set((intensity.Get() or 0.0) * strength)
-        if np.any(tint != 1):
-            self._set(lamp, {"inputs:color": ["color3f", (np.array(thing.data.color[:]) * tint).tolist()]}, {})
+        if thing.data.use_temperature or np.any(tint != 1):
+            color = {"inputs:color": ["color3f", (tint_of(thing.data) * tint).tolist()]}
+            self._set(lamp, color | {"inputs:enableColorTemperature": ["bool", False]}, {})
 
     def _add_links(self, thing: Any, prims: list[Any]) -> None:
         """Link a lamp, or a mesh that may glow."""

@@ -22,10 +22,7 @@ def light_prim(light: Any, path: str, told: Told) -> dict[str, Any]:
     """Return the prim of a light, without its transform."""
     strength, tint = nodes_of(light, told)
     factor = strength * 2.0**light.exposure
-    color = np.array(light.color[:]) * tint
-    if light.use_temperature:
-        color = color * np.array(light.temperature_color[:])
-    values: dict[str, Any] = {"inputs:color": ["color3f", color.tolist()]}
+    values: dict[str, Any] = {"inputs:color": ["color3f", (tint_of(light) * tint).tolist()]}
     normalized, apis = light.normalize, list[str]()
     intensity = light.energy if light.type == "SUN" else light.energy / pi
     match light.type:
@@ -47,6 +44,12 @@ def light_prim(light: Any, path: str, told: Told) -> dict[str, Any]:
     values["inputs:intensity"] = ["float", intensity * factor]
     values["inputs:normalize"] = ["bool", normalized]
     return {"path": path, "type": kind, "apis": apis, "values": values | shadow_values(light)}
+
+
+def tint_of(light: Any) -> Any:
+    """Return the colour of a light, with that of its temperature, of which UsdLux has another one."""
+    color = np.array(light.color[:])
+    return color * np.array(light.temperature_color[:]) if light.use_temperature else color
 
 
 def shadow_values(light: Any) -> dict[str, Any]:
