@@ -94,15 +94,13 @@ def world_of_scene(
     bodies = {id(each) for each in glass}
     linked = {names for light in description.lights for names in (light.unlit, light.unshadowed) if names}
     groups = grouped(meshes, bodies, linked, sharp)
-    built = known.built(content) if known else {}
-    shapes = shapes_of(groups, bodies, sharp, content.outside, built)
+    shapes = shapes_of(groups, bodies, sharp, content.outside, known.built(content) if known else {})
     still = known is not None and same(shapes, known.shapes)
     surfaces = like.surfaces if like and still else scene_of(shapes, host)
     kept = still and known is not None and content.boundaries is known.media.boundaries
-    plugin = like.plugin if like and kept else _with_boundaries(surfaces, shapes, content, host)
+    plugin = like.plugin if like and kept else _with_boundaries(surfaces, shapes, content.boundaries, host)
     emitters = emitters_of(description.lights, meshes, host, [plugin], like.emitters if like else ())
-    each_group = list(zip((group[0] for group in groups), shapes, strict=True))
-    shown = [(first.name, shape) for first, shape in each_group]
+    shown = [(group[0].name, shape) for group, shape in zip(groups, shapes, strict=True)]
     numbers = {each.name: own.number for each, own in zip(description.media, content.media.all, strict=True)}
     sky = {id(light) for light in description.sky}
     endless = [each for each in content.media.all if each.number not in content.boxes]
@@ -124,27 +122,28 @@ def world_of_scene(
         sky=[number for number, each in enumerate(emitters) if id(each.beams) in sky],
         numbers=numbers,
         drawn=description.drawn,
-        holdouts=_only([shape for first, shape in each_group if first.holdout], host),
     )  # fmt: skip
-    visible = [shape for first, shape in each_group if first.seen]
-    return world if len(visible) == len(shapes) else replace(world, shown=_shown(world, visible))
+    return _as_seen(world, groups)
 
 
-def _only(shapes: Sequence[MiShape], host: MiScene) -> MiScene | None:
-    """Return a Mitsuba scene of shapes; None if there are none."""
-    return scene_of(shapes, host) if shapes else None
+def _as_seen(world: World, groups: Sequence[Group]) -> World:
+    """Return a world with what the camera sees of its surfaces, which are these groups."""
+    pairs = [(group[0], shape) for group, (_, shape) in zip(groups, world.shapes, strict=True)]
+    if held := [shape for mesh, shape in pairs if mesh.holdout]:
+        world = replace(world, holdouts=scene_of(held, world.host))
+    visible = [shape for mesh, shape in pairs if mesh.seen]
+    if len(visible) == len(pairs):
+        return world
+    surfaces = scene_of(visible, world.host)
+    plugin = _with_boundaries(surfaces, visible, world.boundaries, world.host)
+    return replace(world, shown=replace(world, plugin=plugin, surfaces=surfaces, blockers={}))
 
 
-def _shown(world: World, shapes: Sequence[MiShape]) -> World:
-    """Return the world in which surfaces are these shapes alone."""
-    surfaces = scene_of(shapes, world.host)
-    plugin = scene_of([*shapes, *world.boundaries], world.host) if world.boundaries else surfaces
-    return replace(world, plugin=plugin, surfaces=surfaces, blockers={})
-
-
-def _with_boundaries(surfaces: MiScene, shapes: Sequence[MiShape], media: BoundedMedia, host: MiScene) -> MiScene:
+def _with_boundaries(
+    surfaces: MiScene, shapes: Sequence[MiShape], boundaries: Sequence[MiShape], host: MiScene
+) -> MiScene:  # fmt: skip
     """Return the Mitsuba scene of surfaces and of the boundaries of media: that of the surfaces if there are none."""
-    return scene_of([*shapes, *media.boundaries], host) if media.boundaries else surfaces
+    return scene_of([*shapes, *boundaries], host) if boundaries else surfaces
 
 
 def _traits(meshes: Sequence[scene.Mesh], sharp: bool) -> dict[str, Any]:

@@ -39,7 +39,7 @@ def viewport_prim(region: Any, space: Any, depsgraph: Any, path: str) -> dict[st
     """Return the prim of a viewport's camera, from its `RegionView3D` and its `SpaceView3D`."""
     pose = np.linalg.inv(np.array(region.view_matrix))
     values = _projected(np.array(region.window_matrix), space.lens, (space.clip_start, space.clip_end))
-    if region.view_perspective == "CAMERA" and space.camera is not None and space.camera.type == "CAMERA":
+    if _is_through_camera(region, space):
         values |= _lens(space.camera.evaluated_get(depsgraph).data, pose)
     return {"path": path, "type": "Camera", "matrix": pose.T, "values": values}
 
@@ -50,7 +50,7 @@ def viewport_area(region: Any, space: Any, scene: Any) -> list[float] | None:
     Through a camera that is the scene's own, which is in fractions of the camera's frame; else the viewport's.
     """
     corners, border = np.array([[-1.0, -1.0], [1.0, 1.0]]), space
-    through = region.view_perspective == "CAMERA" and space.camera is not None and space.camera.type == "CAMERA"
+    through = _is_through_camera(region, space)
     if through:
         frame = np.array([[*corner, 1.0] for corner in space.camera.data.view_frame(scene=scene)])
         clip = frame @ np.array(region.window_matrix).T
@@ -62,6 +62,11 @@ def viewport_area(region: Any, space: Any, scene: Any) -> list[float] | None:
     ends = [[getattr(border, names.format(end, axis)) for axis in "xy"] for end in ("min", "max")]
     (left, bottom), (right, top) = np.clip(corners[0] + ends * (corners[1] - corners[0]), -1, 1) * 0.5 + 0.5
     return [float(left), float(1 - top), float(right), float(1 - bottom)] if right > left and top > bottom else None
+
+
+def _is_through_camera(region: Any, space: Any) -> bool:
+    """Return whether a viewport looks through a camera."""
+    return bool(region.view_perspective == "CAMERA" and space.camera is not None and space.camera.type == "CAMERA")
 
 
 def _projected(matrix: Any, lens: float, clip: tuple[float, float]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from mathutils import Euler
 
 from .images import MISSING, Images, is_missing
 from .nodes import Told, color_of, number_of, output_of, product_of, source_of
-from .shading.profiles import constant_of, emission_of, ies_node
+from .shading.profiles import constant_of, emission_node, emission_of, ies_node
 from .shading.skies import SkyReader
 
 #: From a Blender world to the pole and the middle of a DomeLight: +Y to +Z, and +Z to +X. Of row vectors.
@@ -123,8 +123,8 @@ def _strength(light: Any, node: Any, told: Told) -> float:
 
 def image_of(light: Any, told: Told) -> Any:
     """Return the image that a light's Emission node has as its colour, which is a gobo; None if there is none."""
-    node = emission_of(light) if light.use_nodes and light.node_tree is not None else None
-    made = None if node is None or node.type != "EMISSION" else _image_node(node)
+    node = emission_node(light)
+    made = None if node is None else _image_node(node)
     if made is None:
         return None
     if source_of(made.inputs["Vector"]) is not None:

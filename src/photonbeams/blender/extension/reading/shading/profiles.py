@@ -31,6 +31,12 @@ def emission_of(light: Any) -> Any:
     return None if source is None else source.node
 
 
+def emission_node(light: Any) -> Any:
+    """Return the Emission node that a light's nodes end in; None if it uses none, or if they end in another one."""
+    node = emission_of(light) if light.use_nodes and light.node_tree is not None else None
+    return node if node is not None and node.type == "EMISSION" else None
+
+
 def ies_node(node: Any, socket: Any = None) -> tuple[Any, list[tuple[Any, Any]]]:
     """Return the IES Texture in the strength of an Emission node, None if there is none, and the factors beside it.
 
@@ -59,8 +65,8 @@ def constant_of(light: Any, node: Any) -> float:
 
 def profile_values(light: Any, images: Images, told: Told) -> dict[str, Any]:
     """Return the attributes of a lamp's profile; none of a sun, whose light has one direction."""
-    emission = emission_of(light) if light.use_nodes and light.node_tree is not None else None
-    node = ies_node(emission)[0] if emission is not None and emission.type == "EMISSION" else None
+    emission = emission_node(light)
+    node = None if emission is None else ies_node(emission)[0]
     table = None if node is None else _table_of(node, partial(_tell, told, light))
     spread = light.spread / 2 if light.type == "AREA" and light.spread < pi - 1e-4 else None
     if light.type == "SUN" or (table is None and spread is None):
