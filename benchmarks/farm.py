@@ -67,7 +67,7 @@ def open_nothing(request: int) -> Any:
     def render(frame: int, numbers: range, planned: int | None) -> dict[str, np.ndarray]:
         sums = PassSums()
         for number in numbers:
-            sums.add(number, {"surface": np.zeros((3, request), np.float32), "alpha": np.zeros(request, np.float32)})
+            sums.add(number, {"surface/": np.zeros((3, request), np.float32), "alpha": np.zeros(request, np.float32)})
         return FrameSums([sums], planned).state()
 
     return render

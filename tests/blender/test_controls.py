@@ -77,7 +77,12 @@ def test_the_picture_is_that_of_the_stage(scene, stage):
     given = {"width": WIDTH, "height": HEIGHT, "beams": 1024, "max_depth": 2}
     seeds = [shot.render(seed=seed, passes=4, **given).layers for seed in range(1, 4)]
     found = passes_of(scene / "frame.exr")
-    for name, layer in (("Surface", "surface"), ("Beams", "beams"), ("Beams key", "beams_key")):
+    for name, layer in (
+        ("Surface", "surface"),
+        ("Beams", "beams"),
+        ("Beams key", "beams_key"),
+        ("Surface key", "surface_key"),
+    ):
         theirs = np.array([each[layer] for each in seeds])
         mean, noise = theirs.mean(axis=0), theirs.std(axis=0, ddof=1)
         # The means of a picture have a noise of about 1 % here; each colour by itself, as the gobo and the look have.

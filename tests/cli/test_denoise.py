@@ -8,8 +8,9 @@ from tests.helpers.commands import untouched
 from tests.helpers.small_stage import CAMERA, FILL, FLOOR, FOG, KEY, write_stage
 
 SMALL = ("--res", 32, 0, "--passes", 2, "--beams", 64)
-LAYERS = {"rgba", "surface", "beams", "beams_fill", "beams_key", "transmittance", "depth"}
-NOISY = {"noisy_surface", "noisy_beams", "noisy_beams_fill", "noisy_beams_key"}
+GROUPS = {"beams_fill", "beams_key", "surface_default", "surface_fill", "surface_key"}
+LAYERS = {"rgba", "surface", "beams", *GROUPS, "transmittance", "depth"}
+NOISY = {f"noisy_{name}" for name in ("surface", "beams", *GROUPS)}
 
 
 @pytest.fixture

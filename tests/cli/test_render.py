@@ -236,8 +236,10 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
     path = stage(FOG, CAMERA, grouped, black)
     assert render(path, "-o", out / "all.exr", "--picture", f"beams_key={out / 'key.png'}")[0] == 0
     layers = read_layers(out / "all.exr")
-    assert list(layers) == ["rgba", "surface", "beams", "beams_key", "beams_off", "transmittance", "depth"]
-    assert np.array_equal(layers["beams_key"], layers["beams"])
+    groups = ["beams_key", "beams_off", "surface_default", "surface_key", "surface_off"]
+    assert list(layers) == ["rgba", "surface", "beams", *groups, "transmittance", "depth"]
+    for kind in ("beams", "surface"):
+        assert layers[kind].any() and np.array_equal(layers[f"{kind}_key"], layers[kind])
     assert not layers["beams_off"].any()
     assert render(path, "-o", out / "some.exr", "--layers", "depth,beams_key")[0] == 0
     assert list(read_layers(out / "some.exr")) == ["rgba", "beams_key", "depth"]

@@ -34,7 +34,7 @@ def photons_of(position, radius, normal, direction, power, depth=0):
 
 def asked(numbers, position, normal, reflect=lambda direction: Array3f(1), active=True):
     found = PhotonMap(photons_of(*numbers)).radiance(to_vectors(position), to_vectors(normal), reflect, active)
-    return np.ascontiguousarray(found.numpy().T)
+    return np.ascontiguousarray(found.total.numpy().T)
 
 
 def all_tried(numbers, position, normal, reflect=None):
@@ -124,10 +124,12 @@ def test_points_that_do_not_ask_get_nothing_and_no_photons_give_nothing(rng):
     position, normal = np.zeros((4, 3)), np.tile([0.0, 0.0, 1.0], (4, 1))
     photons = photons_of(*numbers)
     ask = to_float([0, 1, 0, 1]) > 0
-    found = PhotonMap(photons).radiance(to_vectors(position), to_vectors(normal), lambda w: Array3f(1), ask).numpy()
+    found = (
+        PhotonMap(photons).radiance(to_vectors(position), to_vectors(normal), lambda w: Array3f(1), ask).total.numpy()
+    )
     assert not found[:, 0].any() and found[:, 1].all() and np.array_equal(found[:, 1], found[:, 3])
     nothing = photons_of(*(each[:0] for each in numbers))
-    assert not PhotonMap(nothing).radiance(to_vectors(position), to_vectors(normal), Array3f).numpy().any()
+    assert not PhotonMap(nothing).radiance(to_vectors(position), to_vectors(normal), Array3f).total.numpy().any()
 
 
 def test_a_point_is_lit_by_photons_of_its_greatest_depth_and_less(rng):
@@ -143,7 +145,19 @@ def test_a_point_is_lit_by_photons_of_its_greatest_depth_and_less(rng):
         few = [each[depth <= limit] for each in numbers]
         expected[most == limit] = asked(few, position[most == limit], normal[most == limit])
     assert expected.any()
-    np.testing.assert_allclose(found.numpy().T, expected, rtol=1e-5)
+    np.testing.assert_allclose(found.total.numpy().T, expected, rtol=1e-5)
+
+
+def test_each_light_group_has_the_light_of_its_photons(rng):
+    numbers, group = random_photons(rng, 200, (0.2, 1.0)), rng.integers(0, 3, 200)
+    position, normal = rng.uniform(-1, 1, (60, 3)), np.tile([0.0, 0.0, 1.0], (60, 1))
+    photons = photons_of(*numbers)
+    photons.group = to_uint(group)
+    found = PhotonMap(photons, 3).radiance(to_vectors(position), to_vectors(normal), lambda w: Array3f(1))
+    for number, part in enumerate(found.parts):
+        expected = asked([each[group == number] for each in numbers], position, normal)
+        assert expected.any()
+        np.testing.assert_allclose(part.numpy().T, expected, rtol=1e-5)
 
 
 def test_the_same_photons_give_the_same_bits(rng):

@@ -69,7 +69,8 @@ def test_a_stage_goes_on_to_the_bits_of_an_unbroken_render(tmp_path, moving, pix
         with pytest.raises(Stop):
             render(*given, RunOptions(stopping(after), Checkpoint(tmp_path / "a.npz", 1e9)))
     resumed = render(*given, RunOptions(checkpoint=Checkpoint(tmp_path / "a.npz")))
-    assert list(whole.layers()) == ["rgba", "surface", "beams", "beams_fill", "beams_key", "transmittance", "depth"]
+    groups = ["beams_fill", "beams_key", "surface_default", "surface_fill", "surface_key"]
+    assert list(whole.layers()) == ["rgba", "surface", "beams", *groups, "transmittance", "depth"]
     assert whole.layers()["beams_fill"].any() and whole.layers()["beams_key"].any()
     for before, after in zip(whole.views(), resumed.views(), strict=True):
         assert all(np.array_equal(before[name], after[name]) for name in before)

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..looks.profiles import Epanechnikov
 from ..numerics.arrays import packets
+from ..numerics.grouped import GroupedLight
 from ..numerics.syntax import syntax
 from ..runtime.device import Array3f, Array4f, Bool, Float, Int32, UInt32
 from .cells import ENTRIES, ROUNDING, CellGrid, CellLists, Entry, Sorting
@@ -37,6 +38,7 @@ class Photons:
     direction: Any  # (N, 3) unit vectors in the direction of the light
     power: Any  # (N, 3) flux
     depth: Any = 0  # (N,) scattering events before they met the surface, a UInt32, or one number for all
+    group: Any = 0  # (N,) numbers of their light groups, a UInt32, or one number for all
 
     def __len__(self) -> int:
         """Return the number of photons."""
@@ -44,17 +46,17 @@ class Photons:
 
 
 class PhotonMap:
-    """Photons in a grid, for `radiance`."""
+    """Photons of a number of light groups in a grid, for `radiance`."""
 
-    def __init__(self, photons: Photons) -> None:
-        self._profile = Epanechnikov()
+    def __init__(self, photons: Photons, groups: int = 1) -> None:
+        self._profile, self._groups = Epanechnikov(), groups
         self._lists: CellLists | None = None
         count = len(photons)
         if count == 0:
             return
         self._data = packets(
-            (photons.position, photons.radius), (photons.normal, photons.depth), (photons.direction, 0),
-            (photons.power, 0),
+            (photons.position, photons.radius), (photons.normal, photons.depth),
+            (photons.direction, photons.group), (photons.power, 0),
         )  # fmt: skip
         self._grid = _grid(photons)
         sorting = Sorting(self._grid.cells, self._visit, 0, count)
@@ -66,8 +68,8 @@ class PhotonMap:
     def radiance(
         self, position: Array3f, normal: Array3f, reflect: Callable[[Array3f], Array3f], active: Bool | bool = True,
         most: UInt32 | None = None,
-    ) -> Array3f:  # fmt: skip
-        """Return the radiance that points reflect of the photons in whose discs they lie, (M, 3).
+    ) -> GroupedLight:  # fmt: skip
+        """Return the radiance that points reflect of the photons in whose discs they lie, (M, 3) by light groups.
 
         Parameters
         ----------
@@ -83,7 +85,7 @@ class PhotonMap:
         """
         count = dr.width(position)
         if self._lists is None:
-            return dr.zeros(Array3f, count)
+            return GroupedLight.dark(self._groups, count)
         active = dr.full(Bool, True, count) & active
         place = self._grid.local(position)
         cell = [self._grid.index(place[axis], axis) for axis in range(3)]
@@ -91,7 +93,8 @@ class PhotonMap:
             active &= (place[axis] >= 0) & (place[axis] <= Float(self._grid.counts[axis]))
         first, stop = self._lists.of(self._grid.number(*cell), active)
         limit = Float(dr.inf) if most is None else Float(most)
-        return _sum(first, stop, self._lists.items, self._data, self._profile, position, normal, reflect, limit)
+        dark = GroupedLight.dark(self._groups, count)
+        return _sum(first, stop, self._lists.items, self._data, self._profile, position, normal, reflect, limit, dark)
 
 
 def _grid(photons: Photons) -> CellGrid:
@@ -152,10 +155,9 @@ def _cells_of(item: UInt32, lane: UInt32, data: Float, grid: CellGrid, entry: En
 @syntax
 def _sum(
     first: UInt32, stop: UInt32, items: UInt32, data: Float, profile: Epanechnikov, position: Array3f, normal: Array3f,
-    reflect: Callable[[Array3f], Array3f], most: Float,
-) -> Array3f:  # fmt: skip
-    """Return the sum over the photons of each lane's list in whose discs the lane's point lies."""
-    radiance = Array3f(0)
+    reflect: Callable[[Array3f], Array3f], most: Float, radiance: GroupedLight,
+) -> GroupedLight:  # fmt: skip
+    """Add to the radiance that of the photons of each lane's list in whose discs the lane's point lies."""
     i = UInt32(first)
     while i < stop:
         base = dr.gather(UInt32, items, i) * 4
@@ -165,8 +167,8 @@ def _sum(
         rho2 = dr.squared_norm(offset) * dr.square(inv_radius)
         flat = dr.abs(dr.dot(offset, up)) < THICKNESS * place.w
         if (rho2 < 1) & flat & (dr.dot(normal, up) > FACING) & (facing.w <= most):
-            direction, power = (dr.gather(Array4f, data, base + packet).xyz for packet in (2, 3))
-            kernel = profile.density(rho2) * dr.square(inv_radius)
-            radiance += power * reflect(-direction) * kernel
+            turned, power = dr.gather(Array4f, data, base + 2), dr.gather(Array4f, data, base + 3).xyz
+            light = power * reflect(-turned.xyz) * (profile.density(rho2) * dr.square(inv_radius))
+            radiance = radiance + GroupedLight.of(light, UInt32(turned.w), len(radiance.parts))
         i += 1
     return radiance

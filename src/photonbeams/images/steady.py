@@ -46,7 +46,8 @@ class FilmView:
     Attributes
     ----------
     layers
-        `rgba`, (H, W, 4), `surface`, (H, W, 3), `depth`, (H, W, 1), and those of beams, whose names begin with `beams`.
+        `rgba`, (H, W, 4), `surface`, (H, W, 3), `depth`, (H, W, 1), those of beams, whose names begin with `beams`, and
+        those of surfaces by light groups, whose names begin with `surface_`.
     to_camera, to_ndc
         (4, 4) matrices for column vectors, from the world to the camera, which looks along −z, and to fractions of the
         display window from its bottom left.
@@ -75,6 +76,11 @@ class FilmView:
     def light(self, names: Sequence[str]) -> Array:
         """Return the colours of layers side by side, (H, W, 3 × len(names))."""
         return np.concatenate([self.layers[name][..., :3] for name in names], axis=2)
+
+    @property
+    def surfaces(self) -> list[str]:
+        """The names of the layers of which the light of surfaces is the sum."""
+        return [name for name in self.layers if name.startswith("surface_")] or ["surface"]
 
     @property
     def beams(self) -> list[str]:
@@ -125,7 +131,9 @@ def steadied(frames: Sequence[FilmView], own: int) -> dict[str, Array]:
         raise SceneError("the frames differ in size or layers: expected those of one film")
     pairs = [[frames[at] for at in (own - step, own + step) if 0 <= at < len(frames)] for step in range(1, len(frames))]
     pairs = [pair for pair in pairs if pair]
-    result = {**frame.layers, **_averaged(frame, pairs, ["surface"], frame.depth)}
+    solid = _averaged(frame, pairs, frame.surfaces, frame.depth)
+    first, *others = solid.values()
+    result = {**frame.layers, **solid, "surface": sum(others, first)}
     if frame.beams:
         result |= _averaged(frame, pairs, frame.beams, _depth_of_beams(frame, pairs))
     light = result["surface"] + result["beams"] if frame.beams else result["surface"]
@@ -151,9 +159,9 @@ def _averaged(
 def _seen(frame: FilmView, points: Array, names: Sequence[str]) -> tuple[Array, Array]:
     """Return the light of layers where a frame shows points, (H, W, C), and which of them it shows, (H, W).
 
-    The layers are that of the surface, or those of beams, which are in front of it.
+    The layers are those of surfaces, or those of beams, which are in front of them.
     """
-    solid = names[0] == "surface"
+    solid = names[0].startswith("surface")
     place, depth = frame.pixels(points)
     height, width = frame.depth.shape
     size = np.array([height, width]).reshape(2, 1, 1)

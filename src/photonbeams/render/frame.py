@@ -162,7 +162,7 @@ class FrameRenderer(PassRenderer):
             order = z_order(lanes.pixel % columns, lanes.pixel // columns)
             index = samples.index(order, lanes.each, lanes.sample)
         picture, _ = self._looked(whole, WidePicture(0, samples, index, lanes.pixel), first)
-        radiance = dr.mean(sum(picture.scattered.values(), picture.surface)).numpy().reshape(SAMPLES, -1)
+        radiance = dr.mean(picture.radiance).numpy().reshape(SAMPLES, -1)
         return self._plan.counts(radiance, picture.reach.numpy().reshape(SAMPLES, -1), whole.window)
 
     def together(self, number: int) -> int:

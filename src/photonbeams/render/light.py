@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import drjit as dr
 
 from ..beams.sets import BeamSet
+from ..numerics.grouped import GroupedLight
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float
 from ..transport.guiding.guides import Name
@@ -178,14 +179,17 @@ def max_bounces(max_depth: int | None) -> int | None:
 class NoLighting:
     """The lighting of a world in which nothing emits light or is lit directly."""
 
+    def __init__(self, world: World) -> None:
+        self._groups = len(world.groups)
+
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> None:
         """Return None."""
         return
 
-    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
+    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> GroupedLight:
         """Return black."""
-        return dr.zeros(Array3f, dr.width(hit.t))
+        return GroupedLight.dark(self._groups, dr.width(hit.t))
 
-    def direct(self, point: camera_paths.ShadingPoint, active: Bool) -> Array3f:
+    def direct(self, point: camera_paths.ShadingPoint, active: Bool) -> GroupedLight:
         """Return black."""
-        return dr.zeros(Array3f, dr.width(point.hit.t))
+        return GroupedLight.dark(self._groups, dr.width(point.hit.t))

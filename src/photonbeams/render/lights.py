@@ -148,9 +148,9 @@ class Lights:
         power = {each: float(max(PathEmitter(world, each).flux)) for each in {*walked, *lit}}
         bounces = own_bounces(world.sources, simulation.tuning)
 
-        def walking(world: World, numbers: Sequence[int], own: Collection[int]) -> Walking:
+        def walking(world: World, numbers: Sequence[int], own: Collection[int], grouped: bool) -> Walking:
             most = None if bounces is None else [bounces[world.emitters[each].source] for each in numbers]
-            chosen = Chosen(numbers, [power[each] for each in numbers], most, sharp, own)
+            chosen = Chosen(numbers, [power[each] for each in numbers], most, sharp, own, grouped)
             emitters: Walked = WalkedEmitters(world, chosen, portal) if world.emits else WalkedLamps(world, chosen)
             return Walking(emitters, self.max_depth, simulation.tuning.rr_depth, bound(world) if own else None)
 
@@ -158,8 +158,8 @@ class Lights:
             by_group: dict[str, list[int]] = {}
             for each in walked:
                 by_group.setdefault(world.emitters[each].beams.group, []).append(each)
-            media = {group: walking(world, own, ()) for group, own in by_group.items()}
-            return Walks(media, walking(world, lit, connected) if lit else None)
+            media = {group: walking(world, own, (), False) for group, own in by_group.items()}
+            return Walks(media, walking(world, lit, connected, True) if lit else None)
 
         paths = sum(each.count for each in simulation.strata(world)) if self.paths is None else self.paths
         varies = paths > 0 or self.worlds.varies

@@ -14,6 +14,7 @@ from ..estimators.points import Points
 from ..estimators.projection import Projection
 from ..looks import LightContext
 from ..numerics.arrays import compressed, joined, taken, to_uint
+from ..numerics.grouped import GroupedLight
 from ..numerics.samples import BITS, CountedSamples, Samples
 from ..runtime.device import Array3f, Bool, Float, UInt32, check_recording
 from ..world.cameras.sensors import PrimaryRays
@@ -120,9 +121,10 @@ class PassRenderer:
         """Return what camera rays see, except beams; `order` are their numbers in the sample sequences."""
         statistics, count = self.statistics, dr.width(rays.primary.direction)
         tracing = self.camera_tracing(light.world, rays)
-        walks, picture = self.light.walks(light.world), CameraImage(count, tracing.albedo)
+        walks, groups = self.light.walks(light.world), light.world.groups
+        picture = CameraImage(count, len(groups), tracing.albedo)
         sky = self.light.single_scattering(light.world, count, samples)
-        scattered = {group: dr.zeros(Array3f, count) for group in walks.media}
+        walked = {group: GroupedLight.dark(1, count) for group in walks.media}
         with statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, order)
             for step in camera_paths.follow(tracing, begun, samples, surfaces):
@@ -131,15 +133,17 @@ class PassRenderer:
                 if sky is not None:
                     sky.add(*step)
                 for group, walking in walks.media.items():
-                    walking.add_scattered(*step, samples, scattered[group])
+                    walking.add_scattered(*step, samples, walked[group])
                 if walks.surfaces is not None:
                     walks.surfaces.add_reflected(*step, samples, surfaces, picture.surface)
+        scattered = {group: light.total for group, light in walked.items()}
         for group, found in ({} if sky is None else sky.radiance).items():
             scattered[group] = scattered.get(group, 0) + found
         guides = {ALBEDO: picture.albedo} if tracing.albedo else {}
         if self.settings.denoise:
             guides[MEAN_NORMAL] = picture.normal
-        return PassPicture(picture.surface, picture.alpha, scattered, picture.transmittance, picture.reach, guides)
+        surface = dict(zip(groups.names, picture.surface.parts, strict=True))
+        return PassPicture(surface, picture.alpha, scattered, picture.transmittance, picture.reach, guides)
 
     def gathered(
         self, number: int, light: TracedLight, rays: ViewRays, order: UInt32, samples: Samples,
@@ -206,7 +210,8 @@ class PassRenderer:
         settings = self.settings
         if rays.holdout is not None:
             world = world.without_surfaces()
-            return CameraTracing(world, NoLighting(), None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
+            lighting = NoLighting(world)
+            return CameraTracing(world, lighting, None, settings.rr_depth, True, surfaces=False, sharp=world.sharp)
         return CameraTracing(
             world, self.light.lighting(world), self._max_depth, settings.rr_depth, settings.hide_emitters,
             settings.surfaces, world.sharp, walked=self.light.walks(world).walked,
@@ -242,8 +247,8 @@ class CameraImage:
     that do more than mirror and refract.
     """
 
-    def __init__(self, count: int, guides: bool = False) -> None:
-        self.surface, self.transmittance = dr.zeros(Array3f, count), dr.zeros(Array3f, count)
+    def __init__(self, count: int, groups: int = 0, guides: bool = False) -> None:
+        self.surface, self.transmittance = GroupedLight.dark(groups, count), dr.zeros(Array3f, count)
         self.alpha, self.distance = dr.zeros(Float, count), dr.full(Float, dr.inf, count)
         self.normal, self.reach = dr.zeros(Array3f, count), dr.zeros(Float, count)
         self._unmet = dr.full(Bool, True, count) if guides else None
@@ -251,7 +256,8 @@ class CameraImage:
 
     def add(self, step: CameraPaths, vertex: camera_paths.CameraVertex) -> None:
         """Add one step of camera paths."""
-        add_to_pixels(self.surface, vertex.radiance, step.pixel, step.branch, step.alive)
+        for total, radiance in zip(self.surface.parts, vertex.radiance.parts, strict=True):
+            add_to_pixels(total, radiance, step.pixel, step.branch, step.alive)
         own = step.alive & step.primary
         dr.scatter(self.transmittance, vertex.transmittance, step.pixel, own)
         dr.scatter(self.reach, vertex.end, step.pixel, own)

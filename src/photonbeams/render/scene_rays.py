@@ -49,7 +49,8 @@ def _radiance(passes: PassRenderer, origin: Array3f, direction: Array3f, far: Fl
         picture = passes.seen(light, view, order, samples, photons)
         gathered = passes.gathered(each, light, view, order, samples)
         beams = sum((*picture.scattered.values(), *gathered.values()), dr.zeros(Array3f, own))
-        for whole, part in zip(result, (beams, picture.surface, picture.alpha), strict=True):
+        surface = sum(picture.surface.values(), dr.zeros(Array3f, own))
+        for whole, part in zip(result, (beams, surface, picture.alpha), strict=True):
             dr.scatter(whole, part, lanes)
         dr.eval(result)
     return result

@@ -93,6 +93,8 @@ def world_of_scene(
     content = _media(description, host, known, glass)
     bodies = {id(each) for each in glass}
     linked = {names for light in description.lights for names in (light.unlit, light.unshadowed) if names}
+    glow = _glow(description)
+    linked |= {frozenset(name for name, own in glow.items() if own == group) for group in glow.values()}
     groups = grouped(meshes, bodies, linked, sharp)
     shapes = shapes_of(groups, bodies, sharp, content.outside, known.built(content) if known else {})
     still = known is not None and same(shapes, known.shapes)
@@ -122,6 +124,7 @@ def world_of_scene(
         sky=[number for number, each in enumerate(emitters) if id(each.beams) in sky],
         numbers=numbers,
         drawn=description.drawn,
+        glow=glow,
     )  # fmt: skip
     return _as_seen(world, groups)
 
@@ -156,6 +159,12 @@ def _traits(meshes: Sequence[scene.Mesh], sharp: bool) -> dict[str, Any]:
         "mirrors": sharp and any(is_glass(each) or is_mirror(each) for each in materials),
         "glowing": any(map(glows, materials)),
     }
+
+
+def _glow(description: scene.Scene) -> dict[str, str]:
+    """Return the light groups of surfaces that glow, by the names of meshes; without those of the unnamed group."""
+    lights = (each for each in (*description.lights, *description.glowing) if isinstance(each, scene.MeshLight))
+    return {each.name: each.group for each in lights if each.surface and each.group}
 
 
 def _surfaces(description: scene.Scene) -> tuple[scene.Mesh, ...]:

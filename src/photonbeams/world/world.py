@@ -19,6 +19,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import ESCAPE, DrawnBeams
 from .bounds import Bounds, Box
 from .emitters.emitter import Emitter, Links
+from .emitters.groups import LightGroups
 from .emitters.packed import LampGroups
 from .emitters.rays import EmittedRays
 from .emitters.sources import Source
@@ -96,6 +97,8 @@ class World:
         Numbers of the media by name, which may be others at another time; media without a name have none.
     drawn
         Beams that no lamp makes.
+    glow
+        The light groups of surfaces that glow, by their names in `shapes`; others belong to the unnamed group.
     shown
         The world that camera rays meet before they are reflected or refracted; None: this one.
     holdouts
@@ -135,6 +138,7 @@ class World:
     sky: Sequence[int] = ()
     numbers: Mapping[str, int] = field(default_factory=dict)
     drawn: Sequence[DrawnBeams] = ()
+    glow: Mapping[str, str] = field(default_factory=dict)
     shown: World | None = None
     holdouts: Any = None
 
@@ -142,6 +146,11 @@ class World:
     def size(self) -> Float:
         """Diameter of the surfaces and boundaries, for rays that leave them: see `shadow_rays`."""
         return size_of(self.plugin)
+
+    @cached_property
+    def groups(self) -> LightGroups:
+        """The light groups that shine on surfaces."""
+        return LightGroups(self.emitters, self.sources, self.glow.values(), self.glowing or self.media.emissive)
 
     @cached_property
     def lamps(self) -> LampGroups:

@@ -28,8 +28,8 @@ def summed(passes):
     """Return the sums of passes, each of which has the grey light of the surface and of two groups, (H, W)."""
     sums = PassSums()
     for number, (surface, key, fill) in enumerate(passes):
-        layers = {"surface": surface, "beams_key": key, "beams_fill": fill}
-        pictures = {"surface": surface, "beams/key": key, "beams/fill": fill}
+        layers = {"surface_default": surface, "beams_key": key, "beams_fill": fill}
+        pictures = {"surface/": surface, "beams/key": key, "beams/fill": fill}
         pictures = {name: np.tile(each.reshape(1, -1), (3, 1)) for name, each in pictures.items()}
         for name, each in layers.items():
             pictures |= {f"light/{name}": each.reshape(-1), f"squares/{name}": each.reshape(-1) ** 2}

@@ -33,9 +33,8 @@ def picture(one, crop=None):
     x0, y0, x1, y1 = crop or (0, 0, WIDTH, HEIGHT)
     part = {name: each[y0:y1, x0:x1].reshape(-1, each.shape[-1]) for name, each in one.items()}
     scattered = {"key": to_vectors(0.5 * part["key"])}
-    seen = PassPicture(
-        to_vectors(part["surface"]), to_float(part["alpha"]), scattered, to_vectors(part["transmittance"])
-    )
+    surface = {"": to_vectors(0.75 * part["surface"]), "key": to_vectors(0.25 * part["surface"])}
+    seen = PassPicture(surface, to_float(part["alpha"]), scattered, to_vectors(part["transmittance"]))
     return seen, {"key": to_vectors(0.5 * part["key"]), "": to_vectors(part[""])}, {"depth": to_float(part["depth"])}
 
 
@@ -113,16 +112,20 @@ def test_the_box_is_the_plain_mean_and_layers_add_up(rng, name):
     passes = pixels(rng, 3)
     layers = film(passes, name, exposure=2.0).layers()
     mean = {own: np.mean([each[own] for each in passes], axis=0) for own in passes[0]}
-    assert list(layers) == ["rgba", "surface", "beams", "beams_default", "beams_key", "beams_off", "transmittance",
-                            "depth"]  # fmt: skip
+    assert list(layers) == [
+        "rgba", "surface", "beams", "beams_default", "beams_key", "beams_off", "surface_default", "surface_key",
+        "surface_off", "transmittance", "depth",
+    ]  # fmt: skip
     np.testing.assert_allclose(layers["surface"], 2 * mean["surface"], rtol=1e-6)
     np.testing.assert_allclose(layers["beams_key"], 2 * mean["key"], rtol=1e-6)
     np.testing.assert_allclose(layers["transmittance"], mean["transmittance"], rtol=1e-6)
     np.testing.assert_allclose(layers["rgba"][..., 3:], mean["alpha"], rtol=1e-6)
     assert np.array_equal(layers["beams"], layers["beams_default"] + layers["beams_key"])
+    assert np.array_equal(layers["surface"], layers["surface_default"] + layers["surface_key"])
+    np.testing.assert_allclose(layers["surface_key"], 0.5 * mean["surface"], rtol=1e-6)
     assert np.array_equal(layers["rgba"][..., :3], layers["surface"] + layers["beams"])
     assert np.array_equal(layers["depth"], passes[0]["depth"])  # of the first pass
-    assert not layers["beams_off"].any()
+    assert not layers["beams_off"].any() and not layers["surface_off"].any()
 
 
 @pytest.mark.parametrize("name", ["box", "mitchell"])
@@ -132,7 +135,8 @@ def test_samples_of_surfaces_and_of_edges_count_as_their_shares_say(rng, name):
     whole = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name))
     seen, beams = zip(*(picture(each)[:2] for each in passes), strict=True)
     places = [whole.places(Samples(0, number)) for number in range(5)]
-    two = PassPicture(joined([each.surface for each in seen[:2]]), joined([each.alpha for each in seen[:2]]))
+    both = {group: joined([each.surface[group] for each in seen[:2]]) for group in seen[0].surface}
+    two = PassPicture(both, joined([each.alpha for each in seen[:2]]))
     parts = [(two, joined(places[:2])), *((PassPicture(each.surface, each.alpha), place)
              for each, place in zip(seen[2:4], places[2:4], strict=True))]  # fmt: skip
     edge = rng.random(count) < 0.5
@@ -162,7 +166,7 @@ def test_pixels_may_have_different_numbers_of_samples(rng, name, most):
         lanes = PixelSamples.of(count, part)
         number = lanes.sample * count + lanes.pixel
         surface, reach = taken(to_vectors(values.reshape(-1, 3)), number), Float(lanes.sample) + 1
-        picture = PassPicture(surface, dr.ones(Float, dr.width(number)), reach=reach)
+        picture = PassPicture({"": surface}, dr.ones(Float, dr.width(number)), reach=reach)
         share = dr.rcp(Float(lanes.each))
         seen.add(picture, taken(places, number), share, SampleLayout.of(count, part), lanes.pixel)
     assert seen.farthest.numpy().tolist() == each.tolist() and not (seen.nearest.numpy() != 1).any()
@@ -237,7 +241,7 @@ def test_the_error_is_that_of_the_mean_of_independent_passes(rng):
     for number, each in enumerate(samples):
         grey = to_vectors(np.repeat(each.reshape(-1, 1), 3, axis=1))
         assert np.isnan(result.error()) == (number < 2)
-        seen = PassPicture(grey, to_float(np.ones(count * count)))
+        seen = PassPicture({"": grey}, to_float(np.ones(count * count)))
         result.add(number, sums_of(result, [(seen, result.centers())]), BeamSamples({}, result.centers()))
     values = np.array(samples)
     mean = values.mean(axis=0)
@@ -276,7 +280,7 @@ def test_a_filter_averages_as_many_pixels_as_it_lowers_independent_noise(name, e
 @pytest.mark.parametrize("name", ["tent", "gaussian"])
 def test_even_light_of_one_pass_is_even(name):
     result, count = Film((HEIGHT, WIDTH), (0, 0), reconstruction_filter(name)), HEIGHT * WIDTH
-    black = PassPicture(dr.zeros(Array3f, count), dr.zeros(Float, count))
+    black = PassPicture({"": dr.zeros(Array3f, count)}, dr.zeros(Float, count))
     for number, light in enumerate((0.0, 1.0)):
         places = result.places(Samples(0, number))
         result.add(

@@ -27,7 +27,8 @@ PASSES = (
     ("Combined", "RGBA", "COLOR", "rgba"), ("Depth", "Z", "VALUE", "depth"), ("Beams", "RGB", "COLOR", "beams"),
     ("Surface", "RGB", "COLOR", "surface"), ("Transmittance", "RGB", "COLOR", "transmittance"),
 )  # fmt: skip
-_GROUP, _GROUP_LAYER = "Beams ", "beams_"
+#: Prefixes of the passes of a light group, and of its layers.
+_OF_GROUPS = {"Beams ": "beams_", "Surface ": "surface_"}
 _WAIT = 0.05  # seconds between looks at whether Blender wants the render to end
 _PATIENCE = 0.8  # seconds until a render that was cancelled is ended by force
 _OFTEN = 0.02  # seconds between looks at whether a viewport has a new picture
@@ -51,7 +52,8 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
         for name, channels, kind, _ in PASSES:
             self.register_pass(scene, renderlayer, name, len(channels), channels, kind)
         for group in renderlayer.lightgroups:
-            self.register_pass(scene, renderlayer, _GROUP + group.name, 3, "RGB", "COLOR")
+            for prefix in _OF_GROUPS:
+                self.register_pass(scene, renderlayer, prefix + group.name, 3, "RGB", "COLOR")
 
     def render(self, depsgraph: Any) -> None:
         """Render the picture of a view layer, or the pictures of two eyes."""
@@ -228,7 +230,8 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
         result = self.begin_result(0, 0, width, height, layer=depsgraph.view_layer.name, view=view)
         try:
             found = {name: layer for name, *_, layer in PASSES}
-            found |= {_GROUP + name: _GROUP_LAYER + token for name, token in groups.items()}
+            for prefix, layer in _OF_GROUPS.items():
+                found |= {prefix + name: layer + token for name, token in groups.items()}
             for each in result.layers[0].passes:
                 name = found.get(each.name, "")
                 if name in layers:

@@ -31,6 +31,7 @@ from scipy.ndimage import convolve, uniform_filter
 
 from ...runtime.device import backend
 from ...scene import Array, SceneError
+from .layers import surface_layers
 from .sums import ALBEDO, MEAN_NORMAL, NOISY, PassSums
 
 # Side of the square of pixels over which errors are averaged: the variance of one pixel over few passes is a guess.
@@ -102,18 +103,20 @@ def denoised(
     """
     guides = _guides(sums, layers["surface"].shape[:2])
     known = {} if known is None else known
-    parts = [*dict.fromkeys(groups.values())] or ["beams"]
+    of_beams = [*dict.fromkeys(groups.values())]
+    of_surfaces = [*dict.fromkeys(surface_layers(groups).values())]
     result = {}
-    for name in ("surface", *parts):
-        # The error of a single pass is unknown. The noise of surfaces is of the kind that the network removes, that of
-        # beams is not.
-        unknown, own = (1.0, guides) if name == "surface" else (0.0, {})
-        result[name] = _mixed(name, layers[name], own, sums.variance(name), unknown, known)
-    if groups:
-        unnamed = layers["beams"] - sum(layers[name] for name in parts)
-        result["beams"] = sum((result[name] for name in parts), unnamed)
+    # The error of a single pass is unknown. The noise of surfaces is of the kind that the network removes, that of
+    # beams is not.
+    for whole, parts, own, unknown in (("surface", of_surfaces, guides, 1.0), ("beams", of_beams, {}, 0.0)):
+        for name in parts or [whole]:
+            result[name] = _mixed(name, layers[name], own, sums.variance(name), unknown, known)
+        if parts:
+            rest = layers[whole] - sum(layers[name] for name in parts)
+            result[whole] = sum((result[name] for name in parts), rest)
     rgb = result["surface"] + result["beams"]
-    noisy = {NOISY + name: layers[name] for name in ("surface", "beams", *groups.values())} if keep_noisy else {}
+    kept = ["surface", "beams", *of_beams, *of_surfaces] if keep_noisy else []
+    noisy = {NOISY + name: layers[name] for name in kept}
     return {**layers, **result, "rgba": np.concatenate([rgb, layers["rgba"][..., 3:]], axis=2), **noisy}
 
 

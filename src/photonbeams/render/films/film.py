@@ -21,7 +21,7 @@ from ...numerics.sampling import z_order
 from ...numerics.streams import Stream
 from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
 from ...scene import SceneError
-from .layers import GATHERED, SCATTERED, develop
+from .layers import GATHERED, SCATTERED, SURFACE, develop, layer_of
 from .pixel_filters import averaged, filter_weights, margin_of
 from .sample_layout import SampleLayout, SamplePiece
 from .sums import ALBEDO, LIGHT, MEAN_NORMAL, SQUARES, PassSums
@@ -42,7 +42,7 @@ class PassPicture:
     Attributes
     ----------
     surface, alpha
-        (N, 3) radiance of surfaces, and (N,) their coverage.
+        (N, 3) radiance of surfaces by light groups, and (N,) their coverage.
     scattered
         Light that media scatter and that beams do not carry.
     transmittance
@@ -53,7 +53,7 @@ class PassPicture:
         (N, 3) albedos and normals of the surfaces seen, also in mirrors and through glass, by the names of their sums.
     """
 
-    surface: Any
+    surface: Groups
     alpha: Any
     scattered: Groups = field(default_factory=dict)
     transmittance: Any = None
@@ -62,15 +62,24 @@ class PassPicture:
 
     def taken(self, lanes: UInt32) -> PassPicture:
         """Return the picture of some of the rays."""
-        scattered = {group: taken(radiance, lanes) for group, radiance in self.scattered.items()}
-        seen = (None if each is None else taken(each, lanes) for each in (self.surface, self.alpha, self.transmittance))
-        surface, alpha, transmittance = seen
-        guides = {name: taken(each, lanes) for name, each in self.guides.items()}
+        surface, scattered, guides = (
+            {name: taken(each, lanes) for name, each in values.items()}
+            for values in (self.surface, self.scattered, self.guides)
+        )
+        alpha, transmittance = (
+            None if each is None else taken(each, lanes) for each in (self.alpha, self.transmittance)
+        )
         return PassPicture(surface, alpha, scattered, transmittance, guides=guides)
+
+    @property
+    def radiance(self) -> Any:
+        """The radiance of everything but beams."""
+        return sum((*self.surface.values(), *self.scattered.values()), dr.zeros(Array3f, 1))
 
     def values(self) -> dict[str, Any]:
         """Return all values by the names of their sums."""
-        result = {"surface": self.surface, "alpha": self.alpha, **self.guides}
+        result = {"alpha": self.alpha, **self.guides}
+        result |= {SURFACE + group: radiance for group, radiance in self.surface.items()}
         result |= {SCATTERED + group: radiance for group, radiance in self.scattered.items()}
         return result if self.transmittance is None else result | {"transmittance": self.transmittance}
 
@@ -257,12 +266,9 @@ class Film:
         for each in lights:
             shining = shining + sum(each.values(), black)
         for name, light in (item for each in lights if self._variances for item in each.items()):
-            layer = name
-            if name != "surface":
-                group = name.removeprefix(GATHERED).removeprefix(SCATTERED)
-                layer = self.groups.get(group, "") if self.groups else "beams"
-            layers[layer] = layers.get(layer, black) + light
-        layers.pop("", None)
+            layer = layer_of(name, self.groups)
+            if layer is not None:
+                layers[layer] = layers.get(layer, black) + light
         result = dict[str, Any]()
         for suffix, sum_ in [("", shining), *((f"/{layer}", own) for layer, own in layers.items())]:
             light = dr.dot(sum_, Array3f(1 / 3))
@@ -378,7 +384,7 @@ class Film:
     def restore(self, sums: PassSums) -> None:
         """Continue from the sums of another film; raise SceneError if they are of another picture."""
         total, count = sums.total(), self.shape[0] * self.shape[1]
-        complete = {"surface", "alpha", LIGHT, SQUARES} <= set(total)
+        complete = {"alpha", LIGHT, SQUARES} <= set(total) and any(name.startswith(SURFACE) for name in total)
         same = complete and ("weight" in total) is (self._filter is not None)
         if not same or any(each.shape not in ((count,), (3, count)) for each in total.values()):
             raise SceneError("the checkpoint is of another picture: expected one of its size, filter, views and layers")

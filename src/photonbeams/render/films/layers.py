@@ -9,7 +9,9 @@ import numpy as np
 
 from .sums import ALBEDO, DEPTH, NORMAL, PassSums
 
-#: Prefixes of the names of a light group's sums. Light from beams.
+#: Prefixes of the names of a light group's sums. Light of surfaces and of the background.
+SURFACE = "surface/"
+#: Light from beams.
 GATHERED = "beams/"
 #: Light from paths from the camera and from domes, whose samples have other places than those of beams.
 SCATTERED = "scattered/"
@@ -29,18 +31,15 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     usual = np.float32(1 / max(len(sums), 1))
     scale, of_beams = (1 / pictures[name] if name in pictures else usual for name in ("weight", "beams weight"))
     black = np.zeros((*shape, 3), dtype=np.float32)
-    surface = pictures.get("surface", black) * scale
     alpha = pictures.get("alpha", black[..., :1]) * scale
-    by_group: dict[str, Any] = {}
-    for prefix, factor in ((GATHERED, of_beams), (SCATTERED, scale)):
-        for name in sorted(each for each in pictures if each.startswith(prefix)):
-            group = name.removeprefix(prefix)
-            by_group[group] = by_group.get(group, 0) + pictures[name] * factor
-    beams = sum(by_group.values(), black)
+    of_surfaces = _by_group(pictures, {SURFACE: scale})
+    of_media = _by_group(pictures, {GATHERED: of_beams, SCATTERED: scale})
+    surface, beams = (sum(each.values(), black) for each in (of_surfaces, of_media))
     layers = {"rgba": np.concatenate([surface + beams, alpha], axis=2), "surface": surface, "beams": beams}
-    for group, name in groups.items():
-        # Black if no beam of the group was in a medium. A group named "default" shares the layer of the unnamed group.
-        layers[name] = layers.get(name, 0) + by_group.get(group, black)
+    for found, own in ((of_media, groups), (of_surfaces, surface_layers(groups))):
+        for group, layer in own.items():
+            # Black if the group has no light here. A group named "default" shares the layer of the unnamed group.
+            layers[layer] = layers.get(layer, 0) + found.get(group, black)
     if "transmittance" in pictures:
         layers["transmittance"] = pictures["transmittance"] * scale
     layers[DEPTH] = pictures.get(DEPTH, np.full_like(alpha, np.inf))
@@ -51,11 +50,48 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     return layers
 
 
+def _by_group(pictures: Mapping[str, np.ndarray], factors: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Return the sums of each light group over the prefixes of names, times a factor for each prefix."""
+    result: dict[str, Any] = {}
+    for prefix, factor in factors.items():
+        for name in sorted(each for each in pictures if each.startswith(prefix)):
+            group = name.removeprefix(prefix)
+            result[group] = result.get(group, 0) + pictures[name] * factor
+    return result
+
+
+def surface_layers(groups: Mapping[str, str]) -> dict[str, str]:
+    """Return the layer of what surfaces show of each light group, given that of its beams; none without groups.
+
+    What belongs to no group, such as surfaces that glow, has a layer, too: surfaces are the sum of these layers.
+    """
+    every = {**groups, "": "beams_default"} if groups else {}
+    return {group: f"surface_{layer.removeprefix('beams_')}" for group, layer in sorted(every.items())}
+
+
+def layer_of(name: str, groups: Mapping[str, str]) -> str | None:
+    """Return the layer by itself to which the light of a sum belongs, by its name; None: it has none."""
+    surface = name.startswith(SURFACE)
+    group = name.partition("/")[2]
+    if not groups:
+        return "surface" if surface else "beams"
+    return (surface_layers(groups) if surface else groups).get(group)
+
+
 def group_layers(groups: Collection[str]) -> dict[str, str]:
-    """Return the layer of each light group; empty if all beams are of the unnamed group."""
+    """Return the layer of each light group's beams; empty if all are of the unnamed group."""
     return {group: f"beams_{group or 'default'}" for group in sorted(groups)} if set(groups) - {""} else {}
 
 
 def layer_names(groups: Mapping[str, str]) -> list[str]:
     """Return the names of the layers, in their order, of a stage whose light groups have these layers."""
-    return ["rgba", "surface", "beams", *dict.fromkeys(groups.values()), "transmittance", "depth"]
+    beams = [*dict.fromkeys(groups.values())]
+    return [
+        "rgba",
+        "surface",
+        "beams",
+        *beams,
+        *dict.fromkeys(surface_layers(groups).values()),
+        "transmittance",
+        "depth",
+    ]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import drjit as dr
 
 from ...numerics.arrays import compressed, joined, unaliased
+from ...numerics.grouped import GroupedLight
 from ...numerics.samples import Samples
 from ...numerics.streams import Stream
 from ...numerics.structs import Struct
@@ -61,7 +62,8 @@ class CameraVertex(Struct):
     Attributes
     ----------
     radiance
-        The radiance of the surface or the background, and of media that emit before it, times the throughput.
+        The radiance of the surface or the background, and of media that emit before it, times the throughput, by the
+        light groups of the world; empty if the tracing does not ask for it.
     solid
         Whether it is a surface or a lamp, rather than a boundary of media or the background.
     end
@@ -83,7 +85,7 @@ class CameraVertex(Struct):
         Where walks continue from here; None if there are no walks.
     """
 
-    radiance: Array3f
+    radiance: GroupedLight
     solid: Bool
     end: Float
     transmittance: Array3f
@@ -99,7 +101,7 @@ class NearestLamp(Struct):
     """The nearest lamp that is not a surface: its `distance` (infinite if there is none) and `radiance`."""
 
     distance: Float
-    radiance: Array3f
+    radiance: GroupedLight
 
 
 @dataclass(frozen=True)
@@ -119,10 +121,10 @@ class Lighting(Protocol):
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
         """Return the nearest lamp along rays that have come the distance `flown`; None if all emitters are surfaces."""
 
-    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
+    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> GroupedLight:
         """Return the emitted radiance of surfaces, and the background's where rays meet nothing."""
 
-    def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
+    def direct(self, point: ShadingPoint, active: Bool) -> GroupedLight:
         """Return the direct light that smooth BSDFs reflect along the path."""
 
 
@@ -252,18 +254,16 @@ def _step(
     flags = hit.bsdf().flags()
     held = world.held_out(hit, start, paths.direction, met & paths.primary)
     smooth = met & ~held & mi.has_flag(flags, mi.BSDFFlags.Smooth) & tracing.within(paths.depth, 2)
-    vertex.radiance = dr.zeros(Array3f, 1)
+    vertex.radiance = GroupedLight()
     if tracing.shining:
         point = ShadingPoint(hit, paths.medium, paths.order, name, samples)
         radiance = _radiance(tracing, paths, point, None if lamp is None else (on_lamp, lamp.radiance), smooth, light)
-        seen = radiance * clear
         # A texture may contain NaN; atomic additions on a GPU do not skip it.
-        vertex.radiance = dr.select(alive & ~held & ~dr.isnan(dr.sum(seen)), seen, 0)
+        vertex.radiance = (radiance * clear).where(alive & ~held).numbers()
         if world.media.emissive:
             seed = samples.bits(paths.order, Stream.GLOW, name)
-            vertex.radiance += paths.throughput * world.media.emitted(
-                paths.medium, start, paths.direction, distance, seed, alive
-            )
+            glow = world.media.emitted(paths.medium, start, paths.direction, distance, seed, alive)
+            vertex.radiance = vertex.radiance + world.groups.grouped(paths.throughput * glow)
     if tracing.walked is not None:
         vertex.bounce = _bounce(world, hit, paths, clear, smooth & alive, samples, name)
     visible = (UInt32(flags) & _VISIBLE) != 0
@@ -290,9 +290,9 @@ def _albedo(hit: Any, met: Bool) -> Array3f:
 
 
 def _radiance(
-    tracing: CameraTracing, paths: CameraPaths, point: ShadingPoint, lamp: tuple[Bool, Array3f] | None, smooth: Bool,
-    light: SurfaceLight,
-) -> Any:  # fmt: skip
+    tracing: CameraTracing, paths: CameraPaths, point: ShadingPoint, lamp: tuple[Bool, GroupedLight] | None,
+    smooth: Bool, light: SurfaceLight,
+) -> GroupedLight:  # fmt: skip
     """Return the radiance of surfaces, lamps and the background: emitted and, if they are `smooth`, reflected.
 
     `lamp` are two arrays: which paths end on a lamp that is not a surface, and the radiance of the lamp.
@@ -305,13 +305,13 @@ def _radiance(
     on_lamp = Bool(False) if lamp is None else lamp[0]
     result = tracing.lighting.emission(point.hit, straight_from, paths.direction, shown & ~on_lamp)
     if lamp is not None:
-        result = dr.select(on_lamp & shown, lamp[1], result)
+        result = lamp[1].where(on_lamp & shown, result)
     if tracing.surfaces:
-        result += tracing.lighting.direct(point, smooth)
+        result = result + tracing.lighting.direct(point, smooth)
         if light.photons is not None:
-            result += light.photons(point.hit, paths.depth, smooth)
+            result = result + light.photons(point.hit, paths.depth, smooth)
         if light.virtual is not None and tracing.walked is not None:
-            result += light.virtual.radiance(tracing.walked, Point(
+            result = result + light.virtual.radiance(tracing.walked, Point(
                 point.hit, tracing.world.opacity(point.hit, smooth), point.medium,
                 smooth & tracing.within(paths.depth, 3), UInt32(1),
                 point.samples.bits(point.order, Stream.VIRTUAL, point.step),

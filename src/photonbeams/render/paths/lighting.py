@@ -12,11 +12,13 @@ from typing import Any
 
 import drjit as dr
 
+from ...numerics.grouped import GroupedLight
 from ...numerics.hashing import hash32
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...world.emitters.packed import Lamps, LinkedSurfaces
+from ...world.emitters.groups import gathered_group
+from ...world.emitters.packed import Lamps, LinkedSurfaces, shape_number
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.shadow_rays import ShadowRay, to_lamp
 from ...world.world import World
@@ -39,81 +41,91 @@ class EmitterLighting:
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
         """Return the nearest lamp that emits toward rays which have come the distance `flown`."""
         packed = [lamps for lamps in self._lamps.packed if lamps.seen]
-        single = [lamp for lamp, links in self._lamps.meshes if lamp.seen and (links is None or links.seen)]
+        single = [each for each in self._lamps.meshes if each.lamp.seen and (each.links is None or each.links.seen)]
         if not packed and not single:
             return None
         # Images on portals also tint light that passed them before the ray's segment begins.
         straight_from = origin - flown * direction
 
-        def nearer(light: Any, _: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
-            distance, radiance = state
+        def nearer(light: Any, group: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
+            distance, radiance, of = state
             found = light.see(straight_from, direction)
             beyond = found.distance - flown
             front = found.hit & (beyond > 0) & (beyond < distance) & (dr.max(found.radiance) > 0)
-            return dr.select(front, beyond, distance), dr.select(front, found.radiance, radiance)
+            return (
+                dr.select(front, beyond, distance),
+                dr.select(front, found.radiance, radiance),
+                dr.select(front, group, of),
+            )
 
-        width = max(dr.width(origin), dr.width(direction))
-        state: tuple[Any, ...] = (dr.full(Float, dr.inf, width), dr.zeros(Array3f, width))
+        width, groups = max(dr.width(origin), dr.width(direction)), self._world.groups
+        state: tuple[Any, ...] = (dr.full(Float, dr.inf, width), dr.zeros(Array3f, width), dr.zeros(UInt32, width))
         for lamps in packed:
-            state = _each(lamps, state, nearer)
-        for lamp in single:
-            state = nearer(lamp, UInt32(0), state)
-        return NearestLamp(*state)
+            state = _each(lamps, state, lambda light, _, group, state: nearer(light, group, state))
+        for each in single:
+            state = nearer(each.lamp, UInt32(groups.number(each.group)), state)
+        distance, radiance, group = state
+        return NearestLamp(distance, GroupedLight.of(radiance, group, len(groups)))
 
-    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
+    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> GroupedLight:
         """Return the radiance that surfaces emit, on both sides, or of the background where rays meet nothing."""
         if self._mitsuba is not None:
             return self._mitsuba.emission(hit, origin, direction, active)
         met = hit.is_valid()
-        glow = self._glow(hit, active & met)
-        return glow + dr.select(active & ~met, self._background(origin, direction), 0)
+        return self._glow(hit, active & met) + self._background(origin, direction).where(active & ~met)
 
-    def _background(self, origin: Array3f, direction: Array3f) -> Array3f:
+    def _background(self, origin: Array3f, direction: Array3f) -> GroupedLight:
         """Return the radiance at infinity: environments and the discs of distant lights."""
-        result = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
-        for dome, links in self._lamps.domes:
-            if links is None or links.seen:
-                result += dome.see(origin, direction).radiance
+        groups = self._world.groups
+        result = GroupedLight.dark(len(groups), max(dr.width(origin), dr.width(direction)))
+        for dome in self._lamps.domes:
+            if dome.links is None or dome.links.seen:
+                result = result + groups.grouped(dome.lamp.see(origin, direction).radiance, dome.group)
 
-        def add(light: Any, _: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
+        def add(light: Any, _: UInt32, group: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
             found = light.see(origin, direction)
-            return (state[0] + dr.select(dr.isfinite(found.distance), 0, found.radiance),)
+            own = dr.select(dr.isfinite(found.distance), 0, found.radiance)
+            return (state[0] + GroupedLight.of(own, group, len(groups)),)
 
         for lamps in self._lamps.packed:
             if lamps.seen:
                 (result,) = _each(lamps, (result,), add)
         return result
 
-    def _glow(self, hit: Any, active: Bool) -> Array3f:
+    def _glow(self, hit: Any, active: Bool) -> GroupedLight:
+        groups = self._world.groups
         if not self._world.glowing:
-            return dr.zeros(Array3f, dr.width(hit.t))
+            return GroupedLight.dark(len(groups), dr.width(hit.t))
         incident = mi.Vector3f(hit.wi)
         front = mi.SurfaceInteraction3f(hit)
         front.wi = mi.Vector3f(incident.x, incident.y, dr.abs(incident.z))  # Mitsuba's emitters are one-sided
-        return Array3f(front.emitter(self._world.plugin).eval(front, active))
+        light = Array3f(front.emitter(self._world.plugin).eval(front, active))
+        return GroupedLight.of(light, gathered_group(self._lamps.glow, shape_number(hit.shape)), len(groups))
 
-    def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
+    def direct(self, point: ShadingPoint, active: Bool) -> GroupedLight:
         """Return the direct light that surfaces reflect along the path, by one sample of each lamp."""
         if self._mitsuba is not None:
             return self._mitsuba.direct(point, active)
-        world, lights, radiance = self._world, self._lamps, dr.zeros(Array3f, dr.width(point.hit.t))
+        world, lights = self._world, self._lamps
+        radiance = GroupedLight.dark(len(world.groups), dr.width(point.hit.t))
         if not lights.packed and not lights.domes and not lights.meshes:
             return radiance
         reflection = _Reflection(world, point, active)
         for kind, lamps in enumerate(lights.packed):
             (radiance,) = _each(lamps, (radiance,), _adding(world, reflection, lamps.links, kind))
-        for number, (lamp, links) in enumerate([*lights.domes, *lights.meshes]):
-            radiance += scattered(
-                *_linked(world, reflection, links), lamp, (UInt32(Stream.SINGLE_LAMP), UInt32(number))
+        for number, each in enumerate([*lights.domes, *lights.meshes]):
+            own = scattered(
+                *_linked(world, reflection, each.links), each.lamp, (UInt32(Stream.SINGLE_LAMP), UInt32(number))
             )
+            radiance = radiance + world.groups.grouped(own, each.group)
         return radiance
 
 
 def _each(lamps: Lamps, state: tuple[Any, ...], body: Any) -> tuple[Any, ...]:
-    """Return the `state` after body(light, number, state) for each light of a kind, as a loop in the kernel."""
+    """Return the `state` after body(light, number, group, state) for each light of a kind, as a loop in the kernel."""
 
     def step(number: UInt32, *state: Any) -> tuple[Any, ...]:
-        return (number + 1, *body(lamps.light(number), number, state))
+        return (number + 1, *body(lamps.light(number), number, gathered_group(lamps.groups, number), state))
 
     # The counter is as wide as the other variables, because a loop has one width.
     start = dr.zeros(UInt32, dr.width(state))
@@ -220,8 +232,9 @@ def _adding(
     """Return the body of a loop over the lights of one kind, which adds a light to the radiance."""
     stopping, reflection = _linked(world, reflection, links)
 
-    def add(light: Any, number: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
-        return (state[0] + scattered(stopping, reflection, light, (UInt32(Stream.LAMP), UInt32(kind), number)),)
+    def add(light: Any, number: UInt32, group: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
+        own = scattered(stopping, reflection, light, (UInt32(Stream.LAMP), UInt32(kind), number))
+        return (state[0] + GroupedLight.of(own, group, len(world.groups)),)
 
     return add
 

@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
+from ...numerics.grouped import GroupedLight
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.emitters.groups import GroupedEmitters
+from ...world.emitters.mitsuba_scene import emitter_number
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.media.visibility import through
 from ...world.shadow_rays import leaving, to_point
@@ -33,15 +36,16 @@ class MitsubaLighting:
     def __init__(self, world: World, portal: EnvironmentPortal | None = None) -> None:
         self._world, self._portal = world, portal
         self._visible = any(not mi.has_flag(each.flags(), mi.EmitterFlags.Delta) for each in world.plugin.emitters())
+        self._groups = GroupedEmitters(world, world.groups)
 
-    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> Array3f:
+    def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> GroupedLight:
         """Return the emitted radiance of surfaces, and of the environment."""
         emitter = hit.emitter(self._world.plugin, active)
         distance = dr.select(hit.is_valid(), dr.norm(Array3f(hit.p) - origin), dr.inf)
         value = rgb(emitter.eval(hit, active)) * _colors(self._world, emitter, origin, direction, distance)
-        return dr.select(active & dr.isfinite(dr.sum(value)), value, 0)
+        return self._groups.of(dr.select(active & dr.isfinite(dr.sum(value)), value, 0), emitter)
 
-    def direct(self, point: ShadingPoint, active: Bool) -> Array3f:
+    def direct(self, point: ShadingPoint, active: Bool) -> GroupedLight:
         """Return the direct light that smooth BSDFs reflect along the path."""
         plugin, media, hit, samples = self._world.plugin, self._world.media, point.hit, point.samples
         order, step = point.order, point.step
@@ -65,7 +69,7 @@ class MitsubaLighting:
         passed, _ = through(
             plugin, media, ray, media.beyond(hit, light.d, point.medium, lit), seed, lit, size=self._world.size
         )
-        result = dr.select(lit, value * passed, 0)
+        result = self._groups.of(dr.select(lit, value * passed, 0), light.emitter)
         if not self._visible:
             return result
 
@@ -85,7 +89,7 @@ class MitsubaLighting:
         value = rgb(weight) * rgb(emitter.eval(met, reflected)) * passed * power_heuristic(sample.pdf, other)
         distance = dr.select(met.is_valid(), dr.norm(met.p - hit.p), dr.inf)
         colors = _colors(self._world, emitter, Array3f(hit.p), Array3f(direction), distance)
-        return result + dr.select(reflected, value * colors, 0)
+        return result + self._groups.of(dr.select(reflected, value * colors, 0), emitter)
 
 
 def _colors(world: World, emitter: EmitterPtr, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
@@ -93,7 +97,6 @@ def _colors(world: World, emitter: EmitterPtr, point: Array3f, direction: Array3
     result = Array3f(1)
     for plugin, each in zip(world.plugin.emitters(), world.emitters, strict=True):
         if each.lamp.images:
-            number: Any = dr.reinterpret_array(UInt32, mi.EmitterPtr(plugin))
-            own = dr.reinterpret_array(UInt32, emitter) == dr.opaque(UInt32, int(number[0]))
+            own = emitter_number(emitter) == dr.opaque(UInt32, int(emitter_number(mi.EmitterPtr(plugin))[0]))
             result = dr.select(own, each.lamp.colors(point, direction, distance), result)
     return result

@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 
 from ...estimators.photons import PhotonMap, Photons
 from ...numerics.arrays import joined, to_float, to_numpy
+from ...numerics.grouped import GroupedLight
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...transport.segments.coverage import surface_coverage
 from ...transport.segments.radii import Limits
@@ -47,11 +48,11 @@ class PhotonLighting:
         found: PhotonHits = joined(list(hits))
         self._most, self._world = most, world
         _fit(found, world, limits)
-        self._map = PhotonMap(
-            Photons(found.position, found.radius, found.normal, found.direction, found.flux, found.depth)
-        )
+        photons = Photons(found.position, found.radius, found.normal, found.direction, found.flux, found.depth)
+        photons.group = world.groups.of_sources(found.source)
+        self._map = PhotonMap(photons, len(world.groups))
 
-    def __call__(self, hit: Any, depth: UInt32, active: Bool) -> Array3f:
+    def __call__(self, hit: Any, depth: UInt32, active: Bool) -> GroupedLight:
         """Return the radiance of photons that surfaces reflect toward camera paths of these depths."""
         if self._most is None:
             most = None
@@ -74,7 +75,7 @@ class PhotonLighting:
         facing = dr.select(front, normal, -normal)
         result = self._map.radiance(position, facing, reflect, active, most)
         if self._world.translucent:
-            result += self._map.radiance(position, -facing, reflect, active, most)
+            result = result + self._map.radiance(position, -facing, reflect, active, most)
         return result
 
 

@@ -71,7 +71,7 @@ class SingleScattering:
         point = ShadingPoint(None, paths.medium, paths.order, vertex.name, self._samples)
         place, lit = start + distance * paths.direction, inside & (dr.max(dr.abs(weight)) > 0)
         lamps = zip(self._lights, self._world.lamps.sky, strict=True)
-        for number, (light, (lamp, links)) in enumerate(lamps):
+        for number, (light, (lamp, links, _)) in enumerate(lamps):
             world = self._world if links is None else links.world
             points = _ScatteringPoints(world, point, place, paths.direction, lit, links)
             incident = scattered(world, points, lamp, (UInt32(Stream.DOME), UInt32(number)))

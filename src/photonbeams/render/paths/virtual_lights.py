@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from ...numerics.arrays import joined, packets, to_uint
+from ...numerics.grouped import GroupedLight
 from ...numerics.hashing import hash32, unit_float
 from ...runtime.device import Array3f, Array4f, Bool, Float, UInt32, mitsuba
 from ...transport.segments.records import PhotonHits
@@ -52,11 +53,12 @@ def weight(bright: Float, most: Float) -> Float:
 
 
 class _Photon(NamedTuple):
-    """A virtual point light: its position, and the direction and the flux of its light."""
+    """A virtual point light: its position, the direction, the flux and the light group of its light."""
 
     position: Array3f
     direction: Array3f
     flux: Array3f
+    group: UInt32
 
 
 @dataclass(frozen=True)
@@ -113,16 +115,19 @@ class VirtualLights:
         self, world: World, hits: Sequence[PhotonHits], bounces: Sequence[int] | None, most: Float
     ) -> None:  # fmt: skip
         self._bound, self._count = most, dr.opaque(UInt32, sum(dr.width(each.number) for each in hits))
-        self._size = world.size
+        self._size, self._groups = world.size, len(world.groups)
         found = joined(list(hits)) if hits else dr.zeros(PhotonHits, 2)
         found.flux = found.flux * dr.rcp(_entering(world, found))
         depth = Float(1e9) if bounces is None else Float(dr.gather(UInt32, to_uint([*bounces, 0]), found.source))
         normal = dr.select(dr.dot(found.normal, found.direction) > 0, -found.normal, found.normal)
         self._data = packets(
-            (found.position, dr.max(found.flux)), (normal, depth), (found.direction, 0), (found.flux, 0)
+            (found.position, dr.max(found.flux)),
+            (normal, depth),
+            (found.direction, 0),
+            (found.flux, world.groups.of_sources(found.source)),
         )
 
-    def radiance(self, walked: Walked, point: Point) -> Array3f:
+    def radiance(self, walked: Walked, point: Point) -> GroupedLight:
         """Return the radiance that points reflect of these lights, whose emitters are among those that walks meet."""
         photon, factor = self._chosen(point)
         hit, active = point.hit, point.active & (factor > 0)
@@ -140,14 +145,16 @@ class VirtualLights:
         other = other * (dr.abs(dr.dot(normal, direction)) * dr.rcp(square))
         share = weight(dr.max(value) * dr.max(other), self._bound)
         result = value * other * passed * photon.flux * (share * factor)
-        return dr.select(active & dr.isfinite(dr.sum(result)), result, 0)
+        result = dr.select(active & dr.isfinite(dr.sum(result)), result, 0)
+        return GroupedLight.of(result, photon.group, self._groups)
 
     def _tolerance(self, place: Array3f) -> Float:
         """Return how far from a photon the surface may be met that it lies on: thin walls have another side."""
         return dr.maximum(_TOLERANCE * gap_at(place, self._size), rounding(dr.max(dr.abs(place)) + self._size))
 
     def _photon(self, number: UInt32, active: Bool) -> _Photon:
-        return _Photon(*(dr.gather(Array4f, self._data, number * 4 + packet, active).xyz for packet in (0, 2, 3)))
+        place, turned, light = (dr.gather(Array4f, self._data, number * 4 + packet, active) for packet in (0, 2, 3))
+        return _Photon(place.xyz, turned.xyz, light.xyz, UInt32(light.w))
 
     def _chosen(self, point: Point) -> tuple[_Photon, Float]:
         """Return a photon for each point, and one over the density with which it is chosen; 0: there is none."""

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import drjit as dr
 import numpy as np
 
 from ...numerics.arrays import padded, to_float, to_uint
+from ...numerics.grouped import GroupedLight
 from ...numerics.samples import Samples
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.emitters.groups import ONE_GROUP, GroupedEmitters, LightGroups
+from ...world.emitters.mitsuba_scene import by_emitter, emitter_number
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.media.visibility import through
 from ...world.shadow_rays import ShadowRay, to_point
@@ -37,6 +41,8 @@ class Chosen(NamedTuple):
         The most bounces of the light of each; None: the longest path alone bounds them.
     sharp, connected
         The emitters whose caustics are left to photons and beams, and those that have virtual lights.
+    grouped
+        Whether their light is known by light groups.
     """
 
     numbers: Sequence[int]
@@ -44,6 +50,11 @@ class Chosen(NamedTuple):
     bounces: Sequence[int] | None = None
     sharp: Collection[int] = ()
     connected: Collection[int] = ()
+    grouped: bool = False
+
+    def groups(self, world: World) -> LightGroups:
+        """Return the light groups of what walks find."""
+        return world.groups if self.grouped else ONE_GROUP
 
 
 class EmitterSample(NamedTuple):
@@ -57,8 +68,8 @@ class EmitterSample(NamedTuple):
         Where the light comes from, its distance, and the distance over which media dim it.
     radiance, pdf
         The radiance over the density, and the density against which that of walks is weighted; 0: walks cannot meet it.
-    lamp
-        Which emitter was sampled, as `Walk.lamp`.
+    lamp, group
+        Which emitter was sampled, as `Walk.lamp`, and the number of its light group.
     """
 
     lit: Bool
@@ -69,12 +80,14 @@ class EmitterSample(NamedTuple):
     radiance: Array3f
     pdf: Float
     lamp: UInt32
+    group: UInt32
 
 
 class Walked(Protocol):
     """Emitters whose light walks meet."""
 
     world: World
+    groups: LightGroups
 
     def __len__(self) -> int:
         """Return how many emitters there are."""
@@ -96,7 +109,7 @@ class Walked(Protocol):
     def met(
         self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32,
         kept: Float | None,
-    ) -> Array3f:  # fmt: skip
+    ) -> GroupedLight:  # fmt: skip
         """Return the radiance of these emitters where walks meet them, weighted against that of `sampled`.
 
         Parameters
@@ -133,21 +146,14 @@ class WalkedEmitters:
 
     def __init__(self, world: World, chosen: Chosen, portal: EnvironmentPortal | None = None) -> None:
         numbers = chosen.numbers
-        emitters = world.plugin.emitters()
-        known = [int(UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(each)))[0]) for each in emitters]
-        part = chances(chosen.power)
-
-        def table(some: Collection[int], values: Any) -> np.ndarray:
-            """Return values of some emitters, by the numbers of these in kernels; 0 for others."""
-            result = np.zeros(max(known) + 2)
-            result[[known[each] for each in some]] = values
-            return result
-
-        self.world, self._table = world, to_float(table(numbers, part))
+        emitters, part = world.plugin.emitters(), chances(chosen.power)
+        table = partial(by_emitter, world.plugin)
+        self.world, self.groups, self._table = world, chosen.groups(world), to_float(table(numbers, part))
+        self._grouped = GroupedEmitters(world, self.groups)
         self._size = len(numbers)
         self._portal = portal
         self._connected, self._sharp = (
-            to_uint(table(some, 1)) if some else None for some in (chosen.connected, chosen.sharp)
+            to_uint(table([*some], 1)) if some else None for some in (chosen.connected, chosen.sharp)
         )
         self._bounces = None if chosen.bounces is None else to_uint(table(numbers, chosen.bounces))
         places = to_uint(padded(numbers))
@@ -173,17 +179,18 @@ class WalkedEmitters:
             light, brought = self._portal.sampled(Array3f(reference.p), light, brought, aim, probability)
         lit = active & (light.pdf > 0)
         if self._bounces is not None:
-            numbers: Any = dr.reinterpret_array(UInt32, light.emitter)
-            lit &= walk.bounces + 1 <= dr.gather(UInt32, self._bounces, numbers, lit)
+            lit &= walk.bounces + 1 <= dr.gather(UInt32, self._bounces, emitter_number(light.emitter), lit)
         pdf = dr.select(light.delta, 0, light.pdf)
         connected, distance = self._is_connected(light.emitter, lit), light.dist
-        return EmitterSample(lit, connected, Array3f(light.d), distance, distance, brought, pdf, UInt32(0))
+        return EmitterSample(
+            lit, connected, Array3f(light.d), distance, distance, brought, pdf, UInt32(0),
+            self._grouped.group(light.emitter),
+        )  # fmt: skip
 
     def _is_connected(self, emitter: Any, active: Bool) -> Bool:
         if self._connected is None:
             return Bool(False)
-        number: Any = dr.reinterpret_array(UInt32, emitter)
-        return dr.gather(UInt32, self._connected, number, active) > 0
+        return dr.gather(UInt32, self._connected, emitter_number(emitter), active) > 0
 
     def connected(
         self, ray: ShadowRay, hit: Any, medium: UInt32, seed: UInt32, active: Bool
@@ -206,14 +213,14 @@ class WalkedEmitters:
     def met(
         self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32,
         kept: Float | None,
-    ) -> Array3f:  # fmt: skip
+    ) -> GroupedLight:  # fmt: skip
         """Return the radiance of these emitters where walks meet them, weighted against samples of emitters."""
         active &= arrives
         place, ideal = walk.place, walk.pdf <= 0
         if not self._visible:
-            return dr.zeros(Array3f, dr.width(place))
+            return GroupedLight.dark(len(self.groups), dr.width(place))
         emitter: Any = hit.emitter(self.world.plugin, active)
-        numbers: Any = dr.reinterpret_array(UInt32, emitter)
+        numbers = emitter_number(emitter)
         probability = dr.gather(Float, self._table, numbers, active)
         own = active & (probability > 0)
         if self._bounces is not None:
@@ -228,4 +235,4 @@ class WalkedEmitters:
         share = dr.select(ideal, 1, power_heuristic(walk.pdf, dr.select(own, pdf, 0)))
         if kept is not None:
             share *= dr.select(self._is_connected(emitter, own), kept, 1)
-        return dr.select(own, weight * rgb(emitter.eval(hit, own)) * share, 0)
+        return self._grouped.of(dr.select(own, weight * rgb(emitter.eval(hit, own)) * share, 0), emitter)

@@ -9,10 +9,12 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from ...numerics.arrays import padded, to_float, to_uint
+from ...numerics.grouped import GroupedLight
 from ...numerics.samples import Samples
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...world.emitters.groups import gathered_group
 from ...world.emitters.packed import Lamps
 from ...world.emitters.portal_lamps import behind
 from ...world.shadow_rays import ShadowRay, rounding, to_lamp
@@ -61,9 +63,10 @@ class WalkedLamps:
         self._bounces = None
         if chosen.bounces is not None:
             self._bounces = to_uint(padded([chosen.bounces[place] for place in order]))
-        self._size = len(numbers)
-        lamps = [world.emitters[each].lamp for each in numbers if each not in chosen.sharp]
-        self._environments = [each for each in lamps if each.environment]
+        self._size, self.groups = len(numbers), chosen.groups(world)
+        self._group_of = self.groups.table([world.emitters[numbers[place]].beams.group for place in order])
+        emitters = [world.emitters[each] for each in numbers if each not in chosen.sharp]
+        self._environments = [each for each in emitters if each.lamp.environment]
 
     def __len__(self) -> int:
         """Return how many lamps there are."""
@@ -87,7 +90,8 @@ class WalkedLamps:
             lit |= own
         direction, distance, over, radiance, pdf = found
         radiance = radiance * dr.rcp(dr.maximum(Float(probability), 1e-30))
-        return EmitterSample(lit, self._is_connected(number, lit), direction, distance, over, radiance, pdf, number)
+        connected, named = self._is_connected(number, lit), gathered_group(self._group_of, number)
+        return EmitterSample(lit, connected, direction, distance, over, radiance, pdf, number, named)
 
     def _is_connected(self, number: UInt32, active: Bool) -> Bool:
         return Bool(False) if self._connected is None else dr.gather(UInt32, self._connected, number, active) > 0
@@ -109,16 +113,16 @@ class WalkedLamps:
     def met(
         self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32,
         kept: Float | None,
-    ) -> Array3f:  # fmt: skip
+    ) -> GroupedLight:  # fmt: skip
         """Return the radiance of the lamp that was sampled where walks were last scattered, if they meet it now.
 
         Behind mirrors and glass, that of all environments.
         """
-        world, result = self.world, Array3f(0)
+        world, groups, result = self.world, self.groups, Array3f(0)
         away = active & arrives & (walk.pdf <= 0) & ~hit.is_valid()
+        seen = GroupedLight.dark(len(groups))
         for each in self._environments:
-            result += each.see(walk.origin, walk.direction).radiance
-        result = dr.select(away, weight * result, 0)
+            seen = seen + groups.grouped(each.lamp.see(walk.origin, walk.direction).radiance, each.beams.group)
         # Boundaries of media that the walk has passed since then lie behind it.
         passed = dr.dot(walk.origin - walk.place, walk.direction)
         length = dr.select(hit.is_valid(), hit.t, dr.inf)
@@ -136,7 +140,8 @@ class WalkedLamps:
             if kept is not None:
                 share *= dr.select(self._is_connected(walk.lamp, there), kept, 1)
             result += dr.select(there, found.radiance * dimming * share, 0)
-        return result
+        sampled = GroupedLight.of(result, gathered_group(self._group_of, walk.lamp), len(groups))
+        return (seen * weight).where(away) + sampled
 
     def _within(self, bounces: UInt32, number: UInt32, active: Bool) -> Bool:
         """Return which of the active walks may meet these lamps after so many bounces."""

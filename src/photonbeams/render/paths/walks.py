@@ -18,6 +18,7 @@ import drjit as dr
 
 from ...estimators.estimate import ENDLESS
 from ...numerics.arrays import compressed
+from ...numerics.grouped import GroupedLight
 from ...numerics.samples import Samples
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
@@ -64,13 +65,13 @@ class Walking:
     rr_depth: int
     bound: Float | None = None
 
-    def add_scattered(self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, result: Array3f) -> None:
+    def add_scattered(self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, result: GroupedLight) -> None:
         """Add the radiance of walks that begin in the media of one step of camera paths."""
         self._add(self._in_media(paths, vertex), samples, NO_LIGHT, result)
 
     def add_reflected(
         self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, surfaces: SurfaceLight,
-        result: Array3f,
+        result: GroupedLight,
     ) -> None:  # fmt: skip
         """Add the radiance of walks that begin at the surfaces of one step of camera paths, if these are shaded.
 
@@ -79,12 +80,12 @@ class Walking:
         if vertex.bounce is not None:
             self._add(self._from_surfaces(paths, vertex, vertex.bounce), samples, surfaces, result)
 
-    def _add(self, walks: Walk | None, samples: Samples, surfaces: SurfaceLight, result: Array3f) -> None:
+    def _add(self, walks: Walk | None, samples: Samples, surfaces: SurfaceLight, result: GroupedLight) -> None:
         if walks is not None:
-            found = self.radiance(walks, samples, surfaces)
-            found = dr.select(dr.isfinite(dr.sum(found)), found, 0)
+            found = self.radiance(walks, samples, surfaces).finite()
             dr.eval(found)
-            add_to_pixels(result, found, walks.pixel, walks.branch)
+            for total, own in zip(result.parts, found.parts, strict=True):
+                add_to_pixels(total, own, walks.pixel, walks.branch)
 
     def _in_media(self, paths: CameraPaths, vertex: CameraVertex) -> Walk | None:
         """Return the walks that begin in the media of a step of camera paths; None if there are none."""
@@ -116,22 +117,23 @@ class Walking:
         """Return whether paths that were scattered `depth` times, with `more` edges, are not too long."""
         return Bool(True) if self.max_depth is None else depth + more <= dr.opaque(UInt32, self.max_depth)
 
-    def radiance(self, walks: Walk, samples: Samples, surfaces: SurfaceLight = NO_LIGHT) -> Array3f:
+    def radiance(self, walks: Walk, samples: Samples, surfaces: SurfaceLight = NO_LIGHT) -> GroupedLight:
         """Return the radiance that each walk brings, with that of photons where it meets surfaces."""
 
-        def further(walk: Walk, going: Bool, number: UInt32, found: Array3f) -> tuple[Any, ...]:
+        def further(walk: Walk, going: Bool, number: UInt32, found: GroupedLight) -> tuple[Any, ...]:
             brought, following, goes = self._step(walk, going, samples, (walk.name, number), surfaces)
             return following, goes, number + 1, found + brought
 
         width = dr.width(walks.order)
-        state = (walks, dr.full(Bool, True, width), dr.zeros(UInt32, width), dr.zeros(Array3f, width))
+        dark = GroupedLight.dark(len(self.emitters.groups), width)
+        state = (walks, dr.full(Bool, True, width), dr.zeros(UInt32, width), dark)
         return dr.while_loop(
             state, lambda walk, going, number, found: going & (number < _STEPS), further, label="walks"
         )[3]
 
     def _step(
         self, walk: Walk, going: Bool, samples: Samples, name: tuple[Any, ...], surfaces: SurfaceLight
-    ) -> tuple[Array3f, Walk, Bool]:  # fmt: skip
+    ) -> tuple[GroupedLight, Walk, Bool]:  # fmt: skip
         world = self.emitters.world
         seed = samples.bits(walk.order, Stream.PATH_CUTOUT, *name)
         hit = world.intersect(walk.origin, walk.direction, going & ~walk.first, seed)
@@ -145,21 +147,21 @@ class Walking:
         kept = None if self.bound is None else 1 - weight(walk.bright, self.bound)
         active = ahead & walk.counts & self.within(walk.depth, 1)
         found = self.emitters.met(walk, hit, factor, on, active, tracking, kept)
-        result: Any = dr.select(dr.max(found) > 0, walk.throughput * found, 0)
+        result = (found * walk.throughput).where(dr.max(found.total) > 0)
         vertex = Vertex(world, walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
         lit = (vertex.scattered | vertex.smooth) & self.within(walk.depth, 2)
         square = dr.squared_norm(vertex.position - walk.place)
         geometry = walk.value * dr.abs(dr.dot(Array3f(hit.n), walk.direction)) * dr.rcp(dr.maximum(square, 1e-30))
         geometry = dr.select(vertex.smooth & (walk.value > 0), geometry, dr.inf)
         light, chosen = self._direct(vertex, samples, name, lit, geometry)
-        result += throughput * light
         if surfaces.photons is not None:
-            result += throughput * surfaces.photons(hit, walk.depth, lit & vertex.smooth)
+            light = light + surfaces.photons(hit, walk.depth, lit & vertex.smooth)
         if surfaces.virtual is not None:
-            result += throughput * surfaces.virtual.radiance(self.emitters, Point(
+            light = light + surfaces.virtual.radiance(self.emitters, Point(
                 hit, vertex.opacity, walk.medium, lit & vertex.smooth & self.within(walk.depth, 3),
                 walk.bounces + 2, samples.bits(walk.order, Stream.PATH_VIRTUAL, *name),
             ))  # fmt: skip
+        result = result + light * throughput
         following, factor, goes = self._onward(vertex, chosen, geometry)
         following.throughput = throughput * factor
         # After a null collision, which only changes the colour, a walk continues straight.
@@ -201,7 +203,7 @@ class Walking:
 
     def _direct(
         self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], lit: Bool, geometry: Float
-    ) -> tuple[Array3f, DirectionSample]:  # fmt: skip
+    ) -> tuple[GroupedLight, DirectionSample]:  # fmt: skip
         """Return the light of one sample of the emitters that vertices scatter, and a sample of a new direction."""
         order = vertex.walk.order
         light = self.emitters.sampled(vertex, samples, name, lit)
@@ -214,7 +216,9 @@ class Walking:
         useful = light.lit & (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
         seed = samples.bits(order, Stream.PATH_SHADOW, *name)
         passed = self.emitters.passed(vertex, light, seed, useful)
-        return dr.select(useful, value * passed, 0), chosen._replace(lamp=light.lamp)
+        brought = dr.select(useful, value * passed, 0)
+        light_of_group = GroupedLight.of(brought, light.group, len(self.emitters.groups))
+        return light_of_group, chosen._replace(lamp=light.lamp)
 
     def _onward(self, vertex: Vertex, chosen: DirectionSample, geometry: Float) -> tuple[Walk, Array3f, Bool]:
         """Return the walks after their vertices, the weights of their new directions, and which walks continue."""

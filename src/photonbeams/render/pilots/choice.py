@@ -170,7 +170,7 @@ class _Indirect:
 
     def lighting(self, world: World) -> Lighting:
         """Return the lighting of a world in which emitters are black."""
-        return NoLighting()
+        return NoLighting(world)
 
     def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
         """Return the beams and photons of pass `number`."""

@@ -90,7 +90,7 @@ class Pilot:
                 dr.eval(order)
                 joint = ViewRays(PrimaryRays.joined([self._rays] * together), None)
                 seen = self._passes.seen(light, joint, order, samples, photons)
-                own = sum(seen.scattered.values(), seen.surface)
+                own = seen.radiance
                 self.surfaces = np.concatenate([self.surfaces, _gray(own, together)])
             single = self._passes.samples(number)
             gathered = self._passes.gathered(number, light, ViewRays(self._rays, None), pixels, single)

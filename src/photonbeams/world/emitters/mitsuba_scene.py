@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import drjit as dr
 import numpy as np
 
 from ... import scene
-from ...runtime.device import Array3f, mitsuba
+from ...runtime.device import Array3f, UInt32, mitsuba
 from ...scene import SceneError
 from ..bounds import Bounds
 from ..checks import check_finite
@@ -19,7 +20,7 @@ from .mitsuba_emitter import MitsubaEmitter, MitsubaSphere
 from .portals import Portal
 
 if TYPE_CHECKING:
-    from ...runtime.mitsuba_types import MiEmitter, MiScene, MiShape
+    from ...runtime.mitsuba_types import EmitterPtr, MiEmitter, MiScene, MiShape
 
 mi = mitsuba()
 
@@ -30,6 +31,22 @@ def names_of(emitter: MiEmitter) -> list[str]:
     """Return the names by which users may refer to an emitter: its own id, and that of its shape."""
     shape = emitter.get_shape()
     return [each.id() for each in (emitter, shape) if each is not None and each.id()]
+
+
+def by_emitter(plugin: MiScene, places: Sequence[int], values: Any) -> np.ndarray:
+    """Return values of some emitters, given by their places in a scene, as a table by Mitsuba's numbers of them.
+
+    Others have 0 in it.
+    """
+    known = [int(emitter_number(mi.EmitterPtr(each))[0]) for each in plugin.emitters()]
+    result = np.zeros(max(known, default=0) + 2)
+    result[[known[each] for each in places]] = values
+    return result
+
+
+def emitter_number(emitter: EmitterPtr) -> Any:
+    """Return Mitsuba's numbers of emitters."""
+    return dr.reinterpret_array(UInt32, emitter)
 
 
 def emitters_of(plugin: MiScene, beams: Sequence[scene.BeamSettings], bounds: Bounds) -> list[Emitter]:

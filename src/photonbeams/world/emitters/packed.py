@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
@@ -23,8 +23,16 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
-#: A lamp, behind its portal, and how it lights surfaces; None: as it lights everything.
-Single = tuple[Any, "LinkedSurfaces | None"]
+
+class Single(NamedTuple):
+    """A light that kernels treat by itself: its lamp behind its portal, how it lights surfaces, and its light group.
+
+    `links` is None if it lights everything.
+    """
+
+    lamp: Any
+    links: LinkedSurfaces | None
+    group: str
 
 
 class LinkedSurfaces(NamedTuple):
@@ -52,7 +60,8 @@ class LinkedSurfaces(NamedTuple):
 class Lamps(NamedTuple):
     """All lights of one kind with the same links: a struct of arrays, and their number (opaque).
 
-    `pixels` are the images of lights with gobos. `links` is None if the lights light everything.
+    `pixels` are the images of lights with gobos. `links` is None if the lights light everything. `groups` is the
+    `LightGroups.table` of their light groups.
     """
 
     kind: Any
@@ -60,15 +69,16 @@ class Lamps(NamedTuple):
     count: Any
     pixels: dict[str, Any]
     links: LinkedSurfaces | None
+    groups: Any = None
 
     @classmethod
-    def of(cls, sources: Sequence[Lamp], links: LinkedSurfaces | None) -> Lamps:
+    def of(cls, sources: Sequence[Lamp], links: LinkedSurfaces | None, groups: Any = None) -> Lamps:
         """Return lights of one kind, packed."""
         kind, count = type(sources[0]), dr.opaque(UInt32, len(sources))
         if not sources[0].images:
-            return cls(kind, pack(sources), count, {}, links)
+            return cls(kind, pack(sources), count, {}, links, groups)
         packed, pixels = pack_projected(sources)
-        return cls(kind, packed, count, pixels, links)
+        return cls(kind, packed, count, pixels, links, groups)
 
     @property
     def seen(self) -> bool:
@@ -92,42 +102,57 @@ class LampGroups(NamedTuple):
         Environments, and mesh lights.
     sky
         Environments that light media without beams, in the order of `World.sky`.
+    glow
+        The numbers of the light groups of surfaces that glow, by Mitsuba's numbers of shapes; None: there is one group.
     """
 
     packed: tuple[Lamps, ...]
     domes: tuple[Single, ...]
     meshes: tuple[Single, ...]
     sky: tuple[Single, ...]
+    glow: Any
 
     @classmethod
     def of(cls, world: World) -> LampGroups:
         """Return the lamps of a world."""
         lighting = [] if world.emits else [each for each in world.emitters if each.beams.lights_surfaces]
-        groups: dict[Any, list[Any]] = {(kind, Links()): [] for kind in KINDS}
+        groups: dict[Any, list[Emitter]] = {(kind, Links()): [] for kind in KINDS}
         for each in lighting:
             if each.beams.shines and each.lamp.bare.DRJIT_STRUCT:
-                groups.setdefault((type(each.lamp), each.links), []).append(each.lamp)
-        packed = tuple(Lamps.of(items, _linked(world, links)) for (_, links), items in groups.items() if items)
+                groups.setdefault((type(each.lamp), each.links), []).append(each)
+        packed = tuple(
+            Lamps.of(
+                [each.lamp for each in items], _linked(world, links),
+                world.groups.table([each.beams.group for each in items]),
+            )
+            for (_, links), items in groups.items() if items
+        )  # fmt: skip
 
         def singles(chosen: Iterable[Emitter]) -> tuple[Single, ...]:
-            return tuple((behind(each.lamp, each.portal), _linked(world, each.links)) for each in chosen)
+            return tuple(
+                Single(behind(each.lamp, each.portal), _linked(world, each.links), each.beams.group) for each in chosen
+            )
 
         domes = [each for each in lighting if each.lamp.environment]
         meshes = [each for each in lighting if not (each.lamp.environment or each.lamp.bare.DRJIT_STRUCT)]
-        return cls(packed, singles(domes), singles(meshes), singles(world.emitters[number] for number in world.sky))
+        sky = singles(world.emitters[number] for number in world.sky)
+        glow = {name: world.groups.number(world.glow.get(name, "")) for name, _ in world.shapes}
+        return cls(
+            packed, singles(domes), singles(meshes), sky, by_shape(world, glow) if len(world.groups) > 1 else None
+        )
 
 
 def _linked(world: World, links: Links) -> LinkedSurfaces | None:
     if links == Links():
         return None
-    lit = _lit_shapes(world, links.unlit) if links.unlit else None
+    lit = by_shape(world, {name: name not in links.unlit for name, _ in world.shapes}) if links.unlit else None
     reach, scale, shadow = (opaque(each) for each in (links.shadow_distance, links.surface_scale, links.shadow_color))
     return LinkedSurfaces(world.stopping(links), lit, reach, scale, shadow, links.seen)
 
 
-def _lit_shapes(world: World, unlit: frozenset[str]) -> Any:
-    """Return whether each shape is lit, 1 or 0, by Mitsuba's numbers."""
-    numbers = {int(shape_number(mi.ShapePtr(shape))[0]): name not in unlit for name, shape in world.shapes}
+def by_shape(world: World, values: Mapping[str, int]) -> Any:
+    """Return integers of shapes, given by their names, as a table by Mitsuba's numbers of them."""
+    numbers = {int(shape_number(mi.ShapePtr(shape))[0]): values[name] for name, shape in world.shapes}
     table = np.zeros(max(numbers, default=0) + 2, dtype=np.uint32)
     table[list(numbers)] = list(numbers.values())
     return to_uint(table)

@@ -36,7 +36,8 @@ def grouped(
     glass
         Ids of the meshes that stay by themselves.
     linked
-        Sets of names of meshes for which a light is linked in another way than for the rest.
+        Sets of names of meshes that are apart from the rest: a light is linked otherwise for them, or they glow in a
+        light group.
     sharp
         Whether flat sheets of transparent materials are panes of glass.
     """
