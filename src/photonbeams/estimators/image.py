@@ -21,7 +21,7 @@ from ..scene import Medium
 from .billboard import billboard_sum
 from .cells import batches
 from .coarse import Level, depths, dim_of, foretold, interpolated, levels_of
-from .estimate import ENDLESS, bind, check_estimator, check_motion
+from .estimate import ENDLESS, bind, check_estimator, check_motion, simplify
 from .footprints import footprints
 from .frustum import frustum_sum
 from .geometry import Rays
@@ -57,13 +57,16 @@ def estimate_image(
     """Return the radiance of beams along the rays: the same as `estimate`, to float32 rounding.
 
     With a `tolerance`, beams with smooth looks are gathered along fewer rays, so few that the relative error is about
-    that (see `coarse`); the rays must have one origin and a lattice.
+    that (see `coarse`); the rays must have one origin and a lattice. The noise of looks is then cheaper, too: see
+    `BoundLook.simplify`.
     """
     check_estimator(estimator)
     check_motion(beams, close, rays.times)
     if len(beams) == 0:
         return Estimate(dr.zeros(Array3f, dr.width(rays.direction)))
     bound, levels = bind(look, beams, close, medium, context), [Level(0, view, rays)]
+    if tolerance > 0:
+        simplify(bound, beams, close)
     if tolerance > 0 and rays.lattice is not None and rays.shared_origin and close is None and bound.smooth:
         levels = levels_of(view, rays)
     gather = _ImageGather(levels, beams, close, bound, points, estimator, tolerance)

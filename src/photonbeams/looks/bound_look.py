@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,9 @@ from .functions import check_value
 
 if TYPE_CHECKING:
     from ..numerics.given import Number
+    from .baked import NoiseAlongBeams
     from .look import Look
+    from .patterns import Noise
 
 #: Two opposite corners of a box.
 Box = tuple[Any, Any]
@@ -104,7 +107,11 @@ class BoundLook:
         eye = tuple(("eye" if name == "distance" else name, place) for name, place in look.eye.corners)
         self.corners: tuple[Corner, ...] = look.along.corners + eye + self._modulation.corners + look.angle.corners
         self._wild = any(each.wild for each in self._factors().values())
-        probe = self._probe(1, box)
+        self._noises: dict[int, Noise] = {}
+        self._baked: dict[int, NoiseAlongBeams] = {}
+        #: Whether noise that is finer than the rays' chords in beams is left out.
+        self.blurs = False
+        probe = replace(self._probe(1, box), noise=self._remember)
         with dr.resume_grad():
             values = [each.evaluate(probe) for each in self._factors().values()]
             self.attached = self.profile.attached or any(map(dr.grad_enabled, values))
@@ -136,6 +143,35 @@ class BoundLook:
     def at(self, **where: Any) -> ShadingContext:
         """Return a shading context in this medium and light context; `where` are the other attributes."""
         return ShadingContext(fog=self._fog, context=self._context, **where)
+
+    @property
+    def noisy(self) -> bool:
+        """Whether factors have noise that `simplify` makes cheaper."""
+        return bool(self._noises) and not self.attached
+
+    def simplify(self, start: Array3f, end: Array3f, moved: float = 0.0) -> None:
+        """Leave out noise that is finer than chords, and compute the rest once along beams, if these are narrow.
+
+        The beams go from `start` to `end`, and may be `moved` from there by up to that distance.
+        """
+        self.blurs = True
+        for key, noise in self._noises.items():
+            baked = noise.along_beams(self.at(), start, end, moved)
+            if baked is not None:
+                self._baked[key] = baked
+
+    def noise_in(self, beam: Any, along: Float, radius: Float) -> Callable[[Noise, Callable[[], Float]], Float]:
+        """Return how noise is found at a place `along` the axis of a beam: see `ShadingContext.noise`."""
+
+        def found(noise: Noise, exact: Callable[[], Float]) -> Float:
+            baked = self._baked.get(id(noise))
+            return exact() if baked is None else baked.at(beam, along, radius, exact)
+
+        return found
+
+    def _remember(self, noise: Noise, exact: Callable[[], Float]) -> Float:
+        self._noises[id(noise)] = noise
+        return exact()
 
     def light(self, at: ShadingContext, reach_depth: Float) -> Value:
         """Return the product of all factors that may change along a ray, except for the profile.
