@@ -212,7 +212,15 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     if tracing.openings is not None:
         aimed = tracing.openings.aimed(interaction.position, paths.index, stream)
     scatter = reflect(tracing.world, hit, interaction.on_surface, paths.medium, paths.index, stream, aimed)
-    following = _following(tracing, paths, interaction, scatter, stream, aimed)
+    passes = interaction.tinted | (interaction.on_surface & scatter.null)
+    unfiltered = interaction.weight
+    if tracing.world.filters is not None:  # light that goes straight on stays as it is, for what comes next
+        left = tracing.world.filters.factor(
+            paths.source, interaction.position, -paths.direction, paths.offset + interaction.distance,
+            hash32(stream, paths.index, UInt32(Stream.FILTER)), paths.straight,
+        )  # fmt: skip
+        interaction.weight = interaction.weight * left
+    following = _following(tracing, paths, interaction, scatter, stream, aimed, passes, unfiltered)
     hits = _photon_hits(paths, interaction, segments.width)
     # Of a path and the parts into which it splits, only one contributes the segment.
     whole = (paths.branch != SCATTERED) & (paths.branch != REFLECTED)
@@ -229,9 +237,12 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
 
 def _following(
     tracing: Tracing, paths: LightPaths, interaction: Interaction, scatter: Scatter, stream: UInt32,
-    aimed: Aimed | None,
+    aimed: Aimed | None, passes: Bool, unfiltered: Array3f,
 ) -> LightPaths:  # fmt: skip
-    """Return the paths after their interaction; `interaction.going` is then false for those that end."""
+    """Return the paths after their interaction; `interaction.going` is then false for those that end.
+
+    Those that pass go on with the weight that filters of lamps leave as it is.
+    """
     following = LightPaths()
     place = dr.zeros(mi.MediumInteraction3f, dr.width(paths.origin))
     place.p, place.wi = mi.Point3f(interaction.position), mi.Vector3f(-paths.direction)
@@ -251,8 +262,8 @@ def _following(
         weight *= ratio
     following.direction = _chosen(interaction, Array3f(turned), scatter.direction, paths.direction)
     following.origin = dr.select(interaction.on_surface, scatter.origin, interaction.position)
-    following.flux = paths.flux * interaction.weight * _chosen(interaction, rgb(weight), scatter.weight, Array3f(1))
-    passes = interaction.tinted | (interaction.on_surface & scatter.null)
+    arriving = dr.select(passes, unfiltered, interaction.weight)
+    following.flux = paths.flux * arriving * _chosen(interaction, rgb(weight), scatter.weight, Array3f(1))
     following.depth = paths.depth + dr.select(passes, 0, 1)
     following.medium = dr.select(interaction.on_surface, scatter.medium, paths.medium)
     enters = interaction.on_surface & (following.medium != paths.medium)

@@ -23,6 +23,7 @@ from ...numerics.arrays import opaque, padded, to_uint, to_vectors
 from ...numerics.structs import Struct, pack
 from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..bounds import Bounds
+from .filters import FilterChain, filter_of, seed_of
 from .lamp import Illumination, Lamp, LightHit
 from .profiles import ProfileSampler, ProfileTable
 from .rays import EmittedRays
@@ -100,7 +101,7 @@ class Slide(Struct):
 
 
 class ProjectedLamp(Lamp):
-    """A lamp with a slide, an image on its portal, or a profile; `_kind` makes a class for each combination.
+    """A lamp with a slide, an image on its portal, a profile or filters; `_kind` makes a class for each combination.
 
     Attributes
     ----------
@@ -115,6 +116,7 @@ class ProjectedLamp(Lamp):
     """
 
     has: ClassVar[frozenset[str]] = frozenset()
+    filter_names: ClassVar[tuple[str, ...]] = ()
 
     bare: Any = None
     slide: Any
@@ -136,11 +138,12 @@ class ProjectedLamp(Lamp):
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
         """Return a sample of the light, in the colours of the images that it passes."""
         sample = self.without_portal_gobo(point, u)
-        sample.weight = sample.weight * self._passing(point, sample.direction, sample.distance)
-        return sample
+        direction, distance = sample.direction, sample.distance
+        sample.weight = sample.weight * self._passing(point, direction, distance)
+        return self._filtered(sample, "weight", point, direction)
 
     def without_portal_gobo(self, point: Array3f, u: Array2f) -> Illumination:
-        """Return a sample of the light as if there were no image on its portal."""
+        """Return a sample of the light as if there were no filters, and no image on its portal."""
         sample = self.bare.illuminate(point, u)
         sample.weight = sample.weight * self.tint(point, -sample.direction)
         return sample
@@ -149,7 +152,21 @@ class ProjectedLamp(Lamp):
         """Return what a ray sees of the light through its images."""
         hit = self.bare.see(origin, direction)
         hit.radiance = hit.radiance * self.colors(origin, direction, hit.distance)
-        return hit
+        return self._filtered(hit, "radiance", origin, direction)
+
+    @property
+    def filters(self) -> FilterChain | None:
+        """The filters of its light."""
+        parts = tuple(getattr(self, name) for name in self.filter_names)
+        return FilterChain(parts, bool(self.infinite)) if parts else None
+
+    def _filtered(self, light: Any, name: str, point: Array3f, direction: Array3f) -> Any:
+        """Return light whose attribute `name` is multiplied by what filters leave of it at a point."""
+        chain = self.filters
+        if chain is not None:
+            left = chain.factor(point, direction, light.distance, seed_of(point, direction))
+            setattr(light, name, getattr(light, name) * left)
+        return light
 
     def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
         """Return the colours of the images between a point and the light, `distance` away along `direction`."""
@@ -186,16 +203,18 @@ class ProjectedLamp(Lamp):
 
 
 @cache
-def _kind(bare: type, has: frozenset[str]) -> type[ProjectedLamp]:
-    """Return the class for lights of class `bare` with the images `has`."""
+def _kind(bare: type, has: frozenset[str], filters: tuple[type, ...] = ()) -> type[ProjectedLamp]:
+    """Return the class for lights of class `bare` with the images `has`, and filters of these classes."""
     kinds = {"slide": Slide, "portal_gobo": Slide, "profile": ProfileTable}
     parts = {"bare": bare} | {name: kind for name, kind in kinds.items() if name in has}
-    name = "".join(each.title().replace("_", "") for each in kinds if each in has) + bare.__name__
-    return type(name, (ProjectedLamp,), {"__annotations__": parts, "has": has, "__module__": __name__})
+    named = {f"filter{number}": kind for number, kind in enumerate(filters)}
+    name = "".join(each.title().replace("_", "") for each in (*kinds, *named) if each in {*has, *named}) + bare.__name__
+    own = {"__annotations__": parts | named, "has": has, "filter_names": tuple(named), "__module__": __name__}
+    return type(name, (ProjectedLamp,), own)
 
 
 def projected(bare: Lamp, light: scene.Light, portal: Portal | None, images: Images) -> Any:
-    """Return a lamp behind its images, or the bare lamp where it has none.
+    """Return a lamp behind its images and filters, or the bare lamp where it has none.
 
     Parameters
     ----------
@@ -214,10 +233,13 @@ def projected(bare: Lamp, light: scene.Light, portal: Portal | None, images: Ima
     portal_gobo = light.portal_gobo if portal is not None else None
     images_of = {"slide": slide, "portal_gobo": portal_gobo, "profile": light.profile}
     there = {name: image for name, image in images_of.items() if image is not None}
-    if not there:
+    filters = [filter_of(each) for each in light.filters]
+    if not (there or filters):
         return bare
     kind: Any = type(bare)
-    result = _kind(kind, frozenset(there))()
+    result = _kind(kind, frozenset(there), tuple(map(type, filters)))()
+    for name, each in zip(result.filter_names, filters, strict=True):
+        setattr(result, name, each)
     result.bare, result.lit = bare, {}
     result.infinite, result.environment, result.flat = bare.infinite, bare.environment, bare.flat
     result.seen, result.covered = bare.seen, bare.covered

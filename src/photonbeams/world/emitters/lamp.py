@@ -68,8 +68,10 @@ class Lamp(Struct):
     images, lit
         The images that it shines through, by name; and the fraction of its paths that passes them, once it is known: by
         whether the paths go through the portal.
+    filters
+        The filters of its light, a `FilterChain`, or None.
     bare
-        The lamp without its images.
+        The lamp without its images and filters.
     directions
         What samples directions in which its light leaves: `sample(v)` returns them with their density.
     """
@@ -80,6 +82,7 @@ class Lamp(Struct):
     seen = illuminates = True
     covered = 2.0
     images: Mapping[str, Any] = {}
+    filters: Any = None
     lit: dict[bool, float]
     directions: Any
 
