@@ -9,7 +9,6 @@ import numpy as np
 
 from .beam_settings import BeamSettings
 from .checks import BLACK, Array, Color, SceneError, color, number, shown
-from .filters import LightFilter
 from .profiles import Profile
 from .shaping import Gobo, Shaping
 from .surfaces import Mesh
@@ -57,8 +56,6 @@ class Light(BeamSettings):
         Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
     guides
         Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
-    filters
-        Filters of its light, such as a `Blocker`: see `LightFilter`. Default: none.
 
     Raises
     ------
@@ -85,7 +82,6 @@ class Light(BeamSettings):
     unlit: frozenset[str] = frozenset()
     unshadowed: frozenset[str] = frozenset()
     guides: tuple[Array, ...] = ()
-    filters: tuple[LightFilter, ...] = ()
 
     @property
     def shines(self) -> bool:  # type: ignore[override]
@@ -145,8 +141,6 @@ class Light(BeamSettings):
         number(self.surface_scale, f"{self.name}: surface_scale", 0.0)
         if not self.shadow_distance > 0:
             raise SceneError(f"{self.name}: shadow_distance is {self.shadow_distance}: expected a number above 0")
-        if not all(isinstance(each, LightFilter) for each in self.filters):
-            raise SceneError(f"{self.name}: filters are {shown(self.filters)}: expected a tuple of LightFilter")
         object.__setattr__(self, "radiance", color(self.radiance, f"{self.name}: radiance"))
         for name in ("center", "axis", "half", "half_x", "half_y"):
             if hasattr(self, name):

@@ -314,6 +314,8 @@ def _pair(first: Piece, last: Piece) -> list[Beams]:
 def _present(own: Piece, other: Piece) -> Beams:
     result: Beams = dr.select(own.there, own.beams, other.beams)
     result.power = dr.select(own.there, own.beams.power, 0)
+    if result.power_end is not None:
+        result.power_end = Array3f(dr.select(own.there, own.beams.power_end, 0))
     return result
 
 

@@ -260,6 +260,11 @@ class FilterChain(NamedTuple):
         return result
 
 
+def chain_of(described: Sequence[scene.LightFilter], infinite: bool) -> FilterChain | None:
+    """Return the filters of a lamp in Dr.Jit, None if it has none."""
+    return FilterChain(tuple(map(filter_of, described)), infinite) if described else None
+
+
 def seed_of(point: Array3f, direction: Array3f) -> UInt32:
     """Return a number for a soft edge's random place, which rays from points determine."""
     bits: list[Any] = [dr.reinterpret_array(UInt32, Float(each)) for each in (*point, *direction)]

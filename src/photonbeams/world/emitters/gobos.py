@@ -139,8 +139,9 @@ class ProjectedLamp(Lamp):
         """Return a sample of the light, in the colours of the images that it passes."""
         sample = self.without_portal_gobo(point, u)
         direction, distance = sample.direction, sample.distance
-        sample.weight = sample.weight * self._passing(point, direction, distance)
-        return self._filtered(sample, "weight", point, direction)
+        passing = self._passing(point, direction, distance) * self._unfiltered(point, direction, distance)
+        sample.weight = sample.weight * passing
+        return sample
 
     def without_portal_gobo(self, point: Array3f, u: Array2f) -> Illumination:
         """Return a sample of the light as if there were no filters, and no image on its portal."""
@@ -152,7 +153,7 @@ class ProjectedLamp(Lamp):
         """Return what a ray sees of the light through its images."""
         hit = self.bare.see(origin, direction)
         hit.radiance = hit.radiance * self.colors(origin, direction, hit.distance)
-        return self._filtered(hit, "radiance", origin, direction)
+        return hit
 
     @property
     def filters(self) -> FilterChain | None:
@@ -160,17 +161,15 @@ class ProjectedLamp(Lamp):
         parts = tuple(getattr(self, name) for name in self.filter_names)
         return FilterChain(parts, bool(self.infinite)) if parts else None
 
-    def _filtered(self, light: Any, name: str, point: Array3f, direction: Array3f) -> Any:
-        """Return light whose attribute `name` is multiplied by what filters leave of it at a point."""
+    def _unfiltered(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
+        """Return the fraction of the light that its filters leave at a point."""
         chain = self.filters
-        if chain is not None:
-            left = chain.factor(point, direction, light.distance, seed_of(point, direction))
-            setattr(light, name, getattr(light, name) * left)
-        return light
+        return Array3f(1) if chain is None else chain.factor(point, direction, distance, seed_of(point, direction))
 
     def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the colours of the images between a point and the light, `distance` away along `direction`."""
-        return self.tint(point, -direction) * self._passing(point, direction, distance)
+        """Return what images and filters leave between a point and the light, `distance` away along `direction`."""
+        passing = self._passing(point, direction, distance) * self._unfiltered(point, direction, distance)
+        return self.tint(point, -direction) * passing
 
     def tint(self, point: Array3f, direction: Array3f) -> Array3f:
         """Return the colour of slide and profile for the light that passes a point along a direction."""

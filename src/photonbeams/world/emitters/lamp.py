@@ -125,7 +125,7 @@ class Lamp(Struct):
         return Array3f(1)
 
     def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the colours of the images between a point and the lamp, `distance` away along `direction`."""
+        """Return what images and filters leave between a point and the lamp, `distance` away along `direction`."""
         return Array3f(1)
 
 
