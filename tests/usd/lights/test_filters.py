@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from photonbeams.scene import Blocker, DistanceRamp, SceneError
+from photonbeams.usd.authoring.controls import controls_of
 
 PLACE = """
     double3 xformOp:translate = (1, 2, 3)
@@ -176,3 +177,12 @@ def test_what_does_not_map_is_named(light, caplog, kind, body, message):
 def test_values_without_sense_are_errors(light, kind, body, message):
     with pytest.raises(SceneError, match=re.escape(f"/Rig/F.{message}")):
         light(kind, body)
+
+
+def test_a_light_has_the_controls_of_its_filters(usd):
+    flag = 'def PhotonBeamsBlockerFilter "F" {\nfloat photonbeams:edge = 0.5\n}\ndef PxrRodLightFilter "G" {\n}'
+    (group,) = controls_of(usd(LIGHT % ("SphereLight", "</Rig/G>, </Rig/F>", flag)))
+    found = {each.path: each for each in group.controls if each.section.startswith("Filter")}
+    assert {each.section for each in found.values()} == {"Filter F"}
+    assert (found["/Rig/F.photonbeams:edge"].value, found["/Rig/F.photonbeams:edge"].authored) == (0.5, True)
+    assert found["/Rig/F.photonbeams:where"].choices == ("behind", "inside", "along")
