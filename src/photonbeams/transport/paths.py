@@ -213,13 +213,8 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
         aimed = tracing.openings.aimed(interaction.position, paths.index, stream)
     scatter = reflect(tracing.world, hit, interaction.on_surface, paths.medium, paths.index, stream, aimed)
     passes = interaction.tinted | (interaction.on_surface & scatter.null)
-    unfiltered = interaction.weight
-    if tracing.world.filters is not None:  # light that goes straight on stays as it is, for what comes next
-        left = tracing.world.filters.factor(
-            paths.source, interaction.position, -paths.direction, paths.offset + interaction.distance,
-            hash32(stream, paths.index, UInt32(Stream.FILTER)), paths.straight,
-        )  # fmt: skip
-        interaction.weight = interaction.weight * left
+    unfiltered = interaction.weight  # also of light that goes straight on, for what comes next
+    interaction.weight = unfiltered * tracing.filtered(paths, interaction.position, interaction.distance, stream)
     following = _following(tracing, paths, interaction, scatter, stream, aimed, passes, unfiltered)
     hits = _photon_hits(paths, interaction, segments.width)
     # Of a path and the parts into which it splits, only one contributes the segment.
@@ -239,10 +234,7 @@ def _following(
     tracing: Tracing, paths: LightPaths, interaction: Interaction, scatter: Scatter, stream: UInt32,
     aimed: Aimed | None, passes: Bool, unfiltered: Array3f,
 ) -> LightPaths:  # fmt: skip
-    """Return the paths after their interaction; `interaction.going` is then false for those that end.
-
-    Those that pass go on with the weight that filters of lamps leave as it is.
-    """
+    """Return the paths after their interaction; `interaction.going` is then false for those that end."""
     following = LightPaths()
     place = dr.zeros(mi.MediumInteraction3f, dr.width(paths.origin))
     place.p, place.wi = mi.Point3f(interaction.position), mi.Vector3f(-paths.direction)
