@@ -16,14 +16,25 @@ import numpy as np
 
 from photonbeams.looks.ramp import interpolate
 from photonbeams.usd.authoring.presets import PRESETS
-from photonbeams.usd.common.definitions import CURVES, FOLDER, LIGHT, LOOK, MEDIUM, PREFIX, Definition, definitions
+from photonbeams.usd.common.definitions import (
+    BLOCKER,
+    CURVES,
+    FOLDER,
+    LIGHT,
+    LOOK,
+    MEDIUM,
+    PREFIX,
+    RAMP,
+    Definition,
+    definitions,
+)
 
 _ROOT = Path(__file__).resolve().parents[1]
 _DOCS = _ROOT / "docs"
 _EXTENSION = _ROOT / "src" / "photonbeams" / "blender" / "extension" / "looks.json"
 
 #: The pages with tables, by the schemas.
-PAGES = {"looks.md": (LOOK,), "reference/attributes.md": (LIGHT, CURVES, MEDIUM)}
+PAGES = {"looks.md": (LOOK,), "reference/attributes.md": (LIGHT, CURVES, MEDIUM, BLOCKER, RAMP)}
 
 
 def generated() -> str:

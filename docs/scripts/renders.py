@@ -1,7 +1,7 @@
 """Render the stages that README.md and docs/ show. `make pictures` calls it; with names it renders those alone.
 
-The attic's layer and the ribbon are those that the pages print. The plate is by Cycles, which the set-up installs with
-Python 3.11.
+The attic's layer, the ribbon and the filters are those that the pages print. The plate is by Cycles, which the set-up
+installs with Python 3.11.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ RENDERS = {
         "rgba": "attic-dusty", "surface": "attic-surface", "beams": "attic-beams",
     },
     ("ribbon.usda", "--exposure", "3", *CLEAN): {"rgba": "ribbon"},
+    ("filters.usda", "--exposure", "1", *CLEAN): {"rgba": "filters"},
     (KEYHOLE, *CLEAN): {"rgba": "keyhole", "beams": "keyhole-beams"},
     (KEYHOLE, "--bounces", "4", *CLEAN): {"rgba": "keyhole-bounces"},
     (MAGIC, *CLEAN): {"rgba": "magic"},
@@ -137,7 +138,7 @@ def main() -> None:
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "examples").symlink_to(ROOT / "examples")
-        for page in ("guide.md", "beams.md"):
+        for page in ("guide.md", "beams.md", "filters.md"):
             for name, source in saved_files((DOCS / page).read_text()).items():
                 (Path(folder) / name).write_text(source)
         for name, write in jobs.items():

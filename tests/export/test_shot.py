@@ -240,6 +240,7 @@ LOST = {
     "/A.inputs:shaping": ("SphereLight", "float inputs:shaping:focus = 2"),
     "/A shines from a point": ("RectLight", "float inputs:shaping:cone:angle = 20"),
     "/A.inputs:angle": ("DistantLight", "float inputs:angle = 1"),
+    "/A.light:filters": ("SphereLight", "rel light:filters = </Dim>"),
     "/A.collection:shadowLink": ("SphereLight", "rel collection:shadowLink:excludes = </Floor>"),
     "/A.collection:lightLink": ("SphereLight", "rel collection:lightLink:excludes = </Floor>"),
     "/A.photonbeams:gobo": (
@@ -248,7 +249,12 @@ LOST = {
     ),
     "/A: what is behind": ("SphereLight", "float inputs:radius = 3"),
 }  # fmt: skip
-PLAIN = 'def PhotonBeamsLook "Look"\n{\n}\n' + placed("SphereLight", "Other", (0, 1, 0), POINT)
+PLAIN = """
+def PhotonBeamsLook "Look" {
+}
+def PhotonBeamsBlockerFilter "Dim" {
+}
+""" + placed("SphereLight", "Other", (0, 1, 0), POINT)
 
 
 @pytest.mark.parametrize("prim", LOST)

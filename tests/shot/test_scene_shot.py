@@ -7,7 +7,7 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.runtime.device import mitsuba
-from photonbeams.scene import BeamSettings, Gobo, SceneError
+from photonbeams.scene import BeamSettings, DistanceRamp, Gobo, SceneError
 from tests.helpers.mitsuba_scenes import T, camera, cube_of, fog, load, rgb
 
 pytestmark = pytest.mark.usefixtures("helping_thread")
@@ -55,6 +55,42 @@ def test_a_holdout_far_away_hides_no_beam(shot):
         assert layers["beams"].any()
         np.testing.assert_allclose(other["beams"], layers["beams"], rtol=1e-3, atol=1e-5)
         assert not other["surface"].any()
+
+
+FILTERED = """#usda 1.0
+over "key_lamp" {
+    rel light:filters = [</half>, </flag>]
+}
+def PhotonBeamsRampFilter "half" {
+    float[] photonbeams:distances = [0]
+    color3f[] photonbeams:colors = [(0.5, 0.25, 1)]
+}
+def PhotonBeamsBlockerFilter "flag" {
+    float photonbeams:width = 4
+    float photonbeams:height = 4
+    float photonbeams:depth = 0.1
+    double3 xformOp:translate = (2.3, 0.4, -0.5)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+
+
+def test_filters_of_emitters_act_on_beams_and_surfaces(tmp_path):
+    """Half of the wall is behind the flag; on the rest, the lamp is dimmer."""
+    lamp = {**LAMP, "id": "key_lamp"}
+    scene = load(fog=cube_of(fog(0.5)), key_lamp=lamp, wall=WALL, sensor=camera((0.2, 0.3, 4), **SIZE))
+    (tmp_path / "filters.usda").write_text(FILTERED)
+    dimmer = BeamSettings(filters=(DistanceRamp("half", [0.0], [[0.5, 0.25, 1]]),))
+    plain, filtered, dimmed = (
+        pb.Shot(scene, **given).render(passes=4, beams=8000, max_depth=2, guiding=False).layers
+        for given in ({}, {"session_layers": tmp_path / "filters.usda"}, {"beams": {"key_lamp": dimmer}})
+    )
+    right = slice(16, None)
+    assert plain["surface"][:, right].any()
+    assert not filtered["surface"][:, right].any()
+    for name, layers in (("surface", filtered), ("surface", dimmed), ("beams", dimmed)):
+        ratio = layers[name][:, :10].sum(axis=(0, 1)) / plain[name][:, :10].sum(axis=(0, 1))
+        np.testing.assert_allclose(ratio, [0.5, 0.25, 1], rtol=5e-3, err_msg=name)
 
 
 LAYER = """#usda 1.0

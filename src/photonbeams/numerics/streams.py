@@ -18,6 +18,7 @@ class Stream(IntEnum):
     WHICH_OPENING = 6
     WHETHER_AIMED = 7
     POINT_OF_OPENING = 8
+    FILTER = 9
     # Rays of cameras and sensors.
     LENS = 101
     TIME = 102

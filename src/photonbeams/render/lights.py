@@ -198,10 +198,11 @@ class Lights:
     def _is_met(self, emitter: Emitter) -> bool:
         """Return whether walks can meet the light of an emitter on surfaces.
 
-        They cannot if some surfaces do not block it, or behind images before Mitsuba's emitters.
+        They cannot if some surfaces do not block it, or behind images and filters before Mitsuba's emitters.
         """
-        own, images = emitter.beams, self.world.emits and emitter.lamp.images
-        return own.lights_surfaces and own.shines and not images and not emitter.links.unshadowed
+        own, lamp = emitter.beams, emitter.lamp
+        behind = self.world.emits and (lamp.images or lamp.filters is not None)
+        return own.lights_surfaces and own.shines and not behind and not emitter.links.unshadowed
 
     @cached_property
     def _connected(self) -> frozenset[int]:

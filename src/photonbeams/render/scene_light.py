@@ -13,6 +13,7 @@ from ..runtime.device import mitsuba
 from ..transport.simulation import Simulation
 from ..transport.strata import Allotment
 from ..world.cameras.cameras import View
+from ..world.emitters.filters import chain_of
 from ..world.emitters.mitsuba_scene import names_of
 from ..world.emitters.sources import Source
 from ..world.media.discovery.surroundings import Place
@@ -59,7 +60,9 @@ class EmitterSettings:
         for place, each in enumerate(different):
             name = next((names[-1] for names, own in zip(emitters, numbers, strict=True) if own == place and names), "")
             own = Source(place, name, each.group, each.look, each.emits_beams, each.beam_scale, each.scattered)
-            sources.append(replace(own, bounces=each.bounces))
+            mine = [emitter for emitter, number in zip(plugin.emitters(), numbers, strict=True) if number == place]
+            far = all(mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite) for emitter in mine)
+            sources.append(replace(own, bounces=each.bounces, filters=chain_of(each.filters, far)))
         return cls(beams, sources, numbers)
 
     @property

@@ -29,6 +29,7 @@ from .checks import (
     shown,
     whole,
 )  # fmt: skip
+from .filters import Blocker, DistanceRamp, LightFilter
 from .light import Light
 from .lights import (
     CylinderLight,
@@ -55,16 +56,19 @@ __all__ = [
     "WHITE",
     "Array",
     "BeamSettings",
+    "Blocker",
     "Camera",
     "Color",
     "CylinderLight",
     "DensityGrid",
+    "DistanceRamp",
     "DistantLight",
     "DomeLight",
     "DrawnBeams",
     "FlatLight",
     "Gobo",
     "Light",
+    "LightFilter",
     "Material",
     "Medium",
     "Mesh",

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..constants import MOST_BEAMS
-from .checks import SceneError, number, whole
+from .checks import SceneError, number, shown, whole
+from .filters import LightFilter
 from .shaping import Gobo
 from .surfaces import Mesh
 
@@ -44,6 +45,8 @@ class BeamSettings:
     scattered
         What becomes of beams of the light after it was scattered: "physical" (the default), "look" (they have the look
         of beams that come straight from the light), or "off".
+    filters
+        Filters of its light, on surfaces, too: a `Blocker` or a `DistanceRamp` each. Default: none.
     bounces
         How often the light may be scattered before it is scattered toward the camera. None, the default: the
         renderer's number.
@@ -75,6 +78,7 @@ class BeamSettings:
     portal_gobo: Gobo | None = None
     scattered: str = "physical"
     bounces: int | None = None
+    filters: tuple[LightFilter, ...] = ()
 
     # Not fields, without annotations: what is so for emitters that are described elsewhere.
     lights_surfaces = shines = True
@@ -88,6 +92,8 @@ class BeamSettings:
             number(whole(self.bounces, "bounces"), "bounces", 0)
         if self.beam_count is not None:
             number(whole(self.beam_count, "beam_count"), "beam_count", 0, MOST_BEAMS)
+        if not (isinstance(self.filters, tuple) and all(isinstance(each, LightFilter) for each in self.filters)):
+            raise SceneError(f"filters is {shown(self.filters)}: expected a tuple of filters")
         kinds = {"portal": (Mesh, str), "gobo": (Gobo,), "portal_gobo": (Gobo,)}
         for name, kind in kinds.items():
             value = getattr(self, name)

@@ -15,6 +15,7 @@ from .. import scene
 from ..beams.sets import BeamSet
 from ..numerics.arrays import compressed, equal_entries, to_float, to_uint
 from ..runtime.device import Bool, Float, UInt32
+from ..runtime.digest import equal
 from ..world.emitters.rays import EmittedRays
 from ..world.emitters.sources import Source
 from ..world.media.rendered import RenderedMedium
@@ -136,6 +137,7 @@ class LightTracer:
             return [], {}
         place = dr.gather(UInt32, known, kept[0].number)
         apart = place == dr.opaque(UInt32, total)
+        changed = self._filters_move(last)
         steps: list[Moments] = []
         moving: Moving = {}
         pairs = self._pairs(tracing, kept, number, {own: other for other, own in media.items()})
@@ -151,12 +153,20 @@ class LightTracer:
                 for there, each in zip(masks, (ends[0], ends[-1]), strict=True)
             ]
             moves = apart | (masks[0] != masks[1]) | ~equal_entries(ends[0], ends[-1])
+            moves |= dr.gather(UInt32, changed, ends[0].source) > 0
             of_paths = dr.zeros(Bool, total + 1)
             dr.scatter(of_paths, Bool(True), place, moves)
             dr.eval(of_paths)
             moving[key] = of_paths
             steps.append(([ends[0], ends[-1]], [mask & moves for mask in masks]))
         return moving_sets(stepping(self.step, self.cuttings(number)), steps, last.sources), moving
+
+    def _filters_move(self, last: World) -> UInt32:
+        """Return whether the filters of sources change from the start to the end of the pass, 1 or 0, by numbers."""
+        result = np.zeros(len(self.sources) + 1, dtype=np.uint32)
+        for emitter, later in zip(self.world.emitters, last.emitters, strict=True):
+            result[emitter.source] |= not equal(emitter.beams.filters, later.beams.filters)
+        return to_uint(result)
 
     def tracing(self, number: int) -> paths.Tracing:
         """Return how the light paths of a pass are traced."""

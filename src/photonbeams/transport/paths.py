@@ -212,7 +212,10 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     if tracing.openings is not None:
         aimed = tracing.openings.aimed(interaction.position, paths.index, stream)
     scatter = reflect(tracing.world, hit, interaction.on_surface, paths.medium, paths.index, stream, aimed)
-    following = _following(tracing, paths, interaction, scatter, stream, aimed)
+    passes = interaction.tinted | (interaction.on_surface & scatter.null)
+    unfiltered = interaction.weight  # also of light that goes straight on, for what comes next
+    interaction.weight = unfiltered * tracing.filtered(paths, interaction.position, interaction.distance, stream)
+    following = _following(tracing, paths, interaction, scatter, stream, aimed, passes, unfiltered)
     hits = _photon_hits(paths, interaction, segments.width)
     # Of a path and the parts into which it splits, only one contributes the segment.
     whole = (paths.branch != SCATTERED) & (paths.branch != REFLECTED)
@@ -229,7 +232,7 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
 
 def _following(
     tracing: Tracing, paths: LightPaths, interaction: Interaction, scatter: Scatter, stream: UInt32,
-    aimed: Aimed | None,
+    aimed: Aimed | None, passes: Bool, unfiltered: Array3f,
 ) -> LightPaths:  # fmt: skip
     """Return the paths after their interaction; `interaction.going` is then false for those that end."""
     following = LightPaths()
@@ -251,8 +254,8 @@ def _following(
         weight *= ratio
     following.direction = _chosen(interaction, Array3f(turned), scatter.direction, paths.direction)
     following.origin = dr.select(interaction.on_surface, scatter.origin, interaction.position)
-    following.flux = paths.flux * interaction.weight * _chosen(interaction, rgb(weight), scatter.weight, Array3f(1))
-    passes = interaction.tinted | (interaction.on_surface & scatter.null)
+    arriving = dr.select(passes, unfiltered, interaction.weight)
+    following.flux = paths.flux * arriving * _chosen(interaction, rgb(weight), scatter.weight, Array3f(1))
     following.depth = paths.depth + dr.select(passes, 0, 1)
     following.medium = dr.select(interaction.on_surface, scatter.medium, paths.medium)
     enters = interaction.on_surface & (following.medium != paths.medium)

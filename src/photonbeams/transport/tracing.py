@@ -8,7 +8,9 @@ from typing import Any
 
 import drjit as dr
 
-from ..runtime.device import Bool, Float, UInt32
+from ..numerics.hashing import hash32
+from ..numerics.streams import Stream
+from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.world import World
 from .aiming import Openings
 from .segments.records import LightPaths
@@ -62,6 +64,15 @@ class Tracing:
         if self.bounces_by_source is None:
             return result
         return result & (depth <= dr.gather(UInt32, self.bounces_by_source, source))
+
+    def filtered(self, paths: LightPaths, position: Array3f, distance: Float, stream: UInt32) -> Array3f:
+        """Return what filters of lamps leave of light straight from these, at positions at a distance along paths."""
+        filters = self.world.filters
+        if filters is None:
+            return Array3f(1)
+        seed = hash32(stream, paths.index, UInt32(Stream.FILTER))
+        away = paths.offset + distance
+        return filters.factor(paths.source, position, -paths.direction, away, seed, paths.straight)
 
     def escape(self, paths: LightPaths, reach: Float) -> Float:
         """Return the lengths of paths that meet nothing, at least `reach`."""

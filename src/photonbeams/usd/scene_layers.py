@@ -6,12 +6,14 @@ import os
 from collections.abc import Collection, Iterable
 from typing import Any
 
-from ..scene import Mesh
+from ..scene import WHITE, Light, Mesh
+from .common.definitions import BLOCKER, LOOK, RAMP
 from .common.openusd import Tf, Usd
-from .common.reading import Reading
+from .common.reading import Reading, target_paths
 from .common.warnings import Warnings
 from .geometry.meshes import is_gprim
 from .lights.beam_settings import read_beam_settings, read_portal
+from .lights.filters import filtered
 from .stage import open_stage
 
 # The properties of PhotonBeamsLightAPI that apply to emitters of Mitsuba scenes, without "photonbeams:".
@@ -59,12 +61,14 @@ class SceneLayers:
         result = {}
         for prim in self.stage.TraverseAll():
             said = [each.GetName() for each in prim.GetAuthoredPropertiesInNamespace("photonbeams")]
-            if said and prim.GetTypeName() != "PhotonBeamsLook":
+            if (said or target_paths(prim, "light:filters")) and prim.GetTypeName() not in (LOOK, BLOCKER, RAMP):
                 name = _named(reading, prim, emitters, "emitter")
                 for each in said:
                     if each.split(":")[1] not in _SUPPORTED:
                         reading.warn(prim, "is not rendered: emitters of Mitsuba scenes do not have it", each)
                 result[name] = read_beam_settings(reading, prim, _portal(reading, prim, shapes))
+                shining = filtered(reading, prim, Light(name, WHITE, gobo=result[name]["gobo"]))
+                result[name] |= {"filters": shining.filters, "gobo": shining.gobo}
         return result
 
 

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from functools import cache, partial
 from itertools import islice
 
-from .common.definitions import CURVES, LIGHT, LOOK, MEDIUM, definitions
+from .common.definitions import BLOCKER, CURVES, LIGHT, LOOK, MEDIUM, RAMP, definitions
 from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
 from .common.reading import Reading, prims_under, target_paths
 from .common.warnings import Warnings
@@ -44,6 +44,8 @@ def _known(prim: Usd.Prim) -> frozenset[str]:
     """Return the names of photonbeams' attributes that a prim may have."""
     if prim.IsA(UsdRender.Settings) or prim.IsA(UsdRender.Product):
         return frozenset({PIXEL_FILTER})
+    if prim.GetTypeName() in (BLOCKER, RAMP):
+        return frozenset(definitions(str(prim.GetTypeName())))
     names = {*definitions(MEDIUM)}
     if is_light(prim):
         names |= {*definitions(LIGHT)}

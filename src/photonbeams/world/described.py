@@ -17,6 +17,7 @@ from .. import scene
 from .bounds import Bounds, bounding_sphere, endless_length
 from .emitters.build import emitters_of
 from .emitters.emitter import Emitter
+from .emitters.lamp import Lamp
 from .emitters.sources import Source
 from .media.bounded import BoundedMedia, same, touching
 from .shadow_rays import size_of
@@ -191,16 +192,16 @@ def _sources(description: scene.Scene, emitters: Sequence[Emitter]) -> tuple[Sou
     media = [each.bounces for each in description.media if each.bounces is not None]
     usual = max(media) if media else None
     return tuple(
-        _source(number, light, each.lamp.infinite, usual)
+        _source(number, light, each.lamp, usual)
         for number, (light, each) in enumerate(zip(description.lights, emitters, strict=True))
     )
 
 
-def _source(number: int, light: scene.Light, infinite: bool, bounces: int | None) -> Source:
+def _source(number: int, light: scene.Light, lamp: Lamp, bounces: int | None) -> Source:
     return Source(
         number, light.name, light.group, light.look, light.emits_beams, light.beam_scale, light.scattered,
         light.lights_surfaces, bounces if light.bounces is None else light.bounces, light.frame, light.guides,
-        light.lights_media, endless=not (light.guides or infinite),
+        light.lights_media, endless=not (light.guides or lamp.infinite), filters=lamp.filters,
     )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import ESCAPE, DrawnBeams
 from .bounds import Bounds, Box
 from .emitters.emitter import Emitter, Links
+from .emitters.filters import PathFilters
 from .emitters.groups import LightGroups
 from .emitters.packed import LampGroups
 from .emitters.rays import EmittedRays
@@ -156,6 +157,12 @@ class World:
     def lamps(self) -> LampGroups:
         """The lamps that are no part of `plugin`, as kernels need them."""
         return LampGroups.of(self)
+
+    @cached_property
+    def filters(self) -> PathFilters | None:
+        """The filters of the lamps, as light paths meet them; None if there are none."""
+        chains = [each.filters for each in self.sources]
+        return PathFilters(chains) if any(each is not None for each in chains) else None
 
     @property
     def apart(self) -> bool:

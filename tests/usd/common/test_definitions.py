@@ -5,10 +5,23 @@ from dataclasses import replace
 import pytest
 from pxr import Sdf, Usd
 
-from photonbeams.usd.common.definitions import CURVES, FOLDER, LIGHT, LOOK, MEDIUM, PREFIX, Definition, definitions
+from photonbeams.usd.common.definitions import (
+    BLOCKER,
+    CURVES,
+    FOLDER,
+    LIGHT,
+    LOOK,
+    MEDIUM,
+    PREFIX,
+    RAMP,
+    Definition,
+    definitions,
+)
 from tools.schema import files
 
-SCHEMAS = (CURVES, LIGHT, LOOK, MEDIUM)
+SCHEMAS = (CURVES, LIGHT, LOOK, MEDIUM, BLOCKER, RAMP)
+#: Schemas of prims by their base, which other schemas apply to prims.
+TYPED = {LOOK: "/Typed", BLOCKER: "/LightFilter", RAMP: "/LightFilter"}
 
 
 @pytest.mark.parametrize("path", files(), ids=lambda path: path.name)
@@ -35,8 +48,8 @@ def test_usdgenschema_reads_the_source():
     for name in SCHEMAS:
         spec = source.GetPrimAtPath(f"/{name}")
         (base,) = spec.inheritPathList.prependedItems or spec.inheritPathList.explicitItems
-        assert base == ("/Typed" if name == LOOK else "/APISchemaBase")
-        assert ("apiSchemaType" in spec.customData) is (name != LOOK)
+        assert base == TYPED.get(name, "/APISchemaBase")
+        assert ("apiSchemaType" in spec.customData) is (name not in TYPED)
 
 
 def test_a_range_is_one_for_all_programs():

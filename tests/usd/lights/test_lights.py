@@ -319,8 +319,8 @@ def test_what_is_not_rendered_of_a_light_is_named(scene, caplog):
         float inputs:specular = 0"""
     found = only(scene(light("RectLight", body)))
     assert (found.shadow_distance, found.surface_scale) == (3, 1)
+    assert "/L is a RectLight, which is not rendered as a filter: /L shines without it" in caplog.text
     for text in (
-        "light:filters are not rendered: the light shines without them",
         "inputs:shadow:color applies to shadows on surfaces only: beams end where a surface stops them",
         "inputs:shadow:falloff is not rendered: shadows have the same strength everywhere",
         "inputs:shadow:distance applies to shadows on surfaces only: beams end where a surface stops them",

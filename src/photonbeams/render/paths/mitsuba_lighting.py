@@ -93,10 +93,10 @@ class MitsubaLighting:
 
 
 def _colors(world: World, emitter: EmitterPtr, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-    """Return the colours of the images that light passes on its way from emitters to points."""
+    """Return what images and filters leave of the light on its way from emitters to points."""
     result = Array3f(1)
     for plugin, each in zip(world.plugin.emitters(), world.emitters, strict=True):
-        if each.lamp.images:
+        if each.lamp.images or each.lamp.filters is not None:
             own = emitter_number(emitter) == dr.opaque(UInt32, int(emitter_number(mi.EmitterPtr(plugin))[0]))
             result = dr.select(own, each.lamp.colors(point, direction, distance), result)
     return result

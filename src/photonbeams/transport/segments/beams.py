@@ -18,10 +18,12 @@ from ...numerics.hashing import hash32, unit_float
 from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Bool, Float, UInt32
 from ...world.bounds import Box
+from ...world.emitters.filters import FilterChain
 from ...world.emitters.sources import Source
 from ...world.media.rendered import RenderedMedium, over_mean
 from ...world.world import World
 from .coverage import medium_coverage
+from .filtering import filtered_parts
 from .radii import Limits
 from .records import Segments, tangent
 from .sides import sides_of
@@ -145,8 +147,8 @@ class Cutting:
         fades = self.medium.tracked is None and not self.short
         return dr.opaque(Float, sum(self.medium.medium.extinction) / 3 if fades else 0)
 
-    def pieces(self, segments: Segments, there: Bool) -> list[Piece]:
-        """Return segments as beams, cut at the portal or the focus, and where they become narrower."""
+    def pieces(self, segments: Segments, there: Bool, filters: FilterChain | None = None) -> list[Piece]:
+        """Return segments as beams, cut at the portal or the focus, by filters, and where they become narrower."""
         length = segments.length
         portal = segments.portal - segments.offset
         at_portal = there & (portal > 0) & (portal < length)
@@ -163,13 +165,17 @@ class Cutting:
         ends = [-lead, dr.minimum(*knots), dr.maximum(*knots), stop]
         exists = there, there & (cuts[0][0] | at_clear), there & cuts[0][0] & at_clear
         result = []
-        for present, begin, until in zip(exists, ends, ends[1:], strict=False):
+        parts = zip(exists, ends, ends[1:], strict=False)
+        for present, begin, until, light in filtered_parts(filters, segments, parts):
             narrow = dr.select(clear <= dr.maximum(begin, 0), segments.narrow, 1)
             radii = self._radius(segments, begin, narrow), self._radius(segments, until, narrow)
             normal = dr.select(until >= stop, plane, -segments.direction)
             beams = self._beams(segments, lead, (begin, until), radii, normal)
             if not self.named:
                 beams.power = self._left(segments, begin)
+            if light:
+                beams.power_end = beams.power * light[1] if len(light) > 1 else None
+                beams.power = beams.power * light[0]
             result.append(Piece(present, beams, segments.depth))
         return result
 
@@ -256,7 +262,7 @@ def sets_of(world: World, cuttings: Iterable[Cutting], steps: Sequence[Segments]
         pieces: list[Piece] = []
         for mine in compressed(cutting.own(segments), segments):
             fitted = cutting.fitted(world, mine)
-            for piece in cutting.pieces(fitted, dr.max(fitted.flux) > 0):
+            for piece in cutting.pieces(fitted, dr.max(fitted.flux) > 0, cutting.source.filters):
                 pieces += compressed(piece.there, piece)
         if pieces:
             result += _sets(cutting, joined(pieces))
@@ -284,7 +290,11 @@ def moving_sets(cuttings: Iterable[Cutting], steps: Sequence[Moments], later: Se
             mine = [each & cutting.own(segment) for each, segment in zip(there, segments, strict=True)]
             kept = compressed(mine[0] | mine[1], *mine, *segments)
             if kept:
-                states = [cutting.pieces(segment, each) for each, segment in zip(kept[:2], kept[2:], strict=True)]
+                chains = cutting.source.filters, later[cutting.source.number].filters
+                states = [
+                    cutting.pieces(segment, each, chain)
+                    for each, segment, chain in zip(kept[:2], kept[2:], chains, strict=True)
+                ]
                 pieces += [
                     _pair(*pair) for pair in zip(*states, strict=True) if bool(dr.any(pair[0].there | pair[1].there))
                 ]
@@ -304,6 +314,8 @@ def _pair(first: Piece, last: Piece) -> list[Beams]:
 def _present(own: Piece, other: Piece) -> Beams:
     result: Beams = dr.select(own.there, own.beams, other.beams)
     result.power = dr.select(own.there, own.beams.power, 0)
+    if result.power_end is not None:
+        result.power_end = Array3f(dr.select(own.there, own.beams.power_end, 0))
     return result
 
 

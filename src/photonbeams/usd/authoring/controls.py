@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ..common.definitions import LIGHT, LOOK, MEDIUM, PREFIX, Definition, definitions, plain
+from ..common.definitions import BLOCKER, LIGHT, LOOK, MEDIUM, PREFIX, RAMP, Definition, definitions, plain
 from ..common.openusd import Usd, UsdGeom, UsdLux
 from ..common.reading import Reading, Time, prims_under, target_paths
 from ..lights.light import is_dome, is_light
@@ -121,6 +121,11 @@ def _controls(
         elif ":ramp:" not in name:
             control = _control(reading, prim, own, section)
             yield _of_kind(control, prim) if name == "photonbeams:enabled" else control
+    for path in target_paths(prim, "light:filters") if kind == "light" else ():
+        target = reading.stage.GetPrimAtPath(path)
+        if target and target.GetTypeName() in (BLOCKER, RAMP):
+            for own in definitions(str(target.GetTypeName())).values():
+                yield _control(reading, target, own, f"Filter {target.GetName()}")
 
 
 def _light_input(prim: Usd.Prim, name: str) -> Definition | None:

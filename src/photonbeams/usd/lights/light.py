@@ -35,6 +35,7 @@ from ..common.reading import Reading
 from ..common.textures import read_image
 from ..geometry.meshes import is_gprim
 from .beam_settings import read_beam_settings, read_portal
+from .filters import filtered
 from .gobos import read_texture
 from .light_controls import on_surfaces, read_shaping, warn_of_what_is_left_out
 from .mesh_lights import is_asked, read_glow
@@ -92,7 +93,9 @@ def read_light(
         light: Light | None = _READERS[kind](reading, prim, to_world, shared)
     else:
         light = _mesh(reading, prim, to_world, shared, meshes)
-    return None if light is None else replace(light, frame=_frame(to_world, getattr(light, "axis", None)))
+    if light is None:
+        return None
+    return filtered(reading, prim, replace(light, frame=_frame(to_world, getattr(light, "axis", None))))
 
 
 def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...scene import Shaping
 from ..common.openusd import Usd, UsdLux
-from ..common.reading import Reading, target_paths
+from ..common.reading import Reading
 from ..common.visibility import is_seen
 from .ies import read_profile
 
@@ -57,8 +57,6 @@ def on_surfaces(reading: Reading, prim: Usd.Prim, beams: bool) -> dict[str, Any]
 
 
 def warn_of_what_is_left_out(reading: Reading, prim: Usd.Prim) -> None:
-    """Warn about a light's filters, and about other settings that are not rendered."""
-    if target_paths(prim, "light:filters"):
-        reading.warn(prim, "are not rendered: the light shines without them", "light:filters")
+    """Warn about settings of a light that are not rendered."""
     if reading.number(prim, "inputs:shadow:falloff", -1.0) > 0:
         reading.warn(prim, "is not rendered: shadows have the same strength everywhere", "inputs:shadow:falloff")

@@ -23,6 +23,7 @@ from ...numerics.arrays import opaque, padded, to_uint, to_vectors
 from ...numerics.structs import Struct, pack
 from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..bounds import Bounds
+from .filters import FilterChain, filter_of, seed_of
 from .lamp import Illumination, Lamp, LightHit
 from .profiles import ProfileSampler, ProfileTable
 from .rays import EmittedRays
@@ -100,7 +101,7 @@ class Slide(Struct):
 
 
 class ProjectedLamp(Lamp):
-    """A lamp with a slide, an image on its portal, or a profile; `_kind` makes a class for each combination.
+    """A lamp with a slide, an image on its portal, a profile or filters; `_kind` makes a class for each combination.
 
     Attributes
     ----------
@@ -115,6 +116,7 @@ class ProjectedLamp(Lamp):
     """
 
     has: ClassVar[frozenset[str]] = frozenset()
+    filter_names: ClassVar[tuple[str, ...]] = ()
 
     bare: Any = None
     slide: Any
@@ -136,11 +138,13 @@ class ProjectedLamp(Lamp):
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
         """Return a sample of the light, in the colours of the images that it passes."""
         sample = self.without_portal_gobo(point, u)
-        sample.weight = sample.weight * self._passing(point, sample.direction, sample.distance)
+        direction, distance = sample.direction, sample.distance
+        passing = self._passing(point, direction, distance) * self._unfiltered(point, direction, distance)
+        sample.weight = sample.weight * passing
         return sample
 
     def without_portal_gobo(self, point: Array3f, u: Array2f) -> Illumination:
-        """Return a sample of the light as if there were no image on its portal."""
+        """Return a sample of the light as if there were no filters, and no image on its portal."""
         sample = self.bare.illuminate(point, u)
         sample.weight = sample.weight * self.tint(point, -sample.direction)
         return sample
@@ -151,9 +155,21 @@ class ProjectedLamp(Lamp):
         hit.radiance = hit.radiance * self.colors(origin, direction, hit.distance)
         return hit
 
+    @property
+    def filters(self) -> FilterChain | None:
+        """The filters of its light."""
+        parts = tuple(getattr(self, name) for name in self.filter_names)
+        return FilterChain(parts, bool(self.infinite)) if parts else None
+
+    def _unfiltered(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
+        """Return the fraction of the light that its filters leave at a point."""
+        chain = self.filters
+        return Array3f(1) if chain is None else chain.factor(point, direction, distance, seed_of(point, direction))
+
     def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the colours of the images between a point and the light, `distance` away along `direction`."""
-        return self.tint(point, -direction) * self._passing(point, direction, distance)
+        """Return what images and filters leave between a point and the light, `distance` away along `direction`."""
+        passing = self._passing(point, direction, distance) * self._unfiltered(point, direction, distance)
+        return self.tint(point, -direction) * passing
 
     def tint(self, point: Array3f, direction: Array3f) -> Array3f:
         """Return the colour of slide and profile for the light that passes a point along a direction."""
@@ -186,16 +202,18 @@ class ProjectedLamp(Lamp):
 
 
 @cache
-def _kind(bare: type, has: frozenset[str]) -> type[ProjectedLamp]:
-    """Return the class for lights of class `bare` with the images `has`."""
+def _kind(bare: type, has: frozenset[str], filters: tuple[type, ...] = ()) -> type[ProjectedLamp]:
+    """Return the class for lights of class `bare` with the images `has`, and filters of these classes."""
     kinds = {"slide": Slide, "portal_gobo": Slide, "profile": ProfileTable}
     parts = {"bare": bare} | {name: kind for name, kind in kinds.items() if name in has}
-    name = "".join(each.title().replace("_", "") for each in kinds if each in has) + bare.__name__
-    return type(name, (ProjectedLamp,), {"__annotations__": parts, "has": has, "__module__": __name__})
+    named = {f"filter{number}": kind for number, kind in enumerate(filters)}
+    name = "".join(each.title().replace("_", "") for each in (*kinds, *named) if each in {*has, *named}) + bare.__name__
+    own = {"__annotations__": parts | named, "has": has, "filter_names": tuple(named), "__module__": __name__}
+    return type(name, (ProjectedLamp,), own)
 
 
 def projected(bare: Lamp, light: scene.Light, portal: Portal | None, images: Images) -> Any:
-    """Return a lamp behind its images, or the bare lamp where it has none.
+    """Return a lamp behind its images and filters, or the bare lamp where it has none.
 
     Parameters
     ----------
@@ -214,10 +232,13 @@ def projected(bare: Lamp, light: scene.Light, portal: Portal | None, images: Ima
     portal_gobo = light.portal_gobo if portal is not None else None
     images_of = {"slide": slide, "portal_gobo": portal_gobo, "profile": light.profile}
     there = {name: image for name, image in images_of.items() if image is not None}
-    if not there:
+    filters = [filter_of(each) for each in light.filters]
+    if not (there or filters):
         return bare
     kind: Any = type(bare)
-    result = _kind(kind, frozenset(there))()
+    result = _kind(kind, frozenset(there), tuple(map(type, filters)))()
+    for name, each in zip(result.filter_names, filters, strict=True):
+        setattr(result, name, each)
     result.bare, result.lit = bare, {}
     result.infinite, result.environment, result.flat = bare.infinite, bare.environment, bare.flat
     result.seen, result.covered = bare.seen, bare.covered

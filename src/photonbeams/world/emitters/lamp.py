@@ -68,8 +68,10 @@ class Lamp(Struct):
     images, lit
         The images that it shines through, by name; and the fraction of its paths that passes them, once it is known: by
         whether the paths go through the portal.
+    filters
+        The filters of its light, a `FilterChain`, or None.
     bare
-        The lamp without its images.
+        The lamp without its images and filters.
     directions
         What samples directions in which its light leaves: `sample(v)` returns them with their density.
     """
@@ -80,6 +82,7 @@ class Lamp(Struct):
     seen = illuminates = True
     covered = 2.0
     images: Mapping[str, Any] = {}
+    filters: Any = None
     lit: dict[bool, float]
     directions: Any
 
@@ -122,7 +125,7 @@ class Lamp(Struct):
         return Array3f(1)
 
     def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the colours of the images between a point and the lamp, `distance` away along `direction`."""
+        """Return what images and filters leave between a point and the lamp, `distance` away along `direction`."""
         return Array3f(1)
 
 

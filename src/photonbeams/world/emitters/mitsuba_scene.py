@@ -73,10 +73,12 @@ def _lamp(plugin: MiScene, emitter: MiEmitter, own: scene.BeamSettings, bounds: 
     name, lamp = (names_of(emitter) or [emitter.class_name()])[-1], _bare(plugin, emitter)
     own_name = emitter.id() or emitter.class_name()
     check_finite(emitter, f"emitter {own_name}")
-    if not (own.gobo or own.portal or own.portal_gobo):
+    if not (own.gobo or own.portal or own.portal_gobo or own.filters):
         return Emitter(own_name, lamp, own)
     if not lamp.illuminates:
-        raise SceneError(f"emitter {name}: shines along one direction: expected another kind for a gobo or a portal")
+        raise SceneError(
+            f"emitter {name}: shines along one direction: expected another kind for a gobo, filter or portal"
+        )
     mesh, portal = None, None
     if own.portal is not None:
         mesh, shape = _portal(plugin, name, own.portal)
@@ -85,7 +87,7 @@ def _lamp(plugin: MiScene, emitter: MiEmitter, own: scene.BeamSettings, bounds: 
             raise SceneError(f"emitter {name}: its portal {mesh.name} lies outside of the scene: expected one inside")
     elif own.portal_gobo is not None:
         raise SceneError(f"emitter {name}: has a gobo on its portal, but no portal: expected both")
-    shared = {"gobo": own.gobo, "portal": mesh, "portal_gobo": own.portal_gobo}
+    shared = {"gobo": own.gobo, "portal": mesh, "portal_gobo": own.portal_gobo, "filters": own.filters}
     light = _described(emitter, name, shared)
     if isinstance(light, scene.SphereLight):
         lamp.central, lamp.center = True, Array3f(*(float(each) for each in light.center))

@@ -38,6 +38,8 @@ class Source:
         Transform from the light's own space to the world, (4, 4), for looks.
     guides
         Points along each of the curves that guide its beams.
+    filters
+        The filters of its light, a `FilterChain`, or None.
     """
 
     number: int = 0
@@ -53,3 +55,4 @@ class Source:
     guides: tuple[Any, ...] = ()
     scattered_beams: bool = False
     endless: bool = True
+    filters: Any = None

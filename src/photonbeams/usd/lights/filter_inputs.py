@@ -1,0 +1,129 @@
+"""Inputs of light filters, which programs write into namespaces of their own: `inputs:ri:lightFilter:width`, say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...scene import Array, Color, SceneError
+from ..common.openusd import Usd, UsdGeom, UsdShade
+from ..common.reading import Reading
+
+#: Values at which an input that is not rendered has no effect.
+_NEUTRAL = {"combineMode": ("mult", "multiply"), "notes": None, "linkingGroups": None, "id": None,
+            "diffuse": 1, "specular": 1, "saturation": 1, "falloff": None, "colorRamp": None}  # fmt: skip
+_EDGES = ("left", "right", "bottom", "top", "back", "front")
+_NEUTRAL |= {f"{each}Edge": 1 for each in _EDGES}
+
+
+@dataclass
+class Inputs:
+    """The inputs of a filter by the last part of their names, and which of them were read.
+
+    Attributes
+    ----------
+    prim, shader
+        The filter, whose place is that of what it does, and the prim that has its inputs: itself or a shader of it.
+    """
+
+    reading: Reading
+    prim: Usd.Prim
+    shader: Usd.Prim
+    used: set[str] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, reading: Reading, prim: Usd.Prim) -> Inputs:
+        """Return the inputs of a filter, or of the shader that is connected to its first output that has one."""
+        for output in UsdShade.ConnectableAPI(prim).GetOutputs() if prim else ():
+            for source in output.GetConnectedSources()[0]:
+                return cls(reading, prim, source.source.GetPrim())
+        return cls(reading, prim, prim)
+
+    @property
+    def path(self) -> str:
+        """The filter's path."""
+        return str(self.prim.GetPath())
+
+    @property
+    def kind(self) -> str:
+        """The kind of the filter: its type or, for a filter or a shader of any kind, the name of its shader."""
+        for prim in (self.shader, self.prim):
+            names = ("lightFilter:shaderId", "info:id", "ri:lightFilter:shaderId")
+            found = [str(value) for name in names if (value := self.reading.value(prim, name))]
+            if found:
+                return found[0]
+        return str(self.prim.GetTypeName())
+
+    def name(self, *names: str) -> str:
+        """Return the full name of the first of these inputs that is authored, else that of the first."""
+        self.used.update(names)
+        authored = self.shader.GetAuthoredPropertyNames()
+        found = (each for name in names for each in authored if f":{each}".endswith(f":{name}"))
+        return next(found, f"inputs:{names[0]}")
+
+    def has(self, *names: str) -> bool:
+        """Return whether one of these inputs is authored."""
+        return self.shader.GetAttribute(self.name(*names)).HasAuthoredValue()
+
+    def number(self, *names: str, default: float, minimum: float = 0.0) -> float:
+        """Return a number, `minimum` or more."""
+        return self.reading.number(self.shader, self.name(*names), default, minimum=minimum)
+
+    def color(self, *names: str, default: Any) -> Color:
+        """Return a colour."""
+        return self.reading.color(self.shader, self.name(*names), default)
+
+    def flag(self, *names: str) -> bool:
+        """Return whether something is on; by default it is off."""
+        return self.reading.flag(self.shader, self.name(*names), False)
+
+    def token(self, *names: str, default: object) -> Any:
+        """Return a text, or a number that stands for one."""
+        return self.reading.value(self.shader, self.name(*names), default)
+
+    def array(self, *names: str, columns: int = 1) -> Array | None:
+        """Return numbers, (N, columns), or None."""
+        return self.reading.array(self.shader, self.name(*names), columns)
+
+    @property
+    def gain(self) -> Array:
+        """Intensity · 2^exposure · tint, (3,)."""
+        exposure = self.reading.number(self.shader, self.name("exposure"), 0.0, -100.0, 100.0)
+        return self.number("intensity", default=1.0) * 2.0**exposure * np.array(self.color("tint", default=(1, 1, 1)))
+
+    def fail(self, name: str, text: str) -> SceneError:
+        """Return an error about an input, for raising."""
+        return self.reading.fail(self.shader, self.name(name), text)
+
+    def warn(self, name: str, text: str) -> None:
+        """Warn about an input."""
+        self.reading.warn(self.shader, text, self.name(name))
+
+    def warn_of_others(self) -> None:
+        """Warn about inputs that were not read, unless their values have no effect."""
+        unread = []
+        for attribute in self.shader.GetAuthoredAttributes():
+            name, last = attribute.GetName(), attribute.GetName().rsplit(":", 1)[-1]
+            if not name.startswith("inputs:") or any(name.endswith(f":{each}") for each in self.used):
+                continue
+            neutral = _NEUTRAL.get(last, ...)
+            value = self.reading.value(self.shader, attribute.GetName())
+            if neutral is not None and value not in (neutral if isinstance(neutral, tuple) else (neutral,)):
+                unread.append(name)
+        if unread:
+            self.reading.warn(self.shader, f"has inputs that are not rendered: {', '.join(sorted(unread))}")
+
+    def frame(self) -> Array:
+        """Return the transform from the filter's space to the world, (4, 4)."""
+        if self.prim.IsA(UsdGeom.Xformable) or not self.prim.HasAttribute("xformOpOrder"):
+            return self.reading.to_world(self.prim)
+        # The types of other programs are not installed, so OpenUSD does not know that their prims have a place.
+        result, parent = np.eye(4), self.prim.GetParent()
+        for name in reversed(self.reading.value(self.prim, "xformOpOrder", ())):
+            if name == "!resetXformStack!":
+                return result
+            op = UsdGeom.XformOp(self.prim.GetAttribute(name.removeprefix("!invert!")), name.startswith("!invert!"))
+            result = self.reading.matrix(self.prim, op.GetOpTransform(self.reading.time)) @ result
+        return result if parent.IsPseudoRoot() else self.reading.to_world(parent) @ result
