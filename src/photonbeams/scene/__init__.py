@@ -29,6 +29,7 @@ from .checks import (
     shown,
     whole,
 )  # fmt: skip
+from .fog_density import FogDensity, FogNoise
 from .light import Light
 from .lights import (
     CylinderLight,
@@ -63,6 +64,8 @@ __all__ = [
     "DomeLight",
     "DrawnBeams",
     "FlatLight",
+    "FogDensity",
+    "FogNoise",
     "Gobo",
     "Light",
     "Material",

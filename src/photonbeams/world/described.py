@@ -87,6 +87,7 @@ def world_of_scene(
     description = description.bouncing() if sharp else description
     known: KeptParts | None = None if like is None else like.parts
     center, radius = description.bounds or bounding_sphere([description], viewpoints)
+    description = description.within((center, radius))
     meshes = _surfaces(description)
     host = scene_of(()) if like is None else like.host
     glass = tuple(each for each in meshes if sharp and is_glass(each.material) and each.closed)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...scene import Array, Color, DensityGrid, Medium, Mesh, SceneError
+from ...scene import Array, Color, DensityGrid, FogDensity, FogNoise, Medium, Mesh, SceneError
 from ...scene.checks import shown
 from ...world.media.medium_colors import BRIGHTEST, DARKEST, coefficients
 from ..common.definitions import MEDIUM, read_attribute
@@ -67,8 +67,26 @@ def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
         name=name,
         bounces=read_attribute(reading, prim, MEDIUM, "bounces"),
         lit_by_domes=volume or not own,
+        density=_density(reading, prim),
         **place,
     )
+
+
+def _density(reading: Reading, prim: Usd.Prim) -> FogDensity | None:
+    """Return how the density of fog varies, or None; that of a volume is its field's."""
+    falloff, ground = (read_attribute(reading, prim, MEDIUM, f"height:{name}") for name in ("falloff", "ground"))
+    amount = read_attribute(reading, prim, MEDIUM, "noise:amount")
+    if not (falloff or amount):
+        return None
+    if prim.IsA(UsdVol.Volume):
+        name = "photonbeams:height:falloff" if falloff else "photonbeams:noise:amount"
+        reading.warn(prim, "is not used: a Volume has the density of its field", name)
+        return None
+    noise = None
+    if amount:
+        names = ("scale", "octaves", "contrast", "drift", "evolution")
+        noise = FogNoise(amount, *(read_attribute(reading, prim, MEDIUM, f"noise:{name}") for name in names))
+    return FogDensity(falloff or None, ground, noise)
 
 
 def _filled(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh | None:
