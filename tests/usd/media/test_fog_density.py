@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from photonbeams import Shot
-from photonbeams.scene import FogDensity, FogNoise
+from photonbeams.scene import FogDensity, FogNoise, SceneError
+from photonbeams.usd.stage import read_scene
 
 API = '(prepend apiSchemas = ["PhotonBeamsMediumAPI"])'
 SHAPED = """
@@ -40,6 +41,34 @@ def test_a_volume_has_the_density_of_its_field(scene, caplog, tmp_path):
     }}""").media
     assert medium.density is None
     assert "/V.photonbeams:height:falloff is not used: a Volume has the density of its field" in caplog.text
+
+
+BOXED = """
+    def Xform "House" {
+        double3 xformOp:translate = (7, 0, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        def Cube "Room" {
+            float3 xformOp:scale = (2, 1, 1)
+            float3 xformOp:scale.timeSamples = { 1: (2, 1, 1), 2: (3, 1, 1) }
+            uniform token[] xformOpOrder = ["xformOp:scale"]
+        }
+        def SphereLight "Lamp" { double3 xformOp:translate = (0, 3, 0)
+            uniform token[] xformOpOrder = ["xformOp:translate"] }
+    }
+"""
+
+
+def test_fog_fills_the_box_around_prims(usd, scene):
+    fog = f'def Scope "F" {API} {{\n{SHAPED}rel photonbeams:box = %s\n}}{BOXED}'
+    for time, wide in ((1, 2), (2, 3)):
+        points = read_scene(usd(fog % "</House/Room>"), time).media[0].mesh.points
+        np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [(7 - wide, -1, -1), (7 + wide, 1, 1)])
+    found = scene(fog % "[</House/Room>, </House/Lamp>]").media[0].mesh
+    np.testing.assert_allclose(found.points.max(axis=0)[1], 3.5)
+    with pytest.raises(SceneError, match=r"/F.photonbeams:box names /No: expected a prim that is on the stage"):
+        scene(fog % "</No>")
+    with pytest.raises(SceneError, match=r"names no space for fog: the box around /F is empty"):
+        scene(fog % "</F>")
 
 
 @pytest.mark.parametrize("box", [True, False], ids=["box", "endless"])

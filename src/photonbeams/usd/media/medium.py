@@ -15,6 +15,7 @@ from ..common.openusd import Usd, UsdGeom, UsdLux, UsdVol
 from ..common.reading import Reading, has_photonbeams
 from ..geometry.meshes import is_closed, is_gprim, read_solid
 from ..materials.bound import bound_to
+from .boxes import box_around
 from .volume_shaders import VolumeEmission, VolumeShading, read_shading
 from .volumes import DENSITY, field_of, fields_of, read_density, read_field
 
@@ -90,7 +91,12 @@ def _density(reading: Reading, prim: Usd.Prim) -> FogDensity | None:
 
 
 def _filled(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh | None:
-    """Return the gprim that a medium fills, or None, with a warning if that is another than the prim's shape."""
+    """Return the box or gprim that a medium fills, or None, with a warning if that is another than the prim's shape."""
+    if boxed := [str(each.GetPath()) for each in reading.targets(prim, "photonbeams:box")]:
+        try:
+            return box_around(reading.stage, boxed, str(prim.GetPath()), reading.time)
+        except SceneError as error:
+            raise reading.fail(prim, "photonbeams:box", f"names no space for fog: {error}") from None
     if is_gprim(prim) and is_closed(reading, prim):
         return read_solid(reading, prim, to_world)
     if is_gprim(prim):
