@@ -252,6 +252,7 @@ def _following(
     following.direction = _chosen(interaction, Array3f(turned), scatter.direction, paths.direction)
     following.origin = dr.select(interaction.on_surface, scatter.origin, interaction.position)
     following.flux = paths.flux * interaction.weight * _chosen(interaction, rgb(weight), scatter.weight, Array3f(1))
+    following.flux = tracing.linked(paths, interaction.scatters, following.flux)
     passes = interaction.tinted | (interaction.on_surface & scatter.null)
     following.depth = paths.depth + dr.select(passes, 0, 1)
     following.medium = dr.select(interaction.on_surface, scatter.medium, paths.medium)

@@ -8,7 +8,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..runtime.device import Bool, Float, UInt32
+from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.world import World
 from .aiming import Openings
 from .segments.records import LightPaths
@@ -62,6 +62,12 @@ class Tracing:
         if self.bounces_by_source is None:
             return result
         return result & (depth <= dr.gather(UInt32, self.bounces_by_source, source))
+
+    def linked(self, paths: LightPaths, scattered: Bool, flux: Array3f) -> Array3f:
+        """Return flux, 0 where media scattered what came straight from a light whose link leaves them out."""
+        straight = scattered & (paths.depth == 0)
+        lit = self.world.lit(paths.medium, paths.source, straight)
+        return flux if lit is straight else dr.select(straight & ~lit, 0, flux)
 
     def escape(self, paths: LightPaths, reach: Float) -> Float:
         """Return the lengths of paths that meet nothing, at least `reach`."""

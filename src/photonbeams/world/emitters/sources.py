@@ -38,6 +38,8 @@ class Source:
         Transform from the light's own space to the world, (4, 4), for looks.
     guides
         Points along each of the curves that guide its beams.
+    unlit
+        Numbers of the media that its light passes unseen, straight from the emitter.
     """
 
     number: int = 0
@@ -52,4 +54,5 @@ class Source:
     to_world: Array | None = None
     guides: tuple[Any, ...] = ()
     scattered_beams: bool = False
+    unlit: frozenset[int] = frozenset()
     endless: bool = True
