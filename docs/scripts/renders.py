@@ -34,6 +34,7 @@ RENDERS = {
     ("dusty.usda", "--exposure", "1", *CLEAN): {
         "rgba": "attic-dusty", "surface": "attic-surface", "beams": "attic-beams",
     },
+    ("interior.usda", "--exposure", "1", *CLEAN): {"rgba": "attic-interior"},
     ("ribbon.usda", "--exposure", "3", *CLEAN): {"rgba": "ribbon"},
     ("filters.usda", "--exposure", "1", *CLEAN): {"rgba": "filters"},
     (KEYHOLE, *CLEAN): {"rgba": "keyhole", "beams": "keyhole-beams"},

@@ -51,6 +51,17 @@ def test_a_stage_is_written_with_a_fog_and_a_size(folder, call):
     assert sorted(Path("out").iterdir()) == [Path("out/twin"), Path("out/twin.xml")]
 
 
+def test_fog_that_falls_with_height_in_a_box_is_written(folder, call):
+    fog = ["--scattering", "0.5", "--fog-box", "0,0,0,4,4,4", "--fog-falloff", "2", "--fog-ground", "1"]
+    assert call("export", "stage.usda", "-o", "mist.xml", *fog, "-q")[0] == 0
+    (medium,) = (shape.interior_medium() for shape in mi.load_file("mist.xml").shapes() if shape.interior_medium())
+    place = mi.MediumInteraction3f()
+    for height in (0.5, 1.5, 3.9):
+        place.p = mi.Point3f(1, height, 2)
+        value = np.ravel(medium.get_scattering_coefficients(place)[0])
+        assert np.allclose(value, 0.5 * np.exp(-max(height - 1, 0) / 2), rtol=2e-4)
+
+
 def test_each_frame_is_a_file_with_the_camera_where_it_is_then(folder, call):
     code, _, said = call("export", "stage.usda", "-o", "twin.##.xml", "-f", "1:3x2", "-q")
     assert code == 0 and not said

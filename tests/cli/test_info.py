@@ -157,6 +157,15 @@ def test_why_a_picture_would_be_dark(tmp_path, capsys, text, reason):
     assert re.search(rf"^{reason}", found.partition("why it would be dark")[2], re.MULTILINE)
 
 
+def test_fog_that_varies_is_described_and_not_called_thick(tmp_path, capsys):
+    names = ("height:falloff = 2", "height:ground = 1", "noise:amount = 1", "noise:scale = 3")
+    fog = FOG.replace("}", "".join(f" float photonbeams:{name}\n" for name in names) + "}")
+    (tmp_path / "a.usda").write_text(f"#usda 1.0\n{CAMERA}{fog}{WALL}")
+    found = lines(capsys, tmp_path / "a.usda")
+    assert "falls to 1 / e over 2 above the height 1 and has wisps of up to 3 units" in found
+    assert not any("thick" in line for line in found)
+
+
 def test_lights_that_are_hidden_at_first_are_told(tmp_path, capsys):
     (tmp_path / "a.usda").write_text(
         """#usda 1.0

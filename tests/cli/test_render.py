@@ -48,6 +48,9 @@ def Material "Wood" {
     }
 }
 """
+CUBE = """def Cube "Cube" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
+}
+"""
 SMALL = ("--res", 32, 0, "--passes", 1, "--beams", 64)
 LAYERS = ["rgba", "surface", "beams", "transmittance", "depth"]
 
@@ -167,6 +170,25 @@ def test_fog_comes_from_flags_where_the_stage_has_none(render, stage, out):
     fails(render(path, "-o", out / "d.exr", "--beams-only-fog"), 2, "--beams-only-fog", "--scattering")
 
 
+def test_fog_of_a_box_by_flags_is_that_of_a_cube(render, stage, out):
+    """A box given by corners, and one around a prim, are those of a cube with the same attributes."""
+    varied = {"--fog-falloff": 0.5, "--fog-ground": -0.5, "--fog-noise": 0.5, "--fog-noise-scale": 0.7,
+              "--fog-drift": "1,0,0"}  # fmt: skip
+    flags = ("--scattering", 0.5, *(each for pair in varied.items() for each in pair))
+    names = ("height:falloff", "height:ground", "noise:amount", "noise:scale", "noise:drift")
+    values = (each if each != "1,0,0" else "(1, 0, 0)" for each in varied.values())
+    own = [f"/Cube.photonbeams:{name}={value}" for name, value in zip(names, values, strict=True)]
+    settings = [each for one in own for each in ("--set", one)]
+    bare, cube = stage(CAMERA, LAMP, FLOOR), write_stage(out / "cube.usda", CAMERA, LAMP, FLOOR, CUBE)
+    assert render(bare, "-o", out / "a.exr", *flags, "--fog-box", "-1,-1,-1,1,1,1")[0] == 0
+    assert render(cube, "-o", out / "b.exr", *settings, "--set", "/Cube.photonbeams:scattering=0.5")[0] == 0
+    a, b = (read_layers(out / f"{name}.exr") for name in "ab")
+    assert all(np.array_equal(a[name], b[name]) for name in a) and a["beams"].mean() > 0
+    fails(render(bare, "-o", out / "d.exr", *flags, "--fog-box", "/No"), 2, "--fog-box", "no prim /No")
+    fails(render(bare, "-o", out / "d.exr", "--scattering", 1, "--fog-ground", 1), 2, "--fog-ground", "--fog-falloff")
+    fails(render(bare, "-o", out / "d.exr", "--scattering", 1, "--fog-drift", "1,1,1"), 2, "--fog-drift", "--fog-noise")
+
+
 def test_a_fog_that_beams_alone_feel_by_flag_or_on_the_stage(render, stage, out):
     path = stage(CAMERA, LAMP, FLOOR, FOG)
     thick = ("--scattering", 0.3)
@@ -278,6 +300,9 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
         (("--threads", 10**6), ("--threads is 1000000",)),
         (("--scattering", "nan"), ("--scattering is nan", "one number, or three")),
         (("--scattering", "1,2"), ("--scattering is 1,2",)),
+        (("--fog-box", "1,2,3"), ("--fog-box is 1,2,3", "6 numbers separated by commas, or the path of a prim")),
+        (("--fog-box", "0,0,0,0,1,1"), ("--fog-box is 0,0,0,0,1,1", "the box is 0 0 0 to 0 1 1", "with a volume")),
+        (("--fog-drift", "1,nan,1"), ("--fog-drift is 1,nan,1", "3 numbers separated by commas")),
         (("--absorption", "-1"), ("--absorption is -1", "at least 0")),
         (("--anisotropy", 2), ("--anisotropy is 2", "-0.99 to 0.99")),
         (("--anisotropy", "nan"), ("--anisotropy is nan",)),

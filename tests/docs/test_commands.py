@@ -23,7 +23,7 @@ from photonbeams.cli import main
 from photonbeams.render import lights
 
 PAGES = {
-    "README.md": 5, "docs/guide.md": 17, "docs/stages.md": 13, "docs/beams.md": 6, "docs/examples.md": 19,
+    "README.md": 5, "docs/guide.md": 20, "docs/stages.md": 13, "docs/beams.md": 6, "docs/examples.md": 19,
     "docs/looks.md": 0, "docs/blender.md": 0,
     "docs/mitsuba.md": 5, "docs/matrix.md": 0, "docs/theory.md": 0, "docs/dependencies.md": 0,
     "docs/architecture.md": 0, "docs/farm.md": 6, "docs/scale.md": 0, "docs/studio.md": 0, "docs/install.md": 1,

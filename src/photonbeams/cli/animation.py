@@ -114,7 +114,7 @@ def opened_frames(
     layers, selection = content.layers, content.selection.selection()
     stage = open_stage(scene, layers.session_layer or (), layers.overrides or (), selection=selection)
     check_frames(stage, [each for each in numbers if each is not None])
-    shot = Shot(stage, camera, medium=content.fog.over, **programs)
+    shot = Shot(stage, camera, medium=content.fog.on(stage), **programs)
     return shot, tasks_of(shot, numbers, [target], ())
 
 

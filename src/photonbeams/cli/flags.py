@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from inspect import Parameter
 from math import isfinite
@@ -16,12 +16,12 @@ from ..constants import MOST_PIXELS
 from ..render.settings import depth_of, flags
 from ..setting import Setting
 from .groups import Flags, checked, option
+from .options.fog import FogFlags
 from .programs import load_function
 
 if TYPE_CHECKING:
     from ..quadrature import Rule
     from ..render.settings import Settings
-    from ..scene import Color, Medium
     from ..usd.cameras.stereo import Stereo
     from ..usd.common.selection import Selection
 
@@ -198,42 +198,6 @@ class SelectionFlags(Flags):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FogFlags(Flags):
-    """The fog that the flags describe; None where they leave a value to the stage's fog."""
-
-    scattering: str | None = option(
-        None, "Scattering of the fog per scene unit: adds a fog, or changes the stage's.", metavar="S|R,G,B"
-    )
-    absorption: str | None = option(None, "Absorption of the fog per scene unit.", metavar="S|R,G,B")
-    anisotropy: float | None = option(
-        None, "Anisotropy of the fog: its mean cosine, -0.99 to 0.99.", least=-0.99, most=0.99
-    )
-
-    def __post_init__(self) -> None:
-        self._given()
-
-    def _given(self) -> dict[str, Any]:
-        """Return the fields of a medium that flags set; raise BadParameter where a colour is not valid."""
-        colors = {name: parse_color(f"--{name}", getattr(self, name)) for name in ("scattering", "absorption")}
-        given = {**colors, "anisotropy": self.anisotropy}
-        return {name: value for name, value in given.items() if value is not None}
-
-    def over(self, own: Medium | None) -> Medium | None:
-        """Return this fog, with missing values taken from the stage's `own`."""
-        given = self._given()
-        if not given:
-            return own
-        from ..scene import BLACK, Medium
-
-        if own is None and self.scattering is None:
-            raise typer.BadParameter(
-                "--absorption, --anisotropy and --beams-only-fog change a fog, but the stage has none: "
-                "expected --scattering, too"
-            )
-        return replace(own or Medium(scattering=BLACK), **given)
-
-
-@dataclass(frozen=True, kw_only=True)
 class ContentFlags(Flags):
     """What is read of a stage for a file of another kind, and what is printed."""
 
@@ -242,19 +206,6 @@ class ContentFlags(Flags):
     layers: LayerFlags
     selection: SelectionFlags
     shown: MessageFlags
-
-
-def parse_color(flag: str, text: str | None) -> Color | None:
-    """Return the colour that a flag gives as one number, or as three separated by commas."""
-    if text is None:
-        return None
-    from ..scene import color
-
-    try:
-        return color([float(part) for part in text.split(",")], flag)
-    except ValueError:  # a SceneError is one, too
-        expected = "one number, or three separated by commas, finite and at least 0"
-        raise typer.BadParameter(f"{flag} is {text}: expected {expected}") from None
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from .flags import (
     CropOption,
     DeviceFlags,
     EyeFlags,
-    FogFlags,
     LayerFlags,
     MessageFlags,
     PassFlags,
@@ -27,6 +26,7 @@ from .flags import (
     check_crop,
 )  # fmt: skip
 from .groups import Flags, option
+from .options.fog import FogFlags
 from .outputs import Output, PictureExposure, parse_outputs, part_outputs
 
 if TYPE_CHECKING:

@@ -56,8 +56,9 @@ def opened(
     check()
     own = _render_settings(request, stage, path, warnings)
     shot = Shot(
-        stage, camera or own.camera, medium=request.stage.fog.over, stereo=stereo, **request.stage.programs.loaded(),
+        stage, camera or own.camera, medium=request.stage.fog.on(stage), stereo=stereo,
         looks=load_looks("--look", request.looks.look or ()), strict=request.stage.strict,
+        **request.stage.programs.loaded(),
     )  # fmt: skip
     return shot, own
 

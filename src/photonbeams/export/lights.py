@@ -288,7 +288,9 @@ def _warn(twin: Twin, light: scene.Light, endless: bool) -> None:
         f"{own}enabled is off, but in Mitsuba its light is scattered by fog": off,
         f"inputs:diffuse is {light.surface_scale:g}, but in Mitsuba it is 1": light.surface_scale != 1,
         "inputs:shadow:distance is left out: Mitsuba's shadows have no end": light.shadow_distance < np.inf,
-        "collection:lightLink is left out: in Mitsuba the light shines on everything": bool(light.unlit),
+        "collection:lightLink is left out: in Mitsuba the light shines on everything": any(
+            (light.unlit, light.unlit_media)
+        ),
         "collection:shadowLink is left out: in Mitsuba all surfaces block the light": bool(light.unshadowed),
     }  # fmt: skip
     if isinstance(light, scene.DistantLight) and light.gobo is not None:

@@ -19,6 +19,7 @@ from ..runtime.device import helping_thread, mitsuba
 from ..scene import Array
 from ..world.bounds import bounding_sphere
 from ..world.cameras.cameras import Window
+from ..world.media.densities import density_grid
 from ..world.surfaces.shapes import bsdf_of, cut_out, emitter_of, glows, shape_of
 
 if TYPE_CHECKING:
@@ -79,8 +80,9 @@ def twin_of(content: scene.Scene, camera: scene.Camera, window: Window, folder: 
     twin = Twin(folder)
     twin.parts["integrator"] = {"type": "photon_beams", "method": "beams", "max_depth": 2 + content.bounces}
     eye = np.asarray(camera.to_world, dtype=np.float64)[:3, 3]
-    media = TwinMedia(twin, content)
     center, radius = content.bounds or bounding_sphere([content], [eye])
+    content = content.within((center, radius))
+    media = TwinMedia(twin, content)
     reach = float(np.linalg.norm(eye - center)) + radius
     twin.parts[twin.id_of(camera.name)] = {
         **sensor_of(camera, window, reach), **media.named("medium", media.at(eye)),
@@ -269,12 +271,13 @@ def _medium_of(twin: Twin, medium: scene.Medium, name: str) -> dict[str, Any]:
         shared["albedo"] = _grid_of(twin, f"{name}-albedo", factors, medium.scattering_color)
     if medium.emission is not None:
         twin.lost.append(f"{medium.name} emits light, but Mitsuba's media cannot: its emission is left out")
-    if medium.grid is None:
+    grid = medium.grid or density_grid(medium)
+    if grid is None:
         return {"type": "homogeneous", "sigma_t": rgb(extinction / peak), **shared}
-    values = medium.grid.values[..., None] if medium.grid.values.ndim == 3 else medium.grid.values
+    values = grid.values[..., None] if grid.values.ndim == 3 else grid.values
     if values.shape[3] > 1 or np.ptp(extinction) > 0:
         values = values * (extinction / peak)
-    return {"type": "heterogeneous", "sigma_t": _grid_of(twin, name, values, medium.grid), **shared}
+    return {"type": "heterogeneous", "sigma_t": _grid_of(twin, name, values, grid), **shared}
 
 
 def _grid_of(twin: Twin, name: str, values: Array, place: scene.DensityGrid) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from .checks import (
     whole,
 )  # fmt: skip
 from .filters import Blocker, DistanceRamp, LightFilter
+from .fog_density import FogDensity, FogNoise
 from .light import Light
 from .lights import (
     CylinderLight,
@@ -66,6 +67,8 @@ __all__ = [
     "DomeLight",
     "DrawnBeams",
     "FlatLight",
+    "FogDensity",
+    "FogNoise",
     "Gobo",
     "Light",
     "LightFilter",

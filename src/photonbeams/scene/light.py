@@ -54,6 +54,8 @@ class Light(BeamSettings):
         light's size, and mirrored where the light is. Default: the identity.
     unlit, unshadowed
         Names of meshes that the light does not shine on, and of meshes that block neither it nor its beams.
+    unlit_media
+        Names of media that the light passes unseen: they dim it, but scatter nothing of what comes straight from it.
     guides
         Points (M, 3) along each of the curves that lead the light's beams: see `beams.guides`.
 
@@ -81,6 +83,7 @@ class Light(BeamSettings):
     frame: Array = field(default_factory=lambda: np.eye(4))
     unlit: frozenset[str] = frozenset()
     unshadowed: frozenset[str] = frozenset()
+    unlit_media: frozenset[str] = frozenset()
     guides: tuple[Array, ...] = ()
 
     @property

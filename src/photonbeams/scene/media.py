@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import BLACK, Array, Color, ColorLike, SceneError, color, number, whole
+from .checks import BLACK, Array, Color, ColorLike, SceneError, color, number, shown, whole
+from .fog_density import FogDensity
 from .surfaces import Mesh
-
-# The unit cube; its faces wind around the outward normals.
-_CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=np.float64)
-_FACES = np.array(
-    [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6],
-     [1, 3, 5], [3, 7, 5]]
-)  # fmt: skip
-
 
 # Mean free paths across a medium on a grid, at its greatest extinction. Paths take a step for each of them, also where
 # the grid is empty; dense clouds have a thousand.
 _MOST_DEPTH = 1e4
+
+
+# Falloffs above the ground at which fog ends: there it has 1e-6 of its density.
+_THINNEST = 14.0
 
 
 def check_depth(extinction: float, to_world: Array, name: str) -> None:
@@ -108,14 +105,17 @@ class Medium:
         None, no emission.
     lit_by_domes
         Whether dome lights that make no beams light the medium: see `scene.DomeLight.lights_media`. Default: False.
+    density
+        A factor on the coefficients that falls with height, or has wisps: a `scene.FogDensity`. A medium without a
+        mesh then ends at a box around the scene. Default: None, 1 everywhere.
 
     Raises
     ------
     SceneError
         If a coefficient is negative, not finite, or neither one number nor three; if the anisotropy is beyond ±0.99; if
-        the number of bounces is negative; if there are both a mesh and a grid; if there are colours or emission without
-        a grid, or a colour of emission on one; if an endless medium emits what it does not absorb or scatter; or if
-        numbers have gradients enabled: use `looks.Fog` for those.
+        the number of bounces is negative; if there is a grid and a mesh or a density, too; if there are colours or
+        emission without a grid, or a colour of emission on one; if an endless medium emits what it does not absorb or
+        scatter; or if numbers have gradients enabled: use `looks.Fog` for those.
 
     Notes
     -----
@@ -145,6 +145,7 @@ class Medium:
     scattering_color: DensityGrid | None = None
     emission: Color | DensityGrid | None = None
     lit_by_domes: bool = False
+    density: FogDensity | None = None
 
     if TYPE_CHECKING:  # the generated one would take only what the fields hold
 
@@ -161,6 +162,7 @@ class Medium:
             scattering_color: DensityGrid | None = None,
             emission: ColorLike | DensityGrid | None = None,
             lit_by_domes: bool = False,
+            density: FogDensity | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -171,6 +173,10 @@ class Medium:
             number(whole(self.bounces, "bounces"), "bounces", 0)
         if self.mesh is not None and self.grid is not None:
             raise SceneError(f"medium {self.name}: has a mesh and a grid: expected one of them")
+        if self.density is not None and not isinstance(self.density, FogDensity):
+            raise SceneError(f"density is {shown(self.density)}: expected a FogDensity, or None")
+        if self.density is not None and self.grid is not None:
+            raise SceneError(f"medium {self.name}: has a grid and a density: expected one of them")
         if self.grid is not None:
             check_depth(max(self.extinction) * float(self.grid.values.max()), self.grid.to_world, f"medium {self.name}")
         if self.grid is None and (self.scattering_color is not None or isinstance(self.emission, DensityGrid)):
@@ -206,4 +212,29 @@ class Medium:
             return self.mesh.outward()
         if self.grid is None:
             return None
-        return Mesh(self.name, _CORNERS @ self.grid.to_world[:3, :3].T + self.grid.to_world[:3, 3], _FACES).outward()
+        return Mesh.box(self.name, to_world=self.grid.to_world).outward()
+
+    @property
+    def varies(self) -> bool:
+        """Whether the medium has a density that is not the same everywhere."""
+        return self.density is not None and not self.density.even
+
+    def at(self, up: str, seconds: float) -> Medium:
+        """Return the medium whose density has an axis `up`, and a time in `seconds`, where it had none."""
+        density = None if self.density is None else self.density.at(up, seconds)
+        return self if density is self.density else replace(self, density=density)
+
+    def within(self, center: Array, radius: float) -> Medium:
+        """Return the medium; one of the whole space whose density varies gets a box around a sphere.
+
+        The sphere has a `center` (3,) and a `radius`.
+        """
+        if self.bounded or not self.varies:
+            return self
+        assert self.density is not None
+        low, high = (np.asarray(center, dtype=np.float64) + sign * radius for sign in (-1, 1))
+        axis, falloff = self.density.axis, self.density.falloff
+        if falloff is not None:  # there is no more of it above, and paths need not look for it there
+            top = max(self.density.ground, low[axis]) + _THINNEST * falloff
+            high[axis] = min(high[axis], top)
+        return replace(self, mesh=Mesh.box(f"{self.name} fog", low, high))

@@ -69,6 +69,12 @@ class Scene:
                     raise SceneError(f"{name} hold a {type(part).__name__}: expected each to be a {kind.__name__}")
             object.__setattr__(self, name, parts)
 
+    def within(self, bounds: tuple[Array, float]) -> Scene:
+        """Return the scene with `bounds`, a centre (3,) and a radius, at which fog that varies ends."""
+        media = tuple(each.within(*bounds) for each in self.media)
+        known = all(a is b for a, b in zip(media, self.media, strict=True))
+        return replace(self, bounds=bounds, media=self.media if known else media)
+
     @property
     def medium(self) -> Medium | None:
         """The first homogeneous medium, or None if there is none."""

@@ -6,9 +6,17 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .checks import BLACK, WHITE, Array, Color, SceneError
 from .vectors import Plane, plane_of
+
+# The unit cube; its faces wind around the outward normals.
+_CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=np.float64)
+_FACES = np.array(
+    [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6],
+     [1, 3, 5], [3, 7, 5]]
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -200,6 +208,23 @@ class Mesh:
         if len(wrong):
             text = f"expected 0 to {len(self.points) - 1}"
             raise SceneError(f"mesh {self.name}: faces name the point {wrong[0]}: {text}")
+
+    @classmethod
+    def box(
+        cls, name: str, low: ArrayLike = (0, 0, 0), high: ArrayLike = (1, 1, 1), to_world: Array | None = None
+    ) -> Mesh:  # fmt: skip
+        """Return a box called `name` from `low` to `high`, (3,) each, under a (4, 4) transform for columns, `to_world`.
+
+        Examples
+        --------
+        >>> mist = pb.Medium(scattering=0.1, mesh=pb.scene.Mesh.box("/Mist", (-2, 0, -2), (2, 3, 2)))
+        >>> mist.mesh.volume
+        48.0
+        """
+        first, second = (np.asarray(each, dtype=np.float64) for each in (low, high))
+        points = first + _CORNERS * (second - first)
+        matrix = np.eye(4) if to_world is None else np.asarray(to_world)
+        return cls(name, points @ matrix[:3, :3].T + matrix[:3, 3], _FACES)
 
     @property
     def area(self) -> float:

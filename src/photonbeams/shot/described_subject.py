@@ -45,6 +45,8 @@ class DescribedSubject(Subject):
 
     #: Time codes in a second.
     rate = 1.0
+    #: The axis along which fog falls with height.
+    up = "Y"
 
     def __init__(
         self, medium: scene.Medium | MediumOverride | None, simulate: Modifier | None, emit: Emitter | None,
@@ -105,7 +107,8 @@ class DescribedSubject(Subject):
 
     def _with_arguments(self, content: scene.Scene, frame: float | None) -> scene.Scene:
         """Return a scene with the medium and the beams that were given in Python."""
-        content = replace(content, media=self._media(content))
+        media = (each.at(self.up, self.number(frame) / self.rate) for each in self._media(content))
+        content = replace(content, media=tuple(media))
         if self.emit is None:
             return content
         from ..beams.programs import PassContext, emitted
@@ -296,7 +299,7 @@ class BuiltSubject(DescribedSubject):
             cameras = tuple(replace(each, lens_radius=0.0) for each in cameras)
         content, _ = self.read(viewpoint, frame, None)
         eyes = [np.asarray(each.to_world)[:3, 3] for each in cameras]
-        content = replace(content, bounds=content.bounds or bounding_sphere([content], eyes))
+        content = content.within(content.bounds or bounding_sphere([content], eyes))
         number = self.number(frame)
         return Exposure(lambda _: content, lambda _: cameras, number, number)
 

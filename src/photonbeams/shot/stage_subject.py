@@ -102,6 +102,11 @@ class StageSubject(DescribedSubject):
         """Time codes in a second."""
         return float(self.stage.GetTimeCodesPerSecond())
 
+    @property
+    def up(self) -> str:  # type: ignore[override]
+        """The name of the stage's up axis, "Y" or "Z"."""
+        return stages.up_axis_name(self.stage)
+
     def check_viewpoint(self, viewpoint: Viewpoint) -> None:
         """Raise SceneError for a camera that is no name."""
         if not (viewpoint.camera is None or isinstance(viewpoint.camera, str)):
@@ -130,7 +135,7 @@ class StageSubject(DescribedSubject):
 
         def read(code: float) -> scene.Scene:
             content, _ = self.read(viewpoint, None, None) if time.IsDefault() else self.read(viewpoint, code, base)
-            return replace(content, bounds=self._bounds(viewpoint, content))
+            return content.within(self._bounds(viewpoint, content))
 
         def cameras(code: float) -> tuple[scene.Camera, ...]:
             found = self.cameras(viewpoint, None if time.IsDefault() else code)

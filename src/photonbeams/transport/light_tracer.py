@@ -271,6 +271,8 @@ class LightTracer:
 
     def _shown(self, source: Source, medium: RenderedMedium) -> bool:
         """Return whether beams of a source in a medium are wanted; a look may show them even if the medium does not."""
+        if medium.number in source.unlit and not self.tuning.scatters:
+            return False
         return max(medium.medium.scattering) > 0 or (self.named and not (self.tuning.visible and source.look is None))
 
     def _both_limits(self, number: int, medium: RenderedMedium) -> tuple[Limits, Limits]:

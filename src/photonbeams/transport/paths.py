@@ -256,6 +256,7 @@ def _following(
     following.origin = dr.select(interaction.on_surface, scatter.origin, interaction.position)
     arriving = dr.select(passes, unfiltered, interaction.weight)
     following.flux = paths.flux * arriving * _chosen(interaction, rgb(weight), scatter.weight, Array3f(1))
+    following.flux = tracing.linked(paths, interaction.scatters, following.flux)
     following.depth = paths.depth + dr.select(passes, 0, 1)
     following.medium = dr.select(interaction.on_surface, scatter.medium, paths.medium)
     enters = interaction.on_surface & (following.medium != paths.medium)

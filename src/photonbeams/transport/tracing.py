@@ -74,6 +74,12 @@ class Tracing:
         away = paths.offset + distance
         return filters.factor(paths.source, position, -paths.direction, away, seed, paths.straight)
 
+    def linked(self, paths: LightPaths, scattered: Bool, flux: Array3f) -> Array3f:
+        """Return flux, 0 where media scattered what came straight from a light whose link leaves them out."""
+        straight = scattered & (paths.depth == 0)
+        lit = self.world.lit(paths.medium, paths.source, straight)
+        return flux if lit is straight else dr.select(straight & ~lit, 0, flux)
+
     def escape(self, paths: LightPaths, reach: Float) -> Float:
         """Return the lengths of paths that meet nothing, at least `reach`."""
         return reach if self.endless is None else dr.maximum(reach, dr.gather(Float, self.endless, paths.source))

@@ -133,7 +133,7 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
         text = "glows, but lights nothing: only the {} brightest surfaces that glow light others where light bounces"
         glowing = [replace(light, emits_beams=False) for _, light in _lamps_that_glow(reading, contents, text)]
     _keep_one_filling(reading, contents)
-    media = [prim for prim, _ in contents.media]
+    media = [medium.name for _, medium in contents.media]
 
     def with_links(prim: Usd.Prim, light: Light) -> Light:
         read = partial(linked, reading, light, prim, contents.meshes, media)

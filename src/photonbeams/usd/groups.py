@@ -106,5 +106,5 @@ def _makers(root: Usd.Prim, instancer: _Maker | None = None) -> Iterator[_Maker]
 def _makes_beams(reading: Reading, prim: Usd.Prim, media: Sequence[Usd.Prim]) -> bool:
     if is_light(prim):
         makes = makes_beams(reading, prim) or (is_sky(prim) and any(is_lit_by_domes(reading, each) for each in media))
-        return makes and lights_media(reading, prim, media)
+        return makes and lights_media(reading, prim, [str(each.GetPath()) for each in media])
     return bool(prim.GetAttribute("points").HasAuthoredValue())

@@ -44,6 +44,7 @@ __all__ = [
     "read_scene",
     "sample_times",
     "up_axis",
+    "up_axis_name",
     "with_looks",
 ]
 
@@ -115,7 +116,12 @@ def check_stage(stage: object) -> None:
 
 def up_axis(stage: Usd.Stage) -> Array:
     """Return the stage's up axis, (3,), of unit length: +y or +z."""
-    return np.array([0.0, 0.0, 1.0] if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else [0.0, 1.0, 0.0])
+    return np.array([0.0, 0.0, 1.0] if up_axis_name(stage) == "Z" else [0.0, 1.0, 0.0])
+
+
+def up_axis_name(stage: Usd.Stage) -> str:
+    """Return the name of the stage's up axis, "Y" or "Z"."""
+    return str(UsdGeom.GetStageUpAxis(stage))
 
 
 def listener(stage: Usd.Stage, changed: Callable[[Usd.Notice.ObjectsChanged, Usd.Stage], None]) -> Tf.Notice.Listener:

@@ -88,6 +88,7 @@ def world_of_scene(
     description = description.bouncing() if sharp else description
     known: KeptParts | None = None if like is None else like.parts
     center, radius = description.bounds or bounding_sphere([description], viewpoints)
+    description = description.within((center, radius))
     meshes = _surfaces(description)
     host = scene_of(()) if like is None else like.host
     glass = tuple(each for each in meshes if sharp and is_glass(each.material) and each.closed)
@@ -108,7 +109,7 @@ def world_of_scene(
     sky = {id(light) for light in description.sky}
     endless = [each for each in content.media.all if each.number not in content.boxes]
     world = World(
-        plugin, surfaces, content.around, host, content.media, emitters, _sources(description, emitters),
+        plugin, surfaces, content.around, host, content.media, emitters, _sources(description, emitters, numbers),
         Bounds(center, radius), radius, extent=radius, endless=endless_length(radius, endless),
         parts=KeptParts(description, groups, shapes, content, glass, sharp),
         nested=bool(content.boundaries or content.outside),
@@ -187,21 +188,26 @@ def _media(
     return BoundedMedia.of(description.media, host, glass, {id(each): own.plugin for each, own in built})
 
 
-def _sources(description: scene.Scene, emitters: Sequence[Emitter]) -> tuple[Source, ...]:
+def _sources(
+    description: scene.Scene, emitters: Sequence[Emitter], numbers: Mapping[str, int]
+) -> tuple[Source, ...]:  # fmt: skip
     """Return what the beams of each light have in common."""
     media = [each.bounces for each in description.media if each.bounces is not None]
     usual = max(media) if media else None
     return tuple(
-        _source(number, light, each.lamp, usual)
+        _source(number, light, each.lamp, usual, numbers)
         for number, (light, each) in enumerate(zip(description.lights, emitters, strict=True))
     )
 
 
-def _source(number: int, light: scene.Light, lamp: Lamp, bounces: int | None) -> Source:
+def _source(
+    number: int, light: scene.Light, lamp: Lamp, bounces: int | None, media: Mapping[str, int]
+) -> Source:  # fmt: skip
     return Source(
         number, light.name, light.group, light.look, light.emits_beams, light.beam_scale, light.scattered,
         light.lights_surfaces, bounces if light.bounces is None else light.bounces, light.frame, light.guides,
-        light.lights_media, endless=not (light.guides or lamp.infinite), filters=lamp.filters,
+        light.lights_media, frozenset(own for name, own in media.items() if name in light.unlit_media),
+        endless=not (light.guides or lamp.infinite), filters=lamp.filters,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import opaque
+from ..numerics.arrays import opaque, to_uint
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import ESCAPE, DrawnBeams
 from .bounds import Bounds, Box
@@ -178,6 +178,21 @@ class World:
     def sharp(self) -> bool:
         """Whether camera paths may continue somewhere: at a boundary of media, a mirror or glass."""
         return self.mirrors or bool(self.boundaries)
+
+    @cached_property
+    def _lit_media(self) -> Any:
+        """Whether sources light media: a row of numbers for each source; None if each of them lights all."""
+        if not any(each.unlit for each in self.sources):
+            return None
+        size = 1 + max(each.number for each in self.media.all)
+        return size, to_uint([int(each not in own.unlit) for own in self.sources for each in range(size)])
+
+    def lit(self, medium: UInt32, source: UInt32, active: Bool) -> Bool:
+        """Return which of the active points, in media, the light straight from sources lights."""
+        if self._lit_media is None:
+            return active
+        size, table = self._lit_media
+        return active & (dr.gather(UInt32, table, source * dr.opaque(UInt32, size) + medium, active) > 0)
 
     def radius_of(self, medium: RenderedMedium) -> float:
         """Return the radius of a medium, at most that of the region with everything in it."""

@@ -91,4 +91,4 @@ def test_the_shadow_link_has_no_say_about_the_fog(light):
 
 def test_a_light_that_leaves_out_the_fog_makes_no_beams(light):
     found = light("rel collection:lightLink:excludes = </Fog>")
-    assert (found.unlit, found.emits_beams) == (frozenset(), False)
+    assert (found.unlit, found.unlit_media, found.emits_beams) == (frozenset(), {"/Fog"}, False)

@@ -79,7 +79,7 @@ def _of_fog(stage: Usd.Stage, survey: Survey) -> Iterator[Reason]:
         named = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
         yield "there is no fog, so no shaft shows", f"--scattering {suits}"
         yield "", f"or, for good: photonbeams dress {quote(str(named))} -o {quote(f'{path.stem}_beams.usda')}"
-    elif medium is not None and medium.mesh is None:
+    elif medium is not None and medium.mesh is None and not medium.varies:
         depth = float(np.mean(medium.extinction)) * survey.distance
         what = _set(medium.name, "photonbeams:scattering", suits) if medium.name else f"--scattering {suits}"
         if max(medium.scattering) == 0:

@@ -17,7 +17,7 @@ from .words import percent, triple, units
 if TYPE_CHECKING:
     from pxr import Usd
 
-    from ...scene import Camera, Light, Medium, Mesh, Scene
+    from ...scene import Camera, FogDensity, Light, Medium, Mesh, Scene
     from ...shot.survey import Survey
 
 #: Columns, or None without a header; and rows.
@@ -110,13 +110,22 @@ def _fog_rows(medium: Medium, survey: Survey, meters: float) -> Iterator[tuple[s
     yield "fog", f"scattering {triple(medium.scattering)}, absorption {triple(medium.absorption)} per unit"
     dims = "" if medium.surfaces else ", leaves surfaces as they are"
     yield "", f"anisotropy {medium.anisotropy:g}, fills {place}{dims}"
+    if medium.varies and medium.density is not None:
+        yield "", " and ".join(_variations(medium.density))
     extinction = np.maximum(medium.extinction, 1e-30)
     half = np.log(2) / extinction
     yield "", f"half of a shaft's light is left after {_lengths(half, meters)} of it"
-    if survey.cameras and medium.mesh is None:
+    if survey.cameras and medium.mesh is None and not medium.varies:
         left = np.exp(-extinction * survey.distance)
         seen = f"of what {next(iter(survey.cameras))} sees, about {units(survey.distance, meters)} away"
         yield "", f"{seen}, {' '.join(dict.fromkeys(map(percent, left)))} of the light is left"
+
+
+def _variations(density: FogDensity) -> Iterator[str]:
+    if density.falloff is not None:
+        yield f"falls to 1 / e over {density.falloff:g} above the height {density.ground:g}"
+    if density.noise is not None:
+        yield f"has wisps of up to {density.noise.scale:g} units"
 
 
 def _lengths(values: Iterable[float], meters: float) -> str:

@@ -43,6 +43,7 @@ class SingleScattering:
         self._world = world.feeling_all()
         self._samples, self._max_depth = samples, max_depth
         self._lights = [world.emitters[each].beams for each in world.sky]
+        self._sources = [world.emitters[each].source for each in world.sky]
         self._groups = [each.group for each in self._lights]
         self.radiance: dict[str, Any] = {group: dr.zeros(Array3f, count) for group in self._groups}
 
@@ -76,7 +77,7 @@ class SingleScattering:
             points = _ScatteringPoints(world, point, place, paths.direction, lit, links)
             incident = scattered(world, points, lamp, (UInt32(Stream.DOME), UInt32(number)))
             value = weight * incident * dr.opaque(Float, light.beam_scale)
-            value = dr.select(lit, value, 0)
+            value = dr.select(self._world.lit(paths.medium, dr.opaque(UInt32, self._sources[number]), lit), value, 0)
             dr.eval(value)
             add_to_pixels(self.radiance[light.group], value, paths.pixel, paths.branch, lit)
 

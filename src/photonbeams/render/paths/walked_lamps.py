@@ -63,6 +63,7 @@ class WalkedLamps:
         self._bounces = None
         if chosen.bounces is not None:
             self._bounces = to_uint(padded([chosen.bounces[place] for place in order]))
+        self._sources = to_uint(padded([world.emitters[numbers[place]].source for place in order]))
         self._size, self.groups = len(numbers), chosen.groups(world)
         self._group_of = self.groups.table([world.emitters[numbers[place]].beams.group for place in order])
         emitters = [world.emitters[each] for each in numbers if each not in chosen.sharp]
@@ -79,6 +80,9 @@ class WalkedLamps:
         chosen, probability = self._choice.sample_pmf(mi.Float(which), active)
         number, aim = UInt32(chosen), samples.pair(walk.order, Stream.PATH_EMITTER, *name)
         active = self._within(walk.bounces + 1, number, active)
+        if (linked := self._linked(number, walk.medium, active & inside)) is not None:
+            # A lamp that is none, for which `met` finds no light either.
+            number = dr.select(inside & ~linked, dr.opaque(UInt32, self._size), number)
         lit: Any = Bool(False)
         found: Any = (Array3f(0, 0, 1), Float(0), Float(0), Array3f(0), Float(0))
         for group in self._groups:
@@ -92,6 +96,11 @@ class WalkedLamps:
         radiance = radiance * dr.rcp(dr.maximum(Float(probability), 1e-30))
         connected, named = self._is_connected(number, lit), gathered_group(self._group_of, number)
         return EmitterSample(lit, connected, direction, distance, over, radiance, pdf, number, named)
+
+    def _linked(self, number: UInt32, medium: UInt32, active: Bool) -> Bool | None:
+        """Return which of these lamps light the active points in media; None if all do."""
+        lit = self.world.lit(medium, dr.gather(UInt32, self._sources, number, active), active)
+        return None if lit is active else lit
 
     def _is_connected(self, number: UInt32, active: Bool) -> Bool:
         return Bool(False) if self._connected is None else dr.gather(UInt32, self._connected, number, active) > 0

@@ -96,7 +96,8 @@ class Cutting:
         """Return which segments belong to the emitter and lie in the medium."""
         inside = segments.medium == dr.opaque(UInt32, self.medium.number)
         mine = inside & (segments.source == dr.opaque(UInt32, self.source.number))
-        return mine if self.source.beams else mine & (segments.depth > 0)
+        straight = self.source.beams and self.medium.number not in self.source.unlit
+        return mine if straight else mine & (segments.depth > 0)
 
     def fitted(self, world: World, segments: Segments) -> Segments:
         """Return segments fitted into the medium: narrower or reflected, with flux corrected for what lies outside."""

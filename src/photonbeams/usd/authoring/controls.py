@@ -113,7 +113,7 @@ def _controls(
                 yield _control(reading, prim, own, "Light")
     for name, own in definitions(_SCHEMAS[kind]).items():
         slot, _, rest = name.removeprefix(PREFIX).partition(":")
-        section = slot.capitalize() if kind == "look" and rest else _SECTIONS[kind]
+        section = slot.capitalize() if kind != "light" and rest else _SECTIONS[kind]
         if own.kind == "paths":
             yield _paths(prim, own, section, looks)
         elif name.endswith(":ramp:knots"):
@@ -188,7 +188,7 @@ def _slider(own: Definition, value: object) -> tuple[float, float]:
 def _label(name: str) -> str:
     """Return a label for people: "inputs:shaping:cone:angle" is "Shaping cone angle"."""
     words = [word for word in name.split(":") if word not in ("inputs", "photonbeams")]
-    if words[0] in ("along", "across", "eye", "angle", "noise") and len(words) > 1:
+    if words[0] in ("along", "across", "eye", "angle", "noise", "height") and len(words) > 1:
         words = words[1:]
     spaced = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in " ".join(words))
     return spaced.strip().capitalize()

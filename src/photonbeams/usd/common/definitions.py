@@ -140,6 +140,8 @@ class Definition:
     def _list(self, reading: Reading, prim: Usd.Prim) -> tuple[Any, ...]:
         """Return numbers, or colours, which are 0 or more."""
         values = reading.array(prim, self.name, self.columns)
+        if values is None and self.length is not None:  # without the schema a prim has no fallback
+            return tuple(self.default)
         count = 0 if values is None else len(values)
         if self.length is not None and count != self.length:
             raise reading.fail(prim, self.name, f"has {count} values: expected {self.length}")

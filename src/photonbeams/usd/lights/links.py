@@ -10,31 +10,33 @@ from ..common.openusd import Sdf, Usd, UsdLux
 from ..common.reading import LOG, Reading
 
 
-def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh], media: Sequence[Usd.Prim]) -> Light:
-    """Return a light with the names of the surfaces that its links leave out.
+def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh], media: Sequence[str]) -> Light:
+    """Return a light with the names of the surfaces and media that its links leave out.
 
     A light whose light link leaves out all media makes no beams, because beams are how media are lit.
     """
-    unlit = _left_out(reading, prim, "lightLink", meshes)
+    unlit = _left_out(reading, prim, "lightLink", [mesh.name for mesh in meshes])
     casts = reading.flag(prim, "inputs:shadow:enable", True)
     every = frozenset(mesh.name for mesh in meshes)
-    unshadowed = _left_out(reading, prim, "shadowLink", meshes) if casts else every
+    unshadowed = _left_out(reading, prim, "shadowLink", [mesh.name for mesh in meshes]) if casts else every
+    dark = _left_out(reading, prim, "lightLink", media)
     if light.emits_beams and not lights_media(reading, prim, media):
-        names = ", ".join(str(each.GetPath()) for each in media)
+        names = ", ".join(media)
         LOG.info("%s makes no beams: its light link leaves out the fog %s", reading.place(prim), names)
         light = replace(light, emits_beams=False)
     if isinstance(light, DomeLight) and light.lights_media and not lights_media(reading, prim, media):
         light = replace(light, lights_media=False)
-    return replace(light, unlit=unlit, unshadowed=unshadowed) if unlit or unshadowed else light
+    if not (unlit or dark or unshadowed):
+        return light
+    return replace(light, unlit=unlit, unlit_media=dark, unshadowed=unshadowed)
 
 
-def lights_media(reading: Reading, prim: Usd.Prim, media: Sequence[Usd.Prim]) -> bool:
+def lights_media(reading: Reading, prim: Usd.Prim, media: Sequence[str]) -> bool:
     """Return whether a light's link includes a medium's prim; a medium without a prim is lit by all lights."""
-    return not media or any(_reaches(reading, prim, "lightLink", [str(each.GetPath()) for each in media]))
+    return not media or any(_reaches(reading, prim, "lightLink", media))
 
 
-def _left_out(reading: Reading, prim: Usd.Prim, kind: str, meshes: Sequence[Mesh]) -> frozenset[str]:
-    names = [mesh.name for mesh in meshes]
+def _left_out(reading: Reading, prim: Usd.Prim, kind: str, names: Sequence[str]) -> frozenset[str]:
     return frozenset(
         name for name, reached in zip(names, _reaches(reading, prim, kind, names), strict=True) if not reached
     )

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...scene import Array, Color, DensityGrid, Medium, Mesh, SceneError
+from ...scene import Array, Color, DensityGrid, FogDensity, FogNoise, Medium, Mesh, SceneError
 from ...scene.checks import shown
 from ...world.media.medium_colors import BRIGHTEST, DARKEST, coefficients
 from ..common.definitions import MEDIUM, read_attribute
@@ -15,6 +15,7 @@ from ..common.openusd import Usd, UsdGeom, UsdLux, UsdVol
 from ..common.reading import Reading, has_photonbeams
 from ..geometry.meshes import is_closed, is_gprim, read_solid
 from ..materials.bound import bound_to
+from .boxes import box_around
 from .volume_shaders import VolumeEmission, VolumeShading, read_shading
 from .volumes import DENSITY, field_of, fields_of, read_density, read_field
 
@@ -67,12 +68,35 @@ def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
         name=name,
         bounces=read_attribute(reading, prim, MEDIUM, "bounces"),
         lit_by_domes=volume or not own,
+        density=_density(reading, prim),
         **place,
     )
 
 
+def _density(reading: Reading, prim: Usd.Prim) -> FogDensity | None:
+    """Return how the density of fog varies, or None; that of a volume is its field's."""
+    falloff, ground = (read_attribute(reading, prim, MEDIUM, f"height:{name}") for name in ("falloff", "ground"))
+    amount = read_attribute(reading, prim, MEDIUM, "noise:amount")
+    if not (falloff or amount):
+        return None
+    if prim.IsA(UsdVol.Volume):
+        name = "photonbeams:height:falloff" if falloff else "photonbeams:noise:amount"
+        reading.warn(prim, "is not used: a Volume has the density of its field", name)
+        return None
+    noise = None
+    if amount:
+        names = ("scale", "octaves", "contrast", "drift", "evolution")
+        noise = FogNoise(amount, *(read_attribute(reading, prim, MEDIUM, f"noise:{name}") for name in names))
+    return FogDensity(falloff or None, ground, noise)
+
+
 def _filled(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh | None:
-    """Return the gprim that a medium fills, or None, with a warning if that is another than the prim's shape."""
+    """Return the box or gprim that a medium fills, or None, with a warning if that is another than the prim's shape."""
+    if boxed := [str(each.GetPath()) for each in reading.targets(prim, "photonbeams:box")]:
+        try:
+            return box_around(reading.stage, boxed, str(prim.GetPath()), reading.time)
+        except SceneError as error:
+            raise reading.fail(prim, "photonbeams:box", f"names no space for fog: {error}") from None
     if is_gprim(prim) and is_closed(reading, prim):
         return read_solid(reading, prim, to_world)
     if is_gprim(prim):

@@ -40,6 +40,8 @@ class Source:
         Points along each of the curves that guide its beams.
     filters
         The filters of its light, a `FilterChain`, or None.
+    unlit
+        Numbers of the media that its light passes unseen, straight from the emitter.
     """
 
     number: int = 0
@@ -54,5 +56,6 @@ class Source:
     to_world: Array | None = None
     guides: tuple[Any, ...] = ()
     scattered_beams: bool = False
+    unlit: frozenset[int] = frozenset()
     endless: bool = True
     filters: Any = None

@@ -13,6 +13,7 @@ from ... import scene
 from ...runtime.device import mitsuba
 from ...scene import Array
 from ..surfaces.shapes import shape_of
+from .densities import density_grid
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import MiMedium
@@ -86,7 +87,8 @@ def media_of(
             f"medium {second} has no boundary, and is in medium {first}, which fills the space: expected a closed mesh "
             "or a grid that bounds it"
         )
-    plugins = {id(each): (known or {}).get(id(each)) or _plugin(each) for each in media}
+    grids = {id(each): density_grid(each) for each in media}
+    plugins = {id(each): (known or {}).get(id(each)) or _plugin(each, grids[id(each)]) for each in media}
     boundaries = {id(each): boundary for each in media if (boundary := each.boundary) is not None}
     bounded = [(each, _Solid(boundaries[id(each)])) for each in media if each.bounded]
     solids: list[tuple[Part, _Solid]] = [*bounded, *((each, _Solid(each)) for each in glass)]
@@ -102,7 +104,9 @@ def media_of(
         shape = shape_of(
             boundaries[id(each)], mi.load_dict({"type": "null"}), interior=plugins[id(each)], exterior=exterior
         )
-        emitted = each.emission
+        emitted, grid = each.emission, grids[id(each)]
+        if emitted is not None and grid is not None and not isinstance(emitted, scene.DensityGrid):
+            emitted = scene.DensityGrid(grid.values[..., None] * np.array(emitted, dtype=np.float32), grid.to_world)
         if isinstance(emitted, scene.DensityGrid):
             emitted = mi.load_dict(_volume(emitted.values, emitted.to_world))
         result.append(BuiltMedium(each, plugins[id(each)], shape, emitted))
@@ -145,8 +149,8 @@ def is_convex(boundary: scene.Mesh | None) -> bool:
         return True
 
 
-def _plugin(medium: scene.Medium) -> MiMedium:
-    """Return a medium as a Mitsuba medium.
+def _plugin(medium: scene.Medium, varying: scene.DensityGrid | None) -> MiMedium:
+    """Return a medium as a Mitsuba medium; `varying` is its density where that is not given on a grid.
 
     Everything that may change between frames is data. A `scale` would be a literal in kernels, which would be compiled
     again for each value.
@@ -160,11 +164,12 @@ def _plugin(medium: scene.Medium) -> MiMedium:
         "phase": {"type": "hg", "g": medium.anisotropy} if medium.anisotropy else {"type": "isotropic"},
         **({"id": medium.name} if medium.name else {}),
     }
-    if medium.grid is None:
+    grid = medium.grid or varying
+    if grid is None:
         return mi.load_dict({"type": "homogeneous", "sigma_t": _volume(extinction.reshape(1, 1, 1, 3)), **properties})
-    values = medium.grid.values if medium.grid.values.ndim == 4 else medium.grid.values[..., None]
+    values = grid.values if grid.values.ndim == 4 else grid.values[..., None]
     grey = values.shape[3] == 1 and np.ptp(extinction) == 0
-    density = _volume(values * (extinction[:1] if grey else extinction), medium.grid.to_world)
+    density = _volume(values * (extinction[:1] if grey else extinction), grid.to_world)
     return mi.load_dict({"type": "heterogeneous", "sigma_t": density, **properties})
 
 

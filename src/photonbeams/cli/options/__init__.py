@@ -1,0 +1,1 @@
+"""Groups of flags, each in a module of its own."""
