@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..constants import is_number
 from ..runtime.files import PathLike, write_bytes
 from ..scene import MOST_PIXELS, Array, SceneError
 from .textures import resized
@@ -63,7 +64,9 @@ class Frame:
         layers, metadata = next(iter(views.values()))
         return cls(layers, metadata, statistics, views if len(views) > 1 else {})
 
-    def write(self, path: PathLike, layer: str = "rgba", exposure: float = 0.0) -> None:
+    def write(
+        self, path: PathLike, layer: str = "rgba", exposure: float = 0.0, *, single_part: bool = False
+    ) -> None:  # fmt: skip
         """Write a layered EXR, or one layer as a tone-mapped PNG, whole or not at all.
 
         Parameters
@@ -74,6 +77,9 @@ class Frame:
             For a PNG: the layer to show.
         exposure
             For a PNG: in stops, the colours are multiplied by 2^exposure.
+        single_part
+            For an EXR: whether all layers are in one part, for programs that read only the first: R, G, B, A, Z, and
+            others with their layers' names, such as beams.R.
 
         Raises
         ------
@@ -82,22 +88,24 @@ class Frame:
         OSError
             The file cannot be written.
         """
-        write_bytes(path, self.encoded(path, layer, exposure))
+        write_bytes(path, self.encoded(path, layer, exposure, single_part=single_part))
 
-    def encoded(self, path: PathLike, layer: str = "rgba", exposure: float = 0.0) -> bytes | memoryview:
+    def encoded(
+        self, path: PathLike, layer: str = "rgba", exposure: float = 0.0, *, single_part: bool = False
+    ) -> bytes | memoryview:  # fmt: skip
         """Return the file that `write` writes to `path`, which decides the kind and is named in messages.
 
-        `layer` and `exposure` are as for `write`.
+        `layer`, `exposure` and `single_part` are as for `write`.
         """
         path, views = Path(path), self.views or {"": (self.layers, self.metadata)}
         if path.suffix.lower() == ".exr":
-            return encoded_exr(path, views)
+            return encoded_exr(path, views, single_part=single_part)
         if path.suffix.lower() != ".png":
             raise SceneError(f"cannot write {path}: expected a name that ends in .exr (layers) or .png (a picture)")
         for layers, _ in views.values():
             if layer not in layers:
                 raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(layers)}")
-            if layers[layer].shape[2] < 3:
+            if is_number(layer) or layers[layer].shape[2] < 3:
                 raise SceneError(f"cannot write {path}: '{layer}' has no colours: expected another layer, or an .exr")
         eyes, ratio = [layers[layer] for layers, _ in views.values()], self.metadata.get("pixelAspectRatio", 1.0)
         return png_of(*eyes, exposure=exposure, pixel_aspect=ratio)

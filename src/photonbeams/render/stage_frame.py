@@ -204,7 +204,9 @@ def begin(
         FrameView(window, partial(worlds.camera, view=view), holdout, turned=turned)
         for view, holdout in zip(range(len(films)), depths, strict=True)
     ]
-    return FrameRenderer(settings, light, views, films, light.max_depth, statistics, planned, memory=memory)
+    return FrameRenderer(
+        settings, light, views, films, light.max_depth, statistics, planned, memory=memory, later=shutter.later
+    )
 
 
 def _pieces(light: scene.Light) -> int:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .sums import ALBEDO, DEPTH, NORMAL, PassSums
+from .mattes import matte_layers
+from .sums import ALBEDO, DEPTH, MOTION, NORMAL, POSITION, PassSums
 
 #: Prefixes of the names of a light group's sums. Light from beams.
 GATHERED = "beams/"
@@ -44,8 +45,10 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     if "transmittance" in pictures:
         layers["transmittance"] = pictures["transmittance"] * scale
     layers[DEPTH] = pictures.get(DEPTH, np.full_like(alpha, np.inf))
-    if NORMAL in pictures:
-        layers[NORMAL] = pictures[NORMAL]
+    layers |= {name: pictures[name] for name in (NORMAL, POSITION) if name in pictures}
+    if MOTION in pictures:
+        layers[MOTION] = np.ascontiguousarray(pictures[MOTION][..., :2])
+    layers |= matte_layers(pictures)
     if ALBEDO in pictures:
         layers[ALBEDO] = pictures[ALBEDO] * scale
     return layers
