@@ -73,6 +73,44 @@ def test_two_eyes_in_one_part_have_openexrs_older_form(render, stage, out):
             assert np.array_equal(found if found.shape[2] > 1 else found[..., 0], layers[layer])
 
 
+def deep_file(path):
+    image = OpenImageIO.ImageBuf(str(path))
+    return image.spec(), OpenImageIO.ImageBufAlgo.flatten(image).get_pixels("float")
+
+
+def test_deep_files_are_written_by_flags_products_parts_and_farms_of_them(call, render, tmp_path, out, monkeypatch):
+    product = """def RenderSettings "Settings" {
+    rel products = </Deep>
+}
+def RenderProduct "Deep" {
+    token productName = "product.exr"
+    token productType = "deepRaster"
+}
+"""
+    metadata = 'startTimeCode = 1\n    renderSettingsPrimPath = "/Settings"'
+    stage = write_stage(tmp_path / "deep.usda", FOG, CAMERA, KEY, FLOOR, product, metadata=metadata)
+    assert render(stage, *FLAGS, "-o", out / "flat.exr", "--deep", out / "deep.exr")[0] == 0
+    spec, flat = deep_file(out / "deep.exr")
+    assert spec.deep and spec.getattribute("camera") == "/Camera"
+    beams = read_layers(out / "flat.exr")["beams"]
+    assert beams.max() > 0 and np.abs(flat[..., :3] - beams).max() < 5e-3 * beams.max()
+    for part in (1, 2):
+        flags = ("-o", out / f"{part}.checkpoint", "--deep", out / "unused.exr", "--pass-range", f"{part}/2")
+        assert render(stage, *FLAGS, *flags)[0] == 0
+    merged = call("merge", out / "*.checkpoint", "-o", out / "x.exr", "--deep", out / "joined.exr", "-q")
+    assert merged[0] == 0 and not (out / "unused.exr").exists()
+    monkeypatch.chdir(out)
+    assert render(stage, *FLAGS)[0] == 0
+    for name in ("joined.exr", "product.exr"):
+        assert np.array_equal(deep_file(out / name)[1], flat)
+    assert render(stage, *FLAGS, "--deep", "eyes.exr", "--stereo", "--interaxial", 0.2, "--crop", 0, 0, 0.5, 1)[0] == 0
+    eyes = OpenImageIO.ImageInput.open("eyes.exr")
+    names = [eyes.seek_subimage(k, 0) and eyes.spec().getattribute("oiio:subimagename") for k in (0, 1)]
+    assert names == ["rgba.left", "rgba.right"] and eyes.spec().width == 16 and eyes.spec().full_width == 32
+    fails(call("merge", out / "deep.exr", out / "product.exr", "-o", out / "y.exr"), 1, "deep.exr: is a deep picture")
+    fails(call("info", out / "deep.exr"), 1, "deep.exr cannot be read: expected an image (it is a deep one)")
+
+
 def test_layers_of_numbers_make_no_pictures(render, stage, out):
     flags = (*FLAGS, "--layers", LAYERS, "--picture", f"crypto_object00={out / 'a.png'}")
     fails(render(stage, *flags), 2, "'crypto_object00', which has no colours")

@@ -87,6 +87,7 @@ def tasks_of(
                 product_file(shot.stage, each, shot.time(number)),
                 variables=each.variables,
                 single_part=each.single_part or single_part,
+                deep=each.deep,
             )
             for each in products
         ]

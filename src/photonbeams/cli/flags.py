@@ -91,6 +91,9 @@ class PictureFlags(Flags):
         False, "Write all layers of an .exr into one part, for programs that read only the first: R, G, B, A, Z, "
         "beams.R, ...",
     )  # fmt: skip
+    deep: Path | None = option(
+        None, "Write the beams as a deep .exr: samples of light and opacity along each pixel's ray.", metavar="FILE"
+    )
     frames: str | None = option(None, _FRAMES, "--frames", "-f", metavar="FRAMES")
     skip_existing: bool = option(False, "Skip frames whose files all exist.")
     exposure: float = option(

@@ -54,7 +54,7 @@ def merge(
     from ..scene import SceneError
     from ..shot.development import developed
 
-    outputs = parse_outputs(output, pictures.picture or (), single_part=pictures.single_part)
+    outputs = parse_outputs(output, pictures.picture or (), pictures.deep, single_part=pictures.single_part)
     layers = pictures.layers
     with messages(quiet, verbose=False):
         for number in frame_numbers(pictures.frames, outputs):

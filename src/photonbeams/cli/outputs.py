@@ -34,6 +34,7 @@ class Output:
     layer: str = "rgba"  # which a picture shows
     variables: tuple[str, ...] = ()  # layers that a render product asks for
     single_part: bool = False  # whether an .exr holds all layers in one part
+    deep: bool = False  # whether an .exr is a deep picture of the beams
 
     def numbered(self, frame: float) -> Output:
         """Return the output of a frame, with its padded number for the run of # in the name."""
@@ -66,7 +67,9 @@ class PictureExposure:
         return self.stops
 
 
-def parse_outputs(files: Iterable[Path], pictures: Iterable[str], *, single_part: bool = False) -> list[Output]:
+def parse_outputs(
+    files: Iterable[Path], pictures: Iterable[str], deep: Path | None = None, *, single_part: bool = False
+) -> list[Output]:  # fmt: skip
     """Return the outputs that flags name, not yet numbered."""
     outputs = [Output(checked_path("--output", path, (".exr", ".png")), single_part=single_part) for path in files]
     for text in pictures:
@@ -74,6 +77,8 @@ def parse_outputs(files: Iterable[Path], pictures: Iterable[str], *, single_part
         if not layer or not name:
             raise typer.BadParameter(f"--picture is {text}: expected LAYER=FILE.png, such as beams=beams.png")
         outputs.append(Output(checked_path("--picture", Path(name), (".png",)), layer))
+    if deep is not None:
+        outputs.append(Output(checked_path("--deep", deep, (".exr",)), deep=True))
     seen: set[Path] = set()
     for output in outputs:
         place = output.path.absolute()
@@ -207,6 +212,9 @@ def write_outputs(
     with ExitStack() as stack:
         places = [(output, stack.enter_context(atomic_path(output.path))) for output in outputs]
         for output, beside in places:
+            if output.deep:
+                write_bytes(beside, frame.encoded_deep(output.path))
+                continue
             shown = output.shown({*frame.layers, *layers})
             every = chosen or not output.variables
             kept = [name for name in names if every or name in ("rgba", *output.variables)]
@@ -250,5 +258,9 @@ def checkpoint_of(outputs: Sequence[Output]) -> Path:
 
 
 def snapshots_of(outputs: Sequence[Output]) -> list[Output]:
-    """Return the outputs for an unfinished frame: beside its own, because those would count as finished."""
-    return [replace(each, path=each.path.with_name(f"{each.path.stem}.snapshot{each.path.suffix}")) for each in outputs]
+    """Return the outputs for an unfinished frame: beside its own, because those would count as finished.
+
+    Deep pictures have none: their samples are those of one of the last passes.
+    """
+    flat = [each for each in outputs if not each.deep]
+    return [replace(each, path=each.path.with_name(f"{each.path.stem}.snapshot{each.path.suffix}")) for each in flat]

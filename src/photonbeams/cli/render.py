@@ -61,6 +61,7 @@ class Job:
             check_outputs(request.outputs or own.products)
         first = shot.settings(numbers[0])
         asked: dict[str, Any] = {name: request.wants(layers[0], own.products) for name, layers in REQUESTED.items()}
+        asked["deep"] = request.wants_deep(own.products)
         pixel_filter = own.pixel_filter or first.pixel_filter
         settings = request.settings.over(replace(first, pixel_filter=pixel_filter, **asked))
         anywhere = bool(request.stage.render_settings) or request.stage.allow_paths

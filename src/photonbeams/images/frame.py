@@ -13,10 +13,12 @@ import numpy as np
 from ..constants import is_number
 from ..runtime.files import PathLike, write_bytes
 from ..scene import MOST_PIXELS, Array, SceneError
+from .deep import encoded_deep
 from .textures import resized
 from .writing import encoded_exr, png_of
 
 if TYPE_CHECKING:
+    from ..render.films.deep import DeepPicture
     from ..render.passes import Statistics
 
 # A notebook stores pictures as text: a few large ones make it slow to open and to compare.
@@ -42,6 +44,8 @@ class Frame:
     views
         For a stereo frame the layers and metadata of each eye, "left" before "right"; `layers` and `metadata` are then
         those of the left eye. Empty for a single camera.
+    deep
+        With `deep=True`, the beams of each view as a deep picture, by its name, which is "" for a single camera.
 
     Examples
     --------
@@ -57,6 +61,7 @@ class Frame:
     metadata: dict[str, Any]
     statistics: Statistics
     views: dict[str, tuple[dict[str, Array], dict[str, Any]]] = field(default_factory=dict)
+    deep: dict[str, DeepPicture] = field(default_factory=dict)
 
     @classmethod
     def of(cls, views: dict[str, tuple[dict[str, Array], dict[str, Any]]], statistics: Statistics) -> Frame:
@@ -109,6 +114,34 @@ class Frame:
                 raise SceneError(f"cannot write {path}: '{layer}' has no colours: expected another layer, or an .exr")
         eyes, ratio = [layers[layer] for layers, _ in views.values()], self.metadata.get("pixelAspectRatio", 1.0)
         return png_of(*eyes, exposure=exposure, pixel_aspect=ratio)
+
+    def write_deep(self, path: PathLike) -> None:
+        """Write the beams as a deep EXR, which is the layer `beams` when it is flattened; whole or not at all.
+
+        Parameters
+        ----------
+        path
+            A name that ends in .exr. The folder is made if it does not exist.
+
+        Raises
+        ------
+        SceneError
+            Another suffix, or a frame that was rendered without `deep=True`.
+        OSError
+            The file cannot be written.
+        """
+        write_bytes(path, self.encoded_deep(path))
+
+    def encoded_deep(self, path: PathLike) -> memoryview:
+        """Return the file that `write_deep` writes to `path`."""
+        if Path(path).suffix.lower() != ".exr":
+            raise SceneError(f"cannot write {path}: expected a name that ends in .exr for a deep picture")
+        if not self.deep:
+            raise SceneError(
+                f"cannot write {path}: the frame has no deep picture: expected deep=True when it is rendered"
+            )
+        metadata = {view: about for view, (_, about) in self.views.items()} or dict.fromkeys(self.deep, self.metadata)
+        return encoded_deep(path, {view: (each, metadata[view]) for view, each in self.deep.items()})
 
     def __repr__(self) -> str:
         height, width = self.layers["rgba"].shape[:2]

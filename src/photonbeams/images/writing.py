@@ -81,7 +81,9 @@ def encoded_exr(path: PathLike, views: Views, *, single_part: bool = False) -> m
     if single_part:
         return encoded_parts(path, [_single_part(views)])
     parts = [
-        OpenEXR.Part(_header(_about_part(about, name)), _channels(name, seen[name]), _part_name(name, view, views))
+        OpenEXR.Part(
+            attributes_of(part_metadata(about, name)), _channels(name, seen[name]), _part_name(name, view, views)
+        )
         for view, (seen, about) in views.items()
         for name in sorted(seen, key=lambda name: name != "rgba")  # the sort is stable: the others keep their order
     ]
@@ -101,7 +103,7 @@ def _single_part(views: Views) -> OpenEXR.Part:
             own = "" if layer in ("rgba", DEPTH_LAYER) else f"{layer}."
             for name, each in _separate(_channels(layer, pixels)).items():
                 channels[f"{view}.{own}{name}" if view in others else f"{own}{name}"] = each
-    return OpenEXR.Part(_header(_about_part(about, "rgba")), channels, "rgba")
+    return OpenEXR.Part(attributes_of(part_metadata(about, "rgba")), channels, "rgba")
 
 
 def _separate(channels: Mapping[str, Array]) -> dict[str, Array]:
@@ -113,7 +115,7 @@ def _separate(channels: Mapping[str, Array]) -> dict[str, Array]:
     }
 
 
-def _about_part(about: Metadata, layer: str) -> dict[str, Any]:
+def part_metadata(about: Metadata, layer: str) -> dict[str, Any]:
     """Return the metadata of a layer's part: the long manifests of cryptomattes only where readers look for them."""
     result = {
         key: value for key, value in about.items()
@@ -184,7 +186,7 @@ def _check_views(path: PathLike, views: Views) -> None:
         raise ValueError(f"while writing {path}, got layers {text}: expected some for each view, all of one size")
 
 
-def _header(metadata: Metadata) -> dict[str, Any]:
+def attributes_of(metadata: Metadata) -> dict[str, Any]:
     """Return metadata as attributes of the types that the OpenEXR module takes."""
     result: dict[str, Any] = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
     for name, value in metadata.items():

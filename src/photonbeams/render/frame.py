@@ -32,7 +32,6 @@ from .films.film import BeamSamples, Film, PassPicture, SeenSums
 from .films.frame_sums import FrameSums
 from .films.sample_layout import PixelSamples, SampleLayout, SamplePiece, parts
 from .films.sums import PassSums
-from .first_hits import Later, first_hits
 from .light import ShotLight, TracedLight
 from .memory import release_memory
 from .passes import Statistics
@@ -40,6 +39,8 @@ from .paths.surface_light import SurfaceLight
 from .pilots.coarse_passes import Pixels
 from .pilots.sample_plan import EDGE, SAMPLES, SampleCounts, pilot_pixels, sample_plan
 from .ray_passes import PassRenderer, ViewRays
+from .seen.deep import deep_pass, deep_pictures
+from .seen.first_hits import Later, first_hits
 from .settings import Settings
 from .views import FrameView
 
@@ -229,7 +230,9 @@ class FrameRenderer(PassRenderer):
                     edge = _edges(own, film.order) if shared else ()
                     beams = self._beams(number, view, film, there, rays, places, edge, min(own.typical, _AT_EDGES))
                     release_memory(self._size)
-                first = self._first(view, film) if number == 0 else {}
+                first = first_hits(self, eye, film, partial(self._later, view)) if number == 0 and self._depth else {}
+                if self.settings.deep and number == deep_pass(self.planned):
+                    first |= deep_pictures(self, eye, film, there, number, moving, pinhole)
                 with self.statistics.phase("surfaces"):
                     film.add(number, own, beams, own.exposure, first)
                 release_memory(self._size)
@@ -339,13 +342,6 @@ class FrameRenderer(PassRenderer):
         layout = SampleLayout.of(pixels, [SamplePiece(None, 1, range(1)), SamplePiece(edge, each + 1, range(each + 1))])
         groups = {group: taken(radiance, index) for group, radiance in found.items()}
         return BeamSamples(groups, taken(joined([places, beside]), index), taken(more.shares(pixels), index), layout)
-
-    def _first(self, view: int, film: Film) -> dict[str, Any]:
-        """Return what is known of the first surfaces that a view sees."""
-        if not self._depth:
-            return {}
-        with self.statistics.phase("surfaces"):
-            return first_hits(self, self._views[view], film, partial(self._later, view))
 
     def _later(self, view: int) -> Later | None:
         """Return the scene and the camera of a view one frame later; None: nothing moves."""

@@ -1,9 +1,9 @@
 """Holdouts: another picture's depth, at which camera rays end.
 
 The rays of a pixel differ in their places in the pixel and on the lens, but a depth is that of one ray, for the pixel
-or, in a holdout that is larger than the picture, for a part of it. So each part is taken as a piece of a plane, on which
-1/Z is linear in the picture. Without the slope of 1/Z, rays would end behind slanted surfaces and show beams that lie
-there. The slope is the smaller of those to the neighbours on either side, and 0 if these differ in sign (the minmod
+or, in a holdout that is larger than the picture, for a part of it. So each part is taken as a piece of a plane, on
+which 1/Z is linear in the picture. Without the slope of 1/Z, rays would end behind slanted surfaces and show beams that
+lie there. The slope is the smaller of those to the neighbours on either side, and 0 if these differ in sign (the minmod
 limiter, Roe 1986): at the edge of an object it is the object's own, and a depth never lies between a near object and a
 far one.
 """

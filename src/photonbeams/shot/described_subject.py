@@ -208,7 +208,7 @@ class DescribedSubject(Subject):
         self, viewpoint: Viewpoint, request: FrameRequest, window: Window, views: Sequence[str]
     ) -> FrameContent:
         """Return what a frame shows, and warn if that is black."""
-        from ..render.seen_surfaces import names_of
+        from ..render.seen.surfaces import names_of
         from ..render.stage_frame import groups_of, render
         from ..world.cameras.cameras import View
 

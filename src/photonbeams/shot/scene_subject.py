@@ -206,7 +206,7 @@ class SceneSubject(Subject):
     ) -> FrameContent:  # fmt: skip
         """Return what a frame shows in the rendered window."""
         from ..render.scene_frame import Extras, groups_of, render
-        from ..render.seen_surfaces import names_of, wholes
+        from ..render.seen.surfaces import names_of, wholes
         from ..world.cameras.cameras import Window
         from ..world.cameras.sensors import Sensor, camera_of
         from ..world.shutter import Shutter

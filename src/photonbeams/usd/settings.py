@@ -41,6 +41,8 @@ PIXEL_FILTER = "photonbeams:pixelFilter"
 #: The attribute of products that says whether all layers of a file are in one part.
 SINGLE_PART = "photonbeams:singlePart"
 
+_DEEP = "deepRaster"  # the type of a product
+
 Window = tuple[float, float, float, float]
 
 
@@ -48,12 +50,14 @@ Window = tuple[float, float, float, float]
 class RenderProduct:
     """A RenderProduct: its prim's path, the layers that its orderedVars name, if any, and how an .exr holds them.
 
-    `single_part`, from photonbeams:singlePart, says whether they are in one part.
+    `single_part`, from photonbeams:singlePart, says whether they are in one part, and `deep` whether it is a
+    deepRaster: a deep picture of the beams.
     """
 
     path: str
     variables: tuple[str, ...] = ()
     single_part: bool = False
+    deep: bool = False
 
 
 @dataclass(frozen=True)
@@ -175,7 +179,8 @@ def read_settings(
 
 def _product(reading: Reading, raster: Usd.Prim) -> RenderProduct:
     single_part = reading.attempt(raster, partial(_flag(SINGLE_PART), reading, raster), False, "it is ignored")
-    return RenderProduct(str(raster.GetPath()), _variables(reading, raster), bool(single_part))
+    deep = str(reading.value(raster, "productType", "raster")) == _DEEP
+    return RenderProduct(str(raster.GetPath()), () if deep else _variables(reading, raster), bool(single_part), deep)
 
 
 def product_file(stage: Usd.Stage, product: RenderProduct, time: Time = None) -> Path:
@@ -222,7 +227,7 @@ def _rasters(reading: Reading, settings: Usd.Prim) -> list[Usd.Prim]:
         if not prim.IsA(UsdRender.Product):
             raise reading.fail(settings, "products", f"names {prim.GetPath()}: expected a RenderProduct")
         kind = str(reading.value(prim, "productType", "raster"))
-        if kind == "raster":
+        if kind in ("raster", _DEEP):
             rasters.append(prim)
         else:
             reading.warn(prim, f"is '{kind}': it is skipped, because only rasters are rendered", "productType")

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from .deep import DeepPicture, deep_picture
 from .mattes import matte_layers
-from .sums import ALBEDO, DEPTH, MOTION, NORMAL, POSITION, PassSums
+from .sums import ALBEDO, DEEP, DEPTH, MOTION, NORMAL, POSITION, PassSums
 
 #: Prefixes of the names of a light group's sums. Light from beams.
 GATHERED = "beams/"
@@ -24,11 +25,8 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     SceneError
         If the sums are of another picture.
     """
-    pictures = {
-        name: np.ascontiguousarray(each.reshape(-1, *shape).transpose(1, 2, 0)) for name, each in sums.total().items()
-    }
-    usual = np.float32(1 / max(len(sums), 1))
-    scale, of_beams = (1 / pictures[name] if name in pictures else usual for name in ("weight", "beams weight"))
+    pictures = _pictures(sums.total(), shape)
+    scale, of_beams = _scales(pictures, len(sums))
     black = np.zeros((*shape, 3), dtype=np.float32)
     surface = pictures.get("surface", black) * scale
     alpha = pictures.get("alpha", black[..., :1]) * scale
@@ -52,6 +50,34 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     if ALBEDO in pictures:
         layers[ALBEDO] = pictures[ALBEDO] * scale
     return layers
+
+
+def deep_of(sums: PassSums, shape: tuple[int, int], beams: np.ndarray) -> DeepPicture | None:
+    """Return the deep picture that is the layer `beams`, denoised or not, when it is flattened; None if not known."""
+    total = sums.total()
+    if not any(name.startswith(DEEP) for name in total):
+        return None
+    pictures = _pictures(total, shape)
+    black = np.zeros((*shape, 3), dtype=np.float32)
+    lights = (
+        sum((each * factor for name, each in pictures.items() if name.startswith(prefix)), black)
+        for prefix, factor in zip((SCATTERED, GATHERED), _scales(pictures, len(sums)), strict=True)
+    )
+    scattered, gathered = lights
+    both = scattered + gathered
+    factor = np.divide(beams, both, out=np.ones_like(both), where=both != 0)
+    return deep_picture(pictures, factor * gathered, factor * scattered)
+
+
+def _pictures(total: Mapping[str, np.ndarray], shape: tuple[int, int]) -> dict[str, np.ndarray]:
+    """Return sums as pictures (H, W, C)."""
+    return {name: np.ascontiguousarray(each.reshape(-1, *shape).transpose(1, 2, 0)) for name, each in total.items()}
+
+
+def _scales(pictures: Mapping[str, np.ndarray], passes: int) -> list[Any]:
+    """Return the factors that make means of sums over samples, and of sums of beams' light."""
+    usual = np.float32(1 / max(passes, 1))
+    return [1 / pictures[name] if name in pictures else usual for name in ("weight", "beams weight")]
 
 
 def group_layers(groups: Collection[str]) -> dict[str, str]:

@@ -12,24 +12,24 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from .. import scene
-from ..numerics.arrays import to_numpy, to_uint
-from ..numerics.samples import Samples
-from ..numerics.streams import Stream
-from ..runtime.device import Array3f, UInt32
-from ..world.cameras.cameras import View
-from .films.film import Film
-from .films.mattes import MATERIAL, OBJECT, Mattes
-from .films.sums import DEPTH, MOTION, NORMAL, POSITION
-from .paths import camera_paths
-from .paths.surface_light import NO_LIGHT
-from .ray_passes import CameraImage, unshaded
-from .seen_surfaces import SeenPoints, Surfaces
+from ... import scene
+from ...numerics.arrays import to_numpy, to_uint
+from ...numerics.samples import Samples
+from ...numerics.streams import Stream
+from ...runtime.device import Array3f, UInt32
+from ...world.cameras.cameras import View
+from ..films.film import Film
+from ..films.mattes import MATERIAL, OBJECT, Mattes
+from ..films.sums import DEPTH, MOTION, NORMAL, POSITION
+from ..paths import camera_paths
+from ..paths.surface_light import NO_LIGHT
+from ..ray_passes import CameraImage, unshaded
+from .surfaces import SeenPoints, Surfaces
 
 if TYPE_CHECKING:
-    from .frame import FrameRenderer
-    from .ray_passes import ViewRays
-    from .views import FrameView
+    from ..frame import FrameRenderer
+    from ..ray_passes import ViewRays
+    from ..views import FrameView
 
 #: The scene and a view's camera one frame later.
 Later = tuple[scene.Scene, scene.Camera]
@@ -47,6 +47,14 @@ def first_hits(
     Depths are planar. Like normals, positions and motion they are those of a pinhole at shutter open, at pixels'
     centres. `later` returns where everything is one frame later, None if nothing moves.
     """
+    with renderer.statistics.phase("surfaces"):
+        return _pictures(renderer, eye, film, later)
+
+
+def _pictures(
+    renderer: FrameRenderer, eye: FrameView, film: Film, later: Callable[[], Later | None]
+) -> dict[str, Any]:  # fmt: skip
+    """Return what `first_hits` returns."""
     settings, samples = renderer.settings, renderer.samples(0)
     rays = eye.pinhole(film.centers(), film.order, samples)
     count, placed = dr.width(rays.primary.direction), settings.positions or settings.motion

@@ -9,12 +9,12 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from .. import scene
-from ..runtime.device import Array3f, Bool, UInt32, mitsuba
-from ..world.world import World
-from .films.mattes import MATERIAL, OBJECT
-from .paths.branches import CameraPaths
-from .paths.camera_paths import CameraVertex
+from ... import scene
+from ...runtime.device import Array3f, Bool, UInt32, mitsuba
+from ...world.world import World
+from ..films.mattes import MATERIAL, OBJECT
+from ..paths.branches import CameraPaths
+from ..paths.camera_paths import CameraVertex
 
 mi = mitsuba()
 
