@@ -125,7 +125,7 @@ def deep_picture(pictures: Mapping[str, Array], gathered: Array, scattered: Arra
     hidden = np.where(there, before - passed, 0)
     of_fog = hidden.sum(axis=0)
     spread = np.where(of_fog > 1e-6, hidden / np.maximum(of_fog, 1e-6), there / there.sum(axis=0))
-    unknown = (share.sum(axis=0) == 0) & (gathered.reshape(-1, 3) > 0)  # other passes have light there
+    unknown = (share.sum(axis=0) == 0) & (gathered.reshape(-1, 3) != 0)  # other passes have light there
     share = np.where(unknown, spread[..., None], share)
     light = share * gathered.reshape(-1, 3) + spread[..., None] * scattered.reshape(-1, 3)
     light, kept, end, passed = _merged(light, there, end, passed)
