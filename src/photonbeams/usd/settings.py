@@ -226,11 +226,7 @@ def _rasters(reading: Reading, settings: Usd.Prim) -> list[Usd.Prim]:
     for prim in reading.targets(settings, "products"):
         if not prim.IsA(UsdRender.Product):
             raise reading.fail(settings, "products", f"names {prim.GetPath()}: expected a RenderProduct")
-        kind = str(reading.value(prim, "productType", "raster"))
-        if kind in ("raster", _DEEP):
-            rasters.append(prim)
-        else:
-            reading.warn(prim, f"is '{kind}': it is skipped, because only rasters are rendered", "productType")
+        rasters.append(prim)
     return rasters
 
 
