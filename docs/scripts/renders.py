@@ -99,6 +99,47 @@ def plate(folder: Path) -> None:
     rendered(folder, (*ATTIC, "--holdout", "plate.exr", "--over", "plate.exr"), {"rgba": "attic-over"})
 
 
+def composited(folder: Path) -> None:
+    """Write the attic's cryptomatte beside a ball that is put into the shaft by the deep file."""
+    import OpenImageIO
+
+    from photonbeams.images.display import srgb_encoded, tone_mapped
+    from photonbeams.images.files import read_layers
+
+    flags = ("--res", str(WIDTH // 2), "0", "--layers", "surface,beams,depth,crypto_object", "-q")
+    photonbeams(folder, "render", *ATTIC[:3], *flags, *CLEAN[:2], "-o", "flat.exr", "--deep", "deep.exr")
+    layers = read_layers(folder / "flat.exr")
+    beams, depth, surface = layers["beams"], layers["depth"], layers["surface"]
+    height, width = depth.shape
+    deep = OpenImageIO.ImageBuf(str(folder / "deep.exr"))
+    # The ball is round in the picture, and in the middle of the light of the brightest pixel of a row.
+    row = 2 * height // 5
+    column = int(np.argmax(beams[row].sum(axis=1)))
+    samples = [(deep.deep_value(column, row, 0, 0, k), deep.deep_value(column, row, 0, 4, k),
+                deep.deep_value(column, row, 0, 5, k)) for k in range(deep.deep_samples(column, row))]  # fmt: skip
+    middle = sum(light * (front + back) / 2 for light, front, back in samples) / sum(light for light, *_ in samples)
+    y, x = np.mgrid[:height, :width]
+    radius = height / 6
+    square = 1 - ((x - column) ** 2 + (y - row) ** 2) / radius**2
+    ball, up = square > 0, np.sqrt(np.maximum(square, 0))
+    pixels = np.zeros((height, width, 6), np.float32)
+    shade = 0.05 + 0.5 * np.maximum(0.5 * up - 0.8 * (y - row) / radius, 0)
+    pixels[..., :3] = np.where(ball, shade, 0)[..., None] * (0.9, 0.35, 0.1)
+    pixels[..., 3], pixels[..., 4:] = ball, (middle * (1 - 0.1 * up))[..., None]
+    spec = OpenImageIO.ImageSpec(width, height, 6, "float")
+    spec.channelnames = ("R", "G", "B", "A", "Z", "ZBack")
+    flat = OpenImageIO.ImageBuf(spec)
+    flat.set_pixels(OpenImageIO.ROI.All, pixels)
+    both = OpenImageIO.ImageBufAlgo.deep_merge(OpenImageIO.ImageBufAlgo.deepen(flat), deep)
+    merged = OpenImageIO.ImageBufAlgo.flatten(both).get_pixels("float")[..., :3]
+    hidden = ball & (pixels[..., 4] < depth)
+    ids = layers["crypto_object00"]
+    codes = ids[..., 0].copy().view(np.uint32)
+    colors = np.stack([(codes >> shift & 255) / 255 for shift in (0, 8, 16)], axis=2) * ids[..., 1:2]
+    shown = srgb_encoded(tone_mapped(merged + np.where(hidden[..., None], 0, surface), 1.0))
+    keep(255 * np.hstack([colors, shown]), "compositing")
+
+
 def rendered(folder: Path, arguments: tuple[str, ...], pictures: dict[str, str]) -> None:
     """Write what is shown of a stage."""
     flags = [f"--picture={layer}={name}.png" for layer, name in pictures.items()]
@@ -133,7 +174,7 @@ def main() -> None:
         for arguments, pictures in RENDERS.items()
     }
     jobs |= {
-        "attic-dressed": dressed, "attic-over": plate, "shaft-look": swatch, "fit": fitted,
+        "attic-dressed": dressed, "attic-over": plate, "compositing": composited, "shaft-look": swatch, "fit": fitted,
         "flight": lambda folder: sheet(folder, FLIGHT, "flight", columns=5),
         "magic-grow": lambda folder: sheet(folder, GROWTH, "magic-grow", columns=4),
     }  # fmt: skip

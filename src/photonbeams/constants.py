@@ -16,5 +16,28 @@ DEFAULT_POINTS = 6  # of the quadrature: those that a production needed at most 
 #: How a beam's radiance is estimated: as a flat billboard (1D), in its frustum (2D), or by a blend of both.
 ESTIMATORS = ("auto", "billboard", "frustum")
 
+#: The depth's layer, layers of other numbers that are no colours, and the beginning of the names of cryptomattes.
+DEPTH_LAYER, NUMBER_LAYERS, CRYPTO = "depth", ("depth", "normal", "position", "motion"), "crypto_"
+
+#: The layers that are made on request, by the settings that ask for them.
+REQUESTED = {
+    "normals": ("normal",),
+    "albedo": ("albedo",),
+    "positions": ("position",),
+    "motion": ("motion",),
+    "crypto_object": ("crypto_object00", "crypto_object01", "crypto_object02"),
+    "crypto_material": ("crypto_material00", "crypto_material01", "crypto_material02"),
+}
+
 #: Pixel filters, by Mitsuba's names.
 FILTERS = ("box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos")
+
+
+def is_number(layer: str) -> bool:
+    """Return whether a layer holds numbers rather than colours, so that it makes no picture."""
+    return layer in NUMBER_LAYERS or layer.startswith(CRYPTO)
+
+
+def layers_named(name: str) -> tuple[str, ...]:
+    """Return the layers that a user means by a name: that of a cryptomatte stands for all of its layers."""
+    return REQUESTED[name] if name.startswith(CRYPTO) and name in REQUESTED else (name,)

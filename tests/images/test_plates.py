@@ -278,7 +278,7 @@ def test_a_data_window_has_its_place_in_the_picture(tmp_path):
 
 
 def test_overscan_of_a_file_is_that_of_the_picture_and_beyond_it_there_is_nothing(tmp_path):
-    """A file of twice the size has every second pixel of its own overscan."""
+    """A holdout of twice the size has four depths of each pixel."""
     box, inf = (-3, -2, 7, 5), np.inf
     values = np.arange(80, dtype=np.float32).reshape(8, 10) + 1
     expected = np.full((7, 10), inf)
@@ -287,7 +287,10 @@ def test_overscan_of_a_file_is_that_of_the_picture_and_beyond_it_there_is_nothin
     (found,) = Holdout(larger).read(1, [""], SIZE, print, box)
     assert np.array_equal(found.values, expected)
     (found,) = Holdout(np.kron(DEPTH, np.ones((2, 2)))).read(1, [""], SIZE, print, box)
-    assert np.array_equal(found.values[2:6, 3:9], DEPTH) and np.isinf(found.values).sum() == 70 - 24
+    finer = found.values.reshape(7, 2, 10, 2)
+    for part in np.ndindex(2, 2):
+        assert np.array_equal(finer[2:6, part[0], 3:9, part[1]], DEPTH)
+    assert np.isinf(found.values).sum() == 4 * (70 - 24)
     pixels = np.stack([values] * 3, axis=2)
     (found,) = Plate(exr(tmp_path / "b.exr", {"RGB": pixels}, window=(-2, -3))).read(1, [""], SIZE, print, box)
     assert np.array_equal(found[..., 0], np.where(np.isinf(expected), 0, expected))

@@ -94,6 +94,26 @@ def test_an_edge_is_between_two_pixels_and_makes_no_third_depth():
     assert np.array_equal(seen[:, WIDTH // 2 :], whole[:, WIDTH // 2 :])
 
 
+def test_slats_thinner_than_a_pixel_hide_the_part_of_it_that_they_cover():
+    """A holdout of four times the size has slanted slats, each a third of a pixel wide, between camera and beam."""
+    row, column = np.mgrid[: 4 * HEIGHT, : 4 * WIDTH]
+    slat = (column + 0.3 * row) % 9 < 1.4
+    beam = dataclasses.replace(
+        BEAM, start=np.array([[-3.0, 0.0, -5.0]]), end=np.array([[3.0, 0.0, -5.0]]),
+        radius_start=np.full(1, 0.9), radius_end=np.full(1, 0.9),
+    )  # fmt: skip
+    layers = beams_layer(beams=beam, depth=np.where(slat, 2.0, 8.0), passes=16)
+    whole, seen = beams_layer(beams=beam, passes=16)["beams"][..., 0], layers["beams"][..., 0]
+    covered = slat.reshape(HEIGHT, 4, WIDTH, 4).mean(axis=(1, 3))
+    lit = whole > 0.1 * whole.max()
+    assert lit.sum() > 150 and 0.1 < covered[lit].mean() < 0.3
+    error = seen[lit] / whole[lit] - (1 - covered[lit])
+    # 16 stratified samples of a pixel, of which an edge crosses a few strata: each errs by less than 1/16 on average.
+    assert np.sqrt((error**2).mean()) < 1 / 16 and abs(error.mean()) < 3 / 16 / np.sqrt(lit.sum())
+    # One depth of each pixel would make dashes: some pixels hidden, others not.
+    assert np.isin(layers["depth"], (2, 8)).all() and np.sqrt(((layers["depth"][..., 0][lit] == 2) ** 2).mean()) > 0.3
+
+
 def test_slopes_are_those_of_planes_and_none_at_peaks():
     ramp = np.array([[1.0, 3.0, 5.0, 9.0]])
     assert slopes(ramp, 1).tolist() == [[2.0, 2.0, 2.0, 4.0]]

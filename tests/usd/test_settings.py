@@ -227,13 +227,14 @@ def test_variables_are_layers_by_the_names_that_other_renderers_have(usd, warnin
     assert all(part in message for part, message in zip(told, warnings.messages, strict=True))
 
 
-def test_products_that_are_no_rasters_are_skipped_with_a_warning(usd, warnings):
-    text = (
-        settings("rel products = [</D>, </P>]") + product('uniform token productType = "deepRaster"', "D") + product()
-    )
-    assert [each.path for each in read_settings(usd(text, METADATA)).products] == ["/P"]
+def test_products_are_rasters_or_deep_ones(usd, warnings):
+    kinds = {"D": "deepRaster", "Q": "sound"}
+    text = settings("rel products = [</D>, </Q>, </P>]") + product()
+    text += "".join(product(f'uniform token productType = "{kind}"', name) for name, kind in kinds.items())
+    found = read_settings(usd(text, METADATA)).products
+    assert [(each.path, each.deep) for each in found] == [("/D", True), ("/Q", False), ("/P", False)]
     assert len(warnings.messages) == 1
-    assert "/D.productType is 'deepRaster': it is skipped" in warnings.messages[0]
+    assert "/Q.productType is 'sound': expected one of raster, deepRaster" in warnings.messages[0]
 
 
 def test_a_product_names_its_file_at_each_time(usd):

@@ -68,11 +68,12 @@ def frame_numbers(text: str | None, outputs: Sequence[Output]) -> list[float | N
 
 def tasks_of(
     shot: Shot, numbers: Iterable[float | None], outputs: Sequence[Output], products: Sequence[RenderProduct],
-    *, anywhere: bool = False,
+    *, anywhere: bool = False, single_part: bool = False,
 ) -> list[Task]:  # fmt: skip
     """Return the frames to render, each with the files that flags name or, without such flags, its render products.
 
-    `anywhere` says whether render products may lie outside the working folder.
+    `anywhere` says whether render products may lie outside the working folder, and `single_part` whether each is
+    written in one part.
     """
     from ..usd.common.reading import file_of
     from ..usd.settings import product_file
@@ -82,7 +83,13 @@ def tasks_of(
     for number in numbers:
         frame = shot.subject.number(number)
         files = outputs or [
-            Output(product_file(shot.stage, each, shot.time(number)), variables=each.variables) for each in products
+            Output(
+                product_file(shot.stage, each, shot.time(number)),
+                variables=each.variables,
+                single_part=each.single_part or single_part,
+                deep=each.deep,
+            )
+            for each in products
         ]
         task = Task(number, f"{frame:.10g}", tuple(each.numbered(frame) for each in files))
         for product, path in zip([] if outputs else products, task.files, strict=False):

@@ -84,7 +84,15 @@ class PictureFlags(Flags):
 
     picture: list[str] | None = option(None, "Write one layer as a picture; may be repeated.", metavar="LAYER=FILE.png")
     layers: str | None = option(
-        None, "Layers to write into an .exr; default: all except normal and albedo.", metavar="NAME,NAME"
+        None, "Layers to write into an .exr; default: all except those that are made on request: normal, albedo, "
+        "position, motion, crypto_object, crypto_material.", metavar="NAME,NAME",
+    )  # fmt: skip
+    single_part: bool = option(
+        False, "Write all layers of an .exr into one part, for programs that read only the first: R, G, B, A, Z, "
+        "beams.R, ...",
+    )  # fmt: skip
+    deep: Path | None = option(
+        None, "Write the beams as a deep .exr: samples of light and opacity along each pixel's ray.", metavar="FILE"
     )
     frames: str | None = option(None, _FRAMES, "--frames", "-f", metavar="FRAMES")
     skip_existing: bool = option(False, "Skip frames whose files all exist.")

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 STAGES = (".usd", ".usda", ".usdc", ".usdz")
 VOLUMES = (".vdb", ".vol")
 VOLUME_COLUMNS = ("grid", "type", "class", "voxels", "box", "from", "voxel size", "range", "dense", "compression")
+_MOST_TEXT = 300
 _NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "screenWindowCenter", "screenWindowWidth")
 
 
@@ -86,6 +87,7 @@ def _header_rows(path: Path) -> list[tuple[str, str]]:
     headers: dict[str, dict[str, str]] = {}
     for part in exr_parts(path, header_only=True):
         texts = {name: _text(value) for name, value in part.header.items() if name not in _NO_NEWS}
+        texts |= {name: _shortened(text) for name, text in texts.items() if name.endswith("/manifest")}
         headers.setdefault(str(part.header.get("view", "")), texts)
     rows: list[tuple[str, str]] = []
     for name in sorted({name for header in headers.values() for name in header}):
@@ -95,6 +97,11 @@ def _header_rows(path: Path) -> list[tuple[str, str]]:
         else:
             rows += [(f"{name} {view}".rstrip(), text) for view, text in texts.items()]
     return rows
+
+
+def _shortened(text: str) -> str:
+    """Return the beginning of a long text, such as a cryptomatte's list of thousands of names."""
+    return text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}..."
 
 
 def _text(value: object) -> str:

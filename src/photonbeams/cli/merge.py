@@ -54,7 +54,8 @@ def merge(
     from ..scene import SceneError
     from ..shot.development import developed
 
-    outputs, layers = parse_outputs(output, pictures.picture or ()), pictures.layers
+    outputs = parse_outputs(output, pictures.picture or (), pictures.deep, single_part=pictures.single_part)
+    layers = pictures.layers
     with messages(quiet, verbose=False):
         for number in frame_numbers(pictures.frames, outputs):
             files = [each if number is None else each.numbered(number) for each in outputs]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from ..constants import is_number, layers_named
 from ..images.numbering import PLACEHOLDER, numbered
 
 if TYPE_CHECKING:
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
 
 _PICTURES = (b"\x76\x2f\x31\x01", b"\x89PNG")  # what an .exr and a .png begin with
 
-#: Layers of numbers rather than colours, which make no picture.
-NUMBERS = ("depth", "normal")
-
 
 @dataclass(frozen=True)
 class Output:
@@ -35,6 +33,8 @@ class Output:
     path: Path
     layer: str = "rgba"  # which a picture shows
     variables: tuple[str, ...] = ()  # layers that a render product asks for
+    single_part: bool = False  # whether an .exr holds all layers in one part
+    deep: bool = False  # whether an .exr is a deep picture of the beams
 
     def numbered(self, frame: float) -> Output:
         """Return the output of a frame, with its padded number for the run of # in the name."""
@@ -47,7 +47,7 @@ class Output:
     def shown(self, names: Collection[str]) -> str:
         """Return the layer of `names` that a picture shows: the first one with colours."""
         found = [name for name in self.variables if name in names] or [self.layer]
-        return next((name for name in found if name not in NUMBERS), found[0])
+        return next((name for name in found if not is_number(name)), found[0])
 
 
 @dataclass
@@ -67,14 +67,18 @@ class PictureExposure:
         return self.stops
 
 
-def parse_outputs(files: Iterable[Path], pictures: Iterable[str]) -> list[Output]:
+def parse_outputs(
+    files: Iterable[Path], pictures: Iterable[str], deep: Path | None = None, *, single_part: bool = False
+) -> list[Output]:  # fmt: skip
     """Return the outputs that flags name, not yet numbered."""
-    outputs = [Output(checked_path("--output", path, (".exr", ".png"))) for path in files]
+    outputs = [Output(checked_path("--output", path, (".exr", ".png")), single_part=single_part) for path in files]
     for text in pictures:
         layer, _, name = text.partition("=")
         if not layer or not name:
             raise typer.BadParameter(f"--picture is {text}: expected LAYER=FILE.png, such as beams=beams.png")
         outputs.append(Output(checked_path("--picture", Path(name), (".png",)), layer))
+    if deep is not None:
+        outputs.append(Output(checked_path("--deep", deep, (".exr",)), deep=True))
     seen: set[Path] = set()
     for output in outputs:
         place = output.path.absolute()
@@ -147,9 +151,14 @@ def check_placeholders(outputs: Iterable[Output], frames: int, digits: int) -> N
             )
 
 
+def named_layers(text: str) -> list[str]:
+    """Return the layers that the value of `--layers` names."""
+    return [layer for name in text.split(",") for layer in layers_named(name.strip())]
+
+
 def chosen_layers(text: str | None, outputs: Iterable[Output], names: Sequence[str]) -> list[str]:
     """Return the layers that an .exr keeps, by `--layers`; refuse layers that the frame will not have."""
-    wanted = [name.strip() for name in text.split(",")] if text is not None else list(names)
+    wanted = named_layers(text) if text is not None else list(names)
     for flag, asked in (("--layers", wanted), ("--picture", [output.layer for output in outputs])):
         for name in asked:
             if name not in names:
@@ -169,7 +178,7 @@ def _check_pictures(outputs: Iterable[Output], names: Collection[str]) -> None:
 
     for output in outputs:
         shown = output.shown(names)
-        if output.path.suffix.lower() != ".png" or shown not in NUMBERS:
+        if output.path.suffix.lower() != ".png" or not is_number(shown):
             continue
         text = f"'{shown}', which has no colours: expected another layer, or an .exr"
         if output.variables:
@@ -203,11 +212,14 @@ def write_outputs(
     with ExitStack() as stack:
         places = [(output, stack.enter_context(atomic_path(output.path))) for output in outputs]
         for output, beside in places:
+            if output.deep:
+                write_bytes(beside, frame.encoded_deep(output.path))
+                continue
             shown = output.shown({*frame.layers, *layers})
             every = chosen or not output.variables
             kept = [name for name in names if every or name in ("rgba", *output.variables)]
             held = _holding(frame, kept if beside.suffix.lower() == ".exr" else [shown])
-            write_bytes(beside, held.encoded(output.path, shown, exposure))
+            write_bytes(beside, held.encoded(output.path, shown, exposure, single_part=output.single_part))
 
 
 def _holding(frame: Frame, names: Sequence[str]) -> Frame:
@@ -246,5 +258,9 @@ def checkpoint_of(outputs: Sequence[Output]) -> Path:
 
 
 def snapshots_of(outputs: Sequence[Output]) -> list[Output]:
-    """Return the outputs for an unfinished frame: beside its own, because those would count as finished."""
-    return [replace(each, path=each.path.with_name(f"{each.path.stem}.snapshot{each.path.suffix}")) for each in outputs]
+    """Return the outputs for an unfinished frame: beside its own, because those would count as finished.
+
+    Deep pictures have none: their samples are those of one of the last passes.
+    """
+    flat = [each for each in outputs if not each.deep]
+    return [replace(each, path=each.path.with_name(f"{each.path.stem}.snapshot{each.path.suffix}")) for each in flat]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from ..constants import REQUESTED
 from ..runtime.device import check_address_space
 from .animation import Task, frame_numbers, print_plan, render_frames, tasks_of
 from .outputs import (
@@ -59,11 +60,14 @@ class Job:
         if not request.shown.dry_run:
             check_outputs(request.outputs or own.products)
         first = shot.settings(numbers[0])
-        normals, albedo = (request.wants(layer, own.products) for layer in ("normal", "albedo"))
+        asked: dict[str, Any] = {name: request.wants(layers[0], own.products) for name, layers in REQUESTED.items()}
+        asked["deep"] = request.wants_deep(own.products)
         pixel_filter = own.pixel_filter or first.pixel_filter
-        settings = request.settings.over(replace(first, pixel_filter=pixel_filter, normals=normals, albedo=albedo))
+        settings = request.settings.over(replace(first, pixel_filter=pixel_filter, **asked))
         anywhere = bool(request.stage.render_settings) or request.stage.allow_paths
-        tasks = tasks_of(shot, numbers, request.outputs, own.products, anywhere=anywhere)
+        tasks = tasks_of(
+            shot, numbers, request.outputs, own.products, anywhere=anywhere, single_part=request.files.single_part
+        )
         return cls(request, shot, own, settings, tasks)
 
     def layers(self, first: Task) -> list[str]:
@@ -71,9 +75,9 @@ class Job:
         from ..render.films.sums import NOISY
 
         names = self.shot.subject.layers(self.shot.viewpoint, first.number)
-        more = {"normal": self.settings.normals, "albedo": self.settings.albedo}
+        more = [layer for name, layers in REQUESTED.items() if getattr(self.settings, name) for layer in layers]
         noisy = [NOISY + name for name in names if name.startswith(("surface", "beams")) and self.settings.keep_noisy]
-        return [*names, *(name for name, wanted in more.items() if wanted), *noisy]
+        return [*names, *more, *noisy]
 
     def ready(self, first: Task, todo: Sequence[Task]) -> Job:
         """Return the job with the size of its frames.

@@ -27,7 +27,7 @@ from .flags import (
 )  # fmt: skip
 from .groups import Flags, option
 from .options.fog import FogFlags
-from .outputs import Output, PictureExposure, parse_outputs, part_outputs
+from .outputs import Output, PictureExposure, named_layers, parse_outputs, part_outputs
 
 if TYPE_CHECKING:
     from ..images.plates import Holdout, Plate
@@ -313,13 +313,18 @@ class RenderRequest(Flags):
         """The files that flags name, not yet numbered."""
         if self.passes.part is not None:
             return part_outputs(self.output or ())
-        return parse_outputs(self.output or (), self.files.picture or ())
+        files = self.files
+        return parse_outputs(self.output or (), files.picture or (), files.deep, single_part=files.single_part)
 
     def wants(self, layer: str, products: Iterable[RenderProduct] = ()) -> bool:
         """Return whether the flags ask for a layer or, if they name no files, the render products do."""
-        given = self.files.layers.split(",") if self.files.layers is not None else []
+        given = named_layers(self.files.layers) if self.files.layers is not None else []
         named = () if self.outputs else (each.variables for each in products)
-        return layer in {name.strip() for name in given} | {name for each in named for name in each}
+        return layer in set(given) | {name for each in named for name in each}
+
+    def wants_deep(self, products: Iterable[RenderProduct] = ()) -> bool:
+        """Return whether the flags ask for a deep file or, if they name no files, a render product does."""
+        return self.files.deep is not None or (not self.outputs and any(each.deep for each in products))
 
     def anywhere(self) -> RenderRequest:
         """Return the request with absolute paths, for a process that runs in another folder."""

@@ -81,6 +81,8 @@ def summaries(path: PathLike) -> list[Summary]:
 def _statistics(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> dict[str, Any]:
     """Return the fields of a `Summary` that depend on pixels."""
     file.seek_subimage(index, 0)
+    if file.spec().deep:
+        raise UnreadableImageError(path, "it is a deep one")
     channels, least, greatest, total, count, nans, infinite = file.spec().nchannels, np.inf, -np.inf, 0.0, 0, 0, 0
     for _, strip in strips(file, index, 0, channels):
         if strip is None or (message := complaint(file)):
@@ -196,6 +198,8 @@ def read_pixels(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> Arr
     file.seek_subimage(index, 0)
     spec = file.spec()
     check_image(path, spec)
+    if spec.deep:
+        raise UnreadableImageError(path, "it is a deep one")
     pixels = file.read_image(index, 0, 0, spec.nchannels, "float")
     message = complaint(file)
     if pixels is None or message:

@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..constants import is_number
 from ..runtime.files import PathLike, write_bytes
 from ..scene import MOST_PIXELS, Array, SceneError
+from .deep import encoded_deep
 from .textures import resized
 from .writing import encoded_exr, png_of
 
 if TYPE_CHECKING:
+    from ..render.films.deep import DeepPicture
     from ..render.passes import Statistics
 
 # A notebook stores pictures as text: a few large ones make it slow to open and to compare.
@@ -41,6 +44,8 @@ class Frame:
     views
         For a stereo frame the layers and metadata of each eye, "left" before "right"; `layers` and `metadata` are then
         those of the left eye. Empty for a single camera.
+    deep
+        With `deep=True`, the beams of each view as a deep picture, by its name, which is "" for a single camera.
 
     Examples
     --------
@@ -56,6 +61,7 @@ class Frame:
     metadata: dict[str, Any]
     statistics: Statistics
     views: dict[str, tuple[dict[str, Array], dict[str, Any]]] = field(default_factory=dict)
+    deep: dict[str, DeepPicture] = field(default_factory=dict)
 
     @classmethod
     def of(cls, views: dict[str, tuple[dict[str, Array], dict[str, Any]]], statistics: Statistics) -> Frame:
@@ -63,7 +69,9 @@ class Frame:
         layers, metadata = next(iter(views.values()))
         return cls(layers, metadata, statistics, views if len(views) > 1 else {})
 
-    def write(self, path: PathLike, layer: str = "rgba", exposure: float = 0.0) -> None:
+    def write(
+        self, path: PathLike, layer: str = "rgba", exposure: float = 0.0, *, single_part: bool = False
+    ) -> None:  # fmt: skip
         """Write a layered EXR, or one layer as a tone-mapped PNG, whole or not at all.
 
         Parameters
@@ -74,6 +82,9 @@ class Frame:
             For a PNG: the layer to show.
         exposure
             For a PNG: in stops, the colours are multiplied by 2^exposure.
+        single_part
+            For an EXR: whether all layers are in one part, for programs that read only the first: R, G, B, A, Z, and
+            others with their layers' names, such as beams.R.
 
         Raises
         ------
@@ -82,25 +93,55 @@ class Frame:
         OSError
             The file cannot be written.
         """
-        write_bytes(path, self.encoded(path, layer, exposure))
+        write_bytes(path, self.encoded(path, layer, exposure, single_part=single_part))
 
-    def encoded(self, path: PathLike, layer: str = "rgba", exposure: float = 0.0) -> bytes | memoryview:
+    def encoded(
+        self, path: PathLike, layer: str = "rgba", exposure: float = 0.0, *, single_part: bool = False
+    ) -> bytes | memoryview:  # fmt: skip
         """Return the file that `write` writes to `path`, which decides the kind and is named in messages.
 
-        `layer` and `exposure` are as for `write`.
+        `layer`, `exposure` and `single_part` are as for `write`.
         """
         path, views = Path(path), self.views or {"": (self.layers, self.metadata)}
         if path.suffix.lower() == ".exr":
-            return encoded_exr(path, views)
+            return encoded_exr(path, views, single_part=single_part)
         if path.suffix.lower() != ".png":
             raise SceneError(f"cannot write {path}: expected a name that ends in .exr (layers) or .png (a picture)")
         for layers, _ in views.values():
             if layer not in layers:
                 raise SceneError(f"cannot write {path}: there is no layer '{layer}', only {', '.join(layers)}")
-            if layers[layer].shape[2] < 3:
+            if is_number(layer) or layers[layer].shape[2] < 3:
                 raise SceneError(f"cannot write {path}: '{layer}' has no colours: expected another layer, or an .exr")
         eyes, ratio = [layers[layer] for layers, _ in views.values()], self.metadata.get("pixelAspectRatio", 1.0)
         return png_of(*eyes, exposure=exposure, pixel_aspect=ratio)
+
+    def write_deep(self, path: PathLike) -> None:
+        """Write the beams as a deep EXR, which is the layer `beams` when it is flattened; whole or not at all.
+
+        Parameters
+        ----------
+        path
+            A name that ends in .exr. The folder is made if it does not exist.
+
+        Raises
+        ------
+        SceneError
+            Another suffix, or a frame that was rendered without `deep=True`.
+        OSError
+            The file cannot be written.
+        """
+        write_bytes(path, self.encoded_deep(path))
+
+    def encoded_deep(self, path: PathLike) -> memoryview:
+        """Return the file that `write_deep` writes to `path`."""
+        if Path(path).suffix.lower() != ".exr":
+            raise SceneError(f"cannot write {path}: expected a name that ends in .exr for a deep picture")
+        if not self.deep:
+            raise SceneError(
+                f"cannot write {path}: the frame has no deep picture: expected deep=True when it is rendered"
+            )
+        metadata = {view: about for view, (_, about) in self.views.items()} or dict.fromkeys(self.deep, self.metadata)
+        return encoded_deep(path, {view: (each, metadata[view]) for view, each in self.deep.items()})
 
     def __repr__(self) -> str:
         height, width = self.layers["rgba"].shape[:2]

@@ -42,17 +42,19 @@ _MOST_NAMES = 24
 class Depth:
     """Depths of one view's window."""
 
-    values: Array  # (H, W) float32, in scene units, infinite where there is no surface
+    values: Array  # (f H, f W) float32, f along each side of a pixel, in scene units; infinite: there is no surface
     distance: bool = False  # whether they are distances from the camera, rather than along its axis
-    place: float = 0.5  # where in each pixel they were measured, from 0 to 1, the same horizontally and vertically
 
     def seen_by(self, view: View) -> HoldoutDepth:
         """Return the holdout depth in a view's window, for which the depths were read."""
         from ..render.holdouts import HoldoutDepth
 
-        values, place = self.values, (self.place, self.place)
-        # Distances are from the camera's position; a lens, if there is one, is centred there.
-        return HoldoutDepth(values * view.cosines(place) if self.distance else values, view.window, place)
+        values = self.values
+        if self.distance:  # from the camera's position; a lens, if there is one, is centred there
+            parts, values = len(values) // view.window.shape[0], values.copy()
+            for row, column in np.ndindex(parts, parts):
+                values[row::parts, column::parts] *= view.cosines(((column + 0.5) / parts, (row + 0.5) / parts))
+        return HoldoutDepth(values, view.window)
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,7 @@ class Holdout(_Picture):
             raise SceneError(f"holdout-scale is {self.scale}: expected more than 0 and no more than {FARTHEST:g}")
 
     def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None) -> list[Depth]:
-        """Return the depths of each view.
+        """Return the depths of each view, several of a pixel if the holdout is larger than the picture.
 
         A depth of 0 or less, NaN, infinity, 1e10 or more, or the largest half means that there is no surface.
 
@@ -164,7 +166,7 @@ class Holdout(_Picture):
             depths = _arrays(self.file, 2, views, "the holdout", "(H, W)")
             factor = _factor("the holdout", _size_of(depths[0]), size)
             parts = (placed(each, (0, 0), _finer(box, size, factor), np.inf) for each in depths)
-            return [self._depth(each, "float", factor, self.kind == "distance") for each in parts]
+            return [self._depth(each, "float", self.kind == "distance") for each in parts]
         result = []
         for file, view in image_files(self.file, frame, views):
             (channel,) = self._channels(file, file.channels_of(view, views), warn)
@@ -172,10 +174,12 @@ class Holdout(_Picture):
             factor = _factor(file, file.size, size)
             around = _around(box, size)
             values = file.pixels([channel], np.inf, _finer(around, size, factor))[..., 0]
-            depth = self._depth(values, channel.kind, factor, distance)
+            depth = self._depth(values, channel.kind, distance)
             if not np.isfinite(depth.values).any():
                 warn(f"{file}: {channel.name} holds no depth, so no beam ends: expected some pixels between 0 and 1e10")
-            result.append(replace(depth, values=placed(depth.values, around[:2], box or around, np.inf)))
+            corner = factor * around[0], factor * around[1]
+            inside = _finer(box or around, size, factor)
+            result.append(replace(depth, values=placed(depth.values, corner, inside, np.inf)))
         return result
 
     def _channels(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
@@ -195,14 +199,12 @@ class Holdout(_Picture):
             raise SceneError(f"{text}: expected a depth of half or single precision")
         return found[:1]
 
-    def _depth(self, values: Array, stored: str, factor: int, distance: bool) -> Depth:
-        """Return depths in scene units, of pixels that are merged from `factor` ones along each side."""
-        # One of the pixels that are merged, not their mean: between a near and a far surface there is no surface.
-        middle = factor // 2
-        values = np.asarray(values[middle::factor, middle::factor], dtype=np.float64)
+    def _depth(self, values: Array, stored: str, distance: bool) -> Depth:
+        """Return depths in scene units."""
+        values = np.asarray(values, dtype=np.float64)
         there = (values > 0) & (values < (HALF_MAX if stored == "half" else NOTHING))
         values = np.where(there, values * self.scale, np.inf).astype(np.float32)
-        return Depth(values, distance, (middle + 0.5) / factor)
+        return Depth(values, distance)
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,10 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
         A file that cannot be read or written.
     """
     headers = [exr_parts(path, header_only=True) for path in paths]
+    for path, parts in zip(paths, headers, strict=True):
+        if any(part.type() in (OpenEXR.deepscanline, OpenEXR.deeptile) for part in parts):
+            text = "tiles of deep pictures are not joined: expected --pass-range instead of --tile"
+            raise SceneError(f"{path}: is a deep picture, and {text}")
     boxes = [_box(parts[0].header) for parts in headers]
     whole = min(b[0] for b in boxes), min(b[1] for b in boxes), max(b[2] for b in boxes), max(b[3] for b in boxes)
     columns, rows = whole[2] - whole[0], whole[3] - whole[1]

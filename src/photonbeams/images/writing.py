@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
+from ..constants import CRYPTO, DEPTH_LAYER, is_number
 from ..runtime.files import PathLike, write_bytes
 from ..scene import Array, SceneError
 from .display import dithered, srgb_encoded, tone_mapped
@@ -26,17 +27,21 @@ LOG = logging.getLogger("photonbeams")
 HALF_MAX = 65504.0  # the largest finite half
 HALF_MIN = 2.0**-24  # the smallest half above 0
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
+# Names of the channels of layers that have no colours.
+_AXES = {"normal": "XYZ", "position": "XYZ", "motion": "uv"}
+# The attribute that OpenImageIO reads, whose values are the names of OpenColorIO's configurations.
+_COLOR_SPACE, _CRYPTO_HEADER = "oiio:ColorSpace", "cryptomatte/"
 # Attributes of a frame that must be the same in all parts of an EXR.
 SHARED = ("displayWindow", "pixelAspectRatio", "chromaticities")
 _PNG_UNIT = 10_000  # pixels in the unit of length in which a PNG gives the shape of its pixels
 
 
-def encoded_exr(path: PathLike, views: Views) -> memoryview:
+def encoded_exr(path: PathLike, views: Views, *, single_part: bool = False) -> memoryview:
     """Return a multi-part EXR with a part for each layer, `rgba` first: ZIP, half for colours, float for others.
 
     Layers are pixels by name, all of one size, first row on top: (H, W, 4) and (H, W, 3) become R, G, B(, A), those of
-    `normal` X, Y, Z, and (H, W) or (H, W, 1) becomes Z. Colours beyond ±65504, the largest half, are clamped, with a
-    warning; infinite depth stays.
+    `normal` and `position` X, Y, Z, `motion` u, v, and (H, W) or (H, W, 1) becomes Z. Cryptomattes stay float. Colours
+    beyond ±65504, the largest half, are clamped, with a warning; infinite depth stays.
 
     Metadata are header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (2,)
     and (4, 4) arrays. The matrices worldToCamera and worldToNDC are for row vectors, as in Imath and USD. For a cropped
@@ -51,6 +56,10 @@ def encoded_exr(path: PathLike, views: Views) -> memoryview:
         Layers and metadata of each view, "left" and "right", the default one first; a single one may have no name. Each
         part has the attribute `view`; if there are several views, the part's name ends with it, as in beams.left, since
         names must be unique.
+    single_part
+        Whether all layers are in one part, for programs that read only the first: those of `rgba` and `depth` as R, G,
+        B, A and Z, others with their layer, as in beams.R. Several views are then in OpenEXR's older form, with the
+        attribute `multiView`: right.R and right.beams.R are those of the view "right", the second one.
 
     Raises
     ------
@@ -60,8 +69,8 @@ def encoded_exr(path: PathLike, views: Views) -> memoryview:
 
     References
     ----------
-    Storing multi-view images, https://openexr.com/en/latest/MultiViewOpenEXR.html: this is the preferred one of its two
-    forms.
+    Storing multi-view images, https://openexr.com/en/latest/MultiViewOpenEXR.html: parts are the preferred one of its
+    two forms.
     """
     views = {
         view: (seen, {"chromaticities": REC709, **about, **({"view": view} if view else {})})
@@ -69,12 +78,52 @@ def encoded_exr(path: PathLike, views: Views) -> memoryview:
     }
     _check_views(path, views)
     _warn_of_range(path, views)
+    if single_part:
+        return encoded_parts(path, [_single_part(views)])
     parts = [
-        OpenEXR.Part(_header(about), _channels(name, seen[name]), _part_name(name, view, views))
+        OpenEXR.Part(
+            attributes_of(part_metadata(about, name)), _channels(name, seen[name]), _part_name(name, view, views)
+        )
         for view, (seen, about) in views.items()
         for name in sorted(seen, key=lambda name: name != "rgba")  # the sort is stable: the others keep their order
     ]
     return encoded_parts(path, parts)
+
+
+def _single_part(views: Views) -> OpenEXR.Part:
+    """Return the one part with all layers of all views."""
+    first, *others = views
+    about = dict(views[first][1])
+    if others:
+        del about["view"]
+        about["multiView"] = [*views]
+    channels = dict[str, Array]()
+    for view, (seen, _) in views.items():
+        for layer, pixels in seen.items():
+            own = "" if layer in ("rgba", DEPTH_LAYER) else f"{layer}."
+            for name, each in _separate(_channels(layer, pixels)).items():
+                channels[f"{view}.{own}{name}" if view in others else f"{own}{name}"] = each
+    return OpenEXR.Part(attributes_of(part_metadata(about, "rgba")), channels, "rgba")
+
+
+def _separate(channels: Mapping[str, Array]) -> dict[str, Array]:
+    """Return interleaved channels one by one."""
+    return {
+        name: np.ascontiguousarray(each[..., k]) if each.ndim == 3 else each
+        for key, each in channels.items()
+        for k, name in enumerate(key if each.ndim == 3 else [key])
+    }
+
+
+def part_metadata(about: Metadata, layer: str) -> dict[str, Any]:
+    """Return the metadata of a layer's part: the long manifests of cryptomattes only where readers look for them."""
+    result = {
+        key: value for key, value in about.items()
+        if not key.startswith(_CRYPTO_HEADER) or layer == "rgba" or layer.startswith(CRYPTO)
+    }  # fmt: skip
+    if not is_number(layer) and tuple(about["chromaticities"]) == REC709:
+        result.setdefault(_COLOR_SPACE, "lin_rec709_scene")
+    return result
 
 
 def encoded_parts(path: PathLike, parts: list[OpenEXR.Part]) -> memoryview:
@@ -111,7 +160,7 @@ def _listed(names: list[str]) -> str:
 
 def _is_half(name: str, shape: tuple[int, ...]) -> bool:
     """Return whether a layer is written in half floats: it has colours."""
-    return name != "normal" and len(shape) == 3 and shape[2] in (3, 4)
+    return not is_number(name) and len(shape) == 3 and shape[2] in (3, 4)
 
 
 def _part_name(layer: str, view: str, views: Views) -> str:
@@ -137,7 +186,7 @@ def _check_views(path: PathLike, views: Views) -> None:
         raise ValueError(f"while writing {path}, got layers {text}: expected some for each view, all of one size")
 
 
-def _header(metadata: Metadata) -> dict[str, Any]:
+def attributes_of(metadata: Metadata) -> dict[str, Any]:
     """Return metadata as attributes of the types that the OpenEXR module takes."""
     result: dict[str, Any] = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
     for name, value in metadata.items():
@@ -165,8 +214,10 @@ def _all_text(values: list[object]) -> bool:
 def _channels(name: str, pixels: Array) -> dict[str, Array]:
     """Return the layer's channels by name; "RGB", "RGBA" and "Z" are OpenEXR's names for interleaved arrays."""
     pixels = np.asarray(pixels)
-    if name == "normal" and pixels.ndim == 3 and pixels.shape[2] == 3:
-        return {axis: np.ascontiguousarray(pixels[..., i], dtype=np.float32) for i, axis in enumerate("XYZ")}
+    if name in _AXES and pixels.ndim == 3 and pixels.shape[2] == len(_AXES[name]):
+        return {axis: np.ascontiguousarray(pixels[..., i], dtype=np.float32) for i, axis in enumerate(_AXES[name])}
+    if name.startswith(CRYPTO) and pixels.ndim == 3 and pixels.shape[2] == 4:
+        return {"RGBA": np.ascontiguousarray(pixels, dtype=np.float32)}
     if _is_half(name, pixels.shape):
         key = "RGBA" if pixels.shape[2] == 4 else "RGB"
         return {key: np.ascontiguousarray(np.clip(pixels, -HALF_MAX, HALF_MAX), dtype=np.float16)}

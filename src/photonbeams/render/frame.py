@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import drjit as dr
@@ -20,24 +21,26 @@ from ..numerics.arrays import joined, taken, to_uint
 from ..numerics.samples import BITS, Samples
 from ..numerics.sampling import z_order
 from ..numerics.streams import Stream
-from ..runtime.device import Array2f, Array3f, Float, UInt32
+from ..runtime.device import Array2f, Float, UInt32
 from ..scene import SceneError
 from ..world.cameras.cameras import Pinhole
 from ..world.cameras.sensors import PrimaryRays
+from ..world.shutter import Moment
 from ..world.warp import disk
 from .costs import LANES, power_below
 from .films.film import BeamSamples, Film, PassPicture, SeenSums
 from .films.frame_sums import FrameSums
 from .films.sample_layout import PixelSamples, SampleLayout, SamplePiece, parts
-from .films.sums import DEPTH, NORMAL, PassSums
+from .films.sums import PassSums
 from .light import ShotLight, TracedLight
 from .memory import release_memory
 from .passes import Statistics
-from .paths import camera_paths
-from .paths.surface_light import NO_LIGHT, SurfaceLight
+from .paths.surface_light import SurfaceLight
 from .pilots.coarse_passes import Pixels
 from .pilots.sample_plan import EDGE, SAMPLES, SampleCounts, pilot_pixels, sample_plan
-from .ray_passes import CameraImage, PassRenderer, ViewRays, unshaded
+from .ray_passes import PassRenderer, ViewRays
+from .seen.deep import deep_pass, deep_pictures
+from .seen.first_hits import Later, first_hits
 from .settings import Settings
 from .views import FrameView
 
@@ -113,19 +116,24 @@ class FrameRenderer(PassRenderer):
         Whether the depth layer is wanted.
     memory
         Parts of passes that are kept for other frames.
+    later
+        Returns the shot one frame later; None: nothing moves.
 
     Attributes
     ----------
     about
         Hash of the passes' content, as in `FrameSums`.
+    worlds
+        The world over the shutter interval.
     """
 
     def __init__(
         self, settings: Settings, light: ShotLight, views: Sequence[FrameView], films: Sequence[Film],
         max_depth: int | None, statistics: Statistics, planned: int | None = None, depth: bool = True,
-        memory: PassMemory | None = None,
+        memory: PassMemory | None = None, later: Callable[[], Moment] | None = None,
     ) -> None:  # fmt: skip
         super().__init__(settings, light, max_depth, statistics, planned)
+        self.worlds, self._moments = light.worlds, later
         self._views, self._films, self._depth = views, films, depth
         self._memory: PassMemory = memory or NoMemory()
         self.about = ""
@@ -222,7 +230,9 @@ class FrameRenderer(PassRenderer):
                     edge = _edges(own, film.order) if shared else ()
                     beams = self._beams(number, view, film, there, rays, places, edge, min(own.typical, _AT_EDGES))
                     release_memory(self._size)
-                first = self._first_hits(view, film) if number == 0 else {}
+                first = first_hits(self, eye, film, partial(self._later, view)) if number == 0 and self._depth else {}
+                if self.settings.deep and number == deep_pass(self.planned):
+                    first |= deep_pictures(self, eye, film, there, number, moving, pinhole)
                 with self.statistics.phase("surfaces"):
                     film.add(number, own, beams, own.exposure, first)
                 release_memory(self._size)
@@ -333,22 +343,10 @@ class FrameRenderer(PassRenderer):
         groups = {group: taken(radiance, index) for group, radiance in found.items()}
         return BeamSamples(groups, taken(joined([places, beside]), index), taken(more.shares(pixels), index), layout)
 
-    def _first_hits(self, view: int, film: Film) -> dict[str, Any]:
-        """Return planar depths and normals from a pinhole at shutter open: a mean of depths belongs to no surface."""
-        if not self._depth:
-            return {}
-        normals, rays = self.settings.normals, self._views[view].pinhole(film.centers(), film.order, self.samples(0))
-        count = dr.width(rays.primary.direction)
-        if rays.holdout is not None:
-            return {DEPTH: rays.holdout, **({NORMAL: dr.zeros(Array3f, count)} if normals else {})}
-        tracing = replace(unshaded(self.camera_tracing(self.light.world, rays)), normals=normals, splits=False)
-        image = CameraImage(count)
-        with self.statistics.phase("surfaces"):
-            begun = camera_paths.begin(tracing, rays.primary, film.order)
-            for step in camera_paths.follow(tracing, begun, self.samples(0), NO_LIGHT):
-                image.add(*step)
-        depth = image.distance * (1.0 if rays.primary.facing is None else rays.primary.facing)
-        return {DEPTH: depth, **({NORMAL: image.normal} if normals else {})}
+    def _later(self, view: int) -> Later | None:
+        """Return the scene and the camera of a view one frame later; None: nothing moves."""
+        moment = None if self._moments is None else self._moments()
+        return None if moment is None else (moment.scene, moment.cameras[view])
 
     def layers(self) -> dict[str, np.ndarray]:
         """Return the layers of the first view."""

@@ -1,10 +1,11 @@
 """Holdouts: another picture's depth, at which camera rays end.
 
-The rays of a pixel differ in their places in the pixel and on the lens, but the pixel's depth is that of one ray. So
-each pixel is taken as a piece of a plane, on which 1/Z is linear in the picture. Without the slope of 1/Z, rays would
-end behind slanted surfaces and show beams that lie there. The slope is the smaller of those to the neighbours on either
-side, and 0 if these differ in sign (the minmod limiter, Roe 1986): at the edge of an object it is the object's own, and
-a depth never lies between a near object and a far one.
+The rays of a pixel differ in their places in the pixel and on the lens, but a depth is that of one ray, for the pixel
+or, in a holdout that is larger than the picture, for a part of it. So each part is taken as a piece of a plane, on
+which 1/Z is linear in the picture. Without the slope of 1/Z, rays would end behind slanted surfaces and show beams that
+lie there. The slope is the smaller of those to the neighbours on either side, and 0 if these differ in sign (the minmod
+limiter, Roe 1986): at the edge of an object it is the object's own, and a depth never lies between a near object and a
+far one.
 """
 
 from __future__ import annotations
@@ -21,20 +22,30 @@ from ..world.cameras.cameras import View, Window
 
 
 class HoldoutDepth:
-    """The holdout of one view: planar depths, (H, W), positive, infinite for the background.
+    """The holdout of one view: planar depths, positive, infinite for the background.
 
-    `place` is the point within each pixel at which the depths were sampled, from 0 to 1 along x and y.
+    Depths are (f H, f W), with f along each side of a pixel: each of its rays ends at the nearest. `place` is the point
+    within each of these parts of a pixel at which depths were sampled, from 0 to 1 along x and y.
+
+    Attributes
+    ----------
+    depths, depth
+        All depths, and one of each pixel, near its middle.
     """
 
     def __init__(self, depth: np.ndarray, window: Window, place: tuple[float, float] = (0.5, 0.5)) -> None:
-        if np.shape(depth) != window.shape:
-            raise scene.SceneError(f"the holdout has shape {np.shape(depth)}: expected {window.shape}")
+        shape = np.shape(depth)
+        self._parts = max(1, shape[0] // window.shape[0]) if shape else 1
+        if shape != tuple(self._parts * each for each in window.shape):
+            raise scene.SceneError(f"the holdout has shape {shape}: expected {window.shape}")
         inverse = 1.0 / np.asarray(depth, dtype=np.float64)
-        self.depth = to_float(depth)
+        middle = self._parts // 2
+        self.depth = to_float(np.asarray(depth)[middle :: self._parts, middle :: self._parts])
+        self.depths = to_float(depth)
         self._inverse = to_float(inverse)
-        self._slopes = [to_float(_slopes_in(inverse, window, axis)) for axis in (1, 0)]
-        self._place = place
-        dr.eval(self.depth, self._inverse, self._slopes)
+        self._slopes = [to_float(_slopes_in(inverse, window, self._parts, axis)) for axis in (1, 0)]
+        self._place, self._columns = place, window.shape[1]
+        dr.eval(self.depth, self.depths, self._inverse, self._slopes)
 
     def distances(
         self, view: View, facing: Any, places: Array2f, on_lens: tuple[Any, Any, Any] | None = None,
@@ -45,27 +56,34 @@ class HoldoutDepth:
         `facing` is the planar depth per unit of distance; `places` are the rays' places in their pixels, which are all
         pixels or `some`.
         """
-        own, rise, numerator = self._inverse, self._slopes, Float(1)
-        if some is not None:
-            own, *rise = (dr.gather(Float, each, some) for each in (own, *rise))
-        inverse = own
-        for slope, there, here in zip(rise, places, self._place, strict=True):
+        part, within = self._part_of(dr.arange(UInt32, dr.width(places)) if some is None else some, places)
+        own, *rise = (dr.gather(Float, each, part) for each in (self._inverse, *self._slopes))
+        inverse, numerator = own, Float(1)
+        for slope, there, here in zip(rise, within, self._place, strict=True):
             inverse = dr.fma(slope, there - dr.opaque(Float, here), inverse)
         if on_lens is not None:
             # The plane is 1 = a Z + b X + c Y, and the ray X = x + Z (right − x / focus), Y alike, with a place (x, y)
             # on the lens; a + b right + c up is the inverse depth of the ray through the lens's centre.
             scale, (x, y, focus) = view.projection.scale, on_lens
-            moved = rise[0] * scale[0] * x - rise[1] * scale[1] * y
+            moved = (rise[0] * scale[0] * x - rise[1] * scale[1] * y) * dr.opaque(Float, self._parts)
             inverse, numerator = inverse - moved / focus, dr.maximum(1 - moved, 0.25)
         # The slopes may add up to more than the inverse depth itself.
         return numerator / dr.maximum(inverse, 0.25 * own) / facing
 
+    def _part_of(self, pixel: UInt32, places: Array2f) -> tuple[UInt32, Array2f]:
+        """Return in which parts of pixels rays are, and the places in these."""
+        parts, columns = dr.opaque(UInt32, self._parts), dr.opaque(UInt32, self._columns)
+        number = [dr.minimum(UInt32(each * Float(parts)), parts - 1) for each in places]
+        within = Array2f(*(each * Float(parts) - Float(own) for each, own in zip(places, number, strict=True)))
+        row = pixel // columns * parts + number[1]
+        return row * columns * parts + pixel % columns * parts + number[0], within
 
-def _slopes_in(values: np.ndarray, window: Window, axis: int) -> np.ndarray:
-    """Return the slopes of a window; those of the picture do not depend on overscan."""
+
+def _slopes_in(values: np.ndarray, window: Window, parts: int, axis: int) -> np.ndarray:
+    """Return the slopes in a window, whose pixels have `parts`; those in the picture do not depend on overscan."""
     result = slopes(values, axis)
-    left, top, right, bottom = window.inside()
-    if (bottom - top, right - left) != window.shape and top < bottom and left < right:
+    left, top, right, bottom = (parts * each for each in window.inside())
+    if (bottom - top, right - left) != values.shape and top < bottom and left < right:
         result[top:bottom, left:right] = slopes(values[top:bottom, left:right], axis)
     return result
 

@@ -154,7 +154,7 @@ class PassRenderer:
             return {}
         if rays.inside is not None:
             return self._gathered_apart(number, light, rays, rays.inside, order, samples, more)
-        statistics, options = self.statistics, self._options(number)
+        statistics, options = self.statistics, self.options(number)
         tracing = unshaded(self.camera_tracing(light.world, rays))
         with statistics.phase("beams"):
             gathering = Gathering(
@@ -166,7 +166,7 @@ class PassRenderer:
             gathering.finish()
         return gathering.radiance
 
-    def _options(self, number: int) -> EstimatorOptions:
+    def options(self, number: int) -> EstimatorOptions:
         """Return the options of the estimate in pass `number`."""
         clock = self.clock(number)
         return EstimatorOptions(
@@ -180,7 +180,7 @@ class PassRenderer:
 
     def coarse(self, number: int, light: TracedLight, each: BeamSet) -> bool:
         """Return whether pictures gather a set of the beams of pass `number` along fewer rays than pixels."""
-        return is_coarse(self._options(number), each, light.world.media)
+        return is_coarse(self.options(number), each, light.world.media)
 
     def _gathered_apart(
         self, number: int, light: TracedLight, rays: ViewRays, inside: tuple[UInt32, ViewRays], order: UInt32,

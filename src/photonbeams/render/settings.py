@@ -174,6 +174,11 @@ class Settings:
     )  # fmt: skip
     normals: bool = _yes_or_no("Add a layer of normals.")
     albedo: bool = _yes_or_no("Add a layer of albedos.")
+    positions: bool = _yes_or_no("Add a layer of positions, in world space.")
+    motion: bool = _yes_or_no("Add a layer of motion vectors: pixels that surfaces move until the next frame.")
+    crypto_object: bool = _yes_or_no("Add a cryptomatte of objects, by the paths of their prims.")
+    crypto_material: bool = _yes_or_no("Add a cryptomatte of materials, by the paths of their prims.")
+    deep: bool = _yes_or_no("Find where along each ray the light of beams comes from, for a deep file.")
     denoise: bool = _yes_or_no(
         "Denoise surfaces, and beams where they need it, with Open Image Denoise.",
         flags={"--denoise": {}}, parameter={"denoise": {}},
@@ -316,6 +321,11 @@ class SettingsArguments(TypedDict, total=False):
     surface_samples: int | None
     normals: bool
     albedo: bool
+    positions: bool
+    motion: bool
+    crypto_object: bool
+    crypto_material: bool
+    deep: bool
     denoise: bool
     keep_noisy: bool
     pixel_filter: str | None

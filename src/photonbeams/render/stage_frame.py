@@ -77,7 +77,7 @@ def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Se
     program = settings.program and (settings.program.modifier, settings.program.frame)
     return [
         shutter.moving, shutter.at(0.0).cameras, window, program,
-        replace(as_passes(settings), program=None), [each.depth for each in holdouts],
+        replace(as_passes(settings), program=None), [each.depths for each in holdouts],
     ]  # fmt: skip
 
 
@@ -204,7 +204,9 @@ def begin(
         FrameView(window, partial(worlds.camera, view=view), holdout, turned=turned)
         for view, holdout in zip(range(len(films)), depths, strict=True)
     ]
-    return FrameRenderer(settings, light, views, films, light.max_depth, statistics, planned, memory=memory)
+    return FrameRenderer(
+        settings, light, views, films, light.max_depth, statistics, planned, memory=memory, later=shutter.later
+    )
 
 
 def _pieces(light: scene.Light) -> int:

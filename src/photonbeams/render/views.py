@@ -114,6 +114,11 @@ class FrameView:
         dr.eval(met, place)
         return to_numpy(place).T[met.numpy()].astype(np.float64)
 
+    @property
+    def opened(self) -> View | None:
+        """The pinhole at shutter open; None for a sensor that is no camera."""
+        return None if self._camera is None else View(replace(self._camera(0).opened, lens_radius=0.0), self.window)
+
     def whole(self) -> FrameView:
         """Return the same view of the whole picture, without a holdout."""
         return FrameView(self.window.whole(), self._camera, sensor=self._sensor, clips=self._clips, turned=self._turned)
@@ -172,9 +177,9 @@ class FrameView:
     def pinhole(self, places: Array2f, order: Any, samples: Samples) -> ViewRays:
         """Return the rays of a pinhole at shutter open through places in the pixels, with the holdout's depth."""
         holdout = None if self.holdout is None else self.holdout.depth
-        if self._camera is None:
+        own = self.opened
+        if own is None:
             return ViewRays(sampled_rays(self._sensor, self.window, places, order, samples), None, holdout=holdout)
-        own = View(replace(self._camera(0).opened, lens_radius=0.0), self.window)
         return ViewRays(self._primary(own, own.rays(places)), own.projection, holdout=holdout)
 
     def _view(self, number: int, window: Window, pinhole: Pinhole | None = None) -> View:

@@ -109,6 +109,8 @@ class Material:
         Normals in tangent space, stored as (n + 1) / 2 in three channels. None, the default: the mesh's own normals.
     bump
         Heights in scene units, one channel, which tilt the normals; not used where there is `normal`. Default: none.
+    name
+        Prim path, by which cryptomattes name the material. Default: "", none.
 
     References
     ----------
@@ -133,6 +135,7 @@ class Material:
     tint: Color = WHITE
     normal: UVTexture | None = None
     bump: UVTexture | None = None
+    name: str = ""
 
     @property
     def perturbed(self) -> bool:

@@ -211,6 +211,7 @@ class DescribedSubject(Subject):
         self, viewpoint: Viewpoint, request: FrameRequest, window: Window, views: Sequence[str]
     ) -> FrameContent:
         """Return what a frame shows, and warn if that is black."""
+        from ..render.seen.surfaces import names_of
         from ..render.stage_frame import groups_of, render
         from ..world.cameras.cameras import View
 
@@ -232,7 +233,7 @@ class DescribedSubject(Subject):
         return FrameContent(
             groups_of(content), [View(cameras[eye], window) for eye in eyes],
             [{**time, "camera": cameras[eye].name} for eye in eyes], rendered, shutter, viewers,
-            self._program(frame, exposure),
+            lambda: names_of(content.meshes), self._program(frame, exposure),
         )  # fmt: skip
 
     def _program(self, frame: float | None, exposure: Exposure) -> Program | None:

@@ -15,7 +15,7 @@ from ..images.frame import Frame
 from ..images.plates import Plate
 from ..render.films.denoising import Filtered, denoised
 from ..render.films.frame_sums import FrameSums
-from ..render.films.layers import develop
+from ..render.films.layers import deep_of, develop
 from ..render.films.sums import ALBEDO, PassSums
 from ..render.passes import Statistics, known
 from ..render.settings import Settings
@@ -45,23 +45,29 @@ class Development:
         if statistics is None:
             statistics = Statistics(len(sums), sums.beams, sums.tests, error=known(sums.error()))
         with statistics.phase("denoise") if self.settings.denoise else nullcontext():
-            pictures = [self._layers(name, each) for name, each in zip(self.views, sums.views, strict=True)]
+            whole = [self._layers(name, each) for name, each in zip(self.views, sums.views, strict=True)]
+        top, left, rows, columns = self.shown or (0, 0, *self.shape)
+        part = np.s_[top : top + rows, left : left + columns]
+        pictures = [{name: np.ascontiguousarray(layer[part]) for name, layer in each.items()} for each in whole]
         for layers, pixels in zip(pictures, self.plates, strict=False):
             layers["rgba"] = Plate(pixels, self.plate_fog).composite(layers, pixels)
         headers = [{**each, "passes": len(sums)} for each in self.views.values()]
-        return Frame.of(dict(zip(self.views, zip(pictures, headers, strict=True), strict=True)), statistics)
+        frame = Frame.of(dict(zip(self.views, zip(pictures, headers, strict=True), strict=True)), statistics)
+        for name, each, layers in zip(self.views, sums.views, whole, strict=True):
+            deep = deep_of(each, self.shape, layers["beams"])
+            if deep is not None:
+                frame.deep[name] = deep.part(top, left, rows, columns)
+        return frame
 
     def _layers(self, view: str, sums: PassSums) -> dict[str, Array]:
-        """Return the layers of a view, cut to what is shown."""
+        """Return the layers of a view, with what is not shown."""
         known = None if self.filtered is None else self.filtered.setdefault(view, {})
         layers = develop(sums, self.shape, self.groups)
         if self.settings.denoise:  # before the cut: pixels around the shown part help at its edges
             layers = denoised(layers, sums, self.groups, self.settings.keep_noisy, known)
         if not self.settings.albedo:
             layers.pop(ALBEDO, None)
-        top, left, rows, columns = self.shown or (0, 0, *self.shape)
-        part = np.s_[top : top + rows, left : left + columns]
-        return {name: np.ascontiguousarray(layer[part]) for name, layer in layers.items()}
+        return layers
 
     def state(self) -> dict[str, Array]:
         """Return this as arrays by name, for `FrameSums.development`."""

@@ -10,6 +10,7 @@ from ..images.frame import Frame
 from ..images.plates import Holdout, Plate
 from ..render.checkpoint import Checkpoint
 from ..render.films.denoising import check_denoiser
+from ..render.films.mattes import MATERIAL, OBJECT, header_of
 from ..render.passes import PlannedPasses, Progress, RunOptions
 from ..render.settings import Settings
 from ..scene import SceneError, real
@@ -121,7 +122,7 @@ def prepare(
     chosen = request.settings
     if chosen.program is None:
         chosen = replace(chosen, program=content.program)
-    facts = {"seed": chosen.seed, **window.header()}
+    facts = {"seed": chosen.seed, **window.header(), **_mattes(content, chosen)}
     headers = {
         name: {**({} if view is None else view.header()), **about, **facts}
         for name, view, about in zip(names, content.views, content.headers, strict=True)
@@ -135,6 +136,13 @@ def prepare(
     holdouts = [depth.seen_by(_camera(view)) for depth, view in zip(depths, content.views, strict=False)]
     digest = subject.digest(viewpoint, frame) if run.named else ""
     return Prepared(content, grown, chosen, holdouts, run, digest, development)
+
+
+def _mattes(content: FrameContent, settings: Settings) -> dict[str, str]:
+    """Return what headers say of cryptomattes."""
+    asked = [layer for layer in (OBJECT, MATERIAL) if getattr(settings, layer)]
+    names = content.names() if asked else {}
+    return {key: value for layer in asked for key, value in header_of(layer, names[layer]).items()}
 
 
 def _run_options(request: FrameRequest, development: Development) -> RunOptions:

@@ -206,10 +206,13 @@ class SceneSubject(Subject):
     ) -> FrameContent:  # fmt: skip
         """Return what a frame shows in the rendered window."""
         from ..render.scene_frame import Extras, groups_of, render
+        from ..render.seen.surfaces import names_of, wholes
         from ..world.cameras.cameras import Window
         from ..world.cameras.sensors import Sensor, camera_of
         from ..world.shutter import Shutter
 
+        if request.settings.motion:
+            raise SceneError("motion is a layer of stages: a Mitsuba scene (.xml) does not say how things move")
         plugin, (name, sensor) = self.load(request.frame), self.sensor(viewpoint, request.frame)
         cameras: Sequence[scene.Camera] = ()  # which replace the sensor
         with _resized(sensor, Window.full(window.width, window.height)):  # a camera's aperture is that of a whole film
@@ -229,7 +232,10 @@ class SceneSubject(Subject):
 
         header = {**origin(self.path.name if self.path else "", request.frame), "camera": name}
         still = Shutter.still(scene.Scene(), *cameras)
-        return FrameContent(groups_of(plugin, beams), seen, [header] * len(views), rendered, still, lambda: cameras)
+        return FrameContent(
+            groups_of(plugin, beams), seen, [header] * len(views), rendered, still, lambda: cameras,
+            lambda: names_of(wholes(plugin)),
+        )  # fmt: skip
 
     def beams(
         self, viewpoint: Viewpoint, frame: float | None, views: Sequence[str], settings: Settings | None,

@@ -54,6 +54,7 @@ class FrameContent:
     render: Callable[[Prepared], FrameRenderer]  # returns the frame with its passes
     shutter: Shutter  # of a Mitsuba scene, the cameras alone
     viewers: Callable[[], Sequence[scene.Camera]]  # returns the cameras of all frames, for which emission is guided
+    names: Callable[[], Mapping[str, Sequence[str]]]  # returns the names in cryptomattes, by their layers
     program: Program | None = None
 
 

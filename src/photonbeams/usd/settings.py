@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from math import ceil, isfinite
 from pathlib import Path
 from typing import Any
 
-from ..constants import FILTERS
+from ..constants import CRYPTO, FILTERS, REQUESTED, layers_named
 from ..images.frame import fractions_of, pixels_of
 from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
@@ -25,23 +26,38 @@ _ALIASES = {
     **dict.fromkeys(("z", "lineardepth"), "depth"),
     **dict.fromkeys(("n", "nn", "normals"), "normal"),
     **dict.fromkeys(("diffusealbedo", "diffuse_albedo"), "albedo"),
+    **dict.fromkeys(("p", "pworld", "worldposition"), "position"),
+    **dict.fromkeys(("motionvector", "motionvectors", "motion_vector"), "motion"),
+    **dict.fromkeys(("cryptomatte", "cryptoobject", "crypto_primpath"), "crypto_object"),
+    **dict.fromkeys(("cryptomaterial",), "crypto_material"),
     **dict.fromkeys(("volume", "volume_direct"), "beams"),
 }
-_LAYERS = ("rgba", "surface", "beams", "transmittance", "depth", "normal", "albedo")
+_LAYERS = ("rgba", "surface", "beams", "transmittance", "depth", *chain(*REQUESTED.values()))
 _EDGE = 1e-4  # of a pixel: dataWindowNDC has single precision
 
 #: The attribute of settings and products that names a pixel filter, by the names of Mitsuba's plug-ins.
 PIXEL_FILTER = "photonbeams:pixelFilter"
+
+#: The attribute of products that says whether all layers of a file are in one part.
+SINGLE_PART = "photonbeams:singlePart"
+
+_DEEP = "deepRaster"  # the type of a product
 
 Window = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class RenderProduct:
-    """A RenderProduct: its prim's path, and the layers that its orderedVars name, if any."""
+    """A RenderProduct: its prim's path, the layers that its orderedVars name, if any, and how an .exr holds them.
+
+    `single_part`, from photonbeams:singlePart, says whether they are in one part, and `deep` whether it is a
+    deepRaster: a deep picture of the beams.
+    """
 
     path: str
     variables: tuple[str, ...] = ()
+    single_part: bool = False
+    deep: bool = False
 
 
 @dataclass(frozen=True)
@@ -157,8 +173,14 @@ def read_settings(
         disable_motion_blur=still,
         disable_depth_of_field=values["disableDepthOfField"],
         pixel_filter=values[PIXEL_FILTER],
-        products=tuple(RenderProduct(str(raster.GetPath()), _variables(reading, raster)) for raster in rasters),
+        products=tuple(_product(reading, raster) for raster in rasters),
     )
+
+
+def _product(reading: Reading, raster: Usd.Prim) -> RenderProduct:
+    single_part = reading.attempt(raster, partial(_flag(SINGLE_PART), reading, raster), False, "it is ignored")
+    deep = str(reading.value(raster, "productType", "raster")) == _DEEP
+    return RenderProduct(str(raster.GetPath()), () if deep else _variables(reading, raster), bool(single_part), deep)
 
 
 def product_file(stage: Usd.Stage, product: RenderProduct, time: Time = None) -> Path:
@@ -204,11 +226,7 @@ def _rasters(reading: Reading, settings: Usd.Prim) -> list[Usd.Prim]:
     for prim in reading.targets(settings, "products"):
         if not prim.IsA(UsdRender.Product):
             raise reading.fail(settings, "products", f"names {prim.GetPath()}: expected a RenderProduct")
-        kind = str(reading.value(prim, "productType", "raster"))
-        if kind == "raster":
-            rasters.append(prim)
-        else:
-            reading.warn(prim, f"is '{kind}': it is skipped, because only rasters are rendered", "productType")
+        rasters.append(prim)
     return rasters
 
 
@@ -306,5 +324,6 @@ def _variables(reading: Reading, product: Usd.Prim) -> tuple[str, ...]:
             text = f"is '{kind}': it is left out, because only layers are written, such as beams or depth"
             reading.warn(prim, text, "sourceType")
             continue
-        names.append(name.lower() if name.lower() in _LAYERS else name)
-    return tuple(dict.fromkeys(names))
+        plain = name.lower() in _LAYERS or name.lower().startswith(CRYPTO)
+        names.append(name.lower() if plain else name)
+    return tuple(dict.fromkeys(layer for name in names for layer in layers_named(name)))

@@ -12,7 +12,7 @@ from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
 from .common.reading import Reading, prims_under, target_paths
 from .common.warnings import Warnings
 from .lights.light import is_light
-from .settings import PIXEL_FILTER
+from .settings import PIXEL_FILTER, SINGLE_PART
 
 _MOST_PATHS = 10_000  # among which to look for the intended one
 
@@ -42,7 +42,9 @@ def _warn_of(reading: Reading, prim: Usd.Prim, prototypes: Callable[[], frozense
 
 def _known(prim: Usd.Prim) -> frozenset[str]:
     """Return the names of photonbeams' attributes that a prim may have."""
-    if prim.IsA(UsdRender.Settings) or prim.IsA(UsdRender.Product):
+    if prim.IsA(UsdRender.Product):
+        return frozenset({PIXEL_FILTER, SINGLE_PART})
+    if prim.IsA(UsdRender.Settings):
         return frozenset({PIXEL_FILTER})
     if prim.GetTypeName() in (BLOCKER, RAMP):
         return frozenset(definitions(str(prim.GetTypeName())))

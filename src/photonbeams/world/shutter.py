@@ -58,6 +58,8 @@ class Shutter:
         Returns the shot at the end of a slice, just before a discontinuity if there is one there. None: as `at`.
     unchanging
         Whether the scene is known to be at rest while cameras move.
+    later
+        Returns the shot one frame after the shutter opens, for motion vectors; None: nothing moves.
     """
 
     at: Callable[[float], Moment]
@@ -65,6 +67,7 @@ class Shutter:
     clock: Callable[[float], tuple[float, float]] = lambda _: (0.0, 0.0)
     before: Callable[[float], Moment] | None = None
     unchanging: bool = False
+    later: Callable[[], Moment] | None = None
 
     @classmethod
     def still(cls, description: scene.Scene, *cameras: scene.Camera) -> Shutter:

@@ -81,7 +81,7 @@ def test_plain_inputs_are_read(scene):
 
 
 def test_what_is_not_authored_is_as_usd_preview_surface_has_it(scene):
-    assert scene(material("")).meshes[0].material == Material()
+    assert scene(material("")).meshes[0].material == Material(name="/Mat")
 
 
 def test_an_input_may_come_from_the_materials_interface(scene):

@@ -22,7 +22,7 @@ from ...numerics.streams import Stream
 from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
 from ...scene import SceneError
 from .layers import GATHERED, SCATTERED, SURFACE, develop, layer_of
-from .pixel_filters import averaged, filter_weights, margin_of
+from .pixel_filters import averaged, filter_weights, margin_of, spread
 from .sample_layout import SampleLayout, SamplePiece
 from .sums import ALBEDO, LIGHT, MEAN_NORMAL, SQUARES, PassSums
 
@@ -208,6 +208,10 @@ class Film:
         result = Lattice.of(width, height, self._corner, place)
         return result if result.levels else None
 
+    def spread(self, place: Array2f) -> Array2f:
+        """Return places in and around pixels, as often as the filter weighs them, for `place` in [0, 1)²."""
+        return place if self._filter is None else spread(self._filter, place)
+
     @property
     def averaged(self) -> float:
         """How many pixels the filter averages."""
@@ -234,7 +238,7 @@ class Film:
         exposure
             A factor on the light of beams.
         first
-            Depths and normals; only the first pass has them.
+            Depths, normals and other pictures of first surfaces; only the first pass has them.
         """
         gathered = {GATHERED + group: light * exposure for group, light in beams.groups.items()}
         values, light = self.summed(gathered, beams.places, beams.share, beams.layout)
@@ -243,7 +247,7 @@ class Film:
         values |= seen.values
         lights = [light, seen.light]
         values |= {**self._squares(lights), **(first or {})}
-        dr.eval(values)
+        dr.eval([each for each in values.values() if not isinstance(each, np.ndarray)])
         self.sums.add(number, {name: self._array(value) for name, value in values.items()})
 
     def _weighed(self, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -306,7 +310,7 @@ class Film:
 
     def _array(self, value: Any) -> np.ndarray:
         """Return the value of each pixel, (pixels,) or (3, pixels), even if it is a constant."""
-        array = value.numpy()
+        array = value if isinstance(value, np.ndarray) else value.numpy()
         return np.broadcast_to(array, (*array.shape[:-1], self.shape[0] * self.shape[1]))
 
     def _pixels(self) -> tuple[Any, Any]:

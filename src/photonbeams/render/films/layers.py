@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from .sums import ALBEDO, DEPTH, NORMAL, PassSums
+from .deep import DeepPicture, deep_picture
+from .mattes import matte_layers
+from .sums import ALBEDO, DEEP, DEPTH, MOTION, NORMAL, POSITION, PassSums
 
 #: Prefixes of the names of a light group's sums. Light of surfaces and of the background.
 SURFACE = "surface/"
@@ -25,11 +27,8 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     SceneError
         If the sums are of another picture.
     """
-    pictures = {
-        name: np.ascontiguousarray(each.reshape(-1, *shape).transpose(1, 2, 0)) for name, each in sums.total().items()
-    }
-    usual = np.float32(1 / max(len(sums), 1))
-    scale, of_beams = (1 / pictures[name] if name in pictures else usual for name in ("weight", "beams weight"))
+    pictures = _pictures(sums.total(), shape)
+    scale, of_beams = _scales(pictures, len(sums))
     black = np.zeros((*shape, 3), dtype=np.float32)
     alpha = pictures.get("alpha", black[..., :1]) * scale
     of_surfaces = _by_group(pictures, {SURFACE: scale})
@@ -43,8 +42,10 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     if "transmittance" in pictures:
         layers["transmittance"] = pictures["transmittance"] * scale
     layers[DEPTH] = pictures.get(DEPTH, np.full_like(alpha, np.inf))
-    if NORMAL in pictures:
-        layers[NORMAL] = pictures[NORMAL]
+    layers |= {name: pictures[name] for name in (NORMAL, POSITION) if name in pictures}
+    if MOTION in pictures:
+        layers[MOTION] = np.ascontiguousarray(pictures[MOTION][..., :2])
+    layers |= matte_layers(pictures)
     if ALBEDO in pictures:
         layers[ALBEDO] = pictures[ALBEDO] * scale
     return layers
@@ -76,6 +77,34 @@ def layer_of(name: str, groups: Mapping[str, str]) -> str | None:
     if not groups:
         return "surface" if surface else "beams"
     return (surface_layers(groups) if surface else groups).get(group)
+
+
+def deep_of(sums: PassSums, shape: tuple[int, int], beams: np.ndarray) -> DeepPicture | None:
+    """Return the deep picture that is the layer `beams`, denoised or not, when it is flattened; None if not known."""
+    total = sums.total()
+    if not any(name.startswith(DEEP) for name in total):
+        return None
+    pictures = _pictures(total, shape)
+    black = np.zeros((*shape, 3), dtype=np.float32)
+    lights = (
+        sum((each * factor for name, each in pictures.items() if name.startswith(prefix)), black)
+        for prefix, factor in zip((SCATTERED, GATHERED), _scales(pictures, len(sums)), strict=True)
+    )
+    scattered, gathered = lights
+    both = scattered + gathered
+    factor = np.divide(beams, both, out=np.ones_like(both), where=both != 0)
+    return deep_picture(pictures, factor * gathered, factor * scattered)
+
+
+def _pictures(total: Mapping[str, np.ndarray], shape: tuple[int, int]) -> dict[str, np.ndarray]:
+    """Return sums as pictures (H, W, C)."""
+    return {name: np.ascontiguousarray(each.reshape(-1, *shape).transpose(1, 2, 0)) for name, each in total.items()}
+
+
+def _scales(pictures: Mapping[str, np.ndarray], passes: int) -> list[Any]:
+    """Return the factors that make means of sums over samples, and of sums of beams' light."""
+    usual = np.float32(1 / max(passes, 1))
+    return [1 / pictures[name] if name in pictures else usual for name in ("weight", "beams weight")]
 
 
 def group_layers(groups: Collection[str]) -> dict[str, str]:

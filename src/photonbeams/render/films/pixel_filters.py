@@ -8,7 +8,8 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ...runtime.device import Float, mitsuba
+from ...numerics.arrays import to_float
+from ...runtime.device import Array2f, Float, UInt32, mitsuba
 
 mi = mitsuba()
 
@@ -37,6 +38,23 @@ def filter_weights(reconstruction: Any) -> np.ndarray:
     radius = float(reconstruction.radius())
     weights: np.ndarray = reconstruction.eval(dr.linspace(Float, -radius, radius, _STEPS)).numpy()
     return weights
+
+
+def spread(reconstruction: Any, place: Array2f) -> Array2f:
+    """Return places around a pixel's, whose square is [0, 1)², that are as dense as a filter is heavy.
+
+    `place` is uniform in the unit square. Negative lobes of a filter count as 0.
+    """
+    radius = float(reconstruction.radius())
+    total = np.cumsum(np.maximum(filter_weights(reconstruction), 0), dtype=np.float64)
+    inverse = np.interp(np.linspace(0, 1, _STEPS), total / total[-1], np.linspace(-radius, radius, _STEPS))
+    table, result = to_float(inverse), []
+    for axis in place:
+        at = axis * (_STEPS - 1)
+        first = dr.minimum(UInt32(at), _STEPS - 2)
+        low, high = dr.gather(Float, table, first), dr.gather(Float, table, first + 1)
+        result.append(0.5 + dr.lerp(low, high, at - Float(first)))
+    return Array2f(*result)
 
 
 def margin_of(reconstruction: Any) -> int:

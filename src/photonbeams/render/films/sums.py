@@ -30,8 +30,10 @@ ADDING = Lock()
 _MOST_PASSES = 2**31
 _PASSES = re.compile(r"([0-9]{1,10})\+([0-9]{1,10})")  # the first pass of a sum, and how many it has
 
-# Pictures of the first pass, to which nothing is added.
-DEPTH, NORMAL = "depth", "normal"
+# Pictures of one pass, to which nothing is added, and what the names of others begin with: cryptomattes, deep pictures.
+DEPTH, NORMAL, POSITION, MOTION = "depth", "normal", "position", "motion"
+DEEP = "deep/"
+_ONCE = re.compile(f"({DEPTH}|{NORMAL}|{POSITION}|{MOTION})$|crypto_|{DEEP}")
 
 # The guides of denoisers: means over all samples, while `NORMAL` is the normal along one ray.
 ALBEDO, MEAN_NORMAL = "albedo", "mean normal"
@@ -183,7 +185,7 @@ def _check_pictures(pictures: Pictures) -> None:
 def _added(first: Pictures, second: Pictures, own: bool = False) -> Pictures:
     """Return the sums of pictures; one that only one side has stays as it is. With `own`, the first is overwritten."""
     result = {**second, **first}
-    for name in first.keys() & second.keys() - {DEPTH, NORMAL}:
+    for name in (each for each in first.keys() & second.keys() if not _ONCE.match(each)):
         replaced = first[name] if own and first[name].flags.writeable else None
         with np.errstate(over="ignore"):  # squares of the brightest light are infinite
             result[name] = np.add(first[name], second[name], out=replaced)

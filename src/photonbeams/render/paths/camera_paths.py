@@ -56,6 +56,14 @@ class Bounce(Struct):
     value: Float
 
 
+class SurfacePoint(Struct):
+    """Where a camera path meets a surface: the `place`, the number of Mitsuba's shape (0: none), and the triangle."""
+
+    place: Array3f
+    shape: UInt32
+    triangle: UInt32
+
+
 class CameraVertex(Struct):
     """The end of one step of camera paths.
 
@@ -83,6 +91,8 @@ class CameraVertex(Struct):
         Whether it is a lamp, or a surface with more than mirror reflection and refraction; set only with albedos.
     bounce
         Where walks continue from here; None if there are no walks.
+    point
+        Where the surface is; None if points are not asked for.
     """
 
     radiance: GroupedLight
@@ -95,6 +105,7 @@ class CameraVertex(Struct):
     albedo: Array3f
     rough: Bool
     bounce: Bounce | None
+    point: SurfacePoint | None
 
 
 class NearestLamp(Struct):
@@ -152,6 +163,8 @@ class CameraTracing:
         Whether vertices have albedos.
     splits
         Whether paths split at glass.
+    points
+        Whether vertices have points.
     """
 
     world: World
@@ -166,6 +179,7 @@ class CameraTracing:
     shining: bool = True
     albedo: bool = False
     splits: bool = True
+    points: bool = False
 
     @property
     def splitting(self) -> bool:
@@ -204,7 +218,7 @@ def follow(
         number, further = dr.opaque(UInt32, step), []
         for each in batches:
             vertex, following = _step(tracing, each, samples, number, light)
-            dr.eval(vertex, vertex.bounce, following)
+            dr.eval(vertex, vertex.bounce, vertex.point, following)
             yield each, vertex
             further.append(following)
         batches = _batches(further)
@@ -244,7 +258,7 @@ def _step(
         on_lamp = alive & (lamp.distance - slack < distance)
         met, distance = met & ~on_lamp, dr.select(on_lamp, lamp.distance, distance)
     vertex = CameraVertex()
-    vertex.bounce = None
+    vertex.bounce = vertex.point = None
     vertex.end = paths.near + distance
     vertex.name, vertex.seed = name, samples.bits(paths.order, Stream.SEGMENT, name)
     passed = world.media.transmittance(paths.medium, start, paths.direction, distance, vertex.seed, alive)
@@ -277,6 +291,11 @@ def _step(
     if tracing.albedo:
         vertex.rough = on_lamp | (met & mi.has_flag(flags, mi.BSDFFlags.Smooth))
         vertex.albedo = _albedo(hit, met)
+    if tracing.points:
+        vertex.point = SurfacePoint()
+        vertex.point.place = dr.select(met, Array3f(hit.p), start + distance * paths.direction)
+        vertex.point.shape = dr.select(met, UInt32(dr.reinterpret_array(UInt32, hit.shape)), 0)
+        vertex.point.triangle = dr.select(met, UInt32(hit.prim_index), 0)
     if not tracing.sharp:
         return vertex, []
     return vertex, onward(tracing, paths, hit, (throughput, clear), met & ~held, samples, name)

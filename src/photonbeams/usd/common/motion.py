@@ -98,7 +98,12 @@ class Exposure:
             code = self.code(fraction)
             return code, code / rate
 
-        return Shutter(lambda at: seen(self(at)), self.moving, clock, lambda at: seen(self.closing(at)), self._still)
+        def later() -> Moment:
+            code = self._start + 1
+            return seen((self._scene(code), self._eyes(code)))
+
+        closing = self.closing
+        return Shutter(lambda at: seen(self(at)), self.moving, clock, lambda at: seen(closing(at)), self._still, later)
 
     def code(self, fraction: float) -> float:
         """Return the time code of a fraction of the shutter interval."""

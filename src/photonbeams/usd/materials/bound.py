@@ -191,7 +191,7 @@ def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> B
         fields["tint"] = plain("diffuse", constant(_in_range(reading, prim, "tint", constant(surface.tint))))
     tilts = {"normal": surface.normal, "bump": surface.bump}
     images |= {name: value for name, value in tilts.items() if isinstance(value, Image)}
-    return Bound(Material(**fields), images, primvars, _uv_name(reading, prim, images))
+    return Bound(Material(**fields, name=str(prim.GetPath())), images, primvars, _uv_name(reading, prim, images))
 
 
 def plain(name: str, value: Array) -> Any:
