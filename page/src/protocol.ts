@@ -54,7 +54,8 @@ export interface Save {
  * Change what is shown: the view, which all pages share, and this page's layer, eye, exposure and view transform.
  *
  * `stereo` holds the distance between the eyes and the distance at which they converge; each may be None: see
- * `usd.cameras.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right".
+ * `usd.cameras.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right". `other` is a layer whose
+ * picture comes before that of `layer`, to be compared with it; None: none.
  */
 export interface Show {
   type: "show";
@@ -72,6 +73,7 @@ export interface Show {
   paused?: boolean;
   eye?: string;
   layer?: string;
+  other?: string | null;
   exposure?: number;
   display?: string;
 }
@@ -82,11 +84,19 @@ export interface Inspect {
   at: [number, number];
 }
 
-/** Render the final picture, or those from the first to the last of `frames`. */
+/**
+ * Render the final picture, or those from the first to the last of `frames`.
+ *
+ * `size` is its width and height, None: as shown; `file` is where it is written, from the stage's folder, None: it is
+ * only handed out.
+ */
 export interface Render {
   type: "render";
   passes: number;
   frames?: [number, number] | null;
+  size?: [number, number] | null;
+  denoise?: boolean;
+  file?: string | null;
 }
 
 /** End the final render. */
@@ -101,7 +111,7 @@ export interface Ramp {
   interpolation: string;
 }
 
-/** A value that can be edited: see `usd.authoring.controls.Control`. */
+/** A value that can be edited: see `usd.authoring.controls.Control`. Without what it `needs` it has no effect. */
 export interface ControlItem {
   path: string;
   label: string;
@@ -117,6 +127,7 @@ export interface ControlItem {
   unit: string;
   doc: string;
   parts: Record<string, string>;
+  needs: Record<string, (boolean | string | null)[]>;
 }
 
 /** The controls of a prim, and the paths of the looks that it uses. */
@@ -228,12 +239,13 @@ export interface PixelMessage {
   ray: RayIntegral | null;
 }
 
-/** How far the final picture is; then the address of its file. */
+/** How far the final picture is; then the address of its file, or the path where it was `written`. */
 export interface RenderMessage {
   type: "render";
   done: number;
   of: number;
   file: string | null;
+  written: string | null;
   problem: string | null;
 }
 
@@ -250,7 +262,11 @@ export interface Refused {
   text: string;
 }
 
-/** What precedes a picture; with a `scale` below 1 it is a preview, to be drawn as large as the full picture. */
+/**
+ * What precedes a picture; with a `scale` below 1 it is a preview, to be drawn as large as the full picture.
+ *
+ * A `compared` one is the other layer of the picture that comes next.
+ */
 export interface PictureHeader {
   version: number;
   passes: number;
@@ -260,6 +276,8 @@ export interface PictureHeader {
   height: number;
   scale: number;
   mime: string;
+  frame?: number | null;
+  compared?: boolean;
 }
 
 export type PageMessage = Set | Apply | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel;

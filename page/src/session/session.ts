@@ -6,6 +6,7 @@ import type {
   PageMessage,
   PixelMessage,
   Ramp,
+  Render,
   RenderMessage,
   StateMessage,
   SceneMessage,
@@ -49,6 +50,8 @@ export interface SessionState {
   pixel: PixelMessage | null;
   render: RenderMessage | null;
   refused: string[];
+  /** How many edits have come, also those of other pages. */
+  edition: number;
   show: Shown;
 }
 
@@ -58,6 +61,7 @@ const NOTHING_SHOWN: Shown = {
   pose: null,
   frame: 0,
   layer: "",
+  other: null,
   exposure: 0,
   display: "",
   area: null,
@@ -90,6 +94,7 @@ export const session = new Store<SessionState>({
   pixel: null,
   render: null,
   refused: [],
+  edition: 0,
   show: NOTHING_SHOWN,
 });
 
@@ -165,6 +170,7 @@ function receiveScene(scene: SceneMessage): void {
   const kept = (choice: string, choices: string[]): string => (choices.includes(choice) ? choice : (choices[0] ?? ""));
   show.camera = kept(show.camera, scene.cameras);
   show.layer = kept(show.layer, scene.layers);
+  if (show.other !== null && !scene.layers.includes(show.other)) show.other = null;
   show.display = kept(show.display, scene.displays);
   if (scene.frames) show.frame = Math.min(Math.max(show.frame, scene.frames[0]), scene.frames[1]);
   const groups = scene.controls;
@@ -181,7 +187,7 @@ function receiveScene(scene: SceneMessage): void {
 /** Send those choices that a new scene has changed. */
 function sendChanges(before: Shown): void {
   const { show } = session.get();
-  for (const name of ["camera", "layer", "display", "frame", "solo"] as const) {
+  for (const name of ["camera", "layer", "other", "display", "frame", "solo"] as const) {
     if (JSON.stringify(show[name]) !== JSON.stringify(before[name])) Object.assign(unsentShow, { [name]: show[name] });
   }
   showing.request();
@@ -212,6 +218,7 @@ function receive(message: ServerMessage): void {
         canRedo: message.canRedo,
         saved: message.saved,
         restored: message.restored,
+        edition: session.get().edition + (Object.keys(message.values).length > 0 ? 1 : 0),
       });
       mergeValues();
       break;
@@ -270,12 +277,11 @@ export function inspect(at: [number, number]): void {
   post({ type: "inspect", at });
 }
 
-export function startRender(passes: number, frames: [number, number] | null): void {
+export function startRender(wanted: Omit<Render, "type">): void {
   edits.flush();
-  if (post({ type: "render", passes, frames })) {
+  if (post({ type: "render", ...wanted })) {
     cancelled = false;
-    const count = frames ? frames[1] - frames[0] + 1 : 1;
-    session.set({ render: { type: "render", done: 0, of: passes * count, file: null, problem: null } });
+    session.set({ render: { type: "render", done: 0, of: 100, file: null, written: null, problem: null } });
   }
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -45,18 +45,21 @@ class Development:
         if statistics is None:
             statistics = Statistics(len(sums), sums.beams, sums.tests, error=known(sums.error()))
         with statistics.phase("denoise") if self.settings.denoise else nullcontext():
-            pictures = [self._layers(name, each) for name, each in zip(self.views, sums.views, strict=True)]
+            pictures = [
+                self._layers(name, each, statistics.interrupt)
+                for name, each in zip(self.views, sums.views, strict=True)
+            ]
         for layers, pixels in zip(pictures, self.plates, strict=False):
             layers["rgba"] = Plate(pixels, self.plate_fog).composite(layers, pixels)
         headers = [{**each, "passes": len(sums)} for each in self.views.values()]
         return Frame.of(dict(zip(self.views, zip(pictures, headers, strict=True), strict=True)), statistics)
 
-    def _layers(self, view: str, sums: PassSums) -> dict[str, Array]:
+    def _layers(self, view: str, sums: PassSums, interrupt: Callable[[], None] | None) -> dict[str, Array]:
         """Return the layers of a view, cut to what is shown."""
         known = None if self.filtered is None else self.filtered.setdefault(view, {})
         layers = develop(sums, self.shape, self.groups)
         if self.settings.denoise:  # before the cut: pixels around the shown part help at its edges
-            layers = denoised(layers, sums, self.groups, self.settings.keep_noisy, known)
+            layers = denoised(layers, sums, self.groups, self.settings.keep_noisy, known, interrupt)
         if not self.settings.albedo:
             layers.pop(ALBEDO, None)
         top, left, rows, columns = self.shown or (0, 0, *self.shape)

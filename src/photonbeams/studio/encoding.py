@@ -43,8 +43,9 @@ def encoded(
     Image.fromarray(shown).save(data, kind, **options)
     height, width = shown.shape[:2]
     header = PictureHeader(
-        picture.version, picture.passes, picture.planned, layer, width, height, picture.scale, f"image/{kind}"
-    )
+        picture.version, picture.passes, picture.planned, layer, width, height, picture.scale, f"image/{kind}",
+        picture.frame,
+    )  # fmt: skip
     return header, data.getvalue()
 
 

@@ -83,6 +83,8 @@ class Picture:
         For two eyes the layers of each, by the names "left" and "right". Empty for a single camera.
     is_first
         Whether it is the quick first picture after an edit, of few pixels and few light paths.
+    frame
+        The frame number that it shows, as in its view.
 
     Examples
     --------
@@ -103,6 +105,7 @@ class Picture:
     statistics: Statistics
     views: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
     is_first: bool = False
+    frame: float | None = None
 
     @property
     def is_finished(self) -> bool:

@@ -65,7 +65,8 @@ class Show(Message, tag="show"):
     """Change what is shown: the view, which all pages share, and this page's layer, eye, exposure and view transform.
 
     `stereo` holds the distance between the eyes and the distance at which they converge; each may be None: see
-    `usd.cameras.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right".
+    `usd.cameras.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right". `other` is a layer whose
+    picture comes before that of `layer`, to be compared with it; None: none.
     """
 
     size: tuple[int, int] | msgspec.UnsetType = msgspec.UNSET
@@ -82,6 +83,7 @@ class Show(Message, tag="show"):
     paused: bool | msgspec.UnsetType = msgspec.UNSET
     eye: str | msgspec.UnsetType = msgspec.UNSET
     layer: str | msgspec.UnsetType = msgspec.UNSET
+    other: str | msgspec.UnsetType | None = msgspec.UNSET
     exposure: float | msgspec.UnsetType = msgspec.UNSET
     display: str | msgspec.UnsetType = msgspec.UNSET
 
@@ -93,10 +95,17 @@ class Inspect(Message, tag="inspect"):
 
 
 class Render(Message, tag="render"):
-    """Render the final picture, or those from the first to the last of `frames`."""
+    """Render the final picture, or those from the first to the last of `frames`.
+
+    `size` is its width and height, None: as shown; `file` is where it is written, from the stage's folder, None: it is
+    only handed out.
+    """
 
     passes: int
     frames: tuple[float, float] | None = None
+    size: tuple[int, int] | None = None
+    denoise: bool = False
+    file: str | None = None
 
 
 class Cancel(Message, tag="cancel"):
@@ -119,7 +128,7 @@ class Ramp(msgspec.Struct):
 
 
 class ControlItem(msgspec.Struct):
-    """A value that can be edited: see `usd.authoring.controls.Control`."""
+    """A value that can be edited: see `usd.authoring.controls.Control`. Without what it `needs` it has no effect."""
 
     path: str
     label: str
@@ -137,6 +146,7 @@ class ControlItem(msgspec.Struct):
     unit: str
     doc: str
     parts: dict[str, str]
+    needs: dict[str, list[bool | str | None]]
 
 
 class ControlGroup(msgspec.Struct):
@@ -254,11 +264,12 @@ class PixelMessage(Answer, tag="pixel"):
 
 
 class RenderMessage(Answer, tag="render"):
-    """How far the final picture is; then the address of its file."""
+    """How far the final picture is; then the address of its file, or the path where it was `written`."""
 
     done: int
     of: int
     file: str | None
+    written: str | None
     problem: str | None
 
 
@@ -279,7 +290,10 @@ Answers = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMes
 
 
 class PictureHeader(msgspec.Struct):
-    """What precedes a picture; with a `scale` below 1 it is a preview, to be drawn as large as the full picture."""
+    """What precedes a picture; with a `scale` below 1 it is a preview, to be drawn as large as the full picture.
+
+    A `compared` one is the other layer of the picture that comes next.
+    """
 
     version: int
     passes: int
@@ -289,6 +303,8 @@ class PictureHeader(msgspec.Struct):
     height: int
     scale: float
     mime: str
+    frame: float | None = None
+    compared: bool = False
 
 
 def described(found: Sequence[Controls]) -> list[ControlGroup]:
@@ -307,6 +323,7 @@ def _item(control: Control) -> ControlItem:
         path=control.path, label=control.label, section=control.section, kind=cast(Any, control.kind),
         value=control.value, default=control.default, authored=control.authored, min=control.least, max=control.most,
         soft=control.slider, choices=control.choices, unit=control.unit, doc=control.doc, parts=dict(control.parts),
+        needs={path: list(wanted) for path, wanted in control.needs.items()},
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from ..usd.cameras.stereo import check_stereo, is_eye
 from ..usd.layers.frames import time_range
 from ..usd.stage import list_cameras, up_axis
 from .edits import Edits
-from .final import Wanted
+from .final import Wanted, file_beside, flags_of
 from .inspector import Inspected, inspected
 from .live import Cancelled
 from .pictures import Picture, Problem, SessionView
@@ -261,7 +261,10 @@ class Session:
                 return [], None
             return inspected(frame, at, depth)
 
-    def wanted(self, passes: int, frames: tuple[float, float] | None = None) -> Wanted:
+    def wanted(
+        self, passes: int, frames: tuple[float, float] | None = None, size: tuple[int, int] | None = None,
+        denoise: bool = False, file: PathLike | None = None,
+    ) -> Wanted:  # fmt: skip
         """Return what a final render of the present view needs.
 
         Parameters
@@ -270,13 +273,18 @@ class Session:
             The number of passes.
         frames
             The first and the last frame; None: the view's frame.
+        size, denoise
+            Width and height in pixels, None: those of the view; and whether the picture is denoised.
+        file
+            Where the picture is written, from the stage's folder and within it; None: in a temporary folder.
 
         Raises
         ------
         SceneError
-            Passes or frames out of range; a free camera, which the stage does not have.
+            Passes, frames or a size out of range; a file elsewhere; a free camera, which the stage does not have.
         """
-        view = self.view
+        width, height = size or (self.view.width, self.view.height)
+        view = replace(self.view, width=width, height=height)
         if view.pose is not None:
             raise SceneError("the camera was moved freely: expected a camera of the stage")
         first, last = (view.frame, view.frame) if frames is None else frames
@@ -284,19 +292,12 @@ class Session:
         self._check(replace(view, passes=passes, frame=last))
         if first is not None and last is not None and first > last:
             raise SceneError(f"the frames are {first:g} to {last:g}: expected the first before the last")
+        target = None if file is None else file_beside(self._path, file, first is not None)
         flags = [word for each in self._layers for word in ("--session-layer", each)]
         flags += [word for each in self._overrides for word in ("--set", each)]
-        flags += ["--camera", camera] if (camera := self._viewpoint(view).camera) else []
-        flags += [] if first is None or last is None else ["--frames", f"{first:g}:{last:g}"]
-        flags += ["--res", str(view.width), str(view.height), "--passes", str(passes)]
-        if (bounces := self._live.bounces(view)) is not None:
-            flags += ["--bounces", str(bounces)]
-        if view.stereo is not None:
-            eyes = {"--interaxial": view.stereo.interaxial, "--convergence": view.stereo.convergence}
-            given = [(name, repr(float(value))) for name, value in eyes.items() if value is not None]
-            flags += ["--stereo", *(word for pair in given for word in pair)]
-        with self._lock:
-            return Wanted(self._path, self.edits.text(), flags)
+        bounces, camera = self._live.bounces(view), self._viewpoint(view).camera
+        flags += [*flags_of(replace(view, passes=passes, bounces=bounces, camera=camera, denoise=denoise), first, last)]
+        return Wanted(self._path, self.edits.text(), flags, target)
 
     def bounces(self) -> tuple[int, int]:
         """Return the bounces of the present view, as `--bounces`, and those that the stage or a room usually has."""
