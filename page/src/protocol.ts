@@ -25,6 +25,12 @@ export interface Apply {
   path: string;
 }
 
+/** Keep the look at a path in the library, for other shots. */
+export interface Keep {
+  type: "keep";
+  path: string;
+}
+
 /** Undo the last step. */
 export interface Undo {
   type: "undo";
@@ -256,6 +262,13 @@ export interface Applied {
   look: string;
 }
 
+/** The look at a path is in the library now, by a name. */
+export interface Kept {
+  type: "kept";
+  path: string;
+  label: string;
+}
+
 /** What a page asked for was refused. */
 export interface Refused {
   type: "refused";
@@ -280,6 +293,6 @@ export interface PictureHeader {
   compared?: boolean;
 }
 
-export type PageMessage = Set | Apply | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel;
+export type PageMessage = Set | Apply | Keep | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel;
 
-export type ServerMessage = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Refused;
+export type ServerMessage = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Kept | Refused;

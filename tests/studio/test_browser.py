@@ -717,6 +717,28 @@ def test_a_flipbook_collects_frames_and_plays_two_layers_beside_each_other(windo
     served.session.show(frame=1)
 
 
+def test_a_look_that_is_kept_is_among_the_presets_of_another_shot(window, visit, served, tmp_path):
+    window.picture()
+    panel = window.page.get_by_role("tabpanel")
+    panel.get_by_role("button", name="Look", exact=True).click()
+    panel.get_by_role("button", name="Keep look").click()
+    panel.get_by_text("kept as Look").wait_for()
+    library = served.session.edits.path.with_name("looks")
+    (tmp_path / "other.usda").write_text(STAGE.replace("rel photonbeams:look = </World/Look>", ""))
+    other = Served(tmp_path / "other.usda", layer=tmp_path / "look.usda", looks=library)
+    try:
+        page = visit(address_of(other), other.session).page
+        page.get_by_role("button", name="New look of Lamp").click()
+        page.get_by_role("dialog").get_by_role("button", name="Look", exact=True).click()
+        window.wait(lambda: len(value(other.session, "/World/Lamp.photonbeams:look")) == 1)
+        (look,) = value(other.session, "/World/Lamp.photonbeams:look")
+        assert value(other.session, f"{look}.photonbeams:along:expression") == value(served.session, EXPRESSION)
+        assert value(other.session, f"{look}.photonbeams:along:ramp") == value(served.session, RAMP)
+        page.close()
+    finally:
+        other.close()
+
+
 @contextmanager
 def studio(*arguments):
     """Run the command; yield the process and the address that it prints."""

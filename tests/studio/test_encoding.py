@@ -14,7 +14,7 @@ from photonbeams.usd.authoring.presets import PRESETS
 def test_presets_are_rendered_without_a_warning_and_look_different(caplog):
     shown: dict[str, list[tuple[str, np.ndarray]]] = {}
     for each in PRESETS:
-        pixels = np.asarray(Image.open(BytesIO(thumbnail_of(each.name)))).astype(float)
+        pixels = np.asarray(Image.open(BytesIO(thumbnail_of(each)))).astype(float)
         assert pixels.shape == (60, 144, 3) and pixels.max() > 120 and pixels[0].max() == 0, each.name
         for other, before in shown.setdefault(each.factor, []):
             # A mean difference of one 8-bit step per pixel is visible at a glance.

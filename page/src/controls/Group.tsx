@@ -1,11 +1,11 @@
 /** One light, medium or look: its name, its switches, and its controls in sections. */
 
-import { ActionIcon, Switch } from "@mantine/core";
+import { ActionIcon, Button, Switch } from "@mantine/core";
 import { memo } from "react";
 import { ChevronIcon, SoloIcon, WarningIcon } from "../common/icons";
 import { lastName } from "../common/numbers";
 import type { ControlItem, ControlGroup } from "../protocol";
-import { session, setValues, show } from "../session/session";
+import { keepLook, session, setValues, show } from "../session/session";
 import { useStore } from "../session/store";
 import { hasEffect, useValue } from "./attribute";
 import { ControlRow } from "./ControlRow";
@@ -90,6 +90,24 @@ function UsedBy({ path }: { path: string }) {
           {light.label}
         </button>
       ))}
+    </>
+  );
+}
+
+/** Keeps a look in the library, where other shots find it among their presets. */
+function KeepLook({ group }: { group: ControlGroup }) {
+  const kept = useStore(session, (state) => (state.kept?.path === group.path ? state.kept.label : null));
+  return (
+    <>
+      <span role="status">{kept !== null && `kept as ${kept}`}</span>
+      <Button
+        size="compact-xs"
+        variant="default"
+        title="Keep this look in the library, for other shots"
+        onClick={() => keepLook(group.path)}
+      >
+        Keep look
+      </Button>
     </>
   );
 }
@@ -182,6 +200,7 @@ export const Group = memo(function Group({ group, controls, searching }: GroupPr
             <div className={styles.uses}>
               <UsedBy path={group.path} />
               <span className={styles.usesEnd}>
+                <KeepLook group={group} />
                 <Presets factor="look" path={group.path} text="Presets" whose={`of ${group.label}`} stays />
               </span>
             </div>

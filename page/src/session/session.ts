@@ -3,6 +3,7 @@
 import type {
   Applied,
   ControlItem,
+  Kept,
   PageMessage,
   PixelMessage,
   Ramp,
@@ -46,6 +47,8 @@ export interface SessionState {
   saved: boolean;
   restored: boolean;
   applied: Applied | null;
+  /** The look that was kept in the library last. */
+  kept: Kept | null;
   state: StateMessage | null;
   pixel: PixelMessage | null;
   render: RenderMessage | null;
@@ -90,6 +93,7 @@ export const session = new Store<SessionState>({
   saved: true,
   restored: false,
   applied: null,
+  kept: null,
   state: null,
   pixel: null,
   render: null,
@@ -235,6 +239,9 @@ function receive(message: ServerMessage): void {
     case "applied":
       session.set({ applied: message });
       break;
+    case "kept":
+      session.set({ kept: message });
+      break;
     case "refused":
       edits.forget();
       dismissRefused(message.text);
@@ -271,6 +278,12 @@ export function applyPreset(preset: string, path: string): void {
   edits.flush();
   edits.forget();
   post({ type: "apply", preset, path });
+}
+
+/** Keep a look in the library, for other shots. */
+export function keepLook(path: string): void {
+  edits.flush();
+  post({ type: "keep", path });
 }
 
 export function inspect(at: [number, number]): void {

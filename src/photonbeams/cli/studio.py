@@ -38,6 +38,10 @@ def studio(
             help="A .usda layer for edits: read if it exists, written by Save; default: look.usda beside the stage.",
         ),
     ] = None,
+    looks: Annotated[
+        Path | None,
+        typer.Option("--looks", help="Folder of the look library that shots share; default: looks beside the stage."),
+    ] = None,
     res: Resolution = (480, 270),
     passes: Annotated[int, typer.Option("--passes", min=1, help="Number of passes of the finished picture.")] = 64,
     host: Annotated[
@@ -67,7 +71,8 @@ def studio(
         view = SessionView(width=res[0] or 480, height=res[1] or 270, passes=passes, stereo=eyes.eyes())
         target = layer or scene.with_name("look.usda")
         with Session(
-            scene, camera, target, view, overrides=layers.overrides or (), session_layers=layers.session_layer or ()
+            scene, camera, target, view, overrides=layers.overrides or (), session_layers=layers.session_layer or (),
+            looks=looks,
         ) as session:  # fmt: skip
             _serve(Studio(session, os.environ.get("PHOTONBEAMS_STUDIO_TOKEN")), host, port, url, open_browser)
 

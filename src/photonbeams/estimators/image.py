@@ -31,9 +31,8 @@ from .projection import Projection
 from .records import Packed, pack
 from .tiles import Bins, TileLists
 
-
-# The most tests of a kernel if the picture may be ended between kernels: about a tenth of a second on two cores, measured
-# with the keyhole. Parts begin where vectors of lanes begin.
+# The most tests of a kernel if the picture may be ended between kernels: about a tenth of a second on two cores, as
+# measured with the keyhole. Parts begin where vectors of lanes begin.
 _MOST_TESTS, _ALIGNED = 1e7, 64
 
 
@@ -164,7 +163,10 @@ class _ImageGather:
             marks = dr.zeros(UInt32, lists.entries) if self._estimator == "auto" else None
             self.result.billboard_tests += (tests := _tests(lists, lane))
             for part in self._parts(lane, tests):
-                rays, blocks = [_lane_rays(level, ray, part.group) for ray in part.rays], [ray.block for ray in part.rays]
+                rays, blocks = (
+                    [_lane_rays(level, ray, part.group) for ray in part.rays],
+                    [ray.block for ray in part.rays],
+                )
                 values = billboard_sum(rays, *self._seen(lists, part), marks is not None, marks, blocks)
                 # Evaluate all rays of a lane in one kernel: otherwise each scatter would run the loop again.
                 dr.eval(values, marks)

@@ -41,6 +41,12 @@ class Apply(Message, tag="apply"):
     path: str
 
 
+class Keep(Message, tag="keep"):
+    """Keep the look at a path in the library, for other shots."""
+
+    path: str
+
+
 class Undo(Message, tag="undo"):
     """Undo the last step."""
 
@@ -112,7 +118,7 @@ class Cancel(Message, tag="cancel"):
     """End the final render."""
 
 
-Messages = Set | Apply | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel
+Messages = Set | Apply | Keep | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel
 
 
 class Answer(msgspec.Struct, tag_field="type"):
@@ -280,13 +286,20 @@ class Applied(Answer, tag="applied"):
     look: str
 
 
+class Kept(Answer, tag="kept"):
+    """The look at a path is in the library now, by a name."""
+
+    path: str
+    label: str
+
+
 class Refused(Answer, tag="refused"):
     """What a page asked for was refused."""
 
     text: str
 
 
-Answers = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Refused
+Answers = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Kept | Refused
 
 
 class PictureHeader(msgspec.Struct):

@@ -48,9 +48,6 @@ _TYPES = {".js": "text/javascript", ".css": "text/css"}  # as the system may map
 # What each page chooses for itself, while the view is everybody's.
 _OWN_CHOICES = ("layer", "other", "eye", "exposure", "display")
 
-#: Presets as pages get them.
-_PRESETS = [protocol.PresetItem(each.name, each.label, each.factor) for each in PRESETS]
-
 
 @dataclass(eq=False)
 class _Watcher:
@@ -98,7 +95,7 @@ class Studio:
         self._groups: list[protocol.ControlGroup] = []
         # One thread runs everything that waits for the session, so that edits keep their order. Pictures have another,
         # and so have thumbnails, whose kernels are compiled on first use.
-        self._commands, self._encoders, self._painters = (ThreadPoolExecutor(1) for _ in range(3))
+        self._commands, self._encoders, self._painters = self._threads = [ThreadPoolExecutor(1) for _ in range(3)]
         self._final = FinalRender()
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -123,7 +120,7 @@ class Studio:
         finally:
             end()
             self._final.close()
-            for each in (self._commands, self._encoders, self._painters):
+            for each in self._threads:
                 each.shutdown(cancel_futures=True)
 
     async def _page(self, _request: Request) -> Response:
@@ -137,9 +134,8 @@ class Studio:
 
     async def _thumbnail(self, request: Request) -> Response:
         """Return the thumbnail of a preset; it is made on the first request."""
-        work = asyncio.get_running_loop().run_in_executor(
-            self._painters, thumbnail_of, request.path_params["name"].removesuffix(".png")
-        )
+        name, looks = request.path_params["name"].removesuffix(".png"), self.session.looks
+        work = asyncio.get_running_loop().run_in_executor(self._painters, lambda: thumbnail_of(looks.preset(name)))
         try:
             headers = {**HEADERS, "cache-control": "private, max-age=86400"}  # for one token
             return Response(await work, headers=headers, media_type="image/png")
@@ -193,6 +189,8 @@ class Studio:
 
     def _scene(self) -> str:
         session, last = self.session, self._last
+        known = (*PRESETS, *session.looks.looks())
+        presets = [protocol.PresetItem(each.name, each.label, each.factor) for each in known]
         self._groups = protocol.described(session.controls())
         stereo, pose, focal = session.view.stereo, None, 1.0
         with suppress(SceneError):  # edits may have broken the camera; the state says so
@@ -204,7 +202,7 @@ class Studio:
             layers=["rgba"] if last is None else list(last.layers), displays=view_transforms(),
             controls=self._groups, pose=pose, up=session.up(), focal=focal,
             stereo=None if stereo is None else (stereo.interaxial, stereo.convergence), pair=session.has_pair(),
-            interaxial=usual_interaxial(session.shot.stage), bounces=session.bounces(), presets=_PRESETS,
+            interaxial=usual_interaxial(session.shot.stage), bounces=session.bounces(), presets=presets,
         ))  # fmt: skip
 
     async def _watch(self, socket: WebSocket) -> None:
@@ -255,6 +253,9 @@ class Studio:
                 look = await self._command(session.apply, preset, path)
                 await self._tell_edited(None)
                 watcher.tell(protocol.encoded(protocol.Applied(path, look)))
+            case protocol.Keep(path=path):
+                watcher.tell(protocol.encoded(protocol.Kept(path, await self._command(session.keep_look, path))))
+                await self._tell_scene()
             case protocol.Undo() | protocol.Redo() | protocol.Revert() | protocol.Discard():
                 moves: dict[type, Callable[[], object]] = {
                     protocol.Undo: session.undo, protocol.Redo: session.redo, protocol.Revert: session.revert,

@@ -14,12 +14,13 @@ from typing import Any, Literal
 
 from ..images.frame import pixels_of
 from ..runtime.files import PathLike
-from ..scene import Camera, SceneError, whole
+from ..scene import Camera, SceneError
 from ..shot.shot import Shot
 from ..shot.subject import Viewpoint, several
 from ..usd.authoring.controls import Controls, controls_of
 from ..usd.authoring.editing import EditLayer
-from ..usd.authoring.presets import BEAM, apply_preset, preset_of
+from ..usd.authoring.library import LookLibrary
+from ..usd.authoring.presets import BEAM, apply_preset
 from ..usd.cameras.stereo import check_stereo, is_eye
 from ..usd.layers.frames import time_range
 from ..usd.stage import list_cameras, up_axis
@@ -29,10 +30,6 @@ from .inspector import Inspected, inspected
 from .live import Cancelled
 from .pictures import Picture, Problem, SessionView
 from .viewing import LivePictures, between, checked_pose
-
-# The most that a view may ask for: a page must not be able to fill the memory.
-_MOST_PIXELS, _MOST_PASSES, _MOST_BOUNCES = 1 << 23, 1 << 16, 1 << 16
-
 
 #: A listener; it is called in the thread that renders.
 Told = Callable[[Picture | Problem], None]
@@ -56,13 +53,15 @@ class Session:
         an autosave beside it. None, the default: edits are kept in memory.
     view
         What is shown at first, a `SessionView`. Default: 480 x 270 pixels, 64 passes.
+    looks
+        The folder of the look library. Default: `looks` beside the stage.
     **given
         Further arguments of `Shot.open`.
 
     Attributes
     ----------
-    shot, edits, view
-        The `Shot`, its `Edits` (`edits.save(path)` writes them), and what is shown.
+    shot, edits, view, looks
+        The `Shot`, its `Edits` (`edits.save(path)` writes them), what is shown, and the look library.
     version
         The number of the last edit or change of view.
 
@@ -84,7 +83,7 @@ class Session:
 
     def __init__(
         self, path: PathLike, camera: str | None = None, layer: PathLike | None = None, view: SessionView | None = None,
-        **given: Any,
+        looks: PathLike | None = None, **given: Any,
     ) -> None:  # fmt: skip
         if Path(path).suffix.lower() == ".xml":
             raise SceneError(
@@ -94,6 +93,7 @@ class Session:
         stereo = given.pop("stereo", None)
         self.shot = Shot.open(path, camera, **given)
         self._path, self._camera = Path(path), camera
+        self.looks = LookLibrary(Path(looks or self._path.with_name("looks")))
         self._layers = [str(each) for each in several(given.get("session_layers", ()))]
         self._overrides = [str(each) for each in several(given.get("overrides", ()))]
         self.edits = Edits(EditLayer(self.shot.stage), layer)
@@ -147,7 +147,7 @@ class Session:
         Parameters
         ----------
         preset
-            The name of one of `usd.authoring.presets.PRESETS`.
+            The name of one of `usd.authoring.presets.PRESETS`, or of a look of the library.
         path
             The path of the look or of the light.
 
@@ -156,12 +156,17 @@ class Session:
         SceneError
             No such preset; a prim that is neither a look nor a light, or that cannot have a look.
         """
-        wanted = preset_of(preset)
+        wanted = self.looks.preset(preset)
         with self._lock:
             unit = self._size() / BEAM
             look = self.edits.change(lambda layer: apply_preset(self.shot.stage, layer, wanted, path, unit))
             self._new()
             return look
+
+    def keep_look(self, path: str) -> str:
+        """Write the look at a path to the library as a new file, and return its name there; SceneError if it cannot."""
+        with self._lock:
+            return self.looks.keep(self.shot.stage, path).label
 
     def _size(self) -> float:
         """Return roughly how long the stage's beams are: the radius of its bounding sphere."""
@@ -213,15 +218,7 @@ class Session:
 
     def _check(self, view: SessionView) -> None:
         """Raise SceneError for a view that cannot be shown."""
-        for name in ("lens", "blur", "paused", "denoise"):
-            if not isinstance(getattr(view, name), bool):
-                raise SceneError(f"{name} is {getattr(view, name)!r}: expected True or False")
-        if view.width * view.height > _MOST_PIXELS:
-            raise SceneError(f"the size is {view.width} x {view.height}: expected {_MOST_PIXELS:,} pixels at most")
-        if not 1 <= whole(view.passes, "passes") <= _MOST_PASSES:
-            raise SceneError(f"passes is {view.passes}: expected 1 to {_MOST_PASSES}")
-        if view.bounces is not None and not -1 <= whole(view.bounces, "bounces") <= _MOST_BOUNCES:
-            raise SceneError(f"bounces is {view.bounces}: expected 0 to {_MOST_BOUNCES}, or -1 for no limit")
+        view.check()
         if view.camera is not None and view.camera not in self.cameras():
             raise SceneError(f"there is no camera {view.camera!r}: expected one of {', '.join(self.cameras())}")
         check_stereo(view.stereo)
