@@ -164,7 +164,7 @@ class Session:
             return look
 
     def keep_look(self, path: str) -> str:
-        """Write the look at a path to the library as a new file, and return its name there; SceneError if it cannot."""
+        """Write the look at `path` to the library as a new file, and return its name there; SceneError if it cannot."""
         with self._lock:
             return self.looks.keep(self.shot.stage, path).label
 
