@@ -5,6 +5,8 @@ const STUDIO = "http://127.0.0.1:8765";
 
 export default defineConfig({
   plugins: [react()],
+  // Relative, so that the page works behind a proxy with a path of its own.
+  base: "./",
   build: {
     // The server reads the page from the Python package, so that users need no Node.
     outDir: "../src/photonbeams/studio/page",

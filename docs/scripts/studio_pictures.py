@@ -135,6 +135,12 @@ def pictures(screen: Screen) -> None:
     """Write the pictures of the page."""
     page = screen.page
     screen.shoot("")
+    page.get_by_label("Compare with").select_option("A: beams")
+    page.get_by_role("slider", name="Wipe line").wait_for()
+    page.get_by_role("button", name="View…").click()
+    screen.shoot("-layers")
+    page.keyboard.press("Escape")
+    page.get_by_label("Compare with").select_option("")
     screen.open("/World/Light/Key")
     screen.open("/World/Looks/Keyhole")
     expression = page.get_by_role("textbox", name="Expression").first
@@ -170,7 +176,7 @@ def film(screen: Screen) -> list[tuple[Image.Image, int]]:
     def take(milliseconds: int = STEP) -> None:
         frames.append((screen.frame(), milliseconds))
 
-    page.get_by_role("button", name="Motion").click()
+    page.get_by_role("button", name="View…").click()
     page.get_by_role("spinbutton", name="Speed of flight").fill("0.4")
     page.keyboard.press("Escape")
     screen.tool("B")

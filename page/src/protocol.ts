@@ -25,6 +25,12 @@ export interface Apply {
   path: string;
 }
 
+/** Keep the look at a path in the library, for other shots. */
+export interface Keep {
+  type: "keep";
+  path: string;
+}
+
 /** Undo the last step. */
 export interface Undo {
   type: "undo";
@@ -54,7 +60,8 @@ export interface Save {
  * Change what is shown: the view, which all pages share, and this page's layer, eye, exposure and view transform.
  *
  * `stereo` holds the distance between the eyes and the distance at which they converge; each may be None: see
- * `usd.cameras.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right".
+ * `usd.cameras.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right". `other` is a layer whose
+ * picture comes before that of `layer`, to be compared with it; None: none.
  */
 export interface Show {
   type: "show";
@@ -72,6 +79,7 @@ export interface Show {
   paused?: boolean;
   eye?: string;
   layer?: string;
+  other?: string | null;
   exposure?: number;
   display?: string;
 }
@@ -82,11 +90,19 @@ export interface Inspect {
   at: [number, number];
 }
 
-/** Render the final picture, or those from the first to the last of `frames`. */
+/**
+ * Render the final picture, or those from the first to the last of `frames`.
+ *
+ * `size` is its width and height, None: as shown; `file` is where it is written, from the stage's folder, None: it is
+ * only handed out.
+ */
 export interface Render {
   type: "render";
   passes: number;
   frames?: [number, number] | null;
+  size?: [number, number] | null;
+  denoise?: boolean;
+  file?: string | null;
 }
 
 /** End the final render. */
@@ -101,7 +117,7 @@ export interface Ramp {
   interpolation: string;
 }
 
-/** A value that can be edited: see `usd.authoring.controls.Control`. */
+/** A value that can be edited: see `usd.authoring.controls.Control`. Without what it `needs` it has no effect. */
 export interface ControlItem {
   path: string;
   label: string;
@@ -117,6 +133,7 @@ export interface ControlItem {
   unit: string;
   doc: string;
   parts: Record<string, string>;
+  needs: Record<string, (boolean | string | null)[]>;
 }
 
 /** The controls of a prim, and the paths of the looks that it uses. */
@@ -228,12 +245,13 @@ export interface PixelMessage {
   ray: RayIntegral | null;
 }
 
-/** How far the final picture is; then the address of its file. */
+/** How far the final picture is; then the address of its file, or the path where it was `written`. */
 export interface RenderMessage {
   type: "render";
   done: number;
   of: number;
   file: string | null;
+  written: string | null;
   problem: string | null;
 }
 
@@ -244,13 +262,24 @@ export interface Applied {
   look: string;
 }
 
+/** The look at a path is in the library now, by a name. */
+export interface Kept {
+  type: "kept";
+  path: string;
+  label: string;
+}
+
 /** What a page asked for was refused. */
 export interface Refused {
   type: "refused";
   text: string;
 }
 
-/** What precedes a picture; with a `scale` below 1 it is a preview, to be drawn as large as the full picture. */
+/**
+ * What precedes a picture; with a `scale` below 1 it is a preview, to be drawn as large as the full picture.
+ *
+ * A `compared` one is the other layer of the picture that comes next.
+ */
 export interface PictureHeader {
   version: number;
   passes: number;
@@ -260,8 +289,10 @@ export interface PictureHeader {
   height: number;
   scale: number;
   mime: string;
+  frame?: number | null;
+  compared?: boolean;
 }
 
-export type PageMessage = Set | Apply | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel;
+export type PageMessage = Set | Apply | Keep | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel;
 
-export type ServerMessage = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Refused;
+export type ServerMessage = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Kept | Refused;

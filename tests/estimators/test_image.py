@@ -8,7 +8,7 @@ import pytest
 
 import photonbeams as pb
 from photonbeams import scene
-from photonbeams.estimators import cells
+from photonbeams.estimators import cells, image
 from photonbeams.estimators.estimate import ENDLESS
 from photonbeams.estimators.footprints import footprints
 from photonbeams.estimators.image import estimate_image
@@ -93,10 +93,11 @@ class Picture:
         self.rays = PixelRays(*rays[:3], to_float(self.t_max), dr.zeros(Float, count), rays.origins, rays.times)
         dr.eval(self.rays.t_min, self.rays.t_max)
 
-    def tiled(self, beams, look, estimator, close=None):
+    def tiled(self, beams, look, estimator, close=None, step=None):
         return estimate_image(
-            beams, self.projection, self.rays, look=look, medium=MEDIUM, estimator=estimator, points=POINTS, close=close
-        )
+            beams, self.projection, self.rays, look=look, medium=MEDIUM, estimator=estimator, points=POINTS,
+            close=close, step=step,
+        )  # fmt: skip
 
     def one_by_one(self, beams, look, estimator, close=None):
         found = pb.estimate(
@@ -118,6 +119,23 @@ def random_beams(rng, count):
     end = start + rng.normal(size=(count, 3)) * rng.choice([0.3, 2, 8], (count, 1))
     radius = rng.choice([0.004, 0.03, 0.3], (count, 1)) * rng.uniform(0.1, 1, (count, 2))
     return start, end, radius
+
+
+def test_short_kernels_give_the_same_picture_and_can_be_ended_between_them(rng, monkeypatch):
+    monkeypatch.setattr(image, "_MOST_TESTS", 5000)
+    start, end, radius = random_beams(rng, 300)
+    beams = pb.Beams(start, end, radius[:, 0], radius[:, 1], rng.uniform(0.1, 1, (300, 3)))
+    steps, picture = [], Picture("pinhole")
+    once = picture.tiled(beams, pb.Look(), "auto")
+    parts = picture.tiled(beams, pb.Look(), "auto", step=lambda: steps.append(1))
+    assert np.array_equal(once.radiance.numpy(), parts.radiance.numpy()) and len(steps) > 10
+    assert (once.billboard_tests, once.frustum_tests) == (parts.billboard_tests, parts.frustum_tests)
+
+    def end_it():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        picture.tiled(beams, pb.Look(), "auto", step=end_it)
 
 
 @pytest.mark.parametrize("view", [*VIEWS, *FILM])

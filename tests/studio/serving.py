@@ -22,10 +22,12 @@ TOKEN = "a-token-of-tests"
 class Served:
     """A server in a thread of its own."""
 
-    def __init__(self, path, **given):
+    def __init__(self, path, url="", **given):
         self.session = Session(path, **{"view": VIEW, **given})
         self.studio = Studio(self.session, TOKEN)
-        config = uvicorn.Config(self.studio.app(), host="127.0.0.1", port=0, log_level="error", ws_max_size=1 << 17)
+        config = uvicorn.Config(
+            self.studio.app(url=url), host="127.0.0.1", port=0, log_level="error", ws_max_size=1 << 17
+        )
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._server.run, daemon=True)
         self._thread.start()

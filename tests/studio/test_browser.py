@@ -24,7 +24,8 @@ from playwright.sync_api import sync_playwright
 import photonbeams as pb
 from photonbeams.images.display import viewed
 from photonbeams.images.files import read_layers
-from tests.studio.serving import TOKEN, Served
+from tests.studio.proxying import PREFIX, Proxy
+from tests.studio.serving import TOKEN, Served, asked
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM = next((found for name in NAMES if (found := shutil.which(name))), None)
@@ -229,10 +230,18 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def everybodys(tmp_path_factory):
+def proxy():
+    proxy = Proxy()
+    yield proxy
+    proxy.close()
+
+
+@pytest.fixture(scope="module")
+def everybodys(tmp_path_factory, proxy):
     folder = tmp_path_factory.mktemp("studio")
     (folder / "shot.usda").write_text(STAGE)
-    served = Served(folder / "shot.usda", layer=folder / "look.usda")
+    served = Served(folder / "shot.usda", f"{proxy.address}{PREFIX}/", layer=folder / "look.usda")
+    proxy.port = served.port
     yield served
     served.close()
 
@@ -419,13 +428,13 @@ def test_only_the_area_is_rendered(window, served):
 def test_side_by_side_both_eyes_are_shown_and_no_pixel_is_inspected(window, served):
     window.picture()
     window.choose("Inspect")
+    window.page.get_by_role("button", name="View…").click()
     eyes = window.page.get_by_role("combobox", name="Eyes")
     eyes.select_option(label="Side by side")
     window.wait(lambda: served.session.view.stereo is not None and window.is_newest())
     tools = {name: window.page.get_by_role("radio", name=name) for name in ("Move", "Inspect", "Area")}
     window.wait(lambda: tools["Move"].is_checked())
     assert tools["Inspect"].is_disabled() and tools["Area"].is_disabled()
-    window.page.get_by_title("Where the two eyes are").click()
     between = window.page.get_by_role("spinbutton", name="Distance between the eyes")
     between.fill("0.2")  # the default, 6.5 cm, is too large for the stage
     between.press("Enter")
@@ -491,6 +500,10 @@ def test_the_final_picture_is_downloaded_and_is_that_of_the_command(window, serv
     passes.fill("1")
     window.page.get_by_role("checkbox", name="Several frames").wait_for()
     window.assert_accessible()
+    width, height = (window.page.get_by_role("spinbutton", name=name) for name in ("Width", "Height"))
+    assert [int(each.input_value()) for each in (width, height)] == [*shown.shape[1::-1]]
+    estimate = window.page.get_by_role("dialog").get_by_role("status")
+    estimate.get_by_text("About").wait_for()
     passes.press("Tab")
     window.page.get_by_role("button", name="Render", exact=True).click()
     link = window.page.get_by_role("link", name="Download the picture")
@@ -502,6 +515,17 @@ def test_the_final_picture_is_downloaded_and_is_that_of_the_command(window, serv
     layers = read_layers(tmp_path / "final.exr")
     np.testing.assert_allclose(layers["rgba"], wanted["rgba"], rtol=2**-11, atol=2**-25)  # the file has half floats
     assert difference(viewed(layers["rgba"]), shown) < 5 < shown.mean()
+
+    window.page.get_by_role("button", name="Render this…").click()
+    width.fill("32")
+    width.press("Tab")
+    assert int(height.input_value()) == round(32 * shown.shape[0] / shown.shape[1])
+    window.page.get_by_role("checkbox", name="Denoise").check()
+    window.page.get_by_role("textbox", name="File").fill("out/small.exr")
+    window.page.get_by_role("button", name="Render", exact=True).click()
+    window.page.get_by_text("Written: small.####.exr").wait_for()
+    written = read_layers(served.session.edits.path.with_name("out") / "small.0001.exr")
+    assert written["rgba"].shape[1] == 32
 
 
 def test_the_tab_key_reaches_everything_in_order_and_its_place_is_seen(window):
@@ -571,6 +595,150 @@ def test_everything_is_done_by_the_keyboard_alone(window, served):
     window.wait(lambda: window.page.evaluate(FOCUSED)[1] == "Render this…")
 
 
+def test_the_toolbar_is_one_row_and_no_word_in_it_is_cut(window, served):
+    window.picture()
+    bar = window.page.get_by_role("group", name="View", exact=True)
+    bar.get_by_role("slider", name="Exposure in stops").focus()
+    window.press("ArrowRight")
+    bar.get_by_role("button", name="Reset the exposure").wait_for()
+    cut = """bar => [bar, ...bar.querySelectorAll('*')]
+        .filter((each) => each.scrollWidth > each.clientWidth + 1 && getComputedStyle(each).display !== 'inline'
+          && !each.closest('svg, [class*=Slider]') && each.type !== 'radio')
+        .map((each) => each.outerHTML.slice(0, 200))"""
+    assert bar.evaluate(cut) == [] and bar.bounding_box()["height"] < 40
+    right = bar.bounding_box()["x"] + bar.bounding_box()["width"]
+    assert window.page.get_by_role("button", name="View…").bounding_box()["x"] + 40 < right
+    # Neither a double click on a word nor a drag over the panel selects text; fields can still be selected.
+    window.page.get_by_text("Exposure", exact=True).first.dblclick()
+    window.drag(window.place(0.5, 0.5), (1200, 600))
+    assert window.page.evaluate("getSelection().toString()") == ""
+    field = window.page.get_by_role("searchbox")
+    field.fill("ramp")
+    field.dblclick()
+    assert window.page.evaluate("getSelection().toString()") == "ramp"
+    served.session.show(pose=None)
+
+
+def test_controls_say_auto_and_those_without_an_effect_are_hidden(window, served):
+    window.picture()
+    panel = window.page.get_by_role("tabpanel")
+    count = panel.get_by_role("spinbutton", name="Bounces, exact")
+    assert count.input_value() == "" and count.get_attribute("placeholder") == "auto"
+    count.fill("2")
+    count.press("Enter")
+    window.wait(lambda: value(served.session, "/World/Lamp.photonbeams:bounces") == 2)
+    count.fill("auto")
+    count.press("Enter")
+    window.wait(lambda: value(served.session, "/World/Lamp.photonbeams:bounces") is None)
+    kelvin = panel.get_by_role("spinbutton", name="Color temperature in K, exact")
+    assert kelvin.count() == 0
+    panel.get_by_role("switch", name="Enable color temperature").focus()
+    window.press("Space")
+    kelvin.wait_for()
+    panel.get_by_role("switch", name="Enabled", exact=True).focus()
+    window.press("Space")
+    panel.get_by_role("spinbutton", name="Count, exact").wait_for(state="hidden")
+    assert window.control("spinbutton", "lamp photonbeams:count").count() == 1  # a search finds it nevertheless
+
+
+def test_lights_and_looks_lead_to_each_other_and_files_groups_and_objects_are_chosen(window, served):
+    window.picture()
+    folder = served.session.edits.path.parent
+    Image.new("RGB", (2, 2)).save(folder / "window.png")
+    served.session.edit({"/World/Lamp.photonbeams:lightGroup": "key"})
+    window.page.reload()
+    window.picture()
+    panel = window.page.get_by_role("tabpanel")
+    panel.get_by_role("button", name="Look", exact=True).click()
+    heading = window.page.locator("#group-World-Look")
+    window.wait(lambda: heading.evaluate("each => each === document.activeElement"))
+    panel.get_by_text("Used by:").locator("..").get_by_role("button", name="Lamp").click()
+    window.wait(lambda: window.page.locator("#group-World-Lamp").evaluate("each => each === document.activeElement"))
+    for name, chosen, path, wanted in [
+        ("Gobo", "window.png", "/World/Lamp.photonbeams:gobo", str((folder / "window.png").resolve())),
+        ("Light group", "key", "/World/Lamp.photonbeams:lightGroup", "key"),
+        ("Portal", "Ball", "/World/Lamp.photonbeams:portal", ["/World/Ball"]),
+    ]:
+        panel.get_by_role("textbox", name=name, exact=True).or_(
+            panel.get_by_role("combobox", name=name, exact=True)
+        ).first.click()
+        window.page.get_by_role("option", name=chosen, exact=True).click()
+        window.wait(lambda path=path, wanted=wanted: value(served.session, path) == wanted)
+        window.press("Escape")
+
+
+def test_the_page_works_through_a_proxy_at_another_port_with_a_path_of_its_own(visit, served, proxy):
+    for root in (f"{proxy.address}{PREFIX}/", f"{proxy.address}/"):  # as nginx has it, and as `ssh -L` does
+        window = visit(f"{root}?token={TOKEN}", served.session)
+        assert window.picture().max() > 200
+        window.page.get_by_role("button", name="New look of Lamp").click()
+        thumbnail = window.page.get_by_role("dialog", name="New look of Lamp").locator("img").first
+        window.wait(lambda thumbnail=thumbnail: thumbnail.evaluate("each => each.naturalWidth") > 0)
+        window.page.close()
+    origin = {"origin": proxy.address}
+    for path in ("/", f"{PREFIX}/"):  # a proxy may leave its path in the request
+        assert asked(served, f"{path}?token={TOKEN}", **origin)[0] == 200
+        assert asked(served, f"{path}?token={TOKEN}", origin="http://127.0.0.1:1")[0] == 403
+        assert asked(served, path, **origin)[0] == 403
+
+
+def test_a_flipbook_collects_frames_and_plays_two_layers_beside_each_other(window, served):
+    window.picture()
+    window.page.get_by_label("Compare with").select_option("A: surface")
+    window.page.get_by_role("slider", name="Wipe line").wait_for()
+    window.wait(lambda: window.header.get("layer") == "rgba" and '"other":"surface"' in "".join(window.sent))
+    left, right = np.s_[:, 5:40], np.s_[:, -40:-5]
+    window.wait(lambda: 2 * window.canvas()[left].mean() < window.received()[left].mean())  # surfaces without beams
+    assert difference(window.canvas()[right], window.received()[right]) < 4
+    book = window.page.get_by_role("button", name="Flipbook")
+    book.click()
+    window.wait(lambda: book.inner_text() == "Flipbook 5/5")
+    window.assert_accessible()
+    version = served.session.version
+    seen, halves = set(), []
+    window.page.get_by_role("button", name="Play").click()
+    frame = window.page.get_by_role("slider", name="Frame")
+
+    def has_played():
+        seen.add(int(frame.get_attribute("aria-valuenow")))
+        halves.append((window.canvas()[left].mean(), window.canvas()[right].mean()))
+        return len(seen) == 5
+
+    window.wait(has_played)
+    assert served.session.version == version  # nothing is rendered for it
+    assert max(one for one, _ in halves) < min(each for _, each in halves)
+    window.page.get_by_role("button", name="Pause", exact=True).click()
+    field = window.control("spinbutton", "lamp inputs:radius")
+    field.fill("0.06")
+    field.press("Enter")
+    window.wait(lambda: book.inner_text() in ("Flipbook 0/5", "Flipbook 1/5"))  # edits make it out of date
+    book.click()
+    window.page.get_by_label("Compare with").select_option("")
+    served.session.show(frame=1)
+
+
+def test_a_look_that_is_kept_is_among_the_presets_of_another_shot(window, visit, served, tmp_path):
+    window.picture()
+    panel = window.page.get_by_role("tabpanel")
+    panel.get_by_role("button", name="Look", exact=True).click()
+    panel.get_by_role("button", name="Keep look").click()
+    panel.get_by_text("kept as Look").wait_for()
+    library = served.session.edits.path.with_name("looks")
+    (tmp_path / "other.usda").write_text(STAGE.replace("rel photonbeams:look = </World/Look>", ""))
+    other = Served(tmp_path / "other.usda", layer=tmp_path / "look.usda", looks=library)
+    try:
+        page = visit(address_of(other), other.session).page
+        page.get_by_role("button", name="New look of Lamp").click()
+        page.get_by_role("dialog").get_by_role("button", name="Look", exact=True).click()
+        window.wait(lambda: len(value(other.session, "/World/Lamp.photonbeams:look")) == 1)
+        (look,) = value(other.session, "/World/Lamp.photonbeams:look")
+        assert value(other.session, f"{look}.photonbeams:along:expression") == value(served.session, EXPRESSION)
+        assert value(other.session, f"{look}.photonbeams:along:ramp") == value(served.session, RAMP)
+        page.close()
+    finally:
+        other.close()
+
+
 @contextmanager
 def studio(*arguments):
     """Run the command; yield the process and the address that it prints."""
@@ -606,6 +774,7 @@ def test_a_page_outlives_a_studio_that_is_killed_and_started_again(visit, tmp_pa
 
 def test_bounces_are_switched_on_and_off(window, served):
     window.picture()
+    window.page.get_by_role("button", name="View…").click()
     switch = window.page.get_by_role("switch", name="Bounces")
     assert not switch.is_checked()  # the ball and its fog are no room
     for bounces in (3, 0):

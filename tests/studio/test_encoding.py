@@ -3,18 +3,16 @@
 from io import BytesIO
 
 import numpy as np
-import pytest
 from PIL import Image
 
-from photonbeams.scene import SceneError
 from photonbeams.studio.encoding import thumbnail_of
-from photonbeams.usd.authoring.presets import PRESETS
+from photonbeams.usd.authoring.presets import PRESETS, preset_of
 
 
 def test_presets_are_rendered_without_a_warning_and_look_different(caplog):
     shown: dict[str, list[tuple[str, np.ndarray]]] = {}
     for each in PRESETS:
-        pixels = np.asarray(Image.open(BytesIO(thumbnail_of(each.name)))).astype(float)
+        pixels = np.asarray(Image.open(BytesIO(thumbnail_of(each)))).astype(float)
         assert pixels.shape == (60, 144, 3) and pixels.max() > 120 and pixels[0].max() == 0, each.name
         for other, before in shown.setdefault(each.factor, []):
             # A mean difference of one 8-bit step per pixel is visible at a glance.
@@ -24,6 +22,4 @@ def test_presets_are_rendered_without_a_warning_and_look_different(caplog):
 
 
 def test_a_thumbnail_is_made_once():
-    assert thumbnail_of("look-ember") is thumbnail_of("look-ember")
-    with pytest.raises(SceneError, match="no preset"):
-        thumbnail_of("look-gone")
+    assert thumbnail_of(preset_of("look-ember")) is thumbnail_of(preset_of("look-ember"))

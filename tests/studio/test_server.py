@@ -104,7 +104,7 @@ def test_the_final_picture_is_rendered_by_the_command_and_handed_out(served, sta
         page.send("render", passes=3)
         found = page.wait(lambda each: each.get("type") == "render" and (each["file"] or each["problem"]), 120)
         assert found["problem"] is None and found["done"] == found["of"] == 100
-        status, _, data = asked(served, found["file"])
+        status, _, data = asked(served, f"/{found['file']}")
         served.session.edits.save()
     assert status == 200
     (tmp_path / "final.exr").write_bytes(data)

@@ -6,7 +6,11 @@ import { ownUndo } from "../keep/shortcuts";
 import { clampTo, format, parse } from "./numbers";
 
 export interface NumberFieldProps {
-  value: number;
+  /** null: no number, which `none` names. */
+  value: number | null;
+  /** What is shown instead of a number if there is none, such as "auto"; an empty field goes back to that. */
+  none?: string;
+  onNone?: () => void;
   label: string;
   onChange: (value: number) => void;
   min?: number | null;
@@ -28,6 +32,7 @@ export function NumberField(props: NumberFieldProps) {
   // The text while it is being typed; otherwise the field shows the value.
   const [draft, setDraft] = useState<string | null>(null);
 
+  const isNone = (text: string): boolean => !!props.onNone && ["", props.none].includes(text.trim().toLowerCase());
   const commit = (number: number): void => {
     const next = clampTo(integer ? Math.round(number) : number, min, max);
     if (next !== value) onChange(next);
@@ -35,6 +40,7 @@ export function NumberField(props: NumberFieldProps) {
   const confirm = (): void => {
     const typed = draft === null ? null : parse(draft);
     if (typed !== null) commit(typed);
+    else if (draft !== null && isNone(draft) && value !== null) props.onNone?.();
     setDraft(null);
   };
   const onKeyDown = (event: KeyboardEvent): void => {
@@ -45,7 +51,7 @@ export function NumberField(props: NumberFieldProps) {
       setDraft(null);
     } else if (direction !== undefined) {
       event.preventDefault();
-      const from = (draft === null ? null : parse(draft)) ?? value;
+      const from = (draft === null ? null : parse(draft)) ?? value ?? min ?? 0;
       setDraft(null);
       const size = step * (event.shiftKey ? 10 : 1);
       // Rounded, so that 0.1 + 0.2 is 0.3.
@@ -61,12 +67,14 @@ export function NumberField(props: NumberFieldProps) {
       role="spinbutton"
       inputMode="decimal"
       aria-label={label}
-      aria-valuenow={value}
+      aria-valuenow={value ?? undefined}
+      aria-valuetext={value === null ? props.none : undefined}
+      placeholder={props.none}
       aria-valuemin={min ?? undefined}
       aria-valuemax={max ?? undefined}
       aria-describedby={describedBy}
-      error={invalid || (draft !== null && parse(draft) === null)}
-      value={draft ?? (integer ? String(value) : format(value, digits))}
+      error={invalid || (draft !== null && parse(draft) === null && !isNone(draft))}
+      value={draft ?? (value === null ? "" : integer ? String(value) : format(value, digits))}
       onChange={(event) => setDraft(event.currentTarget.value)}
       onFocus={(event) => event.currentTarget.select()}
       onBlur={confirm}

@@ -6,7 +6,9 @@ import { ResetIcon } from "../common/icons";
 import type { ControlItem } from "../protocol";
 import { isRamp } from "../session/ramp";
 import { RampEditor } from "../ramp/RampEditor";
-import { type EditorProps, reset, useAuthored, useProblem } from "./attribute";
+import { session } from "../session/session";
+import { useStore } from "../session/store";
+import { type EditorProps, hasEffect, reset, useAuthored, useProblem } from "./attribute";
 import { ColorEditor } from "./ColorEditor";
 import styles from "./controls.module.css";
 import { ExpressionEditor } from "./ExpressionEditor";
@@ -30,10 +32,17 @@ const EDITORS: Record<Exclude<ControlItem["kind"], "ramp">, ComponentType<Editor
 /** Editors that need the panel's whole width, below their label. */
 const WIDE: ReadonlySet<string> = new Set(["expression", "ramp", "paths"]);
 
+/** The names of what a control needs to have an effect. */
+function needed(control: ControlItem): string {
+  const names = Object.keys(control.needs).map((path) => path.slice(path.lastIndexOf(".") + 1));
+  return names.map((name) => name.replace(/^(photonbeams|inputs):/, "")).join(", ");
+}
+
 export const ControlRow = memo(function ControlRow({ control }: { control: ControlItem }) {
   const id = useId();
   const authored = useAuthored(control);
   const problem = useProblem(control);
+  const effective = useStore(session, ({ values }) => hasEffect(control, values));
   const explain = (): void => panel.set({ explained: control });
   const Editor = control.kind === "ramp" ? null : EDITORS[control.kind];
   return (
@@ -41,6 +50,8 @@ export const ControlRow = memo(function ControlRow({ control }: { control: Contr
       className={styles.row}
       data-wide={WIDE.has(control.kind)}
       data-authored={authored}
+      data-idle={!effective}
+      title={effective ? undefined : `Without effect now: it needs ${needed(control)}`}
       role="group"
       aria-label={control.label}
       onPointerEnter={explain}

@@ -1,13 +1,13 @@
 /** One light, medium or look: its name, its switches, and its controls in sections. */
 
-import { ActionIcon, Switch } from "@mantine/core";
+import { ActionIcon, Button, Switch } from "@mantine/core";
 import { memo } from "react";
 import { ChevronIcon, SoloIcon, WarningIcon } from "../common/icons";
 import { lastName } from "../common/numbers";
 import type { ControlItem, ControlGroup } from "../protocol";
-import { session, setValues, show } from "../session/session";
+import { keepLook, session, setValues, show } from "../session/session";
 import { useStore } from "../session/store";
-import { useValue } from "./attribute";
+import { hasEffect, useValue } from "./attribute";
 import { ControlRow } from "./ControlRow";
 import styles from "./controls.module.css";
 import { Presets } from "./Presets";
@@ -78,6 +78,40 @@ function Uses({ group, paths }: { group: ControlGroup; paths: string[] }) {
   );
 }
 
+/** The lights that use a look, each with the way back to it. */
+function UsedBy({ path }: { path: string }) {
+  const groups = useStore(session, (state) => state.scene?.controls);
+  const lights = (groups ?? []).filter((each) => each.uses.includes(path));
+  return (
+    <>
+      {lights.length > 0 ? "Used by:" : "Not used"}
+      {lights.map((light) => (
+        <button key={light.path} type="button" className={styles.link} onClick={() => goToGroup(light.path)}>
+          {light.label}
+        </button>
+      ))}
+    </>
+  );
+}
+
+/** Keeps a look in the library, where other shots find it among their presets. */
+function KeepLook({ group }: { group: ControlGroup }) {
+  const kept = useStore(session, (state) => (state.kept?.path === group.path ? state.kept.label : null));
+  return (
+    <>
+      <span role="status">{kept !== null && `kept as ${kept}`}</span>
+      <Button
+        size="compact-xs"
+        variant="default"
+        title="Keep this look in the library, for other shots"
+        onClick={() => keepLook(group.path)}
+      >
+        Keep look
+      </Button>
+    </>
+  );
+}
+
 function Section({ name, owner, controls, forced, look }: SectionProps) {
   const key = `${owner} ${name}`;
   const factor = name.toLowerCase();
@@ -124,7 +158,14 @@ interface GroupProps {
 export const Group = memo(function Group({ group, controls, searching }: GroupProps) {
   const open = useStore(panel, (state) => state.openGroups.has(group.path)) || searching;
   const wrong = useStore(session, (state) => state.state?.problem?.path?.startsWith(`${group.path}.`) ?? false);
-  const sections = Map.groupBy(controls, (control) => control.section);
+  // Controls without an effect are only found by a search. A text, so that other values redraw nothing.
+  const idle = useStore(session, ({ values }) =>
+    searching ? "" : controls.flatMap((each) => (hasEffect(each, values) ? [] : [each.path])).join(" "),
+  ).split(" ");
+  const sections = Map.groupBy(
+    controls.filter(({ path }) => !idle.includes(path)),
+    (control) => control.section,
+  );
   const onOff = group.kind === "light" ? onOffControl(group) : undefined;
   return (
     <div className={styles.group}>
@@ -157,8 +198,9 @@ export const Group = memo(function Group({ group, controls, searching }: GroupPr
           {group.kind === "light" && <Uses group={group} paths={group.uses} />}
           {group.kind === "look" && !searching && (
             <div className={styles.uses}>
-              All factors
+              <UsedBy path={group.path} />
               <span className={styles.usesEnd}>
+                <KeepLook group={group} />
                 <Presets factor="look" path={group.path} text="Presets" whose={`of ${group.label}`} stays />
               </span>
             </div>

@@ -4,12 +4,13 @@ import { Slider } from "@mantine/core";
 import { NumberField } from "../common/NumberField";
 import { stepFor } from "../common/numbers";
 import { setValues } from "../session/session";
-import { type EditorProps, spokenLabel, useProblem, useValue } from "./attribute";
+import { type EditorProps, reset, spokenLabel, useProblem, useValue } from "./attribute";
 import styles from "./controls.module.css";
 import { useStep } from "./step";
 
 export function NumberEditor({ control, describedBy }: EditorProps) {
-  const value = Number(useValue(control.path) ?? 0);
+  const own = useValue(control.path);
+  const value = Number(own ?? 0);
   const problem = useProblem(control);
   const step = useStep();
   const integer = control.kind === "integer";
@@ -41,7 +42,9 @@ export function NumberEditor({ control, describedBy }: EditorProps) {
         label={soft ? `${spokenLabel(control)}, exact` : spokenLabel(control)}
         describedBy={describedBy}
         invalid={problem !== null}
-        value={value}
+        value={own === null ? null : value}
+        none="auto"
+        onNone={() => reset(control)}
         min={min}
         max={max}
         step={size}

@@ -57,7 +57,7 @@ export function Presets({ factor, path, text, whose, stays = false }: PresetsPro
           >
             {/* Decoration: the name is beside it. */}
             <img
-              src={`/presets/${name}.png?token=${encodeURIComponent(token())}`}
+              src={`presets/${name}.png?token=${encodeURIComponent(token())}`}
               alt=""
               width={144}
               height={60}

@@ -1,6 +1,6 @@
 /** Editors for the kinds of values that need only one field. */
 
-import { Input, MultiSelect, NativeSelect, Switch } from "@mantine/core";
+import { Autocomplete, Input, MultiSelect, NativeSelect, Switch } from "@mantine/core";
 import { useState } from "react";
 import { format, lastName, parse } from "../common/numbers";
 import { ownUndo } from "../keep/shortcuts";
@@ -41,26 +41,38 @@ export function ChoiceEditor({ control, describedBy }: EditorProps) {
 function ConfirmedText({ control, describedBy, text, read }: ConfirmedTextProps) {
   const problem = useProblem(control);
   const [draft, setDraft] = useState<string | null>(null);
-  const confirm = (): void => {
-    const value = draft === null || draft === text ? null : read(draft);
+  const confirm = (typed = draft): void => {
+    const value = typed === null || typed === text ? null : read(typed);
     if (value !== null) setValues({ [control.path]: value });
     setDraft(null);
   };
+  const shared = {
+    size: "xs",
+    spellCheck: false,
+    "aria-label": spokenLabel(control),
+    "aria-describedby": describedBy,
+    error: problem !== null || (draft !== null && read(draft) === null),
+    value: draft ?? text,
+    onBlur: () => confirm(),
+    onKeyDown: (event: React.KeyboardEvent): void => {
+      if (event.key === "Enter") confirm();
+      else if (event.key === "Escape") setDraft(null);
+    },
+    ...ownUndo(draft !== null),
+  };
+  if (control.choices.length === 0) {
+    return <Input {...shared} onChange={(event) => setDraft(event.currentTarget.value)} />;
+  }
   return (
-    <Input
-      size="xs"
-      spellCheck={false}
-      aria-label={spokenLabel(control)}
-      aria-describedby={describedBy}
-      error={problem !== null || (draft !== null && read(draft) === null)}
-      value={draft ?? text}
-      onChange={(event) => setDraft(event.currentTarget.value)}
-      onBlur={confirm}
-      onKeyDown={(event) => {
-        if (event.key === "Enter") confirm();
-        else if (event.key === "Escape") setDraft(null);
-      }}
-      {...ownUndo(draft !== null)}
+    <Autocomplete
+      {...shared}
+      placeholder={control.kind === "asset" ? "file" : undefined}
+      data={[...new Set(control.choices)]}
+      // All are offered until something is typed: whoever opens the list wants another one.
+      filter={draft === null ? ({ options }) => options : undefined}
+      maxDropdownHeight={240}
+      onChange={setDraft}
+      onOptionSubmit={(chosen) => confirm(chosen)}
     />
   );
 }
@@ -94,6 +106,8 @@ export function PathsEditor({ control, describedBy }: EditorProps) {
   const value = useValue(control.path);
   const chosen = Array.isArray(value) ? (value as string[]) : [];
   const choices = [...new Set([...(control.choices ?? []), ...chosen])];
+  const names = choices.map(lastName);
+  const isUnique = (name: string): boolean => names.indexOf(name) === names.lastIndexOf(name);
   return (
     <MultiSelect
       size="xs"
@@ -101,7 +115,9 @@ export function PathsEditor({ control, describedBy }: EditorProps) {
       aria-describedby={describedBy}
       className={styles.paths}
       placeholder={chosen.length === 0 ? "none" : undefined}
-      data={choices.map((path) => ({ value: path, label: lastName(path) }))}
+      data={choices.map((path) => ({ value: path, label: isUnique(lastName(path)) ? lastName(path) : path }))}
+      nothingFoundMessage="no such object"
+      maxDropdownHeight={240}
       value={chosen}
       searchable
       onChange={(paths) => setValues({ [control.path]: paths })}

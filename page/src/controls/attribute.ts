@@ -1,6 +1,6 @@
 /** An attribute as its editor sees it. */
 
-import type { ControlItem, ProblemText, Value } from "../protocol";
+import type { ControlItem, ProblemText, Value, Values } from "../protocol";
 import { isRamp } from "../session/ramp";
 import { session, setValues } from "../session/session";
 import { useStore } from "../session/store";
@@ -16,6 +16,15 @@ export function useValue(path: string): Value {
 
 export function useAuthored(control: ControlItem): boolean {
   return useStore(session, (state) => paths(control).some((path) => state.authored[path]));
+}
+
+/** Whether a control has an effect: whether what it needs is so. */
+export function hasEffect(control: ControlItem, values: Values): boolean {
+  return Object.entries(control.needs).every(([path, wanted]) => {
+    const value = values[path] ?? null;
+    if (wanted.length > 0) return wanted.some((each) => each === value);
+    return Array.isArray(value) ? value.length > 0 : Boolean(value);
+  });
 }
 
 /** The scene's problem, if it is about this control. */

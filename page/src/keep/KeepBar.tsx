@@ -43,7 +43,7 @@ function FinalPicture() {
   const open = useStore(session, (state) => state.open);
   const [dialog, setDialog] = useState(false);
   const problem = render?.problem ?? null;
-  const running = render !== null && render.file === null && problem === null;
+  const running = render !== null && !render.file && !render.written && problem === null;
   return (
     <div className={styles.group}>
       {running && (
@@ -67,6 +67,11 @@ function FinalPicture() {
           <Anchor href={render.file} download size="xs">
             Download the picture
           </Anchor>
+        )}
+        {render?.written && (
+          <span className={styles.name} title={render.written}>
+            Written: {render.written.slice(render.written.lastIndexOf("/") + 1)}
+          </span>
         )}
         {problem !== null && <span className={styles.problem}>{problem}</span>}
       </span>

@@ -33,8 +33,10 @@ export class Connection {
     this.socket = null;
     before?.close();
     this.events.status(false, null);
-    const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/session?token=${encodeURIComponent(token())}`);
+    // Beside the page, which a proxy may have under another port and path.
+    const address = new URL(`session?token=${encodeURIComponent(token())}`, location.href);
+    address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+    const socket = new WebSocket(address);
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
       if (this.socket !== socket) return;

@@ -25,20 +25,28 @@ function readPicture(message: ArrayBuffer): { header: PictureHeader; picture: Bl
 
 interface PictureState {
   shown: ShownPicture | null;
+  /** The other layer of the picture, if one is compared. */
+  other: ShownPicture | null;
   snapshots: Snapshot[];
 }
 
 export class Picture extends Store<PictureState> {
   private waiting: ArrayBuffer | null = null;
+  /** The other layer, which comes before the picture: it is shown with it. */
+  private beside: ArrayBuffer | null = null;
   private decoding = false;
   private count = 0;
 
   constructor() {
-    super({ shown: null, snapshots: [] });
+    super({ shown: null, other: null, snapshots: [] });
   }
 
   /** Decode a binary message. Pictures that come while one is being decoded replace each other: the newest wins. */
   receive(message: ArrayBuffer): void {
+    if (readPicture(message).header.compared) {
+      this.beside = message;
+      return;
+    }
     this.waiting = message;
     if (!this.decoding) void this.decode();
   }
@@ -47,12 +55,16 @@ export class Picture extends Store<PictureState> {
     this.decoding = true;
     while (this.waiting) {
       const { header, picture } = readPicture(this.waiting);
+      const beside = this.beside && readPicture(this.beside);
       this.waiting = null;
+      this.beside = null;
       try {
         const bitmap = await createImageBitmap(picture);
-        const before = this.get().shown?.bitmap;
-        this.set({ shown: { header, bitmap } });
-        if (before && !this.get().snapshots.some((snapshot) => snapshot.bitmap === before)) before.close();
+        const other = beside && { header: beside.header, bitmap: await createImageBitmap(beside.picture) };
+        const { shown, other: last } = this.get();
+        this.set({ shown: { header, bitmap }, other });
+        if (shown && !this.get().snapshots.some((snapshot) => snapshot.bitmap === shown.bitmap)) shown.bitmap.close();
+        last?.bitmap.close();
       } catch (error) {
         // The next picture replaces it anyway.
         console.warn("a picture could not be decoded", error);

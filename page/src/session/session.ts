@@ -3,9 +3,11 @@
 import type {
   Applied,
   ControlItem,
+  Kept,
   PageMessage,
   PixelMessage,
   Ramp,
+  Render,
   RenderMessage,
   StateMessage,
   SceneMessage,
@@ -45,10 +47,14 @@ export interface SessionState {
   saved: boolean;
   restored: boolean;
   applied: Applied | null;
+  /** The look that was kept in the library last. */
+  kept: Kept | null;
   state: StateMessage | null;
   pixel: PixelMessage | null;
   render: RenderMessage | null;
   refused: string[];
+  /** How many edits have come, also those of other pages. */
+  edition: number;
   show: Shown;
 }
 
@@ -58,6 +64,7 @@ const NOTHING_SHOWN: Shown = {
   pose: null,
   frame: 0,
   layer: "",
+  other: null,
   exposure: 0,
   display: "",
   area: null,
@@ -86,10 +93,12 @@ export const session = new Store<SessionState>({
   saved: true,
   restored: false,
   applied: null,
+  kept: null,
   state: null,
   pixel: null,
   render: null,
   refused: [],
+  edition: 0,
   show: NOTHING_SHOWN,
 });
 
@@ -165,6 +174,7 @@ function receiveScene(scene: SceneMessage): void {
   const kept = (choice: string, choices: string[]): string => (choices.includes(choice) ? choice : (choices[0] ?? ""));
   show.camera = kept(show.camera, scene.cameras);
   show.layer = kept(show.layer, scene.layers);
+  if (show.other !== null && !scene.layers.includes(show.other)) show.other = null;
   show.display = kept(show.display, scene.displays);
   if (scene.frames) show.frame = Math.min(Math.max(show.frame, scene.frames[0]), scene.frames[1]);
   const groups = scene.controls;
@@ -181,7 +191,7 @@ function receiveScene(scene: SceneMessage): void {
 /** Send those choices that a new scene has changed. */
 function sendChanges(before: Shown): void {
   const { show } = session.get();
-  for (const name of ["camera", "layer", "display", "frame", "solo"] as const) {
+  for (const name of ["camera", "layer", "other", "display", "frame", "solo"] as const) {
     if (JSON.stringify(show[name]) !== JSON.stringify(before[name])) Object.assign(unsentShow, { [name]: show[name] });
   }
   showing.request();
@@ -212,6 +222,7 @@ function receive(message: ServerMessage): void {
         canRedo: message.canRedo,
         saved: message.saved,
         restored: message.restored,
+        edition: session.get().edition + (Object.keys(message.values).length > 0 ? 1 : 0),
       });
       mergeValues();
       break;
@@ -227,6 +238,9 @@ function receive(message: ServerMessage): void {
       break;
     case "applied":
       session.set({ applied: message });
+      break;
+    case "kept":
+      session.set({ kept: message });
       break;
     case "refused":
       edits.forget();
@@ -266,16 +280,21 @@ export function applyPreset(preset: string, path: string): void {
   post({ type: "apply", preset, path });
 }
 
+/** Keep a look in the library, for other shots. */
+export function keepLook(path: string): void {
+  edits.flush();
+  post({ type: "keep", path });
+}
+
 export function inspect(at: [number, number]): void {
   post({ type: "inspect", at });
 }
 
-export function startRender(passes: number, frames: [number, number] | null): void {
+export function startRender(wanted: Omit<Render, "type">): void {
   edits.flush();
-  if (post({ type: "render", passes, frames })) {
+  if (post({ type: "render", ...wanted })) {
     cancelled = false;
-    const count = frames ? frames[1] - frames[0] + 1 : 1;
-    session.set({ render: { type: "render", done: 0, of: passes * count, file: null, problem: null } });
+    session.set({ render: { type: "render", done: 0, of: 100, file: null, written: null, problem: null } });
   }
 }
 

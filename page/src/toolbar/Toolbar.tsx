@@ -3,12 +3,12 @@
 import { ActionIcon, Button, Popover, SegmentedControl, Slider, Switch } from "@mantine/core";
 import { useEffect } from "react";
 import { Choice } from "../common/Choice";
-import { AreaIcon, CameraIcon, CloseIcon, InspectIcon, MoveIcon, ResetIcon } from "../common/icons";
+import { AreaIcon, InspectIcon, MoveIcon, ResetIcon } from "../common/icons";
 import { NumberField } from "../common/NumberField";
 import { lastName } from "../common/numbers";
 import { type Eye, picture, type Shown, session, show } from "../session/session";
 import { useStore } from "../session/store";
-import { orbitDistance, throughTheCamera, type Tool, view } from "../viewport/view";
+import { orbitDistance, type Tool, view } from "../viewport/view";
 import styles from "./toolbar.module.css";
 
 const TOOLS: { value: Tool; label: string; icon: React.ReactNode }[] = [
@@ -19,7 +19,6 @@ const TOOLS: { value: Tool; label: string; icon: React.ReactNode }[] = [
 
 function Tools() {
   const tool = useStore(view, (state) => state.tool);
-  const area = useStore(session, (state) => state.show.area);
   // Side by side, each pixel of the scene is in two places.
   const twice = useStore(session, (state) => state.show.stereo !== null && state.show.eye === "side-by-side");
   useEffect(() => {
@@ -42,11 +41,6 @@ function Tools() {
           ),
         }))}
       />
-      {area && (
-        <Button size="compact-xs" variant="light" leftSection={<CloseIcon />} onClick={() => show({ area: null })}>
-          Clear area
-        </Button>
-      )}
     </div>
   );
 }
@@ -54,63 +48,49 @@ function Tools() {
 function CameraChoice() {
   const cameras = useStore(session, (state) => state.scene?.cameras);
   const camera = useStore(session, (state) => state.show.camera);
-  const free = useStore(session, (state) => state.show.pose !== null);
+  return (
+    <Choice
+      label="Camera"
+      className={styles.choice}
+      value={camera}
+      data={(cameras ?? []).map((path) => ({ value: path, label: lastName(path) }))}
+      onChange={(path) => {
+        view.set({ distance: null });
+        show({ camera: path, pose: null });
+      }}
+    />
+  );
+}
+
+/** How the free camera moves. */
+function Motion() {
   const speed = useStore(view, (state) => state.speed);
   const distance = useStore(view, (state) => state.distance);
   return (
-    <div className={styles.group}>
-      <Choice
-        label="Camera"
-        className={styles.camera}
-        value={camera}
-        data={(cameras ?? []).map((path) => ({ value: path, label: lastName(path) }))}
-        onChange={(path) => {
-          view.set({ distance: null });
-          show({ camera: path, pose: null });
-        }}
+    <>
+      <span>Distance of the pivot</span>
+      <NumberField
+        label="Distance of the pivot"
+        value={distance ?? orbitDistance()}
+        min={0.001}
+        onChange={(value) => view.set({ distance: value })}
       />
-      <Button
-        size="compact-xs"
-        variant={free ? "filled" : "default"}
-        disabled={!free}
-        leftSection={<CameraIcon />}
-        title="Leave the free view and look through the shot's camera"
-        onClick={throughTheCamera}
-      >
-        Through the camera
-      </Button>
-      <Popover trapFocus position="bottom-start" shadow="md" width={240}>
-        <Popover.Target>
-          <Button size="compact-xs" variant="default" title="How the free camera moves">
-            Motion
-          </Button>
-        </Popover.Target>
-        <Popover.Dropdown className={styles.fields} aria-label="How the free camera moves">
-          <span>Distance of the pivot</span>
-          <NumberField
-            label="Distance of the pivot"
-            value={distance ?? orbitDistance()}
-            min={0.001}
-            onChange={(value) => view.set({ distance: value })}
-          />
-          <span>Speed of flight, ×</span>
-          <NumberField
-            label="Speed of flight"
-            value={speed}
-            min={0.01}
-            max={100}
-            onChange={(value) => view.set({ speed: value })}
-          />
-        </Popover.Dropdown>
-      </Popover>
-    </div>
+      <span>Speed of flight, ×</span>
+      <NumberField
+        label="Speed of flight"
+        value={speed}
+        min={0.01}
+        max={100}
+        onChange={(value) => view.set({ speed: value })}
+      />
+    </>
   );
 }
 
 function Exposure() {
   const exposure = useStore(session, (state) => state.show.exposure);
   return (
-    <div className={styles.group}>
+    <div className={styles.exposure}>
       <span className={styles.label}>Exposure</span>
       <Slider
         className={styles.slider}
@@ -131,42 +111,43 @@ function Exposure() {
         max={30}
         onChange={(value) => show({ exposure: value })}
       />
-      <ActionIcon
-        size="sm"
-        variant="subtle"
-        color="gray"
-        aria-label="Reset the exposure"
-        title="Reset the exposure"
-        disabled={exposure === 0}
-        onClick={() => show({ exposure: 0 })}
-      >
-        <ResetIcon />
-      </ActionIcon>
+      <span className={styles.resetPlace}>
+        {exposure !== 0 && (
+          <ActionIcon
+            size="sm"
+            variant="subtle"
+            color="gray"
+            aria-label="Reset the exposure"
+            title="Reset the exposure"
+            onClick={() => show({ exposure: 0 })}
+          >
+            <ResetIcon />
+          </ActionIcon>
+        )}
+      </span>
     </div>
   );
 }
 
-function LayerAndDisplay() {
-  const scene = useStore(session, (state) => state.scene);
-  const layer = useStore(session, (state) => state.show.layer);
+function LayerChoice() {
+  const layers = useStore(session, (state) => state.scene?.layers ?? NO_NAMES);
+  const { layer, other } = useStore(session, (state) => state.show);
+  return (
+    <Choice
+      label="Layer"
+      className={styles.choice}
+      value={layer}
+      data={layers}
+      onChange={(name) => show({ layer: name, ...(other === name && { other: null }) })}
+    />
+  );
+}
+
+function DisplayChoice() {
+  const displays = useStore(session, (state) => state.scene?.displays ?? NO_NAMES);
   const display = useStore(session, (state) => state.show.display);
   return (
-    <div className={styles.group}>
-      <Choice
-        label="Layer"
-        className={styles.choice}
-        value={layer}
-        data={scene?.layers ?? []}
-        onChange={(name) => show({ layer: name })}
-      />
-      <Choice
-        label="Display"
-        className={styles.choice}
-        value={display}
-        data={scene?.displays ?? []}
-        onChange={(name) => show({ display: name })}
-      />
-    </div>
+    <Choice label="Display" value={display} data={displays} onChange={(name) => show({ display: name })} />
   );
 }
 
@@ -179,6 +160,7 @@ const SWITCHES = [
 
 /** The bounces of the picture, and those that the stage or a room usually has, before the first scene has come. */
 const NO_BOUNCES: [number, number] = [0, 0];
+const NO_NAMES: string[] = [];
 
 function Switches() {
   const shown = useStore(session, (state) => state.show);
@@ -222,10 +204,10 @@ function Eyes() {
   const usual = useStore(session, (state) => state.scene?.interaxial ?? 0);
   const [interaxial, convergence] = stereo ?? [null, null];
   return (
-    <div className={styles.group}>
+    <>
+      <span>Eyes</span>
       <Choice
         label="Eyes"
-        className={styles.choice}
         value={stereo ? eye : "one"}
         data={EYES}
         onChange={(value) => {
@@ -234,69 +216,58 @@ function Eyes() {
         }}
       />
       {stereo && !pair && (
-        <Popover trapFocus position="bottom-start" shadow="md" width={260}>
-          <Popover.Target>
-            <Button size="compact-xs" variant="default" title="Where the two eyes are">
-              Distances
-            </Button>
-          </Popover.Target>
-          <Popover.Dropdown className={styles.fields} aria-label="Where the two eyes are">
-            <span>Between the eyes</span>
-            <NumberField
-              label="Distance between the eyes"
-              value={interaxial ?? usual}
-              min={0}
-              step={usual / 10}
-              onChange={(value) => show({ stereo: [value, convergence] })}
-            />
-            <span>To where they converge; 0: the focus or infinity</span>
-            <NumberField
-              label="Distance at which the eyes converge"
-              value={convergence ?? 0}
-              min={0}
-              onChange={(value) => show({ stereo: [interaxial, value || null] })}
-            />
-          </Popover.Dropdown>
-        </Popover>
+        <>
+          <span>Between the eyes</span>
+          <NumberField
+            label="Distance between the eyes"
+            value={interaxial ?? usual}
+            min={0}
+            step={usual / 10}
+            onChange={(value) => show({ stereo: [value, convergence] })}
+          />
+          <span>To where they converge</span>
+          <NumberField
+            label="Distance at which the eyes converge"
+            value={convergence}
+            none="auto"
+            onNone={() => show({ stereo: [interaxial, null] })}
+            min={0}
+            onChange={(value) => show({ stereo: [interaxial, value || null] })}
+          />
+        </>
       )}
-    </div>
+    </>
   );
 }
 
+/** What is left of the wipe line: a kept picture, or another layer of the present one. */
 function Compare() {
   const snapshots = useStore(picture, (state) => state.snapshots);
+  const layers = useStore(session, (state) => state.scene?.layers ?? NO_NAMES);
+  const { layer, other } = useStore(session, (state) => state.show);
   const wipe = useStore(view, (state) => state.wipe);
   const snapshot = snapshots.find((each) => each.id === wipe);
   return (
     <div className={styles.group}>
-      <Button
-        size="compact-xs"
-        variant="default"
-        title="Keep the present picture, to compare later ones with it"
-        onClick={() => {
-          const kept = picture.keep();
-          if (kept) view.set({ wipe: kept.id });
+      <Choice
+        label="Compare with"
+        className={styles.compare}
+        value={other !== null ? `layer ${other}` : String(wipe ?? "")}
+        data={[
+          { value: "", label: "No comparison" },
+          ...layers.filter((name) => name !== layer).map((name) => ({ value: `layer ${name}`, label: `A: ${name}` })),
+          ...snapshots.map(({ id, label }) => ({ value: String(id), label: `A: kept ${label}` })),
+        ]}
+        onChange={(chosen) => {
+          const compared = chosen.startsWith("layer ") ? chosen.slice("layer ".length) : null;
+          view.set({ wipe: compared === null ? Number(chosen) || null : null });
+          if (compared !== other) show({ other: compared });
         }}
-      >
-        Keep picture
-      </Button>
-      {snapshots.length > 0 && (
-        <Choice
-          label="Compare with"
-          className={styles.compare}
-          value={String(wipe ?? "")}
-          data={[
-            { value: "", label: "No comparison" },
-            ...snapshots.map(({ id, label }) => ({ value: String(id), label: `A: ${label}` })),
-          ]}
-          onChange={(id) => view.set({ wipe: Number(id) || null })}
-        />
-      )}
-      {snapshot && (
-        <ActionIcon
-          size="sm"
-          variant="subtle"
-          color="gray"
+      />
+      {snapshot ? (
+        <Button
+          size="compact-xs"
+          variant="default"
           aria-label={`Drop ${snapshot.label}`}
           title="Drop this kept picture"
           onClick={() => {
@@ -304,28 +275,43 @@ function Compare() {
             picture.drop(snapshot.id);
           }}
         >
-          <CloseIcon />
-        </ActionIcon>
+          Drop
+        </Button>
+      ) : (
+        <Button
+          size="compact-xs"
+          variant="default"
+          title="Keep the present picture, to compare later ones with it"
+          onClick={() => {
+            const kept = picture.keep();
+            if (kept) view.set({ wipe: kept.id });
+            show({ other: null });
+          }}
+        >
+          Keep picture
+        </Button>
       )}
     </div>
   );
 }
 
-/** Shows that some lights are hidden; the solo buttons themselves are beside the lights. */
-function Solo() {
-  const solo = useStore(session, (state) => state.show.solo);
-  if (solo.length === 0) return null;
+/** What is set rarely: how the picture is shown, which effects it has, and how the free camera moves. */
+function ViewMenu() {
   return (
-    <Button
-      size="compact-xs"
-      variant="light"
-      color="yellow"
-      rightSection={<CloseIcon />}
-      title="Show all lights again"
-      onClick={() => show({ solo: [] })}
-    >
-      Solo: {solo.length} {solo.length === 1 ? "light" : "lights"}
-    </Button>
+    <Popover trapFocus position="bottom-end" shadow="md" width={300}>
+      <Popover.Target>
+        <Button size="compact-xs" variant="default" title="Display, effects, eyes, and the free camera">
+          View…
+        </Button>
+      </Popover.Target>
+      <Popover.Dropdown className={styles.fields} aria-label="View">
+        <span>Display</span>
+        <DisplayChoice />
+        <Switches />
+        <Eyes />
+        <Motion />
+      </Popover.Dropdown>
+    </Popover>
   );
 }
 
@@ -334,12 +320,10 @@ export function Toolbar() {
     <div className={styles.bar} role="group" aria-label="View">
       <Tools />
       <CameraChoice />
-      <LayerAndDisplay />
+      <LayerChoice />
       <Exposure />
-      <Switches />
-      <Eyes />
       <Compare />
-      <Solo />
+      <ViewMenu />
     </div>
   );
 }

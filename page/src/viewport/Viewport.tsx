@@ -4,6 +4,7 @@ import { type KeyboardEvent, type PointerEvent, useEffect, useLayoutEffect, useR
 import type { Area } from "../protocol";
 import { picture, session, show } from "../session/session";
 import { useStore } from "../session/store";
+import { flipbook, pageOf } from "../time/flipbook";
 import { useDragNavigation, useFlight, useWheel } from "./navigation";
 import { Problem, StatusLine } from "./StatusLine";
 import { inspectAt, view } from "./view";
@@ -63,25 +64,27 @@ function useAspect(): number {
 
 function Picture({ box }: { box: Box }) {
   const canvas = useRef<HTMLCanvasElement>(null);
-  const { shown, snapshots } = useStore(picture, (state) => state);
+  const { shown, other, snapshots } = useStore(picture, (state) => state);
+  const page = pageOf(useStore(flipbook, (state) => state.at));
   const wipe = useStore(view, (state) => state.wipe);
   const wipeAt = useStore(view, (state) => state.wipeAt);
-  const kept = snapshots.find((snapshot) => snapshot.id === wipe);
+  const present = page?.bitmap ?? shown?.bitmap;
+  const kept = snapshots.find((snapshot) => snapshot.id === wipe)?.bitmap ?? (page ? page.other : other?.bitmap);
 
   // Drawn before anything else can happen: a bitmap is freed as soon as the next one arrives.
   useLayoutEffect(() => {
     const context = canvas.current?.getContext("2d");
-    if (!context || !shown) return;
+    if (!context || !present) return;
     const { width, height } = context.canvas;
     context.imageSmoothingEnabled = true;
     context.imageSmoothingQuality = "high";
-    context.drawImage(shown.bitmap, 0, 0, width, height);
+    context.drawImage(present, 0, 0, width, height);
     if (!kept) return;
     context.save();
     context.beginPath();
     context.rect(0, 0, wipeAt * width, height);
     context.clip();
-    context.drawImage(kept.bitmap, 0, 0, width, height);
+    context.drawImage(kept, 0, 0, width, height);
     context.restore();
   });
 
@@ -132,7 +135,8 @@ export function Viewport() {
   const tool = useStore(view, (state) => state.tool);
   const at = useStore(view, (state) => state.at);
   const inspecting = useStore(view, (state) => state.tool === "inspect" || state.panel === "pixel");
-  const wiping = useStore(view, (state) => state.wipe !== null);
+  const other = useStore(session, (state) => state.show.other);
+  const wiping = useStore(view, (state) => state.wipe !== null) || other !== null;
   const area = useStore(session, (state) => state.show.area);
   const [drawn, setDrawn] = useState<Area | null>(null);
   const begin = useRef<[number, number] | null>(null);

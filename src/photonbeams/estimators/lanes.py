@@ -107,6 +107,14 @@ class Lanes(NamedTuple):
     group: Any
     rays: list[LaneRay]
 
+    def part(self, begin: int, stop: int) -> Lanes:
+        """Return the lanes from `begin` to before `stop`."""
+        index = dr.arange(UInt32, stop - begin) + dr.opaque(UInt32, begin)
+        rays = [LaneRay(*(taken(each, index) for each in ray)) for ray in self.rays]
+        result = Lanes(taken(self.tile, index), taken(self.group, index), rays)
+        dr.eval(result)
+        return result
+
     @classmethod
     def joined(cls, parts: Sequence[Lanes | None]) -> Lanes | None:
         """Return the lanes of all parts; None if there are none."""

@@ -147,7 +147,7 @@ class Gathering:
                     each.beams, self._view, rays if each.close is None else replace(rays, times=primary.times),
                     look=medium.shaded(each.look), medium=medium.medium,
                     estimator=self._options.estimator, points=self._options.points, close=each.close,
-                    context=self._context(each), tolerance=self._options.tolerance,
+                    context=self._context(each), tolerance=self._options.tolerance, step=self._statistics.stepping,
                 )  # fmt: skip
             self.radiance[each.group] += dr.select(own, part.radiance * paths.throughput * self._share, 0)
             dr.eval(self.radiance[each.group])

@@ -50,6 +50,11 @@ class Statistics:
             dr.sync_thread()
             self.interrupt()
 
+    @property
+    def stepping(self) -> Callable[[], None] | None:
+        """The function `step`; None if nobody may end the frame."""
+        return None if self.interrupt is None else self.step
+
     def fresh(self) -> Statistics:
         """Return the statistics of a frame without passes."""
         return Statistics(interrupt=self.interrupt)

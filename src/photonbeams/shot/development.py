@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -45,7 +45,10 @@ class Development:
         if statistics is None:
             statistics = Statistics(len(sums), sums.beams, sums.tests, error=known(sums.error()))
         with statistics.phase("denoise") if self.settings.denoise else nullcontext():
-            whole = [self._layers(name, each) for name, each in zip(self.views, sums.views, strict=True)]
+            whole = [
+                self._layers(name, each, statistics.interrupt)
+                for name, each in zip(self.views, sums.views, strict=True)
+            ]
         top, left, rows, columns = self.shown or (0, 0, *self.shape)
         part = np.s_[top : top + rows, left : left + columns]
         pictures = [{name: np.ascontiguousarray(layer[part]) for name, layer in each.items()} for each in whole]
@@ -59,12 +62,12 @@ class Development:
                 frame.deep[name] = deep.part(top, left, rows, columns)
         return frame
 
-    def _layers(self, view: str, sums: PassSums) -> dict[str, Array]:
+    def _layers(self, view: str, sums: PassSums, interrupt: Callable[[], None] | None) -> dict[str, Array]:
         """Return the layers of a view, with what is not shown."""
         known = None if self.filtered is None else self.filtered.setdefault(view, {})
         layers = develop(sums, self.shape, self.groups)
         if self.settings.denoise:  # before the cut: pixels around the shown part help at its edges
-            layers = denoised(layers, sums, self.groups, self.settings.keep_noisy, known)
+            layers = denoised(layers, sums, self.groups, self.settings.keep_noisy, known, interrupt)
         if not self.settings.albedo:
             layers.pop(ALBEDO, None)
         return layers

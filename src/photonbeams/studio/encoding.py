@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from io import BytesIO
 
 import numpy as np
@@ -11,7 +10,7 @@ from PIL import Image
 from ..images.display import OWN, anaglyph, viewed
 from ..images.swatches import thumbnail
 from ..scene import Array
-from ..usd.authoring.presets import preset_look, preset_of
+from ..usd.authoring.presets import Preset, look_of
 from ..usd.cameras.stereo import EYES
 from ..usd.looks.shading import build_look
 from .pictures import Picture
@@ -23,6 +22,7 @@ ANAGLYPH, BESIDE = "anaglyph", "side-by-side"
 SHOWN = (ANAGLYPH, BESIDE, *EYES)
 
 _THUMBNAIL = 144, 60  # pixels
+_THUMBNAILS: dict[str, bytes] = {}  # by presets, as text
 
 
 def encoded(
@@ -43,8 +43,9 @@ def encoded(
     Image.fromarray(shown).save(data, kind, **options)
     height, width = shown.shape[:2]
     header = PictureHeader(
-        picture.version, picture.passes, picture.planned, layer, width, height, picture.scale, f"image/{kind}"
-    )
+        picture.version, picture.passes, picture.planned, layer, width, height, picture.scale, f"image/{kind}",
+        picture.frame,
+    )  # fmt: skip
     return header, data.getvalue()
 
 
@@ -68,10 +69,16 @@ def _viewed(pixels: Array, display: str, exposure: float) -> Array:
     return viewed(pixels, display, exposure)
 
 
-@cache
-def thumbnail_of(name: str) -> bytes:
-    """Return a preset's thumbnail, made by the renderer, as a PNG; SceneError if no preset has this name."""
-    pixels = thumbnail(build_look(preset_look(name)), preset_of(name).factor, *_THUMBNAIL)
+def thumbnail_of(preset: Preset) -> bytes:
+    """Return a preset's thumbnail, made by the renderer, as a PNG; it is made once."""
+    key = repr(preset)
+    if key not in _THUMBNAILS:
+        _THUMBNAILS[key] = _painted(preset)
+    return _THUMBNAILS[key]
+
+
+def _painted(preset: Preset) -> bytes:
+    pixels = thumbnail(build_look(look_of(preset)), preset.factor, *_THUMBNAIL)
     data = BytesIO()
     Image.fromarray((255 * np.clip(pixels, 0, 1) + 0.5).astype(np.uint8)).save(data, "PNG")
     return data.getvalue()

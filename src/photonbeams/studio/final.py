@@ -9,26 +9,66 @@ import signal
 import sys
 import tempfile
 import zipfile
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from ..runtime.files import atomic_file, temporary_folder, write_bytes
+from ..runtime.files import PathLike, atomic_file, temporary_folder, write_bytes
 from ..scene import SceneError
+from .pictures import SessionView
 
 _PROGRESS = re.compile(rb"openjd_progress: ([\d.]+)")
+
+# The priority of a final render, of all its threads: edits in the studio go first.
+_NICE = 15
 
 #: Called during a final render: per cent done, the file once it exists, and a sentence if the render failed.
 Told = Callable[[int, Path | None, str | None], Awaitable[None]]
 
 
 class Wanted(NamedTuple):
-    """What a final render needs: the stage's file, a .usda layer of edits as text, and the command's other flags."""
+    """What a final render needs: the stage's file, a .usda layer of edits as text, and the command's other flags.
+
+    `file` is where its pictures are written; None: in a folder of the studio, from which they are handed out.
+    """
 
     stage: Path
     edits: str
     flags: Sequence[str]
+    file: Path | None = None
+
+
+def flags_of(view: SessionView, first: float | None, last: float | None) -> Iterator[str]:
+    """Yield the command's flags that render a view, and the frames from the first to the last."""
+    if view.camera:
+        yield from ("--camera", view.camera)
+    if first is not None and last is not None:
+        yield from ("--frames", f"{first:g}:{last:g}")
+    yield from ("--res", str(view.width), str(view.height), "--passes", str(view.passes))
+    if view.bounces is not None:
+        yield from ("--bounces", str(view.bounces))
+    if view.denoise:
+        yield "--denoise"
+    if view.stereo is not None:
+        yield "--stereo"
+        eyes = {"--interaxial": view.stereo.interaxial, "--convergence": view.stereo.convergence}
+        for name, value in eyes.items():
+            if value is not None:
+                yield from (name, repr(float(value)))
+
+
+def file_beside(stage: Path, file: PathLike, numbered: bool) -> Path:
+    """Return the path of a picture's file in the stage's folder, or SceneError if it is elsewhere.
+
+    The name of a `numbered` one has a place for the frame number; it gets one if it has none.
+    """
+    folder = stage.resolve().parent
+    target = (folder / file).resolve()
+    if not target.is_relative_to(folder) or target.suffix.lower() not in (".exr", ".png"):
+        raise SceneError(f"the file is {str(file)!r:.80}: expected an .exr or .png file in the stage's folder")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    return target.with_suffix(f".####{target.suffix}") if numbered and "#" not in target.name else target
 
 
 class FinalRender:
@@ -53,11 +93,14 @@ class FinalRender:
         name = wanted.stage.stem
         pattern = f"{name}.####.exr" if "--frames" in wanted.flags else f"{name}.exr"
         words = [sys.executable, "-m", "photonbeams", "render", str(wanted.stage), "--session-layer", str(layer)]
-        words += [*wanted.flags, "-o", str(work / pattern), "--progress", "openjd"]
-        # A process group of its own: Ctrl-C in a terminal ends only the studio, which then ends the render properly.
+        words += [*wanted.flags, "-o", str(wanted.file or work / pattern), "--progress", "openjd"]
+        # A process group of its own: Ctrl-C in a terminal ends only the studio, which then ends the render properly. It
+        # is of the same session, though: Linux compares the priorities of processes only within a session.
         process = self._process = await asyncio.create_subprocess_exec(
-            *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, start_new_session=True
+            *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, process_group=0
         )
+        with suppress(AttributeError, OSError):  # Windows has no such priorities; the render may have ended already
+            os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
         try:
             messages = asyncio.ensure_future(process.stderr.read())  # type: ignore[union-attr]
             async for line in process.stdout:  # type: ignore[union-attr]
@@ -65,7 +108,7 @@ class FinalRender:
                     await told(min(int(float(found[1])), 99), None, None)
             code, text = await process.wait(), (await messages).decode(errors="replace")
             if code == 0:
-                await told(100, self._packed(work, name), None)
+                await told(100, wanted.file or self._packed(work, name), None)
             else:
                 errors = [each.removeprefix("Error: ") for each in text.splitlines() if each.startswith("Error: ")]
                 ended = "the render was cancelled" if code in (-signal.SIGTERM, 128 + signal.SIGTERM) else None

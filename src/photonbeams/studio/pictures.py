@@ -7,11 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from ..scene import Array
+from ..scene import Array, SceneError, whole
 from ..usd.cameras.stereo import Stereo
 
 if TYPE_CHECKING:
     from ..render.passes import Statistics
+
+# The most that a view may ask for: a page must not be able to fill the memory.
+_MOST_PIXELS, _MOST_PASSES, _MOST_BOUNCES = 1 << 23, 1 << 16, 1 << 16
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,18 @@ class SessionView:
     denoise: bool = True
     bounces: int | None = None
 
+    def check(self) -> None:
+        """Raise SceneError for numbers out of range and for what is no switch."""
+        for name in ("lens", "blur", "paused", "denoise"):
+            if not isinstance(getattr(self, name), bool):
+                raise SceneError(f"{name} is {getattr(self, name)!r}: expected True or False")
+        if self.width * self.height > _MOST_PIXELS:
+            raise SceneError(f"the size is {self.width} x {self.height}: expected {_MOST_PIXELS:,} pixels at most")
+        if not 1 <= whole(self.passes, "passes") <= _MOST_PASSES:
+            raise SceneError(f"passes is {self.passes}: expected 1 to {_MOST_PASSES}")
+        if self.bounces is not None and not -1 <= whole(self.bounces, "bounces") <= _MOST_BOUNCES:
+            raise SceneError(f"bounces is {self.bounces}: expected 0 to {_MOST_BOUNCES}, or -1 for no limit")
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -83,6 +98,8 @@ class Picture:
         For two eyes the layers of each, by the names "left" and "right". Empty for a single camera.
     is_first
         Whether it is the quick first picture after an edit, of few pixels and few light paths.
+    frame
+        The frame number that it shows, as in its view.
 
     Examples
     --------
@@ -103,6 +120,7 @@ class Picture:
     statistics: Statistics
     views: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
     is_first: bool = False
+    frame: float | None = None
 
     @property
     def is_finished(self) -> bool:

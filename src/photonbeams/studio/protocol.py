@@ -41,6 +41,12 @@ class Apply(Message, tag="apply"):
     path: str
 
 
+class Keep(Message, tag="keep"):
+    """Keep the look at a path in the library, for other shots."""
+
+    path: str
+
+
 class Undo(Message, tag="undo"):
     """Undo the last step."""
 
@@ -65,7 +71,8 @@ class Show(Message, tag="show"):
     """Change what is shown: the view, which all pages share, and this page's layer, eye, exposure and view transform.
 
     `stereo` holds the distance between the eyes and the distance at which they converge; each may be None: see
-    `usd.cameras.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right".
+    `usd.cameras.stereo.Stereo`. `eye` is "anaglyph", "side-by-side", "left" or "right". `other` is a layer whose
+    picture comes before that of `layer`, to be compared with it; None: none.
     """
 
     size: tuple[int, int] | msgspec.UnsetType = msgspec.UNSET
@@ -82,6 +89,7 @@ class Show(Message, tag="show"):
     paused: bool | msgspec.UnsetType = msgspec.UNSET
     eye: str | msgspec.UnsetType = msgspec.UNSET
     layer: str | msgspec.UnsetType = msgspec.UNSET
+    other: str | msgspec.UnsetType | None = msgspec.UNSET
     exposure: float | msgspec.UnsetType = msgspec.UNSET
     display: str | msgspec.UnsetType = msgspec.UNSET
 
@@ -93,17 +101,24 @@ class Inspect(Message, tag="inspect"):
 
 
 class Render(Message, tag="render"):
-    """Render the final picture, or those from the first to the last of `frames`."""
+    """Render the final picture, or those from the first to the last of `frames`.
+
+    `size` is its width and height, None: as shown; `file` is where it is written, from the stage's folder, None: it is
+    only handed out.
+    """
 
     passes: int
     frames: tuple[float, float] | None = None
+    size: tuple[int, int] | None = None
+    denoise: bool = False
+    file: str | None = None
 
 
 class Cancel(Message, tag="cancel"):
     """End the final render."""
 
 
-Messages = Set | Apply | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel
+Messages = Set | Apply | Keep | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel
 
 
 class Answer(msgspec.Struct, tag_field="type"):
@@ -119,7 +134,7 @@ class Ramp(msgspec.Struct):
 
 
 class ControlItem(msgspec.Struct):
-    """A value that can be edited: see `usd.authoring.controls.Control`."""
+    """A value that can be edited: see `usd.authoring.controls.Control`. Without what it `needs` it has no effect."""
 
     path: str
     label: str
@@ -137,6 +152,7 @@ class ControlItem(msgspec.Struct):
     unit: str
     doc: str
     parts: dict[str, str]
+    needs: dict[str, list[bool | str | None]]
 
 
 class ControlGroup(msgspec.Struct):
@@ -254,11 +270,12 @@ class PixelMessage(Answer, tag="pixel"):
 
 
 class RenderMessage(Answer, tag="render"):
-    """How far the final picture is; then the address of its file."""
+    """How far the final picture is; then the address of its file, or the path where it was `written`."""
 
     done: int
     of: int
     file: str | None
+    written: str | None
     problem: str | None
 
 
@@ -269,17 +286,27 @@ class Applied(Answer, tag="applied"):
     look: str
 
 
+class Kept(Answer, tag="kept"):
+    """The look at a path is in the library now, by a name."""
+
+    path: str
+    label: str
+
+
 class Refused(Answer, tag="refused"):
     """What a page asked for was refused."""
 
     text: str
 
 
-Answers = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Refused
+Answers = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Kept | Refused
 
 
 class PictureHeader(msgspec.Struct):
-    """What precedes a picture; with a `scale` below 1 it is a preview, to be drawn as large as the full picture."""
+    """What precedes a picture; with a `scale` below 1 it is a preview, to be drawn as large as the full picture.
+
+    A `compared` one is the other layer of the picture that comes next.
+    """
 
     version: int
     passes: int
@@ -289,6 +316,8 @@ class PictureHeader(msgspec.Struct):
     height: int
     scale: float
     mime: str
+    frame: float | None = None
+    compared: bool = False
 
 
 def described(found: Sequence[Controls]) -> list[ControlGroup]:
@@ -307,6 +336,7 @@ def _item(control: Control) -> ControlItem:
         path=control.path, label=control.label, section=control.section, kind=cast(Any, control.kind),
         value=control.value, default=control.default, authored=control.authored, min=control.least, max=control.most,
         soft=control.slider, choices=control.choices, unit=control.unit, doc=control.doc, parts=dict(control.parts),
+        needs={path: list(wanted) for path, wanted in control.needs.items()},
     )  # fmt: skip
 
 

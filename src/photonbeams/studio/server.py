@@ -17,6 +17,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import msgspec
 import numpy as np
@@ -44,16 +45,20 @@ _MALFORMED = 4400  # WebSocket close code, from the range for applications
 _TYPES = {".js": "text/javascript", ".css": "text/css"}  # as the system may map suffixes wrongly
 
 
-#: Presets as pages get them.
-_PRESETS = [protocol.PresetItem(each.name, each.label, each.factor) for each in PRESETS]
+# What each page chooses for itself, while the view is everybody's.
+_OWN_CHOICES = ("layer", "other", "eye", "exposure", "display")
 
 
 @dataclass(eq=False)
 class _Watcher:
-    """A page that watches: what it shows, and the picture and the texts that wait to be sent to it."""
+    """A page that watches: what it shows, and the picture and the texts that wait to be sent to it.
+
+    `other` is a layer that is sent as well, to be compared with the first.
+    """
 
     socket: WebSocket
     layer: str = "rgba"
+    other: str | None = None
     eye: str = EYES[0]
     exposure: float = 0.0
     display: str = OWN
@@ -90,18 +95,18 @@ class Studio:
         self._groups: list[protocol.ControlGroup] = []
         # One thread runs everything that waits for the session, so that edits keep their order. Pictures have another,
         # and so have thumbnails, whose kernels are compiled on first use.
-        self._commands, self._encoders, self._painters = (ThreadPoolExecutor(1) for _ in range(3))
+        self._commands, self._encoders, self._painters = self._threads = [ThreadPoolExecutor(1) for _ in range(3)]
         self._final = FinalRender()
         self._loop: asyncio.AbstractEventLoop | None = None
 
-    def app(self, hosts: tuple[str, ...] = _LOCAL) -> Starlette:
-        """Return the server's application for these host names."""
+    def app(self, hosts: tuple[str, ...] = _LOCAL, url: str = "") -> Starlette:
+        """Return the server's application for these host names; `url` is its address for browsers behind a proxy."""
         return Starlette(
             routes=[
                 Route("/", self._page), Route("/assets/{name}", self._asset), Route("/result/{name}", self._result),
                 Route("/presets/{name}", self._thumbnail), WebSocketRoute("/session", self._watch),
             ],
-            middleware=[Middleware(Guard, token=self.token, hosts=hosts)],
+            middleware=[Middleware(Guard, token=self.token, hosts=hosts, url=url)],
             lifespan=self._running,
         )  # fmt: skip
 
@@ -115,7 +120,7 @@ class Studio:
         finally:
             end()
             self._final.close()
-            for each in (self._commands, self._encoders, self._painters):
+            for each in self._threads:
                 each.shutdown(cancel_futures=True)
 
     async def _page(self, _request: Request) -> Response:
@@ -129,9 +134,8 @@ class Studio:
 
     async def _thumbnail(self, request: Request) -> Response:
         """Return the thumbnail of a preset; it is made on the first request."""
-        work = asyncio.get_running_loop().run_in_executor(
-            self._painters, thumbnail_of, request.path_params["name"].removesuffix(".png")
-        )
+        name, looks = request.path_params["name"].removesuffix(".png"), self.session.looks
+        work = asyncio.get_running_loop().run_in_executor(self._painters, lambda: thumbnail_of(looks.preset(name)))
         try:
             headers = {**HEADERS, "cache-control": "private, max-age=86400"}  # for one token
             return Response(await work, headers=headers, media_type="image/png")
@@ -185,6 +189,8 @@ class Studio:
 
     def _scene(self) -> str:
         session, last = self.session, self._last
+        known = (*PRESETS, *session.looks.looks())
+        presets = [protocol.PresetItem(each.name, each.label, each.factor) for each in known]
         self._groups = protocol.described(session.controls())
         stereo, pose, focal = session.view.stereo, None, 1.0
         with suppress(SceneError):  # edits may have broken the camera; the state says so
@@ -196,7 +202,7 @@ class Studio:
             layers=["rgba"] if last is None else list(last.layers), displays=view_transforms(),
             controls=self._groups, pose=pose, up=session.up(), focal=focal,
             stereo=None if stereo is None else (stereo.interaxial, stereo.convergence), pair=session.has_pair(),
-            interaxial=usual_interaxial(session.shot.stage), bounces=session.bounces(), presets=_PRESETS,
+            interaxial=usual_interaxial(session.shot.stage), bounces=session.bounces(), presets=presets,
         ))  # fmt: skip
 
     async def _watch(self, socket: WebSocket) -> None:
@@ -247,6 +253,9 @@ class Studio:
                 look = await self._command(session.apply, preset, path)
                 await self._tell_edited(None)
                 watcher.tell(protocol.encoded(protocol.Applied(path, look)))
+            case protocol.Keep(path=path):
+                watcher.tell(protocol.encoded(protocol.Kept(path, await self._command(session.keep_look, path))))
+                await self._tell_scene()
             case protocol.Undo() | protocol.Redo() | protocol.Revert() | protocol.Discard():
                 moves: dict[type, Callable[[], object]] = {
                     protocol.Undo: session.undo, protocol.Redo: session.redo, protocol.Revert: session.revert,
@@ -264,8 +273,8 @@ class Studio:
                 depth = layers.get("depth", [None])[0]
                 beams, ray = await self._command(session.inspect, at, depth)
                 watcher.tell(protocol.encoded(protocol.PixelMessage(at, layers, beams, ray)))
-            case protocol.Render(passes=passes, frames=frames):
-                wanted = await self._command(session.wanted, passes, frames)
+            case protocol.Render(passes=passes, frames=frames, size=size, denoise=denoise, file=file):
+                wanted = await self._command(session.wanted, passes, frames, size, denoise, file)
                 self._later(self._render(wanted))
             case protocol.Cancel():
                 self._final.cancel()
@@ -275,7 +284,7 @@ class Studio:
             name: value for name in asked.__struct_fields__
             if (value := getattr(asked, name)) is not msgspec.UNSET
         }  # fmt: skip
-        own = {name: given.pop(name) for name in ("layer", "eye", "exposure", "display") if name in given}
+        own = {name: given.pop(name) for name in _OWN_CHOICES if name in given}
         if own.get("display", OWN) not in view_transforms():
             known = ", ".join(view_transforms())
             raise SceneError(f"there is no view transform {own['display']!r}: expected one of {known}")
@@ -301,8 +310,10 @@ class Studio:
 
     async def _render(self, wanted: Wanted) -> None:
         async def told(done: int, file: Path | None, problem: str | None) -> None:
-            link = None if file is None else f"/result/{file.name}?token={self.token}"
-            self._tell_all(protocol.encoded(protocol.RenderMessage(done, 100, link, problem)))
+            own = wanted.file is None
+            link = f"result/{quote(file.name)}?token={self.token}" if file is not None and own else None
+            written = str(file) if file is not None and not own else None
+            self._tell_all(protocol.encoded(protocol.RenderMessage(done, 100, link, written, problem)))
 
         try:
             await self._final.run(wanted, told)
@@ -356,13 +367,16 @@ class Studio:
                 await watcher.socket.send_text(watcher.texts.popleft())
             picture, watcher.shown = watcher.shown, None
             if picture is not None:
-                data = await loop.run_in_executor(self._encoders, _encoded, picture, watcher)
-                await watcher.socket.send_bytes(data)
+                for layer in (watcher.layer,) if watcher.other is None else (watcher.other, watcher.layer):
+                    data = await loop.run_in_executor(self._encoders, _encoded, picture, watcher, layer)
+                    await watcher.socket.send_bytes(data)
 
 
-def _encoded(picture: Picture, watcher: _Watcher) -> bytes:
-    """Return a picture as a page shows it, after its header."""
-    return protocol.framed(*encoded(picture, watcher.layer, watcher.exposure, watcher.display, watcher.eye))
+def _encoded(picture: Picture, watcher: _Watcher, layer: str) -> bytes:
+    """Return a layer of a picture as a page shows it, after its header."""
+    header, data = encoded(picture, layer, watcher.exposure, watcher.display, watcher.eye)
+    header.compared = layer == watcher.other and layer != watcher.layer
+    return protocol.framed(header, data)
 
 
 def _file_of(folder: Path, request: Request, download: bool = False) -> Response:

@@ -14,25 +14,22 @@ from typing import Any, Literal
 
 from ..images.frame import pixels_of
 from ..runtime.files import PathLike
-from ..scene import Camera, SceneError, whole
+from ..scene import Camera, SceneError
 from ..shot.shot import Shot
 from ..shot.subject import Viewpoint, several
 from ..usd.authoring.controls import Controls, controls_of
 from ..usd.authoring.editing import EditLayer
-from ..usd.authoring.presets import BEAM, apply_preset, preset_of
+from ..usd.authoring.library import LookLibrary
+from ..usd.authoring.presets import BEAM, apply_preset
 from ..usd.cameras.stereo import check_stereo, is_eye
 from ..usd.layers.frames import time_range
 from ..usd.stage import list_cameras, up_axis
 from .edits import Edits
-from .final import Wanted
+from .final import Wanted, file_beside, flags_of
 from .inspector import Inspected, inspected
 from .live import Cancelled
 from .pictures import Picture, Problem, SessionView
 from .viewing import LivePictures, between, checked_pose
-
-# The most that a view may ask for: a page must not be able to fill the memory.
-_MOST_PIXELS, _MOST_PASSES, _MOST_BOUNCES = 1 << 23, 1 << 16, 1 << 16
-
 
 #: A listener; it is called in the thread that renders.
 Told = Callable[[Picture | Problem], None]
@@ -56,13 +53,15 @@ class Session:
         an autosave beside it. None, the default: edits are kept in memory.
     view
         What is shown at first, a `SessionView`. Default: 480 x 270 pixels, 64 passes.
+    looks
+        The folder of the look library. Default: `looks` beside the stage.
     **given
         Further arguments of `Shot.open`.
 
     Attributes
     ----------
-    shot, edits, view
-        The `Shot`, its `Edits` (`edits.save(path)` writes them), and what is shown.
+    shot, edits, view, looks
+        The `Shot`, its `Edits` (`edits.save(path)` writes them), what is shown, and the look library.
     version
         The number of the last edit or change of view.
 
@@ -84,7 +83,7 @@ class Session:
 
     def __init__(
         self, path: PathLike, camera: str | None = None, layer: PathLike | None = None, view: SessionView | None = None,
-        **given: Any,
+        looks: PathLike | None = None, **given: Any,
     ) -> None:  # fmt: skip
         if Path(path).suffix.lower() == ".xml":
             raise SceneError(
@@ -94,6 +93,7 @@ class Session:
         stereo = given.pop("stereo", None)
         self.shot = Shot.open(path, camera, **given)
         self._path, self._camera = Path(path), camera
+        self.looks = LookLibrary(Path(looks or self._path.with_name("looks")))
         self._layers = [str(each) for each in several(given.get("session_layers", ()))]
         self._overrides = [str(each) for each in several(given.get("overrides", ()))]
         self.edits = Edits(EditLayer(self.shot.stage), layer)
@@ -147,7 +147,7 @@ class Session:
         Parameters
         ----------
         preset
-            The name of one of `usd.authoring.presets.PRESETS`.
+            The name of one of `usd.authoring.presets.PRESETS`, or of a look of the library.
         path
             The path of the look or of the light.
 
@@ -156,12 +156,17 @@ class Session:
         SceneError
             No such preset; a prim that is neither a look nor a light, or that cannot have a look.
         """
-        wanted = preset_of(preset)
+        wanted = self.looks.preset(preset)
         with self._lock:
             unit = self._size() / BEAM
             look = self.edits.change(lambda layer: apply_preset(self.shot.stage, layer, wanted, path, unit))
             self._new()
             return look
+
+    def keep_look(self, path: str) -> str:
+        """Write the look at `path` to the library as a new file, and return its name there; SceneError if it cannot."""
+        with self._lock:
+            return self.looks.keep(self.shot.stage, path).label
 
     def _size(self) -> float:
         """Return roughly how long the stage's beams are: the radius of its bounding sphere."""
@@ -213,15 +218,7 @@ class Session:
 
     def _check(self, view: SessionView) -> None:
         """Raise SceneError for a view that cannot be shown."""
-        for name in ("lens", "blur", "paused", "denoise"):
-            if not isinstance(getattr(view, name), bool):
-                raise SceneError(f"{name} is {getattr(view, name)!r}: expected True or False")
-        if view.width * view.height > _MOST_PIXELS:
-            raise SceneError(f"the size is {view.width} x {view.height}: expected {_MOST_PIXELS:,} pixels at most")
-        if not 1 <= whole(view.passes, "passes") <= _MOST_PASSES:
-            raise SceneError(f"passes is {view.passes}: expected 1 to {_MOST_PASSES}")
-        if view.bounces is not None and not -1 <= whole(view.bounces, "bounces") <= _MOST_BOUNCES:
-            raise SceneError(f"bounces is {view.bounces}: expected 0 to {_MOST_BOUNCES}, or -1 for no limit")
+        view.check()
         if view.camera is not None and view.camera not in self.cameras():
             raise SceneError(f"there is no camera {view.camera!r}: expected one of {', '.join(self.cameras())}")
         check_stereo(view.stereo)
@@ -261,7 +258,10 @@ class Session:
                 return [], None
             return inspected(frame, at, depth)
 
-    def wanted(self, passes: int, frames: tuple[float, float] | None = None) -> Wanted:
+    def wanted(
+        self, passes: int, frames: tuple[float, float] | None = None, size: tuple[int, int] | None = None,
+        denoise: bool = False, file: PathLike | None = None,
+    ) -> Wanted:  # fmt: skip
         """Return what a final render of the present view needs.
 
         Parameters
@@ -270,13 +270,18 @@ class Session:
             The number of passes.
         frames
             The first and the last frame; None: the view's frame.
+        size, denoise
+            Width and height in pixels, None: those of the view; and whether the picture is denoised.
+        file
+            Where the picture is written, from the stage's folder and within it; None: in a temporary folder.
 
         Raises
         ------
         SceneError
-            Passes or frames out of range; a free camera, which the stage does not have.
+            Passes, frames or a size out of range; a file elsewhere; a free camera, which the stage does not have.
         """
-        view = self.view
+        width, height = size or (self.view.width, self.view.height)
+        view = replace(self.view, width=width, height=height)
         if view.pose is not None:
             raise SceneError("the camera was moved freely: expected a camera of the stage")
         first, last = (view.frame, view.frame) if frames is None else frames
@@ -284,19 +289,12 @@ class Session:
         self._check(replace(view, passes=passes, frame=last))
         if first is not None and last is not None and first > last:
             raise SceneError(f"the frames are {first:g} to {last:g}: expected the first before the last")
+        target = None if file is None else file_beside(self._path, file, first is not None)
         flags = [word for each in self._layers for word in ("--session-layer", each)]
         flags += [word for each in self._overrides for word in ("--set", each)]
-        flags += ["--camera", camera] if (camera := self._viewpoint(view).camera) else []
-        flags += [] if first is None or last is None else ["--frames", f"{first:g}:{last:g}"]
-        flags += ["--res", str(view.width), str(view.height), "--passes", str(passes)]
-        if (bounces := self._live.bounces(view)) is not None:
-            flags += ["--bounces", str(bounces)]
-        if view.stereo is not None:
-            eyes = {"--interaxial": view.stereo.interaxial, "--convergence": view.stereo.convergence}
-            given = [(name, repr(float(value))) for name, value in eyes.items() if value is not None]
-            flags += ["--stereo", *(word for pair in given for word in pair)]
-        with self._lock:
-            return Wanted(self._path, self.edits.text(), flags)
+        bounces, camera = self._live.bounces(view), self._viewpoint(view).camera
+        flags += [*flags_of(replace(view, passes=passes, bounces=bounces, camera=camera, denoise=denoise), first, last)]
+        return Wanted(self._path, self.edits.text(), flags, target)
 
     def bounces(self) -> tuple[int, int]:
         """Return the bounces of the present view, as `--bounces`, and those that the stage or a room usually has."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
+from time import monotonic, sleep
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,9 @@ _SECOND_PIXELS, _MANY = 480 * 270, 3
 # Denoised pictures come with each of the first 16 passes, then with every eighth: denoising takes longer than a pass,
 # and pictures hardly change from one pass to the next.
 _EACH, _ONE_OF = 16, 8
+
+# Seconds that a quick first picture may take before the machine counts as slow, and the longest wait for further edits.
+_SLOW, _CALM = 0.4, 1.0
 
 # Bounces of light in rooms.
 _IN_ROOMS = 3
@@ -121,9 +125,10 @@ class LivePictures:
         self, view: SessionView, version: int, is_old: Callable[[], bool], is_closed: Callable[[], bool]
     ) -> Iterator[Picture]:
         """Yield the pictures of a view; raise `Cancelled` once it is old."""
-        pixels = view.width * view.height
+        pixels, begin = view.width * view.height, monotonic()
         # First pictures are never cancelled: there would be none while edits come faster than pictures.
         yield from self._passes(view, version, self._first, min(1.0, (_FIRST_PIXELS / pixels) ** 0.5), is_closed)
+        _wait_for_calm(monotonic() - begin, is_old)
         try:
             if pixels > _MANY * _SECOND_PIXELS:
                 yield from self._passes(view, version, self._second, (_SECOND_PIXELS / pixels) ** 0.5, is_old)
@@ -151,7 +156,7 @@ class LivePictures:
             views = {name: layers for name, (layers, _) in made.views.items()}
             whole = chain.whole_of({"": made.layers, **views}, ready.window, view.area)
             layers, statistics = whole.pop(""), frame.statistics
-            yield Picture(version, layers, done, view.passes, scale, statistics, whole, first)
+            yield Picture(version, layers, done, view.passes, scale, statistics, whole, first, view.frame)
 
     def _development(self, ready: Prepared, chain: _Chain, number: int, view: SessionView) -> Development:
         """Return how the passes up to `number` become a picture."""
@@ -237,6 +242,18 @@ class LivePictures:
         warnings.given.difference_update(wrong)  # so that they can be given again
         if wrong:
             raise SceneError(warnings.causes.get(wrong[0], wrong[0]))
+
+
+def _wait_for_calm(took: float, is_old: Callable[[], bool]) -> None:
+    """Wait for further edits if the first picture `took` long; raise `Cancelled` at one.
+
+    Larger pictures have long kernels that cannot be cancelled: none begins while somebody drags a slider.
+    """
+    end = monotonic() + (min(took, _CALM) if took > _SLOW else 0)
+    while monotonic() < end:
+        if is_old():
+            raise Cancelled
+        sleep(0.01)
 
 
 def with_fewer_paths(content: Scene, most: int) -> Scene:

@@ -54,6 +54,22 @@ def noisy_passes(rng, truth, count=8, spread=0.5):
     return [tuple(truth * rng.gamma(spread**-2, spread**2, (3, *SHAPE))) for _ in range(count)]
 
 
+def test_an_interrupt_ends_the_network_before_it_is_done(rng):
+    asked = []
+
+    def interrupt():
+        asked.append(1)
+        if len(asked) == 3:
+            raise KeyboardInterrupt
+
+    passes = noisy_passes(rng, np.ones(SHAPE))
+    with pytest.raises(KeyboardInterrupt):
+        layers_of(passes, interrupt=interrupt)
+    assert len(asked) == 3
+    whole, again = layers_of(passes)[1], layers_of(passes, interrupt=lambda: asked.append(1))[1]
+    assert len(asked) > 6 and all(np.array_equal(whole[name], again[name]) for name in whole)
+
+
 def test_noise_of_single_pixels_goes(rng):
     truth = np.add.outer(np.linspace(0.2, 1, 64), np.linspace(0, 1, 64))
     noisy, result = layers_of(noisy_passes(rng, truth))

@@ -21,7 +21,9 @@ own errors. Both use errors relative to the light; otherwise bright pixels would
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -79,7 +81,7 @@ def lacking_denoiser() -> str | None:
 
 def denoised(
     layers: Mapping[str, Array], sums: PassSums, groups: Mapping[str, str], keep_noisy: bool = False,
-    known: dict[str, Filtered] | None = None,
+    known: dict[str, Filtered] | None = None, interrupt: Callable[[], None] | None = None,
 ) -> dict[str, Array]:  # fmt: skip
     """Return the layers of a view, with `surface` and the layers of beams denoised; `rgba` is still their sum.
 
@@ -95,12 +97,22 @@ def denoised(
         Whether the result also has the noisy layers, by names that begin with "noisy_".
     known
         Earlier results by the names of layers, which are used again and updated; None: nothing is kept.
+    interrupt
+        Called between parts of the network; an exception from it ends the denoising.
 
     Raises
     ------
     SceneError
         If Open Image Denoise cannot be used, or the passes were not rendered to be denoised.
     """
+    with _interrupted_by(interrupt):
+        return _denoised(layers, sums, groups, keep_noisy, known)
+
+
+def _denoised(
+    layers: Mapping[str, Array], sums: PassSums, groups: Mapping[str, str], keep_noisy: bool,
+    known: dict[str, Filtered] | None,
+) -> dict[str, Array]:  # fmt: skip
     guides = _guides(sums, layers["surface"].shape[:2])
     known = {} if known is None else known
     of_beams = [*dict.fromkeys(groups.values())]
@@ -194,7 +206,57 @@ def _filtered(noisy: Array, guides: Mapping[str, Array]) -> Array:
     try:
         return np.asarray(oidn.denoise(color, guides.get("albedo"), guides.get("normal"), hdr=True, device=device))
     except (RuntimeError, ValueError) as error:
+        if device.ended is not None:
+            raise device.ended from None
         raise _failed(error) from error
+
+
+class _Device:
+    """A device of the library whose filters ask between their parts whether to go on: `interrupt` may raise an error.
+
+    Filters are kept by the library, so that they have one monitor for all calls.
+    """
+
+    def __init__(self, device: Any) -> None:
+        self._device = device
+        self.interrupt: Callable[[], None] | None = None
+        self.ended: BaseException | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._device, name)
+
+    def new_filter(self, kind: str) -> Any:
+        """Return a filter that the device makes, with a monitor."""
+        made = self._device.new_filter(kind)
+        made.set_progress_monitor(self._goes_on)
+        return made
+
+    def _goes_on(self, _done: float) -> bool:
+        try:
+            if self.interrupt is not None and self.ended is None:
+                self.interrupt()
+        except BaseException as error:  # whatever ends the frame: it passes through the library, which knows no errors
+            self.ended = error
+        return self.ended is None
+
+
+# The library denoises one picture at a time; held, so that one picture's `interrupt` does not end another one.
+_DENOISING = threading.RLock()
+
+
+@contextmanager
+def _interrupted_by(interrupt: Callable[[], None] | None) -> Iterator[None]:
+    """Let `interrupt` end what is denoised within the context by an exception."""
+    with _DENOISING:
+        if interrupt is None:
+            yield
+            return
+        _, device = _device()
+        device.interrupt, device.ended = interrupt, None
+        try:
+            yield
+        finally:
+            device.interrupt = device.ended = None
 
 
 @lru_cache(maxsize=1)
@@ -203,7 +265,7 @@ def _device() -> tuple[Any, Any]:
     try:
         import mitsuba_oidn as oidn
 
-        return oidn, oidn.Device(oidn.DeviceType.CUDA if backend() == "cuda" else oidn.DeviceType.CPU)
+        return oidn, _Device(oidn.Device(oidn.DeviceType.CUDA if backend() == "cuda" else oidn.DeviceType.CPU))
     except (ImportError, OSError, RuntimeError, AttributeError) as error:
         raise _failed(error) from error
 

@@ -5,8 +5,10 @@ Names, types, defaults, ranges, choices and texts are those of the schemas.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from ..common.definitions import BLOCKER, LIGHT, LOOK, MEDIUM, PREFIX, RAMP, Definition, definitions, plain
@@ -14,11 +16,18 @@ from ..common.openusd import Usd, UsdGeom, UsdLux
 from ..common.reading import Reading, Time, prims_under, target_paths
 from ..lights.light import is_dome, is_light
 from ..media.medium import is_medium
+from .effects import Wanted, needs_of
 
 _SHOWN = Definition(
     "visibility", "choice", "inherited", choices=("inherited", "invisible"),
     doc="Whether the light is on: an invisible one does not shine.",
 )  # fmt: skip
+# Choices of prims, groups and files: the most, how deep folders are searched, and what counts as an image.
+_MOST_CHOICES, _DEEPEST = 200, 2
+_IMAGES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".hdr", ".tx")
+_GROUP = f"{PREFIX}lightGroup"
+Choices = Mapping[str, tuple[str, ...]]
+
 _RAMP = ("knots", "colors", "interpolation")
 _SCHEMAS = {"light": LIGHT, "medium": MEDIUM, "look": LOOK}
 _SECTIONS = {"light": "Beams", "medium": "Fog", "look": "Look"}
@@ -55,6 +64,9 @@ class Control(Definition):
         Whether the stage, or an edit, sets it.
     parts
         For a ramp, the paths of its knots, colors and interpolation.
+    needs
+        What other attributes have to be, by their paths, so that this has an effect: one of the values; with none
+        given, anything but nothing, no and 0.
     """
 
     path: str
@@ -63,6 +75,7 @@ class Control(Definition):
     value: Any
     authored: bool
     parts: Mapping[str, str] = field(default_factory=dict)
+    needs: Mapping[str, Wanted] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -80,7 +93,7 @@ class Controls:
 def controls_of(stage: Usd.Stage, time: Time = None) -> list[Controls]:
     """Return the controls of the lights, media and looks of a stage, with their values at a time."""
     reading = Reading(stage, time)
-    looks, media, lights = [], [], []
+    looks, media, lights, portals, guides = [], [], [], [], []
     for prim in prims_under(stage.GetPseudoRoot()):
         if prim.IsInstanceProxy():
             continue
@@ -90,20 +103,58 @@ def controls_of(stage: Usd.Stage, time: Time = None) -> list[Controls]:
             lights.append(prim)
         elif is_medium(reading, prim):
             media.append(prim)
-    paths = tuple(str(each.GetPath()) for each in looks)
-    found = [_of_prim(reading, prim, "light", paths) for prim in lights]
-    found += [_of_prim(reading, prim, "medium", paths) for prim in media]
-    return found + [_of_prim(reading, prim, "look", paths) for prim in looks]
+        elif prim.IsA(UsdGeom.BasisCurves):
+            guides.append(prim)
+        elif prim.IsA(UsdGeom.Gprim):
+            portals.append(prim)
+    groups = {str(reading.value(each, _GROUP, "")) for each in lights if each.GetAttribute(_GROUP)} - {""}
+    choices = {
+        **{name: tuple(str(each.GetPath()) for each in prims[:_MOST_CHOICES])
+           for name, prims in (("look", looks), ("portal", portals), ("guides", guides))},
+        "lightGroup": tuple(sorted(groups)), "asset": pictures_beside(stage),
+    }  # fmt: skip
+    found = [_of_prim(reading, prim, "light", choices) for prim in lights]
+    found += [_of_prim(reading, prim, "medium", choices) for prim in media]
+    return found + [_of_prim(reading, prim, "look", choices) for prim in looks]
 
 
-def _of_prim(reading: Reading, prim: Usd.Prim, kind: str, looks: tuple[str, ...]) -> Controls:
-    controls = tuple(_controls(reading, prim, kind, looks))
+def pictures_beside(stage: Usd.Stage) -> tuple[str, ...]:
+    """Return the images in the folder of a stage and in the folders there, by their paths from it."""
+    root = Path(stage.GetRootLayer().realPath or ".").parent
+    found: list[str] = []
+    for number, (folder, names, files) in enumerate(os.walk(root)):
+        depth = len(Path(folder).relative_to(root).parts)
+        names[:] = sorted(each for each in names if not each.startswith(".") and depth < _DEEPEST)
+        found += [
+            Path(folder, each).relative_to(root).as_posix() for each in sorted(files) if each.lower().endswith(_IMAGES)
+        ]
+        if len(found) >= _MOST_CHOICES or number >= _MOST_CHOICES:
+            break
+    return tuple(found[:_MOST_CHOICES])
+
+
+def _of_prim(reading: Reading, prim: Usd.Prim, kind: str, choices: Choices) -> Controls:
+    controls = tuple(_controls(reading, prim, kind, choices))
     uses = tuple(str(each) for each in target_paths(prim, "photonbeams:look")) if kind == "light" else ()
     return Controls(str(prim.GetPath()), kind, prim.GetName(), str(prim.GetTypeName()), controls, uses)
 
 
 def _controls(
-    reading: Reading, prim: Usd.Prim, kind: str, looks: tuple[str, ...]
+    reading: Reading, prim: Usd.Prim, kind: str, choices: Choices
+) -> Iterator[Control]:  # fmt: skip
+    """Yield the controls of a prim, with what they need to have an effect, and with choices of files, groups, prims."""
+    for each in _all_controls(reading, prim, kind, choices):
+        needs = {
+            str(prim.GetPath().AppendProperty(name)): wanted
+            for name, wanted in needs_of(kind, each.name).items()
+        }  # fmt: skip
+        short = each.name.removeprefix(PREFIX)
+        own = choices["asset"] if each.kind == "asset" else choices[short] if short == "lightGroup" else each.choices
+        yield replace(each, needs=needs, choices=own)
+
+
+def _all_controls(
+    reading: Reading, prim: Usd.Prim, kind: str, choices: Choices
 ) -> Iterator[Control]:  # fmt: skip
     if kind == "light":
         if prim.IsA(UsdGeom.Imageable):
@@ -115,10 +166,10 @@ def _controls(
         slot, _, rest = name.removeprefix(PREFIX).partition(":")
         section = slot.capitalize() if kind != "light" and rest else _SECTIONS[kind]
         if own.kind == "paths":
-            yield _paths(prim, own, section, looks)
+            yield _paths(prim, own, section, choices)
         elif name.endswith(":ramp:knots"):
             yield _ramp(reading, prim, name.removesuffix(":knots"), section)
-        elif ":ramp:" not in name:
+        elif ":ramp:" not in name and not (kind == "light" and _is_of_other_lights(prim, name)):
             control = _control(reading, prim, own, section)
             yield _of_kind(control, prim) if name == "photonbeams:enabled" else control
     for path in target_paths(prim, "light:filters") if kind == "light" else ():
@@ -126,6 +177,14 @@ def _controls(
         if target and target.GetTypeName() in (BLOCKER, RAMP):
             for own in definitions(str(target.GetTypeName())).values():
                 yield _control(reading, target, own, f"Filter {target.GetName()}")
+
+
+def _is_of_other_lights(prim: Usd.Prim, name: str) -> bool:
+    """Return whether an attribute means nothing for a light of this kind, and is not set."""
+    distant, round_ = prim.IsA(UsdLux.DistantLight), prim.IsA(UsdLux.SphereLight)
+    kinds = {"gobo:angle": round_, "gobo:width": distant, "gobo:wrap": round_ or distant}
+    attribute = prim.GetAttribute(name)
+    return not kinds.get(name.removeprefix(PREFIX), True) and not (attribute and attribute.HasAuthoredValue())
 
 
 def _light_input(prim: Usd.Prim, name: str) -> Definition | None:
@@ -153,12 +212,12 @@ def _of(prim: Usd.Prim, own: Definition, section: str, value: Any, authored: boo
     )  # fmt: skip
 
 
-def _paths(prim: Usd.Prim, own: Definition, section: str, looks: tuple[str, ...]) -> Control:
+def _paths(prim: Usd.Prim, own: Definition, section: str, choices: Choices) -> Control:
     """Return the control of a relationship."""
     targets = [str(each) for each in target_paths(prim, own.name)]
     authored = prim.HasRelationship(own.name) and prim.GetRelationship(own.name).HasAuthoredTargets()
-    choices = looks if own.name.endswith(":look") else ()
-    return _of(prim, replace(own, choices=choices), section, targets, authored)
+    known = choices.get(own.name.removeprefix(PREFIX), ())
+    return _of(prim, replace(own, choices=known), section, targets, authored)
 
 
 def _of_kind(control: Control, prim: Usd.Prim) -> Control:

@@ -170,11 +170,16 @@ def preset_of(name: str) -> Preset:
 
 @cache
 def preset_look(name: str) -> LookSpec:
+    """Return the look of the preset of this name: see `look_of`."""
+    return look_of(preset_of(name))
+
+
+def look_of(preset: Preset) -> LookSpec:
     """Return the look of a preset applied to an empty look, for a beam that is `BEAM` long."""
     stage = Usd.Stage.CreateInMemory()
     prim = stage.DefinePrim("/Look", LOOK)
     layer = EditLayer(stage)
-    for attribute, value in preset_of(name).attributes().items():
+    for attribute, value in preset.attributes().items():
         layer.set(str(prim.GetPath().AppendProperty(attribute)), value)
     return read_look(Reading(stage, None, Warnings(strict=True)), prim, prim)
 
