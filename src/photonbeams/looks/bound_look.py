@@ -161,7 +161,7 @@ class BoundLook:
                 self._baked[key] = baked
 
     def noise_in(self, beam: Any, along: Float, radius: Float) -> Callable[[Noise, Callable[[], Float]], Float]:
-        """Return how noise is found at a place `along` the axis of a beam: see `ShadingContext.noise`."""
+        """Return how noise is found in a `beam` with a `radius`, `along` its axis: see `ShadingContext.noise`."""
 
         def found(noise: Noise, exact: Callable[[], Float]) -> Float:
             baked = self._baked.get(id(noise))

@@ -178,7 +178,7 @@ def _inverse(to_world: npt.ArrayLike) -> Array:
 
 
 def _computed(_: object, exact: Callable[[], Any]) -> Any:
-    """Return the value of a noise as it is computed."""
+    """Return the value of a noise as `exact` computes it."""
     return exact()
 
 

@@ -159,7 +159,10 @@ class Noise(Factor):
     def along_beams(
         self, at: ShadingContext, start: Array3f, end: Array3f, moved: float
     ) -> NoiseAlongBeams | None:  # fmt: skip
-        """Return the noise on the axes of beams as `BoundLook.simplify` has them; None if it is too fine for that."""
+        """Return the noise on the axes of beams from `start` to `end`; None if it is too fine for that.
+
+        The beams may be `moved` by up to a distance; `at` is a context at any place.
+        """
         ends = to_vectors(np.concatenate([np.zeros((1, 3)), np.eye(3)]))
         found = to_numpy(self._point(replace(at, place=lambda: ends))).astype(np.float64)
         rate = np.linalg.norm(found[:, 1:] - found[:, :1], axis=0).max()  # cells of the lattice for a unit of the world
