@@ -32,7 +32,7 @@ def shade(world, origin, direction, index, seed=1, active=None, max_depth=2):
         paths.alive = Bool(active)
     result = Shaded(*(dr.zeros(kind, count) for kind in (Array3f, Float)), dr.full(Float, dr.inf, count), ones)
     for step, vertex in camera_paths.follow(tracing, paths, Samples(seed, 0, 0), NO_LIGHT):
-        dr.scatter_add(result.radiance, vertex.radiance, step.pixel, step.alive)
+        dr.scatter_add(result.radiance, vertex.radiance.total, step.pixel, step.alive)
         own = step.alive & step.primary
         dr.scatter(result.transmittance, vertex.transmittance, step.pixel, own)
         dr.scatter(result.alpha, Float(1), step.pixel, own & vertex.solid)

@@ -157,7 +157,7 @@ def _same_light(settings: Settings, world: World, like: Begun) -> bool:
     """Return whether a world and an earlier one have the same lights, media, surfaces and settings but for looks."""
     if as_passes(settings) != as_passes(like.light.settings):
         return False
-    own, other = world.parts.content, like.worlds.known[-1].parts.content
+    own, other = world.parts.given, like.worlds.known[-1].parts.given
     if own is other:
         return True
     rest = [each.name for each in fields(own) if each.name not in ("lights", "drawn")]

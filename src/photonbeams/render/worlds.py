@@ -109,9 +109,9 @@ class ShutterWorlds:
     def at(self, moment: Moment) -> World:
         """Return the world of a moment; parts of earlier worlds that are still the same are used again."""
         for world in self.known:
-            if world.parts.content is moment.scene:
+            if world.parts.given is moment.scene:
                 return world
-        found = next((each for each in self._earlier if each.parts.content is moment.scene), None)
+        found = next((each for each in self._earlier if each.parts.given is moment.scene), None)
         like = next(reversed(self.known or self._earlier), None)
         world = found or world_of_scene(moment.scene, self._eyes, like=like, sharp=self._sharp)
         self.known, self._earlier = [*self.known[-2:], world], []

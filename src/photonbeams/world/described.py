@@ -35,8 +35,8 @@ class KeptParts:
 
     Attributes
     ----------
-    content
-        The scene.
+    given, content
+        The scene, and what of it the world has: fog that varies ends at its bounds.
     groups, shapes
         The surfaces, each group as a Mitsuba shape.
     media
@@ -47,6 +47,7 @@ class KeptParts:
         As in `world_of_scene`.
     """
 
+    given: scene.Scene
     content: scene.Scene
     groups: list[Group]
     shapes: tuple[Any, ...]
@@ -85,10 +86,11 @@ def world_of_scene(
     SceneError
         A portal has no area.
     """
+    given = description
     description = description.bouncing() if sharp else description
     known: KeptParts | None = None if like is None else like.parts
     center, radius = description.bounds or bounding_sphere([description], viewpoints)
-    description = description.within((center, radius))
+    description = _within(description, (center, radius), known)
     meshes = _surfaces(description)
     host = scene_of(()) if like is None else like.host
     glass = tuple(each for each in meshes if sharp and is_glass(each.material) and each.closed)
@@ -111,7 +113,7 @@ def world_of_scene(
     world = World(
         plugin, surfaces, content.around, host, content.media, emitters, _sources(description, emitters, numbers),
         Bounds(center, radius), radius, extent=radius, endless=endless_length(radius, endless),
-        parts=KeptParts(description, groups, shapes, content, glass, sharp),
+        parts=KeptParts(given, description, groups, shapes, content, glass, sharp),
         nested=bool(content.boundaries or content.outside),
         touching=like.touching if like and kept
         else bool(shapes) and touching(description.media, surfaces, size_of(plugin)),
@@ -129,6 +131,17 @@ def world_of_scene(
         glow=glow,
     )  # fmt: skip
     return _as_seen(world, groups)
+
+
+def _within(description: scene.Scene, bounds: tuple[Any, float], known: KeptParts | None) -> scene.Scene:
+    """Return the scene with bounds, at which fog that varies ends; fog that is the same at another time stays so."""
+    result = description.within(bounds)
+    if known is None or known.content.bounds is None or not np.array_equal(known.content.bounds[0], bounds[0]):
+        return result
+    if known.content.bounds[1] != bounds[1] or len(known.given.media) != len(description.media):
+        return result
+    media = zip(known.given.media, known.content.media, description.media, result.media, strict=True)
+    return replace(result, media=tuple(kept if before is now else own for before, kept, now, own in media))
 
 
 def _as_seen(world: World, groups: Sequence[Group]) -> World:
