@@ -70,4 +70,5 @@ class NoiseAlongBeams:
 
 def _places(start: Array3f, end: Array3f, cell: float) -> int:
     """Return how many places each beam has: as many as the longest one needs."""
-    return max(2, int(float(dr.max(dr.norm(end - start))[0]) / cell * _PLACES) + 2)
+    needed = float(dr.max(dr.norm(end - start))[0]) / cell * _PLACES
+    return int(needed) + 2 if needed < _MOST else _MOST
