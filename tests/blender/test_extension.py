@@ -14,7 +14,7 @@ from PIL import Image
 
 import photonbeams.blender
 from photonbeams.studio.encoding import thumbnail_of
-from photonbeams.usd.authoring.presets import PRESETS
+from photonbeams.usd.authoring.presets import PRESETS, preset_of
 from tests.blender.bpy_python import PYTHON
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,7 +44,7 @@ def test_each_preset_has_a_thumbnail():
     """If it has none, run `python tools/thumbnails.py`."""
     found = {each.stem: np.asarray(Image.open(each)) for each in (SOURCE / "thumbnails").glob("*.png")}
     assert found.keys() == {each.name for each in PRESETS}
-    drawn = np.asarray(Image.open(BytesIO(thumbnail_of("look-ember"))))
+    drawn = np.asarray(Image.open(BytesIO(thumbnail_of(preset_of("look-ember")))))
     assert np.abs(found["look-ember"].astype(int) - drawn).mean() < 1
     assert all(each.shape == drawn.shape and each.max() > 40 for each in found.values())
 

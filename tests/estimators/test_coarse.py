@@ -84,10 +84,10 @@ def test_looks_that_are_not_smooth_are_seen_through_every_pixel(rng):
 
 
 def test_noise_is_cheaper_and_about_the_same(rng):
-    """In beams much narrower than the finest wisps it is read along their axes, which is as far off as they are wide.
+    """Of narrow beams fewer are frusta: noise over a chord is then that in its middle.
 
-    The radius is 0.06 cells of the finest octave, of which a quarter of the noise is, and which changes by about its
-    own size over a fifth of a cell: several percent at most, in each of the many beams of a pixel.
+    A frustum begins where noise changes by half of itself over half a chord, h k = 0.5. The mean of a wave over that,
+    sin(0.5) / 0.5, is 4 % less than the wave; a pixel has some dozens of beams, and noise is a part of their light.
     """
     look = pb.Look(along=pb.looks.Noise(scale=2.0, octaves=3) * pb.looks.Attenuation())
     beams = fan(rng, 400, radius=0.03)
@@ -95,8 +95,8 @@ def test_noise_is_cheaper_and_about_the_same(rng):
     lit = exact > 0.05 * exact.max()
     assert tests < 0.8 * all_tests  # fewer beams are frusta
     relative = (fast[lit] - exact[lit]) / exact[lit].mean()
-    assert 0 < np.sqrt((relative**2).mean()) < 0.02
-    assert abs(relative.mean()) < 0.003
+    assert 0 < np.sqrt((relative**2).mean()) < 0.005
+    assert abs(relative.mean()) < 0.001
 
 
 def test_a_step_of_a_ramp_is_found(rng):

@@ -8,8 +8,6 @@ the factors over h, whose square is the billboard's error.
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 
 from ..looks import BoundLook
@@ -22,10 +20,6 @@ from .records import Record
 _CLEARANCE = 1.2
 # Relative change of the factors over half a chord that leaves the billboard an error of about (0.1)²/6.
 _CHANGE = 0.1
-# How often, at most, what is left of noise changes over half a chord: see `noise.blurred_fbm`.
-_FINEST = 2.5
-# The part of that which counts for the choice of the estimate.
-_OF_NOISE = 0.2
 # Below this sin² float32 has lost the angle.
 NARROW = 0.0025
 # The weights change from this fraction of the limit to the limit.
@@ -54,10 +48,9 @@ def need(
         facing = dr.dot(direction, normal)
         margin = dr.minimum(margin, dr.abs(dr.fma(facing, at.t, -height)) * dr.rcp(dr.maximum(dr.abs(facing), 1e-6)))
     boundary = _CLEARANCE * half * dr.rcp(dr.maximum(margin, 1e-20))
-    rate = change_rate(beam, at.along, c, look)
-    if look.blurs:
-        # The billboard errs by the mean of the noise over the chord less that in its middle: by a few percent of it.
-        rate -= (1 - _OF_NOISE) * place_rate(beam, at.along, c, look)
+    rate = change_rate(beam, c, look)
+    if look.lenient:
+        rate -= (1 - look.of_noise) * look.rate_place
     change = (half * rate + taper * at.inv_sine) * (1 / _CHANGE)
     narrow = NARROW * dr.square(at.inv_sine)
     return boundary, dr.maximum(change, narrow)
@@ -69,39 +62,16 @@ def factors(beam: Record, ray: Rays, look: BoundLook, along: Float, t: Float, co
     `cosine` is that between ray and light, and `rho2` the squared distance from the axis in radii.
     """
     distance = along + beam.offset
-    noise: dict[str, Any] = {}
-    if look.blurs:
-        radius = dr.fma(beam.slope, along, beam.radius)
-        noise = {"spread": half_chord(beam, along, cosine), "noise": look.noise_in(beam, along, radius)}
     where = look.at(
         distance=distance, depth=beam.depth(distance), from_light=distance, fraction=beam.fraction(distance),
         to_camera=t, cosine=-cosine, rho2=rho2, place=lambda: ray.point(t), beam=beam, ray=ray.index,
-        **noise,
     )  # fmt: skip
     return look.light(where, t - ray.t_min)
 
 
-def half_chord(beam: Record, along: Float, cosine: Float) -> Float:
-    """Return half the length of rays in a beam, across its axis at a place `along` it, as if it were a cylinder."""
-    radius = dr.maximum(dr.fma(beam.slope, along, beam.radius), 0)
-    return radius * dr.rsqrt(dr.maximum(1 - cosine * cosine, NARROW))
-
-
-def change_rate(beam: Record, along: Float, cosine: Float, look: BoundLook) -> Float:
-    """Return how fast the factors change along a ray: largest slope over largest value; `cosine` must be ≥ 0.
-
-    The ray passes the beam's axis at a place `along` it.
-    """
-    place = place_rate(beam, along, cosine, look)
-    return dr.fma(cosine, look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye + place)
-
-
-def place_rate(beam: Record, along: Float, cosine: Float, look: BoundLook) -> Float:
-    """Return how fast factors of space change along a ray, as `change_rate` does for all."""
-    if not look.blurs:
-        return look.rate_place
-    # What changes faster is left out.
-    return dr.minimum(look.rate_place, _FINEST * dr.rcp(dr.maximum(half_chord(beam, along, cosine), 1e-20)))
+def change_rate(beam: Record, cosine: Float, look: BoundLook) -> Float:
+    """Return how fast the factors change along a ray: largest slope over largest value; `cosine` must be ≥ 0."""
+    return dr.fma(cosine, look.rate_along + look.rate_fraction * beam.inv_total, look.rate_eye + look.rate_place)
 
 
 def _to_joints(course: Course, both: bool) -> Float:

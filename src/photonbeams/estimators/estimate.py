@@ -151,8 +151,6 @@ def estimate_rays(
         bound = bind(look, beams, close, medium, context)
         packed = pack(beams, Array3f(0), shared=False, close=close, identity=bound.of_beams)
         if len(beams) * count > MOST_PAIRS:
-            if images is not None:
-                simplify(bound, beams, close)
             images = images if bound.smooth and close is None else None
             result = sum_over_grid(beams, close, packed, rays, bound, estimator, points, images)
         else:
@@ -174,18 +172,6 @@ def bind(
         high = dr.maximum(high, Array3f(*(dr.max(axis) for axis in each)))
     box = np.asarray(low, dtype=float)[:, 0], np.asarray(high, dtype=float)[:, 0]
     return look.bind(medium, reach(beams, close), context, box)
-
-
-def simplify(look: BoundLook, beams: Beams, close: Beams | None) -> None:
-    """Make the noise of a bound look cheaper for these beams, at a small error."""
-    if not look.noisy:
-        return
-    start, end, moved = beams.start, beams.end, 0.0
-    if close is not None:
-        half = [0.5 * (after - before) for before, after in ((start, close.start), (end, close.end))]
-        moved = max(float(dr.max(dr.norm(each))[0]) for each in half)
-        start, end = start + half[0], end + half[1]
-    look.simplify(start, end, moved)
 
 
 def sum_over_all(packed: Packed, rays: Rays, look: BoundLook, estimator: str, points: Points) -> Array3f:

@@ -84,7 +84,7 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, ca
     breaks = corners(beam, ray, look)
     total = Array3f(0)
     low, end = Float(ray.a), dr.select(active, ray.b, ray.a)
-    rate = change_rate(beam, ray.along(0.5 * (ray.a + ray.b)), dr.abs(ray.cosine), look)
+    rate = change_rate(beam, dr.abs(ray.cosine), look)
     rate_across = look.rate_radius * dr.sqrt(ray.sin2)
     shortest = (ray.b - ray.a) * dr.rcp(look.cuts)
     growth = ray.growth

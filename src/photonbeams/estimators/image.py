@@ -21,7 +21,7 @@ from ..scene import Medium
 from .billboard import billboard_sum
 from .cells import batches
 from .coarse import Level, depths, dim_of, foretold, interpolated, levels_of
-from .estimate import ENDLESS, bind, check_estimator, check_motion, simplify
+from .estimate import ENDLESS, bind, check_estimator, check_motion
 from .footprints import footprints
 from .frustum import frustum_sum
 from .geometry import Rays
@@ -62,17 +62,15 @@ def estimate_image(
     """Return the radiance of beams along the rays: the same as `estimate`, to float32 rounding.
 
     With a `tolerance`, beams with smooth looks are gathered along fewer rays, so few that the relative error is about
-    that (see `coarse`); the rays must have one origin and a lattice. The noise of looks is then cheaper, too: see
-    `BoundLook.simplify`. `step` is called between kernels, which are short then; an exception from it ends the
-    estimate.
+    that (see `coarse`); the rays must have one origin and a lattice. With noise in looks, more beams are billboards
+    then. `step` is called between kernels, which are short then; an exception from it ends the estimate.
     """
     check_estimator(estimator)
     check_motion(beams, close, rays.times)
     if len(beams) == 0:
         return Estimate(dr.zeros(Array3f, dr.width(rays.direction)))
     bound, levels = bind(look, beams, close, medium, context), [Level(0, view, rays)]
-    if tolerance > 0:
-        simplify(bound, beams, close)
+    bound.lenient = tolerance > 0
     if tolerance > 0 and rays.lattice is not None and rays.shared_origin and close is None and bound.smooth:
         levels = levels_of(view, rays)
     gather = _ImageGather(levels, beams, close, bound, points, estimator, tolerance, step)

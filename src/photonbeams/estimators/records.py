@@ -162,7 +162,6 @@ class Record:
     identity: Any = None  # random number, number, generation
     bend: Any = None  # of a piece of a curve
     gain: Any = None  # change of the power from start to end, where it has one
-    number: Any = None  # of the beam
 
     @property
     def offset(self) -> Number:
@@ -246,7 +245,7 @@ def load(packed: Packed, number: UInt32, time: Float | None = None) -> Record:
     record.cuts = [(at[name].xyz, at[name].w) for name in ("foot", "side") if name in at]
     if "power_end" in at:
         record.gain = at["power_end"].xyz - record.power
-    record.identity, record.number = identity, number
+    record.identity = identity
     record.inv_total = dr.rcp(record.total)  # once for each beam, not for each ray
     return record
 

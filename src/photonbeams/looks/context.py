@@ -177,11 +177,6 @@ def _inverse(to_world: npt.ArrayLike) -> Array:
     raise SceneError(f"a context's to_world is {shown(to_world)}: expected {expected}")
 
 
-def _computed(_: object, exact: Callable[[], Any]) -> Any:
-    """Return the value of a noise as `exact` computes it."""
-    return exact()
-
-
 @dataclass(frozen=True)
 class ShadingContext:
     """The inputs of a factor at a shading point: Dr.Jit arrays of one width, or numbers.
@@ -211,10 +206,6 @@ class ShadingContext:
         The medium, or None if there is none.
     context
         The inputs that all beams of a light share, or None for time 0 and light 0 in world space.
-    spread
-        Half the length of the ray in the beam, in scene units: finer noise need not be computed. None: all of it is.
-    noise
-        Function that returns the value of a `Noise`, given that and a function that computes it here.
 
     Notes
     -----
@@ -240,8 +231,6 @@ class ShadingContext:
     ray: Any = None
     fog: Fog | None = None
     context: LightContext | None = None
-    spread: Any = None
-    noise: Callable[[Any, Callable[[], Any]], Any] = _computed
 
     def own(self, distance: Number, depth: Number) -> ShadingContext:
         """Return the context of a factor whose own distance and depth are `distance` and `depth`."""

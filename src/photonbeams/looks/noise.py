@@ -28,7 +28,7 @@ import numpy as np
 from ..runtime.device import UInt32
 from .guarded import Operand, times, vector_type
 
-__all__ = ["MOST_OCTAVES", "blurred_fbm", "cellnoise", "fbm", "noise", "random", "snoise", "turbulence", "vnoise"]
+__all__ = ["MOST_OCTAVES", "cellnoise", "fbm", "noise", "random", "snoise", "turbulence", "vnoise"]
 
 #: Octaves are unrolled into the kernel; the eighth is finer than a hundredth of the first.
 MOST_OCTAVES = 8
@@ -85,19 +85,6 @@ def fbm(
     return dr.fma(_octaves(_axes(p, time), octaves, lacunarity, gain, lambda value: value), 0.5, 0.5)
 
 
-def blurred_fbm(p: Operand, octaves: int, spread: Operand, time: Operand | None = None) -> Operand:
-    """Return `fbm` that is read at some points of a line and averaged: without octaves that vanish in the mean.
-
-    `spread` is half the length of that line. An octave begins to fade where it is half a cell of its lattice, and is
-    not computed where it is a cell.
-    """
-
-    def kept(k: int) -> Operand:
-        return dr.clip(2 - spread * (2.0 ** (k + 1)), 0, 1)
-
-    return dr.fma(_octaves(_axes(p, time), octaves, 2.0, 0.5, lambda value: value, kept), 0.5, 0.5)
-
-
 def turbulence(
     p: Operand, octaves: int = 6, lacunarity: Operand | float = 2.0, gain: Operand | float = 0.5,
     time: Operand | None = None,
@@ -145,28 +132,17 @@ def _axes(p: Operand, time: Operand | None) -> list[Operand]:
 
 def _octaves(
     axes: list[Operand], octaves: int, lacunarity: Operand | float, gain: Operand | float,
-    of: Callable[[Operand], Operand], kept: Callable[[int], Operand] | None = None,
+    of: Callable[[Operand], Operand],
 ) -> Operand:  # fmt: skip
-    """Return Σ gain^k · of(snoise(lacunarity^k · p)); `kept` returns another factor on octave k, from 0 to 1."""
+    """Return Σ gain^k · of(snoise(lacunarity^k · p))."""
     if not 1 <= octaves <= MOST_OCTAVES:
         raise ValueError(f"octaves is {octaves}: expected 1 to {MOST_OCTAVES}")
-
-    def octave(k: int, axes: list[Operand]) -> Any:
-        seed = _OCTAVE_SEED + k if k else 0
-        if kept is None:
-            return of(_gradient_noise(axes, seed))
-        part = kept(k)
-        return part * dr.if_stmt(
-            (axes,), part > 0, lambda axes: of(_gradient_noise(axes, seed)), lambda axes: dr.zeros(type(axes[0])),
-            label="octave",
-        )  # fmt: skip
-
-    total: Any = octave(0, axes)
+    total: Any = of(_gradient_noise(axes, 0))
     amplitude: Any = gain
     for k in range(1, octaves):
         axes = [times(axis, lacunarity) for axis in axes]
         shifted = [axis + k * shift for axis, shift in zip(axes, _OCTAVE_SHIFT, strict=False)]
-        total = total + amplitude * octave(k, shifted)
+        total = total + amplitude * of(_gradient_noise(shifted, _OCTAVE_SEED + k))
         amplitude = times(amplitude, gain)
     return total
 

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import drjit as dr
-import numpy as np
 
-from ..numerics.arrays import to_numpy, to_vectors
 from ..numerics.given import SMALLEST, derived, given_color, given_number
-from ..runtime.device import Array3f, Float
 from ..scene import SceneError, choice, shown, whole
-from .baked import NoiseAlongBeams
 from .context import INPUTS, ShadingContext
 from .described import constructor
 from .expression import parse
 from .factors import Factor, Number, Numbers, Value
-from .noise import MOST_OCTAVES, blurred_fbm, fbm
+from .noise import MOST_OCTAVES, fbm
 
 NoiseSpace = Literal["world", "light"]
 
@@ -139,37 +134,11 @@ class Noise(Factor):
 
     def evaluate(self, at: ShadingContext) -> Value:
         """Return the noise."""
-        value = at.noise(self, lambda: self._value(at))
-        return dr.maximum(dr.fma(self._gain, 2 * value - 1, 1), 0)
-
-    def _point(self, at: ShadingContext) -> Array3f:
-        """Return the place in the noise, in cells of the lattice of its first octave."""
         point = at.local if self._space == "light" else at.position
-        return (point - self._drift * at.time) * self._rate
-
-    def _value(self, at: ShadingContext) -> Float:
+        moved = (point - self._drift * at.time) * self._rate
         # The fourth dimension doubles the work, so noise that does not evolve has three.
         time = None if self._still else self._evolution * at.time
-        if at.spread is None:
-            value: Any = fbm(self._point(at), self._octaves, time=time)
-        else:
-            value = blurred_fbm(self._point(at), self._octaves, at.spread * self._rate, time)
-        return Float(value)
-
-    def along_beams(
-        self, at: ShadingContext, start: Array3f, end: Array3f, moved: float
-    ) -> NoiseAlongBeams | None:  # fmt: skip
-        """Return the noise on the axes of beams from `start` to `end`; None if it is too fine for that.
-
-        The beams may be `moved` by up to a distance; `at` is a context at any place.
-        """
-        ends = to_vectors(np.concatenate([np.zeros((1, 3)), np.eye(3)]))
-        found = to_numpy(self._point(replace(at, place=lambda: ends))).astype(np.float64)
-        rate = np.linalg.norm(found[:, 1:] - found[:, :1], axis=0).max()  # cells of the lattice for a unit of the world
-        cell = float(1 / max(rate * (1 << (self._octaves - 1)), SMALLEST))
-        if not NoiseAlongBeams.worth(start, end, moved, cell):
-            return None
-        return NoiseAlongBeams(lambda place: self._value(replace(at, place=lambda: place)), start, end, cell)
+        return dr.maximum(dr.fma(self._gain, 2 * fbm(moved, self._octaves, time=time) - 1, 1), 0)
 
 
 class Variation(Factor):

@@ -256,7 +256,7 @@ def test_what_stands_still_is_the_same_once_something_else_begins_to_move(shot, 
     assert depth > 2 or dark[:, : WIDE["width"] // 2 - 1].mean() > 0.9
     dark[:, WIDE["width"] // 2 - 1 :] = False
     # Scattered light reaches surfaces where no beam is before them.
-    names = [name for name in first if depth == 2 or name not in ("rgba", "surface")]
+    names = [name for name in first if depth == 2 or not name.startswith(("rgba", "surface"))]
     assert dark.any() and all(np.array_equal(first[name][dark], later[name][dark]) for name in names)
 
 
@@ -312,13 +312,13 @@ def test_no_lens_is_a_pinhole_and_a_wide_one_blurs(shot):
     assert np.array_equal(sharp["depth"], wide["depth"])
 
 
-LIGHT = ("rgba", "surface", "beams", "beams_still", "beams_swinging")
+LIGHT = ("rgba", "surface", "beams")
 
 
 def test_a_cameras_exposure_multiplies_all_light_and_nothing_else(shot):
     plain, bright = (shot(f"/Camera.exposure={stops}").render(1, **SMALL).layers for stops in (0, 3))
     for name, layer in plain.items():
-        channels = 3 if name in LIGHT else 0
+        channels = 3 if name.startswith(LIGHT) else 0
         assert np.array_equal(bright[name][..., :channels], 8 * layer[..., :channels])
         assert np.array_equal(bright[name][..., channels:], layer[..., channels:])
     assert plain["surface"].any() and plain["rgba"][..., 3].any()
