@@ -185,3 +185,7 @@ def test_a_film_that_no_memory_holds_is_refused_before_it_is_made(monkeypatch):
     monkeypatch.setattr("photonbeams.runtime.device.memory", lambda: 2**20)
     with pytest.raises(SceneError, match="expected fewer, or a part of the picture with --crop"):
         check_memory(Window.full(1000, 1000), 1)
+    monkeypatch.setattr("photonbeams.runtime.device.memory", lambda: 2**30)
+    check_memory(Window.full(1000, 1000), 1)
+    with pytest.raises(SceneError, match="1000 x 1000 pixels of 30 light groups"):
+        check_memory(Window.full(1000, 1000), 1, 30)

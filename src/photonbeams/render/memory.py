@@ -9,8 +9,8 @@ from ..scene import SceneError
 from ..world.cameras.cameras import Window
 
 # Bytes at the peak of a pass on the CPU, measured as resident memory of renders of 2 to 8 million pixels and 1 to 3
-# million beams.
-PIXEL_BYTES, BEAM_BYTES = 500, 1450
+# million beams; and of a million pixels with 30 light groups, for each group's layers of a pixel.
+PIXEL_BYTES, BEAM_BYTES, GROUP_BYTES = 500, 1450, 250
 
 _MOST_ENTRIES = 1 << 32  # in an array of Dr.Jit
 
@@ -26,19 +26,21 @@ def release_memory(size: tuple[int, int]) -> None:
         dr.flush_malloc_cache()
 
 
-def check_memory(window: Window, beams: int) -> None:
+def check_memory(window: Window, beams: int, groups: int = 0) -> None:
     """Raise SceneError for a pass that takes more memory than there is: the system would kill it without a message.
 
-    On CUDA Dr.Jit raises an error itself.
+    `groups` is how many light groups have layers of their own. On CUDA Dr.Jit raises an error itself.
     """
     height, width = window.shape
     expected = "expected fewer, or a part of the picture with --crop"
     if 3 * width * height >= _MOST_ENTRIES:
         most = f"{_MOST_ENTRIES // 3:,}"
         raise SceneError(f"{width} x {height} pixels are more than {most} at a time: {expected}")
-    needed, present = PIXEL_BYTES * width * height + BEAM_BYTES * beams, device.memory()
+    needed = (PIXEL_BYTES + GROUP_BYTES * groups) * width * height + BEAM_BYTES * beams
+    present = device.memory()
     if device.backend() == "llvm" and present is not None and needed > present:
+        layers = f" of {groups} light groups" if groups else ""
         raise SceneError(
-            f"{width} x {height} pixels and {beams:,} beams take {needed / 2**30:,.0f} GiB, and this machine has "
-            f"{present / 2**30:,.0f}: {expected}"
+            f"{width} x {height} pixels{layers} and {beams:,} beams take {needed / 2**30:,.0f} GiB, and this machine "
+            f"has {present / 2**30:,.0f}: {expected}"
         )

@@ -51,7 +51,8 @@ def begin(
     extras, statistics = extras or Extras(), Statistics()
     sensors = [Sensor(sensor, eye) for eye in extras.eyes or (None,)]
     window = sensors[0].window
-    check_memory(window, settings.beams or DEFAULT_PATHS)
+    layers = groups_of(plugin, extras.beams)
+    check_memory(window, settings.beams or DEFAULT_PATHS, len(layers))
     holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(sensors)
     cameras = [each.view for each in sensors if each.view is not None]
     reconstruction = reconstruction_filter(settings.filter_name, sensor.film().rfilter())
@@ -60,7 +61,6 @@ def begin(
         Pixels(len(sensors) * window.width * window.height, averaged(reconstruction)), warned, statistics,
         extras.findings,
     )  # fmt: skip
-    layers = groups_of(plugin, extras.beams)
     films = [Film(window.shape, window.crop[:2], reconstruction, layers, settings.denoise) for _ in sensors]
     views = [view_of(each, holdout) for each, holdout in zip(sensors, holdouts, strict=True)]
     return FrameRenderer(settings, light, views, films, settings.depth(), statistics, depth=extras.depth)

@@ -154,7 +154,7 @@ def _check_memory(description: scene.Scene, window: Window, settings: Settings) 
     beams = sum(
         count * each for light, count, each in zip(description.lights, counts, pieces, strict=True) if light.emits_beams
     )
-    check_memory(window, beams)
+    check_memory(window, beams, len(groups_of(description)))
 
 
 def layer_names(description: scene.Scene) -> list[str]:
