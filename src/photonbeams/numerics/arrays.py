@@ -56,6 +56,13 @@ def padded(entries: Any) -> Any:
     return [*entries, entries[-1]]
 
 
+def by_number(numbers: Sequence[int], values: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Return a table with values at these numbers, and 0 elsewhere, for kernels that gather from it."""
+    result = np.zeros(max(numbers, default=0) + 2)
+    result[[*numbers]] = values
+    return result
+
+
 def opaque(value: npt.ArrayLike) -> Any:
     """Return numbers as an opaque Float or Array3f: an input of kernels, not a literal in them."""
     numbers = np.asarray(value, dtype=np.float64)

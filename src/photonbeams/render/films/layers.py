@@ -87,7 +87,7 @@ def deep_of(sums: PassSums, shape: tuple[int, int], beams: np.ndarray) -> DeepPi
     pictures = _pictures(total, shape)
     black = np.zeros((*shape, 3), dtype=np.float32)
     lights = (
-        sum((each * factor for name, each in pictures.items() if name.startswith(prefix)), black)
+        sum(_by_group(pictures, {prefix: factor}).values(), black)
         for prefix, factor in zip((SCATTERED, GATHERED), _scales(pictures, len(sums)), strict=True)
     )
     scattered, gathered = lights
@@ -114,13 +114,5 @@ def group_layers(groups: Collection[str]) -> dict[str, str]:
 
 def layer_names(groups: Mapping[str, str]) -> list[str]:
     """Return the names of the layers, in their order, of a stage whose light groups have these layers."""
-    beams = [*dict.fromkeys(groups.values())]
-    return [
-        "rgba",
-        "surface",
-        "beams",
-        *beams,
-        *dict.fromkeys(surface_layers(groups).values()),
-        "transmittance",
-        "depth",
-    ]
+    of_groups = dict.fromkeys([*groups.values(), *surface_layers(groups).values()])
+    return ["rgba", "surface", "beams", *of_groups, "transmittance", "depth"]

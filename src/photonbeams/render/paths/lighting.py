@@ -47,7 +47,7 @@ class EmitterLighting:
         # Images on portals also tint light that passed them before the ray's segment begins.
         straight_from = origin - flown * direction
 
-        def nearer(light: Any, group: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
+        def nearer(light: Any, _: UInt32, group: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
             distance, radiance, of = state
             found = light.see(straight_from, direction)
             beyond = found.distance - flown
@@ -61,9 +61,9 @@ class EmitterLighting:
         width, groups = max(dr.width(origin), dr.width(direction)), self._world.groups
         state: tuple[Any, ...] = (dr.full(Float, dr.inf, width), dr.zeros(Array3f, width), dr.zeros(UInt32, width))
         for lamps in packed:
-            state = _each(lamps, state, lambda light, _, group, state: nearer(light, group, state))
+            state = _each(lamps, state, nearer)
         for each in single:
-            state = nearer(each.lamp, UInt32(groups.number(each.group)), state)
+            state = nearer(each.lamp, UInt32(0), UInt32(groups.number(each.group)), state)
         distance, radiance, group = state
         return NearestLamp(distance, GroupedLight.of(radiance, group, len(groups)))
 

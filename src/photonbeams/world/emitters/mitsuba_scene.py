@@ -9,6 +9,7 @@ import drjit as dr
 import numpy as np
 
 from ... import scene
+from ...numerics.arrays import by_number
 from ...runtime.device import Array3f, UInt32, mitsuba
 from ...scene import SceneError
 from ..bounds import Bounds
@@ -39,9 +40,9 @@ def by_emitter(plugin: MiScene, places: Sequence[int], values: Any) -> np.ndarra
     Others have 0 in it.
     """
     known = [int(emitter_number(mi.EmitterPtr(each))[0]) for each in plugin.emitters()]
-    result = np.zeros(max(known, default=0) + 2)
-    result[[known[each] for each in places]] = values
-    return result
+    every = np.zeros(len(known))
+    every[[*places]] = values
+    return by_number(known, every)
 
 
 def emitter_number(emitter: EmitterPtr) -> Any:

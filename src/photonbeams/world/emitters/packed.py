@@ -6,9 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
-import numpy as np
 
-from ...numerics.arrays import opaque, to_uint
+from ...numerics.arrays import by_number, opaque, to_uint
 from ...numerics.structs import pack
 from ...runtime.device import Bool, UInt32, mitsuba
 from .build import KINDS
@@ -152,10 +151,8 @@ def _linked(world: World, links: Links) -> LinkedSurfaces | None:
 
 def by_shape(world: World, values: Mapping[str, int]) -> Any:
     """Return integers of shapes, given by their names, as a table by Mitsuba's numbers of them."""
-    numbers = {int(shape_number(mi.ShapePtr(shape))[0]): values[name] for name, shape in world.shapes}
-    table = np.zeros(max(numbers, default=0) + 2, dtype=np.uint32)
-    table[list(numbers)] = list(numbers.values())
-    return to_uint(table)
+    numbers = [int(shape_number(mi.ShapePtr(shape))[0]) for _, shape in world.shapes]
+    return to_uint(by_number(numbers, [values[name] for name, _ in world.shapes]))
 
 
 def shape_number(shape: ShapePtr) -> Any:
