@@ -148,6 +148,14 @@ def rendered(folder: Path, arguments: tuple[str, ...], pictures: dict[str, str])
         keep(folder / f"{name}.png", name)
 
 
+def spaces(folder: Path) -> None:
+    """Write the page's stage in linear Rec. 709 and in ACEScg beside each other."""
+    flags = ("--res", str(WIDTH // 2), "0", "--bounces", "2", "--exposure", "1", *CLEAN, "-q")
+    for name in ("lin_rec709", "ACEScg"):
+        photonbeams(folder, "render", "color.usda", "--working-space", name, *flags, "-o", f"{name}.png")
+    keep(np.hstack([np.asarray(Image.open(folder / f"{name}.png")) for name in ("lin_rec709", "ACEScg")]), "color")
+
+
 def dressed(folder: Path) -> None:
     """Write the attic under the layer that `photonbeams dress` makes."""
     photonbeams(folder, "dress", ATTIC[0], "-o", "dressed.usda", "-q")
@@ -174,13 +182,14 @@ def main() -> None:
         for arguments, pictures in RENDERS.items()
     }
     jobs |= {
-        "attic-dressed": dressed, "attic-over": plate, "compositing": composited, "shaft-look": swatch, "fit": fitted,
+        "attic-dressed": dressed, "attic-over": plate, "compositing": composited, "color": spaces,
+        "shaft-look": swatch, "fit": fitted,
         "flight": lambda folder: sheet(folder, FLIGHT, "flight", columns=5),
         "magic-grow": lambda folder: sheet(folder, GROWTH, "magic-grow", columns=4),
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "examples").symlink_to(ROOT / "examples")
-        for page in ("guide.md", "beams.md", "filters.md"):
+        for page in ("guide.md", "beams.md", "filters.md", "color.md"):
             for name, source in saved_files((DOCS / page).read_text()).items():
                 (Path(folder) / name).write_text(source)
         for name, write in jobs.items():

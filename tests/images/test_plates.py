@@ -13,6 +13,7 @@ import pytest
 from scipy.ndimage import binary_dilation
 
 import photonbeams as pb
+from photonbeams.images.color_spaces import ColorSpaces
 from photonbeams.images.files import read_layers
 from photonbeams.images.plates import Holdout, Plate
 from photonbeams.render.holdouts import HoldoutDepth
@@ -376,16 +377,41 @@ def test_a_plate_of_8_bits_is_srgb(tmp_path):
     assert np.allclose(pixels[..., :3], 0.503, atol=5e-4)  # IEC 61966-2-1 of 188 / 255
 
 
-def test_a_plate_of_other_primaries_is_warned_of(tmp_path):
-    header = {
-        "type": OpenEXR.scanlineimage,
-        "chromaticities": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.3217, 0.3377),
-    }
-    OpenEXR.File(header, {"RGB": color(1)}).write(str(tmp_path / "acescg.exr"))
+AP1 = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.3217, 0.3377)
+# Red, green and blue of AP1 in linear Rec. 709, with Bradford's adaptation: the matrix of OpenColorIO's configurations
+# (ACES-2.0's documentation gives the same digits).
+AP1_TO_REC709 = np.array([[1.70505, -0.13026, -0.024], [-0.62179, 1.1408, -0.12897], [-0.08326, -0.01055, 1.15297]])
+
+
+@pytest.mark.parametrize(
+    ("header", "untagged", "color", "expected"),
+    [
+        ({"chromaticities": AP1}, "lin_rec709_scene", (1.0, 0.5, 0.25), "lin_ap1_scene"),
+        ({"oiio:ColorSpace": "ACEScg"}, "lin_rec709_scene", (1.0, 0.5, 0.25), "lin_ap1_scene"),
+        ({}, "lin_ap1_scene", (1.0, 0.5, 0.25), "lin_ap1_scene"),
+        ({}, "lin_rec709_scene", (1.0, 0.5, 0.25), "lin_rec709_scene"),
+    ],
+)
+def test_a_plate_is_converted_from_the_space_that_its_header_says(tmp_path, header, untagged, color, expected):
+    path, pixels = tmp_path / "plate.exr", np.tile(np.float32(color), (*SIZE[::-1], 1))
+    OpenEXR.File({"type": OpenEXR.scanlineimage, **header}, {"RGB": pixels}).write(str(path))
     warnings = []
-    Plate(tmp_path / "acescg.exr").read(1, [""], SIZE, warnings.append)
+    plate, spaces = Plate(path), ColorSpaces("lin_rec709_scene", untagged)
+    (found,) = plate.read(1, [""], SIZE, warnings.append, spaces=spaces)
+    own = np.array(color) @ AP1_TO_REC709 if expected == "lin_ap1_scene" else color
+    assert np.allclose(found[..., :3], own, atol=2e-4)  # chromaticities of five digits
+    (same,) = plate.read(1, [""], SIZE, warnings.append, spaces=ColorSpaces(expected, untagged))
+    assert np.array_equal(same[..., :3], pixels)
+    assert not warnings
+
+
+def test_a_plate_of_unknown_primaries_is_warned_of(tmp_path):
+    header = {"type": OpenEXR.scanlineimage, "chromaticities": (0.5, 0.3, 0.3, 0.5, 0.2, 0.1, 0.31, 0.33)}
+    OpenEXR.File(header, {"RGB": color(1)}).write(str(tmp_path / "odd.exr"))
+    warnings = []
+    Plate(tmp_path / "odd.exr").read(1, [""], SIZE, warnings.append)
     assert len(warnings) == 1
-    assert "expected Rec. 709" in warnings[0]
+    assert "chromaticities 0.5 0.3 0.3 0.5 0.2 0.1 0.31 0.33: expected those of a colour space" in warnings[0]
 
 
 def test_a_plate_that_breaks_off_leaves_the_layers_and_a_warning(tmp_path, caplog):

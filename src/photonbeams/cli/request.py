@@ -154,6 +154,13 @@ class StageFlags(Flags):
         None, "Scale down textures wider or higher than this, default: 4096; images on lights may be twice that.",
         metavar="PIXELS", kind=int, least=1, most=65536,
     )  # fmt: skip
+    working_space: str | None = option(
+        None, "Linear colour space in which light is computed, such as ACEScg; default: that of the render settings, "
+        "or linear Rec. 709.", metavar="NAME",
+    )  # fmt: skip
+    color_space: str | None = option(
+        None, "Linear colour space of colours and images that name none; default: linear Rec. 709.", metavar="NAME"
+    )
     selection: SelectionFlags
     strict: bool = option(False, "Treat warnings about the stage as errors; otherwise what cannot be read is left out.")
 

@@ -75,15 +75,20 @@ def _scene(request: RenderRequest) -> SceneSubject:
 
 def _stage(request: RenderRequest, warnings: Warnings) -> tuple[Usd.Stage, str | None]:
     """Return the stage, and the path of its render settings, if one is named."""
+    from ..usd.common.selection import keep
     from ..usd.render_passes import apply_pass
     from ..usd.stage import enable_domes, open_stage
 
     own, looks = request.stage, request.looks
     layers = looks.session_layer or (), looks.overrides or ()
-    stage = open_stage(request.scene, *layers, warnings, own.texture_limit, own.selection.selection())
+    stage = open_stage(
+        request.scene, *layers, warnings, own.texture_limit, own.selection.selection(), own.working_space,
+        own.color_space,
+    )  # fmt: skip
     if own.dome_beams:
         enable_domes(stage)
     path = None if own.render_pass is None else apply_pass(stage, own.render_pass, warnings)
+    keep(stage.GetSessionLayer(), renderSettings=own.render_settings or path)
     return stage, own.render_settings or path
 
 

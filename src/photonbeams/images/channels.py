@@ -17,9 +17,9 @@ import OpenImageIO
 
 from ..runtime.files import PathLike
 from ..scene import Array, SceneError
+from .color_spaces import COLOR_SPACE, named, primaries, space_of
 from .files import check_decoded, check_image, opened, pixels_of, read_pixels
 from .numbering import numbered
-from .writing import REC709
 
 Warn = Callable[[str], None]
 Size = tuple[int, int]  # width and height
@@ -105,10 +105,10 @@ def picture_channels(file: ImageFile, channels: Sequence[Channel], warn: Warn) -
     for each in channels:
         layers.setdefault(each.layer, {})[each.words[-1]] = each
     found = {}
-    for layer, named in layers.items():
-        colors = [next((named[name] for name in names if name in named), None) for names in _COLORS]
+    for layer, own in layers.items():
+        colors = [next((own[name] for name in names if name in own), None) for names in _COLORS]
         if all(colors):
-            found[layer] = [each for each in (*colors, named.get("a", named.get("alpha"))) if each is not None]
+            found[layer] = [each for each in (*colors, own.get("a", own.get("alpha"))) if each is not None]
     if not found:
         raise SceneError(f"{file} has no red, green and blue: expected a picture")
 
@@ -177,12 +177,19 @@ class ImageFile:
         corner = spec.x - spec.full_x, spec.y - spec.full_y
         return placed(data[..., [each.index for each in channels]], corner, box, outside)
 
-    def warn_of_primaries(self, part: int, warn: Warn) -> None:
-        """Warn if the primaries are not those of the beams: sums of both would have wrong colours."""
-        found = self._specs[part].getattribute("chromaticities") or self._specs[0].getattribute("chromaticities")
-        if found is not None and not np.allclose(found, REC709, atol=2e-3):
+    def color_space(self, part: int, untagged: str, warn: Warn) -> str:
+        """Return the linear colour space of a part, by its chromaticities or its name; without one, `untagged`."""
+        specs = self._specs[part], self._specs[0]
+        found = next((each for spec in specs if (each := spec.getattribute("chromaticities")) is not None), None)
+        if found is None:
+            given = named(str(self._specs[part].getattribute(COLOR_SPACE) or ""))
+            return given if given and primaries(given) else untagged
+        space = space_of(found)
+        if space is None:
             numbers = " ".join(f"{value:.4g}" for value in found)
-            warn(f"{self} has the chromaticities {numbers}: expected Rec. 709, in which the beams are rendered")
+            warn(f"{self} has the chromaticities {numbers}: expected those of a colour space that OpenColorIO knows; "
+                 f"it is taken as {untagged}")  # fmt: skip
+        return space or untagged
 
 
 def placed(pixels: Array, corner: Size, box: Box, outside: float) -> Array:

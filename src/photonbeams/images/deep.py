@@ -10,7 +10,8 @@ import OpenEXR
 
 from ..runtime.files import PathLike
 from ..scene import Array
-from .writing import REC709, attributes_of, encoded_parts, part_metadata
+from .color_spaces import USUAL_SPACES
+from .writing import attributes_of, encoded_parts, part_metadata
 
 if TYPE_CHECKING:
     from ..render.films.deep import DeepPicture
@@ -25,7 +26,7 @@ def encoded_deep(path: PathLike, views: Mapping[str, tuple[DeepPicture, Metadata
     """
     parts = []
     for view, (picture, metadata) in views.items():
-        about = {"chromaticities": REC709, **metadata, **({"view": view} if view else {})}
+        about = {**USUAL_SPACES.header, **metadata, **({"view": view} if view else {})}
         kind = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
         header = {**attributes_of(part_metadata(about, "rgba")), **kind}
         parts.append(OpenEXR.Part(header, _channels(picture), f"rgba.{view}" if len(views) > 1 else "rgba"))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-import os
 from functools import cache
 
 import numpy as np
 import OpenImageIO
 
 from ..scene import Array, SceneError
+from .color_spaces import BUILT_IN, REC709, config_name, converted
 
 LOG = logging.getLogger("photonbeams")
 
@@ -19,9 +19,7 @@ WHITENING = 0.15  # how fast the shoulder turns bright colours white; the value 
 #: The name of our own view transform, which PNGs have.
 OWN = "photonbeams"
 
-_DEFAULT = "ocio://default"  # OpenColorIO's built-in configuration
-_SCREEN = "sRGB - Display"  # its display for most screens
-_LINEAR = "lin_rec709_scene"  # the colour space of pictures
+_SCREEN = "sRGB - Display"  # the built-in configuration's display for most screens
 
 # The fraction of lit pixels that should be below the shoulder: the rest are lamps and their surroundings.
 _JUDGED = 0.95
@@ -104,33 +102,30 @@ def view_transforms() -> list[str]:
     return [OWN, *_views()]
 
 
-def viewed(pixels: Array, name: str = OWN, exposure: float = 0.0) -> Array:
-    """Return a scene-linear picture, (H, W, 3 or more), as a screen shows it, (H, W, 3) of 8 bits."""
+def viewed(pixels: Array, name: str = OWN, exposure: float = 0.0, space: str = REC709) -> Array:
+    """Return a picture of a linear `space`, (H, W, 3 or more), as a screen shows it, (H, W, 3) of 8 bits."""
+    light = converted(np.asarray(pixels)[..., :3], space)
     if name == OWN:
-        return dithered(srgb_encoded(tone_mapped(np.asarray(pixels)[..., :3], exposure)))
+        return dithered(srgb_encoded(tone_mapped(light, exposure)))
     if name not in _views():
         raise SceneError(f"there is no view transform {name!r}: expected one of {', '.join(view_transforms())}")
     display, view = _views()[name]
-    scaled = np.nan_to_num(np.asarray(pixels, dtype=np.float32)[..., :3] * np.float32(2.0**exposure), posinf=6e4)
+    scaled = np.nan_to_num(np.asarray(light, dtype=np.float32) * np.float32(2.0**exposure), posinf=6e4)
     source = OpenImageIO.ImageBuf(np.ascontiguousarray(scaled))
-    shown = OpenImageIO.ImageBufAlgo.ociodisplay(source, display, view, _LINEAR, colorconfig=_config())
+    shown = OpenImageIO.ImageBufAlgo.ociodisplay(source, display, view, REC709, colorconfig=config_name())
     if shown.has_error:
         raise SceneError(f"the view transform {name!r} cannot be used: {shown.geterror()}"[:300])
     return dithered(np.clip(np.asarray(shown.get_pixels(OpenImageIO.FLOAT)), 0, 1))
 
 
-def _config() -> str:
-    return os.environ.get("OCIO") or _DEFAULT
-
-
 @cache
 def _views() -> dict[str, tuple[str, str]]:
     """Return OpenColorIO's displays and views by the names that users see."""
-    config = OpenImageIO.ColorConfig(_config())
+    config = OpenImageIO.ColorConfig(config_name())
     if problem := config.geterror():
-        LOG.warning("OCIO=%s cannot be used: %s; only photonbeams' own view is available", _config(), problem)
+        LOG.warning("OCIO=%s cannot be used: %s; only photonbeams' own view is available", config_name(), problem)
         return {}
-    own = _config() != _DEFAULT
+    own = config_name() != BUILT_IN
     displays = [each for each in config.getDisplayNames() if own or each == _SCREEN]
     return {
         f"{display}, {view}" if own and len(displays) > 1 else str(view): (display, view)

@@ -13,6 +13,7 @@ import numpy as np
 from ..constants import is_number
 from ..runtime.files import PathLike, write_bytes
 from ..scene import MOST_PIXELS, Array, SceneError
+from .color_spaces import COLOR_SPACE, REC709
 from .deep import encoded_deep
 from .textures import resized
 from .writing import encoded_exr, png_of
@@ -113,7 +114,12 @@ class Frame:
             if is_number(layer) or layers[layer].shape[2] < 3:
                 raise SceneError(f"cannot write {path}: '{layer}' has no colours: expected another layer, or an .exr")
         eyes, ratio = [layers[layer] for layers, _ in views.values()], self.metadata.get("pixelAspectRatio", 1.0)
-        return png_of(*eyes, exposure=exposure, pixel_aspect=ratio)
+        return png_of(*eyes, exposure=exposure, pixel_aspect=ratio, space=self.color_space)
+
+    @property
+    def color_space(self) -> str:
+        """The colour space of the layers, as OpenImageIO names it: linear, usually lin_rec709_scene."""
+        return str(self.metadata.get(COLOR_SPACE, REC709))
 
     def write_deep(self, path: PathLike) -> None:
         """Write the beams as a deep EXR, which is the layer `beams` when it is flattened; whole or not at all.
@@ -151,13 +157,14 @@ class Frame:
 
     def _repr_png_(self) -> bytes:
         """Return the PNG that `write` writes, for notebooks; large pictures are scaled down: see `preview`."""
-        return preview(*(layers["rgba"] for layers, _ in self.views.values() or [(self.layers, {})]))
+        shown = [layers["rgba"] for layers, _ in self.views.values() or [(self.layers, {})]]
+        return preview(*shown, space=self.color_space)
 
 
-def preview(*eyes: Array) -> bytes:
+def preview(*eyes: Array, space: str = REC709) -> bytes:
     """Return the PNG that `png_of` returns for eyes, scaled down if it has many pixels or bytes."""
     scale = min(1.0, (MOST_PREVIEWED / sum(np.shape(each)[0] * np.shape(each)[1] for each in eyes)) ** 0.5)
-    while len(data := png_of(*(_smaller(each, scale) for each in eyes))) > MOST_BYTES:
+    while len(data := png_of(*(_smaller(each, scale) for each in eyes), space=space)) > MOST_BYTES:
         scale *= min(0.9, (MOST_BYTES / len(data)) ** 0.5)
     return data
 

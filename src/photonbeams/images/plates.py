@@ -25,6 +25,7 @@ from .channels import (
     placed,
     says_distance,
 )
+from .color_spaces import REC709, USUAL_SPACES, ColorSpaces, converted
 from .display import is_encoded, srgb_decoded
 from .writing import HALF_MAX
 
@@ -236,10 +237,14 @@ class Plate(_Picture):
     def _channels(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
         return picture_channels(file, channels, warn)
 
-    def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None) -> list[Array]:
-        """Return the scene-linear pixels of each view, (H, W, 4) float32, black beyond the plate.
+    def read(
+        self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None,
+        spaces: ColorSpaces = USUAL_SPACES,
+    ) -> list[Array]:  # fmt: skip
+        """Return the pixels of each view in the working space, (H, W, 4) float32, black beyond the plate.
 
-        `frame`, `views`, `size`, `warn` and `box`, and what is raised, are as for `Holdout.read`.
+        `frame`, `views`, `size`, `warn` and `box`, and what is raised, are as for `Holdout.read`. `spaces` are the
+        working space and that of files which name none. Given pixels are in the working space.
         """
         if isinstance(self.file, np.ndarray):
             plates = _arrays(self.file, 3, views, "the plate", "(H, W, 3) or (H, W, 4)")
@@ -249,23 +254,25 @@ class Plate(_Picture):
         for file, view in image_files(self.file, frame, views):
             channels = self._channels(file, file.channels_of(view, views), warn)
             factor = _factor(file, file.size, size)
-            file.warn_of_primaries(channels[0].part, warn)
             pixels = file.pixels(channels, 0.0, _finer(box, size, factor))
             if is_encoded(channels[0].kind, len(channels)):
-                pixels[..., :3] = srgb_decoded(pixels[..., :3])
-            result.append(_shrunk(pixels, factor))
+                pixels[..., :3], space = srgb_decoded(pixels[..., :3]), REC709
+            else:
+                space = file.color_space(channels[0].part, spaces.untagged, warn)
+            result.append(_shrunk(converted(pixels, space, spaces.working), factor))
         return result
 
     def read_whole(
-        self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None
-    ) -> list[Array]:
+        self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None,
+        spaces: ColorSpaces = USUAL_SPACES,
+    ) -> list[Array]:  # fmt: skip
         """Return what `read` returns; for a truncated file nothing, with a warning, since beams do not depend on it.
 
-        `frame`, `views`, `size`, `warn` and `box` are as for `Holdout.read`.
+        `frame`, `views`, `size`, `warn`, `box` and `spaces` are as for `read`.
         """
         self.check(frame, views, size)
         try:
-            return self.read(frame, views, size, warn, box)
+            return self.read(frame, views, size, warn, box, spaces)
         except SceneError as error:
             warn(f"{error}; rgba is what it is without a plate")
             return []

@@ -23,6 +23,7 @@ from scipy.ndimage import map_coordinates, uniform_filter
 
 from ..runtime.files import write_bytes
 from ..scene import Array, SceneError
+from .color_spaces import COLOR_SPACE, REC709
 from .tiles import exr_parts
 from .writing import encoded_parts, png_of
 
@@ -252,8 +253,10 @@ class FilmFrame:
             write_bytes(path, encoded_parts(path, [self._part(each) for each in self.parts]))
             return
         eyes = [view.layers["rgba"] for view in self.views.values()]
-        ratio = self.parts[0].header["pixelAspectRatio"]
-        write_bytes(path, png_of(*eyes, exposure=exposure, pixel_aspect=ratio))
+        header = self.parts[0].header
+        space = str(header.get(COLOR_SPACE, REC709))
+        picture = png_of(*eyes, exposure=exposure, pixel_aspect=header["pixelAspectRatio"], space=space)
+        write_bytes(path, picture)
 
     def _part(self, part: OpenEXR.Part) -> OpenEXR.Part:
         """Return a part with the present pixels of its layer."""

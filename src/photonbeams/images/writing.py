@@ -16,6 +16,7 @@ import OpenEXR
 from ..constants import CRYPTO, DEPTH_LAYER, is_number
 from ..runtime.files import PathLike, write_bytes
 from ..scene import Array, SceneError
+from .color_spaces import COLOR_SPACE, REC709, USUAL_SPACES, converted
 from .display import dithered, srgb_encoded, tone_mapped
 from .files import reason
 
@@ -26,11 +27,9 @@ LOG = logging.getLogger("photonbeams")
 
 HALF_MAX = 65504.0  # the largest finite half
 HALF_MIN = 2.0**-24  # the smallest half above 0
-REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: the `chromaticities` of EXR
 # Names of the channels of layers that have no colours.
 _AXES = {"normal": "XYZ", "position": "XYZ", "motion": "uv"}
-# The attribute that OpenImageIO reads, whose values are the names of OpenColorIO's configurations.
-_COLOR_SPACE, _CRYPTO_HEADER = "oiio:ColorSpace", "cryptomatte/"
+_CRYPTO_HEADER = "cryptomatte/"
 # Attributes of a frame that must be the same in all parts of an EXR.
 SHARED = ("displayWindow", "pixelAspectRatio", "chromaticities")
 _PNG_UNIT = 10_000  # pixels in the unit of length in which a PNG gives the shape of its pixels
@@ -46,7 +45,7 @@ def encoded_exr(path: PathLike, views: Views, *, single_part: bool = False) -> m
     Metadata are header attributes for every part: str, int, float, `Fraction` (framesPerSecond), lists of str, and (2,)
     and (4, 4) arrays. The matrices worldToCamera and worldToNDC are for row vectors, as in Imath and USD. For a cropped
     frame, or one with overscan, `dataWindow` and `displayWindow` are (x0, y0, x1, y1), the last pixel included.
-    Chromaticities are Rec. 709 unless given.
+    Chromaticities and colour space are linear Rec. 709 unless given.
 
     Parameters
     ----------
@@ -73,7 +72,7 @@ def encoded_exr(path: PathLike, views: Views, *, single_part: bool = False) -> m
     two forms.
     """
     views = {
-        view: (seen, {"chromaticities": REC709, **about, **({"view": view} if view else {})})
+        view: (seen, {**USUAL_SPACES.header, **about, **({"view": view} if view else {})})
         for view, (seen, about) in views.items()
     }
     _check_views(path, views)
@@ -116,14 +115,15 @@ def _separate(channels: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def part_metadata(about: Metadata, layer: str) -> dict[str, Any]:
-    """Return the metadata of a layer's part: the long manifests of cryptomattes only where readers look for them."""
-    result = {
+    """Return the metadata of a layer's part: only layers of colours have a colour space.
+
+    The long manifests of cryptomattes are only where readers look for them.
+    """
+    return {
         key: value for key, value in about.items()
-        if not key.startswith(_CRYPTO_HEADER) or layer == "rgba" or layer.startswith(CRYPTO)
+        if (not key.startswith(_CRYPTO_HEADER) or layer == "rgba" or layer.startswith(CRYPTO))
+        and not (key == COLOR_SPACE and is_number(layer))
     }  # fmt: skip
-    if not is_number(layer) and tuple(about["chromaticities"]) == REC709:
-        result.setdefault(_COLOR_SPACE, "lin_rec709_scene")
-    return result
 
 
 def encoded_parts(path: PathLike, parts: list[OpenEXR.Part]) -> memoryview:
@@ -231,7 +231,7 @@ def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0, pixel_aspect:
     write_bytes(path, png_of(*eyes, exposure=exposure, pixel_aspect=pixel_aspect))
 
 
-def png_of(*eyes: Array, exposure: float = 0.0, pixel_aspect: float = 1.0) -> bytes:
+def png_of(*eyes: Array, exposure: float = 0.0, pixel_aspect: float = 1.0, space: str = REC709) -> bytes:
     """Return scene-linear colours (H, W, 3 or 4), premultiplied, as an opaque 8-bit sRGB picture over black, a PNG.
 
     Several eyes are shown side by side, the first on the left; each has the bits that it would have alone.
@@ -244,6 +244,8 @@ def png_of(*eyes: Array, exposure: float = 0.0, pixel_aspect: float = 1.0) -> by
         In stops: the colours are multiplied by 2^exposure.
     pixel_aspect
         Width of a pixel over its height.
+    space
+        The linear colour space of the eyes.
 
     Raises
     ------
@@ -257,7 +259,8 @@ def png_of(*eyes: Array, exposure: float = 0.0, pixel_aspect: float = 1.0) -> by
     heights = [np.shape(eye)[0] for eye in eyes]
     if len(set(heights)) != 1:
         raise ValueError(f"while encoding a picture, got eyes {heights} pixels high: expected one height")
-    picture = np.hstack([dithered(srgb_encoded(tone_mapped(np.asarray(eye)[..., :3], exposure))) for eye in eyes])
+    shown = [converted(np.asarray(eye)[..., :3], space) for eye in eyes]
+    picture = np.hstack([dithered(srgb_encoded(tone_mapped(each, exposure))) for each in shown])
     height, width, _ = picture.shape
     rows = np.diff(picture, axis=1, prepend=np.uint8(0)).reshape(height, -1)  # filter 1, "Sub", modulo 256
     data = zlib.compress(np.insert(rows, 0, 1, axis=1).tobytes())

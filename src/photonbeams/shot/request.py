@@ -117,12 +117,12 @@ def prepare(
     window, grown = subject.windows(viewpoint, request)
     size, holdout, over = (window.width, window.height), request.holdout, request.over
     depths = [] if holdout is None else holdout.read(number, names, size, warn, grown.crop)
-    pixels = [] if over is None else over.read_whole(number, names, size, warn, window.crop)
+    pixels = [] if over is None else over.read_whole(number, names, size, warn, window.crop, subject.spaces)
     content = subject.content(viewpoint, request, grown, names)
     chosen = request.settings
     if chosen.program is None:
         chosen = replace(chosen, program=content.program)
-    facts = {"seed": chosen.seed, **window.header(), **_mattes(content, chosen)}
+    facts = {"seed": chosen.seed, **subject.spaces.header, **window.header(), **_mattes(content, chosen)}
     headers = {
         name: {**({} if view is None else view.header()), **about, **facts}
         for name, view, about in zip(names, content.views, content.headers, strict=True)

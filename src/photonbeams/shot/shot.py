@@ -137,7 +137,8 @@ class Shot:
         beams: Mapping[str, scene.BeamSettings] | None = None, session_layers: PathLike | Iterable[PathLike] = (),
         overrides: str | Iterable[str] = (), strict: bool = False, texture_limit: int | None = None,
         variants: str | Iterable[str] = (), mask: str | Iterable[str] | None = None,
-        purposes: str | Iterable[str] | None = None, complexity: str | None = None,
+        purposes: str | Iterable[str] | None = None, complexity: str | None = None, working_space: str | None = None,
+        color_space: str | None = None,
     ) -> Shot:  # fmt: skip
         """Open a USD stage, or a Mitsuba scene.
 
@@ -163,6 +164,9 @@ class Shot:
             For a stage: the purposes that are rendered beside "default"; None: "render". How finely subdivision
             surfaces are refined, "low", "medium", "high" or "veryhigh"; None: "high" for meshes that author a
             subdivision scheme or creases, none for others.
+        working_space, color_space
+            For a stage: the linear colour space in which light is computed, such as "ACEScg"; None: that of the stage's
+            render settings, or linear Rec. 709. And the space of colours and images that name none.
 
         Raises
         ------
@@ -175,7 +179,7 @@ class Shot:
         if Path(path).suffix.lower() == ".xml":
             refuse(
                 FOR_STAGES, medium=medium, simulate=simulate, emit=emit, strict=strict, variants=variants, mask=mask,
-                purposes=purposes, complexity=complexity,
+                purposes=purposes, complexity=complexity, working_space=working_space, color_space=color_space,
             )  # fmt: skip
             from .scene_subject import SceneSubject, overridden
 
@@ -186,7 +190,7 @@ class Shot:
             raise scene.SceneError(f"texture_limit is {texture_limit}: expected at least 1 pixel")
         selection = stages.Selection.of(mask, purposes, variants, complexity)
         layers = several(session_layers), several(overrides)
-        stage = stages.open_stage(path, *layers, Warnings(strict), texture_limit, selection)
+        stage = stages.open_stage(path, *layers, Warnings(strict), texture_limit, selection, working_space, color_space)
         shot = cls(stage, camera, medium, stereo, simulate, emit, looks, strict)
         shot.cameras()  # so that a wrong name is an error now, not after a long read
         return shot

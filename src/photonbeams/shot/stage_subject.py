@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import scene
+from ..images.color_spaces import ColorSpaces
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..usd import stage as stages
@@ -16,6 +17,7 @@ from ..usd.authoring.beams import write_beams
 from ..usd.authoring.editing import Extent, extent_of
 from ..usd.cameras.camera import read_shutter
 from ..usd.cameras.stereo import read_eyes
+from ..usd.common.color_spaces import spaces_of
 from ..usd.common.motion import Exposure
 from ..usd.common.reading import file_of, frame_number
 from ..usd.groups import groups_at_all_times, makers_at_all_times
@@ -215,6 +217,11 @@ class StageSubject(DescribedSubject):
     def _check_frame(self, frame: float | None) -> None:
         if frame is not None and not self.time(frame).IsDefault():
             check_frames(self.stage, [self.number(frame)])
+
+    @property
+    def spaces(self) -> ColorSpaces:
+        """Those of the stage: see `spaces_of`."""
+        return spaces_of(self.stage)
 
     def _header(self, frame: float | None, duration: float) -> dict[str, Any]:
         return header(self.stage, self.time(frame), duration)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from ..images.color_spaces import USUAL_SPACES, ColorSpaces
 from ..runtime.files import PathLike
 from ..scene import MOST_PIXELS, SceneError, real, whole
 from ..usd.authoring.beams import write_beams
@@ -63,6 +64,11 @@ class Subject(ABC):
 
     name: str  # the beginning of messages about the whole
     warnings: Warnings  # about it so far
+
+    @property
+    def spaces(self) -> ColorSpaces:
+        """The colour space in which light is computed, and that of files which name none."""
+        return USUAL_SPACES
 
     @abstractmethod
     def check_viewpoint(self, viewpoint: Viewpoint) -> None:

@@ -34,10 +34,10 @@ def encoded(
     """
     layer = layer if layer in picture.layers else "rgba"
     if picture.views and eye in (ANAGLYPH, BESIDE):
-        both = [_viewed(picture.views[each][layer], display, exposure) for each in EYES]
+        both = [_viewed(picture.views[each][layer], display, exposure, picture.space) for each in EYES]
         shown = anaglyph(*both) if eye == ANAGLYPH else beside(*both)
     else:
-        shown = _viewed(picture.views.get(eye, picture.layers)[layer], display, exposure)
+        shown = _viewed(picture.views.get(eye, picture.layers)[layer], display, exposure, picture.space)
     data, kind = BytesIO(), "png" if picture.is_finished else "jpeg"  # what is replaced soon may have losses
     options: dict[str, int] = {"compress_level": 1} if picture.is_finished else {"quality": 92, "subsampling": 0}
     Image.fromarray(shown).save(data, kind, **options)
@@ -62,11 +62,11 @@ def beside(left: Array, right: Array) -> Array:
     return result
 
 
-def _viewed(pixels: Array, display: str, exposure: float) -> Array:
+def _viewed(pixels: Array, display: str, exposure: float, space: str) -> Array:
     """Return a layer as a screen shows it, (H, W, 3) of 8 bits."""
     if pixels.ndim == 2 or pixels.shape[2] == 1:
         pixels = pixels.reshape(*pixels.shape[:2], 1).repeat(3, axis=2)
-    return viewed(pixels, display, exposure)
+    return viewed(pixels, display, exposure, space)
 
 
 def thumbnail_of(preset: Preset) -> bytes:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from ..images.color_spaces import REC709
 from ..scene import Array, SceneError, whole
 from ..usd.cameras.stereo import Stereo
 
@@ -100,6 +101,8 @@ class Picture:
         Whether it is the quick first picture after an edit, of few pixels and few light paths.
     frame
         The frame number that it shows, as in its view.
+    space
+        The linear colour space of the layers.
 
     Examples
     --------
@@ -121,6 +124,7 @@ class Picture:
     views: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
     is_first: bool = False
     frame: float | None = None
+    space: str = REC709
 
     @property
     def is_finished(self) -> bool:

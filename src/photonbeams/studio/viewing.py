@@ -156,7 +156,9 @@ class LivePictures:
             views = {name: layers for name, (layers, _) in made.views.items()}
             whole = chain.whole_of({"": made.layers, **views}, ready.window, view.area)
             layers, statistics = whole.pop(""), frame.statistics
-            yield Picture(version, layers, done, view.passes, scale, statistics, whole, first, view.frame)
+            yield Picture(
+                version, layers, done, view.passes, scale, statistics, whole, first, view.frame, made.color_space
+            )
 
     def _development(self, ready: Prepared, chain: _Chain, number: int, view: SessionView) -> Development:
         """Return how the passes up to `number` become a picture."""

@@ -14,11 +14,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ..images.color_spaces import working_space as working_space_of
 from ..runtime.digest import digest
 from ..scene import Array, Camera, Scene, SceneError, real, shown
 from .authoring.editing import override
 from .cameras.camera import list_cameras, read_camera
 from .common import blender
+from .common.color_spaces import spaces_of
 from .common.openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel, UsdUtils, text_of
 from .common.reading import prims_under, quiet, varying_attributes
 from .common.selection import EVERYTHING, Selection, keep
@@ -56,6 +58,8 @@ def open_stage(
     warnings: Warnings | None = None,
     texture_limit: int | None = None,
     selection: Selection = EVERYTHING,
+    working_space: str | None = None,
+    color_space: str | None = None,
 ) -> Usd.Stage:
     """Open a stage, with stronger layers and values on top of it.
 
@@ -76,6 +80,11 @@ def open_stage(
         Pixels a side beyond which textures are scaled down; None: 4096.
     selection
         What of the stage is rendered.
+    working_space
+        The linear colour space in which light is computed, by any of its names; None: that of the stage's render
+        settings, or linear Rec. 709.
+    color_space
+        The linear colour space of colours and images that name none; None: linear Rec. 709.
 
     Raises
     ------
@@ -90,7 +99,10 @@ def open_stage(
         try:
             session = Sdf.Layer.CreateAnonymous("session.usda")
             session.subLayerPaths = [_layer(str(each)).identifier for each in session_layers]
-            keep(session, textureLimit=texture_limit)
+            keep(
+                session, textureLimit=texture_limit, workingSpace=_linear_space("working space", working_space),
+                colorSpace=_linear_space("colour space", color_space),
+            )  # fmt: skip
             kept = ready_layers(layer, session, warnings)
             stage = selection.open(layer, session)
             del kept  # the stage keeps those that it needs
@@ -104,6 +116,14 @@ def open_stage(
     for each in overrides:
         override(stage, each)
     return stage
+
+
+def _linear_space(what: str, name: str | None) -> str | None:
+    """Return the name of a linear colour space, by which it is kept; SceneError for another one."""
+    try:
+        return None if name is None else working_space_of(name)
+    except SceneError as error:
+        raise SceneError(f"the {what} {error}") from None
 
 
 def check_stage(stage: object) -> None:
@@ -240,7 +260,7 @@ def stage_digest(stage: Usd.Stage) -> str:
     """Return a hash of the composed stage, including its session layer, and of the files that it names."""
     layer = stage.Flatten(addSourceFileComment=False)
     UsdUtils.ModifyAssetPaths(layer, cache(_file_digest))
-    return digest(layer.ExportToString(), texture_limit_of(stage))
+    return digest(layer.ExportToString(), texture_limit_of(stage), repr(spaces_of(stage)))
 
 
 def _file_digest(name: str) -> str:

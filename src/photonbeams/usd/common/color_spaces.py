@@ -1,70 +1,86 @@
-"""Colour spaces, by their names in USD, MaterialX, Arnold and the configurations of OpenColorIO."""
+"""Colour spaces of a stage: the one in which light is computed, and those in which values and images are given."""
 
 from __future__ import annotations
 
-import re
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from ...scene import Array
-from .openusd import Gf, Usd
+from ...images.color_spaces import REC709, ColorSpaces, converted, named, plain, working_space
+from ...scene import Array, SceneError
+from .openusd import Gf, Sdf, Usd, UsdRender
+from .selection import kept
 
 AUTO, RAW = "auto", "raw"
+#: Without a curve, in the space of colours that name none.
+LINEAR = "linear"
 SRGB = "srgb_rec709_scene"
-_LINEAR = "lin_rec709_scene"
 
-# The keys are names in lower case, without blanks, dashes, dots and underscores.
-_NAMES = {
+_WORDS = {
     **dict.fromkeys(("", "auto", "usemetadata"), AUTO),
     **dict.fromkeys(("raw", "none", "data", "noncolor", "identity", "utilityraw", "unknown"), RAW),
-    **dict.fromkeys(("srgb", "srgbtexture", "srgbtx", "utilitysrgbtexture", "srgbencodedrec709srgb"), SRGB),
-    **dict.fromkeys(("linear", "scenelinear", "linsrgb", "linearsrgb", "utilitylinearsrgb"), _LINEAR),
-    **dict.fromkeys(("linrec709", "linearrec709", "linearrec709srgb"), _LINEAR),
-    **dict.fromkeys(("acescg", "linap1", "acesacescg"), "lin_ap1_scene"),
-    **dict.fromkeys(("aces", "aces20651", "linap0", "acesaces20651"), "lin_ap0_scene"),
-    **dict.fromkeys(("linrec2020", "linearrec2020"), "lin_rec2020_scene"),
-    **dict.fromkeys(("lindisplayp3", "linp3d65", "linearp3d65"), "lin_p3d65_scene"),
-    **dict.fromkeys(("srgbdisplayp3", "srgbp3d65"), "srgb_p3d65_scene"),
-    **dict.fromkeys(("adobergb", "g22adobergb"), "g22_adobergb_scene"),
-    **dict.fromkeys(("gamma18", "g18rec709"), "g18_rec709_scene"),
-    **dict.fromkeys(("gamma22", "g22rec709"), "g22_rec709_scene"),
-    **dict.fromkeys(("gamma24", "g24rec709"), "g24_rec709_scene"),
-    "linadobergb": "lin_adobergb_scene",
-    "g22ap1": "g22_ap1_scene",
-    "srgbap1": "srgb_ap1_scene",
+    **dict.fromkeys(("linear", "scenelinear"), LINEAR),
+    **dict.fromkeys(("gamma24", "g24rec709", "g24rec709scene"), "g24_rec709_scene"),  # as OpenUSD calls it
 }
 
 
+def spaces_of(stage: Usd.Stage, warn: Callable[[Usd.Prim, str, str], None] | None = None) -> ColorSpaces:
+    """Return the spaces of the user, which are kept in a stage's session layer, or else of its render settings."""
+    untagged = kept(stage, "colorSpace") or REC709
+    if working := kept(stage, "workingSpace"):
+        return ColorSpaces(working, untagged)
+    attribute = rendering_space(stage)
+    if attribute is None:
+        return ColorSpaces(untagged=untagged)
+    try:
+        return ColorSpaces(working_space(str(attribute.Get())), untagged)
+    except SceneError as error:
+        if warn:
+            warn(attribute.GetPrim(), f"{error}; linear Rec. 709 is used", attribute.GetName())
+        return ColorSpaces(untagged=untagged)
+
+
+def rendering_space(stage: Usd.Stage) -> Usd.Attribute | None:
+    """Return the attribute of the render settings in use that names the working space, if it has a value."""
+    path = kept(stage, "renderSettings")
+    own = UsdRender.Settings.GetStageRenderSettings(stage)
+    settings = own if path is None else UsdRender.Settings(stage.GetPrimAtPath(Sdf.Path(path)))
+    attribute = settings.GetRenderingColorSpaceAttr() if settings else None
+    return attribute if attribute and attribute.Get() else None
+
+
+def source_space(attribute: Usd.Attribute) -> str:
+    """Return the name of the space that an attribute, its prim or a prim above names; "" if none does."""
+    if attribute.HasColorSpace():
+        return str(attribute.GetColorSpace())
+    return str(Usd.ColorSpaceAPI.ComputeColorSpaceName(attribute, None))
+
+
 def color_space(name: str) -> str | None:
-    """Return OpenUSD's name of a colour space, or AUTO or RAW; None if the name is not known."""
-    plain = re.sub("[^a-z0-9]", "", name.lower())
-    if plain in _NAMES:
-        return _NAMES[plain]
-    return name if Gf.ColorSpace.IsValid(name) else None
+    """Return OpenUSD's or OpenColorIO's name of a colour space, or AUTO, RAW or LINEAR; None if it is not known."""
+    return _WORDS.get(plain(name)) or named(name) or (name if Gf.ColorSpace.IsValid(name) else None)
 
 
-def in_working_space(value: Array, attribute: Usd.Attribute) -> Array:
-    """Return a constant (C,), its colour converted to scene-linear Rec.709 if the attribute names another space."""
-    if value.size < 3 or not attribute.HasColorSpace():
-        return value
-    space = color_space(str(attribute.GetColorSpace()))
-    if space in (None, AUTO, RAW):
-        return value
-    return np.concatenate([to_linear(value[:3], str(space)), value[3:]])
-
-
-def to_linear(colors: Array, space: str) -> Array:
-    """Convert colours (…, 3) from one of OpenUSD's colour spaces to scene-linear Rec.709."""
-    if space in (AUTO, RAW, _LINEAR):
+def to_working(colors: Any, space: str, spaces: ColorSpaces) -> Any:
+    """Convert colours (…, 3) from a space that `color_space` returned to the working space."""
+    space = spaces.untagged if space in (AUTO, LINEAR) else space
+    if space in (RAW, spaces.working):
         return colors
-    known = Gf.ColorSpace(space)
-    threshold, slope = known.GetTransferFunctionParams()
-    gamma, bias = known.GetGamma(), known.GetLinearBias()
-    light = np.asarray(colors, dtype=np.float64)
-    if gamma != 1:
-        curved = ((np.maximum(light, 0) + bias) / (1 + bias)) ** gamma
-        light = np.where(light <= threshold, light / slope, curved)
-    working = Gf.ColorSpace(_LINEAR)
+    if not (Gf.ColorSpace.IsValid(space) and Gf.ColorSpace.IsValid(spaces.working)):
+        return converted(colors, space, spaces.working)
+    known, working = Gf.ColorSpace(space), Gf.ColorSpace(spaces.working)
+    light = _decoded(np.asarray(colors, dtype=np.float64), known)
     # Every transfer function keeps black and white, so the converted primaries are the columns of the matrix.
     columns = [working.Convert(known, Gf.Vec3f(*axis)).GetRGB() for axis in np.eye(3).tolist()]
     return light @ np.array(columns, dtype=np.float64)
+
+
+def _decoded(colors: Array, space: Gf.ColorSpace) -> Array:
+    """Return colours without the curve of their space."""
+    threshold, slope = space.GetTransferFunctionParams()
+    gamma, bias = space.GetGamma(), space.GetLinearBias()
+    if gamma == 1:
+        return colors
+    curved = ((np.maximum(colors, 0) + bias) / (1 + bias)) ** gamma
+    return np.where(colors <= threshold, colors / slope, curved)

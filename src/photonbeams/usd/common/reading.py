@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ...scene import FARTHEST, Array, Color, Mesh, SceneError, color, number
 from ...scene.checks import shown
-from .color_spaces import in_working_space
+from .color_spaces import RAW, color_space, source_space, spaces_of, to_working
 from .openusd import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 from .selection import rendered_purposes
 from .warnings import LOG, Warnings
@@ -88,6 +88,7 @@ class Reading:
         self.time = _time_code(self.time)
         self.base = self.time if self.base is None else _time_code(self.base)
         self.xforms = UsdGeom.XformCache(self.time)
+        self.spaces = spaces_of(self.stage, self.warn)
 
     def place(self, prim: Usd.Prim, name: str = "") -> str:
         """Return "file: /prim.attribute", the beginning of messages."""
@@ -192,7 +193,7 @@ class Reading:
         return nearest
 
     def color(self, prim: Usd.Prim, name: str, default: object) -> Color:
-        """Return a colour in scene-linear Rec.709, checked to be finite and not negative."""
+        """Return a colour in the working space, checked to be finite and not negative."""
         value = self.value(prim, name, default)
         try:
             numbers = np.asarray(value, dtype=float)
@@ -200,17 +201,36 @@ class Reading:
             numbers = np.empty(0)
         if numbers.shape not in ((), (3,)):
             raise self.fail(prim, name, f"is {shown(value)}: expected a colour")
-        return color(self._converted(prim, name, numbers), self.place(prim, name))
-
-    def _converted(self, prim: Usd.Prim, name: str, numbers: Array) -> Array:
-        """Return a colour, converted from the space that its attribute names."""
         attribute = prim.GetAttribute(name)
-        result = in_working_space(numbers, attribute) if attribute else numbers
-        if result is numbers:
+        return color(self._positive(attribute, numbers) if attribute else numbers, self.place(prim, name))
+
+    def in_working_space(self, attribute: Usd.Attribute, values: Array) -> Array:
+        """Return an attribute's numbers (C,) or (N, C), their colours converted to the working space.
+
+        Colours are numbers whose attribute names a colour space, or whose type is that of colours.
+        """
+        is_color = attribute.HasColorSpace() or attribute.GetRoleName() == "Color"
+        if not is_color or not values.ndim or values.shape[-1] < 3:
+            return values
+        name = source_space(attribute)
+        space = color_space(name)
+        if space is None:
+            text = f"has the colour space '{name}', which neither OpenUSD nor OpenColorIO knows: it is linear Rec. 709"
+            self.warn(attribute.GetPrim(), text, attribute.GetName())
+        colors = values[..., :3]
+        result = to_working(colors, space or RAW, self.spaces)
+        return values if result is colors else np.concatenate([result, values[..., 3:]], axis=-1)
+
+    def _positive(self, attribute: Usd.Attribute, values: Array) -> Array:
+        """Return colours in the working space; those that were not negative in their own are not there either."""
+        result = self.in_working_space(attribute, values)
+        if result is values or np.any(values < 0):
             return result
         if np.any(result < -1e-5):
-            text = f"is ({', '.join(f'{each:.3g}' for each in result)}) in Rec. 709: numbers below 0 count as 0"
-            self.warn(prim, text, name)
+            worst = np.atleast_2d(result)[int(np.argmin(np.atleast_2d(result).min(axis=1)))]
+            numbers = ", ".join(f"{each:.3g}" for each in worst)
+            text = f"is ({numbers}) in {self.spaces.working}: numbers below 0 count as 0"
+            self.warn(attribute.GetPrim(), text, attribute.GetName())
         return np.maximum(result, 0)
 
     def flag(self, prim: Usd.Prim, name: str, default: bool) -> bool:
@@ -239,7 +259,8 @@ class Reading:
         if not finite.all():
             index = int(np.argmin(finite))
             raise self.fail(prim, f"{name}[{index}]", f"is {raw[index]}: expected finite numbers")
-        return numbers
+        attribute = prim.GetAttribute(name)
+        return self._positive(attribute, numbers) if attribute else numbers
 
     def vector(self, prim: Usd.Prim, name: str, default: tuple[float, ...]) -> tuple[float, ...]:
         """Return as many numbers as `default` has; they need not be finite."""

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ...images.color_spaces import REC709, ColorSpaces
+from ...images.display import is_encoded
 from ...images.textures import TEXTURE_LIMIT, Decoded, decoded, linear
 from ...runtime.files import temporary_folder, write_bytes
 from ...runtime.inputs import check_size, content, why_unreadable
 from ...scene import Array, SceneError, rgb
-from .color_spaces import AUTO, RAW, SRGB, color_space, to_linear
+from .color_spaces import AUTO, LINEAR, SRGB, color_space, to_working
 from .openusd import Ar, Sdf, Usd
 from .reading import Reading
 from .selection import kept
@@ -80,7 +82,7 @@ def image_at(
     if key not in reading.cache:
         problem = why_unreadable(Ar.SplitPackageRelativePathOuter(path)[0])
         written = None if problem else stamp(path)
-        found = Decoded(None, error=problem) if written is None else _image(path, written, space, most)
+        found = Decoded(None, error=problem) if written is None else _image(path, written, space, most, reading.spaces)
         if found.pixels is None:
             return None, f"names {path}: expected an image that can be read ({found.error})"
         if not np.all(np.isfinite(found.pixels)):
@@ -127,9 +129,9 @@ def stamp(path: str) -> tuple[int, int]:
 
 # A shutter is read at many times: images are decoded once, and are then the same objects.
 @lru_cache(maxsize=64)
-def _image(path: str, _stamp: tuple[int, int], space: str, limit: int) -> Decoded:
-    """Return a file's image, scene-linear, or the decoder's error."""
-    linearize = partial(_linear, space=space)
+def _image(path: str, _stamp: tuple[int, int], space: str, limit: int, spaces: ColorSpaces) -> Decoded:
+    """Return a file's image in the working space, or the decoder's error."""
+    linearize = partial(_linear, space=space, spaces=spaces)
     if not Ar.IsPackageRelativePath(path):
         return decoded(path, linearize, limit)
     # OpenImageIO reads only files, so images in a .usdz are unpacked for it.
@@ -143,11 +145,17 @@ def _image(path: str, _stamp: tuple[int, int], space: str, limit: int) -> Decode
         return decoded(str(file), linearize, limit)
 
 
-def _linear(pixels: Array, kind: str, space: str) -> Array:
-    """Convert stored pixels from a colour space to scene-linear Rec.709."""
-    if space in (AUTO, RAW, SRGB):
-        return linear(pixels, kind, "sRGB" if space == SRGB else space)
-    colors = to_linear(rgb(pixels), space).astype(np.float32)
+def _linear(pixels: Array, kind: str, space: str, spaces: ColorSpaces) -> Array:
+    """Convert stored pixels from a colour space to the working space."""
+    if space == AUTO:
+        space = SRGB if is_encoded(kind, pixels.shape[2]) else LINEAR
+    if space == SRGB:
+        pixels, space = linear(pixels, kind, "sRGB"), REC709
+    given = rgb(pixels)
+    found = to_working(given, space, spaces)
+    if found is given:
+        return pixels
+    colors = found.astype(np.float32)
     return np.concatenate([colors, pixels[..., -1:]], axis=2) if pixels.shape[2] in (2, 4) else colors
 
 

@@ -66,6 +66,7 @@ def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, column
     """
     name = str(primvar.GetName())
     numbers = _numbers(reading, prim, name, primvar.Get(reading.time), columns, primvar.GetElementSize())
+    numbers = None if numbers is None else reading.in_working_space(primvar.GetAttr(), numbers)
     if numbers is not None and primvar.IsIndexed():
         indices = np.asarray(primvar.GetIndices(reading.time) or (), dtype=np.int64)
         wrong = indices[(indices < 0) | (indices >= len(numbers))]

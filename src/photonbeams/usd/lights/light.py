@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ...images.color_spaces import REC709
 from ...scene import (
     Array,
     Color,
@@ -30,6 +31,7 @@ from ...scene import (
 )
 from ...scene.vectors import ellipse_perimeter, ellipsoid_area, unit
 from ..common import blender
+from ..common.color_spaces import to_working
 from ..common.openusd import Usd, UsdGeom, UsdLux
 from ..common.reading import Reading
 from ..common.textures import read_image
@@ -123,7 +125,7 @@ def _value(reading: Reading, prim: Usd.Prim) -> Array:
     if reading.flag(prim, "inputs:enableColorTemperature", False):
         kelvin = reading.clipped(prim, "inputs:colorTemperature", _WHITE_KELVIN, _COLDEST, _HOTTEST)
         black_body, white = (np.array(UsdLux.BlackbodyTemperatureAsRgb(k)) for k in (kelvin, _WHITE_KELVIN))
-        result = result * black_body / white
+        result = result * np.maximum(to_working(black_body / white, REC709, reading.spaces), 0)
     return np.asarray(result)
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ...scene import Array
-from ..common.color_spaces import in_working_space
 from ..common.openusd import Sdf, Usd, UsdShade
 from ..common.reading import Reading
 from .values import Value, as_color, as_number, channels, combinable, mapped
@@ -108,7 +107,12 @@ class Network:
             if value is not None:
                 self.lose(node, f"is not {len(default)} finite numbers: {default} is used", name)
             return np.array(default, dtype=np.float64)
-        return np.broadcast_to(value, (len(default),))
+        return self.colors(node, name, np.broadcast_to(value, (len(default),)))
+
+    def colors(self, node: UsdShade.Shader, name: str, values: Array) -> Array:
+        """Return numbers (C,) or (N, C) of an input, colours in the working space."""
+        attribute = self.source(node, name)
+        return values if attribute is None else self.reading.in_working_space(attribute, values)
 
     def source(self, node: UsdShade.Shader, name: str) -> Usd.Attribute | None:
         """Return the attribute that gives an input its value: an output, or the attribute of an authored constant."""
@@ -139,7 +143,7 @@ class Network:
         if not np.all(np.isfinite(found)):
             self.lose(UsdShade.Shader(attribute.GetPrim()), "is not finite: the default is used", name)
             return None
-        return in_working_space(found, attribute)
+        return self.reading.in_working_space(attribute, found)
 
     def knows(self, kind: str) -> bool:
         """Return whether nodes of a category can be read."""

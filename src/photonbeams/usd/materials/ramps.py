@@ -104,6 +104,7 @@ def _knots(
     given, colors, joined = (network.plain(node, name) for name in names)
     values = np.asarray([0.0, 1.0] if colors is None else colors, dtype=np.float64)
     values = values.reshape(len(values), -1) if values.ndim else values.reshape(1, 1)
+    values = network.colors(node, names[1], values)
     even = np.linspace(0, 1, len(values)) if len(values) > 1 else np.zeros(1)
     positions = even if given is None else np.atleast_1d(np.asarray(given, dtype=np.float64))
     joins = [LINEAR] if joined is None else [joined] if isinstance(joined, str | int) else list(joined)

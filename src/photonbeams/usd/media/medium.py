@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ...images.color_spaces import REC709, ColorSpaces
 from ...scene import Array, Color, DensityGrid, FogDensity, FogNoise, Medium, Mesh, SceneError
 from ...scene.checks import shown
 from ...world.media.medium_colors import BRIGHTEST, DARKEST, coefficients
+from ..common.color_spaces import to_working
 from ..common.definitions import MEDIUM, read_attribute
 from ..common.openusd import Usd, UsdGeom, UsdLux, UsdVol
 from ..common.reading import Reading, has_photonbeams
@@ -130,7 +132,7 @@ def _glow(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShad
     field = None if shading.emission is None else field_of(reading, prim, shading.emission.field)
     if shading.emission is None or field is None:
         return None
-    result = _emitted(read_field(reading, prim, field, to_world), shading.emission)
+    result = _emitted(read_field(reading, prim, field, to_world), shading.emission, reading.spaces)
     reading.warn(prim, _UNLIT)
     return result
 
@@ -152,13 +154,14 @@ def _even_glow(reading: Reading, prim: Usd.Prim, shading: VolumeShading) -> Colo
     return tuple(emitted)  # type: ignore[return-value]
 
 
-def _emitted(field: DensityGrid, emission: VolumeEmission) -> DensityGrid:
+def _emitted(field: DensityGrid, emission: VolumeEmission, spaces: ColorSpaces) -> DensityGrid:
     """Return the radiance that a volume emits per scene unit."""
     values = field.values if field.values.ndim == 4 else field.values[..., None]
     if emission.kelvin:
         kelvin = values.mean(axis=-1).astype(np.float64) * emission.kelvin
         known = np.linspace(_COLDEST, _HOTTEST, 181)
-        colors = np.array([UsdLux.BlackbodyTemperatureAsRgb(float(each)) for each in known])
+        found = np.array([UsdLux.BlackbodyTemperatureAsRgb(float(each)) for each in known])
+        colors = np.maximum(to_working(found, REC709, spaces), 0)
         chroma = np.stack([np.interp(kelvin, known, colors[:, each]) for each in range(3)], axis=-1)
         values = chroma * (_RADIANCE * kelvin**4)[..., None]
     return DensityGrid((values * np.array(emission.color)).astype(np.float32), field.to_world)

@@ -152,9 +152,10 @@ class _VolumeNetwork:
             return self._node(UsdShade.Shader(attribute.GetPrim()), default, depth + 1)
         value = attribute.Get(self.reading.time)
         try:
-            return np.asarray(default if value is None else value, dtype=np.float64)
+            found = np.asarray(default if value is None else value, dtype=np.float64)
         except (TypeError, ValueError):
             raise self.reading.fail(attribute.GetPrim(), attribute.GetName(), f"is {value}: expected numbers") from None
+        return self.reading.in_working_space(attribute, found)
 
     def _node(self, node: UsdShade.Shader, default: float, depth: int) -> Array:
         """Evaluate a node: products of constants, primvars and fields; any other node returns its input."""
