@@ -39,8 +39,8 @@ _END, _LEVEL = 0.03, 0.1
 _SEED, _DOUBLINGS = 0x47, 12  # of cut-out surfaces; and how often the number of paths is doubled, at most
 # A gap is resolved by beams up to so many times as wide: stripes behind a blind then have nine tenths of the contrast
 # that far finer beams give, because beams are narrowed behind edges. Stripes that are soft after this part of their way
-# are left out; so many pairs of points of a lamp tell.
-_RESOLVED, _SOFT, _POINTS = 1.1, 0.25, 4
+# are left out, and all of lamps that cover a wider angle, in radians; so many pairs of points of a lamp tell.
+_RESOLVED, _SOFT, _WIDEST, _POINTS = 1.1, 0.5, 0.3, 4
 
 
 class Gap(NamedTuple):
@@ -167,16 +167,13 @@ def _beside(world: World, axes: _Axes) -> tuple[Any, ...]:
     met = hit.is_valid()
     total = dr.select(met, hit.t, world.escape(axes.origin, axes.direction))
     against = dr.select(met, facing(Array3f(hit.n), axes.direction), -axes.direction)
-    begin = dr.select(axes.portal < total, axes.portal, 0)
-    start, end, widest = (
-        axes.origin + begin * axes.direction, axes.origin + total * axes.direction, 2 * axes.radius(total),
-    )  # fmt: skip
-    dr.eval(total, against, begin, start, end, widest)
+    end, widest = axes.origin + total * axes.direction, 2 * axes.radius(total)
+    dr.eval(total, against, end, widest)
 
     lane = dr.arange(UInt32, paths * _SIDES * _STEPS) + dr.opaque(UInt32, 0)
     own, angle = lane // (_SIDES * _STEPS), Float(lane // _STEPS % _SIDES) * (2 * np.pi / _SIDES)
     aside = dr.exp2((Float(lane % _STEPS) - (_STEPS - 1)) / _PER_OCTAVE) * taken(widest, own)
-    axis, ahead, first, last = (taken(each, own) for each in (axes.direction, against, start, end))
+    axis, ahead, first, last = (taken(each, own) for each in (axes.direction, against, axes.origin, end))
     s, t = perpendicular(axis)
     ray: Any = last + aside * (dr.cos(angle) * s + dr.sin(angle) * t) - first
     length = dr.norm(ray)
@@ -187,7 +184,7 @@ def _beside(world: World, axes: _Axes) -> tuple[Any, ...]:
     along, before = dr.dot(to, axis), 1 - _END
     blocked = beside.is_valid() & (beside.t < before * dr.minimum(plane, length))
     blocked &= along < before * dr.norm(last - first)
-    off, along, surface = dr.norm(to - along * axis), along + taken(begin, own), shape_number(beside.shape)
+    off, surface = dr.norm(to - along * axis), shape_number(beside.shape)
     dr.eval(blocked, off, along, surface)
     return total, (paths, _SIDES, _STEPS), blocked, off, along, surface
 
@@ -206,8 +203,9 @@ def _usual(
         return None
     place: Any = axes.origin + to_float(np.where(np.isfinite(gaps.size), gaps.distance, 0)) * axes.direction
     # Stripes are looked at as far behind the gap as the lamp is before it.
-    soft = _SOFT * _angles(stratum, place) * np.minimum(gaps.behind, gaps.distance)
-    fine = fine[(gaps.size > np.maximum(soft, pixel(place.numpy().T)))[fine]]
+    angles = _angles(stratum, place)
+    soft = _SOFT * angles * np.minimum(gaps.behind, gaps.distance)
+    fine = fine[((gaps.size > np.maximum(soft, pixel(place.numpy().T))) & (angles < _WIDEST))[fine]]
     if len(fine) < max(_LEAST * len(gaps.size), 1):
         return None
     need = np.array([_crossing(beams[:, each] / (_RESOLVED * gaps.size[each])) for each in fine])
