@@ -71,9 +71,11 @@ def test_the_command_tells_a_frame_all_frames_and_memory_and_takes_the_flags_of_
     code, out, err = told("info", "--estimate", stage, "--res", 64, 0, "--passes", 2, "--beams", 64, capsys=capsys)
     assert (code, err) == (0, "")
     assert "seen by /Camera, 64 x 36 pixels" in out
-    assert re.search(r"a frame +about [\d.]+ s, from [\d.]+ s to [\d.]+ s: [\d.]+ s and 2 times [\d.e-]+ s", out)
+    assert re.search(r"a frame +about [\d.]+ s, from [\d.]+ s to [\d.]+ s: [\d.]+ s, and 2 passes of [\d.e-]+ s", out)
     assert re.search(r"all +3 frames like the first: about ", out)
     assert re.search(r"memory +[\d.e-]+ GiB a pass", out)
     assert [path.name for path in tmp_path.iterdir()] == ["shot.usda"]
+    many = ("--passes", 8, "--pass-range", "1/4", "-o", tmp_path / "a.checkpoint", "--res", 64, 0, "--beams", 64)
+    assert ", and 2 passes of " in told("info", "--estimate", stage, *many, capsys=capsys)[1]
     code, out, err = told("info", stage, "--passes", 2, capsys=capsys)
     assert (code, err) == (2, "Error: --passes is for renders: expected --estimate, too\n")

@@ -71,7 +71,7 @@ def info(flags: InfoFlags) -> None:
         show_estimate(flags)
         return
     if flags.is_mitsuba:
-        raise typer.BadParameter(f"{flags.scene} is a Mitsuba scene: expected --estimate, which tells what its render costs")
+        raise typer.BadParameter(f"{flags.scene} is a Mitsuba scene: expected --estimate, which tells what it costs")
     for flag in flags.given():
         if flag != "--session-layer":
             raise typer.BadParameter(f"{flag} is for renders: expected --estimate, too")

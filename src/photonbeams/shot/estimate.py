@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -105,6 +105,8 @@ def estimate(
 
     scales = [1.0 if plates else min(1.0, max(_SCALE, _LEAST / max(size)))]
     found = [begun(scales[0])]
+    if chosen.passes < _STEPS:  # too few to tell passes from the compilation of their kernels
+        found = [replace(begun(scales[0]), before=found[0].before)]
     for scale in (1.0, 0.5, 1.0):  # after that of a half it may be known to be faster
         few = found[0].before + _STEPS * _pass_of(found, scale * scale * whole)
         if scale > scales[-1] and few < min(max(_SECONDS, _PART * total(found)), _LONGEST):

@@ -35,9 +35,12 @@ def _rows(job: Job, found: Estimate) -> Iterator[tuple[str, str]]:
     """Yield what is told, with its names."""
     from ...runtime.device import memory
 
-    seconds, within, settings = found.seconds, found.within, job.settings
-    each = f"{spoken(found.once)} and {found.passes:,} times {found.each:.2g} s"
-    most = "at most " if settings.error else ""
+    seconds, within, passes = found.seconds, found.within, found.passes
+    if job.request.passes.part is not None:
+        passes = len(job.request.passes.part.of(passes))
+        seconds = found.once + passes * found.each
+    each = f"{spoken(found.once)}, and {counted(passes, 'pass', 'passes')} of {found.each:.2g} s"
+    most = "at most " if job.settings.error else ""
     yield "a frame", f"{most}about {spoken(seconds)}, {_range(seconds, within)}: {each}"
     frames = job.frames()
     if frames > 1:
