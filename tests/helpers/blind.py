@@ -19,6 +19,7 @@ class Blind:
     count: int = 5
     meters: float = 1.0
     radius: float = 1e-3  # of the lamp, in its distances
+    turned: tuple[float, float, float] = (0.0, 0.0, 0.0)  # all of it, in degrees about its axes
 
     @property
     def _half(self) -> float:
@@ -46,7 +47,8 @@ def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {{
 }}
 def Xform "Room" {{
     double3 xformOp:translate = ({x}, {y}, {z})
-    uniform token[] xformOpOrder = ["xformOp:translate"]
+    float3 xformOp:rotateXYZ = ({", ".join(f"{each:.9g}" for each in self.turned)})
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
     def Mesh "Blind" {{
         int[] faceVertexCounts = [{sizes}]
         int[] faceVertexIndices = [{names}]

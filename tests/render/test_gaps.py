@@ -32,7 +32,8 @@ def opened(tmp_path, blind):
 def test_the_number_that_is_named_resolves_a_blind_and_half_of_it_does_not(tmp_path, caplog, seed, meters):
     random = np.random.default_rng(seed)
     away = random.uniform(1, 4) / meters
-    blind = Blind(random.uniform(0.03, 0.06) * away, away, tuple(random.uniform(-5, 5, 3) / meters), meters=meters)
+    place, turned = tuple(random.uniform(-5, 5, 3) / meters), tuple(random.uniform(-180, 180, 3))
+    blind = Blind(random.uniform(0.03, 0.06) * away, away, place, meters=meters, turned=turned)
     shot = opened(tmp_path, blind)
     (sentence,), _ = said(caplog, shot, passes=2, beams=128)
     assert len(sentence) <= 300

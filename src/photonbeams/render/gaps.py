@@ -15,8 +15,9 @@ from ..world.cameras.cameras import View
 from .light import ShotLight
 from .settings import usual_passes
 
-# Passes of which radii are averaged, at most; and the most beams that are advised.
-_PASSES, _MOST = 1024, 1 << 22
+# Passes of which radii are averaged, at most; the most beams that are advised; and from how many on a portal is,
+# too.
+_PASSES, _MOST, _MANY = 1024, 1 << 22, 100_000
 
 
 def sentences(light: ShotLight) -> Iterator[str]:
@@ -50,10 +51,10 @@ def _sentence(light: ShotLight, gap: Gap) -> str:
     where = f"gaps of {gap.surface}" if gap.surface else f"gaps near {' '.join(f'{each:.3g}' for each in gap.place)}"
     who = f"{where} are {gap.size:.3g} units wide"
     what = f"{who}, but beams of {emitter.name or 'a lamp'} {gap.beam:.3g} there, so that their stripes blur"
+    portal = "a photonbeams:portal around the gaps"
     if count > _MOST:
-        return f"{what}: more than {_MOST:,} beams would be needed"
+        return f"{what}: expected more than {_MOST:,} beams" + ("" if emitter.portal else f", or {portal}")
     step = 10 ** max(int(log10(count)) - 1, 0)  # two digits
     number = step * ceil(count / step)
-    if own is None:
-        return f"{what}: expected --beams {number}"
-    return f"{what}: expected --set {emitter.name}.photonbeams:count={number}"
+    more = f"--beams {number}" if own is None else f"--set {emitter.name}.photonbeams:count={number}"
+    return f"{what}: expected {more}" + (f", or {portal}" if number > _MANY and emitter.portal is None else "")

@@ -108,7 +108,7 @@ def estimate(
     if chosen.passes < _STEPS:  # too few to tell passes from the compilation of their kernels
         found = [replace(begun(scales[0]), before=found[0].before)]
     for scale in (1.0, 0.5, 1.0):  # after that of a half it may be known to be faster
-        few = found[0].before + _STEPS * _pass_of(found, scale * scale * whole)
+        few = found[0].before + min(_STEPS, chosen.passes) * _pass_of(found, scale * scale * whole)
         if scale > scales[-1] and few < min(max(_SECONDS, _PART * total(found)), _LONGEST):
             found.append(begun(scale))
             scales.append(scale)

@@ -75,14 +75,15 @@ def fine_gaps(
     pixel
         Returns how large a pixel is at places, (N, 3), in scene units.
     """
-    found: dict[int, Gap] = {}
-    for stratum in strata:
-        lamp = stratum.emitter.lamp
-        if stratum.count and lamp.illuminates and lamp.bare.sharp:
+    told: set[int] = set()
+    # A lamp with a portal has few paths past it, which are wide: those through it count.
+    for stratum in sorted(strata, key=lambda each: -each.count):
+        lamp, number = stratum.emitter.lamp, stratum.emitter.number
+        if stratum.count and lamp.illuminates and lamp.bare.sharp and number not in told:
             gap = _usual(world, stratum, overlap, scale, pixel)
-            if gap is not None and (gap.lamp not in found or found[gap.lamp].factor < gap.factor):
-                found[gap.lamp] = gap
-    yield from found.values()
+            if gap is not None:
+                told.add(number)
+                yield gap
 
 
 class _Axes(NamedTuple):
