@@ -38,9 +38,10 @@ _SIDES, _STEPS, _PER_OCTAVE = 8, 28, 4
 _END, _LEVEL = 0.03, 0.1
 _SEED, _DOUBLINGS = 0x47, 12  # of cut-out surfaces; and how often the number of paths is doubled, at most
 # A gap is resolved by beams up to so many times as wide: stripes behind a blind then have nine tenths of the contrast
-# that far finer beams give, because beams are narrowed behind edges. Stripes that are soft after this part of their way
-# are left out, and all of lamps that cover a wider angle, in radians; so many pairs of points of a lamp tell.
-_RESOLVED, _SOFT, _WIDEST, _POINTS = 1.1, 0.5, 0.3, 4
+# that far finer beams give, because beams are narrowed behind edges. It is told of wider ones, so that nobody who does
+# as told is told again. Stripes that are soft after this part of their way are left out, and all of lamps that cover a
+# wider angle, in radians; so many pairs of points of a lamp tell.
+_RESOLVED, _TOLD, _SOFT, _WIDEST, _POINTS = 1.1, 1.3, 0.5, 0.3, 4
 
 
 class Gap(NamedTuple):
@@ -198,24 +199,33 @@ def _usual(
     if axes is None:
         return None
     gaps = _Gaps.of(world, axes)
-    beams = axes.widths(gaps.distance)
-    fine = np.flatnonzero(np.isfinite(gaps.size) & (beams[0] > _RESOLVED * gaps.size))
-    if not len(fine):
+    there = np.isfinite(gaps.size)
+    if not there.any():
         return None
-    place: Any = axes.origin + to_float(np.where(np.isfinite(gaps.size), gaps.distance, 0)) * axes.direction
+    place: Any = axes.origin + to_float(np.where(there, gaps.distance, 0)) * axes.direction
     # Stripes are looked at as far behind the gap as the lamp is before it.
     angles = _angles(stratum, place)
     soft = _SOFT * angles * np.minimum(gaps.behind, gaps.distance)
-    fine = fine[((gaps.size > np.maximum(soft, pixel(place.numpy().T))) & (angles < _WIDEST))[fine]]
-    if len(fine) < max(_LEAST * len(gaps.size), 1):
-        return None
-    need = np.array([_crossing(beams[:, each] / (_RESOLVED * gaps.size[each])) for each in fine])
-    usual = int(fine[np.argsort(need)[len(need) // 2]])
+    index = np.flatnonzero(there & (gaps.size > np.maximum(soft, pixel(place.numpy().T))) & (angles < _WIDEST))
+    beams = axes.widths(gaps.distance) / np.where(there, gaps.size, 1)
+    # Of a surface with enough gaps, the most first, or of all: many slats may be a surface each.
+    names, counts = np.unique(gaps.surface[index], return_counts=True)
+    groups = [index[gaps.surface[index] == name] for name in names[np.argsort(-counts)]]
+    for own in (*groups, index):
+        if len(own) >= max(_LEAST * len(there), 1) and np.median(beams[0, own]) > _TOLD:
+            return _gap(world, stratum, gaps, own, beams, place.numpy().T)
+    return None
+
+
+def _gap(world: World, stratum: Stratum, gaps: _Gaps, own: Array, beams: Array, place: Array) -> Gap:
+    """Return the usual one of some gaps, by the widths of beams relative to them, (doublings + 1, N)."""
+    need = np.array([_crossing(beams[:, each] / _RESOLVED) for each in own])
+    usual = int(own[np.argsort(need)[len(need) // 2]])
     shapes = world.shapes or [(each.id(), each) for each in world.plugin.shapes()]  # those of Mitsuba's scenes
     names = {int(shape_number(mi.ShapePtr(shape))[0]): name for name, shape in shapes}
     surface, factor = names.get(int(gaps.surface[usual]), ""), float(2.0 ** np.median(need))
-    at = place.numpy()[:, usual]
-    return Gap(stratum.emitter.number, surface, at, float(gaps.size[usual]), float(beams[0, usual]), factor)
+    size = float(gaps.size[usual])
+    return Gap(stratum.emitter.number, surface, place[usual], size, float(beams[0, usual]) * size, factor)
 
 
 def _angles(stratum: Stratum, place: Array3f) -> Array:
@@ -229,10 +239,10 @@ def _angles(stratum: Stratum, place: Array3f) -> Array:
 
 
 def _crossing(ratios: Array) -> float:
-    """Return how many doublings bring falling ratios to 1, infinity if none do."""
+    """Return how many doublings bring falling ratios to 1: 0 if they begin there, infinity if none do."""
     below = np.flatnonzero(ratios <= 1)
-    if not len(below):
-        return np.inf
+    if not len(below) or below[0] == 0:
+        return 0.0 if len(below) else np.inf
     last = int(below[0])
     before, after = np.log(ratios[last - 1]), np.log(np.maximum(ratios[last], 1e-30))
     return last - 1 + float(before / (before - after))
