@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 import photonbeams as pb
-from photonbeams.cli import main
+from photonbeams.cli import main, progress
 from photonbeams.render import memory
 from photonbeams.shot import estimate
 from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
@@ -79,3 +79,14 @@ def test_the_command_tells_a_frame_all_frames_and_memory_and_takes_the_flags_of_
     assert ", and 2 passes of " in told("info", "--estimate", stage, *many, capsys=capsys)[1]
     code, out, err = told("info", stage, "--passes", 2, capsys=capsys)
     assert (code, err) == (2, "Error: --passes is for renders: expected --estimate, too\n")
+
+
+def test_lines_of_progress_tell_how_much_time_is_left_from_a_minute_on(monkeypatch, capsys):
+    """After a first pass of 50 s, which does not count, each takes 20 s."""
+    clock = iter([50.0, 70.0, 90.0, 110.0, 130.0, 150.0])
+    monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    with progress.bar("plain", False, 1, 6) as show:
+        for done in range(1, 7):
+            show(0, "1", done, "")
+    left = ["", ", about 80 s left", ", about 60 s left", "", "", ""]
+    assert capsys.readouterr().err.splitlines() == [f"pass {done} of 6{each}" for done, each in enumerate(left, 1)]
