@@ -162,6 +162,15 @@ def dressed(folder: Path) -> None:
     rendered(folder, ("dressed.usda", "--bounces", "3", "--exposure", "1", *CLEAN), {"rgba": "attic-dressed"})
 
 
+def blind(folder: Path) -> None:
+    """Write the stripes of a blind with too few beams, beside those with the number that a render names."""
+    for beams in ("512", "1900"):
+        flags = ("--res", str(WIDTH // 2), "0", "--exposure", "1", "--beams", beams, "-q", "-o", f"blind{beams}.png")
+        photonbeams(folder, "render", "blind.usda", *flags)
+    both = [np.asarray(Image.open(folder / f"blind{beams}.png").convert("RGB")) for beams in ("512", "1900")]
+    keep(np.hstack(both), "blind")
+
+
 def swatch(folder: Path) -> None:
     """Write what docs/examples.md shows of the shaft's look."""
     photonbeams(folder, "swatch", SHAFT, *DIRECTED, "--length", "7", "-o", str(PICTURES / "shaft-look.png"))
@@ -183,13 +192,13 @@ def main() -> None:
     }
     jobs |= {
         "attic-dressed": dressed, "attic-over": plate, "compositing": composited, "color": spaces,
-        "shaft-look": swatch, "fit": fitted,
+        "shaft-look": swatch, "fit": fitted, "blind": blind,
         "flight": lambda folder: sheet(folder, FLIGHT, "flight", columns=5),
         "magic-grow": lambda folder: sheet(folder, GROWTH, "magic-grow", columns=4),
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "examples").symlink_to(ROOT / "examples")
-        for page in ("guide.md", "beams.md", "filters.md", "color.md"):
+        for page in ("guide.md", "beams.md", "filters.md", "color.md", "performance.md"):
             for name, source in saved_files((DOCS / page).read_text()).items():
                 (Path(folder) / name).write_text(source)
         for name, write in jobs.items():

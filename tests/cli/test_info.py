@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from examples.vdb import write_vdb
-from photonbeams.cli.info import info
+from photonbeams.cli.info import show as info
 from photonbeams.scene import SceneError
 from tests.helpers.frames import write_frame
 

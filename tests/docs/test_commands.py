@@ -27,7 +27,7 @@ PAGES = {
     "docs/looks.md": 0, "docs/blender.md": 0,
     "docs/mitsuba.md": 5, "docs/matrix.md": 0, "docs/theory.md": 0, "docs/dependencies.md": 0,
     "docs/architecture.md": 0, "docs/farm.md": 6, "docs/scale.md": 0, "docs/studio.md": 0, "docs/install.md": 1,
-    "docs/performance.md": 0, "docs/glossary.md": 0, "docs/usdlux.md": 0, "docs/filters.md": 1,
+    "docs/performance.md": 4, "docs/glossary.md": 0, "docs/usdlux.md": 0, "docs/filters.md": 1,
     "docs/compositing.md": 1, "docs/color.md": 1,
 }  # fmt: skip
 #: Pages that only the site has, and Sphinx checks: tests/docs/test_site.py.
@@ -102,7 +102,8 @@ def run(words, dry=False):
     assert words[0] == "photonbeams", f"{words[0]} is neither run nor among those that are skipped: {' '.join(words)}"
     plain = "".join(word for word in words if " " not in word)  # words with spaces were quoted, safe from the shell
     assert not set("|<>;&$*") & set(plain), f"only plain commands are run here: {' '.join(words)}"
-    cheap = [] if "--list-cameras" in words else CHEAP.get(words[1], [])
+    kind = "render" if "--estimate" in words else words[1]
+    cheap = [] if "--list-cameras" in words else CHEAP.get(kind, [])
     if "--pass-range" in words:
         cheap = [*cheap, "--passes", "2"]
     cheap = [*cheap, *first_and_last(words), *(["--dry-run"] if dry else [])]

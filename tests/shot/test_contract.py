@@ -84,6 +84,7 @@ USES = {
     "resolution": (lambda shot: shot.resolution(width=8), lambda found: found == (8, 6)),
     "render": (lambda shot: shot.render(passes=1, **SMALL, **FEW), lambda found: found.layers["beams"].any()),
     "film": (film, lambda found: found[0].any() and (found[0] == found[1]).all()),
+    "estimate": (lambda shot: shot.estimate(passes=1, **SMALL, **FEW), lambda found: found.size == (16, 12)),
     "render_part": (
         lambda shot: shot.render_part(PlannedPasses(range(1, 2), 2), **SMALL, **FEW), lambda found: len(found) == 1
     ),

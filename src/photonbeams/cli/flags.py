@@ -299,6 +299,10 @@ class SettingsFlags(Flags):
         names = [_name(flag) for _, flag in flags()]
         return cls({name: values[name] for name in names if values[name] not in (None, False)})
 
+    def given(self) -> Iterator[str]:
+        """Yield the flags that are given."""
+        yield from (flag.name for _, flag in flags() if _name(flag) in self.values)
+
     def over(self, own: Settings) -> Settings:
         """Return a scene's settings with the given flags; without `--order`, a rule keeps their number of points."""
         from ..render.settings import Settings

@@ -41,8 +41,9 @@ class Flags:
             value = getattr(self, each.name)
             if isinstance(value, Flags):
                 yield from value.given()
-            elif value != each.default and value != []:
-                yield (each.metadata["option"].param_decls or (_flag(each.name),))[0]
+            elif each.default is not MISSING and value != each.default and value != []:
+                own = each.metadata.get("option")
+                yield ((own and own.param_decls) or (_flag(each.name),))[0]
 
 
 def _is_group(kind: Any) -> bool:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from inspect import Parameter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import numpy as np
 import typer
@@ -15,8 +18,9 @@ from ..scene import Array, SceneError
 from ..volumes.vdb import VDBGrid, read_grids
 from ..volumes.vol import read_vol
 from .facts.words import triple
-from .flags import SessionLayers
+from .groups import option
 from .progress import messages, standard_output
+from .request import RenderRequest
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,17 +33,53 @@ _MOST_TEXT = 300
 _NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "screenWindowCenter", "screenWindowWidth")
 
 
-def info(
-    path: Annotated[Path, typer.Argument(help="A stage, an image, or a volume file.")],
-    session_layer: SessionLayers = None,
-) -> None:
-    """Show what a USD stage, an image or a volume file holds.
+@dataclass(frozen=True, kw_only=True)
+class InfoFlags(RenderRequest):
+    """What is shown; with `estimate`, all that decides how long a render takes."""
+
+    scene: Annotated[Path, typer.Argument(help="A stage, an image, or a volume file; a Mitsuba .xml for --estimate.")]
+    estimate: bool = option(
+        False, "Tell how long a render of a stage or a Mitsuba scene would take, and how much memory, instead; takes "
+        "all flags of `photonbeams render`.",
+    )  # fmt: skip
+
+    @classmethod
+    def options(cls) -> Iterator[Parameter]:
+        """Yield the options; those of `render` are not in the help."""
+        for each in super().options():
+            if each.name not in ("scene", "estimate", "session_layer"):
+                kind, option, *_ = get_args(each.annotation)
+                option = copy(option)
+                option.hidden = True
+                each = each.replace(annotation=Annotated[kind, option])
+            yield each
+
+
+def info(flags: InfoFlags) -> None:
+    """Show what a USD stage, an image or a volume file holds, or with --estimate what a render costs.
 
     For a stage: units, frames, fog, cameras, lights, what their light does, looks, meshes, and why the picture would be
-    dark, with what to type against it. For an image: its parts with their views, channels, sizes, ranges and NaNs, and
-    its headers. For a .vdb or .vol file: its grids with their types, boxes of active voxels, ranges of values, and the
-    memory of the box.
+    dark or blurred, with what to type against it. For an image: its parts with their views, channels, sizes, ranges and
+    NaNs, and its headers. For a .vdb or .vol file: its grids with their types, boxes of active voxels, ranges of
+    values, and the memory of the box.
+
+    photonbeams info --estimate shot.usda --res 1920 0 --passes 64
     """
+    if flags.estimate:
+        from .facts.costs import show_estimate
+
+        show_estimate(flags)
+        return
+    if flags.is_mitsuba:
+        raise typer.BadParameter(f"{flags.scene} is a Mitsuba scene: expected --estimate, which tells what it costs")
+    for flag in flags.given():
+        if flag != "--session-layer":
+            raise typer.BadParameter(f"{flag} is for renders: expected --estimate, too")
+    show(flags.scene, flags.looks.session_layer)
+
+
+def show(path: Path, session_layer: Sequence[Path] | None = None) -> None:
+    """Show what a file holds."""
     console = standard_output()
     if path.suffix.lower() in STAGES:
         check_address_space()

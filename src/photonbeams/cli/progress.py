@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 GRACE = 8.0  # seconds after a signal in which a pass may end: many schedulers kill after ten
 _SOON = 1.0  # the same after a second signal
+_LONG = 60.0  # seconds from which on lines tell how much time is left
 NOTHING = "nothing was written"
 
 # Signals that end a render. Windows has no SIGHUP.
@@ -195,7 +196,7 @@ def bar(kind: str | None, quiet: bool, frames: int, passes: int | None) -> Itera
     the number of passes of a frame, None if it is not known yet.
     """
     with _drawn(kind, quiet) as update:
-        lines = _ProgressLines(kind == "openjd")
+        lines, left = _ProgressLines(kind == "openjd"), _TimeLeft()
 
         def show(index: int, name: str, done: int, note: str) -> None:
             several = frames > 1
@@ -213,6 +214,7 @@ def bar(kind: str | None, quiet: bool, frames: int, passes: int | None) -> Itera
             # Many passes may be done at once, and a frame begins where the one before it ended.
             part = overall // max(1, total // 20) + (overall == total)
             text = f"{frame}pass {done} of {passes}"
+            tail += left(overall, total)
             lines.show(part, overall / total, text + tail, text)
 
         yield show
@@ -251,6 +253,23 @@ def _drawn(kind: str | None, quiet: bool) -> Iterator[Update | None]:
         return
     with drawn(console) as update:
         yield update
+
+
+class _TimeLeft:
+    """Tells how long the rest of a render takes, if that is long, by how long its passes have taken so far."""
+
+    def __init__(self) -> None:
+        self._begin: tuple[float, int] | None = None  # when a first pass was done, which takes longer than others
+
+    def __call__(self, done: int, total: int) -> str:
+        """Return the end of a line, when some of all passes are done."""
+        now = time.perf_counter()
+        if self._begin is None and done > 0:
+            self._begin = now, done
+        if self._begin is None or done <= self._begin[1]:
+            return ""
+        left = (now - self._begin[0]) / (done - self._begin[1]) * (total - done)
+        return f", about {spoken(left)} left" if left >= _LONG else ""
 
 
 class _ProgressLines:
@@ -309,6 +328,13 @@ def report_line(rendered: int, skipped: int, files: int, seconds: float) -> str:
 
 def _passes(statistics: Statistics) -> str:
     return counted(statistics.passes, "pass", "passes")
+
+
+def spoken(seconds: float) -> str:
+    """Return seconds as people say them: "42 s", "7 min", "1.5 h"."""
+    if seconds < 90:
+        return f"{max(seconds, 0.1):.2g} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def counted(count: int, noun: str, several: str | None = None) -> str:

@@ -34,11 +34,12 @@ if TYPE_CHECKING:
     from ..render.reuse import FilmMemory
     from ..render.settings import Settings
     from ..shot import Shot
+    from ..shot.estimate import Estimate
     from ..usd.settings import RenderSettings
 
 
 # Bytes of a pixel's sums in a view, and of the program with a scene.
-_SUMS_BYTES, _PROGRAM_BYTES = 300, 1 << 30
+_SUMS_BYTES, PROGRAM_BYTES = 300, 1 << 30
 
 
 @dataclass(frozen=True)
@@ -133,9 +134,22 @@ class Job:
         """Return the sums of some passes of a frame, which has a `film` in common with others."""
         return self.shot.render_part(part, task.number, progress=progress, film=film, **self._given)
 
+    def estimate(self, task: Task) -> Estimate:
+        """Return how long a frame takes, and how much memory."""
+        return self.shot.estimate(task.number, **self._given)
+
+    def frames(self) -> int:
+        """Return the number of frames: those of the flags, or else all of the stage's."""
+        from ..usd.layers.frames import time_range
+
+        ends = None if self.request.is_mitsuba else time_range(self.shot.stage)
+        if self.request.files.frames is not None or ends is None:
+            return len(self.tasks)
+        return int(ends[1] - ends[0]) + 1
+
     def memory(self) -> int:
         """Return about how many bytes a pass needs; a large stage or many beams need more."""
-        return _PROGRAM_BYTES + self.picture_memory()
+        return PROGRAM_BYTES + self.picture_memory()
 
     def picture_memory(self) -> int:
         """Return about how many bytes the picture needs."""

@@ -32,6 +32,7 @@ from .films.film import BeamSamples, Film, PassPicture, SeenSums
 from .films.frame_sums import FrameSums
 from .films.sample_layout import PixelSamples, SampleLayout, SamplePiece, parts
 from .films.sums import PassSums
+from .gaps import sentences
 from .light import ShotLight, TracedLight
 from .memory import release_memory
 from .passes import Statistics
@@ -136,7 +137,7 @@ class FrameRenderer(PassRenderer):
         self.worlds, self._moments = light.worlds, later
         self._views, self._films, self._depth = views, films, depth
         self._memory: PassMemory = memory or NoMemory()
-        self.about = ""
+        self.about, self._doubts = "", partial(sentences, light)
         window, order = views[0].window, films[0].order
         self._size, self._counts = (window.width, window.height), list[tuple[SampleCounts, list[SamplePiece]]]()
         pixels, seen = Pixels(window.width * window.height, films[0].averaged), views[0].holdout is None
@@ -172,6 +173,10 @@ class FrameRenderer(PassRenderer):
         picture, _ = self._looked(whole, WidePicture(0, samples, index, lanes.pixel), first)
         radiance = dr.mean(picture.radiance).numpy().reshape(SAMPLES, -1)
         return self._plan.counts(radiance, picture.reach.numpy().reshape(SAMPLES, -1), whole.window)
+
+    def doubts(self) -> Iterator[str]:
+        """Return sentences about gaps that are finer than beams are wide."""
+        return self._doubts()
 
     def together(self, number: int) -> int:
         """Return how many passes from `number` on are best rendered at once."""

@@ -26,8 +26,8 @@ def release_memory(size: tuple[int, int]) -> None:
         dr.flush_malloc_cache()
 
 
-def check_memory(window: Window, beams: int, groups: int = 0) -> None:
-    """Raise SceneError for a pass that takes more memory than there is: the system would kill it without a message.
+def check_memory(window: Window, beams: int, groups: int = 0) -> int:
+    """Return how many bytes a pass takes; SceneError if there are fewer: the system would kill it without a message.
 
     `groups` is how many light groups have layers of their own. On CUDA Dr.Jit raises an error itself.
     """
@@ -44,3 +44,4 @@ def check_memory(window: Window, beams: int, groups: int = 0) -> None:
             f"{width} x {height} pixels{layers} and {beams:,} beams take {needed / 2**30:,.0f} GiB, and this machine "
             f"has {present / 2**30:,.0f}: {expected}"
         )
+    return needed

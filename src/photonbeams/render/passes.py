@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol, TypeVar
@@ -93,6 +93,8 @@ class RunOptions:
         world. None: no frame is kept.
     film
         What frames of a film have in common; None: each is a shot by itself.
+    warn
+        Called with sentences about what is hardly meant so, before the first pass; None: nobody asks.
     """
 
     progress: Progress | None = None
@@ -102,6 +104,7 @@ class RunOptions:
     development: Mapping[str, Array] = field(default_factory=dict)
     kept: dict[tuple[str, int | None], Accumulating] | None = None
     film: FilmMemory | None = None
+    warn: Callable[[str], None] | None = None
 
     @property
     def named(self) -> bool:
@@ -117,6 +120,9 @@ class Accumulating(Protocol):
 
     statistics: Statistics
     about: str
+
+    def doubts(self) -> Iterable[str]:
+        """Return sentences about what is hardly meant so."""
 
     def together(self, number: int) -> int:
         """Return how many passes from `number` on are best rendered at once."""
@@ -170,6 +176,8 @@ def accumulate(
     saved = None if checkpoint is None else checkpoint.begin(about, settings.passes)
     start = time.perf_counter()
     frame = _begun(begin, run.kept, about, part.planned if saved is None else saved.planned)
+    for text in () if run.warn is None else frame.doubts():
+        run.warn(text)  # type: ignore[misc]
     if saved is not None:
         frame.restore(saved)
     if checkpoint is not None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from .. import scene
 from ..constants import DEFAULT_PATHS
+from ..world.cameras.cameras import Window
 from ..world.cameras.sensors import Sensor, window_of
 from ..world.media.discovery.surroundings import place_of_sensor
 from ..world.shutter import CameraMotion
@@ -52,7 +53,7 @@ def begin(
     sensors = [Sensor(sensor, eye) for eye in extras.eyes or (None,)]
     window = sensors[0].window
     layers = groups_of(plugin, extras.beams)
-    check_memory(window, settings.beams or DEFAULT_PATHS, len(layers))
+    memory_of(plugin, window, settings, extras.beams)
     holdouts: Sequence[HoldoutDepth | None] = extras.holdouts or [None] * len(sensors)
     cameras = [each.view for each in sensors if each.view is not None]
     reconstruction = reconstruction_filter(settings.filter_name, sensor.film().rfilter())
@@ -97,6 +98,11 @@ class Extras:
     holdouts: Sequence[HoldoutDepth] = ()
     depth: bool = True
     findings: Findings | None = None
+
+
+def memory_of(plugin: Any, window: Window, settings: Settings, beams: Mapping[str, scene.BeamSettings]) -> int:
+    """Return how many bytes a pass takes; SceneError if it does not fit into memory."""
+    return check_memory(window, settings.beams or DEFAULT_PATHS, len(groups_of(plugin, beams)))
 
 
 def groups_of(plugin: Any, beams: Mapping[str, scene.BeamSettings]) -> dict[str, str]:

@@ -63,7 +63,7 @@ def render(
     """
     check(shutter.at(0.0).scene)
     shutter = _in_medium(shutter)
-    _check_memory(shutter.at(0.0).scene, window, settings)
+    memory_of(shutter.at(0.0).scene, window, settings)
 
     about = identity(content, *_identity(shutter, window, settings, holdouts)) if run.named else ""
     begun = begin if run.film is None else run.film.begin
@@ -90,7 +90,7 @@ def simulate(
     if not makers(description) and not description.groups:
         raise scene.SceneError("the stage has no light that makes beams: expected a UsdLux light, or drawn beams")
     shutter = _in_medium(shutter)
-    _check_memory(shutter.at(0.0).scene, window, settings)
+    memory_of(shutter.at(0.0).scene, window, settings)
     mitsuba(color=True)
     light, _ = light_of_stage(shutter, window, settings, Statistics(), viewers, settings.passes, all_beams=True)
     return light.traced(number, lambda: None).sets
@@ -146,15 +146,15 @@ def black(description: scene.Scene) -> list[str]:
     return makers(description)
 
 
-def _check_memory(description: scene.Scene, window: Window, settings: Settings) -> None:
-    """Raise SceneError if a pass does not fit into memory."""
+def memory_of(description: scene.Scene, window: Window, settings: Settings) -> int:
+    """Return how many bytes a pass takes; SceneError if it does not fit into memory."""
     usual = settings.beams or scene.DEFAULT_BEAMS
     counts = [usual if light.beam_count is None else light.beam_count for light in description.lights]
     pieces = [_pieces(light) for light in description.lights]
     beams = sum(
         count * each for light, count, each in zip(description.lights, counts, pieces, strict=True) if light.emits_beams
     )
-    check_memory(window, beams, len(groups_of(description)))
+    return check_memory(window, beams, len(groups_of(description)))
 
 
 def layer_names(description: scene.Scene) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import log2, pi
 from typing import TYPE_CHECKING, Any
 
@@ -212,7 +213,7 @@ class DescribedSubject(Subject):
     ) -> FrameContent:
         """Return what a frame shows, and warn if that is black."""
         from ..render.seen.surfaces import names_of
-        from ..render.stage_frame import groups_of, render
+        from ..render.stage_frame import groups_of, memory_of, render
         from ..world.cameras.cameras import View
 
         frame = request.frame
@@ -233,7 +234,7 @@ class DescribedSubject(Subject):
         return FrameContent(
             groups_of(content), [View(cameras[eye], window) for eye in eyes],
             [{**time, "camera": cameras[eye].name} for eye in eyes], rendered, shutter, viewers,
-            lambda: names_of(content.meshes), self._program(frame, exposure),
+            lambda: names_of(content.meshes), partial(memory_of, content), self._program(frame, exposure),
         )  # fmt: skip
 
     def _program(self, frame: float | None, exposure: Exposure) -> Program | None:

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from ..render.reuse import FilmMemory
     from ..world.cameras.cameras import View, Window
 
+# That a shot was asked for what is hardly meant so; and pixels of a side below which it is not: too few to show it.
+_ASKED, _THUMBNAIL = "asked for doubts", 64
+
 #: Called after each pass with a function that returns the frame so far.
 Snapshot = Callable[[Callable[[], Frame]], None]
 
@@ -132,7 +135,7 @@ def prepare(
         grown.shape, content.groups, headers, chosen, pixels, over is not None and over.fog,
         (top, left, *window.shape),
     )  # fmt: skip
-    run = _run_options(request, development)
+    run = replace(_run_options(request, development), warn=_warns(subject, grown))
     holdouts = [depth.seen_by(_camera(view)) for depth, view in zip(depths, content.views, strict=False)]
     digest = subject.digest(viewpoint, frame) if run.named else ""
     return Prepared(content, grown, chosen, holdouts, run, digest, development)
@@ -163,6 +166,16 @@ def _run_options(request: FrameRequest, development: Development) -> RunOptions:
         request.kept,
         request.film,
     )
+
+
+def _warns(subject: Subject, window: Window) -> Callable[[str], None] | None:
+    """Return what is told of what is hardly meant so, once for all frames; None where it is not asked."""
+    given = subject.warnings.given
+    if _ASKED in given or max(window.width, window.height) < _THUMBNAIL:
+        return None
+    given.add(_ASKED)
+    name = subject.name
+    return lambda text: subject.warnings.give(f"{name}: {text}" if name else text)
 
 
 def _camera(view: View | None) -> View:

@@ -205,7 +205,7 @@ class SceneSubject(Subject):
         self, viewpoint: Viewpoint, request: FrameRequest, window: Window, views: Sequence[str]
     ) -> FrameContent:  # fmt: skip
         """Return what a frame shows in the rendered window."""
-        from ..render.scene_frame import Extras, groups_of, render
+        from ..render.scene_frame import Extras, groups_of, memory_of, render
         from ..render.seen.surfaces import names_of, wholes
         from ..world.cameras.cameras import Window
         from ..world.cameras.sensors import Sensor, camera_of
@@ -235,6 +235,7 @@ class SceneSubject(Subject):
         return FrameContent(
             groups_of(plugin, beams), seen, [header] * len(views), rendered, still, lambda: cameras,
             lambda: names_of(wholes(plugin)),
+            lambda window, chosen: memory_of(plugin, window, chosen, beams),
         )  # fmt: skip
 
     def beams(

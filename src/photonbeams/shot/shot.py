@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ..render.settings import Settings, SettingsArguments
     from ..scene import Array
     from ..usd.common.motion import Exposure
+    from .estimate import Estimate
     from .request import Prepared, Snapshot
 
 
@@ -317,6 +318,31 @@ class Shot:
             progress=progress, checkpoint=checkpoint, snapshot=snapshot, blur=blur, lens=lens, view=view,
             holdout=holdout, over=over, film=self._film, **given,
         ).frame()  # fmt: skip
+
+    def estimate(
+        self, frame: float | None = None, passes: int | None = None, *, settings: Settings | None = None, **given: Any
+    ) -> Estimate:  # fmt: skip
+        """Return how long a frame takes and how much memory, from a few passes: see `shot.estimate.Estimate`.
+
+        Parameters
+        ----------
+        frame, passes, settings, **given
+            As for `render`, without its callbacks and its checkpoint.
+
+        Raises
+        ------
+        SceneError
+            What `render` raises before its first pass, also if a pass takes more memory than there is.
+
+        Examples
+        --------
+        >>> found = pb.Shot.open("shot.usda", camera="/Camera").estimate(passes=16, width=64)
+        >>> found.size, found.passes, found.seconds > 0
+        ((64, 47), 16, True)
+        """
+        from .estimate import estimate
+
+        return estimate(self.subject, self.viewpoint, frame, passes, settings, given)
 
     @contextmanager
     def film(self) -> Iterator[None]:

@@ -56,6 +56,7 @@ class FrameContent:
     shutter: Shutter  # of a Mitsuba scene, the cameras alone
     viewers: Callable[[], Sequence[scene.Camera]]  # returns the cameras of all frames, for which emission is guided
     names: Callable[[], Mapping[str, Sequence[str]]]  # returns the names in cryptomattes, by their layers
+    memory: Callable[[Window, Settings], int]  # returns the bytes of a pass; SceneError if there are fewer
     program: Program | None = None
 
 

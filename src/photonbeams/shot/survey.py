@@ -28,6 +28,7 @@ DEPTH = 0.25
 _WHOLE = 0.95
 # The reflectance that surfaces are taken to have, and the width of the picture of which rays are traced.
 _GREY, _WIDTH = 0.5, 128
+_FULL = 1280  # pixels of a render's usual width
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,23 @@ class Survey:
             name for name, each in self.reach.items() if any(each.seen) or self.openings.get(name) or name in guided
         ]
 
+    @cached_property
+    def doubts(self) -> list[str]:
+        """Sentences about gaps that are finer than the beams of a usual render are wide."""
+        from ..render.gaps import sentences
+        from ..render.passes import Statistics
+        from ..render.settings import Settings
+        from ..render.stage_light import light_of_stage
+        from ..world.cameras.cameras import Window
+        from ..world.shutter import Shutter
+
+        if not (self._makes_beams and self.cameras):
+            return []
+        camera, settings = next(iter(self.cameras.values())), Settings()
+        shutter = Shutter.still(self._in_fog, replace(camera, lens_radius=0.0))
+        window = Window.full(_FULL, max(1, round(_FULL * camera.vertical_aperture / camera.horizontal_aperture)))
+        return [*sentences(light_of_stage(shutter, window, settings, Statistics(), planned=settings.passes)[0])]
+
     def exposure(self, name: str) -> float:
         """Return about which exposure in stops suits the picture of a camera; 0 if no lamp lights it."""
         from ..images.display import exposure_of
@@ -115,9 +133,14 @@ class Survey:
     @cached_property
     def _foggy(self) -> World:
         """The world with fog."""
+        return self._world if self.scene.media else self._built(self._in_fog)
+
+    @cached_property
+    def _in_fog(self) -> Scene:
+        """The scene with fog."""
         if self.scene.media:
-            return self._world
-        return self._built(replace(self.scene, media=(Medium(scattering=self.scattering),)))
+            return self.scene
+        return replace(self.scene, media=(Medium(scattering=self.scattering),))
 
     def _built(self, content: Scene) -> World:
         from ..world.described import world_of_scene

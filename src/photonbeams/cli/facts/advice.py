@@ -1,4 +1,4 @@
-"""Why the picture of a stage would be dark, and what to type."""
+"""Why the picture of a stage would be dark or blurred, and what to type."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Reason = tuple[str, str]
 
 
 def advice(stage: Usd.Stage, time: Usd.TimeCode, survey: Survey) -> Iterator[Reason]:
-    """Yield the reasons why the picture would be dark or without shafts, each with what to type."""
+    """Yield the reasons why the picture would be dark, without shafts or blurred, each with what to type."""
     if not survey.cameras:
         yield "the stage has no camera", "add one where the stage comes from, then export again"
         return
@@ -35,6 +35,9 @@ def advice(stage: Usd.Stage, time: Usd.TimeCode, survey: Survey) -> Iterator[Rea
     yield from _of_fog(stage, survey)
     if survey.scene.lights:
         yield from _of_surfaces(survey)
+    for each in survey.doubts:
+        reason, _, what = each.partition(": expected ")
+        yield reason, what
 
 
 def _of_lights(stage: Usd.Stage, time: Usd.TimeCode, survey: Survey) -> Iterator[Reason]:

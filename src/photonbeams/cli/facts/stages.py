@@ -51,7 +51,7 @@ def tables(path: Path, layers: Sequence[Path]) -> Iterator[Table]:
     yield ("drawn beams", "count", "group", "look"), drawn
     yield ("look", "along", "across", "eye", "angle"), list(_look_rows(scene))
     yield ("mesh", "meshes", "points", "triangles", "material"), mesh_rows(scene.meshes)
-    yield ("why it would be dark", "what to type"), [*advice(stage, time, survey)]
+    yield ("why it would be dark or blurred", "what to type"), [*advice(stage, time, survey)]
 
 
 def watching(stage: Usd.Stage, time: Usd.TimeCode) -> dict[str, Camera]:

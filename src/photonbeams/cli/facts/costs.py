@@ -1,0 +1,56 @@
+"""What `photonbeams info --estimate` tells: seconds and memory of a render, before it is paid for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from ..progress import counted, held_signals, messages, spoken, standard_output
+from ..render import PROGRAM_BYTES, Job
+from ..request import RenderRequest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ...shot.estimate import Estimate
+
+
+def show_estimate(request: RenderRequest) -> None:
+    """Print how long the render of a request would take, and how much memory; raises what that would raise."""
+    request = replace(request, shown=replace(request.shown, dry_run=True))
+    with messages(request.shown.quiet, request.shown.verbose), held_signals() as check:
+        request.device.start()
+        with check.forced():
+            job = Job.open(request, check)
+            job = job.ready(job.tasks[0], job.tasks)
+            found = job.estimate(job.tasks[0])
+        check()
+        console = standard_output()
+        console.print(job.seen(job.tasks[0]))
+        for name, text in _rows(job, found):
+            console.print(f"  {name:<10}{text}")
+
+
+def _rows(job: Job, found: Estimate) -> Iterator[tuple[str, str]]:
+    """Yield what is told, with its names."""
+    from ...runtime.device import memory
+
+    seconds, within, passes = found.seconds, found.within, found.passes
+    if job.request.passes.part is not None:
+        passes = len(job.request.passes.part.of(passes))
+        seconds = found.once + passes * found.each
+    each = f"{spoken(found.once)}, and {counted(passes, 'pass', 'passes')} of {found.each:.2g} s"
+    most = "at most " if job.settings.error else ""
+    yield "a frame", f"{most}about {spoken(seconds)}, {_range(seconds, within)}: {each}"
+    frames = job.frames()
+    if frames > 1:
+        yield "all", f"{counted(frames, 'frame')} like the first: {most}about {spoken(frames * seconds)}"
+    present = memory()
+    has = "" if present is None else f"; this machine has {present / 2**30:.1f} GiB"
+    yield "memory", f"{found.memory / 2**30:.2g} GiB a pass, and about {PROGRAM_BYTES / 2**30:.0f} GiB besides{has}"
+    width, height = found.measured
+    yield "measured", f"in {spoken(found.took)}, with up to {width} x {height} pixels; a busy machine takes longer"
+
+
+def _range(seconds: float, within: float) -> str:
+    return f"from {spoken(seconds / within)} to {spoken(seconds * within)}"
