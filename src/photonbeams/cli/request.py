@@ -212,13 +212,17 @@ class PlateFlags(Flags):
         None, "Scene units per unit of the depth; default: 1.", above=0.0, most=1e12, expected=
         "more than 0 and no more than 1e12",
     )  # fmt: skip
+    holdout_coverage: str | None = option(
+        None, "Channel of the --holdout file that tells how much of a pixel is covered, or none: all of it; default: "
+        "the alpha beside the depth.", metavar="NAME",
+    )  # fmt: skip
     over: str | None = option(
         None, "A plate to which beams are added: rgba is their sum. Named like --holdout.", metavar="FILE"
     )
     over_fog: bool = option(False, "Let the fog dim the plate, too.")
 
     def __post_init__(self) -> None:
-        for name in ("channel", "depth", "scale"):
+        for name in ("channel", "depth", "scale", "coverage"):
             if getattr(self, f"holdout_{name}") is not None and not self.holdout:
                 raise typer.BadParameter(f"--holdout-{name} needs a holdout: expected --holdout, too")
         if self.over_fog and not self.over:
@@ -228,8 +232,12 @@ class PlateFlags(Flags):
         """Return the holdout, if there is one."""
         from ..images.plates import Holdout
 
-        depth, scale = self.holdout_depth or "auto", self.holdout_scale or 1.0
-        return Holdout(self.holdout, self.holdout_channel, depth, scale) if self.holdout else None
+        depth, scale, coverage = (
+            self.holdout_depth or "auto",
+            self.holdout_scale or 1.0,
+            self.holdout_coverage or "auto",
+        )
+        return Holdout(self.holdout, self.holdout_channel, depth, scale, coverage) if self.holdout else None
 
     def plate(self) -> Plate | None:
         """Return the plate, if there is one."""

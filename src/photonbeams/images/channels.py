@@ -18,6 +18,7 @@ import OpenImageIO
 from ..runtime.files import PathLike
 from ..scene import Array, SceneError
 from .color_spaces import COLOR_SPACE, named, primaries, space_of
+from .deep import read_deep
 from .files import check_decoded, check_image, opened, pixels_of, read_pixels
 from .numbering import numbered
 
@@ -90,6 +91,18 @@ def _depth_rank(channel: Channel, vectors: set[Layer]) -> int | None:
     return 4 if last == "t" and not vector else None  # Mitsuba's name
 
 
+def coverage_channel(channels: Sequence[Channel], depth: Channel) -> Channel | None:
+    """Return the alpha beside a depth: in its layer, or else in the picture of the same view layer, or without one."""
+    alphas = [each for each in channels if each.words[-1] in ("a", "alpha")]
+    beside = [each for each in alphas if each.layer == depth.layer]
+    if beside:
+        return beside[0]
+    before = depth.words[:-2]
+    named = [(each.words[-2] if len(each.words) > 1 else "", each) for each in alphas]
+    pictures = [each for name, each in named if name in ("", *_PICTURES) and each.words[:-2] in (before, [])]
+    return pictures[0] if pictures else None
+
+
 def _is_depth(word: str) -> bool:
     return word == "z" or word.endswith(("pz", "dist")) or "depth" in word or "distance" in word
 
@@ -127,7 +140,7 @@ def picture_channels(file: ImageFile, channels: Sequence[Channel], warn: Warn) -
 class ImageFile:
     """An image file: its headers, and its channels over the whole display window.
 
-    `apart` is whether each view has a file of its own, whose name contains the view. SceneError for a deep image.
+    `apart` is whether each view has a file of its own, whose name contains the view.
     """
 
     def __init__(self, path: Path, apart: bool) -> None:
@@ -137,8 +150,6 @@ class ImageFile:
             while file.seek_subimage(len(self._specs), 0):
                 self._specs.append(file.spec())
                 check_image(path, self._specs[-1])
-        if any(spec.deep for spec in self._specs):
-            raise SceneError(f"{path} is a deep image: expected a flat one, with one value a pixel")
 
     def __str__(self) -> str:
         return str(self._path)
@@ -163,6 +174,22 @@ class ImageFile:
             raise SceneError(f"{self} has no view '{view}': its views are {', '.join(own)}")
         chosen = view or (own[0] if own else "")
         return [each for each in self._channels if each.view in ("", chosen)]
+
+    def is_deep(self, channel: Channel) -> bool:
+        """Return whether a channel is one of a deep part."""
+        return bool(self._specs[channel.part].deep)
+
+    def deep_samples(self, channels: Sequence[Channel], box: Box) -> tuple[Array, list[Array], Array]:
+        """Return samples of channels of one deep part, and where pixels of a box are among those that have them.
+
+        These are how many samples each pixel of the data window has, (H, W); their values, (N,) for each channel; and
+        the number of that pixel for each one in the box, (H', W'), -1 outside of the data window.
+        """
+        spec = self._specs[channels[0].part]
+        counts, values = read_deep(self._path, channels[0].part, [spec.channelnames[each.index] for each in channels])
+        numbers = np.arange(counts.size, dtype=np.float64).reshape(counts.shape)
+        corner = spec.x - spec.full_x, spec.y - spec.full_y
+        return counts, values, placed(numbers, corner, box, -1).astype(np.int64)
 
     def pixels(self, channels: Sequence[Channel], outside: float, box: Box) -> Array:
         """Return channels of one part, (H, W, C) float32, in a box of pixels of the display window or beyond it.

@@ -11,6 +11,7 @@ import OpenEXR
 from ..runtime.files import PathLike
 from ..scene import Array
 from .color_spaces import USUAL_SPACES
+from .files import unreadable
 from .writing import attributes_of, encoded_parts, part_metadata
 
 if TYPE_CHECKING:
@@ -31,6 +32,19 @@ def encoded_deep(path: PathLike, views: Mapping[str, tuple[DeepPicture, Metadata
         header = {**attributes_of(part_metadata(about, "rgba")), **kind}
         parts.append(OpenEXR.Part(header, _channels(picture), f"rgba.{view}" if len(views) > 1 else "rgba"))
     return encoded_parts(path, parts)
+
+
+def read_deep(path: PathLike, part: int, names: list[str]) -> tuple[Array, list[Array]]:
+    """Return how many samples each pixel of a deep part has, (H, W), and the values of channels, (N,) float64 each."""
+    try:
+        channels = OpenEXR.File(str(path), separate_channels=True).parts[part].channels
+        pixels = [channels[name].pixels for name in names]
+    except (RuntimeError, ValueError, KeyError, MemoryError) as error:
+        raise unreadable(path, str(error)) from None
+    none = np.zeros(0)
+    counts = np.array([0 if each is None else len(each) for each in pixels[0].ravel()], np.int64)
+    values = [np.concatenate([none, *(each for each in own.ravel() if each is not None)]) for own in pixels]
+    return counts.reshape(pixels[0].shape), [each.astype(np.float64) for each in values]
 
 
 def _channels(picture: DeepPicture) -> dict[str, Array]:

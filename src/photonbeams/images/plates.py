@@ -6,10 +6,11 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from ..render.holdout_layers import DepthLayers
 from ..runtime.files import PathLike
 from ..scene import FARTHEST, Array, SceneError
 from .channels import (
@@ -19,6 +20,7 @@ from .channels import (
     Size,
     Warn,
     channels_named,
+    coverage_channel,
     depth_channels,
     image_files,
     picture_channels,
@@ -26,36 +28,14 @@ from .channels import (
     says_distance,
 )
 from .color_spaces import REC709, USUAL_SPACES, ColorSpaces, converted
+from .depths import Depth
 from .display import is_encoded, srgb_decoded
 from .writing import HALF_MAX
-
-if TYPE_CHECKING:
-    from ..render.holdouts import HoldoutDepth
-    from ..world.cameras.cameras import View
 
 KINDS = ("auto", "planar", "distance")
 # Depths from here on mean that there is no surface: Blender writes 1e10.
 NOTHING = 1e10 * (1 - 1e-6)
 _MOST_NAMES = 24
-
-
-@dataclass(frozen=True)
-class Depth:
-    """Depths of one view's window."""
-
-    values: Array  # (f H, f W) float32, f along each side of a pixel, in scene units; infinite: there is no surface
-    distance: bool = False  # whether they are distances from the camera, rather than along its axis
-
-    def seen_by(self, view: View) -> HoldoutDepth:
-        """Return the holdout depth in a view's window, for which the depths were read."""
-        from ..render.holdouts import HoldoutDepth
-
-        values = self.values
-        if self.distance:  # from the camera's position; a lens, if there is one, is centred there
-            parts, values = len(values) // view.window.shape[0], values.copy()
-            for row, column in np.ndindex(parts, parts):
-                values[row::parts, column::parts] *= view.cosines(((column + 0.5) / parts, (row + 0.5) / parts))
-        return HoldoutDepth(values, view.window)
 
 
 @dataclass(frozen=True)
@@ -109,6 +89,9 @@ class Holdout(_Picture):
         channel's name says otherwise, as `distance` and Mitsuba's `.T` do.
     scale
         Scene units in one unit of the file. Default 1.
+    coverage
+        How much of each pixel is covered: the name of a channel, an array of the depths' shape, or "none": all of it
+        where there is a depth. Default "auto": the alpha beside the depth, if the file has one.
 
     Raises
     ------
@@ -128,6 +111,7 @@ class Holdout(_Picture):
     channel: str | None = None
     kind: str = "auto"
     scale: float = 1.0
+    coverage: str | Array = "auto"
     axes = 2
 
     def __post_init__(self) -> None:
@@ -139,7 +123,8 @@ class Holdout(_Picture):
     def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None) -> list[Depth]:
         """Return the depths of each view, several of a pixel if the holdout is larger than the picture.
 
-        A depth of 0 or less, NaN, infinity, 1e10 or more, or the largest half means that there is no surface.
+        A depth of 0 or less, NaN, infinity, 1e10 or more, or the largest half means that there is no surface. Coverages
+        beyond 0 and 1, as sharpening filters write them, count as these; NaN counts as 0.
 
         Parameters
         ----------
@@ -166,22 +151,70 @@ class Holdout(_Picture):
         if isinstance(self.file, np.ndarray):
             depths = _arrays(self.file, 2, views, "the holdout", "(H, W)")
             factor = _factor("the holdout", _size_of(depths[0]), size)
-            parts = (placed(each, (0, 0), _finer(box, size, factor), np.inf) for each in depths)
-            return [self._depth(each, "float", self.kind == "distance") for each in parts]
-        result = []
-        for file, view in image_files(self.file, frame, views):
-            (channel,) = self._channels(file, file.channels_of(view, views), warn)
-            distance = self.kind == "distance" or (self.kind == "auto" and says_distance(channel))
-            factor = _factor(file, file.size, size)
-            around = _around(box, size)
-            values = file.pixels([channel], np.inf, _finer(around, size, factor))[..., 0]
-            depth = self._depth(values, channel.kind, distance)
+            depth = [self._depth(each, "float", self.kind == "distance") for each in depths]
+            if not isinstance(self.coverage, str):
+                if self.coverage.shape != self.file.shape:
+                    raise SceneError(f"the coverage is of shape {self.coverage.shape}: expected {self.file.shape}")
+                alphas = _arrays(self.coverage, 2, views, "the coverage", "(H, W)")
+                depth = [each.covered(alpha) for each, alpha in zip(depth, alphas, strict=True)]
+            return [each.placed((0, 0), _finer(box, size, factor)) for each in depth]
+        return [
+            self._read(file, file.channels_of(view, views), size, warn, box)
+            for file, view in image_files(self.file, frame, views)
+        ]
+
+    def _read(self, file: ImageFile, channels: Sequence[Channel], size: Size, warn: Warn, box: Box | None) -> Depth:
+        """Return the depths of a view in a file, of its `channels`; the others are as for `read`."""
+        (channel,) = self._channels(file, channels, warn)
+        distance = self.kind == "distance" or (self.kind == "auto" and says_distance(channel))
+        factor, around = _factor(file, file.size, size), _around(box, size)
+        inside, alpha = _finer(box or around, size, factor), self._alpha(file, channels, channel, warn)
+        if file.is_deep(channel):
+            depth = replace(self._deep(file, channels, channel, alpha, inside), distance=distance)
+        else:
+            finer = _finer(around, size, factor)
+            depth = self._depth(file.pixels([channel], np.inf, finer)[..., 0], channel.kind, distance)
             if not np.isfinite(depth.values).any():
                 warn(f"{file}: {channel.name} holds no depth, so no beam ends: expected some pixels between 0 and 1e10")
-            corner = factor * around[0], factor * around[1]
-            inside = _finer(box or around, size, factor)
-            result.append(replace(depth, values=placed(depth.values, corner, inside, np.inf)))
-        return result
+            elif alpha is not None:
+                depth = depth.covered(file.pixels([alpha], 0.0, finer)[..., 0])
+            depth = depth.placed((factor * around[0], factor * around[1]), inside)
+        if box is None and depth.layers is not None and not len(depth.layers.front):
+            text = "covers nothing, so no beam ends: expected some pixels above 0, or the holdout's coverage none"
+            warn(f"{file}: {alpha.name if alpha else channel.name} {text}")
+        return depth
+
+    def _alpha(self, file: ImageFile, channels: Sequence[Channel], depth: Channel, warn: Warn) -> Channel | None:
+        """Return the channel that tells how much is covered; None: all is."""
+        if not isinstance(self.coverage, str):
+            raise SceneError(f"{file} is a file, and the coverage is an array: expected the name of a channel")
+        if self.coverage == "none":
+            return None
+        if self.coverage != "auto":
+            if not (found := channels_named(channels, self.coverage)):
+                names = ", ".join(each.name for each in channels[:_MOST_NAMES])
+                raise SceneError(f"{file} has no channel '{self.coverage}': expected one of {names}, auto or none")
+            return found[0]
+        alpha = coverage_channel(channels, depth)
+        if alpha is None and file.is_deep(depth):
+            warn(f"{file} has no A beside {depth.name}: its deep samples are taken to be opaque")
+        return alpha
+
+    def _deep(
+        self, file: ImageFile, channels: Sequence[Channel], front: Channel, alpha: Channel | None, box: Box
+    ) -> Depth:
+        """Return the layers of a deep part's pixels in a box, which may reach beyond the picture."""
+        own = [each for each in channels if each.part == front.part and each.words[-1] == "zback"]
+        if alpha is not None and alpha.part != front.part:
+            raise SceneError(f"{file} has {alpha.name} in another part than {front.name}: expected one deep part")
+        counts, values, numbers = file.deep_samples([front, *own[:1], *([alpha] if alpha else [])], box)
+        begin, end = values[0], np.fmax(values[0], values[1] if own else values[0])
+        most = HALF_MAX if front.kind == "half" else NOTHING
+        there = (begin >= 0) & (end > 0) & (end < most)
+        covered = np.where(there, np.nan_to_num(values[-1]), 0.0) if alpha else there.astype(np.float64)
+        begin, end = (np.where(there, each, 1.0) * self.scale for each in (begin, end))
+        layers = DepthLayers.of_samples(counts, begin, end, np.clip(covered, 0, 1)).taken(numbers)
+        return Depth(layers.nearest().astype(np.float32), layers=layers)
 
     def _channels(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
         """Return the channel that holds the depth."""
@@ -235,7 +268,10 @@ class Plate(_Picture):
     axes = 3
 
     def _channels(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
-        return picture_channels(file, channels, warn)
+        found = picture_channels(file, channels, warn)
+        if file.is_deep(found[0]):
+            raise SceneError(f"{file} is a deep image: expected a flat one, with one value a pixel")
+        return found
 
     def read(
         self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None,

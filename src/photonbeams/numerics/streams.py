@@ -24,6 +24,7 @@ class Stream(IntEnum):
     TIME = 102
     PIXEL = 104
     LATTICE = 105
+    HOLDOUT = 106
     # Direct light on surfaces from packed lamps and from single ones: the number of the kind or the lamp follows.
     REFLECTION = 201
     LAMP = 202

@@ -144,7 +144,7 @@ def render(
     own = extras or Extras()
     about = "" if not run.named else identity(
         content, sensor.id(), window_of(sensor.film()), as_passes(settings), own.beams,
-        own.eyes, [each.depths for each in own.holdouts],
+        own.eyes, [each.content for each in own.holdouts],
     )  # fmt: skip
 
     return accumulate(lambda _: begin(plugin, sensor, settings, warned, extras), settings, run, about)

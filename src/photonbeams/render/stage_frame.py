@@ -77,7 +77,7 @@ def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Se
     program = settings.program and (settings.program.modifier, settings.program.frame)
     return [
         shutter.moving, shutter.at(0.0).cameras, window, program,
-        replace(as_passes(settings), program=None), [each.depths for each in holdouts],
+        replace(as_passes(settings), program=None), [each.content for each in holdouts],
     ]  # fmt: skip
 
 

@@ -153,7 +153,8 @@ class FrameView:
             if pinhole is not None and pinhole.place is not None:
                 x, y, focus = (dr.opaque(Float, each) for each in pinhole.place)
                 there = x, y, focus
-            far = self.holdout.distances(own, rays.facing, places, there, some)
+            chance = samples.pair(order, Stream.HOLDOUT).x if self.holdout.layered else None
+            far = self.holdout.distances(own, rays.facing, places, there, some, chance)
         return ViewRays(self._primary(own, rays, far), own.projection, far)
 
     def inside(
