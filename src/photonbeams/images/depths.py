@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..render.holdout_layers import DepthLayers
+from ..render.seen.depth_layers import DepthLayers
 from ..scene import Array
 from .channels import Box, Size, placed
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from ..render.holdout_layers import DepthLayers
+from ..render.seen.depth_layers import DepthLayers
 from ..runtime.files import PathLike
 from ..scene import FARTHEST, Array, SceneError
 from .channels import (

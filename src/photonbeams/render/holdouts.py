@@ -22,7 +22,7 @@ from .. import scene
 from ..numerics.arrays import to_float, to_uint
 from ..runtime.device import Array2f, Float, UInt32
 from ..world.cameras.cameras import View, Window
-from .holdout_layers import DepthLayers
+from .seen.depth_layers import DepthLayers
 
 
 class HoldoutDepth:

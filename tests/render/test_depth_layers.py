@@ -8,7 +8,7 @@ import pytest
 
 from photonbeams import scene
 from photonbeams.images.plates import Holdout
-from photonbeams.render.holdout_layers import DepthLayers
+from photonbeams.render.seen.depth_layers import DepthLayers
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
 from photonbeams.world.cameras.cameras import View, Window

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene import Array
+from ...scene import Array
 
 #: The optical depth of what is opaque: e^-40 is nothing beside the steps of random numbers, 2^-24.
 OPAQUE = 40.0
