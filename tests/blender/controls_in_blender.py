@@ -97,7 +97,9 @@ def values(folder):
     sky = bpy.data.lights.new("Window", "AREA")
     sky.cycles.is_portal, sky.shape, sky.size, sky.size_y = True, "RECTANGLE", 2.0, 1.0
     scene.collection.objects.link(bpy.data.objects.new("Window", sky))
-    scene.world.photonbeams.enabled, scene.world.photonbeams.count = True, 512
+    world = scene.world.photonbeams
+    world.enabled, world.count = True, 512
+    world.fog_falloff, world.fog_ground, world.fog_noise, world.fog_noise_drift = 1.5, 0.25, 0.5, (0.5, 0, 0)
     slide = bpy.data.lights["Fill"]
     slide.use_nodes = True
     tree = slide.node_tree

@@ -112,6 +112,21 @@ def test_lamps_have_their_own_values(values):
     assert window.min(axis=0).tolist() == [-1, -0.5, 0] and window.max(axis=0).tolist() == [1, 0.5, 0]
 
 
+def test_fog_of_the_world_varies_as_its_panel_says(values, scene):
+    fog, stage = values["prims"]["/Fog"], Usd.Stage.Open(str(scene / "hooked.usdc"))
+    found = {name.removeprefix(PREFIX): value for name, value in fog.items() if name not in ("type", "targets")}
+    assert {name: found[name] for name in ("height:falloff", "height:ground", "noise:amount")} == {
+        "height:falloff": 1.5, "height:ground": 0.25, "noise:amount": 0.5,
+    }  # fmt: skip
+    assert (found["noise:scale"], found["noise:contrast"], found["noise:drift"]) == (1, 2, [0.5, 0, 0])
+    assert {f"{PREFIX}{name}" for name in found} <= {*definitions("PhotonBeamsMediumAPI")}
+    assert not [
+        each
+        for each in stage.GetPrimAtPath("/root/Fog").GetAuthoredPropertyNames()
+        if "height" in each or "noise" in each
+    ]
+
+
 def test_curves_are_beams_and_no_tubes(values):
     prims = values["prims"]
     assert [name for name in prims if "Line" in name] == ["/Beams/Line", "/Beams/Line_part1"]

@@ -84,11 +84,36 @@ class PhotonBeamsLightSettings(_Beams, bpy.types.PropertyGroup):
 
 
 class PhotonBeamsWorldSettings(_Beams, bpy.types.PropertyGroup):
-    """The beams of the sky."""
+    """The beams of the sky, and how the fog of the world varies."""
 
     enabled: BoolProperty(
         name="Beams", default=False, description="Whether the sky makes beams in fog, such as through a portal"
     )
+    fog_falloff: FloatProperty(
+        name="Falloff", default=0.0, min=0.0, soft_max=100.0, unit="LENGTH",
+        description="Metres of height over which the fog of the world falls to 1 / e; 0: it is the same at all heights",
+    )  # fmt: skip
+    fog_ground: FloatProperty(
+        name="Ground", default=0.0, soft_min=-100.0, soft_max=100.0, unit="LENGTH",
+        description="Height above which the fog falls; below it does not vary",
+    )  # fmt: skip
+    fog_noise: FloatProperty(
+        name="Wisps", default=0.0, min=0.0, max=1.0, description="How much the fog of the world varies in wisps"
+    )
+    fog_noise_scale: FloatProperty(
+        name="Size", default=1.0, min=1e-3, soft_max=100.0, unit="LENGTH", description="Size of the largest wisps"
+    )
+    fog_noise_contrast: FloatProperty(
+        name="Contrast", default=2.0, min=0.0, max=100.0, soft_max=10.0, description="How torn the wisps are"
+    )
+    fog_noise_drift: FloatVectorProperty(
+        name="Drift", default=(0.0, 0.0, 0.0), size=3, subtype="VELOCITY",
+        description="How the wisps move, in metres per second",
+    )  # fmt: skip
+    fog_noise_evolution: FloatProperty(
+        name="Evolution", default=0.0, soft_min=0.0, soft_max=2.0,
+        description="How often wisps change into others per second",
+    )  # fmt: skip
 
 
 class PhotonBeamsCurveSettings(bpy.types.PropertyGroup):

@@ -16,7 +16,7 @@ from .reading.beams import BeamReader, is_cycles_portal, portals_of
 from .reading.images import Images
 from .reading.lights import nodes_of, shadow_values, softness_values, tint_of
 from .reading.linking import links_of
-from .reading.media import APIS, hides_sky, medium_of
+from .reading.media import APIS, hides_sky, medium_of, world_medium
 from .reading.names import free_path, group_name
 from .reading.shading.materials import has_surface
 from .reading.shading.profiles import profile_values
@@ -146,7 +146,7 @@ class _Stage:
         if world is None:
             return
         dome = next((each for each in self._stage.Traverse() if each.GetTypeName() == _SKY), None)
-        medium = medium_of(world, _untold)
+        medium = world_medium(world, _untold)
         if dome is not None and medium is not None and hides_sky(world, medium):
             dome.SetActive(False)
         elif dome is not None:

@@ -77,6 +77,32 @@ class PHOTONBEAMS_PT_world_beams(_BeamsPanel):  # noqa: N801
         _draw_beams(split(self.layout, keyframes=True), context.world.photonbeams)
 
 
+class PHOTONBEAMS_PT_fog(PropertiesPanel):  # noqa: N801
+    """How the fog of the world varies."""
+
+    bl_label = "Fog"
+    bl_context = "world"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        """Return whether the scene is rendered by this engine, and has a world."""
+        return super().poll(context) and getattr(context, "world", None) is not None
+
+    def draw(self, context: Any) -> None:
+        """Draw the panel."""
+        layout, own = split(self.layout, keyframes=True), context.world.photonbeams
+        column = layout.column(align=True)
+        column.prop(own, "fog_falloff")
+        ground = column.column()
+        ground.active = own.fog_falloff > 0
+        ground.prop(own, "fog_ground")
+        layout.prop(own, "fog_noise")
+        wisps = layout.column()
+        wisps.active = own.fog_noise > 0
+        for name in ("fog_noise_scale", "fog_noise_contrast", "fog_noise_drift", "fog_noise_evolution"):
+            wisps.prop(own, name)
+
+
 class PHOTONBEAMS_PT_curve_beams(_BeamsPanel):  # noqa: N801
     """A curve that is beams."""
 
@@ -209,7 +235,8 @@ def _presets() -> list[type]:
 
 CLASSES = (
     *_presets(), PHOTONBEAMS_PT_beams, *_panels("", "light", "data"), PHOTONBEAMS_PT_world_beams,
-    *_panels("world_", "world", "world"), PHOTONBEAMS_PT_curve_beams, *_panels("curve_", "curve", "data"),
+    *_panels("world_", "world", "world"), PHOTONBEAMS_PT_fog, PHOTONBEAMS_PT_curve_beams,
+    *_panels("curve_", "curve", "data"),
 )  # fmt: skip
 
 

@@ -38,6 +38,7 @@ class Volume:
     kelvin: float = 0.0
 
 
+_WISPS = ("scale", "contrast", "evolution")
 _NOTHING = Volume(np.zeros(3), np.zeros(3), 0.0)
 
 
@@ -58,6 +59,23 @@ def medium_of(owner: Any, told: Told, density: float | None = None) -> dict[str,
         "photonbeams:anisotropy": ["float", found.anisotropy],
         **({"photonbeams:emission": ["color3f", found.glow.tolist()]} if found.glow is not None else {}),
     }
+
+
+def world_medium(world: Any, told: Told) -> dict[str, Any] | None:
+    """Return the attributes of the fog of a world, and of how it varies; None if it has none."""
+    found = medium_of(world, told)
+    if found is None:
+        return None
+    own = world.photonbeams
+    if own.fog_falloff > 0:
+        found |= {
+            f"photonbeams:height:{name}": ["float", getattr(own, f"fog_{name}")] for name in ("falloff", "ground")
+        }
+    if own.fog_noise > 0:
+        numbers = {"amount": own.fog_noise, **{name: getattr(own, f"fog_noise_{name}") for name in _WISPS}}
+        found |= {f"photonbeams:noise:{name}": ["float", value] for name, value in numbers.items()}
+        found["photonbeams:noise:drift"] = ["float3", list(own.fog_noise_drift)]
+    return found
 
 
 def volume_of(material: Any, told: Told) -> Volume | None:

@@ -17,7 +17,7 @@ from .glow import GlowingMeshes, areas
 from .kept import Kept
 from .lights import light_prim, stretch_of, world_prims
 from .linking import Links
-from .media import APIS, has_volume, hides_sky, medium_of, volume_of
+from .media import APIS, has_volume, hides_sky, volume_of, world_medium
 from .meshes import faces_by_material, mesh_values, points_of
 from .motion import is_blurred
 from .names import free_path, group_name
@@ -304,7 +304,7 @@ class SceneReader:
         return self._materials[key]
 
     def _add_world(self, world: Any) -> None:
-        medium = medium_of(world, self._told)
+        medium = world_medium(world, self._told)
         path = self._path("", "World")
         sky = (
             []
