@@ -322,7 +322,8 @@ def saved(folder):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.wm.open_mainfile(filepath=str(folder / "saved.blend"))
     after, said = read(folder)
-    tell(before=before, after=after, said=said)
+    bpy.ops.wm.set_working_color_space(working_space="ACEScg")
+    tell(before=before, after=after, said=said, in_acescg=read(folder)[1])
 
 
 if __name__ == "__main__":

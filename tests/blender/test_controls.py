@@ -251,6 +251,7 @@ def test_what_is_set_is_saved_in_the_file(tmp_path):
     (found,) = blender("saved", tmp_path, SCRIPT)
     before, after = found["before"], found["after"]
     assert before == after and found["said"] == ["World World: its volume hides the sky, as in Cycles"]
+    assert found["in_acescg"][0].startswith("the file's working space is ACEScg: images, skies and temperatures have")
     looks = {name: before[path]["targets"][f"{PREFIX}look"] for name, path in (
         ("Key", "/Lights/Key"), ("Fill", "/Lights/Fill"), ("Sun", "/Lights/Sun"), ("Line", "/Beams/Line"),
     )}  # fmt: skip

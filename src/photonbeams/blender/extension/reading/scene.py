@@ -8,6 +8,7 @@ from functools import partial
 from itertools import count
 from typing import Any
 
+import bpy
 import numpy as np
 
 from .beams import BeamReader, is_cycles_portal, portals_of
@@ -30,6 +31,7 @@ from .volumes import scale_of, smoke_of, volume_prims
 
 CAMERA = "/Camera"
 _UNREAD = {"GREASEPENCIL": "a drawing"}
+_SPACE = "Linear Rec.709"  # of images and temperatures, whatever the working space
 
 
 class SceneReader:
@@ -65,6 +67,8 @@ class SceneReader:
 
     def prims(self) -> list[dict[str, Any]]:
         """Return the prims of all but the camera."""
+        if (space := bpy.data.colorspace.working_space) != _SPACE:
+            self._told(f"the file's working space is {space}: images, skies and temperatures have colours of {_SPACE}")
         for thing, matrix, key in self._things():
             self._links.see(thing, key)
             if thing.type == "CURVE" and thing.data.photonbeams.enabled:
