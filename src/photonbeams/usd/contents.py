@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..scene import Array, DrawnBeams, Light, Medium, Mesh, MeshLight, Scene
+from .common.color_spaces import spaces_of
 from .common.openusd import Usd, UsdGeom
 from .common.reading import Cache, Reading, Time, prims_under, quiet, target_paths
 from .common.warnings import Warnings
@@ -81,6 +82,7 @@ def read_scene(
         stage, time, warnings or Warnings(), base=base, lasting={} if lasting is None else lasting,
         surfaces={} if surfaces is None else surfaces,
     )  # fmt: skip
+    spaces_of(stage, reading.warn)
     return _read(reading, outlines=False)
 
 

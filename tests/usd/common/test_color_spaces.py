@@ -7,7 +7,6 @@ from pxr import UsdLux
 from photonbeams.images.color_spaces import REC709, converted
 from photonbeams.scene import SceneError
 from photonbeams.usd.common.warnings import Warnings
-from photonbeams.usd.settings import read_settings
 from photonbeams.usd.stage import open_stage, read_scene
 
 COLOR = (0.9, 0.3, 0.15)
@@ -133,6 +132,6 @@ def test_an_unknown_space_is_named(tmp_path, caplog):
     with pytest.raises(SceneError, match="the colour space is 'sRGB - Texture': expected a linear colour space"):
         open_stage(path, color_space="sRGB - Texture")
     wrong = open_stage(write(tmp_path / "b.usda", "none.png", settings="ACEScct"))
-    warnings = Warnings()
-    read_settings(wrong, warnings=warnings)
+    read_scene(wrong, warnings=Warnings())
+    assert caplog.text.count("renderingColorSpace") == 1
     assert "/Render.renderingColorSpace is 'ACEScct': expected a linear colour space" in caplog.text

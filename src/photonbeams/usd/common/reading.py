@@ -88,7 +88,7 @@ class Reading:
         self.time = _time_code(self.time)
         self.base = self.time if self.base is None else _time_code(self.base)
         self.xforms = UsdGeom.XformCache(self.time)
-        self.spaces = spaces_of(self.stage, self.warn)
+        self.spaces = spaces_of(self.stage)
 
     def place(self, prim: Usd.Prim, name: str = "") -> str:
         """Return "file: /prim.attribute", the beginning of messages."""
