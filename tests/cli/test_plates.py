@@ -67,7 +67,8 @@ def depth_file(path, value=2.0, size=(16, 9)):
 def test_beams_go_over_a_plate_of_cycles_in_exr_and_png(call, tmp_path):
     flags = ("--holdout", PLATE, "--over", PLATE, *FOG, *SMALL)
     code, _, stderr = call("render", ATTIC, "-o", tmp_path / "a.exr", "-o", tmp_path / "a.png", *flags)
-    assert (code, "Warning" in stderr) == (0, False), stderr
+    # Each light group has few beams here, which are wider than the skylight's gaps.
+    assert code == 0 and [each for each in stderr.splitlines() if "Warning" in each and "gaps of" not in each] == []
     layers, plate = read_layers(tmp_path / "a.exr"), read_layers(PLATE)["ViewLayer.Combined"]
     assert layers["rgba"].shape == (180, 320, 4)  # without --res, the size of the plate
     half = 2**-10 * np.maximum(layers["rgba"][..., :3], 1e-3)  # each of the two is rounded to half precision

@@ -175,7 +175,7 @@ def _warns(subject: Subject, window: Window) -> Callable[[str], None] | None:
         return None
     given.add(_ASKED)
     name = subject.name
-    return lambda text: subject.warnings.give(f"{name}: {text}" if name else text)
+    return lambda text: subject.warnings.advise(f"{name}: {text}" if name else text)
 
 
 def _camera(view: View | None) -> View:

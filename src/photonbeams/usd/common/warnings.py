@@ -68,6 +68,13 @@ class Warnings:
         kind = (file, _DIFFERING.sub("#", f"{place.partition('.')[2]} {rest}"))
         self._held.setdefault(kind, []).append(text)
 
+    def advise(self, sentence: str) -> None:
+        """Log once, also where warnings are errors, what a user may want to know of a shot that is sound."""
+        if sentence not in self.given:
+            self.given.add(sentence)
+            if not self.muted:
+                LOG.warning("%s", shortened(sentence))
+
     @contextmanager
     def together(self) -> Iterator[None]:
         """Log the warnings within this context at its end; those of one kind become one, with the number of prims."""
