@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import photonbeams as pb
+from photonbeams.export.shot import export
 from photonbeams.runtime.device import mitsuba
 
 pytestmark = pytest.mark.usefixtures("helping_thread")
@@ -86,3 +88,15 @@ def test_what_cannot_be_done_is_told_in_a_sentence(folder, call, arguments, code
     found, _, said = call("export", "stage.usda", *arguments, "-q")
     assert found == code and said.startswith("Error: ") and message in said and len(said.splitlines()) == 1
     assert [each.name for each in folder.iterdir()] == ["stage.usda"]
+
+
+def test_colours_of_a_twin_are_linear_rec_709_whatever_the_working_space(call, folder, caplog):
+    red = STAGE.replace("bool treatAsPoint = 1", "color3f inputs:color = (1, 0, 0)\n    float inputs:intensity = 5")
+    head = 'startTimeCode = 1\n    renderSettingsPrimPath = "/Render"'
+    settings = 'def RenderSettings "Render" {\n    token renderingColorSpace = "ACEScg"\n}\n'
+    (folder / "stage.usda").write_text(red.replace("startTimeCode = 1", head) + settings)
+    assert call("export", "stage.usda", "-o", "twin.xml")[0] == 0
+    text = (folder / "twin.xml").read_text().replace(",", "")
+    assert 'value="5 0 0"' in text and "lin_ap1_scene" not in caplog.text
+    export(pb.Shot.open(folder / "stage.usda"), folder / "other.xml")
+    assert "colours are numbers of lin_ap1_scene, which Mitsuba takes for linear Rec. 709" in caplog.text

@@ -113,13 +113,16 @@ def opened_frames(
     scene: Path, camera: str | None, target: Output, content: ContentFlags, **programs: Any
 ) -> tuple[Shot, list[Task]]:
     """Return the shot of a stage from which other files are written, and its frames; `programs` are those of `Shot`."""
+    from ..images.color_spaces import REC709
     from ..shot import Shot
     from ..usd.layers.frames import check_frames
     from ..usd.stage import open_stage
 
     numbers = frame_numbers(content.frames, [target])
     layers, selection = content.layers, content.selection.selection()
-    stage = open_stage(scene, layers.session_layer or (), layers.overrides or (), selection=selection)
+    stage = open_stage(  # other files name no space, and are then read as linear Rec. 709
+        scene, layers.session_layer or (), layers.overrides or (), selection=selection, working_space=REC709
+    )
     check_frames(stage, [each for each in numbers if each is not None])
     shot = Shot(stage, camera, medium=content.fog.on(stage), **programs)
     return shot, tasks_of(shot, numbers, [target], ())

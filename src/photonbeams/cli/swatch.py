@@ -52,10 +52,11 @@ def swatch(
     try_path(output)
     check_address_space()
     with messages(quiet=False, verbose=False):
+        from ..images.color_spaces import REC709
         from ..usd.look_library import find_looks
         from ..usd.stage import open_stage
 
-        stage = open_stage(scene, layers.session_layer or (), layers.overrides or ())
+        stage = open_stage(scene, layers.session_layer or (), layers.overrides or (), working_space=REC709)
         found, medium, seconds = find_looks(stage, look or (), frame)
     from ..images.swatches import FOG, Specimen, sheet
     from ..looks import LightContext

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..images.color_spaces import REC709
 from ..images.frame import pixels_of
 from ..runtime.files import PathLike, atomic_path, write_bytes
 from ..scene import SceneError
@@ -62,6 +63,11 @@ def export(
     name = file_of(shot.stage)
     number = frame_number(shot.time(frame))
     text = _xml(twin, f"{Path(name).name} at frame {number:.10g}")
+    if shot.subject.spaces.working != REC709:
+        twin.lost.append(
+            f"its colours are numbers of {shot.subject.spaces.working}, which Mitsuba takes for linear Rec. 709: "
+            "expected a shot that was opened with working_space='lin_rec709'"
+        )
     for each in dict.fromkeys(twin.lost):
         LOG.warning("%s: %s", name, each)
     return _write(twin, path, text)
