@@ -68,6 +68,9 @@ def test_fog_fills_the_box_around_prims(usd, scene):
         np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [(7 - wide, -1, -1), (7 + wide, 1, 1)])
     found = scene(fog % "[</House/Room>, </House/Lamp>]").media[0].mesh
     np.testing.assert_allclose(found.points.max(axis=0)[1], 3.5)
+    unseen = 'def Cube "Room" {\nuniform token purpose = "guide"\ntoken visibility = "invisible"'
+    helper = scene((fog % "</House/Room>").replace('def Cube "Room" {', unseen)).media[0].mesh
+    np.testing.assert_allclose(helper.points.max(axis=0), (9, 1, 1))
     with pytest.raises(SceneError, match=r"/F.photonbeams:box names /No: expected a prim that is on the stage"):
         scene(fog % "</No>")
     with pytest.raises(SceneError, match=r"names no space for fog: the box around /F is empty"):
