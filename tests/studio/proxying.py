@@ -28,17 +28,18 @@ class Proxy:
 
     def _forward(self, client):
         head = b""
-        while b"\r\n\r\n" not in head:
-            more = client.recv(4096)
-            if not more:
-                return
-            head += more
-        with socket.create_connection(("127.0.0.1", self.port)) as server, client:
-            server.sendall(self._rewritten(head))
-            back = threading.Thread(target=_pump, args=(server, client), daemon=True)
-            back.start()
-            _pump(client, server)
-            back.join()
+        with client, suppress(OSError):  # browsers open connections in advance, and end them unused
+            while b"\r\n\r\n" not in head:
+                more = client.recv(4096)
+                if not more:
+                    return
+                head += more
+            with socket.create_connection(("127.0.0.1", self.port)) as server:
+                server.sendall(self._rewritten(head))
+                back = threading.Thread(target=_pump, args=(server, client), daemon=True)
+                back.start()
+                _pump(client, server)
+                back.join()
 
     def _rewritten(self, head):
         """Return the head of a request as the server gets it; it is the only one of its connection."""
