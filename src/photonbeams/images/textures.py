@@ -9,7 +9,7 @@ import numpy as np
 import OpenImageIO
 
 from ..scene import Array, SceneError
-from .display import DECODED, is_encoded, srgb_decoded
+from .display import DECODED, srgb_decoded
 from .files import UnreadableImageError, check_image, complaint, opened, reason, strips
 
 #: Textures with more pixels along a side are scaled down, unless a user sets another limit.
@@ -70,12 +70,9 @@ def wrap_modes(path: str) -> tuple[str, str] | None:
     return (first, second or first) if first else None
 
 
-def linear(pixels: Array, kind: str, color_space: str) -> Array:
-    """Return stored pixels as scene-linear ones; `color_space` is "sRGB", "raw" or "auto": by their stored type."""
-    channels = pixels.shape[2]
-    if not (color_space == "sRGB" or (color_space == "auto" and is_encoded(kind, channels))):
-        return pixels
-    result = pixels.copy()
+def linear(pixels: Array, kind: str) -> Array:
+    """Return the linear values of stored sRGB pixels, whose type in the file is `kind`."""
+    channels, result = pixels.shape[2], pixels.copy()
     count = channels if channels not in (2, 4) else channels - 1  # alpha is never encoded
     if kind == "uint8":
         result[..., :count] = DECODED[(pixels[..., :count] * 255 + 0.5).astype(np.uint8)]

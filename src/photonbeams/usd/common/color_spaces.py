@@ -30,7 +30,7 @@ def spaces_of(stage: Usd.Stage, warn: Callable[[Usd.Prim, str, str], None] | Non
     untagged = kept(stage, "colorSpace") or REC709
     if working := kept(stage, "workingSpace"):
         return ColorSpaces(working, untagged)
-    attribute = rendering_space(stage)
+    attribute = _rendering_space(stage)
     if attribute is None:
         return ColorSpaces(untagged=untagged)
     try:
@@ -41,7 +41,7 @@ def spaces_of(stage: Usd.Stage, warn: Callable[[Usd.Prim, str, str], None] | Non
         return ColorSpaces(untagged=untagged)
 
 
-def rendering_space(stage: Usd.Stage) -> Usd.Attribute | None:
+def _rendering_space(stage: Usd.Stage) -> Usd.Attribute | None:
     """Return the attribute of the render settings in use that names the working space, if it has a value."""
     path = kept(stage, "renderSettings")
     own = UsdRender.Settings.GetStageRenderSettings(stage)

@@ -150,7 +150,7 @@ def _linear(pixels: Array, kind: str, space: str, spaces: ColorSpaces) -> Array:
     if space == AUTO:
         space = SRGB if is_encoded(kind, pixels.shape[2]) else LINEAR
     if space == SRGB:
-        pixels, space = linear(pixels, kind, "sRGB"), REC709
+        pixels, space = linear(pixels, kind), REC709
     given = rgb(pixels)
     found = to_working(given, space, spaces)
     if found is given:
