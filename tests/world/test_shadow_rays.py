@@ -135,6 +135,19 @@ def test_cameras_see_all_of_a_lamp_in_the_plane_of_a_surface(kind):
         assert np.all(np.abs(radiance - 1) < 1e-5), (seed, vars(draw))
 
 
+def test_the_back_of_a_mesh_that_shines_is_dark():
+    for seed in range(6):
+        draw = Draw((seed, 60))
+        light, panel, _ = draw.lamp("mesh")
+        world = world_of_scene(scene.Scene((panel,), (light,)), viewpoints=[draw.center + draw.height * draw.up])
+        side = 0.9 * draw.half * np.random.default_rng(seed).uniform(-1, 1, (2, COUNT, 1))
+        ray = side[0] * draw.x + side[1] * draw.y - draw.height * draw.up
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        origin = to_vectors(np.broadcast_to(draw.center + draw.height * draw.up, (COUNT, 3)))
+        radiance = shade(world, origin, to_vectors(ray), dr.arange(UInt32, COUNT)).radiance.numpy()
+        assert np.all(radiance == 0), (seed, vars(draw))
+
+
 def test_emitters_of_mitsuba_scenes_light_what_is_near_them():
     for seed in range(4):
         draw = Draw((seed, 30))
