@@ -7,6 +7,7 @@ filtered any more.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,9 +21,21 @@ _MOST_KNOTS = 64  # of a ramp, since each costs every beam a piece
 
 @dataclass(frozen=True, eq=False)
 class LightFilter:
-    """What all filters of lights have in common; `Light.filters` holds them."""
+    """What all filters of lights have in common; `Light.filters` holds them.
+
+    Attributes
+    ----------
+    name
+        Prim path, for messages.
+    left_out
+        Names of meshes and media on which the filter does not act. Default: none.
+    """
 
     name: str
+    left_out: frozenset[str] = field(default=frozenset(), kw_only=True)
+
+    #: Whether the filter acts on light in media.
+    in_media: ClassVar[bool] = True
 
 
 @dataclass(frozen=True, eq=False)
