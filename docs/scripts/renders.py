@@ -37,6 +37,7 @@ RENDERS = {
     ("interior.usda", "--exposure", "1", *CLEAN): {"rgba": "attic-interior"},
     ("ribbon.usda", "--exposure", "3", *CLEAN): {"rgba": "ribbon"},
     ("filters.usda", "--exposure", "1", *CLEAN): {"rgba": "filters"},
+    ("pool.usda", "--exposure", "2", *CLEAN): {"rgba": "pool"},
     (KEYHOLE, *CLEAN): {"rgba": "keyhole", "beams": "keyhole-beams"},
     (KEYHOLE, "--bounces", "4", *CLEAN): {"rgba": "keyhole-bounces"},
     (MAGIC, *CLEAN): {"rgba": "magic"},
@@ -198,7 +199,7 @@ def main() -> None:
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "examples").symlink_to(ROOT / "examples")
-        for page in ("guide.md", "beams.md", "filters.md", "color.md", "performance.md"):
+        for page in ("guide.md", "beams.md", "looks.md", "filters.md", "color.md", "performance.md"):
             for name, source in saved_files((DOCS / page).read_text()).items():
                 (Path(folder) / name).write_text(source)
         for name, write in jobs.items():

@@ -93,6 +93,22 @@ def test_filters_of_emitters_act_on_beams_and_surfaces(tmp_path):
         np.testing.assert_allclose(ratio, [0.5, 0.25, 1], rtol=5e-3, err_msg=name)
 
 
+def test_a_look_tints_the_surfaces_of_a_scene():
+    """The wall has the colour of the beam's end, by a look in Python and by one in a layer; the beams are the same."""
+    scene = load(
+        fog=cube_of(fog(0.5)), key_lamp={**LAMP, "id": "key_lamp"}, wall=WALL, sensor=camera((0.2, 0.3, 4), **SIZE)
+    )
+    ramp = pb.looks.ColorRamp([0, 1], [[1, 1, 1], [0.5, 0.25, 1]])
+    plain, tinted = (
+        pb.Shot(scene, looks={"key_lamp": pb.Look(along=ramp, surfaces=each)})
+        .render(passes=2, beams=2000, max_depth=2, guiding=False).layers
+        for each in ("off", "tint")
+    )  # fmt: skip
+    assert plain["surface"].any()
+    np.testing.assert_allclose(tinted["surface"], plain["surface"] * [0.5, 0.25, 1], rtol=1e-5, atol=1e-7)
+    np.testing.assert_array_equal(tinted["beams"], plain["beams"])
+
+
 LAYER = """#usda 1.0
 def PhotonBeamsLook "warm" {
     float[] photonbeams:along:ramp:knots = [0, 1]

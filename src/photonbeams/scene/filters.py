@@ -66,6 +66,8 @@ class Blocker(LightFilter):
         Whether the shape is the rectangle, with round corners, in the plane z = 0 of the filter's space.
     frame
         (4, 4) transform from the filter's space to the world, for column vectors. Default: the identity.
+    left_out
+        Names of meshes and media on which the filter does not act. Default: none.
 
     Raises
     ------
@@ -120,6 +122,8 @@ class DistanceRamp(LightFilter):
         (K,) distances from the lamp in scene units, ascending; equal ones are a step.
     colors
         (K, 3) factors there, 0 or more, or (K,) grey ones.
+    left_out
+        As of a `Blocker`.
 
     Raises
     ------
