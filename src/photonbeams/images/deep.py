@@ -39,7 +39,9 @@ def read_deep(path: PathLike, part: int, names: list[str]) -> tuple[Array, list[
     try:
         channels = OpenEXR.File(str(path), separate_channels=True).parts[part].channels
         pixels = [channels[name].pixels for name in names]
-    except (RuntimeError, ValueError, KeyError, MemoryError) as error:
+    except (IndexError, KeyError):  # of a part that could not be decoded, only a message is printed
+        raise unreadable(path, "its deep samples are damaged") from None
+    except (RuntimeError, ValueError, MemoryError) as error:
         raise unreadable(path, str(error)) from None
     none = np.zeros(0)
     counts = np.array([0 if each is None else len(each) for each in pixels[0].ravel()], np.int64)

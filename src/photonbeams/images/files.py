@@ -151,10 +151,10 @@ def check_image(path: PathLike, spec: OpenImageIO.ImageSpec) -> None:
             raise UnreadableImageError(path, problem)
 
 
-def check_decoded(path: PathLike, values: float) -> None:
+def check_decoded(path: PathLike, values: float, what: str = "its decoded pixels") -> None:
     """Raise SceneError if so many values of an image, as float32, are more than the memory here."""
     try:
-        check_size(4.0 * values, np.inf, "its decoded pixels")
+        check_size(4.0 * values, np.inf, what)
     except SceneError as error:
         raise UnreadableImageError(path, str(error)) from None
 
