@@ -195,5 +195,5 @@ class Estimates:
         if process.returncode:
             text = _error(messages.decode(errors="replace"))
             raise SceneError(text or f"the estimate ended with code {process.returncode}")
-        found = json.loads(output)
+        found = json.loads(output.splitlines()[-1])  # after what libraries may print
         return Cost(found["seconds"], found["memory"])
