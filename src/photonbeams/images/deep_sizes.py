@@ -40,7 +40,7 @@ def deep_sizes(path: PathLike) -> list[int]:
         with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             first = 4 * bool(struct.unpack_from("<I", data, 4)[0] & _MANY_PARTS)  # chunks begin with the part's number
             return [sum(_decoded(data, part.kind, each + first) for each in part.chunks) for part in _parts(data)]
-    except (struct.error, ValueError, IndexError, KeyError):
+    except (struct.error, ValueError, IndexError, KeyError, OverflowError):
         raise unreadable(path, "its header or its chunks are damaged, or the end is missing") from None
 
 
