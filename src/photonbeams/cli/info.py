@@ -98,17 +98,21 @@ def show(path: Path, session_layer: Sequence[Path] | None = None) -> None:
 
 
 def _show_image(console: Console, path: Path) -> None:
+    from ..images.deep_sizes import deep_sizes
     from ..images.files import summaries
 
     parts = summaries(path)
-    stereo = any(part.view for part in parts)
+    stereo, deep = any(part.view for part in parts), any(part.nans is None for part in parts)
+    sizes = deep_sizes(path) if deep else [0] * len(parts)
     rows = []
-    for part in parts:
+    for part, size in zip(parts, sizes, strict=True):
         channels = " ".join(part.channels) if max(map(len, part.channels)) > 1 else "".join(part.channels)
         types = ", ".join(dict.fromkeys(part.types))
+        if part.nans is None:
+            types += f"; deep, {size // sum(2 if each == 'half' else 4 for each in part.types):,} samples"
         names = (part.layer, part.view) if stereo else (part.layer,)
         ranges = ("-" if value is None else f"{value:.5g}" for value in (part.least, part.mean, part.greatest))
-        counts = (f"{count:,}" for count in (part.nans, part.infinite))
+        counts = ("-" if count is None else f"{count:,}" for count in (part.nans, part.infinite))
         rows.append((*names, channels, types, f"{part.width} x {part.height}", *ranges, *counts))
     columns = ("layer", *(["view"] if stereo else []), "channels", "type", "size", "min", "mean", "max")
     console.print(_table((*columns, "NaN", "infinite"), rows, right=5))
