@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import redirect_stdout
+from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,9 +39,10 @@ def encoded_deep(path: PathLike, views: Mapping[str, tuple[DeepPicture, Metadata
 def read_deep(path: PathLike, part: int, names: list[str]) -> tuple[Array, list[Array]]:
     """Return how many samples each pixel of a deep part has, (H, W), and the values of channels, (N,) float64 each."""
     try:
-        channels = OpenEXR.File(str(path), separate_channels=True).parts[part].channels
+        with redirect_stdout(StringIO()):  # it prints why a part cannot be decoded, and leaves the part out
+            channels = OpenEXR.File(str(path), separate_channels=True).parts[part].channels
         pixels = [channels[name].pixels for name in names]
-    except (IndexError, KeyError):  # of a part that could not be decoded, only a message is printed
+    except (IndexError, KeyError):
         raise unreadable(path, "its deep samples are damaged") from None
     except (RuntimeError, ValueError, MemoryError) as error:
         raise unreadable(path, str(error)) from None
