@@ -9,6 +9,7 @@ import pytest
 from photonbeams import scene
 from photonbeams.images.deep_sizes import deep_sizes
 from photonbeams.images.plates import Holdout
+from photonbeams.render.seen import depth_layers
 from photonbeams.render.seen.depth_layers import DepthLayers
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
@@ -64,6 +65,20 @@ def test_layers_are_those_of_the_product_of_samples_in_any_order():
     ):
         found += (after - before) * np.clip((at - begin) / max(end - begin, 1e-9), 0, 1)
     assert np.allclose(found, expected, atol=1e-9)
+
+
+def test_layers_are_the_same_however_many_pixels_are_taken_together(rng, monkeypatch):
+    counts = rng.integers(0, 4, (5, 7))
+    front = rng.uniform(1, 9, counts.sum())
+    back, alpha = front + rng.choice([0.0, 2.0], len(front)), rng.uniform(0, 1, len(front))
+    whole = DepthLayers.of_samples(counts, front, back, alpha)
+    assert (whole.counts.sum(axis=1) > 0).all() and (whole.front < whole.back).any()
+    for most in (1, 2, 5, len(front)):
+        monkeypatch.setattr(depth_layers, "_TOGETHER", most)
+        parts = DepthLayers.of_samples(counts, front, back, alpha)
+        assert all(np.array_equal(getattr(parts, each), getattr(whole, each)) for each in ("counts", "front", "back"))
+        assert np.allclose(parts.optical, whole.optical, rtol=1e-12, atol=1e-12)
+    assert not len(DepthLayers.of_samples(0 * counts, front[:0], back[:0], alpha[:0]).front)
 
 
 @pytest.mark.parametrize(("parts", "tiled"), [(1, False), (2, True)])

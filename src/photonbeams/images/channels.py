@@ -30,8 +30,8 @@ Layer = tuple[int, str]  # a part, and the name that its channels share
 
 # Names of layers that hold the picture, the likeliest first; a layer without a name is likelier still.
 _PICTURES = ("rgba", "combined", "beauty", "c", "color", "main")
-# Memory that reading a deep file takes at most, in bytes a sample and a pixel's array of a channel: measured.
-_SAMPLE_BYTES, _ARRAY_BYTES = 350, 170
+# Memory that a deep holdout takes at most, in bytes a sample and a pixel's array of a channel: measured.
+_SAMPLE_BYTES, _ARRAY_BYTES = 180, 210
 _COLORS = (("r", "red"), ("g", "green"), ("b", "blue"))
 
 
