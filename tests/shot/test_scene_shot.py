@@ -8,6 +8,7 @@ import pytest
 import photonbeams as pb
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import BeamSettings, DistanceRamp, Gobo, SceneError
+from tests.helpers.deep_files import write_deep
 from tests.helpers.mitsuba_scenes import T, camera, cube_of, fog, load, rgb
 
 pytestmark = pytest.mark.usefixtures("helping_thread")
@@ -55,6 +56,21 @@ def test_a_holdout_far_away_hides_no_beam(shot):
         assert layers["beams"].any()
         np.testing.assert_allclose(other["beams"], layers["beams"], rtol=1e-3, atol=1e-5)
         assert not other["surface"].any()
+
+
+def test_each_eye_has_its_own_deep_samples(shot, tmp_path):
+    """All light is behind the samples: a surface covers 0.75 for the left eye, volumes 0.2 and 0.5 for the right."""
+    samples = [[(1.0, 1.0, 0.75)], [(1.0, 1.5, 0.2), (1.2, 2.0, 0.5)]]
+    size = SIZE["width"], SIZE["height"]
+    path = write_deep(tmp_path / "eyes.exr", lambda part, _: samples[part], size, parts=2, views=("left", "right"))
+    given = {"passes": 16, "beams": 500, "max_depth": 2, "guiding": False}
+    whole, held = (shot.render(**given, **more).views for more in ({}, {"holdout": path}))
+    for eye, passed in (("left", 0.25), ("right", 0.4)):
+        light, seen = (views[eye][0]["beams"].sum(axis=2, dtype=np.float64) for views in (whole, held))
+        # The light of each pixel in each pass is seen or not; from pass to pass it varies, at most by its own size.
+        error = 4 * np.sqrt(2 * passed * (1 - passed) * (light**2).sum() / 16) / light.sum()
+        assert seen.sum() / light.sum() == pytest.approx(passed, abs=error) and error < 0.1
+        np.testing.assert_allclose(held[eye][0]["depth"], 1.0, rtol=1e-6)
 
 
 FILTERED = """#usda 1.0
