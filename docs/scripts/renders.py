@@ -37,6 +37,7 @@ RENDERS = {
     ("interior.usda", "--exposure", "1", *CLEAN): {"rgba": "attic-interior"},
     ("ribbon.usda", "--exposure", "3", *CLEAN): {"rgba": "ribbon"},
     ("filters.usda", "--exposure", "1", *CLEAN): {"rgba": "filters"},
+    ("pool.usda", "--exposure", "2", *CLEAN): {"rgba": "pool"},
     (KEYHOLE, *CLEAN): {"rgba": "keyhole", "beams": "keyhole-beams"},
     (KEYHOLE, "--bounces", "4", *CLEAN): {"rgba": "keyhole-bounces"},
     (MAGIC, *CLEAN): {"rgba": "magic"},
@@ -171,6 +172,50 @@ def blind(folder: Path) -> None:
     keep(np.hstack(both), "blind")
 
 
+def held(folder: Path) -> None:
+    """Write slats that are held out by one depth a pixel, with its alpha, and by a deep file of a finer depth."""
+    from photonbeams.images.files import read_layers
+
+    size, parts = (208, 117), 8
+    flags = ("slats.usda", "-q", "--res")
+    finer = [str(parts * each) for each in size]
+    photonbeams(folder, "render", *flags, *map(str, size), "--layers", "rgba,depth", "-o", "slats.exr")
+    photonbeams(
+        folder, "render", *flags, *finer, "--passes", "1", "--beams", "8", "--layers", "depth", "-o", "fine.exr"
+    )
+    deepened(read_layers(folder / "fine.exr")["depth"], parts, folder / "deep.exr")
+    pictures = []
+    for name, *more in (("slats.exr", "--holdout-coverage", "none"), ("slats.exr",), ("deep.exr",)):
+        flags = ("slats.usda", *CLEAN, "-q", "--holdout", name, *more, "-o", "held.png")
+        photonbeams(folder, "render", *flags)
+        pictures.append(np.asarray(Image.open(folder / "held.png").convert("RGB")))
+    keep(np.kron(np.hstack(pictures), np.ones((2, 2, 1))), "holdout-coverage")
+
+
+def deepened(depth: np.ndarray[Any, Any], parts: int, path: Path) -> None:
+    """Write a deep file of surfaces, from depths of so many times the size; a tenth of a unit parts two surfaces."""
+    import OpenImageIO
+
+    height, width = (each // parts for each in depth.shape)
+    pixels = depth.reshape(height, parts, width, parts).swapaxes(1, 2).reshape(height * width, -1)
+    spec = OpenImageIO.ImageSpec(width, height, 2, "float")
+    spec.deep, spec.channelnames = True, ("Z", "A")
+    data = OpenImageIO.DeepData()
+    data.init(len(pixels), 2, ["float", "float"], spec.channelnames)
+    for pixel, own in enumerate(pixels):
+        there, left = np.sort(own[np.isfinite(own)]), own.size
+        surfaces = [each for each in np.split(there, np.flatnonzero(np.diff(there) > 0.1) + 1) if len(each)]
+        data.set_samples(pixel, len(surfaces))
+        for number, each in enumerate(surfaces):
+            data.set_deep_value(pixel, 0, number, float(each.mean()))
+            data.set_deep_value(pixel, 1, number, len(each) / left)
+            left -= len(each)
+    out = OpenImageIO.ImageOutput.create(str(path))
+    if not (out.open(str(path), spec) and out.write_deep_image(data)):
+        raise SystemExit(out.geterror())
+    out.close()
+
+
 def swatch(folder: Path) -> None:
     """Write what docs/examples.md shows of the shaft's look."""
     photonbeams(folder, "swatch", SHAFT, *DIRECTED, "--length", "7", "-o", str(PICTURES / "shaft-look.png"))
@@ -193,12 +238,14 @@ def main() -> None:
     jobs |= {
         "attic-dressed": dressed, "attic-over": plate, "compositing": composited, "color": spaces,
         "shaft-look": swatch, "fit": fitted, "blind": blind,
+        "holdout-coverage": held,
         "flight": lambda folder: sheet(folder, FLIGHT, "flight", columns=5),
         "magic-grow": lambda folder: sheet(folder, GROWTH, "magic-grow", columns=4),
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "examples").symlink_to(ROOT / "examples")
-        for page in ("guide.md", "beams.md", "filters.md", "color.md", "performance.md"):
+        pages = "guide", "beams", "looks", "filters", "color", "compositing", "performance"
+        for page in (f"{name}.md" for name in pages):
             for name, source in saved_files((DOCS / page).read_text()).items():
                 (Path(folder) / name).write_text(source)
         for name, write in jobs.items():

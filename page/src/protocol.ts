@@ -105,9 +105,20 @@ export interface Render {
   file?: string | null;
 }
 
-/** End the final render. */
+/** Estimate what that final render takes; the answer has the same `number`. A page's next one replaces it. */
+export interface Estimate {
+  type: "estimate";
+  number: number;
+  passes: number;
+  frames?: [number, number] | null;
+  size?: [number, number] | null;
+  denoise?: boolean;
+}
+
+/** End the final render, or the estimate of one. */
 export interface Cancel {
   type: "cancel";
+  estimate?: boolean;
 }
 
 /** The value of a ramp; it is stored as three attributes, whose paths are the `parts` of its control. */
@@ -255,6 +266,15 @@ export interface RenderMessage {
   problem: string | null;
 }
 
+/** About how long all frames take, in seconds, and how much memory, in bytes; or why that is not known. */
+export interface EstimateMessage {
+  type: "estimate";
+  number: number;
+  seconds: number | null;
+  memory: number | null;
+  problem: string | null;
+}
+
 /** A preset was applied for this page. */
 export interface Applied {
   type: "applied";
@@ -293,6 +313,6 @@ export interface PictureHeader {
   compared?: boolean;
 }
 
-export type PageMessage = Set | Apply | Keep | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel;
+export type PageMessage = Set | Apply | Keep | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Estimate | Cancel;
 
-export type ServerMessage = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Kept | Refused;
+export type ServerMessage = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | EstimateMessage | Applied | Kept | Refused;

@@ -108,7 +108,11 @@ def RenderProduct "Deep" {
     names = [eyes.seek_subimage(k, 0) and eyes.spec().getattribute("oiio:subimagename") for k in (0, 1)]
     assert names == ["rgba.left", "rgba.right"] and eyes.spec().width == 16 and eyes.spec().full_width == 32
     fails(call("merge", out / "deep.exr", out / "product.exr", "-o", out / "y.exr"), 1, "deep.exr: is a deep picture")
-    fails(call("info", out / "deep.exr"), 1, "deep.exr cannot be read: expected an image (it is a deep one)")
+    right, (height, width) = OpenImageIO.ImageBuf("eyes.exr", 1, 0), (eyes.spec().height, eyes.spec().width)
+    count = sum(right.deep_samples(column, row) for row, column in np.ndindex(height, width))
+    row = call("info", "eyes.exr")[1].splitlines()[2]
+    wanted = f"half, float; deep, {count:,} samples"
+    assert wanted in row and row.split()[:2] == ["rgba", "right"] and row.split()[-5:] == ["-"] * 5
 
 
 def test_layers_of_numbers_make_no_pictures(render, stage, out):

@@ -56,8 +56,10 @@ def files(tmp_path):
     return tmp_path
 
 
-def depth_file(path, value=2.0, size=(16, 9)):
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Z": np.full(size[::-1], value, np.float32)}).write(str(path))
+def depth_file(path, value=2.0, size=(16, 9), **others):
+    values = {"Z": value, **others}
+    channels = {name: np.full(size[::-1], each, np.float32) for name, each in values.items()}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(path))
     return path
 
 
@@ -93,6 +95,26 @@ def test_a_frame_has_the_holdout_of_its_number(call, files):
     assert [read_layers(files / f"a.{frame}.exr")["depth"][0, 0] for frame in (1, 2)] == [1, 2]
 
 
+def test_a_coverage_is_the_alpha_or_a_channel_of_another_name_or_none(call, files):
+    """Light behind the holdout is seen by what the coverage leaves: none, 0.75 for the alpha, 0.4 for the mask."""
+    depth_file(files / "z.exr", 0.5, A=0.25, mask=0.6)
+    flags = ("--session-layer", files / "look.usda", *SMALL, "--passes", 16, "--res", 16, 9)
+
+    def beams(*more):
+        assert call("render", files / "bare.usda", "-o", files / "a.exr", *flags, *more)[0] == 0
+        return read_layers(files / "a.exr")["beams"][..., 0].astype(np.float64)
+
+    whole = beams()
+    before = beams("--holdout", files / "z.exr", "--holdout-coverage", "none")
+    behind = whole - before
+    assert behind.sum() > 0.5 * whole.sum()
+    for more, passed in (((), 0.75), (("--holdout-coverage", "mask"), 0.4)):
+        seen = beams("--holdout", files / "z.exr", *more) - before
+        # Light of a pixel and pass is seen or not; it varies from pass to pass, at most by its own size.
+        error = np.sqrt(2 * passed * (1 - passed) * (behind**2).sum() / 16) / behind.sum()
+        assert seen.sum() / behind.sum() == pytest.approx(passed, abs=4 * error + 1e-3) and 4 * error < 0.12
+
+
 def test_one_eye_needs_its_own_depth_alone(call, files):
     depth_file(files / "z.right.exr", 3.0)
     flags = ("--session-layer", files / "look.usda", "--holdout", files / "z.%V.exr", *SMALL)
@@ -109,6 +131,9 @@ def test_one_eye_needs_its_own_depth_alone(call, files):
         (("--holdout", "look.usda"), 1, "look.usda cannot be read: expected an image"),
         (("--holdout", "z.exr", "--holdout-channel", "depth.Z"), 1, "has no channel 'depth.Z': expected one of Z"),
         (("--holdout", "z.exr", "--stereo"), 1, "z.exr has no views, and the frame has two"),
+        (("--holdout", "z.exr", "--holdout-coverage", "mask"), 1, "z.exr has no channel 'mask': expected one of Z"),
+        (("--holdout-coverage", "none"), 2, "--holdout-coverage needs a holdout: expected --holdout, too"),
+        (("-qf1:2", "-o", "a.#.exr", "--holdout", "x.#.exr", "--holdout-coverage", "A"), 1, "x.2.exr has no channel"),
         (("--over", "z.exr"), 1, "z.exr has no red, green and blue: expected a picture"),
         (("--holdout-scale", 2), 2, "--holdout-scale needs a holdout: expected --holdout, too"),
         (("--holdout-channel", "Z"), 2, "--holdout-channel needs a holdout: expected --holdout, too"),
@@ -122,6 +147,8 @@ def test_bad_plates_are_one_sentence_before_anything_is_rendered(call, files, mo
     monkeypatch.chdir(files)
     for name in ("z", "y.1", "y.2"):
         depth_file(files / f"{name}.exr")
+    depth_file(files / "x.1.exr", A=0.5)
+    depth_file(files / "x.2.exr")
     output = () if "-o" in flags else ("-o", "a.exr")
     found, _, stderr = call("render", "bare.usda", "--session-layer", "look.usda", *output, *SMALL, *flags)
     assert (found, stderr.count("\n")) == (code, 1), stderr

@@ -24,11 +24,11 @@ from photonbeams.render import lights
 
 PAGES = {
     "README.md": 5, "docs/guide.md": 20, "docs/stages.md": 13, "docs/beams.md": 6, "docs/examples.md": 19,
-    "docs/looks.md": 0, "docs/blender.md": 0,
+    "docs/looks.md": 1, "docs/blender.md": 0,
     "docs/mitsuba.md": 5, "docs/matrix.md": 0, "docs/theory.md": 0, "docs/dependencies.md": 0,
     "docs/architecture.md": 0, "docs/farm.md": 6, "docs/scale.md": 0, "docs/studio.md": 0, "docs/install.md": 1,
     "docs/performance.md": 4, "docs/glossary.md": 0, "docs/usdlux.md": 0, "docs/filters.md": 1,
-    "docs/compositing.md": 1, "docs/color.md": 1,
+    "docs/compositing.md": 4, "docs/color.md": 2,
 }  # fmt: skip
 #: Pages that only the site has, and Sphinx checks: tests/docs/test_site.py.
 SITE = {"docs/index.md", "docs/gallery.md", "docs/changelog.md", "docs/contributing.md"}

@@ -19,6 +19,7 @@ from photonbeams.images.plates import Holdout, Plate
 from photonbeams.render.holdouts import HoldoutDepth
 from photonbeams.scene import Camera
 from photonbeams.world.cameras.cameras import View, Window
+from tests.helpers.deep_files import write_deep
 from tests.helpers.kernels import compiled
 
 ATTIC = Path(__file__).resolve().parents[2] / "examples" / "blender" / "attic.usda"
@@ -194,6 +195,14 @@ def test_each_eye_has_its_own_depth_and_plate(tmp_path):
     pixels = np.stack(list(layers.values()))
     again = shot.render(passes=1, beams=16, holdout=pixels)
     assert np.array_equal(again.views["right"][0]["depth"][..., 0], layers["right"])
+    # A deep file whose first sample is opaque is the flat one, for each eye.
+    samples = [[(9.0, 9.0, 0.5), (depth[0, 0], depth[0, 0], 1.0)] for depth in layers.values()]
+    deep = write_deep(tmp_path / "deep.exr", lambda part, _: samples[part], SIZE, parts=2, views=tuple(layers))
+    same = shot.render(passes=1, beams=16, holdout=deep)
+    for eye, depth in layers.items():
+        flat, seen = (each.views[eye][0] for each in (frame, same))
+        assert np.array_equal(seen["depth"][..., 0], depth) and flat["beams"].any()
+        np.testing.assert_allclose(seen["beams"], flat["beams"], rtol=1e-4, atol=1e-5 * flat["beams"].max())
 
 
 # -- channels --------------------------------------------------------------------------------------------------------

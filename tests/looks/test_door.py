@@ -71,12 +71,15 @@ def test_arithmetic_with_what_is_no_number_is_told_in_a_sentence(number):
 
 def test_a_wrong_keyword_is_answered_with_the_right_ones():
     for make, sentence in (
-        (lambda: pb.Look(colour=1), "Look has no argument 'colour'. Expected along, across, eye, angle"),
+        (lambda: pb.Look(colour=1), "Look has no argument 'colour'. Expected along, across, eye, angle, surfaces"),
         (
             lambda: pb.Look(angel=1),
-            "Look has no argument 'angel', did you mean angle? Expected along, across, eye, angle",
+            "Look has no argument 'angel', did you mean angle? Expected along, across, eye, angle, surfaces",
         ),
-        (lambda: pb.Look(*range(5)), "Look got 5 positional arguments: expected up to 4, along, across, eye, angle"),
+        (
+            lambda: pb.Look(*range(6)),
+            "Look got 6 positional arguments: expected up to 5, along, across, eye, angle, surfaces",
+        ),
         (lambda: looks.Exponential(), "Exponential lacks length: expected length"),
         (lambda: looks.Glow(mixx=1), "Glow has no argument 'mixx', did you mean mix? Expected anisotropy, mix, gain"),
         (lambda: pb.thin(part=1), "thin has no argument 'part'. Expected fraction, keep_light"),

@@ -7,13 +7,16 @@ import OpenImageIO
 import pytest
 
 from photonbeams import scene
+from photonbeams.images.deep_sizes import deep_sizes
 from photonbeams.images.plates import Holdout
+from photonbeams.render.seen import depth_layers
 from photonbeams.render.seen.depth_layers import DepthLayers
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
 from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.shutter import Shutter
 from tests.helpers.comparison import quad
+from tests.helpers.deep_files import damaged, write_deep
 
 WIDTH, HEIGHT = 40, 24
 WINDOW = Window.full(WIDTH, HEIGHT)
@@ -47,34 +50,6 @@ def read(holdout):
     return holdout.read(1, [""], (WIDTH, HEIGHT), warnings.append), warnings
 
 
-def write_deep(path, samples, parts=1, tiled=False, size=(WIDTH, HEIGHT)):
-    """Write samples (Z, ZBack, A) of each pixel, returned by `samples(part, pixel)`, with OpenImageIO."""
-    specs = []
-    for part in range(parts):
-        spec = OpenImageIO.ImageSpec(*size, 3, "float")
-        spec.deep, spec.channelnames = True, ("Z", "ZBack", "A")
-        spec.attribute("oiio:subimagename", f"part{part}")
-        spec.attribute("compression", "zips")
-        if tiled:
-            spec.tile_width = spec.tile_height = 16
-        specs.append(spec)
-    out = OpenImageIO.ImageOutput.create(str(path))
-    assert out.open(str(path), tuple(specs)) if parts > 1 else out.open(str(path), specs[0]), out.geterror()
-    for part, spec in enumerate(specs):
-        assert not part or out.open(str(path), spec, "AppendSubimage"), out.geterror()
-        data = OpenImageIO.DeepData()
-        data.init(size[0] * size[1], 3, [OpenImageIO.TypeFloat] * 3, ["Z", "ZBack", "A"])
-        for pixel in range(size[0] * size[1]):
-            own = samples(part, pixel)
-            data.set_samples(pixel, len(own))
-            for number, sample in enumerate(own):
-                for channel, value in enumerate(sample):
-                    data.set_deep_value(pixel, channel, number, value)
-        assert out.write_deep_image(data), out.geterror()
-    out.close()
-    return path
-
-
 def test_layers_are_those_of_the_product_of_samples_in_any_order():
     """Two volumes that overlap, behind a surface, in the wrong order: optical depths at every depth are sums."""
     front, back, alpha = np.array([[4.0, 3.0, 2.0], [8.0, 6.0, 2.0], [0.5, 0.75, 0.25]])
@@ -92,12 +67,25 @@ def test_layers_are_those_of_the_product_of_samples_in_any_order():
     assert np.allclose(found, expected, atol=1e-9)
 
 
+def test_layers_are_the_same_however_many_pixels_are_taken_together(rng, monkeypatch):
+    counts = rng.integers(0, 4, (5, 7))
+    front = rng.uniform(1, 9, counts.sum())
+    back, alpha = front + rng.choice([0.0, 2.0], len(front)), rng.uniform(0, 1, len(front))
+    whole = DepthLayers.of_samples(counts, front, back, alpha)
+    assert (whole.counts.sum(axis=1) > 0).all() and (whole.front < whole.back).any()
+    for most in (1, 2, 5, len(front)):
+        monkeypatch.setattr(depth_layers, "_TOGETHER", most)
+        parts = DepthLayers.of_samples(counts, front, back, alpha)
+        assert all(np.array_equal(getattr(parts, each), getattr(whole, each)) for each in ("counts", "front", "back"))
+        assert np.allclose(parts.optical, whole.optical, rtol=1e-12, atol=1e-12)
+    assert not len(DepthLayers.of_samples(0 * counts, front[:0], back[:0], alpha[:0]).front)
+
+
 @pytest.mark.parametrize(("parts", "tiled"), [(1, False), (2, True)])
 def test_light_between_deep_samples_is_that_which_the_samples_before_let_through(tmp_path, parts, tiled):
     """Light before all samples, between a surface and a volume, in the volume, and behind it, by itself."""
-    path = write_deep(
-        tmp_path / "deep.exr", lambda part, _: [(5, 9, 0.75), (3, 3, 0.5)] if part == 0 else [(1, 1, 1)], parts, tiled
-    )
+    samples = [[(5, 9, 0.75), (3, 3, 0.5)], [(1, 1, 1)]]
+    path = write_deep(tmp_path / "deep.exr", lambda part, _: samples[part], (WIDTH, HEIGHT), parts, tiled)
     (held,), warnings = read(Holdout(path, scale=UNIT))
     assert len(warnings) == (parts > 1)  # one of several depths is used
     # Half-way in the volume, a beam that is thin in depth has 0.25^0.5 of its light; it is 1 unit thick, and symmetric.
@@ -119,7 +107,8 @@ def test_a_slanted_deep_surface_hides_beams_right_behind_it(tmp_path):
     down = (np.arange(HEIGHT) + 0.5) / HEIGHT * 0.6 - 0.3
     depth = np.repeat(np.where(down > 0, 0.5 / np.maximum(down, 1e-9), np.inf)[:, None], WIDTH, axis=1)
     near = depth.ravel() < 40
-    path = write_deep(tmp_path / "floor.exr", lambda _, p: [(depth.flat[p], depth.flat[p], 1)] if near[p] else [])
+    floor = [[(each, each, 1)] if seen else [] for each, seen in zip(depth.flat, near, strict=True)]
+    path = write_deep(tmp_path / "floor.exr", lambda _, pixel: floor[pixel], (WIDTH, HEIGHT))
     (deep,), _ = read(Holdout(path))
     (flat,), _ = read(Holdout(np.where(depth < 40, depth, np.inf)))
     own, other = (each.seen_by(View(CAMERA, WINDOW)) for each in (deep, flat))
@@ -187,3 +176,25 @@ def test_an_alpha_beside_the_depth_is_used_unless_it_is_turned_off(tmp_path):
     (part,) = Holdout(path).read(1, [""], (WIDTH, HEIGHT), print, (-2, 3, 5, 7))
     assert part.layers.counts.tolist() == [[0, 0, 1, 1, 1, 1, 1]] * 4
     assert dataclasses.replace(held, distance=True).seen_by(View(CAMERA, WINDOW)).depth.numpy().min() < 2.8
+
+
+def test_a_deep_file_is_refused_before_it_is_decoded_if_it_claims_what_it_cannot_hold(tmp_path, monkeypatch):
+    """A line of a billion samples, one that ends beyond the file, and more samples than the memory holds."""
+    path = write_deep(tmp_path / "a.exr", lambda *_: [(3, 3, 0.5)], (WIDTH, HEIGHT), tiled=True)
+    write_deep(tmp_path / "b.exr", lambda *_: [(3, 3, 0.5)], (WIDTH, HEIGHT), parts=2)
+    monkeypatch.setattr("photonbeams.images.deep.read_deep", None)
+    monkeypatch.setattr("photonbeams.images.channels.read_deep", None)
+    lie = "cannot be read: expected an image .its header or its chunks are damaged, or the end is missing.$"
+    for file in (path, tmp_path / "b.exr"):
+        whole = file.read_bytes()
+        for bad in (damaged(whole, decoded=12 * 10**9), damaged(whole, packed=10**12), whole[:-40]):
+            file.write_bytes(bad)
+            with pytest.raises(scene.SceneError, match=lie):
+                read(Holdout(file))
+        file.write_bytes(whole)
+        assert sum(deep_sizes(file)) == WIDTH * HEIGHT * 12 * (1 if file == path else 2)
+    monkeypatch.setattr("photonbeams.runtime.inputs.usable_memory", lambda: 500_000)
+    with pytest.raises(
+        scene.SceneError, match=r"reading its deep samples takes .*: expected up to .*, the memory here"
+    ):
+        read(Holdout(path))

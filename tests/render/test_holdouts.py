@@ -7,6 +7,7 @@ import pytest
 
 from photonbeams import scene
 from photonbeams.render.holdouts import HoldoutDepth, slopes
+from photonbeams.render.seen.depth_layers import DepthLayers
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import render
 from photonbeams.world.cameras.cameras import View, Window
@@ -65,6 +66,23 @@ def test_through_a_lens_beams_end_at_a_holdout_as_they_do_at_surfaces():
     below = slice(HEIGHT // 2 + 3, None)
     assert not np.allclose(own[below], beams_layer(beams=THROUGH)["beams"][below], atol=0.1 * own.max())
     assert np.allclose(held[below], own[below], atol=1e-3 * own.max())
+    # A deep floor is the flat one, and what covers 0.3 before it, at any depth, leaves 0.7 of the light behind it.
+    depth = floor_depth()
+    floor = np.where(np.isfinite(depth), depth, 1e6).ravel()
+    one = np.ones_like(floor)
+    deep = DepthLayers.of_samples(np.ones(depth.shape, int), floor, floor, one)
+    assert np.allclose(beams_layer(LENS, beams=THROUGH, depth=deep)["beams"][below], held[below], atol=1e-6 * own.max())
+    front = np.where(floor > 2.2, 1 + floor % 1, 0.9 * floor)
+    both = [np.stack(each, axis=1).ravel() for each in ((floor, front), (floor, front), (one, 0.3 * one))]
+    thin = DepthLayers.of_samples(np.full(depth.shape, 2), *both)
+    wide = dataclasses.replace(THROUGH, radius_start=np.full(1, 0.8), radius_end=np.full(1, 0.8))
+    light, whole = (
+        beams_layer(LENS, beams=wide, depth=each, passes=16)["beams"][below, :, 0].astype(np.float64)
+        for each in (thin, deep)
+    )
+    # The light of a pixel and pass is drawn or not; it varies over the lens, at most by its own size.
+    error = 4 * np.sqrt(2 * 0.3 * 0.7 * (whole**2).sum() / 16) / whole.sum()
+    assert light.sum() / whole.sum() == pytest.approx(0.7, abs=error) and error < 0.1
 
 
 def test_beams_end_at_a_holdout_as_they_do_at_surfaces():

@@ -1,5 +1,6 @@
 """What a frame will cost is told: seconds like those that it takes, and the memory that a render checks."""
 
+import json
 import re
 import time
 from types import SimpleNamespace
@@ -8,6 +9,7 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.cli import main, progress
+from photonbeams.cli.render import PROGRAM_BYTES
 from photonbeams.render import memory
 from photonbeams.shot import estimate
 from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
@@ -76,9 +78,13 @@ def test_the_command_tells_a_frame_all_frames_and_memory_and_takes_the_flags_of_
     assert re.search(r"memory +[\d.e-]+ GiB a pass", out)
     assert [path.name for path in tmp_path.iterdir()] == ["shot.usda"]
     many = ("--passes", 8, "--pass-range", "1/4", "-o", tmp_path / "a.checkpoint", "--res", 64, 0, "--beams", 64)
-    assert ", and 2 passes of " in told("info", "--estimate", stage, *many, capsys=capsys)[1]
-    code, out, err = told("info", stage, "--passes", 2, capsys=capsys)
-    assert (code, err) == (2, "Error: --passes is for renders: expected --estimate, too\n")
+    found = json.loads(told("info", "--estimate", "--json", stage, *many, capsys=capsys)[1])
+    assert (found["size"], found["frames"], found["passes"]) == ([64, 36], 3, 2)
+    assert found["seconds"] == pytest.approx(found["once"] + 2 * found["each"])
+    assert found["memory"] == PROGRAM_BYTES + memory.PIXEL_BYTES * 64 * 36 + memory.BEAM_BYTES * 64
+    for flags, name in ((("--passes", 2), "--passes"), (("--json",), "--json")):
+        code, out, err = told("info", stage, *flags, capsys=capsys)
+        assert (code, err) == (2, f"Error: {name} is for estimates: expected --estimate, too\n")
 
 
 def test_lines_of_progress_tell_how_much_time_is_left_from_a_minute_on(monkeypatch, capsys):

@@ -58,3 +58,74 @@ def test_surfaces_and_beams_have_the_same_fraction_of_filtered_light(whole, boun
     for name in ("beams", "surface"):
         ratio = quarter[name].reshape(-1, 3).sum(axis=0) / whole[name].reshape(-1, 3).sum(axis=0)
         assert np.allclose(ratio, [0.25, 0.5, 1], rtol=1e-3 if bounces == 0 else 0.02)
+
+
+def on(*names, color=(0.25, 0.5, 1.0)):
+    """Return a ramp that acts on what has these names alone."""
+    return scene.DistanceRamp("/Tint", [0.0], [color], left_out=frozenset({"/Floor", "/Roof", "/Fog"} - {*names}))
+
+
+def test_a_filter_acts_on_what_its_link_includes(whole):
+    for names, changed in ((("/Floor",), "surface"), (("/Fog",), "beams"), ((), "")):
+        found = filtered(on(*names))
+        for name in ("beams", "surface"):
+            factor = np.array([0.25, 0.5, 1.0]) if name == changed else 1.0
+            np.testing.assert_allclose(found[name], whole[name] * factor, rtol=2e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["auto", "beams"])
+def test_filters_that_act_on_parts_of_a_room_add_up(method):
+    """Light is linear: filters on each of the places where light is scattered first add up to a filter on all."""
+    roof = quad("/Roof", [[-3, 4.5, -3], [3, 4.5, -3], [3, 4.5, 3], [-3, 4.5, 3]], GREY)
+    black = (0.0, 0.0, 0.0)
+    lamp = dataclasses.replace(LAMP, shaping=None, seen=False)
+    more = {"meshes": (FLOOR, roof), "max_depth": 4, "method": method}
+
+    def total(*filters, unlit=()):
+        media = frozenset(unlit) & {"/Fog"}
+        light = dataclasses.replace(lamp, filters=filters, unlit=frozenset(unlit) - media, unlit_media=media)
+        layers = picture(light, **more)
+        return np.array([layers[name].mean() for name in ("beams", "surface")])
+
+    full = total()
+    places = "/Floor", "/Roof", "/Fog"
+    parts = [total(on(*(each for each in places if each != own), color=black)) for own in places]
+    linked = [total(unlit=[each for each in places if each != own]) for own in places]
+    np.testing.assert_allclose(sum(parts), full, rtol=0.03)
+    # Links of the light itself leave the same light.
+    np.testing.assert_allclose(linked, parts, rtol=0.05, atol=0.005 * full.max())
+
+
+def look(**along):
+    ramp = pb.looks.ColorRamp([0, 1], [[1, 0.6, 0.2], [0.25, 0.5, 1]], **along)
+    return pb.Look(along=ramp * pb.looks.Attenuation(), surfaces="tint")
+
+
+def test_a_look_tints_what_its_beams_hit(whole):
+    """The pool of light has the colour of the end of the beams, and the beams are those without the tint."""
+    found, plain = (picture(dataclasses.replace(LAMP, look=each)) for each in (look(), pb.Look(along=look().along)))
+    np.testing.assert_allclose(found["surface"], whole["surface"] * [0.25, 0.5, 1], rtol=2e-5, atol=1e-6)
+    np.testing.assert_array_equal(found["beams"], plain["beams"])
+
+
+@pytest.mark.parametrize("method", ["auto", "beams"])
+def test_a_tint_by_distance_is_a_ramp_on_surfaces(method):
+    """Two lamps with equal looks, whose light bounces; a ramp of the same colours acts on the same surfaces."""
+    ramp = scene.DistanceRamp("/Ramp", [2.0, 4.5], [[1, 0.6, 0.2], [0.25, 0.5, 1]], left_out=frozenset({"/Fog"}))
+    lamps = LAMP, dataclasses.replace(LAMP, name="/Other", center=np.array([2.5, 3, 0]))
+    more = {"max_depth": 4, "method": method, "meshes": (FLOOR, box("/Block", [1, 0, 1], [2, 1, 2]))}
+    tinted = picture(
+        *(dataclasses.replace(each, look=look(begin=2, end=4.5, space="distance")) for each in lamps), **more
+    )
+    ramped = picture(*(dataclasses.replace(each, filters=(ramp,)) for each in lamps), **more)
+    mean = ramped["surface"].mean(axis=(0, 1))
+    np.testing.assert_allclose(tinted["surface"].mean(axis=(0, 1)), mean, rtol=0.01)
+    # One pixel differs from the other by noise of what bounces.
+    assert np.abs(tinted["surface"] - ramped["surface"]).mean() < 0.02 * mean.mean()
+
+
+def test_a_look_that_needs_more_than_surfaces_have_does_not_tint(whole, caplog):
+    found = picture(dataclasses.replace(LAMP, look=pb.Look(along="s * random * t", surfaces="tint")))
+    text = "/Lamp tints no surfaces: along its beams, its look depends on random, to_camera, which they lack"
+    assert text in caplog.text
+    np.testing.assert_allclose(found["surface"], whole["surface"], rtol=2e-5, atol=1e-6)

@@ -8,6 +8,7 @@ import pytest
 import photonbeams as pb
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import BeamSettings, DistanceRamp, Gobo, SceneError
+from tests.helpers.deep_files import write_deep
 from tests.helpers.mitsuba_scenes import T, camera, cube_of, fog, load, rgb
 
 pytestmark = pytest.mark.usefixtures("helping_thread")
@@ -57,6 +58,21 @@ def test_a_holdout_far_away_hides_no_beam(shot):
         assert not other["surface"].any()
 
 
+def test_each_eye_has_its_own_deep_samples(shot, tmp_path):
+    """All light is behind the samples: a surface covers 0.75 for the left eye, volumes 0.2 and 0.5 for the right."""
+    samples = [[(1.0, 1.0, 0.75)], [(1.0, 1.5, 0.2), (1.2, 2.0, 0.5)]]
+    size = SIZE["width"], SIZE["height"]
+    path = write_deep(tmp_path / "eyes.exr", lambda part, _: samples[part], size, parts=2, views=("left", "right"))
+    given = {"passes": 16, "beams": 500, "max_depth": 2, "guiding": False}
+    whole, held = (shot.render(**given, **more).views for more in ({}, {"holdout": path}))
+    for eye, passed in (("left", 0.25), ("right", 0.4)):
+        light, seen = (views[eye][0]["beams"].sum(axis=2, dtype=np.float64) for views in (whole, held))
+        # The light of each pixel in each pass is seen or not; from pass to pass it varies, at most by its own size.
+        error = 4 * np.sqrt(2 * passed * (1 - passed) * (light**2).sum() / 16) / light.sum()
+        assert seen.sum() / light.sum() == pytest.approx(passed, abs=error) and error < 0.1
+        np.testing.assert_allclose(held[eye][0]["depth"], 1.0, rtol=1e-6)
+
+
 FILTERED = """#usda 1.0
 over "key_lamp" {
     rel light:filters = [</half>, </flag>]
@@ -91,6 +107,22 @@ def test_filters_of_emitters_act_on_beams_and_surfaces(tmp_path):
     for name, layers in (("surface", filtered), ("surface", dimmed), ("beams", dimmed)):
         ratio = layers[name][:, :10].sum(axis=(0, 1)) / plain[name][:, :10].sum(axis=(0, 1))
         np.testing.assert_allclose(ratio, [0.5, 0.25, 1], rtol=5e-3, err_msg=name)
+
+
+def test_a_look_tints_the_surfaces_of_a_scene():
+    """The wall has the colour of the beam's end, by a look in Python and by one in a layer; the beams are the same."""
+    scene = load(
+        fog=cube_of(fog(0.5)), key_lamp={**LAMP, "id": "key_lamp"}, wall=WALL, sensor=camera((0.2, 0.3, 4), **SIZE)
+    )
+    ramp = pb.looks.ColorRamp([0, 1], [[1, 1, 1], [0.5, 0.25, 1]])
+    plain, tinted = (
+        pb.Shot(scene, looks={"key_lamp": pb.Look(along=ramp, surfaces=each)})
+        .render(passes=2, beams=2000, max_depth=2, guiding=False).layers
+        for each in ("off", "tint")
+    )  # fmt: skip
+    assert plain["surface"].any()
+    np.testing.assert_allclose(tinted["surface"], plain["surface"] * [0.5, 0.25, 1], rtol=1e-5, atol=1e-7)
+    np.testing.assert_array_equal(tinted["beams"], plain["beams"])
 
 
 LAYER = """#usda 1.0

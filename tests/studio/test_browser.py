@@ -22,8 +22,10 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 import photonbeams as pb
+from photonbeams.cli.render import PROGRAM_BYTES
 from photonbeams.images.display import viewed
 from photonbeams.images.files import read_layers
+from photonbeams.render.memory import BEAM_BYTES, PIXEL_BYTES
 from tests.studio.proxying import PREFIX, Proxy
 from tests.studio.serving import TOKEN, Served, asked
 
@@ -503,8 +505,22 @@ def test_the_final_picture_is_downloaded_and_is_that_of_the_command(window, serv
     width, height = (window.page.get_by_role("spinbutton", name=name) for name in ("Width", "Height"))
     assert [int(each.input_value()) for each in (width, height)] == [*shown.shape[1::-1]]
     estimate = window.page.get_by_role("dialog").get_by_role("status")
-    estimate.get_by_text("About").wait_for()
+    memory = f"{(PROGRAM_BYTES + PIXEL_BYTES * shown[..., 0].size + BEAM_BYTES * 300) / 1e9:.1f} GB"
+    estimate.get_by_text(re.compile(rf"^About \d+ s, {re.escape(memory)}$")).wait_for()
     passes.press("Tab")
+    several = window.page.get_by_role("checkbox", name="Several frames")
+    several.check()
+    estimate.get_by_text("Estimating…").wait_for()
+    estimate.get_by_text("About").wait_for()
+    several.uncheck()
+    passes.fill("70000")
+    passes.press("Tab")
+    passes.fill("1")
+    passes.press("Tab")
+    estimate.get_by_text("About").wait_for()
+    sent = [json.loads(each) for each in window.sent]
+    wanted = [(each["passes"], each["frames"]) for each in sent if each["type"] == "estimate"]
+    assert wanted[-2:] == [(1, [1, 5]), (1, None)]  # and not what was there for a moment
     window.page.get_by_role("button", name="Render", exact=True).click()
     link = window.page.get_by_role("link", name="Download the picture")
     with window.page.expect_download() as download:

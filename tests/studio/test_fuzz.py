@@ -10,10 +10,11 @@ from tests.studio.serving import Served
 from tests.studio.sessions import INTENSITY, STAGE, TINT
 
 MESSAGES = 5000
-KINDS = ("set", "apply", "undo", "redo", "revert", "discard", "show", "inspect", "render", "cancel", "sett", 3, None)
+KINDS = ("set", "apply", "undo", "redo", "revert", "discard", "show", "inspect", "render",
+         "estimate", "cancel", "sett", 3, None)  # fmt: skip
 FIELDS = ("values", "step", "size", "camera", "pose", "frame", "area", "lens", "blur", "solo", "paused", "layer",
           "exposure", "display", "at", "passes", "frames", "preset", "path", "stereo", "eye", "denoise",
-          "more")  # fmt: skip
+          "number", "more")  # fmt: skip
 PATHS = (INTENSITY, TINT, "/World/Look.photonbeams:along:expression", "/World/Look.photonbeams:along:ramp:knots",
          "/World/Lamp.photonbeams:look", "/World/Lamp.photonbeams:lightGroup", "/World/Fog.photonbeams:scattering",
          "/World/Lamp.visibility", "/World/Gone.a", "/World", "", "../x", "/World/Ball.radius")  # fmt: skip

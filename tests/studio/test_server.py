@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from photonbeams.cli.render import PROGRAM_BYTES
 from photonbeams.images.display import viewed
 from photonbeams.images.files import read_layers
+from photonbeams.render.memory import BEAM_BYTES, PIXEL_BYTES
 from tests.studio.serving import TOKEN, Served, asked
-from tests.studio.sessions import INTENSITY, TINT, rendered
+from tests.studio.sessions import INTENSITY, STAGE, TINT, rendered
 
 
 @pytest.fixture
@@ -111,6 +113,36 @@ def test_the_final_picture_is_rendered_by_the_command_and_handed_out(served, sta
     layers = read_layers(tmp_path / "final.exr")
     wanted = rendered(stage, tmp_path / "look.usda", passes=3)
     np.testing.assert_allclose(layers["rgba"], wanted["rgba"], rtol=2**-11, atol=2**-25)  # the file has half floats
+
+
+def test_an_estimate_is_of_all_frames_with_the_edits_and_a_new_one_replaces_it(stage):
+    stage.write_text(STAGE.replace("(\n", "(\n    startTimeCode = 1\n    endTimeCode = 5\n", 1))
+    served, size = Served(stage), [48, 27]
+    try:
+        with served.page() as page:
+            page.send("estimate", number=1, passes=60000, frames=[1, 4], size=size)  # gets no answer
+            page.send("estimate", number=2, passes=2, frames=[1, 4], size=size)
+            four = page.wait(lambda each: each.get("type") == "estimate", 120)
+            assert four["number"] == 2 and four["seconds"] > 0 and four["problem"] is None
+            assert four["memory"] == PROGRAM_BYTES + PIXEL_BYTES * 48 * 27 + BEAM_BYTES * 300
+            page.send("estimate", number=3, passes=2, frames=[1, 5], size=size)  # the same first frame
+            assert page.told("estimate")["seconds"] == pytest.approx(four["seconds"] / 4 * 5)
+            page.send("set", values={"/World/Lamp.photonbeams:count": 500})
+            page.send("estimate", number=4, passes=2, frames=[1, 4], size=size)
+            more = page.wait(lambda each: each.get("type") == "estimate", 120)
+            assert more["memory"] == four["memory"] + BEAM_BYTES * 200
+            for bad, text in ({"passes": 0}, "passes is 0: "), ({"passes": 2, "frames": [1, 9]}, "the frame is 9.0: "):
+                page.send("estimate", number=5, **bad)
+                assert page.told("estimate")["problem"].startswith(text)
+            page.send("show", pose=[*np.eye(4).ravel()])
+            page.send("estimate", number=6, passes=2)
+            assert page.told("estimate")["problem"].startswith("the camera was moved freely: ")
+            page.send("estimate", number=7, passes=2, size=[1 << 12, 1 << 11])
+            page.send("cancel", estimate=True)
+            page.send("inspect", at=[0.5, 0.5])
+            page.told("pixel")
+    finally:
+        served.close()
 
 
 def test_a_final_render_is_cancelled_and_one_is_enough(served):

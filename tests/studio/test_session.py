@@ -3,6 +3,7 @@
 import gc
 import subprocess
 import sys
+import time
 import weakref
 from contextlib import nullcontext
 from dataclasses import replace
@@ -277,6 +278,16 @@ def test_light_bounces_in_rooms_until_that_is_switched_off(stage, tmp_path):
                 assert np.median(direct["surface"]) < 0.9 * np.median(finished["surface"])
     with Watched(room) as shown, pytest.raises(pb.SceneError, match="bounces is -2: expected 0 to 65536, or -1"):
         shown.session.show(bounces=-2)
+
+
+def test_while_pictures_rest_an_edit_has_its_first_picture_and_no_further_passes(stage):
+    with Watched(stage) as shown:
+        with shown.session.resting():
+            version = shown.session.edit({INTENSITY: 40.0})
+            shown.wait(version, lambda each: each.is_first)
+            time.sleep(0.5)  # many times as long as the passes take
+            assert all(each.is_first for each in shown.told if each.version == version)
+        shown.finished(version)
 
 
 def test_later_pictures_are_few_where_they_are_denoised(stage, monkeypatch):

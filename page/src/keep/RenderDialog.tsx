@@ -1,9 +1,11 @@
 /** The dialog that asks how to render the final picture. */
 
 import { Button, Checkbox, Modal, TextInput } from "@mantine/core";
-import { useState } from "react";
+import { useEffect, useState } from "react";
 import { NumberField, type NumberFieldProps } from "../common/NumberField";
-import { picture, session, startRender } from "../session/session";
+import { bytes, duration } from "../common/numbers";
+import type { Estimate } from "../protocol";
+import { askEstimate, forgetEstimate, picture, session, startRender } from "../session/session";
 import { useStore } from "../session/store";
 import styles from "./keep.module.css";
 
@@ -17,18 +19,27 @@ function Field({ text, ...field }: NumberFieldProps & { text: string }) {
   );
 }
 
-/** Seconds as people say them. */
-function spoken(seconds: number): string {
-  if (seconds < 90) return `${Math.max(Math.round(seconds), 1)} s`;
-  return seconds < 5400 ? `${Math.round(seconds / 60)} min` : `${(seconds / 3600).toFixed(1)} h`;
-}
+/** Milliseconds without a change before the server is asked for an estimate. */
+const CALM = 400;
 
-/** How long a pass of the picture that is shown took, for each pixel; null while there is none. */
-function useSecondsPerPixel(): number | null {
-  const state = useStore(session, (all) => all.state);
-  const shown = useStore(picture, (all) => all.shown);
-  if (!state || !shown || state.passes === 0 || shown.header.version !== state.version) return null;
-  return state.seconds / shown.header.passes / (shown.header.width * shown.header.height);
+/** What a render takes, in words; the server measures it anew when the settings, the shot or the view change. */
+function useEstimate({ passes, frames, size, denoise }: Omit<Estimate, "type" | "number">): string {
+  const found = useStore(session, (state) => state.estimate);
+  const edition = useStore(session, (state) => state.edition);
+  const { camera, pose, frame, bounces, stereo } = useStore(session, (state) => state.show);
+  const open = useStore(session, (state) => state.open);
+  const asked = JSON.stringify([{ passes, frames, size, denoise }, [camera, pose, frame, bounces, stereo]]);
+  useEffect(() => {
+    const [wanted] = JSON.parse(asked) as [Omit<Estimate, "type" | "number">];
+    const timer = window.setTimeout(() => askEstimate(wanted), CALM);
+    return () => {
+      window.clearTimeout(timer);
+      forgetEstimate();
+    };
+  }, [asked, edition, open]);
+  if (found === null) return "Estimating…";
+  if (found.seconds === null || found.memory === null) return found.problem ?? "There is no estimate.";
+  return `About ${duration(found.seconds)}, ${bytes(found.memory)}`;
 }
 
 function RenderForm({ onClose }: { onClose: () => void }) {
@@ -46,20 +57,19 @@ function RenderForm({ onClose }: { onClose: () => void }) {
   const whole = present && present.header.scale >= 1 ? [present.bitmap.width, present.bitmap.height] : null;
   const [width, setWidth] = useState(whole?.[0] ?? shownSize[0]);
   const [height, setHeight] = useState(whole?.[1] ?? Math.round(shownSize[0] / aspect));
-  const each = useSecondsPerPixel();
-  const count = several ? last - first + 1 : 1;
+  const wanted = {
+    passes,
+    frames: several ? ([first, last] satisfies [number, number]) : null,
+    size: [width, height] satisfies [number, number],
+    denoise,
+  };
+  const estimate = useEstimate(wanted);
   return (
     <form
       className={styles.form}
       onSubmit={(event) => {
         event.preventDefault();
-        startRender({
-          passes,
-          frames: several ? [first, last] : null,
-          size: [width, height],
-          denoise,
-          file: file.trim() || null,
-        });
+        startRender({ ...wanted, file: file.trim() || null });
         onClose();
       }}
     >
@@ -124,9 +134,7 @@ function RenderForm({ onClose }: { onClose: () => void }) {
         onChange={(event) => setFile(event.currentTarget.value)}
       />
       <p className={styles.estimate} role="status">
-        {each === null
-          ? "There is an estimate once the whole picture has a pass."
-          : `About ${spoken(each * width * height * passes * count)}, if the machine stays as busy as it is now.`}
+        {estimate}
       </p>
       <div className={styles.buttons}>
         <Button size="xs" variant="default" onClick={onClose}>

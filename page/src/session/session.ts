@@ -3,6 +3,8 @@
 import type {
   Applied,
   ControlItem,
+  Estimate,
+  EstimateMessage,
   Kept,
   PageMessage,
   PixelMessage,
@@ -52,6 +54,8 @@ export interface SessionState {
   state: StateMessage | null;
   pixel: PixelMessage | null;
   render: RenderMessage | null;
+  /** What a final render with the dialog's settings takes; null while that is not known. */
+  estimate: EstimateMessage | null;
   refused: string[];
   /** How many edits have come, also those of other pages. */
   edition: number;
@@ -97,6 +101,7 @@ export const session = new Store<SessionState>({
   state: null,
   pixel: null,
   render: null,
+  estimate: null,
   refused: [],
   edition: 0,
   show: NOTHING_SHOWN,
@@ -108,6 +113,8 @@ let served: Values = {};
 let servedAuthored: Record<string, boolean> = {};
 let defaults: Values = {};
 let cancelled = false;
+/** The number of the estimate that is wanted. */
+let estimate = 0;
 /** Whether the server knows nothing yet of what this page shows. */
 let unknown = true;
 let unsentShow: Partial<Shown> = {};
@@ -236,6 +243,9 @@ function receive(message: ServerMessage): void {
       // Progress may still be on its way when the picture was cancelled.
       if (!cancelled) session.set({ render: message });
       break;
+    case "estimate":
+      if (message.number === estimate) session.set({ estimate: message });
+      break;
     case "applied":
       session.set({ applied: message });
       break;
@@ -296,6 +306,19 @@ export function startRender(wanted: Omit<Render, "type">): void {
     cancelled = false;
     session.set({ render: { type: "render", done: 0, of: 100, file: null, written: null, problem: null } });
   }
+}
+
+/** Forget the estimate, as it is of other settings now. */
+export function forgetEstimate(): void {
+  if (session.get().estimate === null) post({ type: "cancel", estimate: true });
+  estimate += 1;
+  session.set({ estimate: null });
+}
+
+/** Ask what a final render takes; the answer is the session's `estimate`. */
+export function askEstimate(wanted: Omit<Estimate, "type" | "number">): void {
+  edits.flush();
+  post({ type: "estimate", number: estimate, ...wanted });
 }
 
 export function dismissRefused(text: string): void {

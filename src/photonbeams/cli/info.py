@@ -35,19 +35,20 @@ _NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "scre
 
 @dataclass(frozen=True, kw_only=True)
 class InfoFlags(RenderRequest):
-    """What is shown; with `estimate`, all that decides how long a render takes."""
+    """What is shown; with `estimate`, all that decides how long a render takes; `json` is for programs that read it."""
 
     scene: Annotated[Path, typer.Argument(help="A stage, an image, or a volume file; a Mitsuba .xml for --estimate.")]
     estimate: bool = option(
         False, "Tell how long a render of a stage or a Mitsuba scene would take, and how much memory, instead; takes "
         "all flags of `photonbeams render`.",
     )  # fmt: skip
+    json: bool = option(False, "With --estimate: as JSON, with seconds of a frame, frames, and bytes of memory.")
 
     @classmethod
     def options(cls) -> Iterator[Parameter]:
         """Yield the options; those of `render` are not in the help."""
         for each in super().options():
-            if each.name not in ("scene", "estimate", "session_layer"):
+            if each.name not in ("scene", "estimate", "json", "session_layer"):
                 kind, option, *_ = get_args(each.annotation)
                 option = copy(option)
                 option.hidden = True
@@ -68,13 +69,13 @@ def info(flags: InfoFlags) -> None:
     if flags.estimate:
         from .facts.costs import show_estimate
 
-        show_estimate(flags)
+        show_estimate(flags, flags.json)
         return
     if flags.is_mitsuba:
         raise typer.BadParameter(f"{flags.scene} is a Mitsuba scene: expected --estimate, which tells what it costs")
     for flag in flags.given():
         if flag != "--session-layer":
-            raise typer.BadParameter(f"{flag} is for renders: expected --estimate, too")
+            raise typer.BadParameter(f"{flag} is for estimates: expected --estimate, too")
     show(flags.scene, flags.looks.session_layer)
 
 
@@ -97,17 +98,21 @@ def show(path: Path, session_layer: Sequence[Path] | None = None) -> None:
 
 
 def _show_image(console: Console, path: Path) -> None:
+    from ..images.deep_sizes import deep_sizes
     from ..images.files import summaries
 
     parts = summaries(path)
-    stereo = any(part.view for part in parts)
+    stereo, deep = any(part.view for part in parts), any(part.nans is None for part in parts)
+    sizes = deep_sizes(path) if deep else [0] * len(parts)
     rows = []
-    for part in parts:
+    for part, size in zip(parts, sizes, strict=True):
         channels = " ".join(part.channels) if max(map(len, part.channels)) > 1 else "".join(part.channels)
         types = ", ".join(dict.fromkeys(part.types))
+        if part.nans is None:
+            types += f"; deep, {size // sum(2 if each == 'half' else 4 for each in part.types):,} samples"
         names = (part.layer, part.view) if stereo else (part.layer,)
         ranges = ("-" if value is None else f"{value:.5g}" for value in (part.least, part.mean, part.greatest))
-        counts = (f"{count:,}" for count in (part.nans, part.infinite))
+        counts = ("-" if count is None else f"{count:,}" for count in (part.nans, part.infinite))
         rows.append((*names, channels, types, f"{part.width} x {part.height}", *ranges, *counts))
     columns = ("layer", *(["view"] if stereo else []), "channels", "type", "size", "min", "mean", "max")
     console.print(_table((*columns, "NaN", "infinite"), rows, right=5))

@@ -19,6 +19,7 @@ from ..runtime.files import PathLike
 from ..scene import Array, SceneError
 from .color_spaces import COLOR_SPACE, named, primaries, space_of
 from .deep import read_deep
+from .deep_sizes import deep_sizes
 from .files import check_decoded, check_image, opened, pixels_of, read_pixels
 from .numbering import numbered
 
@@ -29,6 +30,8 @@ Layer = tuple[int, str]  # a part, and the name that its channels share
 
 # Names of layers that hold the picture, the likeliest first; a layer without a name is likelier still.
 _PICTURES = ("rgba", "combined", "beauty", "c", "color", "main")
+# Memory that a deep holdout takes at most, in bytes a sample and a pixel's array of a channel: measured.
+_SAMPLE_BYTES, _ARRAY_BYTES = 180, 210
 _COLORS = (("r", "red"), ("g", "green"), ("b", "blue"))
 
 
@@ -186,6 +189,11 @@ class ImageFile:
         the number of that pixel for each one in the box, (H', W'), -1 outside of the data window.
         """
         spec = self._specs[channels[0].part]
+        sizes, specs = deep_sizes(self._path), self._specs
+        samples = sum(size / each.pixel_bytes(True) for each, size in zip(specs, sizes, strict=True))
+        arrays = sum(pixels_of(each) * each.nchannels for each in specs)
+        memory = sum(sizes) + _SAMPLE_BYTES * samples + _ARRAY_BYTES * arrays
+        check_decoded(self._path, memory / 4, "reading its deep samples")
         counts, values = read_deep(self._path, channels[0].part, [spec.channelnames[each.index] for each in channels])
         numbers = np.arange(counts.size, dtype=np.float64).reshape(counts.shape)
         corner = spec.x - spec.full_x, spec.y - spec.full_y

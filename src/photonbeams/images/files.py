@@ -54,11 +54,11 @@ class Summary(PartHeader):
 
     width: int  # in pixels
     height: int
-    least: float | None  # of the finite values in all channels; None if there is none
+    least: float | None  # of the finite values in all channels; None if there is none, and for deep parts
     mean: float | None
     greatest: float | None
-    nans: int  # pixels that have one
-    infinite: int  # pixels that have an infinite value
+    nans: int | None  # pixels that have one; None: not known, as for deep parts
+    infinite: int | None  # pixels that have an infinite value
 
 
 def read_parts(path: PathLike) -> list[Part]:
@@ -82,7 +82,7 @@ def _statistics(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> dic
     """Return the fields of a `Summary` that depend on pixels."""
     file.seek_subimage(index, 0)
     if file.spec().deep:
-        raise UnreadableImageError(path, "it is a deep one")
+        return dict.fromkeys(("least", "mean", "greatest", "nans", "infinite"))
     channels, least, greatest, total, count, nans, infinite = file.spec().nchannels, np.inf, -np.inf, 0.0, 0, 0, 0
     for _, strip in strips(file, index, 0, channels):
         if strip is None or (message := complaint(file)):
@@ -151,10 +151,10 @@ def check_image(path: PathLike, spec: OpenImageIO.ImageSpec) -> None:
             raise UnreadableImageError(path, problem)
 
 
-def check_decoded(path: PathLike, values: float) -> None:
+def check_decoded(path: PathLike, values: float, what: str = "its decoded pixels") -> None:
     """Raise SceneError if so many values of an image, as float32, are more than the memory here."""
     try:
-        check_size(4.0 * values, np.inf, "its decoded pixels")
+        check_size(4.0 * values, np.inf, what)
     except SceneError as error:
         raise UnreadableImageError(path, str(error)) from None
 

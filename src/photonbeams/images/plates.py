@@ -165,10 +165,11 @@ class Holdout(_Picture):
 
     def _read(self, file: ImageFile, channels: Sequence[Channel], size: Size, warn: Warn, box: Box | None) -> Depth:
         """Return the depths of a view in a file, of its `channels`; the others are as for `read`."""
-        (channel,) = self._channels(file, channels, warn)
+        channel, *more = self._channels(file, channels, warn)
+        alpha = more[0] if more else None
         distance = self.kind == "distance" or (self.kind == "auto" and says_distance(channel))
         factor, around = _factor(file, file.size, size), _around(box, size)
-        inside, alpha = _finer(box or around, size, factor), self._alpha(file, channels, channel, warn)
+        inside = _finer(box or around, size, factor)
         if file.is_deep(channel):
             depth = replace(self._deep(file, channels, channel, alpha, inside), distance=distance)
         else:
@@ -217,7 +218,7 @@ class Holdout(_Picture):
         return Depth(layers.nearest().astype(np.float32), layers=layers)
 
     def _channels(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
-        """Return the channel that holds the depth."""
+        """Return the channel that holds the depth, and the one that tells how much is covered, if there is one."""
         found = channels_named(channels, self.channel) if self.channel is not None else depth_channels(channels)
         if not found:
             wanted = f"no channel '{self.channel}'" if self.channel is not None else "no channel that is called a depth"
@@ -231,7 +232,8 @@ class Holdout(_Picture):
         if found[0].kind not in ("half", "float", "double"):
             text = f"{file} holds {found[0].name} as {found[0].kind}"
             raise SceneError(f"{text}: expected a depth of half or single precision")
-        return found[:1]
+        alpha = self._alpha(file, channels, found[0], warn)
+        return found[:1] if alpha is None else [found[0], alpha]
 
     def _depth(self, values: Array, stored: str, distance: bool) -> Depth:
         """Return depths in scene units."""

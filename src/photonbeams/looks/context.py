@@ -160,13 +160,13 @@ class LightContext(Described):
             for value, name in ((frame, "frame"), (time, "time"), (light, "light"))
         )
         matrix = np.eye(4) if to_world is None else _inverse(to_world)
-        self._rows = [opaque(row) for row in matrix[:3, :3]]
-        self._shift = opaque(matrix[:3, 3])
+        self.rows = [opaque(row) for row in matrix[:3, :3]]
+        self.shift = opaque(matrix[:3, 3])
 
     def to_local(self, point: Array3f) -> Array3f:
         """Return a `point` of world space in the light's space."""
-        turned = [dr.dot(row, point) for row in self._rows]
-        return type(point)(*turned) + self._shift
+        turned = [dr.dot(row, point) for row in self.rows]
+        return type(point)(*turned) + self.shift
 
 
 def _inverse(to_world: npt.ArrayLike) -> Array:

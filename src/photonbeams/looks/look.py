@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from ..runtime.digest import ByContent
-from ..scene import Medium, SceneError, arguments, shown
+from ..scene import Medium, SceneError, arguments, choice, shown
 from .across import Across, Modulated
 from .along import Attenuation
 from .angle import Scattering
@@ -11,6 +13,9 @@ from .bound_look import BoundLook, Box
 from .context import Fog, LightContext
 from .factors import Factor, FactorLike, factor
 from .profiles import AcrossLike, Epanechnikov, across
+
+#: What a look may do to the surfaces that beams hit.
+SURFACES = ("off", "tint")
 
 
 class Look(ByContent):
@@ -28,11 +33,15 @@ class Look(ByContent):
         Change toward the camera. Default: `looks.Attenuation()`.
     angle
         View-angle shading. Default: `looks.Scattering()`, the scattering coefficient times the phase function.
+    surfaces
+        What the look does to surfaces that the beams hit: "off" (the default), nothing; or "tint": the light that they
+        reflect is multiplied by `along` at the end of the light path (fraction 1), without `Attenuation`.
 
     Raises
     ------
     SceneError
-        If an argument cannot be used as a factor or as a profile, or if the profile has no light.
+        If an argument cannot be used as a factor or as a profile, or if the profile has no light; another word for
+        `surfaces`.
 
     Notes
     -----
@@ -68,6 +77,7 @@ class Look(ByContent):
         across: AcrossLike | None = None,
         eye: FactorLike | None = None,
         angle: FactorLike | None = None,
+        surfaces: Literal["off", "tint"] = "off",
     ) -> None:
         self.along: Factor = Attenuation() if along is None else factor(along, name="along")
         profile = _profile(across)
@@ -76,10 +86,12 @@ class Look(ByContent):
         self.modulation: Factor | None = profile.factor if isinstance(profile, Modulated) else None
         self.eye: Factor = Attenuation() if eye is None else factor(eye, "to_camera", "eye")
         self.angle: Factor = Scattering() if angle is None else factor(angle, "cosine", "angle")
+        self.surfaces = choice(surfaces, "surfaces", SURFACES)
 
     def __repr__(self) -> str:
         across = self.across if self.modulation is None else Modulated(self.across, self.modulation)
-        return f"Look(along={self.along}, across={across}, eye={self.eye}, angle={self.angle})"
+        surfaces = "" if self.surfaces == "off" else f", surfaces={self.surfaces!r}"
+        return f"Look(along={self.along}, across={across}, eye={self.eye}, angle={self.angle}{surfaces})"
 
     def bind(
         self,

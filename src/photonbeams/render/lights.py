@@ -201,7 +201,7 @@ class Lights:
         They cannot if some surfaces do not block it, or behind images and filters before Mitsuba's emitters.
         """
         own, lamp = emitter.beams, emitter.lamp
-        behind = self.world.emits and (lamp.images or lamp.filters is not None)
+        behind = self.world.emits and (lamp.images or own.filters)
         return own.lights_surfaces and own.shines and not behind and not emitter.links.unshadowed
 
     @cached_property

@@ -7,6 +7,7 @@ filtered any more.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,9 +21,21 @@ _MOST_KNOTS = 64  # of a ramp, since each costs every beam a piece
 
 @dataclass(frozen=True, eq=False)
 class LightFilter:
-    """What all filters of lights have in common; `Light.filters` holds them."""
+    """What all filters of lights have in common; `Light.filters` holds them.
+
+    Attributes
+    ----------
+    name
+        Prim path, for messages.
+    left_out
+        Names of meshes and media on which the filter does not act. Default: none.
+    """
 
     name: str
+    left_out: frozenset[str] = field(default=frozenset(), kw_only=True)
+
+    #: Whether the filter acts on light in media.
+    in_media: ClassVar[bool] = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +66,8 @@ class Blocker(LightFilter):
         Whether the shape is the rectangle, with round corners, in the plane z = 0 of the filter's space.
     frame
         (4, 4) transform from the filter's space to the world, for column vectors. Default: the identity.
+    left_out
+        Names of meshes and media on which the filter does not act. Default: none.
 
     Raises
     ------
@@ -107,6 +122,8 @@ class DistanceRamp(LightFilter):
         (K,) distances from the lamp in scene units, ascending; equal ones are a step.
     colors
         (K, 3) factors there, 0 or more, or (K,) grey ones.
+    left_out
+        As of a `Blocker`.
 
     Raises
     ------

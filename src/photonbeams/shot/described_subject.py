@@ -100,7 +100,7 @@ class DescribedSubject(Subject):
         content = replace(
             content,
             groups=self._groups(content),
-            lights=tuple(replace(light, look=self._look(light.name, light.look)) for light in content.lights),
+            lights=tuple(self._with_look(light, frame) for light in content.lights),
             drawn=tuple(replace(beams, look=self._look(beams.name, beams.look)) for beams in content.drawn),
         )
         self._check_looks(content)
@@ -125,6 +125,19 @@ class DescribedSubject(Subject):
         chosen = self.medium(own)
         rest = tuple(each for each in content.media if each is not own)
         return rest if chosen is None else content.media if chosen is own else (chosen, *rest)
+
+    def _with_look(self, light: scene.Light, frame: float | None) -> scene.Light:
+        """Return a light with its look, and with the filter by which that tints surfaces."""
+        look = self._look(light.name, light.look)
+        result = replace(light, look=look)
+        if getattr(look, "surfaces", "off") == "off":
+            return result
+        from ..looks import LightContext
+        from ..looks.tint import tinted
+
+        number = self.number(frame)
+        context = LightContext(number, number / self.rate, to_world=light.frame)
+        return tinted(result, light.name, context, self.warnings.give)
 
     def _look(self, owner: str, spec: Any) -> Any:
         """Return the look of a light or of curves: the one given in Python, else the one that a spec describes.

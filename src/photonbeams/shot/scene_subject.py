@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
@@ -62,7 +62,7 @@ class SceneSubject(Subject):
         self._source = source if self.path or isinstance(source, Mapping) else None  # from which it can be loaded
         self._parameters = dict(parameters or {})
         self._arguments = looks, groups or {}, beams or {}
-        self._beams = _beams(*self._arguments)
+        self._beams = _beams(*self._arguments, self.warnings.give)
         self._session_layers = several(session_layers)
         self._layers = SceneLayers(self._session_layers) if self._session_layers else None
         self._layered: tuple[Path | None, float | None] | None = None  # file and frame for which the layers were read
@@ -88,7 +88,8 @@ class SceneSubject(Subject):
             self._open = path, load(path, self._parameters, merge=not named)
         plugin = self._open[1]
         if self._layers is not None and self._layered != (path, frame):
-            self._beams = _beams(*self._arguments, self._layer_settings(plugin, self._layers, frame))
+            settings = self._layer_settings(plugin, self._layers, frame)
+            self._beams = _beams(*self._arguments, self.warnings.give, settings)
             self._layered = path, frame
         return plugin
 
@@ -305,6 +306,7 @@ def _beams(
     looks: Look | Mapping[str, Look] | None,
     groups: Mapping[str, str],
     beams: Mapping[str, scene.BeamSettings],
+    warn: Callable[[str], None],
     layers: Mapping[str, scene.BeamSettings] | None = None,
 ) -> dict[str, scene.BeamSettings]:
     """Return the beam settings by the ids of emitters; those given in Python are stronger than those of layers."""
@@ -320,6 +322,11 @@ def _beams(
         own = result.get(name, scene.BeamSettings())
         chosen = by_name.get(name) or own.look or by_name.get("")
         result[name] = replace(own, look=chosen, group=groups.get(name, own.group))
+        if chosen is not None and chosen.surfaces != "off":
+            from ..looks import LightContext
+            from ..looks.tint import tinted
+
+            result[name] = tinted(result[name], name or "every emitter", LightContext(), warn)
     return result
 
 

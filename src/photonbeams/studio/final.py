@@ -1,8 +1,9 @@
-"""Final renders: the command `photonbeams render` with the edits of a session, in a process of its own."""
+"""Final renders, and what they cost: commands with the edits of a session, each in a process of its own."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import re
 import signal
@@ -10,7 +11,7 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,21 +31,40 @@ Told = Callable[[int, Path | None, str | None], Awaitable[None]]
 class Wanted(NamedTuple):
     """What a final render needs: the stage's file, a .usda layer of edits as text, and the command's other flags.
 
-    `file` is where its pictures are written; None: in a folder of the studio, from which they are handed out.
+    `frames` are the first and the last frame; None: the stage has none. `file` is where its pictures are written; None:
+    in a folder of the studio, from which they are handed out.
     """
 
     stage: Path
     edits: str
     flags: Sequence[str]
+    frames: tuple[float, float] | None = None
     file: Path | None = None
 
+    async def started(self, command: Sequence[str], folder: Path, *more: str) -> asyncio.subprocess.Process:
+        """Start a command on the stage, with the edits, in a file of `folder`, the flags, and `more` of them."""
+        layer = folder / "edits.usda"
+        write_bytes(layer, self.edits.encode())
+        frames = () if self.frames is None else ("--frames", "{:g}:{:g}".format(*self.frames))
+        words = [*command, str(self.stage), "--session-layer", str(layer), *self.flags, *frames, *more]
+        # A process group of its own: Ctrl-C in a terminal ends only the studio, which then ends the render properly. It
+        # is of the same session, though: Linux compares the priorities of processes only within a session.
+        return await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "photonbeams", *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+            process_group=0,
+        )  # fmt: skip
 
-def flags_of(view: SessionView, first: float | None, last: float | None) -> Iterator[str]:
-    """Yield the command's flags that render a view, and the frames from the first to the last."""
+
+def _error(messages: str) -> str | None:
+    """Return the first error among a command's messages."""
+    errors = [each.removeprefix("Error: ") for each in messages.splitlines() if each.startswith("Error: ")]
+    return errors[0][:300] if errors else None
+
+
+def flags_of(view: SessionView) -> Iterator[str]:
+    """Yield the command's flags that render a view."""
     if view.camera:
         yield from ("--camera", view.camera)
-    if first is not None and last is not None:
-        yield from ("--frames", f"{first:g}:{last:g}")
     yield from ("--res", str(view.width), str(view.height), "--passes", str(view.passes))
     if view.bounces is not None:
         yield from ("--bounces", str(view.bounces))
@@ -88,17 +108,9 @@ class FinalRender:
         if self._process is not None:
             raise SceneError("a final render is under way: wait until it ends, or cancel it")
         work = Path(tempfile.mkdtemp(dir=self.folder))
-        layer = work / "edits.usda"
-        write_bytes(layer, wanted.edits.encode())
         name = wanted.stage.stem
-        pattern = f"{name}.####.exr" if "--frames" in wanted.flags else f"{name}.exr"
-        words = [sys.executable, "-m", "photonbeams", "render", str(wanted.stage), "--session-layer", str(layer)]
-        words += [*wanted.flags, "-o", str(wanted.file or work / pattern), "--progress", "openjd"]
-        # A process group of its own: Ctrl-C in a terminal ends only the studio, which then ends the render properly. It
-        # is of the same session, though: Linux compares the priorities of processes only within a session.
-        process = self._process = await asyncio.create_subprocess_exec(
-            *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, process_group=0
-        )
+        output = wanted.file or work / (f"{name}.exr" if wanted.frames is None else f"{name}.####.exr")
+        process = self._process = await wanted.started(["render"], work, "-o", str(output), "--progress", "openjd")
         with suppress(AttributeError, OSError):  # Windows has no such priorities; the render may have ended already
             os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
         try:
@@ -110,9 +122,8 @@ class FinalRender:
             if code == 0:
                 await told(100, wanted.file or self._packed(work, name), None)
             else:
-                errors = [each.removeprefix("Error: ") for each in text.splitlines() if each.startswith("Error: ")]
                 ended = "the render was cancelled" if code in (-signal.SIGTERM, 128 + signal.SIGTERM) else None
-                await told(0, None, ended or (errors or [f"the render ended with code {code}"])[0][:300])
+                await told(0, None, ended or _error(text) or f"the render ended with code {code}")
         finally:
             self._process = None
 
@@ -142,3 +153,47 @@ class FinalRender:
         """End the render that is under way, if there is one, and remove all files."""
         self.cancel()
         self._folder.cleanup()
+
+
+class Cost(NamedTuple):
+    """About how long a final render takes, all its frames, in seconds; and how much memory, in bytes."""
+
+    seconds: float
+    memory: float
+
+
+class Estimates:
+    """Estimates final renders, one after another, by `photonbeams info --estimate`; the last one is remembered.
+
+    Pictures are `resting` meanwhile: the command is quick, and measures what the render takes when it has the machine.
+    """
+
+    def __init__(self, folder: Path, resting: Callable[[], AbstractContextManager[None]]) -> None:
+        self._folder, self._resting = folder, resting
+        self._turn = asyncio.Lock()
+        self._known: tuple[Wanted, Cost] | None = None  # of a render of one frame
+
+    async def of(self, wanted: Wanted) -> Cost:
+        """Return what a final render costs; SceneError for what it would refuse. Cancelling this ends its process."""
+        first, last = wanted.frames or (0, 0)
+        one = wanted._replace(frames=None if wanted.frames is None else (first, first), file=None)
+        async with self._turn:
+            if self._known is None or self._known[0] != one:
+                self._known = one, await self._measured(one)
+            frame = self._known[1]
+        return frame._replace(seconds=frame.seconds * (int(last - first) + 1))
+
+    async def _measured(self, wanted: Wanted) -> Cost:
+        with self._resting(), tempfile.TemporaryDirectory(dir=self._folder) as folder:
+            process = await wanted.started(["info", "--estimate", "--json"], Path(folder))
+            try:
+                output, messages = await process.communicate()
+            finally:
+                if process.returncode is None:
+                    process.kill()  # at once: it writes nothing
+                    await process.wait()
+        if process.returncode:
+            text = _error(messages.decode(errors="replace"))
+            raise SceneError(text or f"the estimate ended with code {process.returncode}")
+        found = json.loads(output.splitlines()[-1])  # after what libraries may print
+        return Cost(found["seconds"], found["memory"])

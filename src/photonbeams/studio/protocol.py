@@ -6,12 +6,9 @@ page/src/protocol.ts, which tools/protocol.py writes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import msgspec
-
-from ..usd.authoring.controls import Control, Controls
 
 #: Limits: bytes in a message of a page, its messages per second, and values in an edit.
 LONGEST, PER_SECOND, MOST_VALUES = 1 << 16, 240, 256
@@ -114,11 +111,23 @@ class Render(Message, tag="render"):
     file: str | None = None
 
 
+class Estimate(Message, tag="estimate"):
+    """Estimate what that final render takes; the answer has the same `number`. A page's next one replaces it."""
+
+    number: int
+    passes: int
+    frames: tuple[float, float] | None = None
+    size: tuple[int, int] | None = None
+    denoise: bool = False
+
+
 class Cancel(Message, tag="cancel"):
-    """End the final render."""
+    """End the final render, or the estimate of one."""
+
+    estimate: bool = False
 
 
-Messages = Set | Apply | Keep | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Cancel
+Messages = Set | Apply | Keep | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Estimate | Cancel
 
 
 class Answer(msgspec.Struct, tag_field="type"):
@@ -279,6 +288,15 @@ class RenderMessage(Answer, tag="render"):
     problem: str | None
 
 
+class EstimateMessage(Answer, tag="estimate"):
+    """About how long all frames take, in seconds, and how much memory, in bytes; or why that is not known."""
+
+    number: int
+    seconds: float | None
+    memory: float | None
+    problem: str | None
+
+
 class Applied(Answer, tag="applied"):
     """A preset was applied for this page."""
 
@@ -299,7 +317,17 @@ class Refused(Answer, tag="refused"):
     text: str
 
 
-Answers = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | Applied | Kept | Refused
+Answers = (
+    SceneMessage
+    | ValuesMessage
+    | StateMessage
+    | PixelMessage
+    | RenderMessage
+    | EstimateMessage
+    | Applied
+    | Kept
+    | Refused
+)
 
 
 class PictureHeader(msgspec.Struct):
@@ -318,52 +346,6 @@ class PictureHeader(msgspec.Struct):
     mime: str
     frame: float | None = None
     compared: bool = False
-
-
-def described(found: Sequence[Controls]) -> list[ControlGroup]:
-    """Return controls as pages get them."""
-    return [
-        ControlGroup(
-            group.path, cast(Any, group.kind), group.label, group.type, [_item(each) for each in group.controls],
-            group.uses,
-        )
-        for group in found
-    ]  # fmt: skip
-
-
-def _item(control: Control) -> ControlItem:
-    return ControlItem(
-        path=control.path, label=control.label, section=control.section, kind=cast(Any, control.kind),
-        value=control.value, default=control.default, authored=control.authored, min=control.least, max=control.most,
-        soft=control.slider, choices=control.choices, unit=control.unit, doc=control.doc, parts=dict(control.parts),
-        needs={path: list(wanted) for path, wanted in control.needs.items()},
-    )  # fmt: skip
-
-
-def shape(groups: list[ControlGroup]) -> list[Any]:
-    """Return the parts of controls that only the message about the scene carries."""
-    return [(group.path, group.uses, [(each.path, each.choices) for each in group.controls]) for group in groups]
-
-
-def flat(groups: list[ControlGroup]) -> dict[str, tuple[Any, bool]]:
-    """Return the values of controls by path, and whether they are authored; ramps have a path for each part."""
-    found: dict[str, tuple[Any, bool]] = {}
-    for control in (each for group in groups for each in group.controls):
-        if control.kind == "ramp":
-            found |= {path: (control.value[part], control.authored) for part, path in control.parts.items()}
-        else:
-            found[control.path] = (control.value, control.authored)
-    return found
-
-
-def note(groups: list[ControlGroup], edited: dict[str, Any]) -> None:
-    """Change the values of controls to edited ones."""
-    for control in (each for group in groups for each in group.controls):
-        for part, path in control.parts.items():
-            if path in edited:
-                control.value, control.authored = {**control.value, part: edited[path]}, True
-        if control.path in edited:
-            control.value, control.authored = edited[control.path], True
 
 
 _DECODER: msgspec.json.Decoder[Messages] = msgspec.json.Decoder(Messages)

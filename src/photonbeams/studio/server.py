@@ -9,12 +9,9 @@ from __future__ import annotations
 import asyncio
 import os
 import secrets
-import time
-from collections import deque
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -31,12 +28,13 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from ..images.display import OWN, view_transforms
 from ..scene import SceneError
 from ..usd.authoring.presets import PRESETS
-from ..usd.cameras.stereo import EYES, Stereo, usual_interaxial
-from . import protocol
+from ..usd.cameras.stereo import Stereo, usual_interaxial
+from . import controls, protocol
 from .encoding import ANAGLYPH, SHOWN, encoded, thumbnail_of
-from .final import FinalRender, Wanted
+from .final import Estimates, FinalRender, Wanted
 from .guard import HEADERS, Guard
 from .session import Picture, Problem, Session
+from .watcher import Watcher
 
 PAGE = Path(__file__).parent / "page"
 
@@ -49,47 +47,12 @@ _TYPES = {".js": "text/javascript", ".css": "text/css"}  # as the system may map
 _OWN_CHOICES = ("layer", "other", "eye", "exposure", "display")
 
 
-@dataclass(eq=False)
-class _Watcher:
-    """A page that watches: what it shows, and the picture and the texts that wait to be sent to it.
-
-    `other` is a layer that is sent as well, to be compared with the first.
-    """
-
-    socket: WebSocket
-    layer: str = "rgba"
-    other: str | None = None
-    eye: str = EYES[0]
-    exposure: float = 0.0
-    display: str = OWN
-    shown: Picture | None = None
-    texts: deque[str] = field(default_factory=lambda: deque(maxlen=256))
-    news: asyncio.Event = field(default_factory=asyncio.Event)
-    times: deque[float] = field(default_factory=lambda: deque(maxlen=protocol.PER_SECOND))
-
-    def tell(self, text: str) -> None:
-        self.texts.append(text)
-        self.news.set()
-
-    def show(self, picture: Picture | None) -> None:
-        """Show a picture, instead of one that still waits to be sent."""
-        self.shown = picture
-        self.news.set()
-
-    def is_too_fast(self) -> bool:
-        """Count a message; return whether there are too many in a second."""
-        now = time.monotonic()
-        too_fast = len(self.times) == self.times.maxlen and now - self.times[0] < 1.0
-        self.times.append(now)
-        return too_fast
-
-
 class Studio:
     """A session and the pages that watch it; the `token` lets a page in."""
 
     def __init__(self, session: Session, token: str | None = None) -> None:
         self.session, self.token = session, token or secrets.token_urlsafe(24)
-        self._watchers: set[_Watcher] = set()
+        self._watchers: set[Watcher] = set()
         self._last: Picture | None = None
         self._problem: Problem | None = None
         self._groups: list[protocol.ControlGroup] = []
@@ -97,6 +60,7 @@ class Studio:
         # and so have thumbnails, whose kernels are compiled on first use.
         self._commands, self._encoders, self._painters = self._threads = [ThreadPoolExecutor(1) for _ in range(3)]
         self._final = FinalRender()
+        self._estimates = Estimates(self._final.folder, session.resting)
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def app(self, hosts: tuple[str, ...] = _LOCAL, url: str = "") -> Starlette:
@@ -161,9 +125,10 @@ class Studio:
         for each in self._watchers if self._problem is None else ():
             each.show(self._last)
 
-    def _later(self, work: Any) -> None:
+    def _later(self, work: Any) -> asyncio.Future[None]:
         task = asyncio.ensure_future(work)
         task.add_done_callback(lambda done: done.cancelled() or done.exception())
+        return task
 
     def _state(self) -> str:
         last, problem = self._last, self._problem
@@ -182,7 +147,7 @@ class Studio:
         """Run a method of the session, which may wait until the stage is read, and return its result."""
         return await asyncio.get_running_loop().run_in_executor(self._commands, lambda: work(*given, **named))
 
-    async def _tell_scene(self, only: _Watcher | None = None) -> None:
+    async def _tell_scene(self, only: Watcher | None = None) -> None:
         text = await self._command(self._scene)
         for each in [only] if only is not None else self._watchers:
             each.tell(text)
@@ -191,7 +156,7 @@ class Studio:
         session, last = self.session, self._last
         known = (*PRESETS, *session.looks.looks())
         presets = [protocol.PresetItem(each.name, each.label, each.factor) for each in known]
-        self._groups = protocol.described(session.controls())
+        self._groups = controls.described(session.controls())
         stereo, pose, focal = session.view.stereo, None, 1.0
         with suppress(SceneError):  # edits may have broken the camera; the state says so
             camera = session.camera()
@@ -207,7 +172,7 @@ class Studio:
 
     async def _watch(self, socket: WebSocket) -> None:
         await socket.accept()
-        watcher = _Watcher(socket)
+        watcher = Watcher(socket)
         self._watchers.add(watcher)
         sender = asyncio.ensure_future(self._send(watcher))
         try:
@@ -228,9 +193,10 @@ class Studio:
                 await socket.close(_MALFORMED, str(error)[:120])
         finally:
             self._watchers.discard(watcher)
+            watcher.end_estimate()
             sender.cancel()
 
-    async def _take(self, watcher: _Watcher, message: Any) -> None:
+    async def _take(self, watcher: Watcher, message: Any) -> None:
         if watcher.is_too_fast():
             raise protocol.Malformed(f"there are more than {protocol.PER_SECOND} messages in a second: expected fewer")
         text = message.get("text")
@@ -242,7 +208,7 @@ class Studio:
         except (SceneError, OSError) as error:
             watcher.tell(protocol.encoded(protocol.Refused(str(error)[:300])))
 
-    async def _do(self, watcher: _Watcher, asked: protocol.Messages) -> None:
+    async def _do(self, watcher: Watcher, asked: protocol.Messages) -> None:
         """Do what a page asks for."""
         session = self.session
         match asked:
@@ -276,10 +242,15 @@ class Studio:
             case protocol.Render(passes=passes, frames=frames, size=size, denoise=denoise, file=file):
                 wanted = await self._command(session.wanted, passes, frames, size, denoise, file)
                 self._later(self._render(wanted))
+            case protocol.Estimate():
+                watcher.end_estimate()
+                watcher.estimate = self._later(self._estimate(watcher, asked))
+            case protocol.Cancel(estimate=True):
+                watcher.end_estimate()
             case protocol.Cancel():
                 self._final.cancel()
 
-    async def _show(self, watcher: _Watcher, asked: protocol.Show) -> None:
+    async def _show(self, watcher: Watcher, asked: protocol.Show) -> None:
         given = {
             name: value for name in asked.__struct_fields__
             if (value := getattr(asked, name)) is not msgspec.UNSET
@@ -320,14 +291,23 @@ class Studio:
         except (SceneError, OSError) as error:
             self._tell_all(protocol.encoded(protocol.Refused(str(error)[:300])))
 
+    async def _estimate(self, watcher: Watcher, asked: protocol.Estimate) -> None:
+        """Tell a page what a final render costs, or why that is not known."""
+        try:
+            wanted = await self._command(self.session.wanted, asked.passes, asked.frames, asked.size, asked.denoise)
+            answer = protocol.EstimateMessage(asked.number, *await self._estimates.of(wanted), None)
+        except (SceneError, OSError) as error:
+            answer = protocol.EstimateMessage(asked.number, None, None, str(error)[:300])
+        watcher.tell(protocol.encoded(answer))
+
     async def _result(self, request: Request) -> Response:
         return _file_of(self._final.folder, request, download=True)
 
     async def _tell_edited(self, edited: dict[str, Any] | None) -> None:
         """Tell all pages about an edit: see `_values`; if there are other controls now, tell them the scene first."""
-        before = protocol.shape(self._groups)
+        before = controls.shape(self._groups)
         text = await self._command(self._values, edited)
-        if protocol.shape(self._groups) != before:
+        if controls.shape(self._groups) != before:
             await self._tell_scene()
         self._tell_all(text)
 
@@ -339,15 +319,15 @@ class Studio:
         """
         edits, values, authored = self.session.edits, {}, {}
         if edited is None or any(value is None or path.endswith(":look") for path, value in edited.items()):
-            before = protocol.flat(self._groups)
-            self._groups = protocol.described(self.session.controls())
-            now = protocol.flat(self._groups)
+            before = controls.flat(self._groups)
+            self._groups = controls.described(self.session.controls())
+            now = controls.flat(self._groups)
             values = {path: value for path, value in now.items() if before.get(path) != value}
             authored = {path: each for path, (_, each) in values.items()}
             values = {path: each for path, (each, _) in values.items()}
         else:
             values, authored = dict(edited), dict.fromkeys(edited, True)
-            protocol.note(self._groups, edited)
+            controls.note(self._groups, edited)
         return protocol.encoded(protocol.ValuesMessage(
             values=values, authored=authored, canUndo=edits.can_undo, canRedo=edits.can_redo,
             saved=edits.is_saved, restored=edits.restored and not edits.is_saved,
@@ -357,7 +337,7 @@ class Studio:
         for each in self._watchers:
             each.tell(text)
 
-    async def _send(self, watcher: _Watcher) -> None:
+    async def _send(self, watcher: Watcher) -> None:
         """Send a page its texts and only the newest of its pictures."""
         loop = asyncio.get_running_loop()
         while True:
@@ -372,7 +352,7 @@ class Studio:
                     await watcher.socket.send_bytes(data)
 
 
-def _encoded(picture: Picture, watcher: _Watcher, layer: str) -> bytes:
+def _encoded(picture: Picture, watcher: Watcher, layer: str) -> bytes:
     """Return a layer of a picture as a page shows it, after its header."""
     header, data = encoded(picture, layer, watcher.exposure, watcher.display, watcher.eye)
     header.compared = layer == watcher.other and layer != watcher.layer

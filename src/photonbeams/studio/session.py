@@ -6,7 +6,7 @@ import atexit
 import logging
 import threading
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -280,21 +280,25 @@ class Session:
         SceneError
             Passes, frames or a size out of range; a file elsewhere; a free camera, which the stage does not have.
         """
-        width, height = size or (self.view.width, self.view.height)
-        view = replace(self.view, width=width, height=height)
+        view = self.view if size is None else replace(self.view, width=size[0], height=size[1])
         if view.pose is not None:
             raise SceneError("the camera was moved freely: expected a camera of the stage")
         first, last = (view.frame, view.frame) if frames is None else frames
         self._check(replace(view, passes=passes, frame=first))
         self._check(replace(view, passes=passes, frame=last))
-        if first is not None and last is not None and first > last:
-            raise SceneError(f"the frames are {first:g} to {last:g}: expected the first before the last")
+        both = None if first is None or last is None else (first, last)
+        if both is not None and both[0] > both[1]:
+            raise SceneError(f"the frames are {both[0]:g} to {both[1]:g}: expected the first before the last")
         target = None if file is None else file_beside(self._path, file, first is not None)
         flags = [word for each in self._layers for word in ("--session-layer", each)]
         flags += [word for each in self._overrides for word in ("--set", each)]
         bounces, camera = self._live.bounces(view), self._viewpoint(view).camera
-        flags += [*flags_of(replace(view, passes=passes, bounces=bounces, camera=camera, denoise=denoise), first, last)]
-        return Wanted(self._path, self.edits.text(), flags, target)
+        flags += [*flags_of(replace(view, passes=passes, bounces=bounces, camera=camera, denoise=denoise))]
+        return Wanted(self._path, self.edits.text(), flags, both, target)
+
+    def resting(self) -> AbstractContextManager[None]:
+        """Return a context in which pictures get no further passes; the first ones after edits come as always."""
+        return self._live.resting()
 
     def bounces(self) -> tuple[int, int]:
         """Return the bounces of the present view, as `--bounces`, and those that the stage or a room usually has."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from time import monotonic, sleep
@@ -39,6 +39,7 @@ _EACH, _ONE_OF = 16, 8
 
 # Seconds that a quick first picture may take before the machine counts as slow, and the longest wait for further edits.
 _SLOW, _CALM = 0.4, 1.0
+_POLL = 0.01  # seconds between two looks at whether there was an edit
 
 # Bounces of light in rooms.
 _IN_ROOMS = 3
@@ -91,6 +92,7 @@ class LivePictures:
         self._shot, self._viewpoint, self._edited, self._lock = shot, viewpoint, edited, lock
         self._raw_at_last = raw_at_last
         self._room: bool | None = None  # whether the first picture is of a room
+        self._rests = 0  # contexts in which later pictures wait
         self.forget()
 
     def forget(self) -> None:
@@ -100,6 +102,15 @@ class LivePictures:
     def frame(self) -> LiveFrame | None:
         """Return the last frame, of a whole picture if there is one."""
         return self._whole.frame or self._first.frame
+
+    @contextmanager
+    def resting(self) -> Iterator[None]:
+        """Let all but the first picture after an edit wait within the context."""
+        self._rests += 1
+        try:
+            yield
+        finally:
+            self._rests -= 1
 
     def bounces(self, view: SessionView) -> int | None:
         """Return the bounces of a view, as `--bounces`; None: those of the stage."""
@@ -144,6 +155,8 @@ class LivePictures:
         frame, ready = self.begun(view, chain, scale, unwanted)
         first = chain is self._first
         for number in range(view.passes if chain is self._whole else 1):
+            while self._rests and not first and not unwanted():
+                sleep(_POLL)
             frame.add_pass(number)
             if unwanted():
                 raise Cancelled
@@ -255,7 +268,7 @@ def _wait_for_calm(took: float, is_old: Callable[[], bool]) -> None:
     while monotonic() < end:
         if is_old():
             raise Cancelled
-        sleep(0.01)
+        sleep(_POLL)
 
 
 def with_fewer_paths(content: Scene, most: int) -> Scene:

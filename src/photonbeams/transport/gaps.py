@@ -20,7 +20,7 @@ from ..numerics.sampling import pairs, sobol_points
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
 from ..world.differentials import RayDifferentials
-from ..world.emitters.packed import shape_number
+from ..world.emitters.linking import shape_number
 from ..world.emitters.rays import EmittedRays
 from ..world.warp import facing, perpendicular
 from ..world.world import World

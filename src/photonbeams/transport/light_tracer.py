@@ -262,6 +262,7 @@ class LightTracer:
                 medium.number in self.world.reentrant,
                 longest,
                 self.tuning.scatters and bool(self.world.surfaces.shapes()),
+                self.world.linking.chain,
             )
             for source in self.sources
             for medium in self.world.media.all

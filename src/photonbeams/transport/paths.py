@@ -214,8 +214,9 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     scatter = reflect(tracing.world, hit, interaction.on_surface, paths.medium, paths.index, stream, aimed)
     passes = interaction.tinted | (interaction.on_surface & scatter.null)
     unfiltered = interaction.weight  # also of light that goes straight on, for what comes next
-    interaction.weight = unfiltered * tracing.filtered(paths, interaction.position, interaction.distance, stream)
-    following = _following(tracing, paths, interaction, scatter, stream, aimed, passes, unfiltered)
+    site = dr.select(interaction.on_surface, tracing.world.linking.of_surfaces(hit), paths.medium)
+    interaction.weight *= tracing.filtered(paths, interaction.position, interaction.distance, site, stream)
+    following = _following(tracing, paths, interaction, scatter, stream, aimed, passes, unfiltered, site)
     hits = _photon_hits(paths, interaction, segments.width)
     # Of a path and the parts into which it splits, only one contributes the segment.
     whole = (paths.branch != SCATTERED) & (paths.branch != REFLECTED)
@@ -232,7 +233,7 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
 
 def _following(
     tracing: Tracing, paths: LightPaths, interaction: Interaction, scatter: Scatter, stream: UInt32,
-    aimed: Aimed | None, passes: Bool, unfiltered: Array3f,
+    aimed: Aimed | None, passes: Bool, unfiltered: Array3f, site: UInt32,
 ) -> LightPaths:  # fmt: skip
     """Return the paths after their interaction; `interaction.going` is then false for those that end."""
     following = LightPaths()
@@ -256,7 +257,8 @@ def _following(
     following.origin = dr.select(interaction.on_surface, scatter.origin, interaction.position)
     arriving = dr.select(passes, unfiltered, interaction.weight)
     following.flux = paths.flux * arriving * _chosen(interaction, rgb(weight), scatter.weight, Array3f(1))
-    following.flux = tracing.linked(paths, interaction.scatters, following.flux)
+    turned = interaction.scatters | (interaction.on_surface & ~scatter.delta)  # mirrors and glass only pass light on
+    following.flux = tracing.linked(paths, site, turned, following.flux)
     following.depth = paths.depth + dr.select(passes, 0, 1)
     following.medium = dr.select(interaction.on_surface, scatter.medium, paths.medium)
     enters = interaction.on_surface & (following.medium != paths.medium)

@@ -50,21 +50,26 @@ def sight_of(world: World, view: Projection) -> Sight:
     normal: Any = Array3f(hit.n)
     normal = dr.select(dr.dot(normal, direction) > 0, -normal, normal)
     point = Array3f(hit.p) + _ABOVE * distance * normal
-    dr.eval(there, distance, point, normal)
+    site = world.linking.of_surfaces(hit) + dr.zeros(UInt32, _RAYS)
+    dr.eval(there, distance, point, normal, site)
     met = np.flatnonzero(there.numpy())
-    light = {each.name: _light(world, each, point, normal, there)[met] for each in world.emitters}
+    light = {each.name: _light(world, each, point, normal, site, there)[met] for each in world.emitters}
     return Sight(float(np.median(distance.numpy()[met])) if len(met) else None, light)
 
 
-def _light(world: World, emitter: Emitter, point: Array3f, normal: Array3f, there: Bool) -> Array:
+def _light(
+    world: World, emitter: Emitter, point: Array3f, normal: Array3f, site: UInt32, there: Bool
+) -> Array:  # fmt: skip
     """Return the radiance of white paper at points, (N, 3), by the direct light of an emitter."""
     total, number = dr.zeros(Array3f, _RAYS), dr.arange(UInt32, _RAYS)
     if not (emitter.lamp.illuminates and emitter.beams.lights_surfaces):
         return np.zeros((_RAYS, 3))
     link = dr.zeros(UInt32, _RAYS) + dr.opaque(UInt32, emitter.link)
+    source = dr.opaque(UInt32, emitter.source)
+    lamp, there = emitter.lamp.at(world.linking.acting(source, site)), world.linking.lights(source, site, there)
     for each in range(_SAMPLES):
         seed = hash32(number, dr.opaque(UInt32, each))
-        sample = emitter.lamp.illuminate(point, pixel_sample(number, seed))
+        sample = lamp.illuminate(point, pixel_sample(number, seed))
         toward: Any = sample.direction
         cosine = dr.maximum(dr.dot(toward, normal), 0)
         distance = dr.minimum(to_lamp(point, toward, sample.distance).length, dr.largest(Float))

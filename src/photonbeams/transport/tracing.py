@@ -65,19 +65,22 @@ class Tracing:
             return result
         return result & (depth <= dr.gather(UInt32, self.bounces_by_source, source))
 
-    def filtered(self, paths: LightPaths, position: Array3f, distance: Float, stream: UInt32) -> Array3f:
+    def filtered(
+        self, paths: LightPaths, position: Array3f, distance: Float, site: UInt32, stream: UInt32
+    ) -> Array3f:  # fmt: skip
         """Return what filters of lamps leave of light straight from these, at positions at a distance along paths."""
         filters = self.world.filters
         if filters is None:
             return Array3f(1)
         seed = hash32(stream, paths.index, UInt32(Stream.FILTER))
         away = paths.offset + distance
-        return filters.factor(paths.source, position, -paths.direction, away, seed, paths.straight)
+        acting = self.world.linking.acting(paths.source, site)
+        return filters.factor(paths.source, position, -paths.direction, away, seed, paths.straight, acting)
 
-    def linked(self, paths: LightPaths, scattered: Bool, flux: Array3f) -> Array3f:
-        """Return flux, 0 where media scattered what came straight from a light whose link leaves them out."""
+    def linked(self, paths: LightPaths, site: UInt32, scattered: Bool, flux: Array3f) -> Array3f:
+        """Return flux, 0 where sites have scattered what came straight from a light whose link leaves them out."""
         straight = scattered & (paths.depth == 0)
-        lit = self.world.lit(paths.medium, paths.source, straight)
+        lit = self.world.linking.lights(paths.source, site, straight)
         return flux if lit is straight else dr.select(straight & ~lit, 0, flux)
 
     def escape(self, paths: LightPaths, reach: Float) -> Float:

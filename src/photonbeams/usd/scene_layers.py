@@ -13,7 +13,8 @@ from .common.reading import Reading, target_paths
 from .common.warnings import Warnings
 from .geometry.meshes import is_gprim
 from .lights.beam_settings import read_beam_settings, read_portal
-from .lights.filters import filtered
+from .lights.filters import filtered, warn_of_link
+from .lights.links import FILTER_LINK, is_linked
 from .stage import open_stage
 
 # The properties of PhotonBeamsLightAPI that apply to emitters of Mitsuba scenes, without "photonbeams:".
@@ -69,6 +70,9 @@ class SceneLayers:
                 result[name] = read_beam_settings(reading, prim, _portal(reading, prim, shapes))
                 shining = filtered(reading, prim, Light(name, WHITE, gobo=result[name]["gobo"]))
                 result[name] |= {"filters": shining.filters, "gobo": shining.gobo}
+                for own in (self.stage.GetPrimAtPath(each.name) for each in shining.filters):
+                    if is_linked(reading, own, FILTER_LINK):
+                        warn_of_link(reading, own)
         return result
 
 

@@ -97,6 +97,7 @@ def world_of_scene(
     content = _media(description, host, known, glass)
     bodies = {id(each) for each in glass}
     linked = {names for light in description.lights for names in (light.unlit, light.unshadowed) if names}
+    linked |= {each.left_out for light in description.lights for each in light.filters if each.left_out}
     glow = _glow(description)
     linked |= {frozenset(name for name, own in glow.items() if own == group) for group in glow.values()}
     groups = grouped(meshes, bodies, linked, sharp)

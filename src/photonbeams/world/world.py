@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import opaque, to_uint
+from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import ESCAPE, DrawnBeams
 from .bounds import Bounds, Box
 from .emitters.emitter import Emitter, Links
 from .emitters.filters import PathFilters
 from .emitters.groups import LightGroups
+from .emitters.linking import Linking
 from .emitters.packed import LampGroups
 from .emitters.rays import EmittedRays
 from .emitters.sources import Source
@@ -154,6 +155,11 @@ class World:
         return LightGroups(self.emitters, self.sources, self.glow.values(), self.glowing or self.media.emissive)
 
     @cached_property
+    def linking(self) -> Linking:
+        """What lights, and their filters, leave out."""
+        return Linking(self)
+
+    @cached_property
     def lamps(self) -> LampGroups:
         """The lamps that are no part of `plugin`, as kernels need them."""
         return LampGroups.of(self)
@@ -178,21 +184,6 @@ class World:
     def sharp(self) -> bool:
         """Whether camera paths may continue somewhere: at a boundary of media, a mirror or glass."""
         return self.mirrors or bool(self.boundaries)
-
-    @cached_property
-    def _lit_media(self) -> Any:
-        """Whether sources light media: a row of numbers for each source; None if each of them lights all."""
-        if not any(each.unlit for each in self.sources):
-            return None
-        size = 1 + max(each.number for each in self.media.all)
-        return size, to_uint([int(each not in own.unlit) for own in self.sources for each in range(size)])
-
-    def lit(self, medium: UInt32, source: UInt32, active: Bool) -> Bool:
-        """Return which of the active points, in media, the light straight from sources lights."""
-        if self._lit_media is None:
-            return active
-        size, table = self._lit_media
-        return active & (dr.gather(UInt32, table, source * dr.opaque(UInt32, size) + medium, active) > 0)
 
     def radius_of(self, medium: RenderedMedium) -> float:
         """Return the radius of a medium, at most that of the region with everything in it."""

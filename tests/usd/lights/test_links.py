@@ -92,3 +92,15 @@ def test_the_shadow_link_has_no_say_about_the_fog(light):
 def test_a_light_that_leaves_out_the_fog_makes_no_beams(light):
     found = light("rel collection:lightLink:excludes = </Fog>")
     assert (found.unlit, found.unlit_media, found.emits_beams) == (frozenset(), {"/Fog"}, False)
+
+
+@pytest.mark.parametrize("link, left_out", [
+    ("", set()),
+    ("rel collection:filterLink:excludes = [</A/Two>, </Fog>]", {"/A/Two", "/Fog"}),
+    ("bool collection:filterLink:includeRoot = 0\nrel collection:filterLink:includes = </A>",
+     {*ALL, "/Fog"} - {"/A/One", "/A/Two"}),
+])  # fmt: skip
+def test_a_filter_leaves_out_what_its_link_does(light, link, left_out, caplog):
+    found = light(f'rel light:filters = </L/Flag>\ndef PhotonBeamsBlockerFilter "Flag" {{\n{link}\n}}')
+    assert [each.left_out for each in found.filters] == [left_out]
+    assert not found.unlit and "Flag" not in caplog.text

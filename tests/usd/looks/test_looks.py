@@ -143,6 +143,7 @@ def test_noise_fade_and_variation_are_read_and_built(read):
         float photonbeams:noise:evolution = 0.25
         uniform token photonbeams:noise:space = "light"
         float photonbeams:variation = 0.125
+        uniform token photonbeams:surfaces = "tint"
         uniform token photonbeams:across:profile = "hollow"
         float photonbeams:across:inner = 0.25
         float photonbeams:across:softness = 0.5""")
@@ -152,6 +153,7 @@ def test_noise_fade_and_variation_are_read_and_built(read):
     assert noise == [0.5, 2, 3, 1.5, (0, 0.5, 0), 0.25, "light"]
     assert own["variation"] == 0.125
     assert (own["across:profile"], own["across:inner"], own["across:softness"]) == ("hollow", 0.25, 0.5)
+    assert build_look(found).surfaces == "tint"
     built = build_look(found).bind(MEDIUM, 5.0)
     assert {"local", "random", "time"} <= built.uses
     assert ("distance", pytest.approx(1)) in built.corners and ("distance", pytest.approx(3)) in built.corners

@@ -22,7 +22,7 @@ _OF_CHOICE = {
 #: What else each factor has.
 _ALWAYS = {
     "along": ["along:physical", "along:tint", "along:inner", "along:outer", "along:fade", "along:space", "along:begin",
-              "along:end", "along:texture", "along:expression"],
+              "along:end", "along:texture", "along:expression", "surfaces"],
     "across": ["across:texture", "across:expression"],
     "eye": ["eye:begin", "eye:end", "eye:texture", "eye:expression"],
     "angle": ["angle:texture", "angle:expression"],

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import typer
 
 from ..progress import counted, held_signals, messages, spoken, standard_output
 from ..render import PROGRAM_BYTES, Job
@@ -15,7 +18,7 @@ if TYPE_CHECKING:
     from ...shot.estimate import Estimate
 
 
-def show_estimate(request: RenderRequest) -> None:
+def show_estimate(request: RenderRequest, as_json: bool = False) -> None:
     """Print how long the render of a request would take, and how much memory; raises what that would raise."""
     request = replace(request, shown=replace(request.shown, dry_run=True))
     with messages(request.shown.quiet, request.shown.verbose), held_signals() as check:
@@ -25,20 +28,37 @@ def show_estimate(request: RenderRequest) -> None:
             job = job.ready(job.tasks[0], job.tasks)
             found = job.estimate(job.tasks[0])
         check()
+        if as_json:
+            typer.echo(json.dumps(_fields(job, found)))
+            return
         console = standard_output()
         console.print(job.seen(job.tasks[0]))
         for name, text in _rows(job, found):
             console.print(f"  {name:<10}{text}")
 
 
+def _fields(job: Job, found: Estimate) -> dict[str, Any]:
+    """Return what is told as JSON: seconds of a frame, and bytes of all that the render needs."""
+    passes, seconds = _part(job, found)
+    return {
+        "size": found.size, "frames": job.frames(), "passes": passes, "seconds": seconds, "within": found.within,
+        "once": found.once, "each": found.each, "memory": PROGRAM_BYTES + found.memory,
+    }  # fmt: skip
+
+
+def _part(job: Job, found: Estimate) -> tuple[int, float]:
+    """Return the number of passes that are rendered, of all or of a part of them, and their seconds."""
+    if job.request.passes.part is None:
+        return found.passes, found.seconds
+    passes = len(job.request.passes.part.of(found.passes))
+    return passes, found.once + passes * found.each
+
+
 def _rows(job: Job, found: Estimate) -> Iterator[tuple[str, str]]:
     """Yield what is told, with its names."""
     from ...runtime.device import memory
 
-    seconds, within, passes = found.seconds, found.within, found.passes
-    if job.request.passes.part is not None:
-        passes = len(job.request.passes.part.of(passes))
-        seconds = found.once + passes * found.each
+    (passes, seconds), within = _part(job, found), found.within
     each = f"{spoken(found.once)}, and {counted(passes, 'pass', 'passes')} of {found.each:.2g} s"
     most = "at most " if job.settings.error else ""
     yield "a frame", f"{most}about {spoken(seconds)}, {_range(seconds, within)}: {each}"

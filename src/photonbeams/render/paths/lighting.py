@@ -18,7 +18,8 @@ from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.groups import gathered_group
-from ...world.emitters.packed import Lamps, LinkedSurfaces, shape_number
+from ...world.emitters.linking import shape_number
+from ...world.emitters.packed import Lamps, LinkedSurfaces
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.shadow_rays import ShadowRay, to_lamp
 from ...world.world import World
@@ -112,11 +113,11 @@ class EmitterLighting:
             return radiance
         reflection = _Reflection(world, point, active)
         for kind, lamps in enumerate(lights.packed):
-            (radiance,) = _each(lamps, (radiance,), _adding(world, reflection, lamps.links, kind))
+            (radiance,) = _each(lamps, (radiance,), _adding(world, reflection, lamps, kind))
         for number, each in enumerate([*lights.domes, *lights.meshes]):
-            own = scattered(
-                *_linked(world, reflection, each.links), each.lamp, (UInt32(Stream.SINGLE_LAMP), UInt32(number))
-            )
+            lamp = each.lamp.at(world.linking.acting(each.source, reflection.site))
+            names = UInt32(Stream.SINGLE_LAMP), UInt32(number)
+            own = scattered(*_linked(world, reflection, each.links), lamp, names)
             radiance = radiance + world.groups.grouped(own, each.group)
         return radiance
 
@@ -206,14 +207,15 @@ class _Reflection(LitPoints):
         self.direction = Array3f(hit.to_world(sample.wo))
         self.seed = point.samples.bits(point.order, Stream.REFLECTION, point.step)
         self.place, self.reference, self.size = Array3f(hit.p), hit, world.size
+        self.site = world.linking.of_surfaces(hit)
         self.shadow_reach: Any = Float(dr.inf)
         self.scale: Any = Float(1)
         self.open = self.unblocked(world)
 
-    def of_lights(self, links: LinkedSurfaces) -> _Reflection:
+    def of_lights(self, world: World, links: LinkedSurfaces) -> _Reflection:
         """Return the reflection of lights with links: they light some surfaces, and some surfaces block them."""
         result = copy(self)
-        result.active = links.lights(self.hit, self.active)
+        result.active = world.linking.lights(links.source, self.site, self.active)
         result.scale, result.shadow_reach, result.shadow = links.scale, links.reach, links.shadow
         result.weight = dr.select(result.active, self.weight * links.scale, 0)
         result.open = result.unblocked(links.world)
@@ -226,14 +228,13 @@ class _Reflection(LitPoints):
         return Array3f(value) * (self.scale / self.opacity), pdf / self.opacity
 
 
-def _adding(
-    world: World, reflection: _Reflection, links: LinkedSurfaces | None, kind: int
-) -> Callable[..., tuple[Any, ...]]:
+def _adding(world: World, reflection: _Reflection, lamps: Lamps, kind: int) -> Callable[..., tuple[Any, ...]]:
     """Return the body of a loop over the lights of one kind, which adds a light to the radiance."""
-    stopping, reflection = _linked(world, reflection, links)
+    stopping, linked = _linked(world, reflection, lamps.links)
 
     def add(light: Any, number: UInt32, group: UInt32, state: tuple[Any, ...]) -> tuple[Any, ...]:
-        own = scattered(stopping, reflection, light, (UInt32(Stream.LAMP), UInt32(kind), number))
+        acting = world.linking.acting(dr.gather(UInt32, lamps.sources, number), reflection.site)
+        own = scattered(stopping, linked, light.at(acting), (UInt32(Stream.LAMP), UInt32(kind), number))
         return (state[0] + GroupedLight.of(own, group, len(world.groups)),)
 
     return add
@@ -241,7 +242,7 @@ def _adding(
 
 def _linked(world: World, reflection: _Reflection, links: LinkedSurfaces | None) -> tuple[World, _Reflection]:
     """Return the surfaces that block lights with these links, and the hits that these lights light."""
-    return (world, reflection) if links is None else (links.world, reflection.of_lights(links))
+    return (world, reflection) if links is None else (links.world, reflection.of_lights(world, links))
 
 
 def scattered(world: World, reflection: LitPoints, light: Any, names: tuple[Any, ...]) -> Array3f:

@@ -42,14 +42,14 @@ class MitsubaLighting:
         """Return the emitted radiance of surfaces, and of the environment."""
         emitter = hit.emitter(self._world.plugin, active)
         distance = dr.select(hit.is_valid(), dr.norm(Array3f(hit.p) - origin), dr.inf)
-        value = rgb(emitter.eval(hit, active)) * _colors(self._world, emitter, origin, direction, distance)
+        value = rgb(emitter.eval(hit, active)) * _colors(self._world, emitter, origin, direction, distance, UInt32(0))
         return self._groups.of(dr.select(active & dr.isfinite(dr.sum(value)), value, 0), emitter)
 
     def direct(self, point: ShadingPoint, active: Bool) -> GroupedLight:
         """Return the direct light that smooth BSDFs reflect along the path."""
         plugin, media, hit, samples = self._world.plugin, self._world.media, point.hit, point.samples
         order, step = point.order, point.step
-        bsdf = hit.bsdf()
+        bsdf, site = hit.bsdf(), self._world.linking.of_surfaces(hit)
         # Sample all lobes: with a mask, Mitsuba's cut-out surfaces sample only the light that passes them.
         context = mi.BSDFContext()
         aim = samples.pair(order, Stream.EMITTER, step)
@@ -61,7 +61,7 @@ class MitsubaLighting:
         lit = active & (light.pdf > 0)
         value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
         weight = dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
-        colors = _colors(self._world, light.emitter, Array3f(hit.p), Array3f(light.d), light.dist)
+        colors = _colors(self._world, light.emitter, Array3f(hit.p), Array3f(light.d), light.dist, site)
         value = rgb(value) * radiance * colors * weight
         lit &= dr.max(value) > 0
         ray = to_point(hit, Array3f(light.p), self._world.size).ray()
@@ -88,15 +88,18 @@ class MitsubaLighting:
             other = self._portal.density(emitter, Array3f(hit.p), Array3f(direction), other, self._portal.chosen)
         value = rgb(weight) * rgb(emitter.eval(met, reflected)) * passed * power_heuristic(sample.pdf, other)
         distance = dr.select(met.is_valid(), dr.norm(met.p - hit.p), dr.inf)
-        colors = _colors(self._world, emitter, Array3f(hit.p), Array3f(direction), distance)
+        colors = _colors(self._world, emitter, Array3f(hit.p), Array3f(direction), distance, site)
         return result + self._groups.of(dr.select(reflected, value * colors, 0), emitter)
 
 
-def _colors(world: World, emitter: EmitterPtr, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
-    """Return what images and filters leave of the light on its way from emitters to points."""
+def _colors(
+    world: World, emitter: EmitterPtr, point: Array3f, direction: Array3f, distance: Float, site: UInt32
+) -> Array3f:  # fmt: skip
+    """Return what images and filters leave of the light on its way from emitters to points at sites."""
     result = Array3f(1)
     for plugin, each in zip(world.plugin.emitters(), world.emitters, strict=True):
         if each.lamp.images or each.lamp.filters is not None:
             own = emitter_number(emitter) == dr.opaque(UInt32, int(emitter_number(mi.EmitterPtr(plugin))[0]))
-            result = dr.select(own, each.lamp.colors(point, direction, distance), result)
+            lamp = each.lamp.at(world.linking.acting(dr.opaque(UInt32, each.source), site))
+            result = dr.select(own, lamp.colors(point, direction, distance), result)
     return result

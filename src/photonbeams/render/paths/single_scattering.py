@@ -43,7 +43,6 @@ class SingleScattering:
         self._world = world.feeling_all()
         self._samples, self._max_depth = samples, max_depth
         self._lights = [world.emitters[each].beams for each in world.sky]
-        self._sources = [world.emitters[each].source for each in world.sky]
         self._groups = [each.group for each in self._lights]
         self.radiance: dict[str, Any] = {group: dr.zeros(Array3f, count) for group in self._groups}
 
@@ -72,12 +71,14 @@ class SingleScattering:
         point = ShadingPoint(None, paths.medium, paths.order, vertex.name, self._samples)
         place, lit = start + distance * paths.direction, inside & (dr.max(dr.abs(weight)) > 0)
         lamps = zip(self._lights, self._world.lamps.sky, strict=True)
-        for number, (light, (lamp, links, _)) in enumerate(lamps):
+        linking = self._world.linking
+        for number, (light, (lamp, links, _, source)) in enumerate(lamps):
             world = self._world if links is None else links.world
             points = _ScatteringPoints(world, point, place, paths.direction, lit, links)
+            lamp = lamp.at(linking.acting(source, paths.medium))
             incident = scattered(world, points, lamp, (UInt32(Stream.DOME), UInt32(number)))
             value = weight * incident * dr.opaque(Float, light.beam_scale)
-            value = dr.select(self._world.lit(paths.medium, dr.opaque(UInt32, self._sources[number]), lit), value, 0)
+            value = dr.select(linking.lights(source, paths.medium, lit), value, 0)
             dr.eval(value)
             add_to_pixels(self.radiance[light.group], value, paths.pixel, paths.branch, lit)
 

@@ -32,9 +32,10 @@ class Walk(Struct):
         How often the path was scattered; and how often so before the walk began, by mirrors and glass.
     counts
         Whether emitters that the ray meets count: not after the first surface, whose direct light is counted elsewhere.
-    place, pdf, inside, lamp
+    place, pdf, inside, site, lamp
         Where the walk was last scattered, the density of its direction per solid angle, 0 after ideal lobes, whether
-        that was in a medium, and the lamp that was sampled there (of lamps that are no surfaces).
+        that was in a medium, at which site (see `Linking`), and the lamp that was sampled there (of lamps that are no
+        surfaces).
     value, bright
         BSDF times cosine for the walk's direction, its largest channel, 0 after ideal lobes and in media; and the
         radiance that a virtual light of unit flux where the walk was last scattered would bring, if the walk now meets
@@ -60,6 +61,7 @@ class Walk(Struct):
     place: Array3f
     pdf: Float
     inside: Bool
+    site: UInt32
     lamp: UInt32
     value: Float
     bright: Float
@@ -102,6 +104,7 @@ class Vertex:
         # A cut-out surface was already sampled as opaque: undo the opacity factor of Mitsuba's `mask`.
         self.opacity = world.opacity(hit, on_surface)
         self._hazy = bool(world.media.all)
+        self.site = dr.select(on_surface, world.linking.of_surfaces(hit), walk.medium)
 
     @cached_property
     def smooth(self) -> Bool:

@@ -40,6 +40,7 @@ class WalkedLamps:
     def __init__(self, world: World, chosen: Chosen) -> None:
         numbers = chosen.numbers
         self.world = world.feeling_all()
+        self._linking = self.world.linking  # built before it is used in a loop
         kinds: dict[Any, list[int]] = {}
         for place, number in enumerate(numbers):
             lamp = world.emitters[number].lamp
@@ -80,14 +81,16 @@ class WalkedLamps:
         chosen, probability = self._choice.sample_pmf(mi.Float(which), active)
         number, aim = UInt32(chosen), samples.pair(walk.order, Stream.PATH_EMITTER, *name)
         active = self._within(walk.bounces + 1, number, active)
-        if (linked := self._linked(number, walk.medium, active & inside)) is not None:
+        source = dr.gather(UInt32, self._sources, number, active)
+        if (linked := self._linking.lights(source, vertex.site, active)) is not active:
             # A lamp that is none, for which `met` finds no light either.
-            number = dr.select(inside & ~linked, dr.opaque(UInt32, self._size), number)
+            number = dr.select(linked, number, dr.opaque(UInt32, self._size))
+        acting = self._linking.acting(source, vertex.site)
         lit: Any = Bool(False)
         found: Any = (Array3f(0, 0, 1), Float(0), Float(0), Array3f(0), Float(0))
         for group in self._groups:
             own = group.lights(self.world, number, place, inside, active)
-            light = group.lamp(number, own).illuminate(place, aim)
+            light = group.lamp(number, own).at(acting).illuminate(place, aim)
             over = group.dimmed_over(self.world, place, inside, light.direction, light.distance)
             each = (light.direction, light.distance, over, light.weight, light.pdf)
             found = tuple(dr.select(own, one, other) for one, other in zip(each, found, strict=True))
@@ -96,11 +99,6 @@ class WalkedLamps:
         radiance = radiance * dr.rcp(dr.maximum(Float(probability), 1e-30))
         connected, named = self._is_connected(number, lit), gathered_group(self._group_of, number)
         return EmitterSample(lit, connected, direction, distance, over, radiance, pdf, number, named)
-
-    def _linked(self, number: UInt32, medium: UInt32, active: Bool) -> Bool | None:
-        """Return which of these lamps light the active points in media; None if all do."""
-        lit = self.world.lit(medium, dr.gather(UInt32, self._sources, number, active), active)
-        return None if lit is active else lit
 
     def _is_connected(self, number: UInt32, active: Bool) -> Bool:
         return Bool(False) if self._connected is None else dr.gather(UInt32, self._connected, number, active) > 0
@@ -137,9 +135,10 @@ class WalkedLamps:
         length = dr.select(hit.is_valid(), hit.t, dr.inf)
         active = self._within(walk.bounces, walk.lamp, active & walk.fresh & (walk.pdf > 0))
         probability = self._choice.eval_pmf_normalized(walk.lamp, active)
+        acting = self._linking.acting(dr.gather(UInt32, self._sources, walk.lamp, active), walk.site)
         for group in self._groups:
             own = group.lights(world, walk.lamp, walk.place, walk.inside, active)
-            found = group.lamp(walk.lamp, own).see(walk.place, walk.direction)
+            found = group.lamp(walk.lamp, own).at(acting).see(walk.place, walk.direction)
             distance = dr.maximum(found.distance - passed, 0)
             slack = rounding(dr.select(dr.isfinite(distance), distance, 0) + dr.max(dr.abs(walk.origin)) + world.size)
             there = own & found.hit & (found.distance > passed) & (distance - slack <= length)

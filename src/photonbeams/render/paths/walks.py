@@ -96,8 +96,8 @@ class Walking:
         start = paths.origin + paths.near * paths.direction
         scattered = Walk(
             start, paths.direction, paths.medium, inside, dr.minimum(vertex.end, ENDLESS) - paths.near,
-            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, inside, lamp, zeros, zeros, inside,
-            paths.order, paths.pixel, paths.branch, vertex.name,
+            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, inside, lamp, lamp, zeros, zeros,
+            inside, paths.order, paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(inside, scattered)), None)
 
@@ -108,7 +108,7 @@ class Walking:
         going = (dr.max(bounce.throughput) > 0) & self.within(paths.depth, 3)
         reflected = Walk(
             bounce.origin, bounce.direction, bounce.medium, ~going, zeros, bounce.throughput,
-            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.place, zeros, ~going, lamp,
+            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.place, zeros, ~going, lamp, lamp,
             bounce.value, zeros, going, paths.order, paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(going, reflected)), None)
@@ -165,8 +165,8 @@ class Walking:
         following, factor, goes = self._onward(vertex, chosen, geometry)
         following.throughput = throughput * factor
         # After a null collision, which only changes the colour, a walk continues straight.
-        same = "direction", "depth", "counts", "pdf", "place", "inside", "lamp", "value", "bright", "first", "medium"
-        for each in same:
+        same = "direction depth counts pdf place inside site lamp value bright first medium"
+        for each in same.split():
             setattr(following, each, dr.select(tinted, getattr(walk, each), getattr(following, each)))
         following.throughput = dr.select(tinted, throughput, following.throughput)
         following.fresh = ~tinted
@@ -239,6 +239,7 @@ class Walking:
         following.place = dr.select(null, walk.place, vertex.position)
         following.pdf = dr.select(null, walk.pdf, dr.select(ideal, 0, chosen.pdf))
         following.inside = dr.select(null, walk.inside, vertex.scattered)
+        following.site = dr.select(null, walk.site, vertex.site)
         own = dr.select(vertex.smooth & (following.pdf > 0), dr.max(chosen.weight) * chosen.pdf, 0)
         following.value = dr.select(null, walk.value, own)
         bright = dr.select(own > 0, geometry * own * dr.rcp(steepness(hit, chosen.direction)), dr.inf)

@@ -8,7 +8,8 @@ flat picture with an alpha is one step in each pixel.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ...scene import Array
 OPAQUE = 40.0
 # Volumes that are thinner than this fraction of their depth are surfaces.
 _THIN = 1e-5
+_TOGETHER = 1 << 18  # samples whose layers are found together
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,22 @@ class DepthLayers:
     @classmethod
     def of_samples(cls, counts: Array, front: Array, back: Array, alpha: Array) -> DepthLayers:
         """Return the layers of samples, (N,), of which pixels have `counts`, (H, W), in any order; they may overlap."""
+        ends = np.cumsum(counts.ravel())
+        # Some pixels at a time: the steps on the way take many times as much memory as the layers.
+        last = np.unique(np.searchsorted(ends, np.arange(_TOGETHER, len(front), _TOGETHER)))
+        parts = []
+        for begin, end in pairwise([0, *last.tolist(), counts.size]):
+            own = slice(ends[begin - 1] if begin else 0, ends[end - 1] if end else 0)
+            parts.append(cls._of_some(counts.ravel()[begin:end], front[own], back[own], alpha[own]))
+        return cls(
+            np.concatenate([each.counts for each in parts]).reshape(counts.shape),
+            *(np.concatenate([getattr(each, name) for each in parts]) for name in ("front", "back", "optical")),
+        )
+
+    @classmethod
+    def _of_some(cls, counts: Array, front: Array, back: Array, alpha: Array) -> DepthLayers:
+        """Return the layers of the samples of some pixels, (P,)."""
+        front, back = (np.asarray(each, np.float64) for each in (front, back))
         pixel = np.repeat(np.arange(counts.size), counts.ravel())
         there = alpha > 0
         pixel, front, back, optical = pixel[there], front[there], back[there], _optical(alpha[there])
@@ -90,6 +108,8 @@ class DepthLayers:
 
     def taken(self, pixels: Array) -> DepthLayers:
         """Return the layers of pixels with these numbers, (H', W'); of -1 there are none."""
+        if np.array_equal(pixels.ravel(), np.arange(self.counts.size)):
+            return replace(self, counts=self.counts.reshape(pixels.shape))
         there = pixels >= 0
         counts = np.where(there, self.counts.ravel()[np.where(there, pixels, 0)], 0)
         first = np.repeat(self.starts()[np.where(there, pixels, 0)].ravel(), counts.ravel())

@@ -74,7 +74,8 @@ class Connections:
         points, world = self._points, self._world
         if points is None:
             return ShadowRays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
-        lamp = emitter.lamp
+        acting = world.linking.acting(dr.opaque(UInt32, emitter.source), points.medium)
+        lamp = emitter.lamp.at(acting)
         sample = lamp.illuminate(points.position, pixel_sample(points.number, dr.opaque(UInt32, 7)))
         distance = dr.minimum(to_lamp(points.position, sample.direction, sample.distance).length, dr.largest(Float))
         active = dr.max(sample.weight) > 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -78,6 +78,8 @@ class Cutting:
         Length of straight light from which on the greatest radius grows in proportion (opaque); None: it never does.
     walls
         Whether there may be walls that cut beams of scattered light.
+    chain
+        Returns the filters of a source that act in a medium, by its number.
     """
 
     medium: RenderedMedium
@@ -91,6 +93,11 @@ class Cutting:
     reentrant: bool = False
     longest: Any = None
     walls: bool = False
+    chain: Callable[[Source, int], FilterChain | None] = lambda source, _: source.filters
+
+    def filters(self, source: Source) -> FilterChain | None:
+        """Return the filters of a source, the cutting's or the same at another time, that act in the medium."""
+        return self.chain(source, self.medium.number)
 
     def own(self, segments: Segments) -> Bool:
         """Return which segments belong to the emitter and lie in the medium."""
@@ -263,7 +270,7 @@ def sets_of(world: World, cuttings: Iterable[Cutting], steps: Sequence[Segments]
         pieces: list[Piece] = []
         for mine in compressed(cutting.own(segments), segments):
             fitted = cutting.fitted(world, mine)
-            for piece in cutting.pieces(fitted, dr.max(fitted.flux) > 0, cutting.source.filters):
+            for piece in cutting.pieces(fitted, dr.max(fitted.flux) > 0, cutting.filters(cutting.source)):
                 pieces += compressed(piece.there, piece)
         if pieces:
             result += _sets(cutting, joined(pieces))
@@ -291,7 +298,7 @@ def moving_sets(cuttings: Iterable[Cutting], steps: Sequence[Moments], later: Se
             mine = [each & cutting.own(segment) for each, segment in zip(there, segments, strict=True)]
             kept = compressed(mine[0] | mine[1], *mine, *segments)
             if kept:
-                chains = cutting.source.filters, later[cutting.source.number].filters
+                chains = cutting.filters(cutting.source), cutting.filters(later[cutting.source.number])
                 states = [
                     cutting.pieces(segment, each, chain)
                     for each, segment, chain in zip(kept[:2], kept[2:], chains, strict=True)

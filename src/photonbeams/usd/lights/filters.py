@@ -30,6 +30,7 @@ from ..common.openusd import Sdf, Usd, UsdShade
 from ..common.reading import Reading
 from ..common.textures import read_image
 from .filter_inputs import Inputs, filters_of
+from .links import FILTER_LINK, is_linked
 
 #: Reads a filter; returns the light with it.
 Reader = Callable[[Inputs, Light], Light]
@@ -60,10 +61,15 @@ def _with(reading: Reading, prim: Usd.Prim, light: Light) -> Light:
         return light
     result = reader(inputs, light)
     inputs.warn_of_others()
-    link = "collection:filterLink"
-    if any(prim.GetRelationship(f"{link}:{end}").HasAuthoredTargets() for end in ("includes", "excludes")):
-        reading.warn(prim, "is not rendered: the filter acts on everything that its light shines on", link)
+    if result.gobo is not light.gobo and is_linked(reading, prim, FILTER_LINK):
+        warn_of_link(reading, prim)
     return result
+
+
+def warn_of_link(reading: Reading, prim: Usd.Prim) -> None:
+    """Warn that the link of a filter is not rendered."""
+    text = "is not rendered: the filter acts on everything that its light shines on"
+    reading.warn(prim, text, f"collection:{FILTER_LINK}")
 
 
 def _plain(kind: str) -> str:

@@ -1,17 +1,20 @@
-"""Light linking by the collections of UsdLuxLightAPI: which surfaces a light shines on, and which block it."""
+"""Links by the collections of UsdLux: which surfaces and media a light shines on, which block it, where filters act."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ...scene import DomeLight, Light, Mesh
-from ..common.openusd import Sdf, Usd, UsdLux
+from ...scene import DomeLight, Light, LightFilter, Mesh
+from ..common.openusd import Sdf, Usd
 from ..common.reading import LOG, Reading
+
+#: The kind of links that filters have.
+FILTER_LINK = "filterLink"
 
 
 def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh], media: Sequence[str]) -> Light:
-    """Return a light with the names of the surfaces and media that its links leave out.
+    """Return a light with the names of the surfaces and media that its links, and those of its filters, leave out.
 
     A light whose light link leaves out all media makes no beams, because beams are how media are lit.
     """
@@ -26,14 +29,33 @@ def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh
         light = replace(light, emits_beams=False)
     if isinstance(light, DomeLight) and light.lights_media and not lights_media(reading, prim, media):
         light = replace(light, lights_media=False)
-    if not (unlit or dark or unshadowed):
+    filters = _linked_filters(reading, light, [*(mesh.name for mesh in meshes), *media])
+    if not (unlit or dark or unshadowed or filters != light.filters):
         return light
-    return replace(light, unlit=unlit, unlit_media=dark, unshadowed=unshadowed)
+    return replace(light, unlit=unlit, unlit_media=dark, unshadowed=unshadowed, filters=filters)
+
+
+def _linked_filters(reading: Reading, light: Light, names: Sequence[str]) -> tuple[LightFilter, ...]:
+    """Return a light's filters with the names of what their links leave out."""
+    result = []
+    for each in light.filters:
+        prim = reading.stage.GetPrimAtPath(each.name)
+        left_out = _left_out(reading, prim, FILTER_LINK, names)
+        result.append(replace(each, left_out=left_out) if left_out else each)
+    return tuple(result)
 
 
 def lights_media(reading: Reading, prim: Usd.Prim, media: Sequence[str]) -> bool:
     """Return whether a light's link includes a medium's prim; a medium without a prim is lit by all lights."""
     return not media or any(_reaches(reading, prim, "lightLink", media))
+
+
+def is_linked(reading: Reading, prim: Usd.Prim, kind: str) -> bool:
+    """Return whether a light or a filter has a link of this kind that may leave something out."""
+    prefix = f"collection:{kind}"
+    named = any(prim.GetRelationship(f"{prefix}:{end}").HasAuthoredTargets() for end in ("includes", "excludes"))
+    named = named or reading.value(prim, f"{prefix}:mode") == "expression"
+    return named or not reading.value(prim, f"{prefix}:includeRoot", True)
 
 
 def _left_out(reading: Reading, prim: Usd.Prim, kind: str, names: Sequence[str]) -> frozenset[str]:
@@ -44,12 +66,14 @@ def _left_out(reading: Reading, prim: Usd.Prim, kind: str, names: Sequence[str])
 
 def _reaches(reading: Reading, prim: Usd.Prim, kind: str, names: Sequence[str]) -> list[bool]:
     """Return which prims a link includes; for copies, the link to their instancer decides."""
-    prefix = f"collection:{kind}"
-    named = any(prim.GetRelationship(f"{prefix}:{end}").HasAuthoredTargets() for end in ("includes", "excludes"))
-    named = named or reading.value(prim, f"{prefix}:mode") == "expression"
-    if not named and reading.value(prim, f"{prefix}:includeRoot", True):
+    if not is_linked(reading, prim, kind):
         return [True] * len(names)
-    api = UsdLux.LightAPI(prim)
-    collection = api.GetLightLinkCollectionAPI() if kind == "lightLink" else api.GetShadowLinkCollectionAPI()
-    query = collection.ComputeMembershipQuery()
-    return [bool(query.IsPathIncluded(Sdf.Path(name.partition("[")[0]))) for name in names]
+    query = Usd.CollectionAPI(prim, kind).ComputeMembershipQuery()
+    paths = [Sdf.Path(name.partition("[")[0]) for name in names]
+    # OpenUSD does not know of filters whose type it does not know that their links include the root, as all do.
+    known, mode = (reading.value(prim, f"collection:{kind}:{name}") for name in ("includeRoot", "mode"))
+    named = query.GetAsPathExpansionRuleMap() if known is None and mode != "expression" else None
+    return [
+        bool(query.IsPathIncluded(path)) or (named is not None and not any(map(named.__contains__, path.GetPrefixes())))
+        for path in paths
+    ]

@@ -47,6 +47,7 @@ def build_look(spec: LookSpec) -> Look:
         across=profile * looks.Product(tuple(around)) if around else profile,
         eye=looks.Product((toward(), *_curves(own, "eye"))),
         angle=looks.Product((shading(), *_curves(own, "angle"))),
+        surfaces=own["surfaces"],
     )
 
 

@@ -10,14 +10,18 @@ distribution whose mean is the smooth step from full effect to none. At a point,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import drjit as dr
 import numpy as np
 
 from ... import scene
+from ...looks.context import ShadingContext
+from ...looks.factors import Factor
+from ...looks.guarded import LARGEST
+from ...looks.tint import Tint
 from ...numerics.arrays import opaque, to_uint
 from ...numerics.hashing import hash32, unit_float
 from ...numerics.structs import Struct, pack
@@ -204,6 +208,45 @@ class RampFilter(Struct):
         return [getattr(self, f"knot{place}") - offset for place in range(self.count)]
 
 
+class TintFilter(Struct):
+    """The tint of surfaces by a look, and its light context; `_tint` makes a class for each colour along beams."""
+
+    frame: Float
+    time: Float
+    x: Array3f
+    y: Array3f
+    z: Array3f
+    shift: Array3f
+
+    color: ClassVar[Factor]
+    varying = True
+
+    @classmethod
+    def of(cls, tint: Tint) -> TintFilter:
+        """Return a tint's light context as opaque numbers."""
+        result, own = cls(), tint.context
+        result.frame, result.time = own.frame, own.time
+        result.x, result.y, result.z, result.shift = *own.rows, own.shift
+        return result
+
+    def to_local(self, point: Array3f) -> Array3f:
+        """Return a point of world space in the light's space."""
+        return Array3f(*(dr.dot(row, point) for row in (self.x, self.y, self.z))) + self.shift
+
+    def factor(self, point: Array3f, _: Array3f, distance: Float, *__: object) -> Array3f:
+        """Return the colour at points of surfaces, where light paths end."""
+        from_light: Any = dr.minimum(distance, LARGEST)
+        where = {"distance": from_light, "from_light": from_light, "fraction": Float(1), "place": lambda: point}
+        value: Any = Array3f(self.color.evaluate(ShadingContext(context=self, **where)))  # type: ignore[arg-type]
+        return dr.select(dr.isfinite(value), dr.maximum(value, 0), 0)
+
+
+@lru_cache(256)
+def _tint(color: Factor) -> type[TintFilter]:
+    """Return the class of tints with a colour."""
+    return type("TintOfLook", (TintFilter,), {"color": color, "__annotations__": {}, "__module__": __name__})
+
+
 @cache
 def _ramp(count: int) -> type[RampFilter]:
     """Return the class of ramps with `count` knots."""
@@ -216,6 +259,8 @@ def filter_of(described: scene.LightFilter) -> Any:
     """Return a filter in Dr.Jit."""
     if isinstance(described, scene.DistanceRamp):
         return _ramp(len(described.knots)).of(described)
+    if isinstance(described, Tint):
+        return _tint(described.factor).of(described)
     assert isinstance(described, scene.Blocker)
     if described.flat:
         return FlatShape.of(described)
@@ -234,17 +279,19 @@ class FilterChain(NamedTuple):
         return any(each.varying for each in self.filters)
 
     def factor(
-        self, point: Array3f, toward: Array3f, distance: Float, seed: UInt32, soft: bool = True
+        self, point: Array3f, toward: Array3f, distance: Float, seed: UInt32, soft: bool = True,
+        acting: UInt32 | None = None,
     ) -> Array3f:  # fmt: skip
         """Return what is left at points of light from lamps that are `distance` away along `toward`.
 
-        If `soft`, it may be the mean over the seeds.
+        If `soft`, it may be the mean over the seeds. `acting` has a bit for each filter that acts; None: all of them.
         """
         distance = distance + dr.inf if self.infinite else distance
         result = Array3f(1)
         for number, each in enumerate(self.filters):
             u = unit_float(hash32(seed, UInt32(number)))
-            result *= each.factor(point, toward, distance, u, soft)
+            left = each.factor(point, toward, distance, u, soft)
+            result *= left if acting is None else dr.select((acting >> number) & 1 > 0, left, 1)
         return result
 
     def places(self, origin: Array3f, direction: Array3f, offset: Float, seed: UInt32) -> list[Any]:
@@ -294,14 +341,15 @@ class PathFilters:
             self._groups.append((FilterChain(tuple(pack(each) for each in columns), infinite), to_uint(table)))
 
     def factor(
-        self, source: UInt32, point: Array3f, toward: Array3f, distance: Float, seed: UInt32, active: Bool
+        self, source: UInt32, point: Array3f, toward: Array3f, distance: Float, seed: UInt32, active: Bool,
+        acting: UInt32 | None,
     ) -> Array3f:  # fmt: skip
-        """Return what is left at active points of light straight from their sources."""
+        """Return what is left at active points of light straight from their sources, of whose filters these act."""
         result = Array3f(1)
         for packed, table in self._groups:
             number = dr.gather(UInt32, table, source, active)
             own = active & (number > 0)
             index = dr.maximum(number, 1) - 1
             chain = packed._replace(filters=tuple(dr.gather(type(each), each, index) for each in packed.filters))
-            result = dr.select(own, chain.factor(point, toward, distance, seed), result)
+            result = dr.select(own, chain.factor(point, toward, distance, seed, acting=acting), result)
         return result

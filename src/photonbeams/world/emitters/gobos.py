@@ -11,6 +11,7 @@ A light with images is a lamp of its own class, which wraps the bare lamp; so li
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -113,6 +114,8 @@ class ProjectedLamp(Lamp):
         The pixels of the images. They are not part of the struct, because all lamps of a kind share them.
     images
         The scene's images, by the same names.
+    acting
+        Which of the filters act: see `Linking.acting`.
     """
 
     has: ClassVar[frozenset[str]] = frozenset()
@@ -123,6 +126,15 @@ class ProjectedLamp(Lamp):
     portal_gobo: Any
     profile: Any
     pixels: dict[str, Any]
+    acting: Any = None
+
+    def at(self, acting: UInt32 | None) -> Any:
+        """Return the lamp for sites where these of its filters act: see `Linking.acting`."""
+        if acting is None or not self.filter_names:
+            return self
+        result = copy(self)
+        result.acting = acting
+        return result
 
     def with_pixels(self, pixels: dict[str, Array3f]) -> ProjectedLamp:
         """Set the pixels of the images, and return the light itself."""
@@ -164,7 +176,9 @@ class ProjectedLamp(Lamp):
     def _unfiltered(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
         """Return the fraction of the light that its filters leave at a point."""
         chain = self.filters
-        return Array3f(1) if chain is None else chain.factor(point, direction, distance, seed_of(point, direction))
+        if chain is None:
+            return Array3f(1)
+        return chain.factor(point, direction, distance, seed_of(point, direction), acting=self.acting)
 
     def colors(self, point: Array3f, direction: Array3f, distance: Float) -> Array3f:
         """Return what images and filters leave between a point and the light, `distance` away along `direction`."""

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from ... import scene
 from ...numerics.structs import Struct
-from ...runtime.device import Array2f, Array3f, Bool, Float
+from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..bounds import Bounds
 from ..warp import disk, perpendicular
 from .rays import EmittedRays
@@ -107,6 +107,10 @@ class Lamp(Struct):
         Light from infinity enters the sphere `bounds`.
         """
         raise NotImplementedError
+
+    def at(self, acting: UInt32 | None) -> Any:
+        """Return the lamp for sites where these of its filters act: see `Linking.acting`."""
+        return self
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
         """Return a sample of the light that reaches a point."""

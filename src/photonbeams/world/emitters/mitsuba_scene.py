@@ -74,7 +74,8 @@ def _lamp(plugin: MiScene, emitter: MiEmitter, own: scene.BeamSettings, bounds: 
     name, lamp = (names_of(emitter) or [emitter.class_name()])[-1], _bare(plugin, emitter)
     own_name = emitter.id() or emitter.class_name()
     check_finite(emitter, f"emitter {own_name}")
-    if not (own.gobo or own.portal or own.portal_gobo or own.filters):
+    others = own.gobo or own.portal or own.portal_gobo or any(each.in_media for each in own.filters)
+    if not others and not (own.filters and lamp.illuminates):  # else, tints act on its photons alone
         return Emitter(own_name, lamp, own)
     if not lamp.illuminates:
         raise SceneError(

@@ -2,65 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
 
-from ...numerics.arrays import by_number, opaque, to_uint
+from ...numerics.arrays import opaque, padded, to_uint
 from ...numerics.structs import pack
-from ...runtime.device import Bool, UInt32, mitsuba
+from ...runtime.device import UInt32
 from .build import KINDS
 from .emitter import Emitter, Links
 from .gobos import pack_projected
+from .linking import by_shape
 from .portal_lamps import behind
 
 if TYPE_CHECKING:
-    from ...runtime.mitsuba_types import ShapePtr, SurfaceInteraction
     from ..world import World
     from .lamp import Lamp
-
-mi = mitsuba()
 
 
 class Single(NamedTuple):
     """A light that kernels treat by itself: its lamp behind its portal, how it lights surfaces, and its light group.
 
-    `links` is None if it lights everything.
+    `links` is None if it lights everything. `source` is the number of its source.
     """
 
     lamp: Any
     links: LinkedSurfaces | None
     group: str
+    source: UInt32
 
 
 class LinkedSurfaces(NamedTuple):
     """How lights with the same links light surfaces.
 
-    `world` has the surfaces that block the lights; `lit` says for each shape whether they light it (None: all of them).
-    Surfaces farther away than `reach` cast no shadows. `scale` is a factor on the reflected light, and `shadow` on what
-    a shadow leaves of it. `seen` says whether pictures show the lights.
+    `world` has the surfaces that block the lights. The lights light the same surfaces as the source with the number
+    `source`. Surfaces farther away than `reach` cast no shadows. `scale` is a factor on the reflected light, and
+    `shadow` on what a shadow leaves of it. `seen` says whether pictures show the lights.
     """
 
     world: World
-    lit: Any | None
+    source: UInt32
     reach: Any
     scale: Any
     shadow: Any
     seen: bool
-
-    def lights(self, hit: SurfaceInteraction, active: Bool) -> Bool:
-        """Return which of the active hits are on surfaces that the lights light."""
-        if self.lit is None:
-            return active
-        return active & (dr.gather(UInt32, self.lit, shape_number(hit.shape), active) > 0)
 
 
 class Lamps(NamedTuple):
     """All lights of one kind with the same links: a struct of arrays, and their number (opaque).
 
     `pixels` are the images of lights with gobos. `links` is None if the lights light everything. `groups` is the
-    `LightGroups.table` of their light groups.
+    `LightGroups.table` of their light groups, and `sources` has the numbers of their sources.
     """
 
     kind: Any
@@ -69,15 +62,16 @@ class Lamps(NamedTuple):
     pixels: dict[str, Any]
     links: LinkedSurfaces | None
     groups: Any = None
+    sources: Any = None
 
     @classmethod
-    def of(cls, sources: Sequence[Lamp], links: LinkedSurfaces | None, groups: Any = None) -> Lamps:
+    def of(
+        cls, lamps: Sequence[Lamp], links: LinkedSurfaces | None, groups: Any = None, sources: Sequence[int] = ()
+    ) -> Lamps:  # fmt: skip
         """Return lights of one kind, packed."""
-        kind, count = type(sources[0]), dr.opaque(UInt32, len(sources))
-        if not sources[0].images:
-            return cls(kind, pack(sources), count, {}, links, groups)
-        packed, pixels = pack_projected(sources)
-        return cls(kind, packed, count, pixels, links, groups)
+        kind, count = type(lamps[0]), dr.opaque(UInt32, len(lamps))
+        packed, pixels = pack_projected(lamps) if lamps[0].images else (pack(lamps), {})
+        return cls(kind, packed, count, pixels, links, groups, to_uint(padded(sources)) if sources else None)
 
     @property
     def seen(self) -> bool:
@@ -121,16 +115,20 @@ class LampGroups(NamedTuple):
                 groups.setdefault((type(each.lamp), each.links), []).append(each)
         packed = tuple(
             Lamps.of(
-                [each.lamp for each in items], _linked(world, links),
-                world.groups.table([each.beams.group for each in items]),
+                [each.lamp for each in items], _linked(world, links, items[0].source),
+                world.groups.table([each.beams.group for each in items]), [each.source for each in items],
             )
             for (_, links), items in groups.items() if items
         )  # fmt: skip
 
         def singles(chosen: Iterable[Emitter]) -> tuple[Single, ...]:
             return tuple(
-                Single(behind(each.lamp, each.portal), _linked(world, each.links), each.beams.group) for each in chosen
-            )
+                Single(
+                    behind(each.lamp, each.portal), _linked(world, each.links, each.source), each.beams.group,
+                    dr.opaque(UInt32, each.source),
+                )
+                for each in chosen
+            )  # fmt: skip
 
         domes = [each for each in lighting if each.lamp.environment]
         meshes = [each for each in lighting if not (each.lamp.environment or each.lamp.bare.DRJIT_STRUCT)]
@@ -141,20 +139,8 @@ class LampGroups(NamedTuple):
         )
 
 
-def _linked(world: World, links: Links) -> LinkedSurfaces | None:
+def _linked(world: World, links: Links, source: int) -> LinkedSurfaces | None:
     if links == Links():
         return None
-    lit = by_shape(world, {name: name not in links.unlit for name, _ in world.shapes}) if links.unlit else None
     reach, scale, shadow = (opaque(each) for each in (links.shadow_distance, links.surface_scale, links.shadow_color))
-    return LinkedSurfaces(world.stopping(links), lit, reach, scale, shadow, links.seen)
-
-
-def by_shape(world: World, values: Mapping[str, int]) -> Any:
-    """Return integers of shapes, given by their names, as a table by Mitsuba's numbers of them."""
-    numbers = [int(shape_number(mi.ShapePtr(shape))[0]) for _, shape in world.shapes]
-    return to_uint(by_number(numbers, [values[name] for name, _ in world.shapes]))
-
-
-def shape_number(shape: ShapePtr) -> Any:
-    """Return Mitsuba's numbers of shapes."""
-    return dr.reinterpret_array(UInt32, shape)
+    return LinkedSurfaces(world.stopping(links), dr.opaque(UInt32, source), reach, scale, shadow, links.seen)

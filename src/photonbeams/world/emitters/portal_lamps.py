@@ -6,6 +6,7 @@ density is the mean of both ways of sampling (the balance heuristic of Veach 199
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -39,6 +40,12 @@ class ThroughPortal:
     def __init__(self, lamp: Lamp, portal: Portal) -> None:
         assert portal.sides is not None
         self.lamp, self._opening = lamp, Rectangle.of(widened(portal.sides, _MARGIN))
+
+    def at(self, acting: UInt32 | None) -> ThroughPortal:
+        """Return the lamp for sites where these of its filters act: see `Linking.acting`."""
+        result = copy(self)
+        result.lamp = self.lamp.at(acting)
+        return result
 
     def illuminate(self, point: Array3f, u: Array2f) -> Illumination:
         """Return a sample of the light, by either way with the same probability."""

@@ -1,0 +1,59 @@
+"""The tint of surfaces by a look: what the beams hit has the colour that the look gives them along their way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar, TypeVar
+
+from ..runtime.device import Array3f, Float
+from ..scene import BeamSettings, LightFilter
+from .along import Attenuation
+from .context import LightContext, ShadingContext, inputs_of
+from .factors import Constant, Factor, Product
+
+S = TypeVar("S", bound=BeamSettings)
+
+# The inputs that a place on a surface has: there the light path ends.
+_OF_SURFACES = frozenset({"fraction", "distance", "from_light", "position", "local", "time", "frame"})
+
+
+@dataclass(frozen=True, eq=False)
+class Tint(LightFilter):
+    """A filter of light on surfaces alone: a look's factor along the beam, at its end.
+
+    Attributes
+    ----------
+    factor, context
+        The factor, and the time and the space of the light.
+    """
+
+    factor: Factor
+    context: LightContext
+
+    in_media: ClassVar[bool] = False
+
+
+def tinted(settings: S, name: str, context: LightContext, warn: Callable[[str], None]) -> S:
+    """Return the settings of a light with the filter by which its look tints surfaces, if it does.
+
+    Parameters
+    ----------
+    settings, name
+        The settings, and the light's name.
+    context
+        The time, and the light's space.
+    warn
+        Called with a sentence if the look depends on what surfaces do not have; they are then not tinted.
+    """
+    look = settings.look
+    if look is None or look.surfaces == "off":
+        return settings
+    factors = look.along.factors if isinstance(look.along, Product) else (look.along,)
+    kept = [each for each in factors if not isinstance(each, Attenuation)]  # by which fog dims light anyway
+    factor = Product(tuple(kept)) if kept else Constant(1.0)
+    at = ShadingContext(Float(1), Float(1), Float(1), Float(1), Float(1), place=lambda: Array3f(0), context=context)
+    if missing := sorted(inputs_of(factor.evaluate, at) - _OF_SURFACES):
+        warn(f"{name} tints no surfaces: along its beams, its look depends on {', '.join(missing)}, which they lack")
+        return settings
+    return replace(settings, filters=(*settings.filters, Tint(name, factor, context)))
