@@ -75,9 +75,9 @@ def test_surfaces_with_normals_against_their_winding_reflect_and_refract(name):
     settings = by_beams(passes=1, beams=1 << 14, radius=0.06, alpha=1.0, max_depth=3)
     scenes = (floor_and_wall(bsdf, side, mesh(bsdf, faces)) for faces in (ALONG, AGAINST))
     along, against = (render(each, each.sensors()[0], settings).layers()["rgba"][..., :3].mean() for each in scenes)
-    # The normals decide, as in `path`. The winding turns the samples of directions, whose noise is 2 %; half is lost
-    # if one of the two triangles reflects nothing.
-    assert against == pytest.approx(along, rel=0.08)
+    # The normals decide, as in `path`. The winding turns the samples of directions: with six seeds the ratio spreads
+    # by 5 %. Half is lost if one of the two triangles reflects nothing.
+    assert against == pytest.approx(along, rel=0.2)
     assert along > 1e-3
 
 

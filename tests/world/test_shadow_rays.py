@@ -11,9 +11,10 @@ import photonbeams as pb
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
-from photonbeams.runtime.device import Bool, UInt32, mitsuba
+from photonbeams.runtime.device import Array3f, Bool, UInt32, mitsuba
 from photonbeams.transport.emission import PathEmitter
 from photonbeams.world.described import world_of_scene
+from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.shading import shade
 
 mi = mitsuba()
@@ -134,6 +135,19 @@ def test_cameras_see_all_of_a_lamp_in_the_plane_of_a_surface(kind):
         assert np.all(np.abs(radiance - 1) < 1e-5), (seed, vars(draw))
 
 
+def test_the_back_of_a_mesh_that_shines_is_dark():
+    for seed in range(6):
+        draw = Draw((seed, 60))
+        light, panel, _ = draw.lamp("mesh")
+        world = world_of_scene(scene.Scene((panel,), (light,)), viewpoints=[draw.center + draw.height * draw.up])
+        side = 0.9 * draw.half * np.random.default_rng(seed).uniform(-1, 1, (2, COUNT, 1))
+        ray = side[0] * draw.x + side[1] * draw.y - draw.height * draw.up
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        origin = to_vectors(np.broadcast_to(draw.center + draw.height * draw.up, (COUNT, 3)))
+        radiance = shade(world, origin, to_vectors(ray), dr.arange(UInt32, COUNT)).radiance.numpy()
+        assert np.all(radiance == 0), (seed, vars(draw))
+
+
 def test_emitters_of_mitsuba_scenes_light_what_is_near_them():
     for seed in range(4):
         draw = Draw((seed, 30))
@@ -153,6 +167,25 @@ def test_emitters_of_mitsuba_scenes_light_what_is_near_them():
         shot = pb.Shot(mi.load_dict({"type": "scene", **parts}))
         values = shot.render(passes=4, max_depth=2).layers["surface"][..., 0].astype(np.float64) / 0.5 * np.pi
         assert abs(values.mean() - expected) < 0.02 * expected, (seed, vars(draw))
+
+
+@pytest.mark.parametrize("kind", ["rectangle", "disk", "cube", "sphere"])
+def test_light_paths_of_shapes_in_mitsuba_scenes_begin_at_the_shape(kind):
+    """They begin within a 200th of its size; Mitsuba's own gap may be larger than the lamp."""
+    for seed in range(6):
+        draw = Draw((seed, 50))
+        to_world = turned(draw.center, -draw.up, draw.x, draw.half).scale([1, 1, draw.half])
+        lamp = {"type": kind, "to_world": to_world}
+        plugin = mi.load_dict({"type": "scene", "lamp": lamp | {"emitter": {"type": "area", "radiance": 1.0}}})
+        paths = PathEmitter(world_of_plugin(plugin), 0).sample(*sobol_block(COUNT, 0, (seed,)))
+        back = plugin.ray_intersect(mi.Ray3f(mi.Point3f(paths.origin), -mi.Vector3f(paths.direction)))
+        met = back.is_valid()
+        height = dr.select(met, back.t * dr.abs(dr.dot(Array3f(back.n), paths.direction)), 0).numpy()
+        assert met.numpy().mean() > 0.95, (seed, vars(draw))  # the others pass beside its edge
+        size = np.linalg.norm(np.ravel(plugin.bbox().extents()))
+        assert height.max() < 0.005 * size, (seed, vars(draw))
+        blocked = plugin.ray_test(mi.Ray3f(mi.Point3f(paths.origin), mi.Vector3f(paths.direction))).numpy()
+        assert blocked.mean() < 0.003, (seed, vars(draw))  # rounding loses paths that graze a sphere
 
 
 def turned(center, normal, x, half):

@@ -7,7 +7,9 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..numerics.arrays import opaque
 from ..runtime.device import Float, mitsuba
+from .shadow_rays import leaving
 
 mi = mitsuba()
 
@@ -20,9 +22,15 @@ def sampled_ray(emitter: Any, u: Any, v: Any, entry: Sphere | None) -> Any:
 
     Paths of environment maps begin on a disc across their direction. Mitsuba turns the place on the disc with the map
     once more, after it has turned the disc with the direction: paths of a turned map would begin anywhere, in rooms,
-    too. So the place is chosen here.
+    too. So the place is chosen here. Paths of a shape that shines begin as near to it as its size allows: Mitsuba's
+    own gap grows with the distance from the origin, and the light within it would be missing in fog.
     """
     ray, weight = emitter.sample_ray(Float(0), Float(0.5), u, v, True)
+    shape = emitter.get_shape()
+    if shape is not None:
+        place, _ = emitter.sample_position(Float(0), u)
+        size = opaque(float(np.linalg.norm(np.ravel(shape.bbox().extents()))))
+        ray.o = mi.Point3f(leaving(mi.SurfaceInteraction3f(place, []), ray.d, size))
     if entry is not None and emitter.class_name() == "EnvironmentMapEmitter":
         center, radius = entry
         disc = mi.warp.square_to_uniform_disk_concentric(u)

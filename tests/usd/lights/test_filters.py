@@ -90,6 +90,48 @@ def test_rods_act_inside_and_are_refined_by_side(one):
     assert one("LightFilter", f"{moonray}\nfloat inputs:moonray:intensity = 2").color == (1, 2, 2)
 
 
+def test_filters_of_moonray_have_a_class(one):
+    """As the test suite of hdMoonray writes them."""
+    rod = one(
+        "MoonrayLightFilter",
+        """uniform token moonray:class = "RodLightFilter"
+        float moonray:width = 10
+        float moonray:edge = 2
+        color3f moonray:color = (1, 0, 0.3)""",
+    )
+    assert (rod.half.tolist(), rod.edge, rod.where) == ([5, 0.5, 0.5], 2, "inside")
+    assert np.allclose(rod.color, (1, 0, 0.3))
+
+
+def test_graphs_of_arnold_name_filters_of_a_light(scene):
+    """As Arnold's exporters write them; a filter that `light:filters` names, too, acts once."""
+    graph = """def ArnoldNodeGraph "Graph" {
+        token outputs:filters:i1.connect = </Rig/Graph/Decay.outputs:out>
+        token outputs:filters:i2.connect = </Rig/F/Box.outputs:out>
+        def Shader "Decay" {
+            uniform token info:id = "arnold:light_decay"
+            bool inputs:use_far_atten = 1
+            float inputs:far_start = 1
+            float inputs:far_end = 4
+            token outputs:out
+        }
+    }
+    def Material "F" {
+        token outputs:surface.connect = </Rig/F/Box.outputs:out>
+        def Shader "Box" {
+            uniform token info:id = "arnold:light_blocker"
+            token outputs:out
+        }
+    }"""
+    lamp = LIGHT.replace("rel light", 'string primvars:arnold:shaders = "/Rig/Graph"\n        rel light')
+    blocker, decay = scene(lamp % ("SphereLight", "</Rig/F>", graph)).lights[0].filters
+    assert (blocker.half.tolist(), blocker.where) == ([0.5, 0.5, 0.5], "behind")
+    assert (decay.knots.tolist(), decay.colors[:, 0].tolist()) == ([1, 4], [1, 0])
+    assert [each.name for each in scene(lamp % ("SphereLight", "", graph)).lights[0].filters] == [
+        "/Rig/Graph/Decay", "/Rig/F/Box",
+    ]  # fmt: skip
+
+
 def test_a_barn_is_a_window_with_a_place(light):
     body = 'float inputs:ri:lightFilter:height = 3\ntoken inputs:ri:lightFilter:preBarn = "{}"'
     for word, where in (("noEffect", "behind"), ("cone", "along")):

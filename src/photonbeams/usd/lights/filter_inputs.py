@@ -8,14 +8,35 @@ from typing import Any
 import numpy as np
 
 from ...scene import Array, Color, SceneError
-from ..common.openusd import Usd, UsdGeom, UsdShade
-from ..common.reading import Reading
+from ..common.openusd import Sdf, Usd, UsdGeom, UsdShade
+from ..common.reading import Reading, target_paths
 
 #: Values at which an input that is not rendered has no effect.
-_NEUTRAL = {"combineMode": ("mult", "multiply"), "notes": None, "linkingGroups": None, "id": None,
+_NEUTRAL = {"combineMode": ("mult", "multiply"), "notes": None, "name": None, "linkingGroups": None, "id": None,
             "diffuse": 1, "specular": 1, "saturation": 1, "falloff": None, "colorRamp": None}  # fmt: skip
 _EDGES = ("left", "right", "bottom", "top", "back", "front")
 _NEUTRAL |= {f"{each}Edge": 1 for each in _EDGES}
+
+
+# Where Arnold names the graphs whose outputs are a light's filters: on a light, and on a mesh that shines.
+_GRAPHS = ("primvars:arnold:shaders", "primvars:arnold:light:shaders")
+
+
+def filters_of(reading: Reading, prim: Usd.Prim) -> list[Usd.Prim]:
+    """Return the prims of a light's filters: what `light:filters` names, and what Arnold's graphs of shaders give."""
+    targets = [] if not target_paths(prim, "light:filters") else reading.targets(prim, "light:filters")
+    shaders = [shader for name in _GRAPHS for shader in _of_graph(reading, prim, name)]
+    known = {Inputs.of(reading, each).shader for each in targets}
+    return targets + [each for each in dict.fromkeys(shaders) if each not in known]
+
+
+def _of_graph(reading: Reading, prim: Usd.Prim, name: str) -> list[Usd.Prim]:
+    """Return the shaders that are connected to the outputs `filters:i1`, … of the graph that an attribute names."""
+    path = str(reading.value(prim, name, ""))
+    graph = prim.GetStage().GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) and path.startswith("/") else None
+    outputs = UsdShade.ConnectableAPI(graph).GetOutputs() if graph else []
+    named = {str(each.GetBaseName()): each for each in outputs if each.GetBaseName().startswith("filters")}
+    return [source.source.GetPrim() for name in sorted(named) for source in named[name].GetConnectedSources()[0]]
 
 
 @dataclass
@@ -50,7 +71,7 @@ class Inputs:
     def kind(self) -> str:
         """The kind of the filter: its type or, for a filter or a shader of any kind, the name of its shader."""
         for prim in (self.shader, self.prim):
-            names = ("lightFilter:shaderId", "info:id", "ri:lightFilter:shaderId")
+            names = ("lightFilter:shaderId", "info:id", "ri:lightFilter:shaderId", "moonray:class")
             found = [str(value) for name in names if (value := self.reading.value(prim, name))]
             if found:
                 return found[0]
@@ -104,9 +125,10 @@ class Inputs:
     def warn_of_others(self) -> None:
         """Warn about inputs that were not read, unless their values have no effect."""
         unread = []
+        self.used.add("class")  # MoonRay's word for the kind
         for attribute in self.shader.GetAuthoredAttributes():
             name, last = attribute.GetName(), attribute.GetName().rsplit(":", 1)[-1]
-            if not name.startswith("inputs:") or any(name.endswith(f":{each}") for each in self.used):
+            if not name.startswith(("inputs:", "moonray:")) or any(name.endswith(f":{each}") for each in self.used):
                 continue
             neutral = _NEUTRAL.get(last, ...)
             value = self.reading.value(self.shader, attribute.GetName())

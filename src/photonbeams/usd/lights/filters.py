@@ -27,9 +27,9 @@ from ...scene import (
 from ...scene import color as color_of
 from ..common.definitions import BLOCKER, PREFIX, RAMP, definitions
 from ..common.openusd import Sdf, Usd, UsdShade
-from ..common.reading import Reading, target_paths
+from ..common.reading import Reading
 from ..common.textures import read_image
-from .filter_inputs import Inputs
+from .filter_inputs import Inputs, filters_of
 from .links import FILTER_LINK, is_linked
 
 #: Reads a filter; returns the light with it.
@@ -42,11 +42,9 @@ _AHEAD = 1e4
 
 
 def filtered(reading: Reading, prim: Usd.Prim, light: Light) -> Light:
-    """Return a light with the filters that `light:filters` names; those that are not rendered are named."""
-    if not target_paths(prim, "light:filters"):
-        return light
+    """Return a light with its filters; those that are not rendered are named."""
     none: list[Usd.Prim] = []
-    targets = reading.attempt(prim, partial(reading.targets, prim, "light:filters"), none, "it shines without filters")
+    targets = reading.attempt(prim, partial(filters_of, reading, prim), none, "it shines without filters")
     without = f"{light.name} shines without it"
     for target in targets:
         light = reading.attempt(target, partial(_with, reading, target, light), light, without)
@@ -360,7 +358,6 @@ _READERS: dict[str, Reader] = {
     "pxrrodlightfilter": _pxr_rod,
     "rodlightfilter": _moonray_rod,
     "pxrbarnlightfilter": _barn,
-    "barndoorlightfilter": _barn,
     "barndoor": _arnold_doors,
     "kmalfilterbarndoor": _karma_doors,
     "pxrramplightfilter": _color_ramp,

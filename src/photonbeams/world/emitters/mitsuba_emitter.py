@@ -13,6 +13,7 @@ from ...scene import WHITE
 from ..bounds import Bounds
 from ..differentials import RayDifferentials, copies, differentiate, of_copies
 from ..emission import entry_sphere, sampled_ray
+from ..shadow_rays import leaving
 from ..spectra import rgb
 from .kinds.sphere import SphereLamp
 from .lamp import Illumination, Lamp, LightHit
@@ -115,6 +116,7 @@ class MitsubaSphere(MitsubaEmitter):
         origin, direction = mi.Point3f(rays.origin), mi.Vector3f(rays.direction)
         with dr.suspend_grad():
             place = self.emitter.get_shape().ray_intersect(mi.Ray3f(origin + self._body.radius * direction, -direction))
-            off = dr.select(place.is_valid(), place.spawn_ray(direction).o - origin, 0)
+            near = mi.Point3f(leaving(place, direction, 2 * self._body.radius))
+            off = dr.select(place.is_valid(), near - origin, 0)
             radiance = self.emitter.eval(place)
         return mi.Ray3f(origin + off, direction), radiance * rays.flux.x

@@ -12,7 +12,7 @@ from .... import scene
 from ....numerics.arrays import opaque
 from ....runtime.device import Array2f, Array3f, Bool, Float, mitsuba
 from ...bounds import Bounds
-from ...shadow_rays import leaving, size_of
+from ...shadow_rays import leaving, rounding, size_of
 from ...surfaces.shapes import radiance_of, scene_of, shape_of
 from ...warp import power_cone
 from ..lamp import Illumination, Lamp, LightHit, unit
@@ -86,7 +86,7 @@ class MeshLamp(Lamp):
         else:
             sample, weight = self._emitter.sample_direction(_at(point), mi.Point2f(u))
         direction = Array3f(sample.d)
-        lit = (sample.pdf > 0) & dr.isfinite(sample.pdf) & self._shines(sample.n, direction)
+        lit = (sample.pdf > 0) & dr.isfinite(sample.pdf) & self._shines(sample.n, direction, point, Float(sample.dist))
         weight = dr.select(lit, Array3f(weight) * self.emitted(-direction), 0)
         return Illumination(direction, Float(sample.dist), weight, dr.select(lit, Float(sample.pdf), 0))
 
@@ -94,7 +94,7 @@ class MeshLamp(Lamp):
         """Return what a ray sees of the mesh's shining sides."""
         hit = self._scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
         there = hit.is_valid()
-        front = there & self._shines(hit.n, direction)
+        front = there & self._shines(hit.n, direction, origin, hit.t)
         sample = mi.DirectionSample3f(self._scene, hit, _at(origin))
         if self.both_sides:
             hit.wi = mi.Vector3f(hit.wi.x, hit.wi.y, dr.abs(hit.wi.z))  # Mitsuba's emitters are one-sided
@@ -104,9 +104,13 @@ class MeshLamp(Lamp):
         radiance = Array3f(self._emitter.eval(hit, front)) * self.emitted(-direction)
         return LightHit(front, dr.select(front, hit.t, dr.inf), dr.select(front, radiance, 0), Float(pdf))
 
-    def _shines(self, normal: Any, direction: Array3f) -> Bool:
-        """Return whether light leaves the mesh against `direction`, which points to it."""
-        return Bool(True) if self.both_sides else dr.dot(Array3f(normal), direction) < 0
+    def _shines(self, normal: Any, direction: Array3f, point: Array3f, distance: Float) -> Bool:
+        """Return whether light of the mesh reaches points along `direction`, which points to it.
+
+        It does not reach those in its plane: rounding puts them on either side, at no distance from its light.
+        """
+        height = -distance * dr.dot(Array3f(normal), direction)
+        return (dr.abs(height) if self.both_sides else height) > rounding(dr.max(dr.abs(point)))
 
     def _place(self, sample: PositionSample) -> SurfaceInteraction:
         """Return Mitsuba's interaction at a sampled point, as seen from the side of its normal."""
