@@ -129,3 +129,11 @@ def test_a_look_that_needs_more_than_surfaces_have_does_not_tint(whole, caplog):
     text = "/Lamp tints no surfaces: along its beams, its look depends on random, to_camera, which they lack"
     assert text in caplog.text
     np.testing.assert_allclose(found["surface"], whole["surface"], rtol=2e-5, atol=1e-6)
+
+
+def test_a_tint_changes_with_time_and_place(whole):
+    """The floor is at the height 0, and the lamp turned so that it is in its plane x = 3.5."""
+    turned = np.array([[0, 1, 0, 0], [-1, 0, 0, 3.5], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+    changing = pb.Look(along="0.1 * frame * (1 + P.y) * Pl.x", surfaces="tint")
+    found = picture(dataclasses.replace(LAMP, look=changing, frame=turned), frame=2)
+    np.testing.assert_allclose(found["surface"], whole["surface"] * 0.7, rtol=1e-4, atol=1e-6)

@@ -280,7 +280,7 @@ def _warn(twin: Twin, light: scene.Light, endless: bool) -> None:
         "inputs:shaping:ies:file is left out: Mitsuba has no light profiles": light.profile is not None,
         f"{own}portal is left out: photon_beams itself finds where light comes in": light.portal is not None,
         f"{own}portal:gobo is left out: Mitsuba's emitters shine through no image": light.portal_gobo is not None,
-        "light:filters is left out: Mitsuba has no light filters": bool(light.filters),
+        "light:filters is left out: Mitsuba has no light filters": any(each.in_media for each in light.filters),
         f"{own}look is left out: beams are physical in Mitsuba": light.look is not None,
         f"{own}lightGroup is left out: Mitsuba's pictures have no layers for lights": bool(light.group),
         f"{own}guides is left out: light travels straight in Mitsuba": bool(light.guides),

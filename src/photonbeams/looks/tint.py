@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, TypeVar
 
 from ..runtime.device import Array3f, Float
-from ..scene import BeamSettings, LightFilter
+from ..scene import Array, BeamSettings, LightFilter
 from .along import Attenuation
 from .context import LightContext, ShadingContext, inputs_of
 from .factors import Constant, Factor, Product
@@ -34,17 +34,20 @@ class Tint(LightFilter):
     in_media: ClassVar[bool] = False
 
 
-def tinted(settings: S, name: str, context: LightContext, warn: Callable[[str], None]) -> S:
+def tinted(
+    settings: S, name: str, warn: Callable[[str], None], clock: tuple[float, float] = (0.0, 0.0),
+    to_world: Array | None = None,
+) -> S:  # fmt: skip
     """Return the settings of a light with the filter by which its look tints surfaces, if it does.
 
     Parameters
     ----------
     settings, name
         The settings, and the light's name.
-    context
-        The time, and the light's space.
     warn
         Called with a sentence if the look depends on what surfaces do not have; they are then not tinted.
+    clock, to_world
+        Frame number and seconds, and the transform from the light's space, (4, 4).
     """
     look = settings.look
     if look is None or look.surfaces == "off":
@@ -52,8 +55,12 @@ def tinted(settings: S, name: str, context: LightContext, warn: Callable[[str], 
     factors = look.along.factors if isinstance(look.along, Product) else (look.along,)
     kept = [each for each in factors if not isinstance(each, Attenuation)]  # by which fog dims light anyway
     factor = Product(tuple(kept)) if kept else Constant(1.0)
-    at = ShadingContext(Float(1), Float(1), Float(1), Float(1), Float(1), place=lambda: Array3f(0), context=context)
-    if missing := sorted(inputs_of(factor.evaluate, at) - _OF_SURFACES):
+    at = ShadingContext(*[Float(1)] * 5, place=lambda: Array3f(0), context=LightContext())
+    asked = inputs_of(factor.evaluate, at)
+    if missing := sorted(asked - _OF_SURFACES):
         warn(f"{name} tints no surfaces: along its beams, its look depends on {', '.join(missing)}, which they lack")
         return settings
+    # Only what is asked for: a lamp whose filters change with time counts as one that moves.
+    now = clock if asked & {"time", "frame"} else (0.0, 0.0)
+    context = LightContext(*now, to_world=to_world if "local" in asked else None)
     return replace(settings, filters=(*settings.filters, Tint(name, factor, context)))

@@ -132,12 +132,10 @@ class DescribedSubject(Subject):
         result = replace(light, look=look)
         if getattr(look, "surfaces", "off") == "off":
             return result
-        from ..looks import LightContext
         from ..looks.tint import tinted
 
         number = self.number(frame)
-        context = LightContext(number, number / self.rate, to_world=light.frame)
-        return tinted(result, light.name, context, self.warnings.give)
+        return tinted(result, light.name, self.warnings.give, (number, number / self.rate), light.frame)
 
     def _look(self, owner: str, spec: Any) -> Any:
         """Return the look of a light or of curves: the one given in Python, else the one that a spec describes.

@@ -323,10 +323,9 @@ def _beams(
         chosen = by_name.get(name) or own.look or by_name.get("")
         result[name] = replace(own, look=chosen, group=groups.get(name, own.group))
         if chosen is not None and chosen.surfaces != "off":
-            from ..looks import LightContext
             from ..looks.tint import tinted
 
-            result[name] = tinted(result[name], name or "every emitter", LightContext(), warn)
+            result[name] = tinted(result[name], name or "every emitter", warn)
     return result
 
 
