@@ -55,7 +55,8 @@ def tinted(
     factors = look.along.factors if isinstance(look.along, Product) else (look.along,)
     kept = [each for each in factors if not isinstance(each, Attenuation)]  # by which fog dims light anyway
     factor = Product(tuple(kept)) if kept else Constant(1.0)
-    at = ShadingContext(*[Float(1)] * 5, place=lambda: Array3f(0), context=LightContext())
+    one = Float(1)
+    at = ShadingContext(one, one, one, one, one, place=lambda: Array3f(0), context=LightContext())
     asked = inputs_of(factor.evaluate, at)
     if missing := sorted(asked - _OF_SURFACES):
         warn(f"{name} tints no surfaces: along its beams, its look depends on {', '.join(missing)}, which they lack")

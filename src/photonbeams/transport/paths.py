@@ -215,7 +215,8 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     passes = interaction.tinted | (interaction.on_surface & scatter.null)
     unfiltered = interaction.weight  # also of light that goes straight on, for what comes next
     site = dr.select(interaction.on_surface, tracing.world.linking.of_surfaces(hit), paths.medium)
-    interaction.weight *= tracing.filtered(paths, interaction.position, interaction.distance, site, stream)
+    filtered = tracing.filtered(paths, interaction.position, interaction.distance, site, stream)
+    interaction.weight = unfiltered * filtered  # a new array: `*=` would change `unfiltered`, too
     following = _following(tracing, paths, interaction, scatter, stream, aimed, passes, unfiltered, site)
     hits = _photon_hits(paths, interaction, segments.width)
     # Of a path and the parts into which it splits, only one contributes the segment.
