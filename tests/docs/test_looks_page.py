@@ -26,11 +26,15 @@ def test_python_on_the_page_runs(source):
     assert np.all(np.isfinite(names["radiance"].numpy())) if "radiance" in names else names["look"]
 
 
-def test_the_stage_on_the_page_is_read(tmp_path):
-    (stage_text,) = blocks("usda")
-    (tmp_path / "a.usda").write_text(stage_text)
-    stage = stages.open_stage(tmp_path / "a.usda")
-    (light,) = stages.read_scene(stage, stages.default_time(stage)).lights
+def test_the_stages_on_the_page_are_read(tmp_path):
+    found = []
+    for number, text in enumerate(blocks("usda")):
+        path = tmp_path / f"{number}.usda"
+        path.write_text(text)
+        stage = stages.open_stage(path)
+        found.append(stages.read_scene(stage, stages.default_time(stage)).lights)
+    (light,), pools = found
+    assert [each.look.values["surfaces"] for each in pools] == ["off", "tint"]
     assert isinstance(light.look, LookSpec)
     assert light.look.values["along:ramp:knots"] == pytest.approx((0, 0.4, 1))
     assert light.look.values["across:hardness"] == pytest.approx(0.3)
