@@ -130,7 +130,7 @@ class DescribedSubject(Subject):
         """Return a light with its look, and with the filter by which that tints surfaces."""
         look = self._look(light.name, light.look)
         result = replace(light, look=look)
-        if getattr(look, "surfaces", "off") == "off":
+        if look is None:
             return result
         from ..looks.tint import tinted
 

@@ -322,7 +322,7 @@ def _beams(
         own = result.get(name, scene.BeamSettings())
         chosen = by_name.get(name) or own.look or by_name.get("")
         result[name] = replace(own, look=chosen, group=groups.get(name, own.group))
-        if chosen is not None and chosen.surfaces != "off":
+        if chosen is not None:
             from ..looks.tint import tinted
 
             result[name] = tinted(result[name], name or "every emitter", warn)

@@ -50,8 +50,10 @@ class Interaction:
         The fraction of the path's flux in each channel.
     varying
         Whether the medium is heterogeneous.
-    position, smooth
-        Where the interaction is, and whether the next surface has lobes other than ideal ones.
+    position, site
+        Where the interaction is, and with what: see `Linking`.
+    smooth
+        Whether the next surface has lobes other than ideal ones.
     hit, valid
         Mitsuba's record of the next surface, and whether there is one.
     going
@@ -81,6 +83,7 @@ class Interaction:
         self.distance = dr.minimum(distance, self.length)
         self.weight = weight
         self.position = paths.origin + self.distance * paths.direction
+        self.site = dr.select(self.on_surface, tracing.world.linking.of_surfaces(hit), paths.medium)
         self.smooth = self.valid & mi.has_flag(hit.bsdf().flags(), mi.BSDFFlags.Smooth)
         self.going = self.scatters | self.tinted | self.on_surface
 

@@ -214,10 +214,8 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     scatter = reflect(tracing.world, hit, interaction.on_surface, paths.medium, paths.index, stream, aimed)
     passes = interaction.tinted | (interaction.on_surface & scatter.null)
     unfiltered = interaction.weight  # also of light that goes straight on, for what comes next
-    site = dr.select(interaction.on_surface, tracing.world.linking.of_surfaces(hit), paths.medium)
-    filtered = tracing.filtered(paths, interaction.position, interaction.distance, site, stream)
-    interaction.weight = unfiltered * filtered  # a new array: `*=` would change `unfiltered`, too
-    following = _following(tracing, paths, interaction, scatter, stream, aimed, passes, unfiltered, site)
+    interaction.weight = unfiltered * tracing.filtered(paths, interaction, stream)  # `*=` would change both
+    following = _following(tracing, paths, interaction, scatter, stream, aimed, passes, unfiltered)
     hits = _photon_hits(paths, interaction, segments.width)
     # Of a path and the parts into which it splits, only one contributes the segment.
     whole = (paths.branch != SCATTERED) & (paths.branch != REFLECTED)
@@ -234,7 +232,7 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
 
 def _following(
     tracing: Tracing, paths: LightPaths, interaction: Interaction, scatter: Scatter, stream: UInt32,
-    aimed: Aimed | None, passes: Bool, unfiltered: Array3f, site: UInt32,
+    aimed: Aimed | None, passes: Bool, unfiltered: Array3f,
 ) -> LightPaths:  # fmt: skip
     """Return the paths after their interaction; `interaction.going` is then false for those that end."""
     following = LightPaths()
@@ -258,8 +256,7 @@ def _following(
     following.origin = dr.select(interaction.on_surface, scatter.origin, interaction.position)
     arriving = dr.select(passes, unfiltered, interaction.weight)
     following.flux = paths.flux * arriving * _chosen(interaction, rgb(weight), scatter.weight, Array3f(1))
-    turned = interaction.scatters | (interaction.on_surface & ~scatter.delta)  # mirrors and glass only pass light on
-    following.flux = tracing.linked(paths, site, turned, following.flux)
+    following.flux = tracing.linked(paths, interaction, scatter.delta, following.flux)
     following.depth = paths.depth + dr.select(passes, 0, 1)
     following.medium = dr.select(interaction.on_surface, scatter.medium, paths.medium)
     enters = interaction.on_surface & (following.medium != paths.medium)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
@@ -14,6 +14,9 @@ from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..world.world import World
 from .aiming import Openings
 from .segments.records import LightPaths
+
+if TYPE_CHECKING:
+    from .interactions import Interaction
 
 
 @dataclass(frozen=True)
@@ -65,22 +68,23 @@ class Tracing:
             return result
         return result & (depth <= dr.gather(UInt32, self.bounces_by_source, source))
 
-    def filtered(
-        self, paths: LightPaths, position: Array3f, distance: Float, site: UInt32, stream: UInt32
-    ) -> Array3f:  # fmt: skip
-        """Return what filters of lamps leave of light straight from these, at positions at a distance along paths."""
+    def filtered(self, paths: LightPaths, at: Interaction, stream: UInt32) -> Array3f:
+        """Return what filters of lamps leave of light straight from these, at the interactions of paths."""
         filters = self.world.filters
         if filters is None:
             return Array3f(1)
         seed = hash32(stream, paths.index, UInt32(Stream.FILTER))
-        away = paths.offset + distance
-        acting = self.world.linking.acting(paths.source, site)
-        return filters.factor(paths.source, position, -paths.direction, away, seed, paths.straight, acting)
+        away = paths.offset + at.distance
+        acting = self.world.linking.acting(paths.source, at.site)
+        return filters.factor(paths.source, at.position, -paths.direction, away, seed, paths.straight, acting)
 
-    def linked(self, paths: LightPaths, site: UInt32, scattered: Bool, flux: Array3f) -> Array3f:
-        """Return flux, 0 where sites have scattered what came straight from a light whose link leaves them out."""
-        straight = scattered & (paths.depth == 0)
-        lit = self.world.linking.lights(paths.source, site, straight)
+    def linked(self, paths: LightPaths, at: Interaction, ideal: Bool, flux: Array3f) -> Array3f:
+        """Return flux, 0 where sites have scattered what came straight from a light whose link leaves them out.
+
+        Mirrors and glass, whose lobes are `ideal`, only pass light on.
+        """
+        straight = (at.scatters | (at.on_surface & ~ideal)) & (paths.depth == 0)
+        lit = self.world.linking.lights(paths.source, at.site, straight)
         return flux if lit is straight else dr.select(straight & ~lit, 0, flux)
 
     def escape(self, paths: LightPaths, reach: Float) -> Float:

@@ -35,13 +35,26 @@ _MISS = 1e-5
 _TINY = 1e-20
 
 
-class FilterShape(Struct):
-    """Base of blockers; the rows and the shift lead from world space to the filter's."""
+class Placed(Struct):
+    """Base of what has a space of its own, to which the rows and the shift lead from world space."""
 
     x: Array3f
     y: Array3f
     z: Array3f
     shift: Array3f
+
+    def turned(self, vector: Array3f) -> Array3f:
+        """Return a vector of world space in the own space."""
+        return Array3f(*(dr.dot(row, vector) for row in (self.x, self.y, self.z)))
+
+    def to_local(self, point: Array3f) -> Array3f:
+        """Return a point of world space in the own space."""
+        return self.turned(point) + self.shift
+
+
+class FilterShape(Placed):
+    """Base of blockers."""
+
     half: Array3f
     radius: Float
     edge: Float
@@ -100,9 +113,7 @@ class FilterShape(Struct):
         return [dr.select(meets > 0, first, beside), dr.select(meets > 0, last, dr.inf)]
 
     def _local(self, origin: Array3f, direction: Array3f) -> tuple[Any, Any]:
-        rows = self.x, self.y, self.z
-        return (Array3f(*(dr.dot(row, origin) for row in rows)) + self.shift,
-                Array3f(*(dr.dot(row, direction) for row in rows)))  # fmt: skip
+        return self.to_local(origin), self.turned(direction)
 
     def _reach(self, u: Float) -> Float:
         """Return the radius with a part of the edge, such that the mean effect is 1 − smoothstep over the edge."""
@@ -208,15 +219,11 @@ class RampFilter(Struct):
         return [getattr(self, f"knot{place}") - offset for place in range(self.count)]
 
 
-class TintFilter(Struct):
+class TintFilter(Placed):
     """The tint of surfaces by a look, and its light context; `_tint` makes a class for each colour along beams."""
 
     frame: Float
     time: Float
-    x: Array3f
-    y: Array3f
-    z: Array3f
-    shift: Array3f
 
     color: ClassVar[Factor]
     varying = True
@@ -228,10 +235,6 @@ class TintFilter(Struct):
         result.frame, result.time = own.frame, own.time
         result.x, result.y, result.z, result.shift = *own.rows, own.shift
         return result
-
-    def to_local(self, point: Array3f) -> Array3f:
-        """Return a point of world space in the light's space."""
-        return Array3f(*(dr.dot(row, point) for row in (self.x, self.y, self.z))) + self.shift
 
     def factor(self, point: Array3f, _: Array3f, distance: Float, *__: object) -> Array3f:
         """Return the colour at points of surfaces, where light paths end."""
