@@ -102,7 +102,8 @@ def depths(levels: Sequence[Level], farthest: Float) -> list[Float]:
 
 def dim_of(radiance: Array3f) -> Float:
     """Return the radiance below which errors may be as large as at this radiance: a fraction of the picture's mean."""
-    result = dr.opaque(Float, _DIM) * dr.max(dr.mean(radiance, axis=1))
+    # Not `dr.mean`, whose kernels contain the number of entries.
+    result = dr.max(dr.sum(radiance, axis=1)) * dr.opaque(Float, _DIM / dr.width(radiance))
     dr.eval(result)
     return result
 

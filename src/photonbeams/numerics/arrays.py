@@ -85,6 +85,14 @@ def taken(value: T, index: UInt32) -> T:
     return _each(lambda array: dr.gather(type(array), array, index), value)
 
 
+def channel_mean(color: Any) -> Any:
+    """Return the mean of the channels of colors, as a Float.
+
+    `dr.mean` is not used, because its kernels contain the number of entries, which differs from pass to pass.
+    """
+    return dr.sum(color) * (1 / len(color))
+
+
 def indices(keep: Bool) -> Any:
     """Return where an array is true, in order: `dr.compress`, which lets other threads run while kernels do."""
     # Dr.Jit's own function waits for kernels with Python's lock held, and no signal could end a long one.

@@ -17,7 +17,7 @@ import drjit as dr
 import numpy as np
 
 from ..estimators.lanes import MoreSamples
-from ..numerics.arrays import joined, taken, to_uint
+from ..numerics.arrays import channel_mean, joined, taken, to_uint
 from ..numerics.samples import BITS, Samples
 from ..numerics.sampling import z_order
 from ..numerics.streams import Stream
@@ -171,7 +171,7 @@ class FrameRenderer(PassRenderer):
             order = z_order(lanes.pixel % columns, lanes.pixel // columns)
             index = samples.index(order, lanes.each, lanes.sample)
         picture, _ = self._looked(whole, WidePicture(0, samples, index, lanes.pixel), first)
-        radiance = dr.mean(picture.radiance).numpy().reshape(SAMPLES, -1)
+        radiance = channel_mean(picture.radiance).numpy().reshape(SAMPLES, -1)
         return self._plan.counts(radiance, picture.reach.numpy().reshape(SAMPLES, -1), whole.window)
 
     def doubts(self) -> Iterator[str]:

@@ -14,6 +14,7 @@ import numpy as np
 from ..estimators.estimate import estimate
 from ..estimators.geometry import chord
 from ..estimators.records import load, pack
+from ..numerics.arrays import channel_mean
 from ..quadrature import gauss_legendre, riemann
 from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..scene import Array
@@ -142,7 +143,7 @@ def _brightest(each: BeamSet, ray: _Ray) -> tuple[int, tuple[float, float]] | No
     beam = load(pack(each.beams, origin, shared=True), dr.arange(UInt32, len(each.beams)))
     inside = chord(beam, None, direction, Float(0), Float(ray.length))
     radius = dr.fma(inside.growth, 0.5 * (inside.a + inside.b), inside.radius)
-    light = dr.mean(beam.power) * (inside.b - inside.a) / dr.maximum(dr.square(radius), 1e-24)
+    light = channel_mean(beam.power) * (inside.b - inside.a) / dr.maximum(dr.square(radius), 1e-24)
     light, low, high = (
         dr.select(inside.valid, each, 0).numpy() for each in (light, inside.t + inside.a, inside.t + inside.b)
     )

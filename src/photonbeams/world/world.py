@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import opaque
+from ..numerics.arrays import channel_mean, opaque
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import ESCAPE, DrawnBeams
 from .bounds import Bounds, Box
@@ -353,7 +353,7 @@ class World:
         """Return the opacity of the cut-out surfaces that stopped rays, above 0; 1 for other surfaces."""
         if not self.cutouts:
             return Float(1)
-        return dr.maximum(1 - dr.mean(hit.bsdf().eval_null_transmission(hit, active)), 1e-6)
+        return dr.maximum(1 - channel_mean(hit.bsdf().eval_null_transmission(hit, active)), 1e-6)
 
 
 def _mapped_normal(bsdf: MiBsdf, hit: SurfaceInteraction, active: Bool) -> Any:

@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ...numerics.arrays import channel_mean
 from ...runtime.device import Array3f, Bool, Float, UInt32
 from ...scene import Array
 from ...world.cameras.cameras import View
@@ -100,7 +101,7 @@ class Pilot:
 
 def _gray(radiance: Array3f, count: int) -> Array:
     """Return the mean of the channels, by samples, rows and columns."""
-    return np.broadcast_to(dr.mean(radiance).numpy(), count * ROWS * COLUMNS).reshape(count, ROWS, COLUMNS)
+    return np.broadcast_to(channel_mean(radiance).numpy(), count * ROWS * COLUMNS).reshape(count, ROWS, COLUMNS)
 
 
 def _coarse_rays(cameras: Sequence[View]) -> PrimaryRays:

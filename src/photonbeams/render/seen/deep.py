@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ...numerics.arrays import to_float, to_numpy
+from ...numerics.arrays import channel_mean, to_float, to_numpy
 from ...numerics.samples import Samples
 from ...runtime.device import Array2f, Array3f, Float, UInt32
 from ...scene import SceneError
@@ -180,7 +180,7 @@ class _Rays:
             if self._light.sets:
                 gathering.add(paths, shorter)
             clear = dr.select(paths.alive & (ends > paths.near), self._clear(paths, vertex, ends), clear)
-        passed = dr.mean(clear)
+        passed = channel_mean(clear)
         return _rows(sum(gathering.radiance.values(), dr.zeros(Array3f, self._count))), passed.numpy()
 
     def mirrored(self) -> np.ndarray | None:

@@ -18,6 +18,7 @@ import drjit as dr
 
 from ...looks.context import ShadingContext
 from ...looks.factors import Factor
+from ...numerics.arrays import channel_mean
 from ...numerics.hashing import hash32, unit_float
 from ...numerics.syntax import syntax
 from ...runtime.device import Array3f, Array4f, Bool, Float, UInt32, mitsuba
@@ -147,7 +148,7 @@ def scattering_point(
         begin = dr.fma(Float(piece), step, segment.near)
         control, rate = _control(segment, extinction, begin, step)
         # Where both probes find nothing, the control is 0 and the density even.
-        even = dr.maximum(dr.mean(control), 1e-4 * rate)
+        even = dr.maximum(channel_mean(control), 1e-4 * rate)
         ending = 1 - dr.exp(-even * step)
         within = -dr.log(1 - unit_float(hash32(segment.seed, piece, UInt32(1))) * ending) * dr.rcp(even)
         place = begin + dr.minimum(within, step)
@@ -155,7 +156,7 @@ def scattering_point(
         before, product, drawn = _passed(segment, extinction, begin, begin + step, place, control, rate, passed, drawn)
         here = passed * before * dr.exp(-depth - control * within + even * within)
         here *= scattering(dr.fma(segment.direction, place, segment.origin)) * ending * dr.rcp(even)
-        own = dr.abs(dr.mean(here))
+        own = dr.abs(channel_mean(here))
         total += own
         taken = left * total < own
         # The same number serves the next choice: given the outcome, it can be rescaled to be uniform in [0, 1) again.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
+from ...numerics.arrays import channel_mean
 from ...numerics.hashing import hash32, unit_float
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..shadow_rays import rounding
@@ -118,7 +119,7 @@ class RayScenes:
         def passing(skip: Float, layer: UInt32, going: Bool) -> tuple[Float, UInt32, Bool]:
             ray = mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
             hit = plugin.ray_intersect(ray, going)
-            clear = dr.mean(hit.bsdf().eval_null_transmission(hit, going))
+            clear = channel_mean(hit.bsdf().eval_null_transmission(hit, going))
             passes = hit.is_valid() & ~hit.is_medium_transition() & (unit_float(hash32(seed, layer)) < clear)
             going = going & passes
             # No further than the next leaf, in small scenes and far from the origin.
