@@ -102,7 +102,13 @@ def test_a_scene_without_an_end_is_refused():
 
 
 def test_a_camera_whose_rays_are_none_is_refused():
-    refused("sensor sensor: its rays are not finite", sensor={**camera(), "near_clip": 1e-30, "far_clip": 1e30})
+    nowhere = {**camera(), "to_world": mi.ScalarTransform4f().translate([0, np.nan, 0])}
+    refused("sensor sensor: its rays are not finite", sensor=nowhere)
+
+
+def test_the_near_plane_of_a_camera_does_not_matter():
+    """Mitsuba's own rays are NaN there."""
+    finite(sensor={**camera(size=8), "near_clip": 1e-30, "far_clip": 1e30})
 
 
 # -- rendered --------------------------------------------------------------------------------------------------------

@@ -94,7 +94,8 @@ def depths(levels: Sequence[Level], farthest: Float) -> list[Float]:
         tile, columns = dr.arange(UInt32, finer.view.tiles), dr.opaque(UInt32, finer.view.columns)
         own = tile // columns // 2 * dr.opaque(UInt32, level.view.columns) + tile % columns // 2
         found = dr.zeros(Float, level.view.tiles)
-        dr.scatter_reduce(dr.ReduceOp.Max, found, result[-1], own)
+        # By default, the kernel would contain the number of tiles.
+        dr.scatter_reduce(dr.ReduceOp.Max, found, result[-1], own, mode=dr.ReduceMode.Local)
         dr.eval(found)
         result.append(found)
     return result

@@ -224,7 +224,8 @@ def tile_depth(view: Projection, rays: PixelRays) -> Float:
     """Return (tiles,) the planar depth of the farthest surface in each tile."""
     depth = dr.minimum(rays.t_max, ENDLESS) * rays.facing
     result = dr.zeros(Float, view.tiles)
-    dr.scatter_reduce(dr.ReduceOp.Max, result, depth, tiles_of(view, rays))
+    # By default, the kernel would contain the number of tiles.
+    dr.scatter_reduce(dr.ReduceOp.Max, result, depth, tiles_of(view, rays), mode=dr.ReduceMode.Local)
     dr.eval(result)
     return result
 

@@ -36,14 +36,14 @@ def to_vectors(numbers: npt.ArrayLike) -> Array3f:
 
 
 def to_numpy(parts: Iterable[dr.ArrayBase]) -> npt.NDArray[Any]:
-    """Return the components of a vector, or several arrays, as rows (C, N).
+    """Return the components of a vector, or several arrays, as rows (C, N); one entry stands for all.
 
     The vector's own `numpy()` is not used, because its kernel contains the number of entries, which differs from pass
     to pass.
     """
     rows = [*parts]
     dr.eval(rows)
-    return np.stack([each.numpy() for each in rows])
+    return np.stack(np.broadcast_arrays(*(each.numpy() for each in rows)))
 
 
 def padded(entries: Any) -> Any:

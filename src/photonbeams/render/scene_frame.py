@@ -10,7 +10,6 @@ from .. import scene
 from ..constants import DEFAULT_PATHS
 from ..world.cameras.cameras import Window
 from ..world.cameras.sensors import Sensor, window_of
-from ..world.media.discovery.surroundings import place_of_sensor
 from ..world.shutter import CameraMotion
 from .checkpoint import identity
 from .films.film import Film
@@ -58,7 +57,7 @@ def begin(
     cameras = [each.view for each in sensors if each.view is not None]
     reconstruction = reconstruction_filter(settings.filter_name, sensor.film().rfilter())
     light = light_of(
-        plugin, place_of_sensor(sensor), settings, extras.beams, cameras if len(cameras) == len(sensors) else (),
+        plugin, sensors[0].start(), settings, extras.beams, cameras if len(cameras) == len(sensors) else (),
         Pixels(len(sensors) * window.width * window.height, averaged(reconstruction)), warned, statistics,
         extras.findings,
     )  # fmt: skip

@@ -16,7 +16,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import to_float
+from ..numerics.arrays import to_float, to_numpy
 from ..numerics.hashing import key_of
 from ..numerics.sampling import pairs, sobol_points
 from ..runtime.device import Array2f, Array3f, Float, UInt32
@@ -93,7 +93,7 @@ class PathEmitter:
     def flux(self) -> np.ndarray:
         """An estimate of the flux of this light in each channel, (3,), from a few of its paths."""
         sample = self.sample(*pairs(sobol_points(PROBE, 0, (PROBE, self.number))))
-        values = (sample.flux + dr.zeros(Array3f, PROBE)).numpy()
+        values = to_numpy(sample.flux + dr.zeros(Array3f, PROBE))
         flux: np.ndarray = np.nan_to_num(values, posinf=0, neginf=0).mean(axis=1)
         return flux
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import taken, to_float, to_uint
+from ..numerics.arrays import taken, to_float, to_numpy, to_uint
 from ..numerics.hashing import hash32
 from ..numerics.sampling import pairs, sobol_points
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
@@ -206,14 +206,14 @@ def _usual(
     # Stripes are looked at as far behind the gap as the lamp is before it.
     angles = _angles(stratum, place)
     soft = _SOFT * angles * np.minimum(gaps.behind, gaps.distance)
-    index = np.flatnonzero(there & (gaps.size > np.maximum(soft, pixel(place.numpy().T))) & (angles < _WIDEST))
+    index = np.flatnonzero(there & (gaps.size > np.maximum(soft, pixel(to_numpy(place).T))) & (angles < _WIDEST))
     beams = axes.widths(gaps.distance) / np.where(there, gaps.size, 1)
     # Of a surface with enough gaps, the most first, or of all: many slats may be a surface each.
     names, counts = np.unique(gaps.surface[index], return_counts=True)
     groups = [index[gaps.surface[index] == name] for name in names[np.argsort(-counts)]]
     for own in (*groups, index):
         if len(own) >= max(_LEAST * len(there), 1) and np.median(beams[0, own]) > _TOLD:
-            return _gap(world, stratum, gaps, own, beams, place.numpy().T)
+            return _gap(world, stratum, gaps, own, beams, to_numpy(place).T)
     return None
 
 
@@ -233,7 +233,8 @@ def _angles(stratum: Stratum, place: Array3f) -> Array:
     count = dr.width(place)
     index = dr.arange(UInt32, 2 * _POINTS * count) % dr.opaque(UInt32, count)
     sample = pairs(sobol_points(2 * _POINTS * count, 0, (_SEED,)))[0]
-    to = stratum.emitter.lamp.illuminate(taken(place, index), sample).direction.numpy().reshape(3, 2, _POINTS, count)
+    toward = stratum.emitter.lamp.illuminate(taken(place, index), sample).direction
+    to = to_numpy(toward).reshape(3, 2, _POINTS, count)
     across: Array = np.linalg.norm(to[:, 0] - to[:, 1], axis=0).mean(axis=0)
     return 2.2 * across  # of a disc, whose points are 0.45 of its diameter apart, on average
 

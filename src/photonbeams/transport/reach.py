@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..numerics.arrays import to_numpy
 from ..world.world import World
 from . import paths
 from .emission import Emission, Stratum
@@ -39,7 +40,7 @@ def reach_of_lamps(world: World, views: Sequence[Projection], seed: int = 0) -> 
         own = Stratum(stratum.emitter, stratum.count, stratum.sequence)
         tracing = LightTracer(world, Emission([own]), tuning, world.sources).tracing(0)
         emitted = replace(own.emit(0), halvings=0)
-        flux = emitted.flux.numpy().max(axis=0)
+        flux = to_numpy(emitted.flux).max(axis=0)
         reached = np.zeros((1 + len(views), len(flux)), dtype=bool)
         for segments, _ in paths.trace(tracing, paths.begin(tracing, [emitted])):
             if segments is not None:

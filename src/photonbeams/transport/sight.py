@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import drjit as dr
 import numpy as np
 
+from ..numerics.arrays import to_numpy
 from ..numerics.hashing import hash32
 from ..numerics.sampling import pixel_sample, sobol_block
 from ..runtime.device import Array3f, Bool, Float, UInt32
@@ -78,4 +79,4 @@ def _light(
         total += dr.select(lit, sample.weight * cosine, 0)
         dr.eval(total)
     factor = emitter.links.surface_scale / (np.pi * _SAMPLES)
-    return np.nan_to_num(factor * total.numpy().T.astype(np.float64), posinf=0)
+    return np.nan_to_num(factor * to_numpy(total).T.astype(np.float64), posinf=0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..numerics.arrays import to_numpy
 from ..numerics.hashing import key_of
 from ..numerics.sampling import pairs, sobol_points
 from ..scene import DEFAULT_BEAMS, Array
@@ -189,7 +190,7 @@ def _lit(emitter: PathEmitter, points: Array) -> float:
     """Return the fraction of the paths with these emission samples that carry light, among those that exist."""
     probe = emitter.sample(*pairs(points))
     there = np.broadcast_to(probe.valid.numpy(), len(points))
-    lit = there & (probe.flux.numpy().max(axis=0) > 0)
+    lit = there & (to_numpy(probe.flux).max(axis=0) > 0)
     return float(lit.sum() / max(there.sum(), 1))
 
 

@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 
 from ...estimators.lanes import Lattice
-from ...numerics.arrays import taken
+from ...numerics.arrays import taken, to_numpy
 from ...numerics.samples import Samples
 from ...numerics.sampling import z_order
 from ...numerics.streams import Stream
@@ -141,8 +141,9 @@ class SeenSums:
         count = self._film.shape[0] * self._film.shape[1]
         if self.nearest is None:
             self.nearest, self.farthest = dr.full(Float, dr.inf, count), dr.zeros(Float, count)
-        dr.scatter_reduce(dr.ReduceOp.Min, self.nearest, reach, pixel)
-        dr.scatter_reduce(dr.ReduceOp.Max, self.farthest, reach, pixel)
+        # By default, a kernel would contain the number of pixels.
+        dr.scatter_reduce(dr.ReduceOp.Min, self.nearest, reach, pixel, mode=dr.ReduceMode.Local)
+        dr.scatter_reduce(dr.ReduceOp.Max, self.farthest, reach, pixel, mode=dr.ReduceMode.Local)
 
 
 class Film:
@@ -310,7 +311,7 @@ class Film:
 
     def _array(self, value: Any) -> np.ndarray:
         """Return the value of each pixel, (pixels,) or (3, pixels), even if it is a constant."""
-        array = value if isinstance(value, np.ndarray) else value.numpy()
+        array = value if isinstance(value, np.ndarray) else to_numpy(value) if dr.depth_v(value) > 1 else value.numpy()
         return np.broadcast_to(array, (*array.shape[:-1], self.shape[0] * self.shape[1]))
 
     def _pixels(self) -> tuple[Any, Any]:

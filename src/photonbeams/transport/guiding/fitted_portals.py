@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
+from ...numerics.arrays import to_numpy
 from ...numerics.sampling import sobol_block
 from ...runtime.device import Array3f, Float, UInt32, mitsuba
 from ...scene import Array
@@ -244,7 +245,7 @@ class _ProbeRays:
         point, normal = (dr.select(met, Array3f(each), dr.nan) for each in (hit.p, hit.n))
         ended = dr.select(met, dr.norm(Array3f(hit.p) - sample.origin), sample.reach)
         dr.eval(point, normal, ended, light, sample.origin, sample.direction)
-        vectors = (np.broadcast_to(each.numpy(), (3, _PROBES)).T.astype(np.float64)
+        vectors = (np.broadcast_to(to_numpy(each), (3, _PROBES)).T.astype(np.float64)
                    for each in (sample.origin, sample.direction, point, normal))  # fmt: skip
         origin, direction, place, upward = vectors
         local, distance = rectangle.crossed(origin, direction)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import numpy as np
 
+from ...numerics.arrays import to_numpy
 from ...numerics.sampling import pairs, sobol_points
 from ...scene import Array
 from ..emission import PathEmitter
@@ -84,7 +85,7 @@ def rays_of(emitter: PathEmitter, samples: Array) -> tuple[Array, Array, Array]:
     found = emitter.sample(*pairs(samples.astype(np.float32)))
     flux = dr.select(found.valid, found.flux, 0)
     dr.eval(found.origin, found.direction, flux)
-    values = (np.broadcast_to(each.numpy(), (3, len(samples))).T for each in (found.origin, found.direction, flux))
+    values = (np.broadcast_to(to_numpy(each), (3, len(samples))).T for each in (found.origin, found.direction, flux))
     origin, direction, flux = (each.astype(np.float64) for each in values)
     return origin, direction, np.nan_to_num(flux.max(axis=1), posinf=0)
 

@@ -14,6 +14,7 @@ from ...numerics.arrays import joined, taken
 from ...numerics.samples import Samples
 from ...numerics.streams import Stream
 from ...runtime.device import Array2f, Array3f, Float, UInt32, mitsuba
+from ..media.discovery.surroundings import Place, name_of, named_by, place_of, place_of_sensor
 from ..spectra import rgb
 from .cameras import View, Window
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 mi = mitsuba()
 
+# Columns and rows of the rays that find the medium around a camera.
+_COARSE = (8, 8)
 _PINHOLES = ("PerspectiveCamera", "ThinLensCamera")
 
 
@@ -94,6 +97,13 @@ class Sensor:
         camera = camera or camera_of(plugin)
         self.view = None if camera is None else View(camera, self.window)
 
+    def start(self) -> Place:
+        """Return where camera paths begin."""
+        if self.view is None or self.view.projection.lens is not None:
+            return place_of_sensor(self.plugin)
+        # Kernels of the plug-in contain the size of the film.
+        return place_of(name_of(self.plugin), *self.view.coarse_rays(*_COARSE), named_by(self.plugin))
+
 
 def sampled_rays(
     sensor: Any, window: Window, places: Array2f, order: UInt32, samples: Samples, some: UInt32 | None = None
@@ -138,13 +148,15 @@ def camera_of(plugin: MiSensor) -> scene.Camera | None:
     near, far = (float(parameters[name]) for name in ("near_clip", "far_clip"))
     world = np.asarray(plugin.world_transform().matrix, dtype=np.float64).reshape(4, 4, -1)[..., 0]
     forward, center = world[:3, 2] / np.linalg.norm(world[:3, 2]), world[:3, 3]
-    across = _slopes(plugin, forward, window, (0, 0.5), (1, 0.5))
-    down = _slopes(plugin, forward, window, (0.5, 0), (0.5, 1))
-    if not np.all(np.isfinite([across, down])):
+    size = np.array([1, height / width])
+    if not orthographic:
+        size *= np.tan(np.radians(float(np.ravel(parameters["x_fov"])[0])) / 2)
+    shift = [parameters.get(f"principal_point_offset_{axis}", 0) for axis in "xy"]
+    places = np.array([[0, 0.5], [1, 0.5], [0.5, 0], [0.5, 1]]) + np.array([float(np.ravel(each)[0]) for each in shift])
+    across, down = np.split(_on_film(world, (1 - 2 * places) * size, orthographic), 2)
+    if not np.all(np.isfinite([*across, *down, center])):
         name = plugin.id() or kind
-        raise scene.SceneError(
-            f"sensor {name}: its rays are not finite: expected another transform, field of view or near_clip"
-        )
+        raise scene.SceneError(f"sensor {name}: its rays are not finite: expected another transform or field of view")
     size_x, size_y = np.linalg.norm(across[1] - across[0]), np.linalg.norm(down[1] - down[0])
     right, up = (across[1] - across[0]) / size_x, (down[0] - down[1]) / size_y
     middle = across[0] + across[1]  # twice the place of the film's middle
@@ -164,17 +176,14 @@ def camera_of(plugin: MiSensor) -> scene.Camera | None:
     )  # fmt: skip
 
 
-def _slopes(plugin: Any, forward: np.ndarray, window: Window, *places: tuple[float, float]) -> list[np.ndarray]:
-    """Return points of rays through places of the film: offsets at depth 1, or origins of an orthographic camera."""
-    (rows, columns), (left, top, _, _) = window.shape, window.crop
-    result = []
-    for across, down in places:
-        # Mitsuba's coordinates are relative to the crop window.
-        x, y = (across * window.width - left) / columns, (down * window.height - top) / rows
-        ray, _ = plugin.sample_ray(Float(0), Float(0.5), mi.Point2f(x, y), mi.Point2f(0.5), True)
-        origin, direction = (np.ravel(np.asarray(each, dtype=np.float64)) for each in (ray.o, ray.d))
-        if plugin.class_name() == "OrthographicCamera":
-            result.append(origin)
-        else:
-            result.append(direction / (direction @ forward) - forward)
+def _on_film(world: np.ndarray, points: np.ndarray, orthographic: bool) -> np.ndarray:
+    """Return points of the film, (N, 2), in the world: offsets at depth 1, or origins of an orthographic camera.
+
+    Mitsuba's `sample_ray` would give the same, but its kernels contain the size of the film.
+    """
+    forward = world[:3, 2] / np.linalg.norm(world[:3, 2])
+    if orthographic:
+        return points @ world[:3, :2].T + world[:3, 3]
+    direction = points @ world[:3, :2].T + world[:3, 2]
+    result: np.ndarray = direction / (direction @ forward)[:, None] - forward
     return result

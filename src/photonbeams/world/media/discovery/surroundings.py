@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import drjit as dr
 import numpy as np
 
+from ....numerics.arrays import to_numpy
 from ....numerics.sampling import pairs, sobol_points
 from ....runtime.device import Array3f, Float, UInt32, mitsuba
 from ....scene import Array
@@ -173,7 +174,7 @@ def places_of(plugin: Any) -> list[Place]:
         infinite = mi.has_flag(each.flags(), mi.EmitterFlags.Infinite)
         ray, _ = sampled_ray(each, u, v, entry_sphere(plugin) if infinite else None)
         name = (each.get_shape() or each).id() or each.class_name()
-        place = place_of(f"emitter {name}", ray.o, ray.d, _named_by(each))
+        place = place_of(f"emitter {name}", ray.o, ray.d, named_by(each))
         result.append(replace(place, infinite=infinite))
     return result
 
@@ -181,7 +182,12 @@ def places_of(plugin: Any) -> list[Place]:
 def place_of_sensor(plugin: Any) -> Place:
     """Return the place where camera paths of a Mitsuba sensor begin."""
     ray, _ = plugin.sample_ray_differential(Float(0), Float(0.5), *_samples(), True)
-    return place_of(f"sensor {plugin.id() or plugin.class_name()}", ray.o, ray.d, _named_by(plugin))
+    return place_of(name_of(plugin), ray.o, ray.d, named_by(plugin))
+
+
+def name_of(sensor: MiSensor) -> str:
+    """Return the name of a Mitsuba sensor in messages."""
+    return f"sensor {sensor.id() or sensor.class_name()}"
 
 
 def _samples() -> tuple[Any, Any]:
@@ -190,7 +196,7 @@ def _samples() -> tuple[Any, Any]:
     return mi.Point2f(u), mi.Point2f(v)
 
 
-def _named_by(plugin: MiEmitter | MiSensor) -> MiMedium | None:
+def named_by(plugin: MiEmitter | MiSensor) -> MiMedium | None:
     """Return the medium that an emitter or a sensor names: its shape's exterior, else its own."""
     shape = plugin.get_shape()
     outside = None if shape is None else shape.exterior_medium()
@@ -200,7 +206,7 @@ def _named_by(plugin: MiEmitter | MiSensor) -> MiMedium | None:
 def place_of(name: str, origin: Any, direction: Any, named: MiMedium | None = None) -> Place:
     """Return the place of an emitter or a sensor: some of its rays, and their reverses."""
     wide = dr.zeros(Array3f, max(dr.width(origin), dr.width(direction)))
-    origin, direction = ((Array3f(each) + wide).numpy().T.astype(np.float64) for each in (origin, direction))
+    origin, direction = (to_numpy(Array3f(each) + wide).T.astype(np.float64) for each in (origin, direction))
     good = np.isfinite(origin).all(axis=1) & np.isfinite(direction).all(axis=1) & (np.abs(direction).max(axis=1) > 0)
     origin, direction = origin[good], direction[good]
     chosen = np.unique(np.linspace(0, len(origin) - 1, _WALKS).astype(int)) if len(origin) else np.zeros(0, dtype=int)
