@@ -242,6 +242,8 @@ class _Renderer:
         parameters, findings = self._last
         if parameters != Parameters(scene, sensor):
             findings = Findings()
+        # Kernels depend on how many plug-ins there are, so those that the last findings hold go first.
+        self._last, parameters = (None, None), None
         with _bar(settings) as run:
             frame = render(
                 scene, sensor, settings, run, warned=self._warned, extras=Extras(depth=False, findings=findings)
