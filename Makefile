@@ -18,7 +18,7 @@ FLIGHT := $(VENV)/bin/photonbeams render examples/keyhole/keyhole.usda -cam Flig
 ARGS :=
 PROCESSES := --numprocesses logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help keyhole flight studio blender test quick lint page wheel bench docs pictures
+.PHONY: help keyhole flight studio blender test soak quick lint page wheel bench docs pictures
 
 help:
 	@echo 'make keyhole  render the example shot to out/: a layered EXR, a picture, and the beams alone'
@@ -26,6 +26,7 @@ help:
 	@echo 'make studio   open the example shot in the browser, live, with every control beside it'
 	@echo 'make blender  build the extension for Blender, a render engine, as a zip in out/'
 	@echo 'make test     run the tests (make test ARGS="-k quadrature" for some of them)'
+	@echo 'make soak     run the tests with the whole of long sweeps, and note it in tests/soak.json'
 	@echo 'make quick    run the tests that a change most likely breaks: a minute and a half'
 	@echo 'make lint     check the code with ruff and mypy, its size, and the words with codespell and proselint'
 	@echo 'make page     build and test the page of the studio, and check that the committed one is the same (needs npm)'
@@ -52,6 +53,9 @@ blender: $(READY)
 
 test: $(READY)
 	$(PYTHON_BIN) -m pytest $(or $(ARGS),$(PROCESSES))
+
+soak: $(READY)
+	$(PYTHON_BIN) tools/soak.py $(PROCESSES)
 
 quick: $(READY)
 	$(PYTHON_BIN) -m pytest $(PROCESSES) @tests/quick.txt

@@ -25,6 +25,9 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Before any test imports Dr.Jit: this import chooses the libLLVM that Dr.Jit loads.
 import photonbeams  # noqa: E402, F401
 
+# A test that takes longer, in seconds, may have rendered something.
+_RENDERED = 0.2
+
 if "PYTEST_XDIST_WORKER" in os.environ:  # or each process would start a thread for each processor
     from photonbeams.runtime import device
 
@@ -42,9 +45,32 @@ def pytest_runtest_protocol() -> Iterator[object]:
     """
     begun = time.perf_counter()
     result = yield
-    if time.perf_counter() - begun > 0.2:  # with so many modules, a collection takes about 0.06 s
+    if time.perf_counter() - begun > _RENDERED:
         gc.collect()
     return result
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option of `make soak`."""
+    parser.addoption("--soak", action="store_true", help="run the whole of long sweeps, as `make soak` does")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what is for `make soak` alone, unless a test is asked for by its name."""
+    if config.getoption("--soak") or any("::" in each for each in config.args):
+        return
+    left_out = [item for item in items if item.get_closest_marker("soak")]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if not item.get_closest_marker("soak")]
+
+
+def pytest_collection_finish() -> None:
+    """Leave what there is before the first test out of collections: modules and tests, a million objects.
+
+    A collection looked at all of them, and took as long as a small render.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
