@@ -57,11 +57,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out what is for `make soak` alone, unless a test is asked for by its name."""
-    if config.getoption("--soak") or any("::" in each for each in config.args):
+    if config.getoption("--soak"):
         return
-    left_out = [item for item in items if item.get_closest_marker("soak")]
+    named = tuple(each for each in config.args if "::" in each)
+    left_out = [item for item in items if item.get_closest_marker("soak") and not item.nodeid.startswith(named)]
     config.hook.pytest_deselected(items=left_out)
-    items[:] = [item for item in items if not item.get_closest_marker("soak")]
+    gone = set(left_out)
+    items[:] = [item for item in items if item not in gone]
 
 
 def pytest_collection_finish() -> None:
