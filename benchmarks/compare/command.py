@@ -117,6 +117,6 @@ def _record(outcome: Compared | Broken) -> dict[str, Any]:
     """Return an outcome's fields, and what follows from them, for JSON."""
     record = asdict(outcome) | {"failures": outcome.failures}
     if isinstance(outcome, Compared):
-        record |= {"change": outcome.change._asdict(), "worst": outcome.worst._asdict(), "slower": outcome.slower}
-        record |= {"equal": outcome.equal, "time_ratio": outcome.time_ratio, "work_ratio": outcome.work_ratio}
+        record |= {name: getattr(outcome, name)._asdict() for name in ("change", "quiet", "worst")}
+        record |= {name: getattr(outcome, name) for name in ("equal", "slower", "time_ratio", "work_ratio")}
     return record

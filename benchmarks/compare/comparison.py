@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .differences import Block, Change, change, dots, dots_came, error, grey, line, worst_block
+from .differences import Block, Change, change, dots, dots_came, error, grey, line, weights, worst_block
 from .protocol import Reply, Request
 from .workers import Worker
 
@@ -29,11 +29,13 @@ SLOWER = 1.05
 class Side:
     """What a scene's pictures by one tree are like, and what they cost.
 
-    `seconds` of processor time are those of the seeds, `error` and `line` those of `differences`, `launches` and
-    `kernels` those of the first render, and `memory` is the largest that a render takes, in bytes.
+    `seconds` of processor time are those of the seeds, `mean` is the pictures', `error` and `line` those of
+    `differences`, `launches` and `kernels` those of the first render, and `memory` is the largest that a render takes,
+    in bytes.
     """
 
     seconds: tuple[float, ...]
+    mean: float
     error: float
     dots: int
     line: float
@@ -46,7 +48,8 @@ class Side:
 class Compared:
     """A scene by two trees.
 
-    `layers` are those whose bits differ, `unsteady` the trees that do not repeat their own bits.
+    `layers` are those whose bits differ, `unsteady` the trees that do not repeat their own bits. `quiet` is the change
+    of the mean in which noisy parts weigh less.
     """
 
     scene: str
@@ -55,6 +58,7 @@ class Compared:
     layers: tuple[str, ...]
     unsteady: tuple[str, ...]
     change: Change
+    quiet: Change
     worst: Block
 
     @property
@@ -64,8 +68,8 @@ class Compared:
 
     @property
     def moved(self) -> bool:
-        """Whether the mean moved beyond its noise."""
-        return abs(self.change.z) > SIGNIFICANT and abs(self.change.relative) > ROUNDING
+        """Whether a mean moved beyond its noise."""
+        return is_significant(self.change) or is_significant(self.quiet)
 
     @property
     def dotted(self) -> bool:
@@ -102,6 +106,11 @@ class Compared:
         return tuple(reason for reason, holds in reasons.items() if holds)
 
 
+def is_significant(change: Change) -> bool:
+    """Return whether a change is beyond its noise, and beyond rounding."""
+    return abs(change.z) > SIGNIFICANT and abs(change.relative) > ROUNDING
+
+
 @dataclass(frozen=True)
 class Broken:
     """A scene that a tree does not render, and the messages; None: it does."""
@@ -132,7 +141,7 @@ def compare(scene: str, base: Worker, new: Worker, seeds: int, folder: Path) -> 
     """
     workers = (base, new)
     for worker in workers:
-        worker.send(Request(scene, 0, str(folder / "first.npy"), counts=True))
+        worker.send(Request(scene, 0, str(_file(folder, worker, 0)), counts=True))
     first = [worker.receive() for worker in workers]
     if any(reply.error for reply in first):
         return Result(Broken(scene, *(reply.error for reply in first)), None)
@@ -146,6 +155,7 @@ def compare(scene: str, base: Worker, new: Worker, seeds: int, folder: Path) -> 
     pictures = tuple(np.stack([np.load(_file(folder, worker, seed)) for seed in range(seeds)]) for worker in workers)
     sides = [_side(*parts) for parts in zip(first, both, pictures, strict=True)]
     grays = [grey(picture) for picture in pictures]
+    weight = weights(*grays)
     outcome = Compared(
         scene=scene,
         base=sides[0],
@@ -153,6 +163,7 @@ def compare(scene: str, base: Worker, new: Worker, seeds: int, folder: Path) -> 
         layers=_differing(*both),
         unsteady=_unsteady(workers, first, both),
         change=change(*grays),
+        quiet=change(*(weight * gray for gray in grays)),
         worst=worst_block(*grays),
     )
     return Result(outcome, pictures)
@@ -172,6 +183,7 @@ def _side(first: Reply, replies: Sequence[Reply], pictures: Any) -> Side:
     gray = grey(pictures)
     return Side(
         seconds=tuple(reply.seconds for reply in replies),
+        mean=float(gray.mean()),
         error=error(gray),
         dots=dots(pictures),
         line=line(gray),

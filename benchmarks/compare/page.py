@@ -48,7 +48,8 @@ def _section(outcome: object, pictures: tuple[Pictures, Pictures]) -> str:
         apart = new.mean(axis=0) - base.mean(axis=0)
         figures.append(_figure("new", _encoded(gain * new[0])))
         figures.append(_figure("difference", _encoded(0.2 + AMPLIFIED * gain * apart)))
-    about = "bits equal" if outcome.equal else f"mean {outcome.change.relative:+.3%}, Z {outcome.change.z:+.1f}"
+    moved = outcome.change
+    about = "bits equal" if outcome.equal else f"mean {moved.relative:+.3%}, Z {moved.z:+.1f}"
     failed = f' <span class="failed">{escape(", ".join(outcome.failures))}</span>' if outcome.failures else ""
     return f"<h2>{escape(outcome.scene)}</h2><p>{escape(about)}{failed}</p>{''.join(figures)}"
 

@@ -6,16 +6,21 @@ from collections.abc import Iterable, Sequence
 
 from rich.table import Table
 
-from .comparison import Broken, Compared, Side
+from .comparison import Broken, Compared, Side, is_significant
+from .differences import Change
 
 _ARROW = " → "
 
 
 def pictures(compared: Sequence[Compared], title: str) -> Table:
     """Return a table of how pictures differ."""
-    table = Table(title=title, caption="Lines: the most conspicuous row or column, in units of the median one.")
+    caption = (
+        "Changes are followed by their Z; in the quiet mean, noisy blocks of pixels weigh less. Lines: the most "
+        "conspicuous row or column, in units of the median one."
+    )
+    table = Table(title=title, caption=caption)
     table.add_column("scene", no_wrap=True)
-    for name in ("mean", "Z", "worst block", "error", "dots", "lines"):
+    for name in ("mean", "quiet mean", "worst block", "error", "dots", "lines"):
         table.add_column(name, justify="right", no_wrap=True)
     for scene in compared:
         table.add_row(scene.scene, *_change_cells(scene), *_quality_cells(scene))
@@ -23,13 +28,17 @@ def pictures(compared: Sequence[Compared], title: str) -> Table:
 
 
 def _change_cells(scene: Compared) -> tuple[str, str, str]:
-    """Return the cells of the mean, its Z and the worst block."""
+    """Return the cells of both means, with their Z, and of the worst block."""
     if "rgba" not in scene.layers:
         return "bits equal" if scene.equal else f"bits equal, not {', '.join(scene.layers)}", "", ""
     worst = scene.worst
-    block = f"{worst.relative:+.1%}, Z {worst.z:+.1f} at {worst.x}, {worst.y}"
-    mean, z = f"{scene.change.relative:+.3%}", f"{scene.change.z:+.1f}"
-    return (_bad(mean), _bad(z), block) if scene.moved else (mean, z, block)
+    block = f"{worst.relative:+.1%}, {worst.z:+.1f} at {worst.x}, {worst.y}"
+    return _mean_cell(scene.change), _mean_cell(scene.quiet), block
+
+
+def _mean_cell(change: Change) -> str:
+    text = f"{change.relative:+.3%}, {change.z:+.1f}"
+    return _bad(text) if is_significant(change) else text
 
 
 def _quality_cells(scene: Compared) -> tuple[str, str, str]:

@@ -16,6 +16,7 @@ from benchmarks.compare.differences import (
     grey,
     line,
     normal,
+    weights,
     worst_block,
 )
 from benchmarks.compare.page import written
@@ -41,12 +42,22 @@ def colored(pictures):
 
 
 def side(**fields):
-    about = {"seconds": (1.0, 1.0), "error": 0.1, "dots": 0, "line": 2.0, "launches": 5, "kernels": 1, "memory": None}
+    about = {
+        "seconds": (1.0, 1.0),
+        "mean": 1.0,
+        "error": 0.1,
+        "dots": 0,
+        "line": 2.0,
+        "launches": 5,
+        "kernels": 1,
+        "memory": None,
+    }
     return Side(**about | fields)
 
 
 def compared(base=None, new=None, **fields):
     about = {"layers": ("rgba",), "unsteady": (), "change": change(noisy(1), noisy(2))}
+    about["quiet"] = about["change"]
     about["worst"] = worst_block(noisy(1), noisy(2))
     return Compared("scene", base or side(), new or side(), **about | fields)
 
@@ -64,6 +75,17 @@ def test_pictures_that_differ_by_noise_alone_pass():
     assert np.abs(scores).max() < 4
     # A normal variate's standard deviation, with 200 samples' error; less, as the least significant size decides.
     assert 0.6 < scores.std() < 1 + 4 / 400**0.5
+
+
+def test_noisy_parts_weigh_less_and_hide_no_change():
+    base, new = noisy(1), 1.2 * noisy(2)
+    for seed, pictures in enumerate((base, new), 3):
+        spots = np.random.default_rng(seed).exponential(size=(2, 24, 24)) ** 2
+        pictures[:, 24:48, 24:48] *= 1 + 3 * spots  # as below a lamp that few paths meet
+    weight = weights(base, new)
+    assert weight.mean() == pytest.approx(1)
+    assert weight[30:42, 30:42].max() < weight[80:, :20].min() / 2
+    assert abs(change(base, new).z) < 4 < change(weight * base, weight * new).z
 
 
 def test_a_bright_spot_of_one_seed_moves_no_mean():
