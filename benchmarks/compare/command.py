@@ -92,7 +92,8 @@ def _results(parser: argparse.ArgumentParser, options: _Options) -> list[Result]
         new = stack.enter_context(Worker("new", ROOT))
         if unknown := [name for name in options.only if name not in new.scenes]:
             parser.error(f"there is no scene {unknown[0]!r}: expected {', '.join(new.scenes)}")
-        base = stack.enter_context(Worker("base", stack.enter_context(work_tree(options.commit))))
+        tree = stack.enter_context(work_tree(options.commit))
+        base = stack.enter_context(Worker("base", tree))
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         progress = stack.enter_context(_progress())
         scenes = [name for name in new.scenes if not options.only or name in options.only]

@@ -21,8 +21,9 @@ SIGNIFICANT = 4.0
 # and where it has moved by more than this, relative to itself: rounding may move all pixels to one side.
 ROUNDING = 1e-5
 # A scene is slower where all pairs of renders are, by more than this factor, and the mean by more than their spread.
-# Two equal trees differ by up to this much on a machine that does other things.
-SLOWER = 1.05
+# Between equal trees, beside other jobs that kept six processes running on two processors, six of thirty scenes had
+# both pairs above 1.05, and one above 1.1.
+SLOWER = 1.1
 
 
 @dataclass(frozen=True)

@@ -55,13 +55,14 @@ def _quality_cells(scene: Compared) -> tuple[str, str, str]:
 def costs(compared: Sequence[Compared]) -> Table:
     """Return a table of what pictures cost."""
     caption = (
-        "Seconds are of processor time, the mean of the seeds. Launches are those of the first render, kernels those "
-        "that no earlier scene had. Memory is the peak above what the process had before."
+        "Seconds are of processor time, the mean of the seeds; ▲: slower beyond the spread of the pairs. Launches are "
+        "those of the first render, kernels those that no earlier scene had. MiB: the peak of the process' memory "
+        "above what it had before."
     )
     table = Table(title="Costs", caption=caption, show_footer=True)
     totals = [sum(_mean_seconds(side) for side in sides) for sides in _by_side(compared)]
     footers = {"CPU s": _pair(*(f"{seconds:.1f}" for seconds in totals)), "scene": "all"}
-    for name in ("scene", "error × √time", "CPU s", "new / base", "launches", "kernels", "memory, MiB"):
+    for name in ("scene", "error × √time", "CPU s", "new / base", "launches", "kernels", "MiB"):
         justify = "left" if name == "scene" else "right"
         table.add_column(name, footers.get(name, ""), justify=justify, no_wrap=True)  # type: ignore[arg-type]
     for scene in compared:
@@ -80,11 +81,11 @@ def _mean_seconds(side: Side) -> float:
 
 def _cost_cells(scene: Compared) -> tuple[str, ...]:
     base, new = scene.base, scene.new
-    ratio = f"{scene.time_ratio:.2f} ({min(scene.ratios):.2f} to {max(scene.ratios):.2f})"
+    ratio = f"{scene.time_ratio:.2f} ({min(scene.ratios):.2f}–{max(scene.ratios):.2f})"
     return (
         "–" if scene.work_ratio != scene.work_ratio else f"{scene.work_ratio:.2f}",
         _pair(f"{_mean_seconds(base):.1f}", f"{_mean_seconds(new):.1f}"),
-        f"[yellow]slower {ratio}[/]" if scene.slower else ratio,
+        f"[yellow]▲ {ratio}[/]" if scene.slower else ratio,
         _pair(f"{base.launches}", f"{new.launches}"),
         _pair(f"{base.kernels}", f"{new.kernels}"),
         _pair(_mebibytes(base.memory), _mebibytes(new.memory)),
