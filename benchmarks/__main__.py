@@ -28,6 +28,7 @@ NAMES = {
 }
 # Benchmarks that run only when they are named, with options of their own.
 OPTIONAL = {
+    "compare": "this tree beside another commit, before each landing: see `compare --help`",
     "cycles": "the comparison scene beside Blender's Cycles with its denoiser: see `cycles --help`",
     "rooms": "rooms in Mitsuba's format beside its own path tracers: see `rooms --help`",
     "performance": "seconds to one error beside volpath, for docs/performance.md: see `performance --help`",

@@ -1,0 +1,3 @@
+"""Compare this tree with another commit: `python -m benchmarks compare BASE`."""
+
+from .command import report as report
