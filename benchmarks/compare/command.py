@@ -23,6 +23,8 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from tools import budget
+
 from . import page, tables
 from .comparison import Broken, Compared, Result, compare
 from .trees import DIGITS, ROOT, commit_of, described, work_tree
@@ -42,6 +44,13 @@ class _Options(NamedTuple):
     page: Path | None
 
 
+class _Outcome(NamedTuple):
+    """What the scenes show, and the numbers of the budget by name, of the base and of this tree."""
+
+    results: list[Result]
+    budgets: tuple[dict[str, int], dict[str, int]]
+
+
 def report(console: Console, arguments: Sequence[str]) -> None:
     """Compare, print the tables, and exit with 1 if something stops a landing."""
     parser = argparse.ArgumentParser(
@@ -50,17 +59,21 @@ def report(console: Console, arguments: Sequence[str]) -> None:
     options = _options(parser, arguments)
     title = f"{described()} beside {options.commit[:DIGITS]}"
     try:
-        results = _results(parser, options)
+        results, budgets = _outcome(parser, options)
     except OSError as error:
         parser.exit(2, f"{parser.prog}: {error}\n")
     compared = [result.outcome for result in results if isinstance(result.outcome, Compared)]
     broken = [result.outcome for result in results if isinstance(result.outcome, Broken)]
     if compared:
         console.print(tables.pictures(compared, title), tables.costs(compared))
+    console.print(tables.budget(*budgets))
     for line in tables.remarks(compared, broken):
         console.print(line, markup=False)
     if options.write is not None:
-        options.write.write_text(json.dumps([_record(result.outcome) for result in results], indent=1) + "\n")
+        record = {"scenes": [_record(result.outcome) for result in results]} | dict(
+            zip(("base", "new"), budgets, strict=True)
+        )
+        options.write.write_text(json.dumps(record, indent=1) + "\n")
     if options.page is not None:
         options.page.write_text(page.written(results, title))
     if any(result.outcome.failures for result in results):
@@ -86,13 +99,14 @@ def _options(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> _Opti
     return _Options(commit, tuple(wanted.only), wanted.seeds, wanted.write, wanted.page)
 
 
-def _results(parser: argparse.ArgumentParser, options: _Options) -> list[Result]:
-    """Return what the scenes show; the work tree and the processes are gone afterwards."""
+def _outcome(parser: argparse.ArgumentParser, options: _Options) -> _Outcome:
+    """Return what the trees show; the work tree and the processes are gone afterwards."""
     with ExitStack() as stack:
         new = stack.enter_context(Worker("new", ROOT))
         if unknown := [name for name in options.only if name not in new.scenes]:
             parser.error(f"there is no scene {unknown[0]!r}: expected {', '.join(new.scenes)}")
         tree = stack.enter_context(work_tree(options.commit))
+        base_budget, new_budget = (budget.counted(budget.read(root)) for root in (tree, ROOT))
         base = stack.enter_context(Worker("base", tree))
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         progress = stack.enter_context(_progress())
@@ -102,7 +116,7 @@ def _results(parser: argparse.ArgumentParser, options: _Options) -> list[Result]
             progress.update(task, description=scene)
             results.append(compare(scene, base, new, options.seeds, folder))
             progress.advance(task)
-        return results
+        return _Outcome(results, (base_budget, new_budget))
 
 
 def _progress() -> Progress:

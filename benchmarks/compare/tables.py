@@ -1,8 +1,8 @@
-"""The comparison's two tables, of pictures and of costs, and the sentences below them."""
+"""The comparison's tables, of pictures, of costs and of the budget, and the sentences below them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from rich.table import Table
 
@@ -90,6 +90,21 @@ def _cost_cells(scene: Compared) -> tuple[str, ...]:
         _pair(f"{base.kernels}", f"{new.kernels}"),
         _pair(_mebibytes(base.memory), _mebibytes(new.memory)),
     )
+
+
+def budget(base: Mapping[str, int], new: Mapping[str, int]) -> Table:
+    """Return a table of the budget's numbers that differ, and of the whole's."""
+    table = Table(title="Budget: tokens and modules of rooms, and what the whole has")
+    table.add_column("number", no_wrap=True)
+    for name in ("base", "new", "more"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name in sorted(base.keys() | new.keys()):
+        before, after = base.get(name, 0), new.get(name, 0)
+        if before != after or name.startswith("whole"):
+            table.add_row(name, f"{before}", f"{after}", f"{after - before:+d}" if after != before else "")
+    tokens = [sum(count for name, count in each.items() if name.endswith(".tokens")) for each in (base, new)]
+    table.add_row("all tokens", *map(str, tokens), f"{tokens[1] - tokens[0]:+d}")
+    return table
 
 
 def _mebibytes(count: int | None) -> str:

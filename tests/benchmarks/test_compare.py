@@ -21,7 +21,7 @@ from benchmarks.compare.differences import (
 )
 from benchmarks.compare.page import written
 from benchmarks.compare.protocol import Reply
-from benchmarks.compare.tables import remarks
+from benchmarks.compare.tables import budget, remarks
 
 SIZE = (96, 128)
 NOISE = 0.3
@@ -238,3 +238,15 @@ def test_the_work_tree_is_removed_on_an_error(tmp_path, monkeypatch):
         raise KeyboardInterrupt
     assert not tree.exists()
     assert git("worktree", "list").stdout.count("\n") == 1
+
+
+def test_the_budget_s_table_has_the_numbers_that_differ_and_all_tokens():
+    base = {"looks.tokens": 100, "beams.tokens": 50, "whole.calls": 7}
+    new = {"looks.tokens": 90, "beams.tokens": 50, "whole.calls": 7}
+    table = budget(base, new)
+    rows = list(zip(*(column._cells for column in table.columns), strict=True))
+    assert rows == [
+        ("looks.tokens", "100", "90", "-10"),
+        ("whole.calls", "7", "7", ""),
+        ("all tokens", "150", "140", "-10"),
+    ]
