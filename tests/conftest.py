@@ -75,6 +75,11 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def pytest_unconfigure() -> None:
+    """Let the end of the process collect everything, or libraries print what they take for leaks."""
+    gc.unfreeze()
+
+
 @pytest.fixture
 def rng():
     """Return a NumPy random generator with a fixed seed."""

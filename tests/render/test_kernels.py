@@ -1,0 +1,122 @@
+"""Kernels do not depend on how many: another seed and another size of a picture run those of the first.
+
+The number of light paths that go on, of tiles and of pixels differ between seeds and sizes. Where a kernel contains one
+of these numbers, each picture compiles it again.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import photonbeams as pb
+from photonbeams import scene
+from photonbeams.runtime.device import mitsuba
+from tests.helpers.comparison import quad
+from tests.helpers.kernels import compiled
+from tests.helpers.mitsuba_scenes import camera, cloud, cube_of, load, rgb
+from tests.helpers.sweep import sweep
+
+mi = mitsuba()
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SHOTS = ("keyhole/keyhole", "concert/concert", "forest/forest", "smoke/smoke", "magic/magic", "shaft/directed",
+         "shaft/physical")  # fmt: skip
+SCENES = ("cloud", "cornell_fog", "flask", "glass_ball", "mirrors", "slits")
+#: Width of the first picture, and of others, in pixels; their height is that of the camera.
+FIRST, OTHERS = 48, (64, 32)
+#: Scenes with at least one of each kind: cut-outs, coloured smoke, glass, mirrors, deep pictures, a lens.
+KINDS: dict[str, Callable[[], Callable[..., object]]] = {}
+
+Picture = Callable[..., object]  # of a seed and a width
+
+
+def kind(make: Callable[[], Picture]) -> Callable[[], Picture]:
+    """Add a kind, named after the function that makes its picture."""
+    KINDS[make.__name__.replace("_", " ")] = make
+    return make
+
+
+def of_shot(shot: pb.Shot, **settings: object) -> Picture:
+    return lambda seed, width: shot.render(1, 2, seed=seed, width=width, **settings)
+
+
+def of_plugin(plugin: object) -> Picture:
+    """Return a function that renders a Mitsuba scene through `mi.render`, with a new film for each size."""
+    parameters = mi.traverse(plugin)
+    name = next(name for name in parameters.keys() if name.endswith("film.size"))  # noqa: SIM118
+    integrator = mi.load_dict({"type": "photon_beams"})
+
+    def picture(seed: int, width: int) -> object:
+        height = width * 9 // 16
+        parameters[name] = [width, height]
+        parameters.update()
+        return mi.render(plugin, integrator=integrator, spp=2, seed=seed)
+
+    return picture
+
+
+def described(*meshes: scene.Mesh, lens: float = 0.0) -> pb.Shot:
+    """Return a shot of meshes on a floor, under a small lamp, in thin fog."""
+    lamp = scene.SphereLight("/Lamp", (60.0,) * 3, center=np.array([0.5, 2.5, 0.5]), radius=0.1)
+    floor = quad("/Floor", [[-2, 0, 2], [2, 0, 2], [2, 0, -2], [-2, 0, -2]], scene.Material(diffuse=(0.7,) * 3))
+    content = scene.Scene(lights=(lamp,), meshes=(floor, *meshes), media=(scene.Medium(scattering=0.05),))
+    eye = scene.Camera.look_at((0, 0.8, 4), (0, 0.6, 0), fov=50)
+    return pb.Shot(content, replace(eye, lens_radius=lens, focus_distance=4.0))
+
+
+def card(name: str, x: float = 0.0, **material: object) -> scene.Mesh:
+    corners = np.array([[-0.6, 0.2, 0.5], [0.6, 0.2, 0.5], [0.6, 1.2, -0.2], [-0.6, 1.2, -0.2]])
+    return quad(name, corners + np.array([x, 0, 0]), scene.Material(**material))
+
+
+@kind
+def cutouts() -> Picture:
+    return of_shot(described(card("/Leaf", diffuse=(0.6, 0.7, 0.2), opacity=0.4, presence=True)), max_depth=3)
+
+
+@kind
+def glass_and_a_mirror() -> Picture:
+    pane = card("/Pane", -0.7, opacity=0.0, tint=(0.9, 1.0, 0.9), roughness=0.0)
+    return of_shot(described(pane, card("/Mirror", 0.7, metallic=1.0, roughness=0.0)), max_depth=4)
+
+
+@kind
+def a_lens() -> Picture:
+    return of_shot(described(lens=0.05))
+
+
+@kind
+def deep_pictures() -> Picture:
+    return of_shot(described(card("/Card")), deep=True)
+
+
+@kind
+def coloured_smoke() -> Picture:
+    smoke = cube_of(cloud(color=(1.0, 0.6, 0.3), resolution=6))
+    spot = {"type": "spot", "to_world": mi.ScalarTransform4f().look_at([2, 3, 1], [0, 0, 0], [0, 1, 0]),
+            "intensity": rgb(30.0), "cutoff_angle": 30}  # fmt: skip
+    return of_plugin(load(fog=smoke, spot=spot, sensor=camera(size=FIRST)))
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_another_seed_and_size_of_a_kind_compile_nothing(name):
+    holds(KINDS[name]())
+
+
+@pytest.mark.parametrize("name", sweep(SHOTS, keep={"keyhole/keyhole"}))
+def test_another_seed_and_size_of_a_shot_compile_nothing(name):
+    holds(of_shot(pb.Shot.open(EXAMPLES / f"{name}.usda")))
+
+
+@pytest.mark.parametrize("name", sweep(SCENES, keep={"cornell_fog"}))
+def test_another_seed_and_size_of_a_mitsuba_scene_compile_nothing(name):
+    holds(of_plugin(mi.load_file(str(EXAMPLES / "mitsuba" / f"{name}.xml"))))
+
+
+def holds(picture: Picture) -> None:
+    picture(0, FIRST)
+    for seed, width in ((1, FIRST), *((0, width) for width in OTHERS)):
+        assert not compiled(picture, seed, width), (seed, width)
