@@ -1,6 +1,11 @@
 """The kernels that a call compiles; a second frame should reuse those of the first."""
 
+import re
+
 import drjit as dr
+
+#: What differs between two kernels that are one up to constants: their names, and numbers.
+_CONSTANTS = re.compile(r"drjit_[0-9a-f]+|\b0x[0-9a-fA-F]+\b|\b(?:i8|i32|i64) -?\d+\b")
 
 
 def compiled(function, *arguments):
@@ -11,3 +16,8 @@ def compiled(function, *arguments):
         kernels = [each for each in dr.kernel_history() if each["type"].name == "JIT"]
     assert kernels
     return [each for each in kernels if each["cache_disk"] or not each["cache_hit"]]
+
+
+def without_constants(kernel):
+    """Return the code of a kernel without its constants, by which kernels that depend on numbers are one."""
+    return _CONSTANTS.sub("#", kernel["ir"].getvalue())
