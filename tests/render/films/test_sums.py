@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photonbeams.render.films.frame_sums import FrameSums
-from photonbeams.render.films.sums import BLOCK, PassSums
+from photonbeams.render.films.sums import BLOCK, LIGHT, SQUARES, PassSums
 from photonbeams.scene import SceneError
 
 
@@ -69,6 +69,13 @@ def test_a_pass_that_is_there_is_refused_and_gaps_are_known():
         with pytest.raises(SceneError, match=r"passes [26] to [26] are there twice"):
             sums.join(more)
     assert same(PassSums.restored(sums.state()).total(), sums.total())
+
+
+def test_the_variance_of_a_layer_is_that_of_the_mean_of_its_passes(rng):
+    sums, light = PassSums(), rng.exponential(size=(6, 9)).astype(np.float32)
+    for number, each in enumerate(light):
+        sums.add(number, {f"{LIGHT}/beams": each, f"{SQUARES}/beams": each**2})
+    np.testing.assert_allclose(sums.variance("beams"), light.var(axis=0, ddof=1) / len(light), rtol=1e-4)
 
 
 def test_the_error_does_not_jump_where_half_of_the_light_has_no_noise(rng):
