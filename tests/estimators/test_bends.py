@@ -41,7 +41,7 @@ def bent_beam(rng, **given):
 @pytest.mark.parametrize("estimator", ["billboard", "frustum"])
 def test_a_piece_of_a_curve_equals_its_twin(estimator, name, walled, rng):
     seen = 0
-    for _ in range(8):
+    for _ in range(4):
         beam = bent_beam(rng)
         if walled:
             wall = -beam.axis + 0.4 * rng.normal(size=3)
@@ -53,7 +53,7 @@ def test_a_piece_of_a_curve_equals_its_twin(estimator, name, walled, rng):
         allowed = places + (40 * EPSILON32 * 4 / 0.02 + 1e-4 * hard) * expected.max() + 1e-12
         assert np.mean(np.any(np.abs(found - expected) > allowed, axis=1)) <= 0.003 * hard
         seen += np.count_nonzero(expected[:, 0])
-    assert seen > 1000
+    assert seen > 500
 
 
 @pytest.mark.parametrize("estimator", ["billboard", "frustum", "auto"])

@@ -33,7 +33,7 @@ def test_billboard_equals_its_twin_on_random_beams_and_rays(name, rng):
     look, double = LOOKS[name]
     for _ in range(12):
         beam = random_beam(rng)
-        origin, direction = random_rays(rng, beam)
+        origin, direction = random_rays(rng, beam, 200)
         # For rays closer to the axis' direction the billboard is singular, and `auto` does not use it.
         keep = np.linalg.norm(np.cross(direction, beam.axis), axis=1) > 0.1
         origin, direction = origin[keep], direction[keep]
@@ -45,7 +45,7 @@ def test_billboard_equals_its_twin_on_random_beams_and_rays(name, rng):
         places = smooth_part(beam, double, origin, direction, t_min, t_max, expected, 4 * EPSILON32 / 0.01)
         # Some 30 roundings, and a profile in a table of 1024 entries, whose error is 1024⁻² of its curvature.
         assert np.all(np.abs(found - expected) <= 2 * places + (30 * EPSILON32 + 2e-5) * expected.max() + 1e-12)
-        assert np.count_nonzero(expected[:, 0]) > 20
+        assert np.count_nonzero(expected[:, 0]) > 10
 
 
 @pytest.mark.parametrize("name", LOOKS)
@@ -53,7 +53,7 @@ def test_frustum_equals_its_twin_on_random_beams_and_rays(name, rng):
     look, double = LOOKS[name]
     for _ in range(12):
         beam = random_beam(rng)
-        origin, direction = random_rays(rng, beam)
+        origin, direction = random_rays(rng, beam, 200)
         t_min = as_float32(rng.uniform(0.0, 0.3, len(origin)))
         t_max = as_float32(t_min + rng.uniform(0.5, 4, len(origin)))
         expected = twin.frustum(beam, double, origin, direction, t_min, t_max)
@@ -61,7 +61,7 @@ def test_frustum_equals_its_twin_on_random_beams_and_rays(name, rng):
         # A chord's ends are accurate to a few EPSILON32 of 4 units; chords and radii are 0.02 and more. At a pointed
         # end the kernel grows as 1/R², so the tolerance is relative to the largest value.
         assert np.abs(found - expected).max() <= 40 * EPSILON32 * 4 / 0.02 * expected.max()
-        assert np.count_nonzero(expected[:, 0]) > 100
+        assert np.count_nonzero(expected[:, 0]) > 50
 
 
 # -- Closed forms ----------------------------------------------------------------------------------------------------
@@ -148,7 +148,7 @@ CAMERAS = {
 }
 
 
-def directions_all_around(count=3000):
+def directions_all_around(count=1000):
     """Return directions spread over the sphere, and directions along CONE's axis and near it, both ways."""
     z = 1 - 2 * (np.arange(count) + 0.5) / count
     turn = np.pi * (1 + 5**0.5) * np.arange(count)
@@ -178,7 +178,7 @@ def test_the_camera_may_be_anywhere(camera):
 @pytest.mark.parametrize("taper", [0.0, 0.1])
 def test_looking_along_the_axis_is_finite(estimator, taper, rng):
     # Rounded cosines exceed 1 here; with constant factors, nothing but the angle hands the ray to the frustum.
-    axes = rng.normal(size=(50, 3))
+    axes = rng.normal(size=(16, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     look = pb.Look(along=1.0, eye=1.0, angle=1.0)
     for axis in axes:
@@ -265,7 +265,7 @@ def test_every_looks_billboard_nears_the_frustum_as_beams_become_thin(name, rng)
 
 @pytest.mark.parametrize("estimator", ["billboard", "frustum"])
 def test_a_beam_that_ends_on_a_slanted_surface_is_cut_by_its_plane(estimator, rng):
-    for _ in range(8):
+    for _ in range(4):
         beam = random_beam(rng)
         slant = -beam.axis + 0.6 * rng.normal(size=3)
         beam.end_normal = as_float32(slant / np.linalg.norm(slant) * np.sign(-slant @ beam.axis))
@@ -276,7 +276,7 @@ def test_a_beam_that_ends_on_a_slanted_surface_is_cut_by_its_plane(estimator, rn
 
 @pytest.mark.parametrize("estimator", ["billboard", "frustum"])
 def test_a_beam_is_cut_by_the_planes_at_its_start_and_beside_it(estimator, rng):
-    for _ in range(8):
+    for _ in range(4):
         beam = random_beam(rng)
         slant = beam.axis + 0.6 * rng.normal(size=3)
         beam.start_normal = as_float32(slant / np.linalg.norm(slant) * np.sign(slant @ beam.axis))
@@ -329,7 +329,7 @@ def test_nothing_is_seen_behind_a_cap(rng):
 @pytest.mark.parametrize("name", ["physical", "ramp"])
 @pytest.mark.parametrize("estimator", ["billboard", "frustum"])
 def test_offset_total_and_entry_equal_the_twin(name, estimator, rng):
-    for _ in range(6):
+    for _ in range(3):
         beam = random_beam(rng, offset=0.75, total=4.5, entry=float(rng.choice([0.5, 1.25])))
         found, expected, places = beside_the_twin(beam, name, estimator, rng)
         assert np.all(np.abs(found - expected) <= places + 40 * EPSILON32 * 4 / 0.02 * expected.max() + 1e-12)
@@ -382,7 +382,7 @@ def test_auto_equals_the_converged_frustum_to_half_a_percent(name, rng):
     look = BLENDED[name]
     for beams in (shaft(rng), pb.Beams([[0, 0, 0]], [[3, 0, 0]], 0.1, 0.3, [[1.0, 0.8, 0.5]])):
         for view, (origin, target) in VIEWS.items():
-            direction = pixel_directions(np.subtract(target, origin), 96, 54)
+            direction = pixel_directions(np.subtract(target, origin), 64, 36)
             converged = radiance(beams, origin, direction, look, "frustum")
             blend = radiance(beams, origin, direction, look, "auto", rule=pb.gauss_legendre(6))
             assert np.linalg.norm(blend - converged) <= 0.005 * np.linalg.norm(converged), view
@@ -399,7 +399,7 @@ def test_auto_does_not_pop_on_a_path_through_a_wall_and_out_of_the_end(name, for
     time = np.linspace(0, 1, 101)
     # The path crosses the wall of the first beam in the first half of the time, then runs inside and out of its end.
     path = np.stack([-0.5 + 2.4 * time + 1.2 * time**2, 0.05 * np.sin(6 * time), 0.9 * (1 - time) ** 2 - 0.02], axis=1)
-    direction = pixel_directions(forward, 32, 18)
+    direction = pixel_directions(forward, 16, 9)
     origin = np.repeat(path, len(direction), axis=0)
     direction = np.tile(direction, (len(path), 1))
     pictures = [

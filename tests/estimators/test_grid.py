@@ -91,9 +91,18 @@ def random_rays(rng, count, time=False, targets=None):
     return rays_of(origin, direction, t_min, t_max, rng.random(count) if time else None)
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+KINDS = ("straight", "capped", "beside", "moving", "curved", "curved and capped", "curved and moving")
+# `auto` has both of the others in it, which are tried alone for the plainest beams and for those that have most.
+ALONE = ("straight", "curved and moving")
+
+
 @pytest.mark.parametrize(
-    "kind", ["straight", "capped", "beside", "moving", "curved", "curved and capped", "curved and moving"]
+    ("kind", "estimator"),
+    [
+        pytest.param(kind, each, marks=() if each == "auto" or kind in ALONE else pytest.mark.soak)
+        for kind in KINDS
+        for each in ESTIMATORS
+    ],
 )
 def test_the_grid_gives_what_trying_all_gives(estimator, kind, rng):
     count, close, targets = 300, None, None

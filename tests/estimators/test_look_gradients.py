@@ -63,6 +63,8 @@ SLOTS = {
     "eye: exponential": ("eye", looks.Exponential, [2.5]),
     "angle: glow": ("angle", looks.Glow, [0.4, 0.6, 1.3]),
 }
+#: What the other slots have: the tests of a factor share their kernels.
+PLAIN = {"along": 1.0, "eye": 1.0, "angle": 1.0, "across": looks.Biweight()}
 
 
 @pytest.fixture(scope="module")
@@ -93,14 +95,13 @@ def differences(values, function):
 @pytest.mark.parametrize("name", SLOTS)
 def test_of_every_number(scene, name):
     slot, make, values = SLOTS[name]
-    plain = {"along": 1.0, "eye": 1.0, "angle": 1.0, "across": looks.Biweight()}
     attached = [Float(value) for value in values]
     dr.enable_grad(attached)
-    dr.backward(loss(scene, pb.Look(**plain | {slot: make(*attached)})))
+    dr.backward(loss(scene, pb.Look(**PLAIN | {slot: make(*attached)})))
     found = [float(dr.grad(each)[0]) for each in attached]
 
     def value(moved):
-        return loss(scene, pb.Look(**plain | {slot: make(*moved)}), estimator="frustum", rule=CONVERGED)
+        return loss(scene, pb.Look(**PLAIN | {slot: make(*moved)}), estimator="frustum", rule=CONVERGED)
 
     expected = differences(values, value)
     # Differences err by the step's square, 1e-4, and by the rounding of a sum, 1e-6, divided by the step. On a chord
@@ -194,7 +195,9 @@ def test_values_do_not_depend_on_whether_a_look_is_attached(scene):
         attached = [Float(value) for value in values]
         dr.enable_grad(attached)
         first, second = (
-            pb.estimate(scene[0], *scene[1], look=pb.Look(**{slot: make(*each)}), medium=FOG, context=CONTEXT)
+            pb.estimate(
+                scene[0], *scene[1], 9.0, look=pb.Look(**PLAIN | {slot: make(*each)}), medium=FOG, context=CONTEXT
+            )
             for each in ([float(value[0]) for value in dr.detach(attached)], attached)
         )
         # The same formula with the same float32 numbers; only a user's function computes with another constant.
@@ -209,7 +212,7 @@ def test_a_step_of_an_optimiser_compiles_no_kernel(scene, name):
     def step(scale):
         attached = [dr.opaque(Float, value * scale) for value in values]
         dr.enable_grad(attached)
-        dr.backward(loss(scene, pb.Look(**{slot: make(*attached)})))
+        dr.backward(loss(scene, pb.Look(**PLAIN | {slot: make(*attached)})))
         dr.eval(dr.grad(attached))
 
     step(1.0)

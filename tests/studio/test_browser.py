@@ -128,7 +128,7 @@ class Window:
         end = time.monotonic() + LIMIT
         while not wanted():
             assert time.monotonic() < end, f"the page shows {self.page.locator('body').inner_text()[:500]}"
-            self.page.wait_for_timeout(20)  # events are handled meanwhile
+            self.page.wait_for_timeout(50)  # events are handled meanwhile
 
     def canvas(self):
         data = self.page.evaluate("document.querySelector('canvas').toDataURL().split(',')[1]")

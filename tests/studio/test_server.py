@@ -21,6 +21,16 @@ def served(stage, tmp_path):
     result.close()
 
 
+@pytest.fixture(scope="module")
+def refusing(tmp_path_factory):
+    """Return a server that no test changes: pages send it what it refuses."""
+    path = tmp_path_factory.mktemp("refusing") / "shot.usda"
+    path.write_text(STAGE)
+    result = Served(path)
+    yield result
+    result.close()
+
+
 def test_a_page_is_told_of_the_scene_and_shown_the_picture_of_a_render(served, stage):
     with served.page() as page:
         scene = page.told("scene")
@@ -93,8 +103,8 @@ def test_a_problem_names_its_attribute_and_the_column_and_the_picture_comes_back
 
 
 @pytest.mark.parametrize("given", [{"token": "wrong"}, {"token": ""}, {"Origin": "http://evil.example"}])
-def test_strangers_are_refused(served, given):
-    with pytest.raises(InvalidStatus) as refused, served.page(**given):
+def test_strangers_are_refused(refusing, given):
+    with pytest.raises(InvalidStatus) as refused, refusing.page(**given):
         pass
     assert refused.value.response.status_code == 403
 
@@ -159,13 +169,13 @@ def test_a_final_render_is_cancelled_and_one_is_enough(served):
         assert "free" in page.told("refused")["text"]
 
 
-def test_the_page_is_for_those_who_know_the_token_and_asks_nobody_else(served):
-    status, headers, _ = asked(served, f"/?token={TOKEN}")
+def test_the_page_is_for_those_who_know_the_token_and_asks_nobody_else(refusing):
+    status, headers, _ = asked(refusing, f"/?token={TOKEN}")
     assert status == 200 and "default-src 'self'" in headers["content-security-policy"]
     for path, headers in (("/", {}), (f"/?token={TOKEN}x", {}), (f"/?token={TOKEN}", {"Host": "evil.example"}),
-                          (f"/?token={TOKEN}", {"Host": f"evil.example:{served.port}"}),
+                          (f"/?token={TOKEN}", {"Host": f"evil.example:{refusing.port}"}),
                           (f"/?token={TOKEN}", {"Origin": "null"})):  # fmt: skip
-        assert asked(served, path, **headers)[0] == 403
+        assert asked(refusing, path, **headers)[0] == 403
     long = f"/assets/{'a' * 5000}"
     for path in (
         long,
@@ -174,7 +184,7 @@ def test_the_page_is_for_those_who_know_the_token_and_asks_nobody_else(served):
         "/assets/gone.js",
         f"/etc/passwd?token={TOKEN}",
     ):
-        assert asked(served, path)[0] == 404
+        assert asked(refusing, path)[0] == 404
 
 
 @pytest.mark.parametrize(
@@ -184,14 +194,14 @@ def test_the_page_is_for_those_who_know_the_token_and_asks_nobody_else(served):
      '{"type":"set","values":' + json.dumps({f"/A.b{k}": 1 for k in range(300)}) + "}", "x" * 70000],
     ids=range(13),
 )  # fmt: skip
-def test_malformed_messages_are_answered_with_a_reason_and_end_the_connection(served, data):
-    with served.page() as page:
+def test_malformed_messages_are_answered_with_a_reason_and_end_the_connection(refusing, data):
+    with refusing.page() as page:
         page.told("scene")
         page.send_raw(data)
         assert len(page.told("refused")["text"]) <= 300
         with pytest.raises(ConnectionClosed):
             page.wait(lambda each: False)
-    with served.page() as again:
+    with refusing.page() as again:
         assert again.told("scene")
 
 

@@ -25,6 +25,16 @@ from tests.studio.sessions import INTENSITY, STAGE, TINT, VIEW, Watched, are_equ
 PLACE = "/World/Ball.xformOp:translate"
 
 
+@pytest.fixture(scope="module")
+def refusing(tmp_path_factory):
+    """Return a session that nothing may change: its tests give it what it refuses."""
+    path = tmp_path_factory.mktemp("refusing") / "shot.usda"
+    path.write_text(STAGE)
+    with Watched(path) as shown:
+        shown.finished()
+        yield shown.session
+
+
 def test_the_finished_picture_is_that_of_a_render_with_the_saved_layer(stage, tmp_path):
     """After each of several edits, the picture that reuses parts of earlier frames equals a new render."""
     edits = {
@@ -148,12 +158,11 @@ def test_edits_are_read_from_their_file_and_saved_to_it(stage, tmp_path):
         ("/World/Look.photonbeams:along:expression", 3.0, "expected a text"),
     ],
 )
-def test_values_that_cannot_be_set_are_refused_and_change_nothing(stage, path, value, message):
-    with Watched(stage) as shown:
-        text = shown.session.edits.text()
-        with pytest.raises(pb.SceneError, match=message):
-            shown.session.edit({INTENSITY: 7.0, path: value})
-        assert shown.session.edits.text() == text and not shown.session.edits.can_undo
+def test_values_that_cannot_be_set_are_refused_and_change_nothing(refusing, path, value, message):
+    text = refusing.edits.text()
+    with pytest.raises(pb.SceneError, match=message):
+        refusing.edit({INTENSITY: 7.0, path: value})
+    assert refusing.edits.text() == text and not refusing.edits.can_undo
 
 
 def test_what_cannot_be_rendered_is_told_in_a_sentence_and_the_session_lives(stage):
@@ -207,9 +216,11 @@ def test_a_pixel_tells_of_the_beams_in_it_and_how_the_brightest_is_integrated(st
     [({"width": 0}, "expected 1 to"), ({"pose": [1, 2]}, "expected 16 numbers"),
      ({"pose": np.zeros((4, 4))}, "is no transform"), ({"pose": "here"}, "expected 16 numbers")],
 )  # fmt: skip
-def test_views_that_cannot_be_shown_are_refused(stage, changes, message):
-    with Watched(stage) as shown, pytest.raises(pb.SceneError, match=message):
-        shown.session.show(**changes)
+def test_views_that_cannot_be_shown_are_refused(refusing, changes, message):
+    view = refusing.view
+    with pytest.raises(pb.SceneError, match=message):
+        refusing.show(**changes)
+    assert refusing.view is view
 
 
 def test_overrides_of_the_command_line_are_weaker_than_edits(stage):

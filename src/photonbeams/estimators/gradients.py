@@ -3,7 +3,8 @@
 The estimators' loops are made for speed and have no derivatives. If something is attached to Dr.Jit's AD graph, the
 pairs of rays and beams that meet are listed, and the frustum's integral is computed once more for each pair, as a graph
 without loops: the chord's ends depend on the beam, and the rule's points on the ends (Leibniz's rule, by the chain
-rule).
+rule). Each of the rule's points has a lane of its own: else kernels would contain the integrand once for each of them,
+and each would have a kernel of its own that sums its derivative by a number.
 """
 
 from __future__ import annotations
@@ -12,11 +13,12 @@ import drjit as dr
 
 from ..looks import BoundLook
 from ..numerics.syntax import syntax
-from ..quadrature import Rule, gauss_legendre
+from ..quadrature import gauss_legendre
 from ..runtime.device import Array3f, Float, UInt32
 from ..scene import SceneError
 from .frustum import integrand, unchanging
 from .geometry import Rays, chord
+from .points import Points
 from .records import Packed, Record, load
 
 # Most pairs: kernels of derivatives hold a few hundred bytes for each.
@@ -41,9 +43,10 @@ def radiance(packed: Packed, rays: Rays, look: BoundLook, count: int) -> Array3f
         result = dr.zeros(Array3f, count)
         if not dr.width(ray):
             return result
-        ray, beam = dr.repeat(ray, pieces), dr.repeat(beam, pieces)
+        lanes = pieces * len(_RULE.points)
+        ray, beam = dr.repeat(ray, lanes), dr.repeat(beam, lanes)
     found = load(packed, beam, _of(Float, rays.time, ray))
-    part = _integral(found, _taken(rays, ray), look, _RULE, pieces)
+    part = _share(found, _taken(rays, ray), look, pieces)
     dr.scatter_add(result, part, ray)
     return result
 
@@ -97,13 +100,15 @@ def _taken(rays: Rays, index: UInt32) -> Rays:
     )  # fmt: skip
 
 
-def _integral(beam: Record, ray: Rays, look: BoundLook, rule: Rule, pieces: int) -> Array3f:
-    """Return a beam's radiance over one of `pieces` equal pieces of the chord; the next lane has the next piece."""
+def _share(beam: Record, ray: Rays, look: BoundLook, pieces: int) -> Array3f:
+    """Return what one point of the rule in one of `pieces` equal pieces of the chord adds to a beam's radiance.
+
+    The next lane has the next point, and the last point of a piece is followed by the first of the next piece.
+    """
     part = chord(beam, ray.origin, ray.direction, ray.t_min, ray.t_max)
     half = (part.b - part.a) * (0.5 / pieces)
-    number = dr.arange(UInt32, dr.width(ray.index)) % pieces
-    middle = part.a + half * Float(2 * number + 1)
-    total = Array3f(0)
-    for point, weight in zip(rule.points, rule.weights, strict=True):
-        total += integrand(beam, part, dr.fma(half, float(point), middle), look, ray) * (float(weight) * half)
-    return dr.select(part.valid, unchanging(beam, part, look) * total, 0)
+    count, lane = len(_RULE.points), dr.arange(UInt32, dr.width(ray.index))
+    node = Points(_RULE)(lane % count)
+    middle = part.a + half * Float(2 * (lane // count % pieces) + 1)
+    light = integrand(beam, part, dr.fma(half, node.x, middle), look, ray) * (node.y * half)
+    return dr.select(part.valid, unchanging(beam, part, look) * light, 0)

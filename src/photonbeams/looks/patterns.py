@@ -138,6 +138,9 @@ class Noise(Factor):
         moved = (point - self._drift * at.time) * self._rate
         # The fourth dimension doubles the work, so noise that does not evolve has three.
         time = None if self._still else self._evolution * at.time
+        if dr.grad_enabled(time):
+            # One entry for each point: a derivative by one number is summed by a kernel for each use of the number.
+            time = time + dr.detach(moved.x - moved.x)
         return dr.maximum(dr.fma(self._gain, 2 * fbm(moved, self._octaves, time=time) - 1, 1), 0)
 
 
