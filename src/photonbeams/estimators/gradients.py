@@ -46,7 +46,7 @@ def radiance(packed: Packed, rays: Rays, look: BoundLook, count: int) -> Array3f
         lanes = pieces * len(_RULE.points)
         ray, beam = dr.repeat(ray, lanes), dr.repeat(beam, lanes)
     found = load(packed, beam, _of(Float, rays.time, ray))
-    part = _share(found, _taken(rays, ray), look, pieces)
+    part = _at_points(found, _taken(rays, ray), look, pieces)
     dr.scatter_add(result, part, ray)
     return result
 
@@ -100,7 +100,7 @@ def _taken(rays: Rays, index: UInt32) -> Rays:
     )  # fmt: skip
 
 
-def _share(beam: Record, ray: Rays, look: BoundLook, pieces: int) -> Array3f:
+def _at_points(beam: Record, ray: Rays, look: BoundLook, pieces: int) -> Array3f:
     """Return what one point of the rule in one of `pieces` equal pieces of the chord adds to a beam's radiance.
 
     The next lane has the next point, and the last point of a piece is followed by the first of the next piece.

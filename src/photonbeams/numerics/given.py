@@ -54,14 +54,14 @@ class Given(NamedTuple):
         if self.attached is None:
             return [Given(row) for row in self.plain]
         entries = dr.arange(UInt32, size)
-        parts = (dr.gather(Float, self.attached, entries + _place(size * number)) for number in range(len(self.plain)))
+        parts = (dr.gather(Float, self.attached, entries + _index(size * number)) for number in range(len(self.plain)))
         return [Given(row, part) for row, part in zip(self.plain, parts, strict=True)]
 
     @property
     def vectors(self) -> Array3f:
         """Attached numbers (N, 3) as an Array3f."""
         first = 3 * dr.arange(UInt32, len(self.plain))
-        return Array3f(*(dr.gather(Float, self.attached, first + _place(axis)) for axis in range(3)))
+        return Array3f(*(dr.gather(Float, self.attached, first + _index(axis)) for axis in range(3)))
 
     @property
     def value(self) -> Any:
@@ -69,7 +69,7 @@ class Given(NamedTuple):
         value = opaque(self.plain)
         if self.attached is None:
             return value
-        entries = [dr.gather(Float, self.attached, _place(i)) for i in range(self.plain.size)]
+        entries = [dr.gather(Float, self.attached, _index(i)) for i in range(self.plain.size)]
         return dr.replace_grad(value, type(value)(*entries))
 
 
@@ -97,8 +97,8 @@ def given_color(value: object, name: str, expected: str, low: float = -LARGEST) 
     return Given(plain, found.attached)
 
 
-def _place(entry: int) -> UInt32:
-    """Return the place of an entry, as an input: kernels of derivatives would be others for each entry."""
+def _index(entry: int) -> UInt32:
+    """Return the index of an entry, as an input: kernels of derivatives would be others for each entry."""
     return dr.opaque(UInt32, entry)
 
 
@@ -137,7 +137,7 @@ def table(function: Callable[..., npt.NDArray[np.float64]], *parts: Given) -> An
     tangent: Any = 0
     for place, each in enumerate(parts):
         for entry in range(each.plain.size if each.attached is not None else 0):
-            number = dr.gather(Float, each.attached, _place(entry))
+            number = dr.gather(Float, each.attached, _index(entry))
             tangent = tangent + _device(_slope(function, plain, place, entry)) * number
     return dr.replace_grad(_device(values), tangent)
 
