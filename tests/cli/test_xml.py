@@ -17,7 +17,6 @@ from photonbeams.render import scene_frame as frame
 from photonbeams.render.checkpoint import Checkpoint
 from photonbeams.render.frame import FrameRenderer
 from tests.helpers.commands import fails, untouched
-from tests.helpers.sweep import sweep
 
 SENSOR = """<sensor type="perspective" id="{name}">
         <float name="fov" value="40"/>
@@ -90,15 +89,12 @@ def test_all_outputs_are_written_and_summed_up(render, scene, out):
 
 @pytest.mark.parametrize(
     ("flags", "size"),
-    sweep(
-        [
-            (("--res", 20, 10), (10, 20)),
-            (("--res", 32, 0), (24, 32)),
-            (("--res", 0, 6), (6, 8)),
-            (("--res-scale", 0.5), (6, 8)),
-        ],
-        keep=[(("--res", 32, 0), (24, 32)), (("--res-scale", 0.5), (6, 8))],
-    ),
+    [
+        pytest.param(("--res", 20, 10), (10, 20), marks=pytest.mark.soak),
+        (("--res", 32, 0), (24, 32)),
+        pytest.param(("--res", 0, 6), (6, 8), marks=pytest.mark.soak),
+        (("--res-scale", 0.5), (6, 8)),
+    ],
 )
 def test_the_size_is_what_is_given(render, scene, out, flags, size):
     assert render(scene(), "-o", out / "a.exr", *flags)[0] == 0

@@ -95,7 +95,7 @@ def test_killed_and_stopped_workers_cost_no_frame(render, stage, out):
     try:
         until(lambda: list(out.glob("farm.*.exr")) or process.poll() is not None)
         assert process.poll() is None, process.stderr.read()
-        killed, stopped, _ = workers_of(process)
+        killed, stopped, *_ = workers_of(process)
         killed.kill()
         stopped.suspend()
         _, stderr = process.communicate(timeout=300)
