@@ -41,8 +41,6 @@ CHEAP = {
     "beams": ["--beams", "64"],
     "quadrature": ["--rays", "8", "--max-order", "6"],
 }
-#: Mitsuba's scenes have light of many bounces, each of which takes as long as the first one.
-SHALLOW = 3
 
 
 def page(name):
@@ -106,8 +104,11 @@ def shown_before(flags):
     return found
 
 
-def run(words, dry=False):
-    """Run a documented command cheaply; assert that it succeeds, and return the files that it says it writes."""
+def run(words, dry=False, bounces=False):
+    """Run a documented command cheaply; assert that it succeeds, and return the files that it says it writes.
+
+    Without `bounces`, light is scattered once: each bounce takes as long.
+    """
     if is_skipped(words):
         return []
     assert words[0] == "photonbeams", f"{words[0]} is neither run nor among those that are skipped: {' '.join(words)}"
@@ -115,8 +116,8 @@ def run(words, dry=False):
     assert not set("|<>;&$*") & set(plain), f"only plain commands are run here: {' '.join(words)}"
     kind = "render" if "--estimate" in words else words[1]
     cheap = [] if "--list-cameras" in words else CHEAP.get(kind, [])
-    if words[1] == "render" and words[2].endswith(".xml") and cheap:
-        cheap = [*cheap, "--bounces", str(SHALLOW - 2)]
+    if cheap and not bounces and words[1] == "render" and (words[2].endswith(".xml") or "--bounces" in words):
+        cheap = [*cheap, "--bounces", "0"]
     if "--pass-range" in words:
         cheap = [*cheap, "--passes", "2"]
     cheap = [*cheap, *first_and_last(words), *(["--dry-run"] if dry else [])]
@@ -159,12 +160,13 @@ def save_files(name, folder):
 @pytest.mark.parametrize("name", PAGES)
 def test_every_command_runs_and_writes_what_it_names(name, clone, pytestconfig):
     save_files(name, clone)
-    shown = shown_before(flags=pytestconfig.getoption("--soak")).get(name, ())
+    soak = pytestconfig.getoption("--soak")
+    shown = shown_before(flags=soak).get(name, ())
     asked = [words for words in commands(page(name)) if not is_skipped(words)]
     for number, words in enumerate(asked):
         for path in (path for pattern in written(words) for path in clone.glob(pattern)):
             path.unlink()  # an earlier command may have written it
-        for pattern in run(words, dry=number in shown):
+        for pattern in run(words, dry=number in shown, bounces=soak):
             assert list(clone.glob(pattern)), f"{' '.join(words)} did not write {pattern}"
     assert len(asked) >= PAGES[name]
 
@@ -196,14 +198,16 @@ def test_commands_are_words_without_comments_and_with_their_continued_lines():
 
 
 @pytest.mark.parametrize("name", [name for name in PAGES if blocks(page(name), "python")])
-def test_every_python_block_runs(name, clone, monkeypatch):
+def test_every_python_block_runs(name, clone, monkeypatch, pytestconfig):
     save_files(name, clone)
     render = Shot.render
     small = {"passes": 1, "width": 64, "beams": 64}
     monkeypatch.setattr(Shot, "render", lambda shot, *args, **settings: render(shot, *args, **{**settings, **small}))
     # Mitsuba's own `render` uses the number of paths in the scene's file, and its depth.
-    given = integrator._settings
-    monkeypatch.setattr(integrator, "_settings", lambda each: replace(given(each), beams=256, max_depth=SHALLOW))
+    given, few = integrator._settings, {"beams": 256}
+    if not pytestconfig.getoption("--soak"):
+        few["max_depth"] = 2
+    monkeypatch.setattr(integrator, "_settings", lambda each: replace(given(each), **few))
     names = {}
     for index, source in enumerate(blocks(page(name), "python")):
         # Each block of a page continues from those before it, as for its reader, unless it begins with imports.

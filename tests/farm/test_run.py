@@ -46,6 +46,7 @@ def workers_of(process):
     return found
 
 
+@pytest.mark.soak  # workers that are killed and a scheduler's workers give the same frames, below
 def test_frames_of_workers_are_those_of_one_process(render, stage, out):
     flags = (*SMALL, "-f", "1:3", "-q")
     assert render(stage, "-o", out / "serial.#.exr", *flags)[0] == 0
