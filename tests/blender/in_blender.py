@@ -423,9 +423,16 @@ class Screen:
         self.viewport.close()
 
 
+def few_beams():
+    """Give each lamp a number of beams: a viewport would choose many."""
+    for light in bpy.data.lights:
+        light.photonbeams.count = 256
+
+
 def viewport(folder):
     """Show a viewport, edit what it shows, and compare with viewports that see it for the first time."""
     scene, sent = room(), []
+    few_beams()
     scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0, 0, 0, 1)
     write = Renderer.send
 
@@ -497,6 +504,7 @@ def memory(number):
 def leaks(folder):
     """Edit, resize and load again and again, and print the memory of both processes."""
     room()
+    few_beams()
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "room.blend"))
     screen = Screen()
 
