@@ -15,7 +15,7 @@ SCENES = sorted((Path(__file__).parents[2] / "examples" / "mitsuba").glob("*.xml
 assert SCENES
 
 
-# Others are rendered by tests/docs (glass_ball) and tests/examples/test_gather.py (cloud, slits), or read by tests/docs.
+# Others are rendered by tests/docs (glass_ball) and test_gather.py (cloud, slits), or read by tests/docs (cornell_fog).
 KEPT = ("flask", "mirrors")
 NAMES = [path.stem for path in SCENES]
 

@@ -23,6 +23,12 @@ GROUPS = {"forest": ["sky", "sun"], "concert": ["back", "floor", "key"], "smoke"
 NUMBER = re.compile(r"-?\b\d+(?:\.\d+)?(?:e[-+]?\d+)?\b")
 
 
+@pytest.fixture(autouse=True)
+def beams_alone(monkeypatch):
+    """A pilot that compares beams and paths compiles as much as all the rest. It is tested in tests/render."""
+    monkeypatch.setattr("photonbeams.render.lights.preferred", lambda *_: [])
+
+
 def stage_of(name):
     return EXAMPLES / name / f"{name}.usda"
 
