@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import OpenEXR
@@ -15,13 +16,39 @@ WIDTH, HEIGHT = 48, 27  # of its pictures
 
 
 def blender(case, folder, script=SCRIPT):
-    """Run a case in Blender, and return what it found; fail if it printed a traceback."""
+    """Run a case in Blender, and return what it told; fail if it printed a traceback."""
+    return _told(_run(script, case, folder))
+
+
+class Case(NamedTuple):
+    """What a case told, and the folder of its files."""
+
+    told: list
+    folder: Path
+
+
+def together(names, folder, script=SCRIPT):
+    """Run cases one after another in one Blender, each in a folder of its own; return a `Case` for each name.
+
+    Blender and its renderer start once, which takes longer than most cases.
+    """
+    said = _run(script, ",".join(names), folder)
+    parts = [part.partition("\n") for part in f"\n{said}".split("\ncase ")[1:]]
+    assert [name for name, *_ in parts] == list(names)
+    return {name: Case(_told(rest), folder / name) for name, _, rest in parts}
+
+
+def _run(script, names, folder):
     environment = {"PHOTONBEAMS_PYTHON": sys.executable, **os.environ}
     ran = subprocess.run(
-        [PYTHON, "-I", script, case, folder], capture_output=True, text=True, env=environment, timeout=240, check=False
+        [PYTHON, "-I", script, names, folder], capture_output=True, text=True, env=environment, timeout=480, check=False
     )
     said = ran.stdout + ran.stderr
     assert ran.returncode == 0 and "Traceback" not in said, said[-3000:]
+    return said
+
+
+def _told(said):
     return [json.loads(line.removeprefix("found ")) for line in said.splitlines() if line.startswith("found ")]
 
 

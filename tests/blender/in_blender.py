@@ -1,8 +1,9 @@
 """Runs in Blender's Python: builds a scene, renders it with the engine, and prints what came of it as JSON.
 
-    python -I in_blender.py CASE FOLDER
+    python -I in_blender.py CASE[,CASE...] FOLDER
 
-The files of a case are written to FOLDER; the lines that it prints begin with "found ".
+The files of a case are written to FOLDER, or to FOLDER/CASE if there are several; a line "case CASE" is printed before
+each, and the lines that it prints begin with "found ".
 """
 
 import json
@@ -407,7 +408,8 @@ class Screen:
         self.viewport.picture, sizes, until = None, [], time.monotonic() + 100
         self.viewport.show(depsgraph, "", viewport_prim(region, space, depsgraph, CAMERA), view)
         while time.monotonic() < until:
-            if self.viewport.poll():
+            # A renderer that has ended may be found so when the scene is sent, and nothing comes from it then.
+            if self.viewport.poll() or self.viewport._renderer is None:
                 if self.viewport.picture is not None:
                     sizes.append(self.viewport.picture.shape[1])
                 whole = sizes and sizes[-1] == width and self.viewport.text.startswith(f"Pass {passes} of")
@@ -421,9 +423,16 @@ class Screen:
         self.viewport.close()
 
 
+def few_beams():
+    """Give each lamp a number of beams: a viewport would choose many."""
+    for light in bpy.data.lights:
+        light.photonbeams.count = 256
+
+
 def viewport(folder):
     """Show a viewport, edit what it shows, and compare with viewports that see it for the first time."""
     scene, sent = room(), []
+    few_beams()
     scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0, 0, 0, 1)
     write = Renderer.send
 
@@ -495,6 +504,7 @@ def memory(number):
 def leaks(folder):
     """Edit, resize and load again and again, and print the memory of both processes."""
     room()
+    few_beams()
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "room.blend"))
     screen = Screen()
 
@@ -522,8 +532,8 @@ def leaks(folder):
         screen = Screen()
         screen.show(passes=1)
 
-    used("edits", 50, edit)
-    used("sizes", 100, resize)
+    used("edits", 20, edit)
+    used("sizes", 20, resize)
     used("loads", 20, load)
     screen.close()
     tell(processes=len({each.number for each in TAKEN}))
@@ -550,11 +560,18 @@ def registered(folder):
 
 
 def run(*cases):
-    """Run the case that the command line names."""
+    """Run the cases that the command line names."""
     extension.register()
     take = POOL.take
     POOL.take = lambda chosen: TAKEN.append(take(chosen)) or TAKEN[-1]
-    {each.__name__: each for each in cases}[sys.argv[1]](Path(sys.argv[2]))
+    by_name = {each.__name__: each for each in cases}
+    names, folder = sys.argv[1].split(","), Path(sys.argv[2])
+    for name in names:
+        place = folder / name if len(names) > 1 else folder
+        place.mkdir(exist_ok=True)
+        TAKEN.clear()
+        print(f"\ncase {name}", flush=True)
+        by_name[name](place)
     extension.unregister()
 
 

@@ -1,31 +1,25 @@
 """Runs in Blender's Python: nodes, skies, glowing meshes and fog in objects, beside Cycles where it is the oracle.
 
-python -I in_blender_shading.py CASE FOLDER
+python -I in_blender_shading.py CASE[,CASE...] FOLDER
 """
 
-import json
 import math
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "src" / "photonbeams" / "blender"))
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "src" / "photonbeams" / "blender"))
 
-import bpy  # noqa: E402
-import extension  # noqa: E402
-import numpy as np  # noqa: E402
-from extension.reading.kept import Kept  # noqa: E402
-from extension.reading.nodes import value_of  # noqa: E402
-from extension.reading.scene import SceneReader  # noqa: E402
-from extension.reading.shading.evaluation import Points, evaluated  # noqa: E402
-from extension.reading.shading.links import source_of  # noqa: E402
-from extension.reading.shading.materials import surface_of  # noqa: E402
-from extension.reading.shading.skies import SkyReader  # noqa: E402
-
-
-def tell(**found):
-    """Print what was found."""
-    print("found " + json.dumps(found), flush=True)
+import bpy
+import numpy as np
+from extension.reading.kept import Kept
+from extension.reading.nodes import value_of
+from extension.reading.scene import SceneReader
+from extension.reading.shading.evaluation import Points, evaluated
+from extension.reading.shading.links import source_of
+from extension.reading.shading.materials import surface_of
+from extension.reading.shading.skies import SkyReader
+from in_blender import run, tell
 
 
 def empty():
@@ -421,7 +415,4 @@ def both(folder, width, height, **settings):
 
 
 if __name__ == "__main__":
-    extension.register()
-    cases = (values, noise, skies, glow, fog, bumps, rays, glowing_fog)
-    {each.__name__: each for each in cases}[sys.argv[1]](Path(sys.argv[2]))
-    extension.unregister()
+    run(values, noise, skies, glow, fog, bumps, rays, glowing_fog)

@@ -1,6 +1,6 @@
 """Runs in Blender's Python, as `in_blender.py` does: what moves while the shutter is open.
 
-python -I moving.py CASE FOLDER
+python -I moving.py CASE[,CASE...] FOLDER
 """
 
 import math
@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import bpy
 import hair
-from in_blender import extension, render, room, tell
+from in_blender import render, room, run, tell
 
 
 def keys(thing, name, *values):
@@ -150,6 +150,4 @@ def samples(folder):
 
 
 if __name__ == "__main__":
-    extension.register()
-    {each.__name__: each for each in (frame, still, eyes, samples)}[sys.argv[1]](Path(sys.argv[2]))
-    extension.unregister()
+    run(frame, still, eyes, samples)

@@ -12,7 +12,7 @@ from photonbeams.looks.ramp import interpolate
 from photonbeams.usd.authoring.presets import PRESETS
 from photonbeams.usd.common.definitions import LOOK, PREFIX, definitions
 from photonbeams.usd.lights.ies import parse
-from tests.blender.bpy_python import HEIGHT, PYTHON, WIDTH, blender, passes_of
+from tests.blender.bpy_python import HEIGHT, PYTHON, WIDTH, passes_of, together
 
 pytestmark = pytest.mark.skipif(
     not PYTHON.exists(), reason=f"{PYTHON} is missing: the set-up makes it with Python 3.11"
@@ -22,10 +22,14 @@ KINDS = Sdf.ValueTypeNames
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("controls")
-    blender("controls", folder, SCRIPT)
-    return folder
+def cases(tmp_path_factory):
+    names = "controls", "values", "presets", "panels", "added", "exported", "saved"
+    return together(names, tmp_path_factory.mktemp("cases"), SCRIPT)
+
+
+@pytest.fixture(scope="module")
+def scene(cases):
+    return cases["controls"].folder
 
 
 def by_hand(folder):
@@ -93,8 +97,8 @@ def test_the_picture_is_that_of_the_stage(scene, stage):
 
 
 @pytest.fixture(scope="module")
-def values(tmp_path_factory):
-    (found,) = blender("values", tmp_path_factory.mktemp("values"), SCRIPT)
+def values(cases):
+    (found,) = cases["values"].told
     return found
 
 
@@ -160,9 +164,9 @@ def test_what_cannot_be_used_is_a_sentence(values):
     assert "photonbeams:across:profile" not in look and len(look["photonbeams:along:ramp:knots"]) == 97
 
 
-def test_the_export_writes_what_blender_leaves_out(tmp_path):
-    (told,) = blender("exported", tmp_path, SCRIPT)
-    stage = Usd.Stage.Open(str(tmp_path / "exported.usda"))
+def test_the_export_writes_what_blender_leaves_out(cases):
+    (told,), folder = cases["exported"]
+    stage = Usd.Stage.Open(str(folder / "exported.usda"))
 
     def value(path, name):
         return stage.GetPrimAtPath(path).GetAttribute(name).Get()
@@ -194,12 +198,12 @@ def test_the_export_writes_what_blender_leaves_out(tmp_path):
     (twin,) = (each for each in Usd.PrimRange(stage.GetPrimAtPath("/root/Window")) if each.GetTypeName() == "Mesh")
     rays = ("visibleInPrimaryRay", "primvars:arnold:visibility:shadow", "primvars:arnold:matte")
     assert [twin.GetAttribute(name).Get() for name in rays] == [False, False, True]
-    others = Usd.Stage.Open(str(tmp_path / "of_cycles.usda"))
+    others = Usd.Stage.Open(str(folder / "of_cycles.usda"))
     assert not any(name.startswith(PREFIX) for each in others.Traverse() for name in each.GetPropertyNames())
 
 
-def test_ready_made_things_are_lit(tmp_path):
-    found = blender("added", tmp_path, SCRIPT)
+def test_ready_made_things_are_lit(cases):
+    found, folder = cases["added"]
     turn = np.radians(np.linspace(-60, 240, 33))
     keyhole = np.array([*zip(0.13 * np.cos(turn), 0.13 * np.sin(turn), strict=True), (-0.15, -0.47), (0.15, -0.47)])
     x, y = keyhole.T
@@ -212,15 +216,15 @@ def test_ready_made_things_are_lit(tmp_path):
         assert thing["place"] == pytest.approx(np.add([1, 2, 3], away.get(name, 0)), abs=1e-5)
         assert thing["area"] == pytest.approx(area, rel=1e-5)
         assert "/Fog" in thing["prims"] and thing["said"] == [] and fog["volumes"] == 1  # added twice, with one fog
-        beams = passes_of(tmp_path / f"{name}.exr")["Beams"].mean(axis=(0, 1))
+        beams = passes_of(folder / f"{name}.exr")["Beams"].mean(axis=(0, 1))
         color = (1, 0.7, 0.35) if name == "strands" else (1, 1, 1)
         assert beams[0] > 0
         np.testing.assert_allclose(beams / beams[0], color, rtol=1e-3)
 
 
-def test_presets_are_those_of_the_studio(tmp_path):
+def test_presets_are_those_of_the_studio(cases):
     """Ramps and tables are the same functions, within a 500th; other attributes have the same values or defaults."""
-    found = {each["name"]: each["values"] for each in blender("presets", tmp_path, SCRIPT)}
+    found = {each["name"]: each["values"] for each in cases["presets"].told}
     assert len(found) == len(PRESETS)
     x = np.linspace(0, 1, 241)
     for preset in PRESETS:
@@ -247,8 +251,8 @@ def _ramp(values, ramp, x):
     return interpolate(knots, colors, values.get(f"{ramp}:interpolation", "linear"), x)
 
 
-def test_what_is_set_is_saved_in_the_file(tmp_path):
-    (found,) = blender("saved", tmp_path, SCRIPT)
+def test_what_is_set_is_saved_in_the_file(cases):
+    (found,) = cases["saved"].told
     before, after = found["before"], found["after"]
     assert before == after and found["said"] == ["World World: its volume hides the sky, as in Cycles"]
     assert found["in_acescg"][0].startswith("the file's working space is ACEScg: images, skies and temperatures have")
@@ -262,8 +266,8 @@ def test_what_is_set_is_saved_in_the_file(tmp_path):
     assert f"{PREFIX}eye:falloff" not in ember and before["/Looks/Laser"][f"{PREFIX}eye:falloff"] == "none"
 
 
-def test_panels_show_what_there_is_and_explain_it(tmp_path):
-    (found,) = blender("panels", tmp_path, SCRIPT)
+def test_panels_show_what_there_is_and_explain_it(cases):
+    (found,) = cases["panels"].told
     shown = found["shown"]
     assert found["elsewhere"] == []
     for panel, rows in shown.items():

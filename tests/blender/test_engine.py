@@ -4,18 +4,28 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from tests.blender.bpy_python import HEIGHT, PYTHON, WIDTH, blender, passes_of
+from tests.blender.bpy_python import HEIGHT, PYTHON, WIDTH, blender, passes_of, together
 
 pytestmark = pytest.mark.skipif(
     not PYTHON.exists(), reason=f"{PYTHON} is missing: the set-up makes it with Python 3.11"
 )
 
 
+# Cases that one Blender runs in this order; the last ones kill its renderer, hide it, and unregister.
+CASES = (
+    "frame", "again", "part", "layers", "aspect", "reading", "stereo", "film", "lamps", "over", "killed", "wrong",
+    "registered",
+)  # fmt: skip
+
+
 @pytest.fixture(scope="module")
-def frame(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("frame")
-    blender("frame", folder)
-    return folder
+def cases(tmp_path_factory):
+    return together(CASES, tmp_path_factory.mktemp("cases"))
+
+
+@pytest.fixture(scope="module")
+def frame(cases):
+    return cases["frame"].folder
 
 
 def test_passes_add_up(frame):
@@ -44,41 +54,40 @@ def test_the_picture_is_that_of_the_exported_stage(frame):
         assert np.all(blocks < 4 * usual + 1e-5), name
 
 
-def test_a_frame_is_rendered_again_with_the_same_bits_by_the_same_process(tmp_path):
-    (found,) = blender("again", tmp_path)
+def test_a_frame_is_rendered_again_with_the_same_bits_by_the_same_process(cases):
+    (found,), folder = cases["again"]
     assert found["same"]
-    first, second = (passes_of(tmp_path / f"{name}.exr") for name in ("first", "second"))
+    first, second = (passes_of(folder / f"{name}.exr") for name in ("first", "second"))
     assert all(np.array_equal(each, second[name]) for name, each in first.items())
 
 
-def test_a_border_is_that_part_of_the_picture(tmp_path):
-    blender("part", tmp_path)
-    whole, part = (passes_of(tmp_path / f"{name}.exr")["Combined"] for name in ("whole", "part"))
+def test_a_border_is_that_part_of_the_picture(cases):
+    folder = cases["part"].folder
+    whole, part = (passes_of(folder / f"{name}.exr")["Combined"] for name in ("whole", "part"))
     assert part.shape == (18, 24, 4)
     np.testing.assert_allclose(part, whole[:18, 12:36], rtol=0.02, atol=1e-4)
-    drawn = passes_of(tmp_path / "drawn.exr")["Combined"]
+    drawn = passes_of(folder / "drawn.exr")["Combined"]
     # Blender rounds edges down, from the bottom left: rows 5 to 24 of 27, columns 5 to 37 of 48.
     np.testing.assert_allclose(drawn, whole[27 - 24 : 27 - 5, 5:37], rtol=0.02, atol=1e-4)
 
 
-def test_each_view_layer_has_its_own_picture(tmp_path):
-    blender("layers", tmp_path)
-    found = passes_of(tmp_path / "layers.exr")
+def test_each_view_layer_has_its_own_picture(cases):
+    found = passes_of(cases["layers"].folder / "layers.exr")
     first, second = (found[f"{layer}Combined"][..., :3].mean() for layer in ("", "Second."))
     assert first > 1.2 * second > 0
     assert found["Beams Key Light"].mean() > 0 and not found["Second.Beams Key Light"].any()
 
 
-def test_wide_pixels_show_the_same_view(tmp_path):
-    blender("aspect", tmp_path)
-    square, wide = (passes_of(tmp_path / f"{name}.exr")[""][..., :3] for name in ("square", "wide"))
+def test_wide_pixels_show_the_same_view(cases):
+    folder = cases["aspect"].folder
+    square, wide = (passes_of(folder / f"{name}.exr")[""][..., :3] for name in ("square", "wide"))
     pairs = square.reshape(HEIGHT, WIDTH // 2, 2, 3).mean(axis=2)
     blocks = [each[:24].reshape(6, 4, 6, 4, 3).mean(axis=(1, 3)) for each in (pairs, wide)]
     np.testing.assert_allclose(*blocks, rtol=0.15, atol=2e-3)
 
 
-def test_lights_and_materials_cross_over(tmp_path):
-    (found,) = blender("reading", tmp_path)
+def test_lights_and_materials_cross_over(cases):
+    (found,) = cases["reading"].told
     prims, said = found["prims"], " | ".join(found["said"])
 
     def light(name):
@@ -105,37 +114,37 @@ def test_lights_and_materials_cross_over(tmp_path):
     assert fog["inputs:scattering"] == [1.0, 0.5, 2.0] and fog["inputs:absorption"] == [1.0, 1.5, 0.0]
 
 
-def test_two_eyes_see_things_apart(tmp_path):
-    blender("stereo", tmp_path)
-    left, right = (passes_of(tmp_path / f"stereo_{side}.exr")["Combined"] for side in "LR")
+def test_two_eyes_see_things_apart(cases):
+    folder = cases["stereo"].folder
+    left, right = (passes_of(folder / f"stereo_{side}.exr")["Combined"] for side in "LR")
     assert left.shape == right.shape == (HEIGHT, WIDTH, 4)
     assert not np.allclose(left, right, rtol=0.1) and left.mean() == pytest.approx(right.mean(), rel=0.1)
 
 
-def test_an_animation_has_a_picture_for_each_frame(tmp_path):
-    blender("film", tmp_path)
-    first, second = (passes_of(tmp_path / f"film_{number:04d}.exr")["Beams key"] for number in (1, 2))
+def test_an_animation_has_a_picture_for_each_frame(cases):
+    folder = cases["film"].folder
+    first, second = (passes_of(folder / f"film_{number:04d}.exr")["Beams key"] for number in (1, 2))
     columns = np.arange(WIDTH) + 0.5
     middles = [(each.sum(axis=(0, 2)) @ columns) / each.sum() for each in (first, second)]
     assert middles[1] > middles[0] + 2  # the lamp moves to the right
 
 
-def test_a_renderer_that_was_killed_is_started_again(tmp_path):
-    error, spent = blender("killed", tmp_path)
+def test_a_renderer_that_was_killed_is_started_again(cases):
+    (error, spent), folder = cases["killed"]
     assert "the renderer has ended" in error["error"] and spent["seconds"] < 10
-    before, after = (passes_of(tmp_path / f"{name}.exr") for name in ("before", "after"))
+    before, after = (passes_of(folder / f"{name}.exr") for name in ("before", "after"))
     assert all(np.array_equal(each, after[name]) for name, each in before.items())
 
 
-def test_what_cannot_be_rendered_is_a_sentence(tmp_path):
-    found = {each["case"]: each["error"] for each in blender("wrong", tmp_path)}
+def test_what_cannot_be_rendered_is_a_sentence(cases):
+    found = {each["case"]: each["error"] for each in cases["wrong"].told}
     assert "no camera" in found["no camera"] and "/nowhere/python cannot be started" in found["no renderer"]
     assert "light" in found["no light"]
     assert all(len(each.strip()) <= 320 for each in found.values())
 
 
-def test_unregistering_leaves_no_trace(tmp_path):
-    (found,) = blender("registered", tmp_path)
+def test_unregistering_leaves_no_trace(cases):
+    (found,) = cases["registered"].told
     assert found["shared"] > 10 and found["left"] == 0 and not found["scene"] and found["traces"] == []
 
 
@@ -182,9 +191,9 @@ def test_edits_sizes_and_loads_leak_nothing(tmp_path):
         assert np.ptp(np.array(each["used"]), axis=0).max() < 12, each
 
 
-def test_lamps_light_a_floor_as_in_cycles(tmp_path):
-    blender("lamps", tmp_path)
-    pictures = sorted(tmp_path.glob("*.PHOTONBEAMS.exr"))
+def test_lamps_light_a_floor_as_in_cycles(cases):
+    folder = cases["lamps"].folder
+    pictures = sorted(folder.glob("*.PHOTONBEAMS.exr"))
     assert len(pictures) == 16
     for path in pictures:
         ours = passes_of(path)[""][..., :3]
@@ -195,11 +204,11 @@ def test_lamps_light_a_floor_as_in_cycles(tmp_path):
         assert np.abs(blocks[0] - blocks[1]).max() < 0.06 * theirs.max(), path.name
 
 
-def test_beams_over_cycles_are_the_surfaces_through_the_fog_and_the_beams(tmp_path):
-    (found,) = blender("over", tmp_path)
+def test_beams_over_cycles_are_the_surfaces_through_the_fog_and_the_beams(cases):
+    (found,), folder = cases["over"]
     assert found == {"engines": ["CYCLES", "PHOTONBEAMS"], "worlds": ["World without Beams", "World"]}
-    composite, plate = (passes_of(tmp_path / f"{name}.exr")[""][..., :3] for name in ("composite", "plate"))
-    beams, whole = (passes_of(tmp_path / f"{name}.exr") for name in ("beams", "whole"))
+    composite, plate = (passes_of(folder / f"{name}.exr")[""][..., :3] for name in ("composite", "plate"))
+    beams, whole = (passes_of(folder / f"{name}.exr") for name in ("beams", "whole"))
     np.testing.assert_allclose(composite, plate + beams["Combined"][..., :3], rtol=1e-3, atol=1e-4)
     # Both renderers have about 2 % of noise in a pixel.
     assert plate.mean() == pytest.approx(whole["Surface"].mean(), rel=0.02)

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.blender.bpy_python import PYTHON
-from tests.blender.bpy_python import blender as run
+from tests.blender.bpy_python import PYTHON, together
 
 pytestmark = pytest.mark.skipif(
     not PYTHON.exists(), reason=f"{PYTHON} is missing: the set-up makes it with Python 3.11"
@@ -14,12 +13,15 @@ pytestmark = pytest.mark.skipif(
 SCRIPT = Path(__file__).with_name("in_blender_shading.py")
 
 
-def blender(case, folder):
-    return run(case, folder, SCRIPT)
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """What each case told; all run in one Blender."""
+    names = "values", "noise", "skies", "glow", "fog", "bumps", "rays", "glowing_fog"
+    return {name: case.told for name, case in together(names, tmp_path_factory.mktemp("cases"), SCRIPT).items()}
 
 
-def test_nodes_have_their_values_and_the_mean_where_they_vary(tmp_path):
-    (found,) = blender("values", tmp_path)
+def test_nodes_have_their_values_and_the_mean_where_they_vary(told):
+    (found,) = told["values"]
     values = found["values"]
     assert values["group in a group"] == pytest.approx(0.6 / 4)
     assert values["mix"] == pytest.approx([0.6, 0.3, 0.2])
@@ -34,14 +36,14 @@ def test_nodes_have_their_values_and_the_mean_where_they_vary(tmp_path):
     assert ((strong["specular_ior"] - 1) / (strong["specular_ior"] + 1)) ** 2 == pytest.approx(0.08)
 
 
-def test_noise_is_that_of_cycles(tmp_path):
-    (found,) = blender("noise", tmp_path)
+def test_noise_is_that_of_cycles(told):
+    (found,) = told["noise"]
     assert found["spread"] > 0.2 and found["difference"] < 0.01  # of a pixel's jitter
 
 
-def test_skies_light_the_ground_as_in_cycles(tmp_path):
+def test_skies_light_the_ground_as_in_cycles(told):
     """Nishita's sky has other wavelengths and steps here, and Hosek's is Preetham's: within 12 %."""
-    found = {each["sky"]: each for each in blender("skies", tmp_path)}
+    found = {each["sky"]: each for each in told["skies"]}
     assert len(found) == 7
     for name, each in found.items():
         exact = name in ("preetham", "ramp")
@@ -52,15 +54,15 @@ def test_skies_light_the_ground_as_in_cycles(tmp_path):
     assert red > 5 * blue and not found["preetham"]["sun"]
 
 
-def test_the_brightest_meshes_that_glow_are_lamps(tmp_path):
-    (found,) = blender("glow", tmp_path)
+def test_the_brightest_meshes_that_glow_are_lamps(told):
+    (found,) = told["glow"]
     assert found["lamps"] == [f"/Objects/Cube{k}" for k in (1, 2, 3, 4, 5, 6, 7, 9)]
     assert found["said"] == ["10 meshes glow: the 8 brightest make beams"]
     assert found["unseen"] and "MeshLightAPI" not in found["apis"]
 
 
-def test_fog_in_objects_is_even_or_a_grid(tmp_path):
-    (found,) = blender("fog", tmp_path)
+def test_fog_in_objects_is_even_or_a_grid(told):
+    (found,) = told["fog"]
     types = found["types"]
     assert types["/Objects/Ball"] == "Mesh" and types["/Objects/Box"] == "Volume" and found["said"] == []
     assert found["ball"] == pytest.approx([0.2, 0.1, 0.4]) and found["box"] == [0.5, 0.25, 1.0]
@@ -70,9 +72,9 @@ def test_fog_in_objects_is_even_or_a_grid(tmp_path):
     np.testing.assert_array_equal(np.frombuffer(content, "<f4", 6, 24), [-1, -1, -1, 1, 1, 1])
 
 
-def test_bumps_and_normal_maps_have_the_slopes_of_cycles(tmp_path):
+def test_bumps_and_normal_maps_have_the_slopes_of_cycles(told):
     """On matt planes in sunlight; both engines soften the ridge of an image, over which the quarters do not reach."""
-    cycles, own, last = blender("bumps", tmp_path)
+    cycles, own, last = told["bumps"]
     assert last["said"] == []
     for name, expected in cycles["quarters"].items():
         expected, found = np.array(expected), np.array(own["quarters"][name])
@@ -83,9 +85,9 @@ def test_bumps_and_normal_maps_have_the_slopes_of_cycles(tmp_path):
     assert np.ptp(turned.mean(axis=1)) > 0.05 > 10 * np.ptp(turned.mean(axis=0))
 
 
-def test_objects_are_hidden_from_rays_as_in_cycles(tmp_path):
+def test_objects_are_hidden_from_rays_as_in_cycles(told):
     found = {}
-    for each in blender("rays", tmp_path):
+    for each in told["rays"]:
         found.setdefault(each["case"], {})[each["engine"]] = np.array(each["blocks"])
     assert found["holdout"]["own"][..., 3].min() < 0.5
     for name, pictures in found.items():
@@ -97,9 +99,9 @@ def test_objects_are_hidden_from_rays_as_in_cycles(tmp_path):
         assert name == "plain" or np.any(np.abs(own - found["plain"]["own"]) > 0.1 * most), name
 
 
-def test_fog_glows_as_in_cycles(tmp_path):
+def test_fog_glows_as_in_cycles(told):
     """Even fog of the emission ε, the extinction σ and the thickness d has the radiance ε (1 − exp(−σ d)) / σ."""
-    found = {(each["place"], each["engine"]): each for each in blender("glowing_fog", tmp_path)}
+    found = {(each["place"], each["engine"]): each for each in told["glowing_fog"]}
     expected = {"cube": np.array([0.3, 0.15, 0.075]) * (1 - np.exp(-0.5 * 2)) / 0.5, "world": np.full(3, 0.2 / 0.25)}
     for place, light in expected.items():
         np.testing.assert_allclose(found[place, "own"]["light"], light, rtol=1e-3)

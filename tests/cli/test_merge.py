@@ -13,6 +13,7 @@ from photonbeams.images.frame import tile_of
 from photonbeams.render.frame import FrameRenderer
 from tests.helpers.commands import fails, same
 from tests.helpers.small_stage import CAMERA, FILL, FLOOR, FOG, KEY, write_stage
+from tests.helpers.sweep import sweep
 
 SMALL = ("--res", 40, 48, "--passes", 6, "--beams", 64, "-q")
 
@@ -88,7 +89,7 @@ def test_passes_that_do_not_belong_together_are_refused(call, render, stage, out
     assert not (out / "x.exr").exists() and not (out / "x.checkpoint").exists()
 
 
-@pytest.mark.parametrize("pixel_filter", ["box", "gaussian", "lanczos"])
+@pytest.mark.parametrize("pixel_filter", sweep(["box", "gaussian", "lanczos"], keep=["box", "lanczos"]))
 def test_tiles_join_without_a_seam(call, render, stage, out, pixel_filter):
     flags = (*SMALL, "--passes", 2, "--filter", pixel_filter)
     assert render(stage, "-o", out / "whole.exr", *flags)[0] == 0

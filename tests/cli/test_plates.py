@@ -97,8 +97,8 @@ def test_a_frame_has_the_holdout_of_its_number(call, files):
 
 def test_a_coverage_is_the_alpha_or_a_channel_of_another_name_or_none(call, files):
     """Light behind the holdout is seen by what the coverage leaves: none, 0.75 for the alpha, 0.4 for the mask."""
-    depth_file(files / "z.exr", 0.5, A=0.25, mask=0.6)
-    flags = ("--session-layer", files / "look.usda", *SMALL, "--passes", 16, "--res", 16, 9)
+    depth_file(files / "z.exr", 0.5, size=(32, 18), A=0.25, mask=0.6)
+    flags = ("--session-layer", files / "look.usda", *SMALL, "--passes", 8, "--res", 32, 18)
 
     def beams(*more):
         assert call("render", files / "bare.usda", "-o", files / "a.exr", *flags, *more)[0] == 0
@@ -111,7 +111,7 @@ def test_a_coverage_is_the_alpha_or_a_channel_of_another_name_or_none(call, file
     for more, passed in (((), 0.75), (("--holdout-coverage", "mask"), 0.4)):
         seen = beams("--holdout", files / "z.exr", *more) - before
         # Light of a pixel and pass is seen or not; it varies from pass to pass, at most by its own size.
-        error = np.sqrt(2 * passed * (1 - passed) * (behind**2).sum() / 16) / behind.sum()
+        error = np.sqrt(2 * passed * (1 - passed) * (behind**2).sum() / 8) / behind.sum()
         assert seen.sum() / behind.sum() == pytest.approx(passed, abs=4 * error + 1e-3) and 4 * error < 0.12
 
 

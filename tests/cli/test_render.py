@@ -109,10 +109,11 @@ def test_a_run_of_hashes_is_the_frame_number(render, stage, out, flags, name):
 @pytest.mark.parametrize(
     ("flags", "size"),
     [
+        # Pictures of several tiles, as most here: those of one tile have other kernels.
         (("--res", 32, 0), (18, 32)),
-        (("--res", 0, 9), (9, 16)),
+        (("--res", 0, 27), (27, 48)),
         (("--res", 20, 20), (20, 20)),
-        (("--res", 64, 0, "--res-scale", 0.25), (9, 16)),
+        (("--res", 64, 0, "--res-scale", 0.5), (18, 32)),
     ],
 )
 def test_the_size_is_what_is_given_and_the_rest_the_apertures(render, stage, out, flags, size):

@@ -2,9 +2,11 @@
 
 Every `sh` block is run, page by page, in a folder with the examples, as in a reader's clone. Flags at the end make
 renders small, since the last one wins. Renders that only repeat what an earlier command has shown end before their
-first pass: --dry-run still reads and checks the scene and every flag. tests/examples checks that each example renders.
+first pass: --dry-run still reads and checks the scene and every flag. tests/examples checks that each example renders,
+and tests/cli that each flag does what it says: what is new in flags alone is rendered by `make soak`.
 """
 
+import gc
 import re
 import runpy
 import shutil
@@ -62,7 +64,10 @@ def call(arguments):
     """Return the exit code of the command, run in this process, because starting a new one takes most of the time."""
     with pytest.raises(SystemExit) as ending:
         main(arguments)
-    return ending.value.code or 0
+    code = ending.value.code or 0
+    del ending
+    gc.collect()  # the traceback holds the scene, and the next command would compile kernels for both
+    return code
 
 
 def is_skipped(words):
@@ -70,33 +75,40 @@ def is_skipped(words):
     return words[0] in SKIPPED or words[1:2] == ["studio"] or bool({"--workers", "--scheduler"} & set(words))
 
 
-def traits(words):
+def traits(words, flags=True):
     """Return what a render demonstrates: its flags, the kinds of its files, and its inputs except for examples."""
     files = {f"{flag} {Path(value).suffix}" for flag, value in pairwise(words) if flag in ("-o", "--picture")}
     read = {word.partition(":")[0] for word in words[2:]} - set(outputs(words))
     own = {file for file in read if not file.startswith("examples/") and Path(file).suffix in (".usda", ".usdc", ".py")}
-    return {word for word in words if word.startswith("-")} | files | own | {Path(words[2]).suffix}
+    named = {word for word in words if word.startswith("-")} if flags else set()
+    return named | files | own | {Path(words[2]).suffix}
 
 
 @cache
-def shown_before():
-    """Return the numbers, by page, of renders with no new traits, and with no files that a later command reads."""
+def shown_before(flags):
+    """Return the numbers, by page, of renders with no new traits, and with no files that a later command reads.
+
+    Without `flags`, a flag that was not there before is no new trait.
+    """
     known, found = set(), {}
     for name in PAGES:
         words = [each for each in commands(page(name)) if not is_skipped(each)]
         for number, each in enumerate(words):
             if each[1] != "render" or "--list-cameras" in each:
                 continue
-            read = [word.rpartition("=")[2] for later in words[number + 1 :] for word in later if word not in each]
+            read = {word for later in words[number + 1 :] for word in inputs(later)}
             needed = any(fnmatch(file, word) for file in outputs(each) for word in read)
-            if traits(each) <= known and not needed:
+            if traits(each, flags) <= known and not needed:
                 found.setdefault(name, set()).add(number)
-            known |= traits(each)
+            known |= traits(each, flags)
     return found
 
 
-def run(words, dry=False):
-    """Run a documented command cheaply; assert that it succeeds, and return the files that it says it writes."""
+def run(words, dry=False, bounces=False):
+    """Run a documented command cheaply; assert that it succeeds, and return the files that it says it writes.
+
+    Without `bounces`, light is scattered once: each bounce takes as long.
+    """
     if is_skipped(words):
         return []
     assert words[0] == "photonbeams", f"{words[0]} is neither run nor among those that are skipped: {' '.join(words)}"
@@ -104,6 +116,8 @@ def run(words, dry=False):
     assert not set("|<>;&$*") & set(plain), f"only plain commands are run here: {' '.join(words)}"
     kind = "render" if "--estimate" in words else words[1]
     cheap = [] if "--list-cameras" in words else CHEAP.get(kind, [])
+    if cheap and not bounces and words[1] == "render" and (words[2].endswith(".xml") or "--bounces" in words):
+        cheap = [*cheap, "--bounces", "0"]
     if "--pass-range" in words:
         cheap = [*cheap, "--passes", "2"]
     cheap = [*cheap, *first_and_last(words), *(["--dry-run"] if dry else [])]
@@ -118,6 +132,11 @@ def first_and_last(words):
         return []
     first, last = (int(number) for number in named[-1].partition("x")[0].split(":"))
     return ["--frames", f"{first}:{last}x{last - first}"]
+
+
+def inputs(words):
+    """Return the words of a command that may name files that it reads."""
+    return {word.rpartition("=")[2] for word in words[2:]} - set(outputs(words))
 
 
 def outputs(words):
@@ -139,13 +158,15 @@ def save_files(name, folder):
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_every_command_runs_and_writes_what_it_names(name, clone):
+def test_every_command_runs_and_writes_what_it_names(name, clone, pytestconfig):
     save_files(name, clone)
+    soak = pytestconfig.getoption("--soak")
+    shown = shown_before(flags=soak).get(name, ())
     asked = [words for words in commands(page(name)) if not is_skipped(words)]
     for number, words in enumerate(asked):
         for path in (path for pattern in written(words) for path in clone.glob(pattern)):
             path.unlink()  # an earlier command may have written it
-        for pattern in run(words, dry=number in shown_before().get(name, ())):
+        for pattern in run(words, dry=number in shown, bounces=soak):
             assert list(clone.glob(pattern)), f"{' '.join(words)} did not write {pattern}"
     assert len(asked) >= PAGES[name]
 
@@ -177,17 +198,22 @@ def test_commands_are_words_without_comments_and_with_their_continued_lines():
 
 
 @pytest.mark.parametrize("name", [name for name in PAGES if blocks(page(name), "python")])
-def test_every_python_block_runs(name, clone, monkeypatch):
+def test_every_python_block_runs(name, clone, monkeypatch, pytestconfig):
     save_files(name, clone)
     render = Shot.render
     small = {"passes": 1, "width": 64, "beams": 64}
     monkeypatch.setattr(Shot, "render", lambda shot, *args, **settings: render(shot, *args, **{**settings, **small}))
-    # Mitsuba's own `render` uses the number of paths in the scene's file.
-    given = integrator._settings
-    monkeypatch.setattr(integrator, "_settings", lambda each: replace(given(each), beams=256))
+    # Mitsuba's own `render` uses the number of paths in the scene's file, and its depth.
+    given, few = integrator._settings, {"beams": 256}
+    if not pytestconfig.getoption("--soak"):
+        few["max_depth"] = 2
+    monkeypatch.setattr(integrator, "_settings", lambda each: replace(given(each), **few))
     names = {}
     for index, source in enumerate(blocks(page(name), "python")):
-        # Each block of a page continues from those before it, as for its reader.
+        # Each block of a page continues from those before it, as for its reader, unless it begins with imports.
+        if source.startswith("import photonbeams") or "\nimport photonbeams" in source:
+            names = {}
+            gc.collect()
         script = clone / f"block{index}.py"
         script.write_text(source)
         names = runpy.run_path(str(script), init_globals={k: v for k, v in names.items() if not k.startswith("__")})

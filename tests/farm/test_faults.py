@@ -19,7 +19,7 @@ from tests.helpers.commands import command, fails, same, until
 from tests.helpers.disks import limited
 from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
 
-KILLS = 3
+KILLS = 2
 
 # This process imports the modules that do not start Dr.Jit, and forks a render for each line that it reads: after a
 # kill, the next render starts within one second instead of five.
