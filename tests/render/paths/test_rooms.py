@@ -108,7 +108,7 @@ def mitsuba_ball(lamp, fog=None):
 def seen(shot, seeds=4, **settings):
     """Return the mean radiance of surfaces over several seeds, and its standard error.
 
-    A pass over many pixels launches as many kernels as one over few: two over these take the samples of 32 over 16 × 12.
+    A pass over many pixels launches as many kernels as one over few: these two have the samples of 32 over 16 × 12.
     """
     size = {"width": 64, "height": 48, "passes": 2}
     found = [shot.render(**{**size, **settings}, seed=seed).layers["surface"] for seed in range(seeds)]
