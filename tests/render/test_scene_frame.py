@@ -23,6 +23,7 @@ from tests.helpers.mitsuba_scenes import (
     rgb,
 )
 from tests.helpers.references import reference
+from tests.helpers.sweep import sweep
 
 mi = mitsuba()
 
@@ -51,7 +52,11 @@ SCENES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SCENES)
+#: Those that are left out have a medium, a phase function and a light that another one has; depth alone differs.
+FOR_SOAK = {"isotropic, single", "cloud, forward, light inside"}
+
+
+@pytest.mark.parametrize("name", sweep(SCENES, SCENES.keys() - FOR_SOAK))
 def test_pictures_are_those_of_volpath(name):
     parts, depth = SCENES[name]
     scene = load(**parts, sensor=camera(size=32))
@@ -102,7 +107,7 @@ def test_the_comparison_scene_has_its_known_mean():
         assert mean == pytest.approx(expected, rel=0.005)
 
 
-@pytest.mark.parametrize("sensor", ["declares it", "does not say"])
+@pytest.mark.parametrize("sensor", sweep(["declares it", "does not say"], ["does not say"]))
 def test_a_sensor_inside_of_fog_need_not_say_so(sensor):
     medium = mi.load_dict(fog(0.5))
     seen = camera((0, 0, 0.9), medium=medium if sensor == "declares it" else None, size=32)

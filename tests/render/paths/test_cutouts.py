@@ -24,7 +24,7 @@ def test_photons_and_walks_find_the_same_light_on_a_leaf_above_a_floor():
     camera = scene.Camera.look_at((0, 0.2, 0), (0, 0.5, 0), up=(0, 0, 1), fov=60)
     shot, mean, error = pb.Shot(scene.Scene(lights=(sun,), meshes=meshes), camera), {}, {}
     for method in ("beams", "auto"):
-        given = {"passes": 4, "width": 16, "max_depth": 3, "method": method, "beams": 1 << 14}
+        given = {"passes": 2, "width": 32, "max_depth": 3, "method": method, "beams": 1 << 15}
         pictures = [shot.render(seed=seed, **given).layers["surface"].mean() for seed in range(4)]
         mean[method], error[method] = np.mean(pictures), np.std(pictures, ddof=1) / 2
     assert abs(mean["beams"] - mean["auto"]) < 4 * np.hypot(*error.values()) + 0.01 * mean["auto"], (mean, error)

@@ -18,7 +18,7 @@ BLACK = {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb(0.0)
 
 def picture(scene, **given):
     """Return the picture and its alpha, (H, W, 4)."""
-    settings = {"passes": 1, "beams": 64, "surface_samples": 1, **given}
+    settings = {"passes": 1, "beams": 64, "surface_samples": 1, "guiding": False, **given}
     return render(scene, scene.sensors()[0], by_beams(**settings)).layers()["rgba"]
 
 
@@ -73,7 +73,7 @@ def test_branches_add_up_in_one_order_on_any_number_of_threads(set_threads):
     scene, found = scene_in_fog(), []
     for threads in (1, 2, 2):
         set_threads(threads)
-        found.append(picture(scene, passes=2, beams=2048, surface_samples=2))
+        found.append(picture(scene, beams=2048, surface_samples=2, max_depth=6))
     assert np.array_equal(found[0], found[1]) and np.array_equal(found[1], found[2])
 
 
@@ -83,14 +83,14 @@ def usual(kernels):
 
 
 def test_another_view_of_glass_compiles_nothing():
-    show = partial(picture, passes=2, beams=2048, surface_samples=2)
+    show = partial(picture, beams=2048, surface_samples=2, max_depth=6)
     for number in range(5):
         show(scene_in_fog(0.1 * number), seed=number)
     assert not usual(compiled(lambda: show(scene_in_fog(0.5), seed=5)))
 
 
 def test_longer_paths_run_the_kernels_of_short_ones():
-    show = partial(picture, scene_in_fog(), passes=2, beams=2048, surface_samples=2)
+    show = partial(picture, scene_in_fog(), beams=2048, surface_samples=2)
     for seed in range(2):
         show(max_depth=6, seed=seed)
     assert not usual(compiled(lambda: show(max_depth=10)))

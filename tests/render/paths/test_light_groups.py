@@ -128,8 +128,15 @@ def of_scene(tmp_path):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("made", [of_stage, of_scene], ids=["stage", "scene"])
-@pytest.mark.parametrize("bounces", [0, 3])
+@pytest.mark.parametrize(
+    ("made", "bounces"),
+    [
+        pytest.param(of_stage, 0, id="stage", marks=pytest.mark.soak),
+        pytest.param(of_scene, 0, id="scene"),
+        pytest.param(of_stage, 3, id="stage, bounces"),
+        pytest.param(of_scene, 3, id="scene, bounces", marks=pytest.mark.soak),
+    ],
+)
 def test_each_group_has_the_light_of_its_lamps_alone(tmp_path, made, bounces):
     """Grey surfaces and fog keep light of one channel in it: the layers are known to the bit."""
     layers = made(tmp_path).render(passes=2, max_depth=bounces + 2, seed=3, **SIZE).layers

@@ -15,6 +15,7 @@ from tests.helpers.comparison import EYE, HOLE_X, HOLE_Y, HOLE_Z, comparison_sce
 from tests.helpers.comparison import camera as stage_camera
 from tests.helpers.fog_room import LAMPS, room
 from tests.helpers.mitsuba_scenes import by_beams, camera, comparison, cube_of, fog, frames, load, rgb
+from tests.helpers.sweep import sweep
 
 HOLE = np.array([[HOLE_X, HOLE_Y[0], HOLE_Z[0]], [HOLE_X, HOLE_Y[1], HOLE_Z[1]]])
 WINDOW = np.array([[-2, 1.2, -0.8], [-2, 2.0, -0.3]])
@@ -49,7 +50,7 @@ def test_a_hole_in_a_box_whose_walls_name_their_fog_is_found():
     check_around(portal, HOLE)
 
 
-@pytest.mark.parametrize("bounces", [0, 2])
+@pytest.mark.parametrize("bounces", sweep([0, 2], [2]))
 def test_the_hole_of_a_stage_is_found(bounces):
     world = world_of_scene(comparison_scene(portal=False), viewpoints=[EYE])
     simulation = Simulation(Tuning(0, max_bounces=bounces), Allotment(4096))

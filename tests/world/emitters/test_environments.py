@@ -9,6 +9,7 @@ from photonbeams.runtime.device import mitsuba
 from photonbeams.world.media.discovery.surroundings import places_of
 from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.mitsuba_scenes import camera, cube_of, fog, frames, load
+from tests.helpers.sweep import sweep
 
 mi = mitsuba()
 T = mi.ScalarTransform4f
@@ -46,7 +47,7 @@ def test_paths_of_a_turned_map_begin_on_a_disc_across_their_direction_before_the
     assert (np.linalg.norm(place.origin[:half] - center, axis=1) > 0.99 * size).all()
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", sweep(range(2), [0]))
 def test_a_turned_sky_lights_the_fog_of_a_hut_as_walks_say(seed):
     # Five walls of a room, and one side open.
     turns = [([0, 1, 0], 90), ([1, 0, 0], 90), ([1, 0, 0], -90), ([0, 1, 0], 0), ([0, 1, 0], 180)]
@@ -57,10 +58,13 @@ def test_a_turned_sky_lights_the_fog_of_a_hut_as_walks_say(seed):
     }
     medium = mi.load_dict(fog(0.2))
     scene = load(
-        sky=sky(seed), fog=cube_of(medium, 1.2), sensor=camera((0.9, 0.2, -0.3), fov=80, medium=medium), **walls
+        sky=sky(seed),
+        fog=cube_of(medium, 1.2),
+        sensor=camera((0.9, 0.2, -0.3), fov=80, size=64, medium=medium),
+        **walls,
     )
     found = []
-    for method, passes in (("beams", 8), ("paths", 64)):
+    for method, passes in (("beams", 4), ("paths", 4)):
         seen = frames(scene, Settings(method=method, passes=passes, max_depth=2), 6)
         light = [np.mean(each.layers()["beams"][..., :3]) for each in seen]
         found.append((np.mean(light), np.std(light, ddof=1) / np.sqrt(6)))

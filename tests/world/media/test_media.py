@@ -107,10 +107,11 @@ def test_media_that_touch_are_as_bright_as_with_a_gap():
             light={"type": "point", "position": [-3, 2, 1], "intensity": 15.0}, sensor=camera((0, 1, 5), size=16),
         )  # fmt: skip
         # Without a pilot, whose paths decide where others go, both pictures have the same paths.
-        settings = by_beams(passes=8, beams=65536, max_depth=4, guiding=False)
+        settings = by_beams(passes=2, beams=65536, max_depth=4, guiding=False)
         return render(both, both.sensors()[0], settings).layers()["rgba"][..., :3].mean(axis=(0, 1))
 
-    # Where rays meet only one of two coincident boundaries, 3 % is lost. Between seeds the ratio spreads by 0.07 %.
+    # Where rays meet only one of two coincident boundaries, 3 % is lost. With 8 passes the ratio spreads by 0.07 %
+    # between seeds, so with 2 by twice that, if passes are independent.
     np.testing.assert_allclose(mean(0.0), mean(2e-3), rtol=5e-3)
 
 
@@ -134,9 +135,9 @@ def halves(low, high):
 def test_the_albedo_of_a_homogeneous_medium_may_be_a_grid(method):
     medium = fog([1.0, 0.5, 0.25]) | {"albedo": halves([0.2, 0.9, 0.5], [0.9, 0.1, 0.5])}
     lamp = {"type": "sphere", "center": [0, 0, 3], "radius": 0.3, "light": {"type": "area", "radiance": 20.0}}
-    scene = load(fog=cube_of(medium), lamp=lamp, sensor=camera((0, 3, 3), size=8, fov=20))
+    scene = load(fog=cube_of(medium), lamp=lamp, sensor=camera((0, 3, 3), size=32, fov=20))
     (expected,) = reference("media/an albedo on a grid", scene, 1 << 10, max_depth=2)
-    settings = Settings(method=method, passes=64 if method == "paths" else 4, beams=1 << 13, max_depth=2, guiding=False)
+    settings = Settings(method=method, passes=4, beams=1 << 13, max_depth=2, guiding=False)
     found = render(scene, scene.sensors()[0], settings).layers()["rgba"][..., :3]
     for own, theirs in zip(np.split(found, 2, axis=1), np.split(expected, 2, axis=1), strict=True):
         # With one albedo for all of it, channels are up to four times as bright. There is 2 % of noise.
