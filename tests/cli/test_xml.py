@@ -310,7 +310,8 @@ def test_an_output_is_asked_for(render, scene):
         ('<integer name="paths" value="300"/>', '<string name="guiding" value="false"/>',
          ('guiding is "false": expected true or false',)),
         ('value="$density"', 'value="-1"', ("medium", "sigma_t.value.value has numbers below 0")),
-        ('value="0.001"', 'value="1e-30"', ("sensor front", "not finite")),
+        ('<lookat origin="0, 0.5, 4" target="0, 0, 0" up="0, 1, 0"/>', '<translate y="1e39"/>',
+         ("sensor front", "not finite")),
     ],
 )  # fmt: skip
 def test_what_cannot_be_rendered_is_named(render, scene, out, old, new, parts):
