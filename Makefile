@@ -27,7 +27,7 @@ help:
 	@echo 'make blender  build the extension for Blender, a render engine, as a zip in out/'
 	@echo 'make test     run the tests (make test ARGS="-k quadrature" for some of them)'
 	@echo 'make soak     run the tests with the whole of long sweeps, and note it in tests/soak.json'
-	@echo 'make quick    run the tests that a change most likely breaks: a minute and a half'
+	@echo 'make quick    run the tests that a change most likely breaks: a minute'
 	@echo 'make lint     check the code with ruff and mypy, its size, and the words with codespell and proselint'
 	@echo 'make page     build and test the page of the studio, and check that the committed one is the same (needs npm)'
 	@echo 'make wheel    build a wheel, and check that it contains the files of src/'
