@@ -183,6 +183,7 @@ def test_a_viewport_whose_renderer_was_killed_says_so_and_goes_on(viewport):
     assert last["nothing"] and "the renderer has ended" in last["killed"] and last["again"]
 
 
+@pytest.mark.soak
 def test_edits_sizes_and_loads_leak_nothing(tmp_path):
     *found, last = blender("leaks", tmp_path)
     assert [each["what"] for each in found] == ["edits", "sizes", "loads"] and last["processes"] == 1

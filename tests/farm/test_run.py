@@ -59,6 +59,7 @@ def test_frames_of_workers_are_those_of_one_process(render, stage, out):
     assert not list(Path.cwd().glob("dask-*"))
 
 
+@pytest.mark.soak
 def test_twenty_frames_a_worker_leave_nothing_and_need_no_more_memory(stage, out, tmp_path):
     begun, found, memory = time.time(), {}, []
     temporary = tmp_path / "temporary"  # not the usual one, in which other farms have files

@@ -16,7 +16,7 @@ ROWS = {row.name: row for row in MATRIX}
 #: Rows for `make test`. Between them: one and several scatterings, a phase function with a direction, coloured media
 #: and one in another, a grid, shadows and a portal, and what glass reflects and refracts.
 KEPT = (
-    "single scattering, Henyey-Greenstein 0.8", "a hole with a portal", "nested media", "a grid",
+    "single scattering, Henyey-Greenstein 0.8", "a hole with a portal", "nested media",
     "a glass ball with its caustic",
 )  # fmt: skip
 

@@ -211,6 +211,7 @@ def test_odd_scenes_are_those_of_volpath(name):
     assert agree(ours, theirs, bias)
 
 
+@pytest.mark.soak
 def test_a_sensor_in_nested_media_need_not_say_so():
     outer, inner = mi.load_dict(fog(0.3)), mi.load_dict(fog([1.0, 0.6, 0.3], 0.8))
     ball = {"type": "sphere", "radius": 0.7, "bsdf": {"type": "null"}, "interior": inner, "exterior": outer}
@@ -228,7 +229,7 @@ def test_a_medium_of_the_sensor_ends_at_its_border():
     medium = mi.load_dict(fog(2.0, 0.8))
     scene = load(fog=cube_of(medium), light=LAMP, floor=FLOOR,
                  sensor=camera((0, 0.5, 0.5), (-0.1, -1.5, -0.3), medium=medium, fov=90))  # fmt: skip
-    ours = pictures(scene, 4, hide_emitters=True, **{**SMALL, "passes": 3, "beams": 65536}).mean(axis=(1, 2))
+    ours = pictures(scene, 4, hide_emitters=True, **{**SMALL, "passes": 3, "beams": 16384}).mean(axis=(1, 2))
     theirs = reference("hostile/a sensor at a border", scene, 512, 4, hide_emitters=True).mean(axis=(0, 1, 2))
     error = ours.std(axis=0, ddof=1) / np.sqrt(len(ours))
     np.testing.assert_array_less(np.abs(ours.mean(axis=0) - theirs), 4.5 * error + 0.01 * theirs)

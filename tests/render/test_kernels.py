@@ -50,7 +50,7 @@ def of_plugin(plugin: object, **settings: object) -> Picture:
     """Return a function that renders a Mitsuba scene through `mi.render`."""
     parameters = mi.traverse(plugin)
     name = next(name for name in parameters.keys() if name.endswith("film.size"))  # noqa: SIM118
-    integrator = mi.load_dict({"type": "photon_beams", **settings})
+    integrator = mi.load_dict({"type": "photon_beams", "paths": 1024, **settings})
 
     def picture(seed: int, width: int) -> object:
         height = width * 9 // 16

@@ -58,8 +58,10 @@ def stage_with_camera(position, turn):
     [
         pytest.param((0.0, 1.5, 1.95), 0.0, id="from beside"),
         pytest.param((-0.4, 1.5, 0.02), 0.0, id="inside, across the shaft"),
-        pytest.param((0.5, 1.5, 0.02), 90.0, id="inside, along the shaft toward the light"),
-        pytest.param((-0.4, 1.52, 0.02), -90.0, id="inside, along the shaft away from the light"),
+        pytest.param((0.5, 1.5, 0.02), 90.0, id="inside, along the shaft toward the light", marks=pytest.mark.soak),
+        pytest.param(
+            (-0.4, 1.52, 0.02), -90.0, id="inside, along the shaft away from the light", marks=pytest.mark.soak
+        ),
     ],
 )
 def test_a_pass_of_4096_beams_is_the_single_scattering_of_the_comparison_scene(position, turn):
