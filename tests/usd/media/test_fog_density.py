@@ -6,6 +6,7 @@ import pytest
 from photonbeams import Shot
 from photonbeams.scene import FogDensity, FogNoise, SceneError
 from photonbeams.usd.stage import read_scene
+from tests.helpers.sweep import sweep
 
 API = '(prepend apiSchemas = ["PhotonBeamsMediumAPI"])'
 SHAPED = """
@@ -77,7 +78,7 @@ def test_fog_fills_the_box_around_prims(usd, scene):
         scene(fog % "</F>")
 
 
-@pytest.mark.parametrize("box", [True, False], ids=["box", "endless"])
+@pytest.mark.parametrize("box", sweep([True, False], keep=[False]), ids=["box", "endless"])
 def test_transmittance_is_the_closed_form_in_any_unit_and_far_from_the_origin(usd, box):
     """Rays straight down, and slanted ones, through fog in front of a floor, on a stage in centimetres.
 

@@ -12,6 +12,7 @@ from photonbeams.world.described import world_of_scene
 from photonbeams.world.shutter import Shutter
 from photonbeams.world.surfaces import build
 from tests.helpers.comparison import box
+from tests.helpers.sweep import sweep
 
 RED, BLUE = scene.Material(diffuse=(0.8, 0.1, 0.1)), scene.Material(diffuse=(0.1, 0.1, 0.8), roughness=0.3)
 GLASS = scene.Material(opacity=0.0, roughness=0.0)
@@ -58,7 +59,7 @@ def test_what_lights_or_media_treat_in_another_way_is_a_shape_of_its_own():
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("linked", [False, True])
+@pytest.mark.parametrize("linked", sweep([False, True], keep=[True]))
 def test_a_picture_of_groups_is_that_of_single_shapes(linked):
     meshes = boxes(14, [RED, BLUE, GLASS])
     names = {"unlit": frozenset({"/Box0", "/Box4"}), "unshadowed": frozenset({"/Box1"})} if linked else {}
