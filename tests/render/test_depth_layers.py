@@ -17,7 +17,6 @@ from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.shutter import Shutter
 from tests.helpers.comparison import quad
 from tests.helpers.deep_files import damaged, write_deep
-from tests.helpers.sweep import sweep
 
 WIDTH, HEIGHT = 40, 24
 WINDOW = Window.full(WIDTH, HEIGHT)
@@ -82,7 +81,7 @@ def test_layers_are_the_same_however_many_pixels_are_taken_together(rng, monkeyp
     assert not len(DepthLayers.of_samples(0 * counts, front[:0], back[:0], alpha[:0]).front)
 
 
-@pytest.mark.parametrize(("parts", "tiled"), sweep([(1, False), (2, True)], keep=[(2, True)]))
+@pytest.mark.parametrize(("parts", "tiled"), [pytest.param(1, False, marks=pytest.mark.soak), (2, True)])
 def test_light_between_deep_samples_is_that_which_the_samples_before_let_through(tmp_path, parts, tiled):
     """Light before all samples, between a surface and a volume, in the volume, and behind it, by itself."""
     samples = [[(5, 9, 0.75), (3, 3, 0.5)], [(1, 1, 1)]]
