@@ -1,6 +1,7 @@
 """Run all tests, with the whole of long sweeps, and note in `tests/soak.json` that they passed: `make soak` calls it.
 
-The file says of the last run that passed at which commit it was, when, for how long, and how many tests there were.
+The file says of the last run that passed at which commit it was, when, for how long, how many tests there were, and what
+pytest was told: with `-m soak`, those cases alone ran that `make test` leaves out.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ def main() -> int:
             "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
             "minutes": round((monotonic() - begun) / 60, 1),
             "passed": passed("".join(lines)),
+            "arguments": " ".join(sys.argv[1:]),
         }
         NOTE.write_text(json.dumps(note, indent=2) + "\n", encoding="utf-8")
         print(f"soak: passed in {note['minutes']} minutes; commit {NOTE.relative_to(ROOT)}")
