@@ -34,7 +34,7 @@ def test_each_tutorial_is_tried():
 
 
 # The caustic's scene is one of examples/mitsuba, whose pictures in Python are those of docs/mitsuba.md.
-@pytest.mark.parametrize("name", sweep(TINY, ("talk", "fit", "plate")))
+@pytest.mark.parametrize("name", sweep(TINY, ("talk", "fit")))
 def test_every_cell_runs(name, monkeypatch, tmp_path):
     for variable in ("IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR"):
         monkeypatch.setenv(variable, str(tmp_path))  # the user's own files are neither used nor written

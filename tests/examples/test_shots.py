@@ -152,6 +152,7 @@ def test_beams_move_and_change_colour_while_the_set_stays():
     assert np.abs(share[0] - share[1]).max() > 0.02
 
 
+@pytest.mark.soak  # in `make test`, the concert moves from frame to frame, and shutters have tests of their own
 def test_motion_blur_is_on():
     shot = opened("concert", beams=16)
     camera = UsdGeom.Camera(shot.stage.GetPrimAtPath("/World/Camera"))

@@ -41,7 +41,7 @@ def message(rng):
     return json.dumps(found)
 
 
-@pytest.mark.parametrize("count", sweep([1500, 5000], [1500]))
+@pytest.mark.parametrize("count", sweep([500, 5000], [500]))
 def test_the_studio_outlives_thousands_of_messages(count, tmp_path, monkeypatch):
     monkeypatch.setattr(protocol, "PER_SECOND", 10 * count)
     path = tmp_path / "shot.usda"
