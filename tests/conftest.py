@@ -25,6 +25,9 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Before any test imports Dr.Jit: this import chooses the libLLVM that Dr.Jit loads.
 import photonbeams  # noqa: E402, F401
 
+# New objects after which Python collects garbage by itself: 70 times its own number.
+_OBJECTS = 50_000
+
 # A test that takes longer, in seconds, may have rendered something.
 _RENDERED = 0.2
 
@@ -69,10 +72,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_collection_finish() -> None:
     """Leave what there is before the first test out of collections: modules and tests, a million objects.
 
-    A collection looked at all of them, and took as long as a small render.
+    A collection looked at all of them, and took as long as a small render. Between tests that render, whose garbage is
+    collected above, few collections are needed.
     """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(_OBJECTS, *gc.get_threshold()[1:])
 
 
 def pytest_unconfigure() -> None:
