@@ -129,7 +129,8 @@ def weights(base: Array, new: Array) -> Array:
 
 def _shared(blocks: Array) -> Array:
     """Return the means of the blocks' neighbourhoods."""
-    means: Array = ndimage.uniform_filter(blocks, NEIGHBOURHOOD, mode="nearest")
+    # Its running sums may be below 0 by rounding where all blocks are black.
+    means: Array = np.maximum(ndimage.uniform_filter(blocks, NEIGHBOURHOOD, mode="nearest"), 0)
     return means
 
 

@@ -250,3 +250,9 @@ def test_the_budget_s_table_has_the_numbers_that_differ_and_all_tokens():
         ("whole.calls", "7", "7", ""),
         ("all tokens", "150", "140", "-10"),
     ]
+
+
+def test_weights_are_finite_where_most_of_a_picture_is_black():
+    picture = np.zeros((2, *SIZE))
+    picture[:, :8, :8] = noisy(1)[:, :8, :8] * 1e6
+    assert np.isfinite(weights(picture, 1.1 * picture)).all()
