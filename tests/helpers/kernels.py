@@ -4,8 +4,8 @@ import re
 
 import drjit as dr
 
-#: What differs between two kernels that are one up to constants: their names, and numbers.
-_CONSTANTS = re.compile(r"drjit_[0-9a-f]+|\b0x[0-9a-fA-F]+\b|\b(?:i8|i32|i64) -?\d+\b")
+#: What differs between two kernels that are one up to constants: their names, and whole numbers.
+_CONSTANTS = re.compile(r"drjit_[0-9a-f]+|\b(?:i8|i32|i64) -?\d+\b")
 
 
 def compiled(function, *arguments):
@@ -19,5 +19,5 @@ def compiled(function, *arguments):
 
 
 def without_constants(kernel):
-    """Return the code of a kernel without its constants, by which kernels that depend on numbers are one."""
+    """Return the code of a kernel without its whole numbers, by which kernels that depend on numbers are one."""
     return _CONSTANTS.sub("#", kernel["ir"].getvalue())

@@ -5,6 +5,7 @@ one of these numbers, or where a plug-in has its place in a table of virtual cal
 a pilot decides, and what happens to few paths, may differ as well, and has kernels of its own, once.
 """
 
+import gc
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -24,8 +25,9 @@ from tests.helpers.sweep import sweep
 mi = mitsuba()
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-SHOTS = ("keyhole/keyhole", "concert/concert", "forest/forest", "smoke/smoke", "magic/magic", "shaft/directed",
-         "shaft/physical")  # fmt: skip
+# Not the smoke, which moves: the worlds at the shutter's opening and closing have places of their own in tables of
+# virtual calls, and a late step of a light path may be in one of them alone.
+SHOTS = ("keyhole/keyhole", "concert/concert", "forest/forest", "magic/magic", "shaft/physical")
 SCENES = ("cloud", "cornell_fog", "flask", "glass_ball", "mirrors", "slits")
 #: Seeds and widths, in pixels, of the first picture and of others.
 FIRST = (0, 48)
@@ -124,6 +126,7 @@ def test_another_seed_and_size_of_a_mitsuba_scene_compile_no_kernel_twice(name):
 def holds(picture: Picture) -> None:
     before = {without_constants(kernel) for kernel in compiled(picture, *FIRST)}
     for seed, width in OTHERS:
+        gc.collect()  # plug-ins that are garbage have their places in the tables, too
         codes = [without_constants(kernel) for kernel in compiled(picture, seed, width)]
         assert not before.intersection(codes), (seed, width)
         before.update(codes)
