@@ -70,9 +70,8 @@ def report(console: Console, arguments: Sequence[str]) -> None:
     for line in tables.remarks(compared, broken):
         console.print(line, markup=False)
     if options.write is not None:
-        record = {"scenes": [_record(result.outcome) for result in results]} | dict(
-            zip(("base", "new"), budgets, strict=True)
-        )
+        scenes = [_record(result.outcome) for result in results]
+        record = {"scenes": scenes, "budgets": dict(zip(("base", "new"), budgets, strict=True))}
         options.write.write_text(json.dumps(record, indent=1) + "\n")
     if options.page is not None:
         options.page.write_text(page.written(results, title))
