@@ -1,7 +1,7 @@
 """Run all tests, with the whole of long sweeps, and note in `tests/soak.json` that they passed: `make soak` calls it.
 
-The file says of the last run that passed at which commit it was, when, for how long, how many tests there were, and what
-pytest was told: with `-m soak`, those cases alone ran that `make test` leaves out.
+The file says of the last run that passed at which commit it was, when, for how long, how many tests there were, and
+what pytest was told: with `-m soak`, those cases alone ran that `make test` leaves out.
 """
 
 from __future__ import annotations

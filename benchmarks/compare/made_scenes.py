@@ -19,19 +19,19 @@ def caustic(width: int, height: int) -> Plugin:
     The measures are those of the scene "volumetric caustic" in the rendering resources of B. Bitterli (2016, CC0). Half
     of the lamp's side is 2 mm where the room's is 1 m: the light is that of a point, which no camera path meets.
     """
-    gas = {"type": "homogeneous", "albedo": _rgb((1, 1, 1)), "sigma_t": 1.0}
+    gas = {"type": "homogeneous", "albedo": rgb((1, 1, 1)), "sigma_t": 1.0}
     ball = {
-        "type": "sphere", "center": [-0.22827, 1.2, 0.152505], "radius": 0.3, "exterior": _reference("gas"),
+        "type": "sphere", "center": [-0.22827, 1.2, 0.152505], "radius": 0.3, "exterior": reference("gas"),
         "bsdf": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0},
     }  # fmt: skip
     place = mi.ScalarTransform4f().translate([-0.005, 1.98, -0.03]).rotate([1, 0, 0], 90).scale([0.0025, 0.002, 1])
     lamp = {
-        "type": "rectangle", "to_world": place, "bsdf": {"type": "diffuse", "reflectance": _rgb((0, 0, 0))},
-        "exterior": _reference("gas"),
-        "emitter": {"type": "area", "radiance": _rgb((541127.0, 381972.0, 127324.0))},
+        "type": "rectangle", "to_world": place, "bsdf": {"type": "diffuse", "reflectance": rgb((0, 0, 0))},
+        "exterior": reference("gas"),
+        "emitter": {"type": "area", "radiance": rgb((541127.0, 381972.0, 127324.0))},
     }  # fmt: skip
     inside = mi.ScalarTransform4f().translate([0, 1, -0.005]).scale([1.01, 1.01, 1.005])
-    volume = {"type": "cube", "to_world": inside, "bsdf": {"type": "null"}, "interior": _reference("gas")}
+    volume = {"type": "cube", "to_world": inside, "bsdf": {"type": "null"}, "interior": reference("gas")}
     eye = mi.ScalarTransform4f().look_at([0, 1, 7], [0, 1, 0], [0, 1, 0])
     return {
         "type": "scene", "gas": gas, "camera": _camera(eye, 19.5, width, height), **_walls(), "ball": ball,
@@ -41,17 +41,17 @@ def caustic(width: int, height: int) -> Plugin:
 
 def ball_under_a_sky(width: int, height: int) -> Plugin:
     """Return a ball of coloured fog under an even sky, whose light no beams carry."""
-    fog = {"type": "homogeneous", "sigma_t": _rgb((0.33, 0.66, 1.0)), "scale": 3.0, "albedo": 0.9}
+    fog = {"type": "homogeneous", "sigma_t": rgb((0.33, 0.66, 1.0)), "scale": 3.0, "albedo": 0.9}
     ball = {"type": "sphere", "radius": 1.0, "bsdf": {"type": "null"}, "interior": fog}
     eye = mi.ScalarTransform4f().look_at([0, 0.5, 4], [0, 0, 0], [0, 1, 0])
-    sky = {"type": "constant", "radiance": _rgb((1, 1, 1))}
+    sky = {"type": "constant", "radiance": rgb((1, 1, 1))}
     return {"type": "scene", "ball": ball, "sky": sky, "camera": _camera(eye, 40.0, width, height)}
 
 
 def bare_box(width: int, height: int) -> Plugin:
     """Return a box without fog, with a lamp below its ceiling and a mirror ball: surfaces alone."""
     place = mi.ScalarTransform4f().translate([0, 1.98, 0]).rotate([1, 0, 0], 90).scale([0.25, 0.2, 1])
-    lamp = {"type": "rectangle", "to_world": place, "emitter": {"type": "area", "radiance": _rgb((17, 12, 4))}}
+    lamp = {"type": "rectangle", "to_world": place, "emitter": {"type": "area", "radiance": rgb((17, 12, 4))}}
     ball = {"type": "sphere", "center": [0.35, 0.4, 0.2], "radius": 0.4, "bsdf": {"type": "conductor"}}
     block = {
         "type": "cube", "bsdf": _matte(WHITE),
@@ -86,12 +86,14 @@ def _camera(to_world: Any, degrees: float, width: int, height: int) -> Plugin:
 
 
 def _matte(color: tuple[float, float, float]) -> Plugin:
-    return {"type": "twosided", "side": {"type": "diffuse", "reflectance": _rgb(color)}}
+    return {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb(color)}}
 
 
-def _reference(name: str) -> Plugin:
+def reference(name: str) -> Plugin:
+    """Return what stands for the plug-in of a name."""
     return {"type": "ref", "id": name}
 
 
-def _rgb(color: Any) -> Plugin:
+def rgb(color: Any) -> Plugin:
+    """Return a color of three numbers."""
     return {"type": "rgb", "value": [float(channel) for channel in color]}

@@ -6,12 +6,10 @@ The room is 4 m wide, 2.6 m high and 4 m deep, and the camera looks along −z f
 
 from __future__ import annotations
 
-from typing import Any
-
 import mitsuba as mi
 import numpy as np
 
-Plugin = dict[str, Any]
+from .made_scenes import Plugin, reference, rgb
 
 # Half of the room's width and depth, and its height, in metres.
 HALF = 2.0
@@ -36,7 +34,7 @@ def room(number: int, width: int, height: int) -> Plugin:
     """Return the room of a number, whose film has this many pixels."""
     rng = np.random.default_rng(number)
     fog = _fog(rng) if rng.random() < FOG else None
-    outside: Plugin = {} if fog is None else {"exterior": _reference("fog")}
+    outside: Plugin = {} if fog is None else {"exterior": reference("fog")}
     parts: Plugin = {"type": "scene"} | ({} if fog is None else {"fog": fog})
     parts |= {"shell": _shell(rng, fog is not None), "camera": _camera(rng, fog is not None, width, height)}
     parts |= {f"panel {side:+d}": _panel(rng, side) for side in (-1, 1)}
@@ -48,17 +46,9 @@ def room(number: int, width: int, height: int) -> Plugin:
     return parts | {f"lamp {index}": _lamp(rng, count, fog is not None) for index in range(count)}
 
 
-def _reference(name: str) -> Plugin:
-    return {"type": "ref", "id": name}
-
-
-def _rgb(color: Any) -> Plugin:
-    return {"type": "rgb", "value": [float(channel) for channel in color]}
-
-
 def _color(rng: np.random.Generator, least: float, most: float) -> Plugin:
     """Return a colour whose channels are between two values."""
-    return _rgb(rng.uniform(least, most, 3))
+    return rgb(rng.uniform(least, most, 3))
 
 
 def _matte(rng: np.random.Generator) -> Plugin:
@@ -75,7 +65,7 @@ def _fog(rng: np.random.Generator) -> Plugin:
     tint = rng.uniform(0.4, 1.0, 3) if rng.random() < COLORED else np.ones(3)
     phase = {"type": "hg", "g": float(rng.uniform(-0.2, 0.7))}
     return {
-        "type": "homogeneous", "sigma_t": _rgb(tint), "scale": extinction, "albedo": _color(rng, 0.7, 0.95),
+        "type": "homogeneous", "sigma_t": rgb(tint), "scale": extinction, "albedo": _color(rng, 0.7, 0.95),
         "phase": phase,
     }  # fmt: skip
 
@@ -83,7 +73,7 @@ def _fog(rng: np.random.Generator) -> Plugin:
 def _shell(rng: np.random.Generator, foggy: bool) -> Plugin:
     """Return the floor, the ceiling and the walls; fog fills the room."""
     place = mi.ScalarTransform4f().translate([0, HEIGHT / 2, 0]).scale([HALF, HEIGHT / 2, HALF])
-    inside = {"interior": _reference("fog")} if foggy else {}
+    inside = {"interior": reference("fog")} if foggy else {}
     return {"type": "cube", "to_world": place, "bsdf": _matte(rng), **inside}
 
 
@@ -102,7 +92,7 @@ def _camera(rng: np.random.Generator, foggy: bool, width: int, height: int) -> P
     return {
         "type": "perspective", "fov": 70.0, "near_clip": 0.001, "film": film,
         "to_world": mi.ScalarTransform4f().look_at(eye, [0, 0.9, -0.6], [0, 1, 0]),
-        **({"medium": _reference("fog")} if foggy else {}),
+        **({"medium": reference("fog")} if foggy else {}),
     }  # fmt: skip
 
 
@@ -159,7 +149,7 @@ def _lamp(rng: np.random.Generator, count: int, foggy: bool) -> Plugin:
     make = {"point": _point_lamp, "spot": _spot_lamp, "ceiling": _ceiling_lamp, "ball": _ball_lamp}[str(kind)]
     lamp = make(rng, INTENSITY / count)
     medium = "exterior" if "emitter" in lamp else "medium"
-    return lamp | ({medium: _reference("fog")} if foggy else {})
+    return lamp | ({medium: reference("fog")} if foggy else {})
 
 
 def _high(rng: np.random.Generator) -> list[float]:
@@ -169,7 +159,7 @@ def _high(rng: np.random.Generator) -> list[float]:
 
 def _light(rng: np.random.Generator, strength: float) -> Plugin:
     """Return a colour of light, warm or cold."""
-    return _rgb(strength * rng.uniform(0.6, 1.0, 3))
+    return rgb(strength * rng.uniform(0.6, 1.0, 3))
 
 
 def _point_lamp(rng: np.random.Generator, intensity: float) -> Plugin:

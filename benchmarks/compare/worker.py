@@ -22,6 +22,7 @@ import mitsuba as mi
 import numpy as np
 
 import photonbeams as pb
+from tests.helpers.kernels import is_new
 
 from .protocol import Reply, Request
 from .scenes import SCENES
@@ -78,7 +79,7 @@ def rendered(request: Request) -> Reply:
         seconds=end.user + end.system - begin.user - begin.system,
         memory=None if before is None or peak is None else peak - before,
         launches=len(history),
-        kernels=len({entry["hash"] for entry in history if _is_new(entry)}),
+        kernels=len({entry["hash"] for entry in history if is_new(entry)}),
     )
 
 
@@ -86,11 +87,6 @@ def _digest(layer: Any) -> str:
     """Return a digest of a layer's size and bits."""
     layer = np.ascontiguousarray(layer)
     return hashlib.sha256(f"{layer.shape} {layer.dtype}".encode() + layer.tobytes()).hexdigest()
-
-
-def _is_new(entry: dict[str, Any]) -> bool:
-    """Return whether a launch is the first of its kernel in this process, which compiled it or read it from a file."""
-    return entry["type"].name == "JIT" and (entry["cache_disk"] or not entry["cache_hit"])
 
 
 def _reset_peak() -> int | None:

@@ -241,9 +241,9 @@ class _Renderer:
 
         parameters, findings = self._last
         if parameters != Parameters(scene, sensor):
+            # Kernels depend on how many plug-ins there are, so those that the last findings hold go first.
             findings = Findings()
-        # Kernels depend on how many plug-ins there are, so those that the last findings hold go first.
-        self._last, parameters = (None, None), None
+            self._last, parameters = (None, None), None
         with _bar(settings) as run:
             frame = render(
                 scene, sensor, settings, run, warned=self._warned, extras=Extras(depth=False, findings=findings)

@@ -153,7 +153,7 @@ def camera_of(plugin: MiSensor) -> scene.Camera | None:
         size *= np.tan(np.radians(float(np.ravel(parameters["x_fov"])[0])) / 2)
     shift = [parameters.get(f"principal_point_offset_{axis}", 0) for axis in "xy"]
     places = np.array([[0, 0.5], [1, 0.5], [0.5, 0], [0.5, 1]]) + np.array([float(np.ravel(each)[0]) for each in shift])
-    across, down = np.split(_on_film(world, (1 - 2 * places) * size, orthographic), 2)
+    across, down = np.split(_on_film(world, forward, (1 - 2 * places) * size, orthographic), 2)
     if not np.all(np.isfinite([*across, *down, center])):
         name = plugin.id() or kind
         raise scene.SceneError(f"sensor {name}: its rays are not finite: expected another transform or field of view")
@@ -176,12 +176,11 @@ def camera_of(plugin: MiSensor) -> scene.Camera | None:
     )  # fmt: skip
 
 
-def _on_film(world: np.ndarray, points: np.ndarray, orthographic: bool) -> np.ndarray:
+def _on_film(world: np.ndarray, forward: np.ndarray, points: np.ndarray, orthographic: bool) -> np.ndarray:
     """Return points of the film, (N, 2), in the world: offsets at depth 1, or origins of an orthographic camera.
 
     Mitsuba's `sample_ray` would give the same, but its kernels contain the size of the film.
     """
-    forward = world[:3, 2] / np.linalg.norm(world[:3, 2])
     if orthographic:
         return points @ world[:3, :2].T + world[:3, 3]
     direction = points @ world[:3, :2].T + world[:3, 2]
