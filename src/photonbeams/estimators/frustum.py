@@ -14,47 +14,23 @@ from typing import Any
 
 import drjit as dr
 
-from ..looks.bound_look import MOST_CORNERS, BoundLook
+from ..looks.bound_look import BoundLook
 from ..looks.factors import Value
 from ..numerics.syntax import syntax
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from .blend import change_rate, factors, frustum_weight, need
+from .corners import crossings, cut, within
 from .geometry import Chord, Rays, chord, closest_approach
 from .points import Points
 from .records import Packed, Record, load
 
 # Most change of the radius, as a ratio, over one piece of a chord: six points then err by 1e-6 on 1/R². For the change
-# of the factors see `BoundLook.change`. The look also limits how often a chord is cut (`BoundLook.cuts`): the rate of
-# change is infinite at a jump, and a pointed cone would be cut without end.
+# of the factors see `BoundLook.change`. That is infinite at a jump: the look limits how often a chord is cut for it.
 _RATIO = 3.0
-
-
-def corners(beam: Record, ray: Chord, look: BoundLook) -> list[Float]:
-    """Return the τ at which the integrand has a corner: rings of the profile, knots of the colour ramp."""
-    radius, slope_c = ray.radius, ray.growth
-    result = []
-    for ring in look.rings:
-        if ring == 0:
-            result.append(-ray.drift / dr.maximum(ray.sin2, 1e-12))
-            continue
-        rho = dr.opaque(Float, ring)
-        A = dr.fma(-(rho * rho) * slope_c, slope_c, ray.sin2)
-        B = dr.fma(-(rho * rho) * slope_c, radius, ray.drift)
-        C = dr.fma(-(rho * rho) * radius, radius, ray.offset2)
-        root = dr.sqrt(dr.maximum(dr.fma(B, B, -A * C), 0))
-        inv = dr.rcp(dr.select(dr.abs(A) < 1e-12, 1e-12, A))
-        result += [(-B - root) * inv, (-B + root) * inv]
-    inv_c = dr.rcp(dr.select(dr.abs(ray.cosine) < 1e-6, 1e-6, ray.cosine))
-    elsewhere = []
-    for name, place in look.corners:
-        at = dr.opaque(Float, place)
-        if name == "eye":
-            elsewhere.append(at - ray.t)
-        elif name != "radius":
-            distance = (at * beam.total if name == "fraction" else at) - beam.offset
-            straight = (distance - ray.s) * inv_c
-            elsewhere.append(straight if ray.course is None else ray.course.where(distance))
-    return result + elsewhere[:MOST_CORNERS]
+# Least piece of a chord in a pointed cone.
+_NARROWEST = 1e-7
+# Most optical depth of the first piece of a chord, and of the last: six points then err by 1e-5.
+_DEPTH = 8.0
 
 
 def integrand(beam: Record, ray: Chord, tau: Float, look: BoundLook, camera: Rays) -> Value:
@@ -78,28 +54,41 @@ def unchanging(beam: Record, ray: Chord, look: BoundLook) -> Array3f:
     return power if ray.course is not None else power * look.turned(-ray.cosine, beam)
 
 
+def _lit(ray: Chord, look: BoundLook) -> tuple[Float, Float]:
+    """Return the part of a chord on which the profile is not dark."""
+    if look.profile.support == 1:
+        return ray.a, ray.b
+    first, last = within(dr.opaque(Float, look.profile.support), ray)
+    return dr.clip(first, ray.a, ray.b), dr.clip(last, ray.a, ray.b)
+
+
 @syntax
 def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, camera: Rays, active: Bool) -> Array3f:
     """Return ∫ k2 · along · eye over the chord, piece by piece between corners (Talk, eq. 2)."""
-    breaks = corners(beam, ray, look)
     total = Array3f(0)
-    low, end = Float(ray.a), dr.select(active, ray.b, ray.a)
-    rate = change_rate(beam, dr.abs(ray.cosine), look)
+    begin, end = _lit(ray, look)
+    low, end = Float(begin), dr.select(active, end, begin)
+    edges = crossings(beam, ray, look)
+    numbers = [UInt32(0) for _ in range(len(edges))]
+    cosine, length, growth = dr.abs(ray.cosine), end - begin, ray.growth
+    rate = change_rate(beam, cosine, look)
     rate_across = look.rate_radius * dr.sqrt(ray.sin2)
-    shortest = (ray.b - ray.a) * dr.rcp(look.cuts)
-    growth = ray.growth
+    shortest = length * dr.rcp(look.cuts)
+    thin = _DEPTH * dr.rcp(dr.maximum(dr.fma(cosine, look.decay_along, look.decay_eye), 1e-20))
     spread = dr.select(growth > 0, _RATIO - 1, 1 - 1 / _RATIO) * dr.rcp(dr.maximum(dr.abs(growth), 1e-20))
     while low < end:
         radius = dr.fma(beam.slope, ray.along(low), beam.radius)
         inv_radius = dr.rcp(dr.maximum(radius, 1e-12))
         steady = look.change * dr.rcp(dr.maximum(dr.fma(rate_across, inv_radius, rate), 1e-20))
-        longest = dr.maximum(dr.minimum(steady, spread * radius), shortest)
+        # What decays matters at one end of the chord: pieces may be as long as their distance from both.
+        fading = dr.maximum(thin, dr.minimum(low - begin, 0.5 * (end - low)))
+        narrow = dr.maximum(spread * radius, _NARROWEST * length)
+        longest = dr.minimum(dr.minimum(dr.maximum(steady, shortest), fading), narrow)
         # A piece of almost all the rest takes the whole rest, or rounding would leave a sliver. If the piece is so
-        # short that `cut` rounds to `low`, it takes the rest as well, or the loop would never end.
-        cut = low + longest
-        high = dr.select((end - low > 1.01 * longest) & (cut > low), cut, end)
-        for place in breaks:
-            high = dr.select((place > low) & (place < high), place, high)
+        # short that it rounds to nothing, it takes the rest as well, or the loop would never end.
+        high = low + longest
+        high = dr.select((end - low > 1.01 * longest) & (high > low), high, end)
+        numbers, high = cut(edges, numbers, low, high)
         half, middle = 0.5 * (high - low), 0.5 * (high + low)
         j = UInt32(0)
         while j < points.count:

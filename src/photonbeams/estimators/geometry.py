@@ -237,22 +237,30 @@ def chord(beam: Record, origin: Array3f | None, direction: Array3f, t_min: Float
     """
     relative = beam.start if origin is None else beam.start - origin
     c = dr.dot(direction, beam.axis)
-    sin2 = dr.squared_norm(dr.cross(direction, beam.axis))
+    # One vector gives both sin² and the drift: the distance from the axis is then that of one line, whatever the
+    # rounding of the vector.
+    turn = dr.fma(beam.axis, -c, direction)
+    sin2 = dr.squared_norm(turn)
     reach = dr.dot(beam.axis, relative)
     low, high = _slab(beam, origin, direction, c, reach)
     low, high = dr.maximum(low, t_min), dr.minimum(high, t_max)
-    nearest = dr.fma(-c, reach, dr.dot(direction, relative)) / dr.maximum(sin2, 1e-12)
+    # Where (distance from the axis)² + R² is least: near a cylinder's axis, near a cone's tip. From there, no term of
+    # the quadratic is greater than twice the square of a radius on the chord.
+    growth = beam.slope * c
+    least = dr.fma(growth, growth, sin2)
+    toward = dr.fma(-growth, dr.fma(-beam.slope, reach, beam.radius), dr.dot(relative, turn))
+    nearest = toward / dr.maximum(least, 1e-12)
     t = dr.maximum(dr.minimum(nearest, high), low)
     point = dr.fma(direction, t, -relative)
     s = dr.dot(point, beam.axis)
     across = dr.fma(beam.axis, -s, point)
     bend = None if beam.bend is None else course(beam, point, direction)
     radius = dr.fma(beam.slope, s if bend is None else bend.along(Float(0)), beam.radius)
-    slope_c = beam.slope * c if bend is None else beam.slope * bend.rate()
-    drift, offset2 = dr.dot(across, direction), dr.squared_norm(across)
+    slope_c = growth if bend is None else beam.slope * bend.rate()
+    drift, offset2 = dr.dot(across, turn), dr.squared_norm(across)
 
     def inside(radius: Float, slope_c: Float) -> tuple[Float, Float]:
-        first, last = _inside_cone(
+        first, last = inside_cone(
             dr.fma(-slope_c, slope_c, sin2), dr.fma(-slope_c, radius, drift), dr.fma(-radius, radius, offset2), slope_c
         )
         return dr.maximum(first, low - t), dr.minimum(last, high - t)
@@ -262,7 +270,9 @@ def chord(beam: Record, origin: Array3f | None, direction: Array3f, t_min: Float
         for _ in range(_REFINEMENTS):
             radius, slope_c = _secant(beam, bend, a, b, radius, slope_c)
             a, b = inside(radius, slope_c)
-    return Chord((a < b) & (low < high), a, b, t, s, c, sin2, offset2, drift, radius, slope_c, bend)
+    # A slanted surface may cut a cone beyond its tip; what lies there between the walls is no light.
+    valid = (a < b) & (low < high) & (dr.fma(slope_c, 0.5 * (a + b), radius) > 0)
+    return Chord(valid, a, b, t, s, c, sin2, offset2, drift, radius, slope_c, bend)
 
 
 # Along a ray, the radius of a tapered piece of a curve is not linear, and its wall is not a cone. The chord is that of
@@ -308,7 +318,7 @@ def between(rate: Float, low: Float, high: Number) -> tuple[Any, Any]:
     )
 
 
-def _inside_cone(A: Float, B: Any, C: Float, slope_c: Float) -> tuple[Float, Float]:
+def inside_cone(A: Float, B: Any, C: Float, slope_c: Float) -> tuple[Float, Float]:
     """Return the interval of A τ² + 2B τ + C ≤ 0 on the nappe of positive radius.
 
     With A < 0 the ray runs along the axis within the cone's opening; the inside is then outside of the two roots, on

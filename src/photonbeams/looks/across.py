@@ -14,10 +14,11 @@ from __future__ import annotations
 
 from functools import cached_property
 
+import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..quadrature import gauss_legendre
+from ..quadrature import Rule, gauss_legendre
 from ..runtime.device import Float
 from ..scene import SceneError, shown
 from .described import Described, described
@@ -28,9 +29,23 @@ from .table import Table
 SAMPLES = 1024
 #: Quadrature over ρ that normalises profiles.
 RULE = gauss_legendre(32)
-#: Values of ρ at which profiles are tabulated, evenly over ρ², which needs no square root; shapes are smooth in ρ² or
-#: declare their corners.
-RADII = np.sqrt(np.linspace(0, 1, SAMPLES))
+_SIX, _EIGHT = gauss_legendre(6), gauss_legendre(8)
+#: Values of ρ at which profiles are tabulated, in units of their support.
+RADII = np.linspace(0, 1, SAMPLES)
+
+# Fraction of a profile's peak below which there is no light.
+_DARK = 1e-8
+# A profile of which this much is lit is taken as lit everywhere.
+_NEARLY_ALL = 0.9
+# Error of six points on a piece of a chord that asks for one more ring: relative to the chord's light, but at least to
+# a thousandth of the brightest chord's; and relative to that.
+_ERROR = 1e-3
+_ERROR_OF_BRIGHTEST = 6.5e-4
+_DIM = 1e-3
+# Distances of those chords from the axis, in units of the support.
+_CHORDS = np.linspace(0, 0.99, 23)
+_THINNEST = 4e-3  # least distance between rings
+_PANELS = 12  # of the sums by eight points that pieces are compared with
 
 
 class Across(Described):
@@ -39,7 +54,7 @@ class Across(Described):
     Attributes
     ----------
     corners
-        Values of ρ in [0, 1) where the profile is not smooth: quadrature splits its interval there.
+        Values of ρ in [0, 1) where the profile is not smooth: quadrature splits its interval there if it has to.
     attached
         Whether the profile is attached to the AD graph. Its line projection never is, because derivatives are those of
         the frustum estimator.
@@ -94,20 +109,80 @@ class Across(Described):
         return (*self.corners, *np.linspace(0, 1, 17)[1:-1].tolist())
 
     @cached_property
+    def support(self) -> float:
+        """The ρ beyond which the profile is dark. Chords end there, and so do tables."""
+        rho = np.linspace(0, 1, 4 * SAMPLES + 1)
+        values = self.shape(rho)
+        last = np.flatnonzero(values > _DARK * values.max()).max(initial=0) + 1
+        return float(rho[last]) if last < _NEARLY_ALL * len(rho) else 1.0
+
+    @cached_property
+    def rings(self) -> tuple[float, ...]:
+        """Values of ρ that cut chords into pieces on which six points are accurate; a ring of 0 cuts them at the axis.
+
+        From the axis outward, each ring is the farthest for which the rule errs by little, or a corner before it.
+        """
+        kinks = [each for each in self.corners if 0 < each < self.support]
+        bound, rings, low = self._tolerated(), list[float](), 0.0
+        axis = 0.0 in self.corners and bool(np.any(self._error(0.0, self.support, False) > bound))
+        # Errors of several pieces add up: the last may err more than others, and a chord that is not cut most.
+        while np.any(self._error(low, self.support, axis) > (2 if rings else 3) * bound):
+            near, far = low, self.support
+            while far - near > _THINNEST:
+                middle = (near + far) / 2
+                fits = np.all(self._error(low, middle, axis) <= bound)
+                near, far = (middle, far) if fits else (near, middle)
+            low = max((each for each in kinks if low < each <= far), default=far)
+            rings.append(low)
+        return (*([0.0] if axis else []), *rings)
+
+    def _tolerated(self) -> npt.NDArray[np.float64]:
+        """Return the error that a piece of each of the chords may have."""
+        ends = np.sqrt(self.support**2 - (_CHORDS * self.support) ** 2)
+        light = 2 * self._summed(_EIGHT, np.zeros_like(ends), ends)
+        return np.clip(_ERROR * light, _ERROR * _DIM * light.max(), _ERROR_OF_BRIGHTEST * light.max())
+
+    def _error(self, low: float, high: float, axis: bool) -> npt.NDArray[np.float64]:
+        """Return by how much six points err between two rings, for each of the chords."""
+        inner, outer = (np.sqrt(np.maximum(ring**2 - (_CHORDS * self.support) ** 2, 0)) for ring in (low, high))
+        whole = (inner == 0) & (not axis)  # from one side of the ring to the other
+        begin = np.where(whole, -outer, inner)
+        exact = self._summed(_EIGHT, inner, outer) * np.where(whole, 2, 1)
+        points = self._summed(_SIX, begin, outer, panels=1)
+        return np.abs(points - exact) * np.where(whole, 1, 2)
+
+    def _summed(
+        self, rule: Rule, begin: npt.NDArray[np.float64], end: npt.NDArray[np.float64], panels: int = _PANELS
+    ) -> npt.NDArray[np.float64]:
+        """Return the profile's integral over pieces of the chords, from `begin` to `end` after their middles."""
+        square, breaks = (_CHORDS * self.support) ** 2, np.linspace(begin, end, panels + 1)[1:-1]
+
+        def shape(tau: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+            return self.shape(np.sqrt(np.minimum(square + tau * tau, 1)))
+
+        return np.asarray(rule.integrate(shape, begin, end, breaks))
+
+    @cached_property
     def _density(self) -> Table:
-        return Table(self.scale * self.shape(RADII))
+        return Table(self.scale * self._within(self.shape(RADII * self.support)))
 
     @cached_property
     def _line(self) -> Table:
-        x = np.linspace(0, 1, SAMPLES)
+        x = (RADII * self.support) ** 2
 
         def integrand(v: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
             return self.shape(np.sqrt(x + (1 - x) * v * v))
 
         with np.errstate(divide="ignore", invalid="ignore"):
-            breaks = [np.nan_to_num(np.sqrt(np.clip((c * c - x) / (1 - x), 0, 1))) for c in self.corners]
+            kinks = (*self.corners, *self.rings, self.support)
+            breaks = [np.nan_to_num(np.sqrt(np.clip((c * c - x) / (1 - x), 0, 1))) for c in kinks]
         pieces = (*breaks, *np.linspace(0, 1, 9)[1:-1].tolist())
-        return Table(2 * self.scale * RULE.integrate(integrand, np.zeros_like(x), np.ones_like(x), pieces))
+        line = RULE.integrate(integrand, np.zeros_like(x), np.ones_like(x), pieces)
+        return Table(self._within(2 * self.scale * line))
+
+    def _within(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return values up to the support, dark from there on."""
+        return values if self.support == 1 else np.append(values[:-1], 0.0)
 
     def __mul__(self, other: FactorLike) -> Modulated:
         return Modulated(self, factor(other))
@@ -116,11 +191,16 @@ class Across(Described):
 
     def density(self, rho2: Float) -> Value:
         """Return the normalised disc kernel times R², at `rho2` = ρ² from 0 to 1."""
-        return self._density(rho2)
+        return self._density(self._place(rho2))
 
     def line(self, x: Float) -> Value:
         """Return the line projection k1 · R / √(1 − x), at `x` = (u/R)² from 0 to 1."""
-        return self._line(x)
+        return self._line(self._place(x))
+
+    def _place(self, rho2: Float) -> Float:
+        """Return ρ in units of the support; away from 0, where the root has no derivative."""
+        rho = dr.sqrt(dr.maximum(rho2, 1e-12))
+        return rho if self.support == 1 else rho * dr.opaque(Float, 1 / self.support)
 
 
 class Modulated(Described):

@@ -19,13 +19,17 @@ from ..scene import SceneError, choice, has_gradients, shown
 from .context import ShadingContext
 from .described import constructor
 from .factors import Corner, Decay, Factor, Number, Numbers, Value
-from .ramp import RESOLUTION, Interpolation, check_ramp, ramp_ends, ramp_table
+from .ramp import Interpolation, check_ramp, ramp_ends, ramp_table
 from .table import Table
 
 #: The input of a ramp, a texture or a polynomial: the fraction of the light path, the factor's own distance in scene
 #: units, the distance from the axis in radii, or the angle in degrees between the light's direction and that to the
 #: camera.
 Space = Literal["fraction", "distance", "radius", "angle"]
+
+
+# A texture of more pixels is taken as a smooth curve.
+_FEW_PIXELS = 64
 
 
 class Attenuation(Decay):
@@ -85,7 +89,7 @@ class Exponential(Decay):
         return -self._rate * at.distance
 
 
-class Power(Factor):
+class Power(Decay):
     """A power falloff (1 + x / length)^(−exponent), without the singularity of x^(−exponent) at the light.
 
     Parameters
@@ -117,9 +121,9 @@ class Power(Factor):
         size = given_number(length, "a power falloff's length", "a positive number", SMALLEST)
         self._rate = derived(lambda each: 1 / each, size)
 
-    def evaluate(self, at: ShadingContext) -> Value:
-        """Return the falloff."""
-        return dr.exp2(-self._exponent * dr.log2(1 + dr.maximum(at.distance, 0) * self._rate))
+    def exponent(self, at: ShadingContext) -> Value:
+        """Return −exponent · log(1 + x / length)."""
+        return -self._exponent * dr.log(1 + dr.maximum(at.distance, 0) * self._rate)
 
 
 class Polynomial(Factor):
@@ -229,13 +233,10 @@ class ColorRamp(Factor):
             text = "a ramp of steps has gradients enabled for their positions: expected plain numbers, or another"
             raise SceneError(f"{text} interpolation than none, since a step has no derivative by its position")
         self._interval = _Interval(begin, end, space, ramp_ends(places))
-        self._table = Table(table(lambda x, y: ramp_table(x, y, interpolation), places, shades))
         inside = (places.plain - places.plain[0]) / (places.plain[-1] - places.plain[0] or 1.0)
-        if interpolation == "none":  # in the table, a step is a line between two entries, with a corner at each
-            entries = np.ceil(inside[1:] * (RESOLUTION - 1))
-            inside = np.sort(np.concatenate([entries - 1, entries])) / (RESOLUTION - 1)
-        if interpolation in ("none", "linear"):
-            self.corners = self._interval.corners(tuple(inside))
+        steps = inside[1:] if interpolation == "none" else ()
+        self._table = Table(table(lambda x, y: ramp_table(x, y, interpolation), places, shades), steps)
+        self.corners = self._interval.corners(tuple(inside))
 
     def evaluate(self, at: ShadingContext) -> Value:
         """Return the ramp's colour."""
@@ -309,6 +310,8 @@ class Texture(Factor):
         row = image.plain.mean(axis=0) if image.plain.ndim == 3 and len(image.plain) else image.plain
         if row.ndim != 2 or row.shape[1] not in (1, 3) or not len(row) or not _finite(row):
             raise SceneError(f"a texture along the beam has shape {row.shape}: expected finite colours, (M, 3)")
+        if len(row) <= _FEW_PIXELS:
+            self.corners = self._interval.corners(np.linspace(0, 1, len(row)).tolist())
         if image.attached is None:
             row = np.broadcast_to(row, (len(row), 3))
             self._table = Table(row if len(row) > 1 else np.repeat(row, 2, axis=0))

@@ -9,12 +9,13 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..numerics.arrays import to_float, to_vectors
+from ..numerics.arrays import to_float, to_numpy, to_vectors
 from ..runtime.device import Array3f, Float
 from ..scene import SceneError, shown
 from .context import OF_BEAMS, OF_PLACES, OF_RADII, Fog, LightContext, ShadingContext, inputs_of
 from .factors import Constant, Corner, Factor, Value
 from .functions import check_value
+from .table import Places
 
 if TYPE_CHECKING:
     from ..numerics.given import Number
@@ -40,9 +41,6 @@ _CHANGE_OF_PLACES = 2.0
 _CUTS_OF_PLACES = 64
 
 _OF_NOISE = 0.2  # with which the examples' pictures err by 0.04 % in the median
-
-#: A look with more corners than this is treated as a smooth curve, since each corner costs every chord a comparison.
-MOST_CORNERS = 12
 
 # Larger products leave float32's range once they are multiplied by a beam's power and its kernel.
 _MOST = 1e18
@@ -77,8 +75,12 @@ class BoundLook:
         replaces a factor by its value at one point (except over the radius); the rates say for which chords it may.
     change, cuts
         How much the factors may change over a piece of a chord, and the greatest number of pieces of a chord.
+    decay_along, decay_eye
+        How fast the exponents of the factors change, per scene unit along the beam and along the ray.
     corners
         Names of inputs, and their values at which the integrand has corners.
+    places
+        The values by the names of the inputs, in device memory.
     smooth
         Whether all factors are smooth: none of them is noise or an expression, or changes in space or with ρ.
     attached
@@ -110,6 +112,10 @@ class BoundLook:
         self._modulation = look.modulation or Constant(1.0)
         eye = tuple(("eye" if name == "distance" else name, place) for name, place in look.eye.corners)
         self.corners: tuple[Corner, ...] = look.along.corners + eye + self._modulation.corners + look.angle.corners
+        inputs = sorted({name for name, _ in self.corners if name != "radius"})
+        self.places = {name: Places(at for each, at in self.corners if each == name) for name in inputs}
+        if self.rings:
+            self.places["radius"] = Places(self.rings)
         self._wild = any(each.wild for each in self._factors().values())
         probe = self._probe(1, box)
         with dr.resume_grad():
@@ -133,9 +139,9 @@ class BoundLook:
 
     @property
     def rings(self) -> tuple[float, ...]:
-        """Values of ρ below 1 at which the profile or a factor has a corner."""
-        own = [place for name, place in self.corners if name == "radius" and 0 < place < 1]
-        return (*self.profile.corners, *own[:MOST_CORNERS])
+        """Values of ρ below 1 at which a chord is cut because of the profile, or because a factor has a corner."""
+        own = [place for name, place in self.corners if name == "radius" and 0 < place < self.profile.support]
+        return (*self.profile.rings, *own)
 
     def _factors(self) -> dict[str, Factor]:
         look = self._look
@@ -163,6 +169,11 @@ class BoundLook:
         return _tamed(light) if self._wild else light
 
     def _light(self, at: ShadingContext, reach_depth: Float) -> Value:
+        light, exponent = self._split(at, reach_depth)
+        return light * dr.exp(exponent)
+
+    def _split(self, at: ShadingContext, reach_depth: Float) -> tuple[Any, Any]:
+        """Return (light, exponent), so that the product of the factors is light · exp(exponent)."""
         look = self._look
         light, fading = look.along.split(at)
         eye, dimming = look.eye.split(at.own(at.to_camera, reach_depth))
@@ -172,7 +183,7 @@ class BoundLook:
             light, fading = light * modulation, fading + more
         if self._turning:
             light = light * look.angle.evaluate(at)
-        return light * dr.exp(fading + dimming)
+        return light, fading + dimming
 
     def turned(self, cosine: Number, beam: Any = None) -> Value:
         """Return the view-angle shading where it is constant along a ray, else 1: then `light` includes it.
@@ -258,6 +269,8 @@ class BoundLook:
         self.rate_along = dr.opaque(Float, self._rate(lines["along"], Float(0)) / reach)
         self.rate_fraction = dr.opaque(Float, self._rate(lines["fraction"], Float(0)))
         self.rate_eye = dr.opaque(Float, self._rate(lines["eye"], distances) / reach)
+        self.decay_along = dr.opaque(Float, self._decay(lines["along"], Float(0)) / reach)
+        self.decay_eye = dr.opaque(Float, self._decay(lines["eye"], distances) / reach)
         self.rate_radius = dr.opaque(Float, self._rate(lines["radius"], Float(0)) if self.by_radius else 0.0)
         self.rate_place = dr.opaque(Float, 0.0)
         turned = replace(probe, cosine=2 * unit - 1)
@@ -295,6 +308,13 @@ class BoundLook:
         slope = np.abs(np.diff(lines, axis=-1)).max() * (_SAMPLES - 1) / peak
         bends = np.quantile(np.abs(np.diff(lines, 2, axis=-1)), _BENT, axis=-1).max() * (_SAMPLES - 1) ** 2 / peak
         return float(max(slope, np.sqrt(bends) if bends > _ROUNDING else 0.0))
+
+    def _decay(self, at: ShadingContext, reach_depth: Float) -> float:
+        """Return how fast the look's exponent changes over the unit interval."""
+        width = _LINES * _SAMPLES
+        exponent = dr.zeros(Float, width) + self._split(at, reach_depth)[1] * Array3f(1)
+        lines = to_numpy(exponent).reshape(3, _LINES, _SAMPLES)
+        return float(np.abs(np.diff(lines, axis=-1)).max() * (_SAMPLES - 1))
 
     def _complain(self, at: ShadingContext, reach_depth: Float) -> None:
         """Raise SceneError with the name of the factor that is not finite, or say that their product is too large."""

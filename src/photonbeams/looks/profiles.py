@@ -114,7 +114,8 @@ class _Shaped(Across):
         def weighed(rho: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
             return self._shape(rho, *numbers) * 2 * np.pi * rho
 
-        return 1 / float(RULE.integrate(weighed, 0.0, 1.0, self.fine_breaks)) * self._shape(RADII, *numbers)
+        total = float(RULE.integrate(weighed, 0.0, 1.0, self.fine_breaks))
+        return self._within(self._shape(RADII * self.support, *numbers)) / total
 
 
 class Gaussian(_Shaped):
@@ -253,9 +254,7 @@ class Tabulated(_Shaped):
             raise SceneError(f"a tabulated profile is {shown(values)}: expected {expected}")
         if np.any(curve.plain < 0):
             raise SceneError("a tabulated profile has a negative value: expected values of at least 0")
-        # Few knots are corners worth splitting at; many are a smooth curve.
-        knots = np.linspace(0, 1, len(curve.plain))[:-1]
-        self.corners = tuple(knots.tolist()) if len(knots) <= 4 else (0.0,)
+        self.corners = tuple(np.linspace(0, 1, len(curve.plain))[:-1].tolist())
         self._attach(curve)
 
     def _shape(self, rho: npt.NDArray[np.float64], *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -298,8 +297,9 @@ class AcrossFunction(Across):
         for low, high in pairwise(edges):
             rho = low + (high - low) * 0.5 * (1 + RULE.points)
             total += dr.sum(function(to_float(rho)) * to_float(RULE.weights * (high - low) * np.pi * rho))
-        values = to_float(self.scale * self.shape(RADII))
-        attached: Any = dr.zeros(Float, SAMPLES) + function(to_float(RADII)) / total
+        radii = RADII * self.support
+        values = to_float(self._within(self.scale * self.shape(radii)))
+        attached: Any = dr.zeros(Float, SAMPLES) + function(to_float(radii)) / total
         return Table(dr.replace_grad(values, attached))  # type: ignore[arg-type, func-returns-value]
 
 

@@ -118,7 +118,7 @@ class Chords:
 
     def edges(self, across: Across, along: Factor) -> Array:
         """Return the bounds of the smooth pieces, (pieces + 1, N) ascending; pieces may be empty."""
-        breaks = [t for rho in across.corners for t in (self.rings(rho)[:1] if rho == 0 else self.rings(rho))]
+        breaks = [t for rho in across.rings for t in (self.rings(rho)[:1] if rho == 0 else self.rings(rho))]
         breaks += [self.planes(s) for space, s in along.corners if space == "distance"]
         breaks += [self.planes(fraction * _LENGTH) for space, fraction in along.corners if space == "fraction"]
         end = self.exit()
