@@ -43,7 +43,7 @@ class Cone:
 class Factors:
     """The factors of a look as NumPy functions, and where they are not smooth."""
 
-    density: Callable[[Array], Array]  # of ρ, normalised
+    density: Callable[[Array], Array]  # of ρ, normalised: (M, 1) or (M, 3)
     along: Callable[[Array], Array]  # of s / length: (M, 3)
     eye: Callable[[Array], Array]  # of t: (M, 3)
     rings: Sequence[float] = ()  # values of ρ
@@ -98,7 +98,7 @@ def radiance(cone: Cone, factors: Factors, origin: Array, direction: Array) -> A
         )
         rho = np.sqrt(np.clip(squared / radius**2, 0, 1))
         light = factors.along(s / np.float64(length)) * factors.eye(np.float64(base) + tau)
-        return light * (factors.density(rho) / radius**2)[:, None]
+        return light * factors.density(rho) / (radius**2)[:, None]
 
     for first, last in pairwise(edges):
         middle = (first + last) / 2

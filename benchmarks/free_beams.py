@@ -20,8 +20,11 @@ from photonbeams.looks.ramp import interpolate
 from .exact import Array, Cone, Factors, radiance
 
 RAYS = 12  # of each beam
-PROFILES = ("uniform", "epanechnikov", "biweight", "gaussian", "smoothstep", "hollow", "table")
-FALLOFFS = ("physical", "linear", "none", "smooth", "catmull-rom", "monotone", "exponential", "power", "fade")
+RAMPS = ("linear", "none", "smooth", "catmull-rom", "monotone")
+PROFILES = ("uniform", "epanechnikov", "biweight", "gaussian", "smoothstep", "hollow", "table", "colored")
+FALLOFFS = (
+    "physical", *RAMPS, "distances", "eye", "exponential", "power", "fade",
+)  # fmt: skip
 SHAPES = ("cylinder", "cone", "opening", "needle", "point")
 VIEWS = ("inside", "beside", "along", "tip")
 KINDS = {"profile": PROFILES, "falloff": FALLOFFS, "shape": SHAPES, "view": VIEWS}
@@ -127,12 +130,13 @@ def draw(seed: int, **kinds: str) -> Draw:
     medium = pb.Medium(tuple(thickness * rng.uniform(0.5, 1, 3)))
     offset = float(np.float32(length * rng.choice([0, 0, rng.uniform(0, 2)])))
     across, density, rings = _across(rng, of["profile"])
-    along, fading, knots = _along(rng, of["falloff"], cone, offset, medium)
+    falloff = str(rng.choice(RAMPS)) if of["falloff"] in ("distances", "eye") else of["falloff"]
+    along, fading, knots = _along(rng, falloff, cone, offset, medium, by_distance=of["falloff"] == "distances")
+    eye, dimming, eye_knots = _eye(rng, medium, length * 10 ** rng.uniform(-1, 1) if of["falloff"] == "eye" else None)
     views = [kinds.get("view") or str(each) for each in rng.choice(VIEWS, RAYS)]
     origin, direction = _rays(rng, views, cone, axis)
-    extinction = np.array(medium.extinction)
-    factors = Factors(density, fading, lambda t: np.exp(-extinction * t[:, None]), rings, knots)
-    look = pb.Look(along=along, across=across, angle=1.0)
+    factors = Factors(density, fading, dimming, rings, knots, eye_knots)
+    look = pb.Look(along=along, across=across, eye=eye, angle=1.0)
     return Draw({**of, "view": views}, cone, offset, look, medium, factors, origin, direction)
 
 
@@ -172,6 +176,8 @@ def _across(rng: np.random.Generator, kind: str) -> tuple[Any, Callable[[Array],
         profile = pb.looks.Tabulated(values.tolist())
         shape = lambda rho: np.interp(rho, np.linspace(0, 1, len(values)), values)  # noqa: E731
         corners = np.linspace(0, 1, len(values))[:-1].tolist()
+    elif kind == "colored":
+        return _colored(rng)
     else:
         power = PROFILES.index(kind)
         profile = (pb.looks.Uniform, pb.looks.Epanechnikov, pb.looks.Biweight)[power]()
@@ -181,7 +187,42 @@ def _across(rng: np.random.Generator, kind: str) -> tuple[Any, Callable[[Array],
     half, middle = np.diff(edges)[:, None] / 2, (edges[1:] + edges[:-1])[:, None] / 2
     rho = middle + half * x
     total = float(np.sum(shape(rho) * 2 * np.pi * rho * weights * half))
-    return profile, lambda rho: shape(rho) / total, corners
+    return profile, lambda rho: (shape(rho) / total)[:, None], corners
+
+
+def _colored(rng: np.random.Generator) -> tuple[Any, Callable[[Array], Array], list[float]]:
+    """Return a profile whose colour changes with the radius, its density, and its rings."""
+    kind, places, colors = _ramp(rng)
+    profile = pb.looks.Biweight() * pb.looks.ColorRamp(places, colors, kind, space="radius")
+
+    def density(rho: Array) -> Array:
+        return np.maximum(interpolate(places, colors, kind, rho), 0) * (3 / np.pi * (1 - rho * rho) ** 2)[:, None]
+
+    return profile, density, places.tolist()
+
+
+def _ramp(rng: np.random.Generator, kind: str | None = None) -> tuple[Any, Array, Array]:
+    """Return a kind of interpolation, knots, and colours."""
+    count = int(rng.integers(2, 13))
+    places = np.linspace(0, 1, count)
+    places[1:-1] += rng.uniform(-0.4, 0.4, count - 2) / (count - 1)
+    return kind or str(rng.choice(RAMPS)), places, rng.uniform(0.02, 1, (count, 3))
+
+
+def _eye(
+    rng: np.random.Generator, medium: pb.Medium, reach: float | None
+) -> tuple[Any, Callable[[Array], Array], list[float]]:
+    """Return the factor toward the camera, its values at t, and its knots; with `reach`, a ramp over that distance."""
+    extinction = np.array(medium.extinction)
+    if reach is None:
+        return pb.looks.Attenuation(), lambda t: np.exp(-extinction * t[:, None]), []
+    kind, places, colors = _ramp(rng)
+    factor = pb.looks.ColorRamp(places, colors, kind, 0, reach, "distance") * pb.looks.Attenuation()
+
+    def values(t: Array) -> Array:
+        return np.maximum(interpolate(places, colors, kind, t / reach), 0) * np.exp(-extinction * t[:, None])
+
+    return factor, values, (places * reach).tolist()
 
 
 def _eased(t: Array) -> Array:
@@ -189,7 +230,7 @@ def _eased(t: Array) -> Array:
 
 
 def _along(
-    rng: np.random.Generator, kind: str, cone: Cone, offset: float, medium: pb.Medium
+    rng: np.random.Generator, kind: str, cone: Cone, offset: float, medium: pb.Medium, by_distance: bool
 ) -> tuple[Any, Callable[[Array], Array], list[float]]:
     """Return a falloff, its values at s / length, and its knots there."""
     length = float(cone.length)
@@ -213,11 +254,9 @@ def _along(
         fade = lambda u: 1 - _eased(np.clip((offset + u * length - inner) / (outer - inner), 0, 1))  # noqa: E731
         knots = [(each - offset) / length for each in (inner, outer)]
         return pb.looks.Fade(inner, outer) * pb.looks.Attenuation(), lambda u: fade(u)[:, None] * physical(u), knots
-    count = int(rng.integers(2, 13))
-    places = np.linspace(0, 1, count)
-    places[1:-1] += rng.uniform(-0.4, 0.4, count - 2) / (count - 1)
-    colors = rng.uniform(0.02, 1, (count, 3))
-    ramp = pb.looks.ColorRamp(places, colors, kind)
+    _, places, colors = _ramp(rng, kind)
+    ends = {"begin": 0.0, "end": total, "space": "distance"} if by_distance else {}
+    ramp = pb.looks.ColorRamp(places, colors, kind, **ends)
 
     def ramped(u: Array) -> Array:
         fraction = np.clip((offset + u * length) / total, 0, 1)

@@ -24,7 +24,7 @@ def test_exponential_falloffs_in_a_cylinder(direction):
     rate = 0.7 + 0.3 * way[2]  # of exp(−0.7 t) · exp(−0.3 s)
     expected = np.exp(-0.3 * 2) * -np.expm1(-rate * end) / rate / (np.pi * 0.25)
     factors = Factors(
-        lambda rho: np.full_like(rho, 1 / np.pi), lambda u: np.exp(-0.3 * 4 * u)[:, None] * np.ones(3),
+        lambda rho: np.full((len(rho), 1), 1 / np.pi), lambda u: np.exp(-0.3 * 4 * u)[:, None] * np.ones(3),
         lambda t: np.exp(-0.7 * t)[:, None] * np.ones(3),
     )  # fmt: skip
     assert radiance(CYLINDER, factors, ORIGIN, way) == pytest.approx([expected] * 3, rel=1e-8)
@@ -34,7 +34,7 @@ def test_exponential_falloffs_in_a_cylinder(direction):
 def test_the_axis_of_a_cone(radii):
     """∫ ds / R² = L / (r0 r1), however much the cone opens."""
     cone = Cone(np.zeros(3), np.array([0.0, 0.0, 2.0]), *radii)
-    factors = Factors(lambda rho: np.ones_like(rho), constant(1.0), constant(1.0))
+    factors = Factors(constant(1.0), constant(1.0), constant(1.0))
     found = radiance(cone, factors, np.array([0.0, 0.0, -5.0]), np.array([0.0, 0.0, 1.0]))
     assert found == pytest.approx([2 / (radii[0] * radii[1])] * 3, rel=1e-8)
 
@@ -43,7 +43,8 @@ def test_a_narrow_core_and_a_step_are_found():
     """A ray across the axis has 2 ∫ density dρ / R of light, of which a step along the beam takes the rest."""
     width = 0.01
     factors = Factors(
-        lambda rho: np.exp(-0.5 * (rho / width) ** 2), lambda u: np.where(u < 0.5, 2.0, 1.0)[:, None] * np.ones(3),
+        lambda rho: np.exp(-0.5 * (rho / width) ** 2)[:, None],
+        lambda u: np.where(u < 0.5, 2.0, 1.0)[:, None] * np.ones(3),
         constant(1.0), rings=(width, 3 * width, 6 * width), knots=(0.5,),
     )  # fmt: skip
     way = np.array([1.0, 0.0, 0.0])
