@@ -7,7 +7,7 @@ differentials, the derivatives of its origin and its direction by the emission s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -21,6 +21,7 @@ from ..numerics.hashing import key_of
 from ..numerics.sampling import pairs, sobol_points
 from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..scene import Array
+from ..world.bounds import Bounds
 from ..world.differentials import RayDifferentials
 from ..world.emitters.portals import Portal, emit_through
 from ..world.emitters.rays import OF_PATHS, EmittedRays
@@ -46,9 +47,9 @@ class PathEmitter:
     ----------
     world, number
         The world, and the emitter's number in it.
-    margin
-        For light from infinity, the distance from media up to which its paths begin around these, in radii of the
-        world: that of the beams, or those at the boundary of a medium would lack neighbours.
+    around
+        Returns the bounds of a world that light from infinity enters: larger than the world's own by the radius of the
+        beams, or those at the boundary of a medium would lack neighbours. None: the world's own.
     counts
         Which of the paths' light counts.
     """
@@ -58,11 +59,13 @@ class PathEmitter:
     through = False
     halvings = HALVINGS
 
-    def __init__(self, world: World, number: int, margin: float = 0.0, counts: Counts = Counts.ALL) -> None:
+    def __init__(
+        self, world: World, number: int, around: Callable[[World], Bounds] | None = None, counts: Counts = Counts.ALL
+    ) -> None:  # fmt: skip
         own = world.emitters[number]
-        self.world, self.number, self.margin, self.counts = world, number, margin, counts
+        self.world, self.number, self.around, self.counts = world, number, around, counts
         self.name, self.lamp, self.link, self.source = own.name, own.lamp, own.link, own.source
-        self.bounds = world.bounds.around(list(world.boxes.values()), margin) if margin else world.bounds
+        self.bounds = world.bounds if around is None else around(world)
 
     def at(self, portal: Portal, through: bool, without: Portal | None = None) -> PathEmitter:
         """Return the part of the emitter's light that passes a portal (`through`), or the part that does not.

@@ -282,8 +282,8 @@ class LightTracer:
         limits = self.tuning.limits(number, self.world.radius_of(medium), widest)
         if not self.world.apart or self.tuning.radius or self.tuning.max_radius:
             return limits, limits
-        # Without a ceiling: `narrowing` keeps each wide beam out of walls.
-        return limits, limits._replace(ceiling=dr.opaque(Float, np.inf))
+        # `narrowing` keeps each wide beam out of walls.
+        return limits, limits._replace(ceiling=dr.opaque(Float, self.tuning.widest(self.world, medium)))
 
 
 def _resting(segments: Segments | None, moving: Bool | None) -> list[Segments]:

@@ -136,7 +136,7 @@ def _numbers(some: Sequence[Stratum], strata: Sequence[Stratum]) -> UInt32:
 def _later(stratum: Stratum, last: World) -> Stratum:
     """Return the stratum of the same light paths in the world `last`."""
     own = stratum.emitter
-    emitter = PathEmitter(last, own.number, own.margin, own.counts)
+    emitter = PathEmitter(last, own.number, own.around, own.counts)
     if own.portal is not None:  # a fitted portal does not move
         emitter = emitter.at(last.emitters[own.number].portal or own.portal, own.through)
     return replace(stratum, emitter=emitter)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -83,7 +84,7 @@ class Allotment:
                     kind = _PORTAL if part.through else _ALL
                     sequence = (tuning.seed & 0xFFFFFFFF, emitter.beams.seed & 0xFFFFFFFF, kind, key)
                     fixed = said is not None or not self.shared
-                    result.append(_stratum(part, max(count, 1), tuning.overlap, sequence, fixed))
+                    result.append(_stratum(part, max(count, 1), tuning, sequence, fixed))
         return result
 
     def _parts(self, world: World, number: int, shown: Counts) -> list[tuple[PathEmitter, float]]:
@@ -126,13 +127,13 @@ def wanted(world: World, emitter: Emitter, tuning: Tuning) -> Counts:
 
 
 def _stratum(
-    emitter: PathEmitter, count: int, overlap: float, sequence: tuple[int, ...], fixed: bool
+    emitter: PathEmitter, count: int, tuning: Tuning, sequence: tuple[int, ...], fixed: bool
 ) -> Stratum:  # fmt: skip
     """Return the stratum of an emitter's paths, of which about `count` carry light."""
     world, lamp = emitter.world, emitter.lamp
-    margin = radius_from_infinity(lamp, count, overlap) if world.boxes else 0.0
-    if margin:
-        whole = PathEmitter(world, emitter.number, margin, emitter.counts)
+    radius = radius_from_infinity(lamp, count, tuning.overlap) if world.boxes else 0.0
+    if radius:
+        whole = PathEmitter(world, emitter.number, partial(tuning.bounds, radius), emitter.counts)
         emitter = whole if emitter.portal is None else whole.at(emitter.portal, emitter.through)
     most = max(count, min(_MOST_DARK * count, _MOST_PATHS))
     count = min(count_candidates(max(lit_fraction(emitter), 1 / _MOST_DARK), count), most)

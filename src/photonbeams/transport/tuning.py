@@ -9,13 +9,21 @@ import drjit as dr
 import numpy as np
 
 from ..runtime.device import Float
+from ..world.bounds import Bounds
 from ..world.emitters.sources import Source
+from ..world.media.rendered import RenderedMedium
+from ..world.world import World
 from .segments.radii import Limits
 
 # Least and greatest radius as a fraction of a medium's radius (for photons, of the world's), and the greatest in free
 # paths. Wide beams stick out of small media, and blur what changes within a free path. With these bounds, a ball of 10
 # free paths is too dark by half a per cent after 16 passes; beams twice as wide would not lower the noise.
 FLOOR, CEILING, FREE_PATHS = 1e-4, 0.05, 0.25
+
+# The greatest σt r² / R of light straight from a lamp: see `Tuning.widest`. The middle of a cube of one free path under
+# a sky is then 0.3 ± 0.3 % too bright after 8 passes of 4,096 beams, with a spread of 0.7 %; without it, by 6.5 %. A
+# half of it has twice the spread, twice of it no less.
+BLUR = 0.025
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,24 @@ class Tuning:
         low = self.radius or self.min_radius or FLOOR * size
         high = self.radius or self.max_radius or max(min(CEILING * size, widest), low)
         return Limits(*(dr.opaque(Float, each) for each in (low, high, radius_scale(self.alpha, number))))
+
+    def widest(self, world: World, medium: RenderedMedium) -> float:
+        """Return the greatest radius of light straight from a lamp in a medium of a stage.
+
+        Such a beam fades from where its axis enters the medium. Where the boundary is bent, or has edges, the mean over
+        neighbours is too bright: in a medium of radius R by a part of σt r² / R, for beams of radius r.
+        """
+        given = self.radius or self.max_radius
+        if given or medium.number not in world.boxes:
+            return given or np.inf
+        extinction = medium.fullness * max(medium.medium.extinction)
+        return float(np.sqrt(BLUR * world.radius_of(medium) / max(extinction, 1e-30)))
+
+    def bounds(self, radius: float, world: World) -> Bounds:
+        """Return the bounds that light from infinity enters if the radius of its beams is this part of theirs."""
+        bounded = [(world.boxes[each.number], self.widest(world, each))
+                   for each in world.media.all if each.number in world.boxes]  # fmt: skip
+        return world.bounds.around(bounded, radius)
 
 
 def own_bounces(sources: Sequence[Source], tuning: Tuning) -> list[int] | None:

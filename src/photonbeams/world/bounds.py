@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -58,11 +58,16 @@ class Bounds:
         center, radius = np.ravel(self.center.numpy()), float(self.radius.numpy()[0])
         return bool(np.all(np.linalg.norm(np.asarray(points) - center, axis=1) <= radius * (1 + 1e-4)))
 
-    def around(self, boxes: Sequence[Box], radius: float) -> Bounds:
-        """Return a sphere that contains boxes with a margin of `radius` times its own radius, at least this one."""
-        center, own = np.ravel(self.center.numpy()), float(self.radius.numpy()[0])
-        farthest = max((np.linalg.norm(np.maximum(high - center, center - low)) for low, high in boxes), default=0)
-        return Bounds(center, max(own, float(farthest) / max(1 - radius, 0.4)))
+    def around(self, boxes: Iterable[tuple[Box, float]], radius: float) -> Bounds:
+        """Return a sphere that contains boxes, each with a margin, at least this one.
+
+        A margin is `radius` times the sphere's own radius, at most the number that stands with the box.
+        """
+        center, result = np.ravel(self.center.numpy()), float(self.radius.numpy()[0])
+        for (low, high), most in boxes:
+            farthest = float(np.linalg.norm(np.maximum(high - center, center - low)))
+            result = max(result, min(farthest / max(1 - radius, 0.4), farthest + most))
+        return Bounds(center, result)
 
     def farthest(self, points: np.ndarray) -> float:
         """Return the distance of the farthest of `points`, (N, 3), from the centre; 0 if all are inside."""

@@ -12,6 +12,7 @@ from tests.helpers.comparison import box
 SKY = (1.0, 2.0, 0.5)
 SCATTERING, ABSORPTION = np.array([0.9, 0.3, 0.05]), np.array([0.1, 0.3, 0.05])
 LAYERS = np.array([0.2, 3.0, 0.5, 0.0, 1.3], np.float32)  # densities of a slab's cells, from the bottom up
+CORNER = np.outer([1, 1, 1, 0], [0, 0, 0, 1])  # a shift along the diagonal, as a matrix
 WIDE = 500.0  # half the slab's side: so many free paths that its sides are black
 CAMERA = scene.Camera.look_at((0, 3, 0), (0, 0, 0), up=(0, 0, 1), fov=1, aspect=1)
 
@@ -52,6 +53,29 @@ def test_a_slab_under_an_even_sky_is_lit_as_exponential_integrals_say(varying):
     error = found.std(axis=0) / np.sqrt(len(found))
     assert np.all(np.abs(found.mean(axis=0) - scattered_once(varying)) < 4.5 * error)
     assert np.all(error < 0.02 * found.mean(axis=0))
+
+
+@pytest.mark.parametrize("varying", [False, True])
+def test_beams_of_an_even_sky_fade_as_its_light_does_in_a_cube(varying):
+    """Beams of the sky's usual width, 0.9 of half the cube, would let 14 % too much light into the middle.
+
+    The light is σs ∫ exp(−σt (t + d)) dt dω / 4π, with the distances d from points of the ray to the cube's faces.
+    """
+    half, size = 5.0, 0.1
+    boundary = {"mesh": box("/m", (-half,) * 3, (half,) * 3)}
+    grid = {"grid": scene.DensityGrid(np.ones((4, 4, 4)), np.diag([2 * half] * 3 + [1]) - half * CORNER)}
+    cube = scene.Medium(size, name="/m", **(grid if varying else boundary))
+    rng = np.random.default_rng(0)
+    t, way = 9.9 * (np.arange(100_000) + 0.5) / 100_000, rng.normal(size=(100_000, 3))
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    point = np.stack([0 * t, 0 * t, 4.9 - t], axis=1)
+    leaving = np.min((np.sign(way) * half - point) / way, axis=1)
+    right = size * 9.9 * np.exp(-size * (t + leaving)).mean()
+    sky = scene.DomeLight("/sky", 1.0)
+    camera = scene.Camera.look_at((0, 0, 4.9), (0, 0, 0), up=(0, 1, 0), fov=5, aspect=1)
+    shot = Shot(scene.Scene(lights=[sky], media=[cube]), camera)
+    beams = shot.render(passes=4, width=8, height=8, guiding=False).layers["beams"]
+    assert beams.mean() == pytest.approx(right, rel=0.1)  # the spread over seeds is 2.5 %
 
 
 def test_the_light_that_domes_scatter_in_smoke_is_in_the_beams_of_their_group():

@@ -99,6 +99,8 @@ class RenderedMedium:
         For a medium whose coefficients vary, the look's factor toward the camera, for which rays have to be tracked.
     colored
         For a heterogeneous medium, whether its extinction has a colour.
+    fullness
+        For a medium in a grid, the mean extinction over the greatest.
     """
 
     number: int
@@ -107,6 +109,7 @@ class RenderedMedium:
     look: Look
     tracked: Tracked | None = None
     colored: bool = False
+    fullness: float = 1.0
 
     def for_short_beams(self) -> RenderedMedium:
         """Return the same medium for short beams."""
@@ -185,14 +188,10 @@ def rendered(own: int, plugin: MiMedium) -> RenderedMedium:
         return RenderedMedium(own, plugin, medium, look)
     tracked, even = Tracked(float(sigma_t.max())), plugin.is_homogeneous()
     look = Look(along=1.0, eye=Attenuation() if even else tracked, angle=MediumScattering(plugin))
-    colored = bool(np.ptp(sigma_t) > 0) if even else _has_color(plugin)
-    return RenderedMedium(own, plugin, medium, look, tracked, colored)
-
-
-def _has_color(plugin: MiMedium) -> bool:
-    """Return whether a medium's extinction may differ between channels."""
-    data = next((value for key, value in mi.traverse(plugin) if key == "sigma_t.data"), None)
-    return data is None or data.shape[-1] != 1
+    data = None if even else next((value for key, value in mi.traverse(plugin) if key == "sigma_t.data"), None)
+    colored = bool(np.ptp(sigma_t) > 0) if even else data is None or data.shape[-1] != 1
+    fullness = 1.0 if data is None else float(dr.mean(data.array)[0] / max(dr.max(data.array)[0], 1e-30))
+    return RenderedMedium(own, plugin, medium, look, tracked, colored, fullness)
 
 
 def _scattering(plugin: MiMedium) -> tuple[float, Look]:
