@@ -122,7 +122,7 @@ class PassRenderer:
         statistics, count = self.statistics, dr.width(rays.primary.direction)
         tracing = self.camera_tracing(light.world, rays)
         walks, groups = self.light.walks(light.world), light.world.groups
-        picture = CameraImage(count, len(groups), tracing.albedo)
+        picture = CameraImage(count, len(groups), tracing.albedo, len(groups) if tracing.normals else 0)
         sky = self.light.single_scattering(light.world, count, samples)
         walked = {group: GroupedLight.dark(1, count) for group in walks.media}
         with statistics.phase("surfaces"):
@@ -142,8 +142,9 @@ class PassRenderer:
         guides = {ALBEDO: picture.albedo} if tracing.albedo else {}
         if self.settings.denoise:
             guides[MEAN_NORMAL] = picture.normal
-        surface = dict(zip(groups.names, picture.surface.parts, strict=True))
-        return PassPicture(surface, picture.alpha, scattered, picture.transmittance, picture.reach, guides)
+        surface, emitted = (dict(zip(groups.names, each.parts, strict=bool(each.parts)))
+                            for each in (picture.surface, picture.emitted))  # fmt: skip
+        return PassPicture(surface, picture.alpha, scattered, picture.transmittance, picture.reach, guides, emitted)
 
     def gathered(
         self, number: int, light: TracedLight, rays: ViewRays, order: UInt32, samples: Samples,
@@ -244,11 +245,12 @@ class CameraImage:
     """The surfaces that camera paths see in a pass, by pixels.
 
     Normals are those of surfaces straight ahead. With `guides`, normals and albedos are those of the first surfaces
-    that do more than mirror and refract.
+    that do more than mirror and refract. So many light groups (`emitting`) have the light apart that they emit.
     """
 
-    def __init__(self, count: int, groups: int = 0, guides: bool = False) -> None:
-        self.surface, self.transmittance = GroupedLight.dark(groups, count), dr.zeros(Array3f, count)
+    def __init__(self, count: int, groups: int = 0, guides: bool = False, emitting: int = 0) -> None:
+        self.surface, self.emitted = (GroupedLight.dark(each, count) for each in (groups, emitting))
+        self.transmittance = dr.zeros(Array3f, count)
         self.alpha, self.distance = dr.zeros(Float, count), dr.full(Float, dr.inf, count)
         self.normal, self.reach = dr.zeros(Array3f, count), dr.zeros(Float, count)
         self._unmet = dr.full(Bool, True, count) if guides else None
@@ -256,7 +258,9 @@ class CameraImage:
 
     def add(self, step: CameraPaths, vertex: camera_paths.CameraVertex) -> None:
         """Add one step of camera paths."""
-        for total, radiance in zip(self.surface.parts, vertex.radiance.parts, strict=True):
+        totals, lights = ([*one.parts, *other.parts] for one, other in (
+            (self.surface, self.emitted), (vertex.radiance, vertex.emitted)))  # fmt: skip
+        for total, radiance in zip(totals, lights, strict=True):
             add_to_pixels(total, radiance, step.pixel, step.branch, step.alive)
         own = step.alive & step.primary
         dr.scatter(self.transmittance, vertex.transmittance, step.pixel, own)
@@ -272,4 +276,4 @@ class CameraImage:
             dr.eval(self._unmet, self.albedo)
         if dr.width(vertex.normal) > 1:
             dr.scatter(self.normal, vertex.normal, step.pixel, first)
-        dr.eval(self.surface, self.transmittance, self.alpha, self.distance, self.normal, self.reach)
+        dr.eval(self.surface, self.emitted, self.transmittance, self.alpha, self.distance, self.normal, self.reach)

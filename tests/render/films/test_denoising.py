@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import maximum_filter
 
-from photonbeams import Shot
+from photonbeams import Shot, scene
 from photonbeams.render.films import denoising
 from photonbeams.render.films.denoising import check_denoiser, denoised
 from photonbeams.render.films.frame_sums import FrameSums
@@ -52,6 +53,26 @@ def error(layer, truth):
 def noisy_passes(rng, truth, count=8, spread=0.5):
     """Return passes whose pixels have independent errors."""
     return [tuple(truth * rng.gamma(spread**-2, spread**2, (3, *SHAPE))) for _ in range(count)]
+
+
+@pytest.mark.parametrize("passes", [1, 2])
+def test_lamps_that_are_seen_keep_their_light(passes):
+    """The network made lamps green, and up to ten times as bright as anything around them."""
+    color = (17593.0, 16714.0, 14954.0)
+    lamps = [scene.SphereLight(f"/l{x}", color, center=np.array([x, 0.3, 0.0]), radius=0.05) for x in (-1, 0, 1)]
+    floor = scene.Mesh(
+        "/f", np.array([(-9, -3, -9), (9, -3, -9), (9, -3, 9), (-9, -3, 9)]), np.array([(0, 1, 2), (0, 2, 3)])
+    )
+    camera = scene.Camera.look_at((0, 1, 4), (0, 0.3, 0), fov=45)
+    layers = Shot(scene.Scene(lights=lamps, meshes=[floor]), camera).render(
+        passes=passes, width=96, denoise=True, keep_noisy=True
+    ).layers  # fmt: skip
+    found, noisy = layers["surface"], layers["noisy_surface"]
+    seen = noisy.max(axis=2) > 500  # the floor has 5 at most: 1 % of that
+    assert seen.sum() >= 12
+    np.testing.assert_allclose(found[seen], noisy[seen], rtol=0.02)
+    assert np.all(found <= maximum_filter(noisy, (15, 15, 1)) * (1 + 1e-5))
+    assert not np.array_equal(found, noisy)
 
 
 def test_an_interrupt_ends_the_network_before_it_is_done(rng):

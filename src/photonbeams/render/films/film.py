@@ -21,7 +21,7 @@ from ...numerics.sampling import z_order
 from ...numerics.streams import Stream
 from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32, mitsuba
 from ...scene import SceneError
-from .layers import GATHERED, SCATTERED, SURFACE, develop, layer_of
+from .layers import EMITTED, GATHERED, SCATTERED, SURFACE, develop, layer_of
 from .pixel_filters import averaged, filter_weights, margin_of, spread
 from .sample_layout import SampleLayout, SamplePiece
 from .sums import ALBEDO, LIGHT, MEAN_NORMAL, SQUARES, PassSums
@@ -51,6 +51,8 @@ class PassPicture:
         (N,) distances that rays reach straight ahead, or None.
     guides
         (N, 3) albedos and normals of the surfaces seen, also in mirrors and through glass, by the names of their sums.
+    emitted
+        The part of `surface` that lamps, surfaces that glow and the background emit, by light groups, if it is known.
     """
 
     surface: Groups
@@ -59,17 +61,18 @@ class PassPicture:
     transmittance: Any = None
     reach: Any = None
     guides: Mapping[str, Any] = field(default_factory=dict)
+    emitted: Groups = field(default_factory=dict)
 
     def taken(self, lanes: UInt32) -> PassPicture:
         """Return the picture of some of the rays."""
-        surface, scattered, guides = (
+        surface, scattered, guides, emitted = (
             {name: taken(each, lanes) for name, each in values.items()}
-            for values in (self.surface, self.scattered, self.guides)
+            for values in (self.surface, self.scattered, self.guides, self.emitted)
         )
         alpha, transmittance = (
             None if each is None else taken(each, lanes) for each in (self.alpha, self.transmittance)
         )
-        return PassPicture(surface, alpha, scattered, transmittance, guides=guides)
+        return PassPicture(surface, alpha, scattered, transmittance, guides=guides, emitted=emitted)
 
     @property
     def radiance(self) -> Any:
@@ -79,8 +82,8 @@ class PassPicture:
     def values(self) -> dict[str, Any]:
         """Return all values by the names of their sums."""
         result = {"alpha": self.alpha, **self.guides}
-        result |= {SURFACE + group: radiance for group, radiance in self.surface.items()}
-        result |= {SCATTERED + group: radiance for group, radiance in self.scattered.items()}
+        for prefix, light in ((SURFACE, self.surface), (SCATTERED, self.scattered), (EMITTED, self.emitted)):
+            result |= {prefix + group: radiance for group, radiance in light.items()}
         return result if self.transmittance is None else result | {"transmittance": self.transmittance}
 
 
@@ -265,15 +268,18 @@ class Film:
         return {name: value * dr.select(weight > 0, dr.rcp(weight), 0) for name, value in light.items()}
 
     def _squares(self, lights: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Return the light of pixels in a pass and its square, for variances: of all light, and of each layer."""
+        """Return the light of pixels in a pass and its square, for variances: of all light, and of each layer.
+
+        What is emitted is not in those of layers.
+        """
         black = dr.zeros(Array3f, self.shape[0] * self.shape[1])
         shining, layers = black, dict[str, Any]()
         for each in lights:
-            shining = shining + sum(each.values(), black)
+            shining = shining + sum((own for name, own in each.items() if not name.startswith(EMITTED)), black)
         for name, light in (item for each in lights if self._variances for item in each.items()):
             layer = layer_of(name, self.groups)
             if layer is not None:
-                layers[layer] = layers.get(layer, black) + light
+                layers[layer] = layers.get(layer, black) + (-light if name.startswith(EMITTED) else light)
         result = dict[str, Any]()
         for suffix, sum_ in [("", shining), *((f"/{layer}", own) for layer, own in layers.items())]:
             light = dr.dot(sum_, Array3f(1 / 3))

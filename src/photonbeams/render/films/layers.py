@@ -13,6 +13,8 @@ from .sums import ALBEDO, DEEP, DEPTH, MOTION, NORMAL, POSITION, PassSums
 
 #: Prefixes of the names of a light group's sums. Light of surfaces and of the background.
 SURFACE = "surface/"
+#: The part of it that lamps, surfaces that glow and the background emit, if it is known.
+EMITTED = "emitted/"
 #: Light from beams.
 GATHERED = "beams/"
 #: Light from paths from the camera and from domes, whose samples have other places than those of beams.
@@ -51,6 +53,17 @@ def develop(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -
     return layers
 
 
+def emitted_of(sums: PassSums, shape: tuple[int, int], groups: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """Return what lamps, surfaces that glow and the background emit, (H, W, 3), by the layers to which it belongs."""
+    pictures = _pictures(sums.total(), shape)
+    found = _by_group(pictures, {EMITTED: _scales(pictures, len(sums))[0]})
+    result: dict[str, np.ndarray] = {}
+    for group, light in found.items():
+        layer = surface_layers(groups).get(group, "surface")
+        result[layer] = result.get(layer, 0) + light
+    return result
+
+
 def _by_group(pictures: Mapping[str, np.ndarray], factors: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Return the sums of each light group over the prefixes of names, times a factor for each prefix."""
     result: dict[str, Any] = {}
@@ -72,7 +85,7 @@ def surface_layers(groups: Mapping[str, str]) -> dict[str, str]:
 
 def layer_of(name: str, groups: Mapping[str, str]) -> str | None:
     """Return the layer by itself to which the light of a sum belongs, by its name; None: it has none."""
-    surface = name.startswith(SURFACE)
+    surface = name.startswith((SURFACE, EMITTED))
     group = name.partition("/")[2]
     if not groups:
         return "surface" if surface else "beams"

@@ -72,6 +72,9 @@ class CameraVertex(Struct):
     radiance
         The radiance of the surface or the background, and of media that emit before it, times the throughput, by the
         light groups of the world; empty if the tracing does not ask for it.
+    emitted
+        The part of it that lamps, surfaces that glow or the background emit, which has no noise; empty unless normals
+        are asked for.
     solid
         Whether it is a surface or a lamp, rather than a boundary of media or the background.
     end
@@ -96,6 +99,7 @@ class CameraVertex(Struct):
     """
 
     radiance: GroupedLight
+    emitted: GroupedLight
     solid: Bool
     end: Float
     transmittance: Array3f
@@ -268,12 +272,15 @@ def _step(
     flags = hit.bsdf().flags()
     held = world.held_out(hit, start, paths.direction, met & paths.primary)
     smooth = met & ~held & mi.has_flag(flags, mi.BSDFFlags.Smooth) & tracing.within(paths.depth, 2)
-    vertex.radiance = GroupedLight()
+    vertex.radiance = vertex.emitted = GroupedLight()
     if tracing.shining:
         point = ShadingPoint(hit, paths.medium, paths.order, name, samples)
-        radiance = _radiance(tracing, paths, point, None if lamp is None else (on_lamp, lamp.radiance), smooth, light)
+        emitted = _emitted(tracing, paths, point, None if lamp is None else (on_lamp, lamp.radiance))
+        radiance, lit = _with_reflected(emitted, tracing, paths, point, smooth, light), alive & ~held
         # A texture may contain NaN; atomic additions on a GPU do not skip it.
-        vertex.radiance = (radiance * clear).where(alive & ~held).numbers()
+        vertex.radiance = (radiance * clear).where(lit).numbers()
+        if tracing.normals:
+            vertex.emitted = (emitted * clear).where(lit).numbers()
         if world.media.emissive:
             seed = samples.bits(paths.order, Stream.GLOW, name)
             glow = world.media.emitted(paths.medium, start, paths.direction, distance, seed, alive)
@@ -308,11 +315,10 @@ def _albedo(hit: Any, met: Bool) -> Array3f:
     return Array3f(dr.select(diffuse, dr.clip(found, 0, 1), 1))
 
 
-def _radiance(
-    tracing: CameraTracing, paths: CameraPaths, point: ShadingPoint, lamp: tuple[Bool, GroupedLight] | None,
-    smooth: Bool, light: SurfaceLight,
-) -> GroupedLight:  # fmt: skip
-    """Return the radiance of surfaces, lamps and the background: emitted and, if they are `smooth`, reflected.
+def _emitted(
+    tracing: CameraTracing, paths: CameraPaths, point: ShadingPoint, lamp: tuple[Bool, GroupedLight] | None
+) -> GroupedLight:
+    """Return the radiance that surfaces, lamps and the background emit.
 
     `lamp` are two arrays: which paths end on a lamp that is not a surface, and the radiance of the lamp.
     """
@@ -325,16 +331,25 @@ def _radiance(
     result = tracing.lighting.emission(point.hit, straight_from, paths.direction, shown & ~on_lamp)
     if lamp is not None:
         result = lamp[1].where(on_lamp & shown, result)
-    if tracing.surfaces:
-        result = result + tracing.lighting.direct(point, smooth)
-        if light.photons is not None:
-            result = result + light.photons(point.hit, paths.depth, smooth)
-        if light.virtual is not None and tracing.walked is not None:
-            result = result + light.virtual.radiance(tracing.walked, Point(
-                point.hit, tracing.world.opacity(point.hit, smooth), point.medium,
-                smooth & tracing.within(paths.depth, 3), UInt32(1),
-                point.samples.bits(point.order, Stream.VIRTUAL, point.step),
-            ))  # fmt: skip
+    return result
+
+
+def _with_reflected(
+    result: GroupedLight, tracing: CameraTracing, paths: CameraPaths, point: ShadingPoint, smooth: Bool,
+    light: SurfaceLight,
+) -> GroupedLight:  # fmt: skip
+    """Return radiance together with what `smooth` surfaces reflect."""
+    if not tracing.surfaces:
+        return result
+    result = result + tracing.lighting.direct(point, smooth)
+    if light.photons is not None:
+        result = result + light.photons(point.hit, paths.depth, smooth)
+    if light.virtual is not None and tracing.walked is not None:
+        result = result + light.virtual.radiance(tracing.walked, Point(
+            point.hit, tracing.world.opacity(point.hit, smooth), point.medium,
+            smooth & tracing.within(paths.depth, 3), UInt32(1),
+            point.samples.bits(point.order, Stream.VIRTUAL, point.step),
+        ))  # fmt: skip
     return result
 
 
