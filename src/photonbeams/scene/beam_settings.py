@@ -40,8 +40,8 @@ class BeamSettings:
         The mesh through which the light reaches the shot; it is not rendered as a surface. In a Mitsuba scene: a flat
         mesh, or the id of a flat shape with a null BSDF. Default: none.
     gobo, portal_gobo
-        Images that the light shines through: one in front of the light, and one over its portal's bounding rectangle.
-        Default: none.
+        Images that the light shines through: one in front of the light, and one over its portal's bounding rectangle,
+        or a tuple of them, each `over` an opening of the portal. Default: none.
     scattered
         What becomes of beams of the light after it was scattered: "physical" (the default), "look" (they have the look
         of beams that come straight from the light), or "off".
@@ -75,7 +75,7 @@ class BeamSettings:
     seed: int = 0
     portal: Mesh | str | None = None
     gobo: Gobo | None = None
-    portal_gobo: Gobo | None = None
+    portal_gobo: Gobo | tuple[Gobo, ...] | None = None
     scattered: str = "physical"
     bounces: int | None = None
     filters: tuple[LightFilter, ...] = ()
@@ -97,6 +97,14 @@ class BeamSettings:
         kinds = {"portal": (Mesh, str), "gobo": (Gobo,), "portal_gobo": (Gobo,)}
         for name, kind in kinds.items():
             value = getattr(self, name)
-            if value is not None and not isinstance(value, kind):
-                expected = "a Mesh or the id of a shape" if name == "portal" else "a Gobo"
-                raise SceneError(f"{name} is of type {type(value).__name__}: expected {expected}")
+            for each in self.portal_gobos if name == "portal_gobo" else (value,):
+                if each is not None and not isinstance(each, kind):
+                    expected = "a Mesh or the id of a shape" if name == "portal" else "a Gobo"
+                    raise SceneError(f"{name} is of type {type(each).__name__}: expected {expected}")
+
+    @property
+    def portal_gobos(self) -> tuple[Gobo, ...]:
+        """The images on the portal."""
+        if self.portal_gobo is None or isinstance(self.portal_gobo, tuple):
+            return self.portal_gobo or ()
+        return (self.portal_gobo,)

@@ -8,6 +8,7 @@ import numpy as np
 
 from .checks import BLACK, Array, Color, SceneError, color, number, rgb
 from .profiles import Profile
+from .surfaces import Mesh
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,9 @@ class Gobo:
     up
         (3,) direction in world space, for an image on a portal: the image's upper edge points this way, as far as the
         portal's plane allows. Default: +Y.
+    over
+        The flat mesh over whose bounding rectangle an image on a portal lies: one of several openings. None, the
+        default: the portal.
 
     Raises
     ------
@@ -92,6 +96,7 @@ class Gobo:
     width: float = 1.0
     repeat: bool = False
     up: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    over: Mesh | None = None
 
     def __post_init__(self) -> None:
         if np.ndim(self.image) != 3 or not np.size(self.image):

@@ -700,6 +700,14 @@ def test_an_image_on_a_portal_is_upright_on_the_stage(scene, image, axis, turn, 
     assert tuple(only(found).portal_gobo.up) == up
 
 
+def test_each_of_several_portals_has_the_image_on_it(scene, image):
+    windows = PORTAL + PORTAL.replace("Window", "Other")
+    picture = image("a.exr", GREY, "float")
+    body = f"rel photonbeams:portal = [</Window>, </Other>]\nasset photonbeams:portal:gobo = @{picture}@"
+    gobos = only(scene(light("SphereLight", body) + windows)).portal_gobo
+    assert [each.over.name for each in gobos] == ["/Window", "/Other"]
+
+
 @pytest.mark.parametrize(
     ("kind", "body", "message"),
     [

@@ -120,6 +120,33 @@ def test_the_power_of_all_beams_is_the_integral_of_the_image(light, power):
     assert np.all(np.abs(total / RADIANCE / power - 1) < 0.3 * error / total + 1e-3)
 
 
+def test_an_image_lies_on_each_of_several_openings_and_not_between_them():
+    """It was stretched over the rectangle around all of them. Also in two planes."""
+    first, second, third = (
+        scene.Mesh(f"/w{x}", WINDOW.points * [0.5, 1, 1] + np.array([x, 0, z]), WINDOW.faces)
+        for x, z in ((-1.0, 0.0), (1.0, 0.0), (4.0, -0.5))
+    )
+    corners = np.cumsum([0, len(first.points), len(second.points)])
+    whole = scene.Mesh(
+        "/w", np.concatenate([each.points for each in (first, second, third)]),
+        np.concatenate([each.faces + start for each, start in zip((first, second, third), corners, strict=True)]),
+    )  # fmt: skip
+    gobos = tuple(scene.Gobo(NOISE, over=each) for each in (first, second, third))
+    light = dataclasses.replace(distant(), gobo=None, portal=whole, portal_gobo=gobos)
+    alone = [dataclasses.replace(light, portal=each.over, portal_gobo=each) for each in gobos]
+    lamp = world(light).emitters[0].lamp
+    for single, gobo in zip(alone, gobos, strict=True):
+        places = gobo.over.points.mean(axis=0) + np.array([[-0.1, 0.1, 0], [0.12, -0.03, 0], [0, 0.2, 0]])
+        at = to_vectors(places)
+        one = world(single).emitters[0].lamp
+        assert lamp.portal_color(at).numpy() == pytest.approx(one.portal_color(at).numpy(), abs=1e-5)
+        behind = places + 0.2 * light.axis / np.linalg.norm(light.axis)
+        assert seen_from(lamp, behind)[0] == pytest.approx(seen_from(one, behind)[0], abs=1e-5)
+    between = seen_from(lamp, np.array([[0.0, 0, -0.2]]))[0]
+    assert between == pytest.approx(seen_from(world(dataclasses.replace(distant(), gobo=None)).emitters[0].lamp,
+                                              np.array([[0.0, 0, -0.2]]))[0])  # fmt: skip
+
+
 @pytest.mark.parametrize("light", [spot, flat, distant], ids=["spot", "rect", "distant"])
 def test_a_half_black_image_darkens_half_of_the_light(light):
     half = np.ones((64, 64, 1), dtype=np.float32)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from ...scene import Mesh
+from ...scene import Gobo, Mesh
 from ..common.definitions import LIGHT, PREFIX, definitions
 from ..common.openusd import Usd
 from ..common.reading import Reading
@@ -39,7 +40,7 @@ def read_beam_settings(reading: Reading, prim: Usd.Prim, portal: Mesh | str | No
         "emits_beams": reading.flag(prim, "photonbeams:enabled", True),
         "portal": portal,
         "gobo": attempt(partial(read_gobo, reading, prim), "the light has no gobo"),
-        "portal_gobo": attempt(partial(read_portal_gobo, reading, prim, portal), "the portal has no gobo"),
+        "portal_gobo": attempt(partial(_read_portal_gobo, reading, prim, portal), "the portal has no gobo"),
         "look": attempt(partial(bound_look, reading, prim), PHYSICAL),
         **{
             field: attempt(partial(own.read, reading, prim), "its default is used", own.default)
@@ -64,6 +65,25 @@ def read_group(reading: Reading, prim: Usd.Prim) -> str:
 
 def read_portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
     """Return the gprims through which the light reaches the shot, as one mesh."""
+    meshes = _openings(reading, prim)
+    if len(meshes) < 2:
+        return meshes[0] if meshes else None
+    return joined(meshes, " ".join(mesh.name for mesh in meshes))
+
+
+def _read_portal_gobo(
+    reading: Reading, prim: Usd.Prim, portal: Mesh | str | None
+) -> Gobo | tuple[Gobo, ...] | None:  # fmt: skip
+    """Return the image on a light's portal, or one for each of several gprims."""
+    openings = _openings(reading, prim) if isinstance(portal, Mesh) else []
+    if len(openings) < 2:
+        return read_portal_gobo(reading, prim, portal)
+    gobos = [read_portal_gobo(reading, prim, each) for each in openings]
+    return tuple(replace(gobo, over=mesh) for gobo, mesh in zip(gobos, openings, strict=True) if gobo) or None
+
+
+def _openings(reading: Reading, prim: Usd.Prim) -> list[Mesh]:
+    """Return the gprims that a light names as its portal."""
     name = "photonbeams:portal"
     meshes = []
     for target in reading.targets(prim, name):
@@ -74,6 +94,4 @@ def read_portal(reading: Reading, prim: Usd.Prim) -> Mesh | None:
         if mesh.area <= 0:
             raise reading.fail(prim, name, f"names {target.GetPath()}, which has no area: expected a surface")
         meshes.append(mesh)
-    if len(meshes) < 2:
-        return meshes[0] if meshes else None
-    return joined(meshes, " ".join(mesh.name for mesh in meshes))
+    return meshes

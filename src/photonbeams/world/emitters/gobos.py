@@ -3,7 +3,7 @@
 A gobo is a rectangle in a plane, and a light path takes the colour of the image where its line crosses that plane.
 Where the rectangle lies depends on the light. Before a point, a spot or a sphere it is a slide, projected from the
 light's centre. On a rectangle or a disc it is the light's own face. Before a distant light it is a slide square to the
-light, of a given width. On a portal it is the portal's bounding rectangle.
+light, of a given width. On a portal it is the portal's bounding rectangle, or that of each of its openings.
 
 A light with images is a lamp of its own class, which wraps the bare lamp; so lights without images cost no more.
 """
@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import drjit as dr
 import numpy as np
@@ -26,11 +26,10 @@ from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..bounds import Bounds
 from .filters import FilterChain, filter_of, seed_of
 from .lamp import Illumination, Lamp, LightHit
+from .portals import Portal, bounding_rectangle
 from .profiles import ProfileSampler, ProfileTable
 from .rays import EmittedRays
-
-if TYPE_CHECKING:
-    from .portals import Portal
+from .rectangles import Sides
 
 #: Device images by the `id` of the host's images, which are kept with them, so that no other image gets that `id`.
 Images = dict[int, tuple[Any, Any]]
@@ -108,8 +107,9 @@ class ProjectedLamp(Lamp):
     ----------
     bare
         The lamp without images.
-    slide, portal_gobo, profile
-        The images' places. An attribute exists only if the lamp has that image: see `has`.
+    slide, profile
+        The images' places. An attribute exists only if the lamp has that image: see `has`. Those of the images on its
+        portal have the names `portal_names`.
     pixels
         The pixels of the images. They are not part of the struct, because all lamps of a kind share them.
     images
@@ -120,10 +120,10 @@ class ProjectedLamp(Lamp):
 
     has: ClassVar[frozenset[str]] = frozenset()
     filter_names: ClassVar[tuple[str, ...]] = ()
+    portal_names: ClassVar[tuple[str, ...]] = ()
 
     bare: Any = None
     slide: Any
-    portal_gobo: Any
     profile: Any
     pixels: dict[str, Any]
     acting: Any = None
@@ -201,28 +201,37 @@ class ProjectedLamp(Lamp):
 
     def portal_color(self, point: Array3f) -> Array3f:
         """Return the colour of the image on the portal at a point of it."""
-        if "portal_gobo" not in self.has:
-            return Array3f(1)
-        _, place = self.portal_gobo.crossing(point, self.portal_gobo.normal)
-        return self.portal_gobo.color(place, self.pixels["portal_gobo"])
+        result, nearest = Array3f(0 if self.portal_names else 1), Float(dr.inf)
+        for name in self.portal_names:
+            slide = getattr(self, name)
+            away, place = slide.crossing(point, slide.normal)
+            away = dr.abs(away)
+            near = slide.within(place) & (away < nearest)
+            result = dr.select(near, slide.color(place, self.pixels[name]), result)
+            nearest = dr.select(near, away, nearest)
+        return result
 
     def _passing(self, origin: Array3f, direction: Array3f, distance: Float) -> Array3f:
-        """Return the colour of the image on the portal where segments cross it, else 1."""
-        if "portal_gobo" not in self.has:
-            return Array3f(1)
-        crossing, place = self.portal_gobo.crossing(origin, direction)
-        passes = (crossing > 0) & (crossing < distance) & self.portal_gobo.within(place)
-        return dr.select(passes, self.portal_gobo.color(place, self.pixels["portal_gobo"]), 1)
+        """Return the colour of the images on the portal where segments cross them, else 1."""
+        result = Array3f(1)
+        for name in self.portal_names:
+            slide = getattr(self, name)
+            crossing, place = slide.crossing(origin, direction)
+            passes = (crossing > 0) & (crossing < distance) & slide.within(place)
+            result *= dr.select(passes, slide.color(place, self.pixels[name]), 1)
+        return result
 
 
 @cache
 def _kind(bare: type, has: frozenset[str], filters: tuple[type, ...] = ()) -> type[ProjectedLamp]:
     """Return the class for lights of class `bare` with the images `has`, and filters of these classes."""
-    kinds = {"slide": Slide, "portal_gobo": Slide, "profile": ProfileTable}
+    on_portal = tuple(sorted(has - {"slide", "profile"}))
+    kinds = {"slide": Slide, **dict.fromkeys(on_portal, Slide), "profile": ProfileTable}
     parts = {"bare": bare} | {name: kind for name, kind in kinds.items() if name in has}
     named = {f"filter{number}": kind for number, kind in enumerate(filters)}
     name = "".join(each.title().replace("_", "") for each in (*kinds, *named) if each in {*has, *named}) + bare.__name__
-    own = {"__annotations__": parts | named, "has": has, "filter_names": tuple(named), "__module__": __name__}
+    own = {"__annotations__": parts | named, "has": has, "filter_names": tuple(named), "portal_names": on_portal,
+           "__module__": __name__}  # fmt: skip
     return type(name, (ProjectedLamp,), own)
 
 
@@ -243,8 +252,10 @@ def projected(bare: Lamp, light: scene.Light, portal: Portal | None, images: Ima
     """
     place = None if light.gobo is None else light.slide(light.gobo)
     slide = None if place is None else light.gobo
-    portal_gobo = light.portal_gobo if portal is not None else None
-    images_of = {"slide": slide, "portal_gobo": portal_gobo, "profile": light.profile}
+    on_portal = {
+        f"portal{number}": gobo for number, gobo in enumerate(light.portal_gobos if portal is not None else ())
+    }
+    images_of = {"slide": slide, **on_portal, "profile": light.profile}
     there = {name: image for name, image in images_of.items() if image is not None}
     filters = [filter_of(each) for each in light.filters]
     if not (there or filters):
@@ -260,8 +271,10 @@ def projected(bare: Lamp, light: scene.Light, portal: Portal | None, images: Ima
     result.pixels = {name: _on_device(image, images) for name, image in there.items()}
     if slide is not None and place is not None:
         result.slide = Slide.of(slide, *place)
-    if portal_gobo is not None and portal is not None:
-        result.portal_gobo = _portal_gobo(light, portal_gobo, portal)
+    for name, gobo in on_portal.items():
+        plane = None if gobo.over is None else gobo.over.plane()
+        sides = bounding_rectangle(gobo.over, plane) if gobo.over is not None and plane is not None else None
+        setattr(result, name, _portal_gobo(light, gobo, portal.sides if portal and gobo.over is None else sides))
     if light.profile is not None and light.shaping is not None:
         result.profile = ProfileTable.of(light.profile, light.frame)
         bare.directions = ProfileSampler(result.profile, light.shaping, bare.flat)
@@ -296,12 +309,12 @@ def _pixels(gobo: scene.Gobo | scene.Profile) -> np.ndarray:
     return padded(gobo.colors.reshape(-1, 3))
 
 
-def _portal_gobo(light: scene.Light, gobo: scene.Gobo, portal: Portal) -> Slide:
-    """Return the slide over a portal's bounding rectangle, upright as seen when facing the light."""
-    if portal.sides is None:
+def _portal_gobo(light: scene.Light, gobo: scene.Gobo, sides: Sides | None) -> Slide:
+    """Return the slide over the bounding rectangle of an opening, upright as seen when facing the light."""
+    if sides is None:
         text = f"{light.name}: the portal is not flat: expected a planar one to hold the image photonbeams:portal:gobo"
         raise scene.SceneError(text)
-    corner, *edges = portal.sides
+    corner, *edges = sides
     center = corner + 0.5 * (edges[0] + edges[1])
     steep = [abs(edge @ gobo.up) / np.linalg.norm(edge) for edge in edges]
     y, x = (edges[0], edges[1]) if steep[0] > steep[1] else (edges[1], edges[0])

@@ -51,7 +51,7 @@ class Portal:
         self.shape, self._host = shape, host
         self.scene = scene_of([shape], host)
         plane = mesh.plane()
-        self.sides = None if plane is None else _bounding_rectangle(mesh, plane)
+        self.sides = None if plane is None else bounding_rectangle(mesh, plane)
         self.area = area if self.sides is None else float(np.linalg.norm(np.cross(self.sides[1], self.sides[2])))
         self.fill = min(1.0, area / self.area)
         if plane is not None and self.sides is not None:
@@ -111,7 +111,7 @@ def emit_through(lamp: Lamp, portal: Portal, bounds: Bounds, u: Array2f, v: Arra
     return EmittedRays(point - distance * direction, direction, flux, differentials, distance, valid)
 
 
-def _bounding_rectangle(mesh: scene.Mesh, plane: Plane) -> Sides:
+def bounding_rectangle(mesh: scene.Mesh, plane: Plane) -> Sides:
     """Return the smallest rectangle around a planar mesh that is parallel to one of its edges."""
     points, corners = mesh.used_points, mesh.corners
     edges = (corners - np.roll(corners, 1, axis=1)).reshape(-1, 3)
