@@ -103,8 +103,12 @@ class Material:
     presence
         Whether opacity says where the surface is, as for a leaf that is cut out, and not how clear it is, as for
         glass. Default False.
+    thin
+        Whether a clear surface is a whole wall of glass, both of its sides in one, which does not bend light. So are
+        flat sheets in any case. Default False.
     tint
-        Colour that light is multiplied by where it passes through a clear surface. Default white.
+        Colour that light is multiplied by where it passes through a clear surface: a colour, a `UVTexture` or
+        `VertexValues`. Default white.
     normal
         Normals in tangent space, stored as (n + 1) / 2 in three channels. None, the default: the mesh's own normals.
     bump
@@ -132,7 +136,8 @@ class Material:
     clearcoat_roughness: float = 0.01
     opacity: float | UVTexture | VertexValues = 1.0
     presence: bool = False
-    tint: Color = WHITE
+    thin: bool = False
+    tint: Color | UVTexture | VertexValues = WHITE
     normal: UVTexture | None = None
     bump: UVTexture | None = None
     name: str = ""

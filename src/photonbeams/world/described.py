@@ -22,8 +22,8 @@ from .emitters.sources import Source
 from .media.bounded import BoundedMedia, same, touching
 from .shadow_rays import size_of
 from .surfaces.build import Group, grouped, ids_of, shapes_of
-from .surfaces.shapes import cut_out, glows, is_glass, is_mirror, is_pane, scene_of
-from .world import World, translucent
+from .surfaces.shapes import glows, is_body, scene_of
+from .world import World, mirrors, passes, translucent
 
 if TYPE_CHECKING:
     from ..runtime.mitsuba_types import MiScene, MiShape
@@ -93,7 +93,7 @@ def world_of_scene(
     description = _within(description, (center, radius), known)
     meshes = _surfaces(description)
     host = scene_of(()) if like is None else like.host
-    glass = tuple(each for each in meshes if sharp and is_glass(each.material) and each.closed)
+    glass = tuple(each for each in meshes if sharp and is_body(each))
     content = _media(description, host, known, glass)
     bodies = {id(each) for each in glass}
     linked = {names for light in description.lights for names in (light.unlit, light.unshadowed) if names}
@@ -118,7 +118,9 @@ def world_of_scene(
         nested=bool(content.boundaries or content.outside),
         touching=like.touching if like and kept
         else bool(shapes) and touching(description.media, surfaces, size_of(plugin)),
-        translucent=translucent(plugin), **_traits(meshes, sharp),
+        translucent=translucent(plugin), cutouts=any(passes(each.bsdf()) for each in shapes),
+        mirrors=mirrors(surfaces),
+        perturbed=any(each.material.perturbed for each in meshes), glowing=any(glows(each.material) for each in meshes),
         boundaries=content.boundaries,
         shapes=shown,
         blockers=_blockers(emitters, host, shown, like.blockers if like and still else {}),
@@ -163,18 +165,6 @@ def _with_boundaries(
 ) -> MiScene:  # fmt: skip
     """Return the Mitsuba scene of surfaces and of the boundaries of media: that of the surfaces if there are none."""
     return scene_of([*shapes, *boundaries], host) if boundaries else surfaces
-
-
-def _traits(meshes: Sequence[scene.Mesh], sharp: bool) -> dict[str, Any]:
-    """Return what kinds of surfaces there are, by the names of attributes of `World`."""
-    materials = [each.material for each in meshes]
-    refracts = [sharp and is_glass(each.material) and not is_pane(each) for each in meshes]
-    return {
-        "cutouts": any(cut_out(each) and not bends for each, bends in zip(materials, refracts, strict=True)),
-        "perturbed": any(each.perturbed for each in materials),
-        "mirrors": sharp and any(is_glass(each) or is_mirror(each) for each in materials),
-        "glowing": any(map(glows, materials)),
-    }
 
 
 def _glow(description: scene.Scene) -> dict[str, str]:

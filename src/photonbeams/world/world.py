@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import channel_mean, opaque
+from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import ESCAPE, DrawnBeams
 from .bounds import Bounds, Box
@@ -32,7 +32,7 @@ from .media.rendered import RenderedMedium
 from .media.visibility import through
 from .shadow_rays import gap_at, gap_before, size_of
 from .surfaces.normal_maps import NormalMap
-from .surfaces.rays import RayScenes
+from .surfaces.rays import RayScenes, opacity
 from .surfaces.shapes import scene_of
 
 if TYPE_CHECKING:
@@ -76,8 +76,9 @@ class World:
         Whether endless fog goes on outside of the bounds where a camera or a lamp is; and how far light from infinity
         goes on, in radii of the bounds.
     cutouts
-        Whether cut-out surfaces stop rays with the probability of their opacity: `intersect` then skips those that do
-        not. If not, they are ordinary surfaces, whose BSDFs have null lobes.
+        Whether there are surfaces through which light goes straight, and cut-out ones among them stop rays with the
+        probability of their opacity: `intersect` then skips those that do not. If not, they are ordinary surfaces,
+        whose BSDFs have null lobes.
     perturbed, translucent
         Whether BSDFs may perturb the normal (bump and normal maps), and whether any has diffuse or glossy transmission.
     mirrors, glowing
@@ -353,7 +354,7 @@ class World:
         """Return the opacity of the cut-out surfaces that stopped rays, above 0; 1 for other surfaces."""
         if not self.cutouts:
             return Float(1)
-        return dr.maximum(1 - channel_mean(hit.bsdf().eval_null_transmission(hit, active)), 1e-6)
+        return dr.maximum(opacity(hit, active), 1e-6)
 
 
 def _mapped_normal(bsdf: MiBsdf, hit: SurfaceInteraction, active: Bool) -> Any:

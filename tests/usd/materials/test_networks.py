@@ -53,6 +53,31 @@ def test_transmission_is_glass_of_its_tint(scene, kind, transmission, ior):
     assert found.ior == pytest.approx(1.33)
 
 
+@pytest.mark.parametrize(("kind", "thin"), [(STANDARD[0], "thin_walled"), (OPEN[0], "geometry_thin_walled")])
+def test_a_thin_wall_keeps_its_tint_which_may_be_an_image_or_a_primvar(scene, image, kind, thin):
+    """Its two sides are one: it is no cut-out."""
+    name = "transmission_weight" if kind == OPEN[0] else "transmission"
+    inputs = f"float inputs:{name} = 1", f"bool inputs:{thin} = 1"
+    texture = shader("N", "arnold:image", f"asset inputs:filename = @{image('a.exr', PIXELS, 'float')}@")
+    connected = "color3f inputs:transmission_color.connect = </Mat/N.outputs:out>"
+    found = scene(material(kind, *inputs, connected, nodes=(texture,))).meshes[0].material
+    assert (found.opacity, found.presence, found.thin) == (0, False, True)
+    np.testing.assert_allclose(found.tint.pixels, PIXELS, atol=1e-3)
+    reader = shader("N", "ND_geompropvalue_color3", 'string inputs:geomprop = "paint"')
+    found = scene(material(kind, *inputs, connected, nodes=(reader,))).meshes[0].material
+    np.testing.assert_allclose(found.tint.values, [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)])
+
+
+@pytest.mark.parametrize(
+    ("kind", "clear", "color"),
+    [("PxrSurface", "refractionGain", "refractionColor"), ("arnold:standard", "Kt", "Kt_color"),
+     ("ND_gltf_pbr_surfaceshader", "transmission", "base_color")],
+)  # fmt: skip
+def test_glass_of_other_renderers_has_its_colour(scene, kind, clear, color):
+    found = scene(material(kind, f"float inputs:{clear} = 1", f"color3f inputs:{color} = (0.5, 1, 0.75)"))
+    assert (found.meshes[0].material.opacity, found.meshes[0].material.tint) == (0, (0.5, 1, 0.75))
+
+
 def test_opacity_of_a_standard_surface_cuts_out(scene):
     found = scene(material(STANDARD[0], "color3f inputs:opacity = (0.5, 0.5, 0.5)")).meshes[0].material
     assert (found.opacity, found.presence) == (0.5, True)

@@ -124,7 +124,8 @@ def onward(
         mi.Point2f(samples.pair(paths.order, Stream.BRANCH_TURN, name)),
     )
     # A cut-out surface was already sampled as opaque: its null lobe is not sampled again.
-    lobe *= tracing.world.opacity(hit, sharp)
+    opacity = tracing.world.opacity(hit, sharp)
+    lobe *= opacity
     sample, weight = bsdf.sample(context, hit, lobe, turn, sharp)
     # Some BSDFs ignore the mask: Mitsuba's `principled` samples all its lobes.
     sharp &= (sample.sampled_type & IDEAL) != 0
@@ -138,8 +139,8 @@ def onward(
     other, weight = bsdf.sample(context, hit, dr.select(last, Float(_LAST), 0), turn, able)
     split = able & (sample.pdf > 0) & (other.pdf > 0) & (sample.sampled_type != other.sampled_type)
     split &= dr.abs(sample.pdf + other.pdf - 1) < 1e-4
-    if tracing.world.cutouts:  # whether light passes was decided when the surface stopped the path
-        split &= ~mi.has_flag(other.sampled_type, mi.BSDFFlags.Null)
+    # Whether light passes was decided when a cut-out surface stopped the path.
+    split &= ~mi.has_flag(other.sampled_type, mi.BSDFFlags.Null) | (opacity == 1)
     factor *= dr.select(split, sample.pdf, 1)
     rest = dr.select(split, rgb(weight) * other.pdf, 0)
     # The straight path stays the pixel's own ray, for which beams are gathered by tiles.

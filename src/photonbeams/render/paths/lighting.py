@@ -143,7 +143,8 @@ class LitPoints:
     reference, size
         The points, or hits on surfaces of a scene with this diameter, from which shadow rays begin: see `to_lamp`.
     direction, weight, pdf, seed, open
-        The sample of a direction, its weight and density, the seed of its ray, and whether no surface blocks that.
+        The sample of a direction, its weight and density, the seed of its ray, and what of light surfaces let through
+        on that: 0 where one blocks it, the colour of panes.
     shadow_reach, shadow
         Surfaces farther away cast no shadow; and what a shadow leaves of the light, None: nothing.
     """
@@ -157,7 +158,7 @@ class LitPoints:
     weight: Array3f
     pdf: Float
     seed: UInt32
-    open: Bool
+    open: Array3f
     shadow_reach: Any
     shadow: Any = None
 
@@ -165,27 +166,28 @@ class LitPoints:
         """Return the shadow rays to light at a distance, which may be infinite."""
         return to_lamp(self.reference, direction, distance, self.size)
 
-    def sees(self, world: World, met: Bool, distance: Float) -> Bool:
-        """Return which samples that meet a light, at this distance, are not blocked."""
+    def sees(self, world: World, met: Bool, distance: Float) -> Array3f:
+        """Return what surfaces let through to samples that meet a light, at this distance."""
         # Small lights are met seldom. The seed is that of `open`: a cut-out that lets one ray through lets the other.
-        behind = met & ~self.open & dr.isfinite(distance)
+        before = met & (dr.min(self.open) < 1) & dr.isfinite(distance)
         ray = self.toward(self.direction, distance)
         reach = dr.minimum(ray.length, self.shadow_reach)
-        return met & (self.open | (behind & ~world.solids.blocked(ray.origin, ray.direction, reach, behind, self.seed)))
+        passed = world.solids.passed(ray.origin, ray.direction, reach, before, self.seed)
+        return dr.select(met, dr.select(before, passed, self.open), 0)
 
-    def left(self, free: Bool, lit: Bool) -> Array3f:
-        """Return the factor on light: 1 where nothing blocks it (`free`), else the shadow at points that are `lit`."""
-        return dr.select(free, Array3f(1), 0 if self.shadow is None else dr.select(lit, self.shadow, 0))
+    def left(self, passed: Array3f, lit: Bool) -> Array3f:
+        """Return the factor on light at points that are `lit`: what passes surfaces, and the shadow of the rest."""
+        return passed if self.shadow is None else dr.select(lit, passed + (1 - passed) * self.shadow, 0)
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
         """Return the factor on light from a direction, and the pdf with which that direction is sampled."""
         raise NotImplementedError
 
-    def unblocked(self, world: World) -> Bool:
-        """Return whether no surface blocks the sample: this takes half the time of finding the nearest surface."""
+    def unblocked(self, world: World) -> Array3f:
+        """Return what surfaces let through to the sample: this takes half the time of finding the nearest surface."""
         alive = self.active & (dr.max(self.weight) > 0)
         origin = self.toward(self.direction, Float(dr.inf)).origin
-        return alive & ~world.solids.blocked(origin, self.direction, self.shadow_reach, alive, self.seed)
+        return dr.select(alive, world.solids.passed(origin, self.direction, self.shadow_reach, alive, self.seed), 0)
 
 
 class _Reflection(LitPoints):
@@ -258,17 +260,17 @@ def scattered(world: World, reflection: LitPoints, light: Any, names: tuple[Any,
     ray = reflection.toward(sample.direction, sample.distance)
     reach = dr.minimum(ray.length, reflection.shadow_reach)
     seed = point.samples.bits(point.order, *stream)
-    free = useful & ~world.solids.blocked(ray.origin, ray.direction, reach, useful, seed)
-    shown = free if reflection.shadow is None else useful
+    left = reflection.left(world.solids.passed(ray.origin, ray.direction, reach, useful, seed), useful)
+    shown = useful & (dr.max(left) > 0)
     dimming = world.dimming(ray.origin, sample.direction, sample.distance, medium, seed, shown)
-    result = dr.select(shown, value * dimming * reflection.left(free, useful), 0)
+    result = dr.select(shown, value * dimming * left, 0)
 
     found = light.see(place, reflection.direction)
     hit = found.hit & (dr.max(reflection.weight) > 0)
-    met = reflection.sees(world, hit, found.distance)
-    shown = met if reflection.shadow is None else hit
+    left = reflection.left(reflection.sees(world, hit, found.distance), hit)
+    shown = hit & (dr.max(left) > 0)
     weight = power_heuristic(reflection.pdf, found.pdf)
     start = reflection.toward(reflection.direction, found.distance).origin
     dimming = world.dimming(start, reflection.direction, found.distance, medium, hash32(seed), shown)
-    value = reflection.weight * found.radiance * weight * dimming * reflection.left(met, hit)
+    value = reflection.weight * found.radiance * weight * dimming * left
     return result + dr.select(shown, value, 0)

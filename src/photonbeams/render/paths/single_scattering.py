@@ -110,9 +110,9 @@ class _ScatteringPoints(LitPoints):
         self.seed = point.samples.bits(point.order, Stream.PHASE_LOBE, point.step)
         self.open = self.unblocked(world)
 
-    def sees(self, world: World, met: Bool, distance: Float) -> Bool:
-        """Return which samples that meet a dome are not blocked."""
-        return met & self.open
+    def sees(self, world: World, met: Bool, distance: Float) -> Array3f:
+        """Return what surfaces let through to samples that meet a dome."""
+        return dr.select(met, self.open, 0)
 
     def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
         """Return the phase function, and the pdf of sampling that direction."""

@@ -107,15 +107,16 @@ class WalkedLamps:
         self, ray: ShadowRay, hit: Any, medium: UInt32, seed: UInt32, active: Bool
     ) -> tuple[Array3f, Any]:  # fmt: skip
         """Return the transmittance along rays from hits to the next surfaces, and these."""
-        met = self.world.solids.first(ray.origin, ray.direction, active, seed)
-        return self.world.dimming(ray.origin, ray.direction, met.t, medium, seed, active & met.is_valid()), met
+        met, tint = self.world.solids.behind_panes(ray.origin, ray.direction, active, seed)
+        dimming = self.world.dimming(ray.origin, ray.direction, met.t, medium, seed, active & met.is_valid())
+        return tint * dimming, met
 
     def passed(self, vertex: Vertex, light: EmitterSample, seed: UInt32, active: Bool) -> Array3f:
         """Return the fraction of the light of a sample that arrives at active vertices."""
         world, ray = self.world, to_lamp(vertex.reference(), light.direction, light.distance, self.world.size)
-        free = active & ~world.solids.blocked(ray.origin, ray.direction, ray.length, active, seed)
-        dimming = world.dimming(ray.origin, light.direction, light.over, vertex.walk.medium, seed, free)
-        return dr.select(free, dimming, Array3f(0))
+        tint = dr.select(active, world.solids.passed(ray.origin, ray.direction, ray.length, active, seed), 0)
+        dimming = world.dimming(ray.origin, light.direction, light.over, vertex.walk.medium, seed, dr.max(tint) > 0)
+        return tint * dimming
 
     def met(
         self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32,

@@ -98,7 +98,7 @@ def is_room(world: World, camera: View) -> bool:
     around = mi.Frame3f(mi.Vector3f(facing(outward(hit), direction)))
     local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(pixel_sample(lane, dr.opaque(UInt32, 1))))
     turned = Array3f(around.to_world(local))
-    further = world.solids.first(leaving(hit, turned, world.size), turned, valid, lane).is_valid()
+    further = world.solids.behind_panes(leaving(hit, turned, world.size), turned, valid, lane)[0].is_valid()
     dr.eval(valid, further)
     return bool(np.count_nonzero(further.numpy()) > _ENCLOSED * np.count_nonzero(valid.numpy()))
 

@@ -43,7 +43,7 @@ def seen_coarsely(world: World, camera: View) -> tuple[Any, Array3f, UInt32]:
     """Return the surfaces that a coarse grid of a camera's rays meets, the rays' directions and their numbers."""
     origin, direction = camera.coarse_rays(COLUMNS, ROWS)
     lane = dr.arange(UInt32, dr.width(direction))
-    hit = world.solids.first(origin, direction, Bool(True), lane)
+    hit, _ = world.solids.behind_panes(origin, direction, Bool(True), lane)
     return hit, direction, lane
 
 

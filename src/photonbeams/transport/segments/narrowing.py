@@ -43,7 +43,8 @@ def narrow(world: World, paths: LightPaths, scale: Float, halvings: UInt32, most
         one that is too wide a soft edge.
     """
     alive = paths.initial > 0
-    hit = world.solids.first(paths.origin, paths.direction, alive, hash32(paths.index, paths.key), paths.link)
+    seed = hash32(paths.index, paths.key)
+    hit, _ = world.solids.behind_panes(paths.origin, paths.direction, alive, seed, paths.link)
     met = hit.is_valid()
     paths.total = dr.select(met, hit.t, paths.total)
     paths.against = dr.select(met, facing(Array3f(hit.n), paths.direction), -paths.direction)

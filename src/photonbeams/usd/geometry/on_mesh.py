@@ -11,7 +11,7 @@ import numpy as np
 from ...scene import Array, Material, UVTexture, VertexValues
 from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
-from ..materials.bound import Bound, plain, texture_of
+from ..materials.bound import COLORS, TEXTURED, Bound, plain, texture_of
 from ..materials.kept import kept
 from ..materials.values import Image, constant
 from .primvars import find_primvar, flattened
@@ -56,7 +56,7 @@ def on_mesh(
             if not np.allclose(values, own, rtol=0, atol=1e-5):
                 text = f"has {primvar.name} from {own.min():g} to {own.max():g}: expected 0 to 1; the nearest is used"
                 reading.warn(prim, text)
-            columns = 3 if name == "diffuse" else 1
+            columns = 3 if name in COLORS else 1
             values = np.broadcast_to(values[:, :1] if values.shape[1] < columns else values[:, :columns],
                                      (len(values), columns))  # fmt: skip
             varies = len(values) > 1 and bool(np.any(values != values[0]))
@@ -68,7 +68,7 @@ def on_mesh(
     for name, image in bound.images.items():
         if uvs is not None:
             changes[name] = _texture(reading, prim, name, image, uvs)
-    for name in ("diffuse", "emissive", "roughness", "metallic", "opacity"):
+    for name in TEXTURED:
         if isinstance(changes.get(name), UVTexture) and _is_constant(reading, changes[name]):
             changes[name] = plain(name, constant(bound.images[name]))
     return replace(bound.material, **changes) if changes else bound.material

@@ -22,9 +22,9 @@ from .ramps import RAMPS
 from .surfaces import SURFACES, category, surface_of
 from .values import Image, PrimvarValue, Value, as_color, as_number, constant, mapped
 
-_COLORS = ("diffuse", "emissive")
-_TEXTURED = ("diffuse", "emissive", "roughness", "metallic", "opacity")
-_AT_VERTICES = ("diffuse", "opacity")
+COLORS = ("diffuse", "emissive", "tint")
+TEXTURED = ("diffuse", "emissive", "roughness", "metallic", "opacity", "tint")
+_AT_VERTICES = ("diffuse", "opacity", "tint")
 # Fields with values from 0 to 1. Others have values from 0 up; but a reflectance that is one colour is at most 1, too.
 _PARTS = ("metallic", "opacity", "clearcoat", "clearcoat_roughness", "roughness", "tint")
 
@@ -172,13 +172,13 @@ def _warn_of_glass(reading: Reading, material: UsdShade.Material, read: Material
 def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> Bound:
     """Return a surface's constants, images and primvars by fields of `scene.Material`, clipped to their ranges."""
     prim = material.GetPrim()
-    fields: dict[str, Any] = {"presence": surface.presence}
+    fields: dict[str, Any] = {"presence": surface.presence, "thin": surface.thin}
     images, primvars = {}, {}
     for name, value in vars(surface).items():
-        if name in ("presence", "normal", "bump", "tint") or value is None:
+        if name in ("presence", "thin", "normal", "bump") or value is None:
             continue
-        value = _in_range(reading, prim, name, as_color(value) if name in _COLORS else as_number(value))
-        if isinstance(value, Image) and name in _TEXTURED:
+        value = _in_range(reading, prim, name, as_color(value) if name in COLORS else as_number(value))
+        if isinstance(value, Image) and name in TEXTURED:
             images[name] = value
         elif isinstance(value, PrimvarValue) and name in _AT_VERTICES:
             primvars[name] = value
@@ -187,8 +187,6 @@ def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> B
             text = f"has {kind} for its {name.replace('_', ' ')}, which is not rendered: its {instead} is used"
             reading.warn(prim, text)
         fields[name] = plain(name, constant(value))
-    if surface.tint is not None:
-        fields["tint"] = plain("diffuse", constant(_in_range(reading, prim, "tint", constant(surface.tint))))
     tilts = {"normal": surface.normal, "bump": surface.bump}
     images |= {name: value for name, value in tilts.items() if isinstance(value, Image)}
     return Bound(Material(**fields, name=str(prim.GetPath())), images, primvars, _uv_name(reading, prim, images))
@@ -197,7 +195,7 @@ def _bound(reading: Reading, material: UsdShade.Material, surface: Surface) -> B
 def plain(name: str, value: Array) -> Any:
     """Return a constant as a field of `scene.Material`, a number or a colour."""
     numbers = np.asarray(value, dtype=np.float64).tolist()
-    return tuple(np.broadcast_to(numbers, 3).tolist()) if name in _COLORS else numbers[0]
+    return tuple(np.broadcast_to(numbers, 3).tolist()) if name in COLORS else numbers[0]
 
 
 def _in_range(reading: Reading, prim: Usd.Prim, name: str, value: Value) -> Value:

@@ -109,7 +109,7 @@ def _set_opacity(
     """Set the opacity of a surface that is cut out, or else clear: glass, or a thin wall, which does not refract."""
     cut = as_number(network.combined(node, lambda values: rgb(values).mean(axis=-1, keepdims=True), opacity))
     is_cut, is_clear = np.any(constant(cut) < 1), np.any(constant(clear) > 0)
-    surface.presence = bool(is_cut) or bool(network.plain(node, names.thin, False))
+    surface.presence, surface.thin = bool(is_cut), bool(network.plain(node, names.thin, False))
     if is_cut and is_clear:
         network.lose(node, "is not rendered on a surface that is cut out by its opacity: it is opaque", "transmission")
     surface.opacity = cut if is_cut else network.combined(node, lambda part: 1 - part, clear)

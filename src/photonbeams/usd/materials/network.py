@@ -30,6 +30,7 @@ class Surface:
     clearcoat_roughness: Value | None = None
     opacity: Value | None = None
     presence: bool = False
+    thin: bool = False
     tint: Value | None = None
     normal: Value | None = None
     bump: Value | None = None

@@ -111,6 +111,7 @@ class _ByNames:
     clearcoat: tuple[str, ...] = ()
     opacity: tuple[str, ...] = ()
     transmission: tuple[str, ...] = ()
+    tint: tuple[str, ...] = ()
 
     def __call__(self, network: Network, node: UsdShade.Shader) -> Surface:
         """Return the surface, and note that the shader is approximated."""
@@ -121,13 +122,15 @@ class _ByNames:
             diffuse = network.combined(node, np.multiply, diffuse, weight)
         if emissive is not None and (glow is not None or self.emission):
             emissive = network.combined(node, np.multiply, emissive, np.zeros(1) if glow is None else glow)
-        opacity, presence = _opacity(network, node, *self.opacity) if self.opacity else None, True
+        opacity, presence, tint = _opacity(network, node, *self.opacity) if self.opacity else None, True, None
         clear = network.number(node, *self.transmission)
         if clear is not None and np.any(constant(clear) > 0):
             opacity, presence = network.combined(node, lambda part: 1 - part, clear), False
+            tint = network.color(node, *self.tint)
         surface = Surface(
             diffuse, emissive, network.number(node, *self.roughness), network.number(node, *self.metallic),
             network.number(node, *self.ior), network.number(node, *self.clearcoat), opacity=opacity, presence=presence,
+            tint=tint,
         )  # fmt: skip
         tilt(network, node, surface, "normal", "bumpNormal", "normalCamera")
         return surface
@@ -174,7 +177,7 @@ def _glass(network: Network, node: UsdShade.Shader) -> Surface:
     tint = network.color_or(node, 1.0, "glass_color")
     ior = network.number_or(node, 1.491, "glass_ior")
     return Surface(roughness=network.number_or(node, 0.0, "frosting_roughness"), ior=ior, opacity=np.zeros(1),
-                   tint=tint)  # fmt: skip
+                   thin=bool(network.plain(node, "thin_walled", False)), tint=tint)  # fmt: skip
 
 
 def _first_shader(*names: str) -> Reader:
@@ -241,7 +244,7 @@ _GUESSED = _ByNames(
 _PRINCIPLED = _ByNames(
     diffuse=("baseColor", "base_color"), emissive=("emitColor", "emissive"), roughness=("roughness", "specRoughness"),
     metallic=("metallic",), ior=("ior",), clearcoat=("clearcoat",), opacity=("presence",),
-    transmission=("specTrans", "spec_trans", "transmission", "refractionGain"),
+    transmission=("specTrans", "spec_trans", "transmission", "refractionGain"), tint=("baseColor", "base_color"),
 )  # fmt: skip
 
 SURFACES: dict[str, Reader] = {
@@ -260,6 +263,7 @@ SURFACES: dict[str, Reader] = {
     "arnold:standard": _ByNames(
         diffuse=("Kd_color",), weight=("Kd",), emissive=("emission_color",), emission=("emission",),
         roughness=("specular_roughness",), opacity=("opacity",), ior=("IOR",), transmission=("Kt",),
+        tint=("Kt_color",),
     ),
     "arnold:two_sided": _first_shader("front", "back"),
     "arnold:ray_switch_shader": _first_shader("camera", "diffuse_reflection"),
@@ -277,7 +281,7 @@ SURFACES: dict[str, Reader] = {
     "PxrSurface": _ByNames(
         diffuse=("diffuseColor",), weight=("diffuseGain",), emissive=("glowColor",), emission=("glowGain",),
         roughness=("specularRoughness",), opacity=("presence",), transmission=("refractionGain",),
-        ior=("glassIor",),
+        ior=("glassIor",), tint=("refractionColor",),
     ),
     "PxrDiffuse": _diffuse("diffuseColor"),
     "PxrConstant": unlit("emitColor"),

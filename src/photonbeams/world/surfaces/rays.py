@@ -1,4 +1,4 @@
-"""Rays in Mitsuba scenes: what they meet first, and what blocks them, past cut-out surfaces."""
+"""Rays in Mitsuba scenes: what they meet first, and what blocks them, past cut-out surfaces and panes of glass."""
 
 from __future__ import annotations
 
@@ -12,28 +12,31 @@ from ...numerics.arrays import channel_mean
 from ...numerics.hashing import hash32, unit_float
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..shadow_rays import rounding
+from ..spectra import rgb
 
 if TYPE_CHECKING:
-    from ...runtime.mitsuba_types import MiScene, SurfaceInteraction
+    from ...runtime.mitsuba_types import Ray, SurfaceInteraction
 
 mi = mitsuba()
 
-_LAYERS = 32  # most cut-out surfaces that a ray may pass
+_LAYERS = 32  # most cut-out surfaces and panes that a ray may pass
 
 
 @dataclass(frozen=True)
 class RayScenes:
     """Mitsuba scenes that rays meet.
 
-    The methods take a `seed`, which decides which cut-out surfaces a ray passes, and a `link`, which selects the scene:
-    0 or None is `plugin`.
+    Light goes straight through cut-out surfaces and through panes, which also mirror it. It passes a cut-out surface or
+    not, by chance; a pane always gives it another colour. The methods take a `seed`, which decides which cut-out
+    surfaces a ray passes, and a `link`, which selects the scene: 0 or None is `plugin`.
 
     Attributes
     ----------
     plugin, others
         The usual scene, and those that rays with the links 1, 2, … meet.
     cutouts
-        Whether cut-out surfaces stop rays with the probability of their opacity; if not, they stop all rays.
+        Whether cut-out surfaces stop rays with the probability of their opacity, and rays to lamps pass panes; if not,
+        both stop all rays.
     size
         The diameter of the world.
     """
@@ -46,32 +49,45 @@ class RayScenes:
     def first(
         self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None
     ) -> SurfaceInteraction:
-        """Return what rays meet first, as a SurfaceInteraction3f."""
-        first, *more = self._by_link(link)
-        hit = self._met(first[0], origin, direction, active & first[1], seed)
-        for each, own in more:
-            hit = dr.select(own, self._met(each, origin, direction, active & own, seed), hit)
-        return hit
+        """Return what rays meet first, as a SurfaceInteraction3f; that may be a pane."""
+        return self._met(origin, direction, active, seed, link, panes=False)[0]
+
+    def behind_panes(
+        self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None = None
+    ) -> tuple[SurfaceInteraction, Array3f]:
+        """Return what rays meet first that is no pane, and the transmittance of the panes before it."""
+        return self._met(origin, direction, active, seed, link, panes=True)
+
+    def passed(
+        self, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32,
+        link: UInt32 | None = None,
+    ) -> Array3f:  # fmt: skip
+        """Return the transmittance of panes up to `distance`; 0 for rays that something blocks."""
+        result = Array3f(1)
+        for plugin, own in self._by_link(link):
+            skip, tint = self._skipped(plugin, origin, direction, active & own, seed, panes=True)
+            ray = _beyond(origin, direction, skip)
+            ray.maxt = dr.minimum(distance, dr.largest(Float)) - skip
+            tint = dr.select(plugin.ray_test(ray, active & own & (ray.maxt > 0)), 0, tint)
+            result = dr.select(own, tint, result)
+        return result
 
     def blocked(
         self, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32,
         link: UInt32 | None = None,
     ) -> Bool:  # fmt: skip
-        """Return which rays meet something before `distance`."""
-        first, *more = self._by_link(link)
-        result = self._stopped(first[0], origin, direction, distance, active & first[1], seed)
-        for each, own in more:
-            result |= self._stopped(each, origin, direction, distance, active & own, seed)
-        return result
+        """Return which rays meet something before `distance` that is no pane."""
+        return dr.max(self.passed(origin, direction, distance, active, seed, link)) == 0
 
     def clear(
         self, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32,
         link: UInt32 | None = None,
     ) -> Float:  # fmt: skip
-        """Return the distances at which rays meet something before `distance`, else infinity."""
+        """Return the distances at which rays meet something before `distance` that is no pane, else infinity."""
         result = Float(dr.inf)
         for plugin, own in self._by_link(link):
-            ray, skip = self._beyond_cutouts(plugin, origin, direction, active & own, seed)
+            skip, _ = self._skipped(plugin, origin, direction, active & own, seed, panes=True)
+            ray = _beyond(origin, direction, skip)
             ray.maxt = dr.minimum(distance, dr.largest(Float)) - skip
             tried = active & own & (ray.maxt > 0)
             # What lies there does not matter, and takes long to compute for many shapes.
@@ -87,47 +103,62 @@ class RayScenes:
         return [(self.plugin, link == 0), *linked]
 
     def _met(
-        self, plugin: MiScene, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32
-    ) -> SurfaceInteraction:
-        ray, skip = self._beyond_cutouts(plugin, origin, direction, active, seed)
-        hit = plugin.ray_intersect(ray, active)
-        if self.cutouts:
-            hit.t += skip
-        return hit
+        self, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, link: UInt32 | None, panes: bool
+    ) -> tuple[SurfaceInteraction, Array3f]:
+        """Return what rays meet first, past `panes` or not, and the transmittance of these."""
+        result: Any = None
+        for plugin, own in self._by_link(link):
+            skip, tint = self._skipped(plugin, origin, direction, active & own, seed, panes)
+            hit = plugin.ray_intersect(_beyond(origin, direction, skip), active & own)
+            if self.cutouts:
+                hit.t += skip
+            met = hit, tint
+            result = met if result is None else tuple(map(dr.select, (own, own), met, result))
+        return result  # type: ignore[no-any-return]
 
-    def _stopped(
-        self, plugin: Any, origin: Array3f, direction: Array3f, distance: Float, active: Bool, seed: UInt32
-    ) -> Bool:
-        ray, skip = self._beyond_cutouts(plugin, origin, direction, active, seed)
-        ray.maxt = dr.minimum(distance, dr.largest(Float)) - skip
-        return plugin.ray_test(ray, active & (ray.maxt > 0))
+    def _skipped(
+        self, plugin: Any, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32, panes: bool
+    ) -> tuple[Any, Array3f]:
+        """Return the distance to the last surface that rays pass, and its transmittance with that of those before.
 
-    def _beyond_cutouts(
-        self, plugin: MiScene, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32
-    ) -> tuple[Any, Any]:
-        """Return rays moved beyond the cut-out surfaces that they pass, and the distances by which they were moved."""
-        skip = self._skipped(plugin, origin, direction, active, seed) if self.cutouts else 0
-        return mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction)), skip
-
-    def _skipped(self, plugin: Any, origin: Array3f, direction: Array3f, active: Bool, seed: UInt32) -> Float:
-        """Return the distance to the last cut-out surface that rays pass; boundaries of media stop them."""
+        They pass cut-out surfaces and, if told so, `panes`; boundaries of media stop them.
+        """
+        if not self.cutouts:
+            return 0, Array3f(1)
         origin, direction = dr.detach(Array3f(origin)), dr.detach(Array3f(direction))
         # More than the rounding error of a hit's place.
         extent = dr.max(dr.abs(origin))
         step = 1e-5 * extent
 
-        def passing(skip: Float, layer: UInt32, going: Bool) -> tuple[Float, UInt32, Bool]:
-            ray = mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
-            hit = plugin.ray_intersect(ray, going)
-            clear = channel_mean(hit.bsdf().eval_null_transmission(hit, going))
-            passes = hit.is_valid() & ~hit.is_medium_transition() & (unit_float(hash32(seed, layer)) < clear)
-            going = going & passes
+        def passing(skip: Float, tint: Array3f, layer: UInt32, going: Bool) -> tuple[Float, Array3f, UInt32, Bool]:
+            hit = plugin.ray_intersect(_beyond(origin, direction, skip), going)
+            clear, pane = rgb(hit.bsdf().eval_null_transmission(hit, going)), _is_pane(hit)
+            lucky = unit_float(hash32(seed, layer)) < channel_mean(clear)
+            passes = dr.select(pane, Bool(panes) & (dr.max(clear) > 0), lucky)
+            going = going & hit.is_valid() & ~hit.is_medium_transition() & passes
             # No further than the next leaf, in small scenes and far from the origin.
             most = dr.maximum(mi.math.RayEpsilon * self.size, rounding(hit.t + extent))
             usual = 1e-5 * hit.t + step <= most
             beyond = dr.select(usual, skip + hit.t * (1 + 1e-5) + step, skip + hit.t + most)
-            return dr.select(going, beyond, skip), layer + 1, going
+            return dr.select(going, beyond, skip), dr.select(going & pane, tint * clear, tint), layer + 1, going
 
-        state = (0 * origin.x + 0 * direction.x, dr.zeros(UInt32, dr.width(origin)), Bool(active))
-        skip, _, _ = dr.while_loop(state, lambda _, layer, going: going & (layer < _LAYERS), passing, label="cutouts")
-        return skip
+        width = dr.width(origin)
+        state = (0 * origin.x + 0 * direction.x, dr.ones(Array3f, width), dr.zeros(UInt32, width), Bool(active))
+        skip, tint, _, _ = dr.while_loop(state, lambda *each: each[3] & (each[2] < _LAYERS), passing, label="cutouts")
+        return skip, tint
+
+
+def _beyond(origin: Array3f, direction: Array3f, skip: Any) -> Ray:
+    """Return rays moved forward by a distance."""
+    return mi.Ray3f(mi.Point3f(origin + skip * direction), mi.Vector3f(direction))
+
+
+def _is_pane(hit: SurfaceInteraction) -> Bool:
+    """Return which hits are on panes: light goes straight through them, and is mirrored."""
+    flags = hit.bsdf().flags()
+    return mi.has_flag(flags, mi.BSDFFlags.Null) & mi.has_flag(flags, mi.BSDFFlags.DeltaReflection)
+
+
+def opacity(hit: SurfaceInteraction, active: Bool) -> Float:
+    """Return the probability with which surfaces stop rays."""
+    return dr.select(_is_pane(hit), 1, 1 - channel_mean(rgb(hit.bsdf().eval_null_transmission(hit, active))))

@@ -85,11 +85,9 @@ def sharp_bsdf_of(material: scene.Material, thin: bool = False) -> dict[str, Any
     A transparent material is glass of its `ior`, unless its opacity means presence; smooth metal is a mirror of its
     colour. `thin` glass has both of its sides in one surface, and does not bend light; a rough one is None.
     """
-    if is_glass(material) and (_is_smooth(material) or not thin):
+    if _is_glass(material) and (_is_smooth(material) or not thin):
         assert isinstance(material.opacity, float | int)
-        plain: dict[str, Any] = {"int_ior": float(material.ior), "ext_ior": 1.0}
-        if material.tint != scene.WHITE:
-            plain["specular_transmittance"] = _texture(material.tint)
+        plain = _clear(material, material.ior)
         rough = 1.0 if isinstance(material.roughness, scene.UVTexture) else float(material.roughness)
         glass: dict[str, Any] = {"type": "dielectric", **plain}
         if rough > SMOOTH:
@@ -99,31 +97,46 @@ def sharp_bsdf_of(material: scene.Material, thin: bool = False) -> dict[str, Any
             return glass
         solid = bsdf_of(replace(material, opacity=1.0))
         return {"type": "blendbsdf", "weight": float(material.opacity), "clear": glass, "solid": solid}
-    if is_mirror(material):
+    if _is_mirror(material):
         color = _texture(material.diffuse, "diffuse")
         conductor = {"type": "conductor", "material": "none", "specular_reflectance": color}
         return _perturbed(material, {"type": "twosided", "surface": conductor}, SPECULAR)
     return None
 
 
-def is_glass(material: scene.Material) -> bool:
-    """Return whether a material is transparent and refracts."""
+def _clear(material: scene.Material, ior: float) -> dict[str, Any]:
+    """Describe the inside of a Mitsuba BSDF of glass."""
+    color = _texture(material.tint, "tint") if _is_tinted(material) else 1.0
+    return {"int_ior": float(ior), "ext_ior": 1.0, "specular_transmittance": color}
+
+
+def _is_tinted(material: scene.Material) -> bool:
+    return not isinstance(material.tint, tuple) or material.tint != scene.WHITE
+
+
+def _is_glass(material: scene.Material) -> bool:
+    """Return whether a material is transparent and reflects as glass does."""
     clear = isinstance(material.opacity, float | int) and material.opacity < 1
     return clear and not material.presence and material.ior > 1.001
 
 
-def is_pane(mesh: scene.Mesh) -> bool:
-    """Return whether a mesh is a flat sheet of glass without thickness, through which light goes straight.
+def is_body(mesh: scene.Mesh) -> bool:
+    """Return whether a mesh is a body of glass, and no shell."""
+    return _is_glass(mesh.material) and not mesh.material.thin and mesh.closed
 
-    Other open surfaces of glass, such as waves, refract light into what is behind them, and so do coloured sheets, and
-    rough ones of opacity 0, which are frosted. Rough ones of a higher opacity are cut out by it.
+
+def is_pane(mesh: scene.Mesh) -> bool:
+    """Return whether a mesh is glass without thickness, through which light goes straight: thin, or a flat sheet.
+
+    Other open surfaces of glass, such as waves, refract light into what is behind them, and so do rough ones of opacity
+    0, which are frosted. Rough ones of a higher opacity are cut out by it.
     """
     material = mesh.material
-    straight = is_glass(material) and material.tint == scene.WHITE and (material.opacity != 0 or _is_smooth(material))
-    return straight and mesh.plane() is not None
+    straight = _is_glass(material) and (material.opacity != 0 or _is_smooth(material))
+    return (straight and mesh.plane() is not None) or material.thin
 
 
-def is_mirror(material: scene.Material) -> bool:
+def _is_mirror(material: scene.Material) -> bool:
     """Return whether a material is an ideal mirror."""
     metal = not isinstance(material.metallic, scene.UVTexture) and material.metallic > 0.99
     return metal and _is_smooth(material)
@@ -136,7 +149,7 @@ def _is_smooth(material: scene.Material) -> bool:
 def bsdf_of(material: scene.Material, exported: bool = False) -> dict[str, Any]:
     """Describe a UsdPreviewSurface as a two-sided `principled` or `diffuse` BSDF, cut out by its opacity.
 
-    If `exported`, only Mitsuba's own plug-ins are used.
+    What passes it goes straight, and has the colour of its tint. If `exported`, only Mitsuba's own plug-ins are used.
     """
     if _is_matte(material):
         surface, lobes = {"type": "diffuse", "reflectance": _texture(material.diffuse, "diffuse")}, DIFFUSE
@@ -146,7 +159,11 @@ def bsdf_of(material: scene.Material, exported: bool = False) -> dict[str, Any]:
         both_sides: dict[str, Any] = {"type": "twosided", "surface": _perturbed(material, surface, None)}
     else:
         both_sides = _perturbed(material, {"type": "twosided", "surface": surface}, lobes)
-    if cut_out(material):
+    if cut_out(material) and _is_tinted(material):
+        clear = {"type": "thindielectric", **_clear(material, 1.0)}
+        both_sides = {"type": "blendbsdf", "weight": _texture(material.opacity, "opacity"), "clear": clear,
+                      "solid": both_sides}  # fmt: skip
+    elif cut_out(material):
         both_sides = {"type": "mask", "opacity": _texture(material.opacity, "opacity"), "surface": both_sides}
     return both_sides
 
