@@ -10,6 +10,7 @@ from ...numerics.hashing import hash32
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..shadow_rays import leaving, size_of
 from ..spectra import rgb
+from ..surfaces.normal_maps import consistent
 from .media import Media
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def through(
         dr.ones(Array3f, width), dr.zeros(UInt32, width), Bool(active), nothing,
     )  # fmt: skip
     result = dr.while_loop(state, lambda *each: each[6] & (each[5] < _LAYERS), further, label="through")
-    return result[4], result[7]
+    return result[4], consistent(result[7])
 
 
 def _onward(place: Any, along: Any, left: Float, beyond: Any, going: Bool) -> tuple[Any, Any, Float, Bool]:

@@ -1,4 +1,7 @@
-"""A BSDF seen through a normal or bump map: Mitsuba's `normalmap` and `bumpmap`, without their black rims.
+"""Shading normals without black rims: a mesh's smooth ones, and Mitsuba's `normalmap` and `bumpmap` as a BSDF.
+
+Smooth normals on a coarse mesh may face away from the direction ωi from which it is seen, or mirror it below the mesh.
+`consistent` bends them where rays meet surfaces, so that all BSDFs have sensible ones.
 
 A mapped normal N may face away from the direction ωi from which a surface is seen, and directions sampled around N may
 lie below the surface. Mitsuba's plug-ins return black there. What this one does depends on the BSDF inside:
@@ -12,6 +15,10 @@ lie below the surface. Mitsuba's plug-ins return black there. What this one does
   direction of ωi is above the surface (as in Cycles). Of a glossy lobe, at most half is then lost.
 
 Like every such remedy, they make the BSDF non-reciprocal where they have an effect.
+
+References
+----------
+A. Reshetov, A. Soupikov and W. Mark, "Consistent Normal Interpolation", SIGGRAPH Asia 2010.
 """
 
 from __future__ import annotations
@@ -21,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 
 from ...runtime.device import Array2f, Array3f, Bool, Float, mitsuba
+from ..warp import outward
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import BsdfContext, SurfaceInteraction
@@ -155,11 +163,34 @@ def _bent(normal: Any, facing: Any) -> Any:
     x, y = normal.x / sine, normal.y / sine
     along = x * facing.x + y * facing.y
     length = dr.maximum(dr.norm(mi.Vector2f(along, facing.z)), 1e-9)
-    least = dr.minimum(_ABOVE, 0.9 * facing.z)
+    least = _least_height(facing)
     most = 0.5 * (dr.atan2(along, facing.z) + dr.acos(least / length))
     angle = dr.minimum(dr.atan2(sine, normal.z), most)
     turned, height = dr.sincos(angle)
     return mi.Normal3f(turned * x, turned * y, height)
+
+
+def _least_height(facing: Any) -> Float:
+    """Return the least cosine between the surface's normal and the mirror image of a direction."""
+    return dr.minimum(_ABOVE, 0.9 * facing.z)
+
+
+def consistent(hit: SurfaceInteraction) -> SurfaceInteraction:
+    """Return hits with shading normals that face the side from which rays arrive, and mirror the rays to that side."""
+    incident, shading, ground = (
+        mi.Vector3f(dr.detach(each)) for each in (hit.to_world(hit.wi), hit.sh_frame.n, outward(hit))
+    )
+    side = dr.mulsign(Float(1), dr.dot(ground, incident))
+    frame = mi.Frame3f(side * ground)
+    normal, facing = frame.to_local(side * shading), frame.to_local(incident)
+    mirrored = 2 * dr.dot(normal, facing) * normal.z - facing.z
+    wrong = hit.is_valid() & (mirrored < _least_height(facing))
+    result = mi.SurfaceInteraction3f(hit)
+    result.sh_frame.n = dr.select(wrong, side * frame.to_world(_bent(normal, facing)), hit.sh_frame.n)
+    result.initialize_sh_frame()
+    result.sh_frame = dr.select(wrong, result.sh_frame, hit.sh_frame)
+    result.wi = dr.select(wrong, result.to_local(incident), hit.wi)
+    return result
 
 
 mi.register_bsdf(NORMAL_MAP, NormalMap)

@@ -13,6 +13,7 @@ from ...numerics.hashing import hash32, unit_float
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..shadow_rays import rounding
 from ..spectra import rgb
+from .normal_maps import consistent
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import Ray, SurfaceInteraction
@@ -109,7 +110,7 @@ class RayScenes:
         result: Any = None
         for plugin, own in self._by_link(link):
             skip, tint = self._skipped(plugin, origin, direction, active & own, seed, panes)
-            hit = plugin.ray_intersect(_beyond(origin, direction, skip), active & own)
+            hit = consistent(plugin.ray_intersect(_beyond(origin, direction, skip), active & own))
             if self.cutouts:
                 hit.t += skip
             met = hit, tint
