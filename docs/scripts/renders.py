@@ -35,6 +35,7 @@ RENDERS = {
         "rgba": "attic-dusty", "surface": "attic-surface", "beams": "attic-beams",
     },
     ("interior.usda", "--exposure", "1", *CLEAN): {"rgba": "attic-interior"},
+    ("window.usda", "--passes", "8", "--denoise"): {"rgba": "window"},
     ("ribbon.usda", "--exposure", "3", *CLEAN): {"rgba": "ribbon"},
     ("filters.usda", "--exposure", "1", *CLEAN): {"rgba": "filters"},
     ("pool.usda", "--exposure", "2", *CLEAN): {"rgba": "pool"},
