@@ -42,6 +42,21 @@ def test_a_layer_has_fog_portals_a_look_a_group_and_the_exports_units_and_times(
     assert said[1] == "/Lights/Sun: a light group, a look, 3 portals"
 
 
+def test_portals_of_a_stage_at_survey_coordinates_are_in_its_openings(export, tmp_path):
+    place = np.array([408201e2, 0.0, 4080928e2])
+    move = f"double3 xformOp:translate = {tuple(place.tolist())}"
+    move += '\nuniform token[] xformOpOrder = ["xformOp:translate"]'
+    text = export.read_text()
+    begin = text.index("def ")
+    (export.parent / "far.usda").write_text(f'{text[:begin]}def Xform "W" {{\n{move}\n{text[begin:]}\n}}\n')
+    dressed(export, tmp_path / "near.usda")
+    dressed(export.parent / "far.usda", tmp_path / "far-shot.usda")
+    near, far = (
+        pb.Shot.open(tmp_path / name).read()[0].lights[0].portal.points for name in ("near.usda", "far-shot.usda")
+    )
+    assert np.abs(far - place - near).max() < 1  # the layer has six digits of centimetres, and openings are 100 wide
+
+
 def test_each_value_of_a_layer_has_a_comment(export, tmp_path):
     dressed(export, tmp_path / "shot.usda")
     lines = (tmp_path / "shot.usda").read_text().splitlines()

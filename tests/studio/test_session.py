@@ -180,6 +180,25 @@ def test_what_cannot_be_rendered_is_told_in_a_sentence_and_the_session_lives(sta
         shown.finished()
 
 
+def test_a_free_camera_is_where_it_is_far_from_zero(stage, tmp_path):
+    """A stage at survey coordinates is measured from a point near it, as its cameras are; see `scene.places`."""
+    place = np.array([691000.0, 5334000.0, 520.0])
+    moved = f"double3 xformOp:translate = {tuple(place.tolist())}"
+    order = 'uniform token[] xformOpOrder = ["xformOp:translate"]'
+    path = tmp_path / "far.usda"
+    path.write_text(STAGE.replace('def Xform "World"\n{', f'def Xform "World"\n{{\n    {moved}\n    {order}'))
+    pictures = []
+    for file, away in ((stage, np.zeros(3)), (path, place)):
+        pose = np.eye(4)
+        pose[:3, 3] = np.add(away, (0.3, 0.1, 3.0))
+        with Watched(file) as shown:
+            shown.finished(shown.session.show(pose=pose))
+            pictures.append(shown.finished(shown.session.edit({PLACE: [-0.8, 0.2, 0]}))["rgba"])
+    near, far = pictures
+    # Rounding in single precision, on the same light paths.
+    assert np.abs(near - far).mean() < 1e-2 * near.mean()
+
+
 def test_a_free_camera_sees_what_the_stages_camera_would_from_there(stage, tmp_path):
     pose = np.eye(4)
     pose[:3, 3] = 0.3, 0.1, 3.0

@@ -8,13 +8,16 @@ for shutter open and for shutter close, and has to make the same choices at both
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import drjit as dr
 
+from ..numerics.arrays import opaque
 from ..scene import DrawnBeams, Medium, SceneError
+from ..scene.places import ZERO, Point
 from . import Beams
-from .sets import BeamSet
+from .sets import BeamSet, shifted
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,7 @@ class Program:
         times: Sequence[float],
         medium: Medium | None,
         bounds: tuple[tuple[float, float, float], float],
+        zero: Point = ZERO,
     ) -> list[BeamSet]:
         """Return the changed beam sets of a pass.
 
@@ -124,6 +128,8 @@ class Program:
             The beam sets, and the values of their `PassContext`.
         times
             Fractions of the shutter interval at which the pass opens and closes.
+        zero
+            Where the coordinates of `bounds`, and those that the function sees, begin in those of the beams.
 
         Raises
         ------
@@ -137,8 +143,8 @@ class Program:
                 PassContext(each.name, each.group, pass_index, seed, self.frame, self.code(time), medium, bounds)
                 for time in times
             ]
-            beams = self._changed(each.beams, contexts[0])
-            close = None if each.close is None else self._changed(each.close, contexts[-1])
+            beams = self._changed(each.beams, contexts[0], zero)
+            close = None if each.close is None else self._changed(each.close, contexts[-1], zero)
             if close is not None and (len(close) != len(beams) or _fields(close) != _fields(beams)):
                 raise SceneError(
                     f"{_called(self.modifier)} returned {beams} of {each.name} at shutter open and {close} at shutter "
@@ -147,8 +153,19 @@ class Program:
             result.append(each._replace(beams=beams, close=close))
         return result
 
-    def _changed(self, beams: Beams, context: PassContext) -> Beams:
-        return checked(self.modifier(beams, context), f"{_called(self.modifier)} returned, of {context.name},")
+    def _changed(self, beams: Beams, context: PassContext, zero: Point) -> Beams:
+        given = shifted(beams, -opaque(zero)) if any(zero) else beams
+        seen = copy(given)  # the function may write into the beams that it gets
+        found = checked(self.modifier(given, context), f"{_called(self.modifier)} returned, of {context.name},")
+        if not any(zero):
+            return found
+        result = shifted(found, opaque(zero))
+        for name in ("start", "end", "side"):
+            own, exact = getattr(found, name), getattr(beams, name)
+            # Single precision is coarse far from zero: places that the function left as they were stay exact.
+            if len(found) == len(beams) and own is not None and exact is not None:
+                setattr(result, name, dr.select(own == getattr(seen, name), exact, getattr(result, name)))
+        return result
 
 
 def checked(found: object, place: str) -> Beams:

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
+from ..numerics.arrays import opaque
+from ..runtime.device import Array3f
+from ..scene.places import ZERO, Point
 from .beams import Beams, between
 
 if TYPE_CHECKING:
@@ -22,9 +28,30 @@ class BeamSet(NamedTuple):
     to_world: Any = None  # (4, 4) transform from the light's space to world space, for looks
     medium: int = 0  # index of the medium that the beams are in
     depth: Any = None  # (N,) number of times that each beam's light was scattered before, or None if none was
+    zero: Point = ZERO  # where the user's coordinates begin in those of the beams: see `scene.places`
 
     def at(self, time: float) -> BeamSet:
         """Return the beams at a `time` from 0 (shutter open) to 1 (close), at which they do not move."""
         if self.close is None or not len(self.beams):
             return self._replace(close=None)
         return self._replace(beams=between(self.beams, self.close, time), close=None)
+
+    def in_world(self) -> BeamSet:
+        """Return the beams in the user's coordinates."""
+        if not any(self.zero):
+            return self
+        to_world, by = self.to_world, -np.array(self.zero)
+        if to_world is not None:
+            to_world = np.array(to_world, dtype=np.float64)
+            to_world[:3, 3] += by
+        close = None if self.close is None else shifted(self.close, opaque(by))
+        return self._replace(beams=shifted(self.beams, opaque(by)), close=close, to_world=to_world, zero=ZERO)
+
+
+def shifted(beams: Beams, by: Array3f) -> Beams:
+    """Return beams whose places are moved by a vector."""
+    result = copy(beams)
+    result.start, result.end = beams.start + by, beams.end + by
+    if beams.side is not None:
+        result.side = beams.side + by
+    return result

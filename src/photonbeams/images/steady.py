@@ -25,7 +25,7 @@ from ..runtime.files import write_bytes
 from ..scene import Array, SceneError
 from .color_spaces import COLOR_SPACE, REC709
 from .tiles import exr_parts
-from .writing import encoded_parts, png_of
+from .writing import EXACT, encoded_parts, png_of
 
 # By how much depths of the same point may differ, relative to the depth: it is known at the centres of pixels.
 _DEPTHS = 0.02
@@ -287,7 +287,8 @@ def _film_view(path: Path, parts: Sequence[OpenEXR.Part]) -> FilmView:
     (left, top), (right, bottom) = header["displayWindow"]
     across, down = right + 1 - left, bottom + 1 - top
     place = (x0 - left) / across, (y0 - top) / down, (x1 + 1 - x0) / across, (y1 + 1 - y0) / down
-    world, film = (np.asarray(header[name], np.float64).reshape(4, 4).T for name in ("worldToCamera", "worldToNDC"))
+    found = (header.get(f"{name}{EXACT}", header[name]) for name in ("worldToCamera", "worldToNDC"))
+    world, film = (np.asarray(each, np.float64).reshape(4, 4).T for each in found)
     return FilmView(layers, world, film, place)
 
 

@@ -28,6 +28,10 @@ LOG = logging.getLogger("photonbeams")
 HALF_MAX = 65504.0  # the largest finite half
 HALF_MIN = 2.0**-24  # the smallest half above 0
 # Names of the channels of layers that have no colours.
+#: The end of the names of attributes that hold, in double precision, what attributes of EXR hold in single precision.
+EXACT = "Double"
+_COARSE = 1e-4  # error of a number in single precision from which it is written in double precision, too
+
 _AXES = {"normal": "XYZ", "position": "XYZ", "motion": "uv"}
 _CRYPTO_HEADER = "cryptomatte/"
 # Attributes of a frame that must be the same in all parts of an EXR.
@@ -195,6 +199,8 @@ def attributes_of(metadata: Metadata) -> dict[str, Any]:
             result[name] = (np.array([x0, y0], np.int32), np.array([x1, y1], np.int32))
         elif isinstance(value, np.ndarray) and value.shape in ((4, 4), (2,)):
             result[name] = np.ascontiguousarray(value, dtype=np.float32)
+            if np.max(np.abs(value - result[name])) > _COARSE:  # a camera far from zero
+                result[f"{name}{EXACT}"] = np.ascontiguousarray(value, dtype=np.float64)
         elif isinstance(value, str | Fraction | tuple) or (isinstance(value, list) and _all_text(value)):
             result[name] = value
         elif isinstance(value, int | np.integer):

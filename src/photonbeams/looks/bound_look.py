@@ -170,7 +170,11 @@ class BoundLook:
 
     def _light(self, at: ShadingContext, reach_depth: Float) -> Value:
         light, exponent = self._split(at, reach_depth)
-        return light * dr.exp(exponent)
+        light = light * dr.exp(exponent)
+        if self._context.zero is None:
+            return light
+        kind: Any = dr.float32_array_t(type(light))  # what is made of positions far from zero is double
+        return kind(light)
 
     def _split(self, at: ShadingContext, reach_depth: Float) -> tuple[Any, Any]:
         """Return (light, exponent), so that the product of the factors is light · exp(exponent)."""
@@ -284,7 +288,7 @@ class BoundLook:
             # Lines cross the box in any direction. Noise that is finer than their steps counts as changing at the rate
             # of one step.
             offset = to_vectors(axes * (steps[:, None] - 0.5) * size)
-            start = probe.position
+            start = probe.point
             moved = replace(probe, place=lambda: start + offset)
             self.rate_place = dr.opaque(Float, self._rate(moved, Float(0)) / size)
 

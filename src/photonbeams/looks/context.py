@@ -14,6 +14,7 @@ from ..numerics.arrays import opaque
 from ..numerics.given import Number, Numbers, derived, given_color, given_number
 from ..runtime.device import Array3f, Float
 from ..scene import Array, Medium, SceneError, arguments, color, number, numbers, shown
+from ..scene.places import ZERO
 from .described import Described, constructor
 from .vocabulary import NAMES
 
@@ -25,7 +26,7 @@ INPUTS = {name: each.attribute for name, each in NAMES.items()}
 
 #: Attributes that differ between beams, between positions in space, and with the distance from the axis.
 OF_BEAMS = frozenset({"random", "id", "generation"})
-OF_PLACES = frozenset({"position", "local"})
+OF_PLACES = frozenset({"position", "local", "point"})
 OF_RADII = frozenset({"radius", "rho2"})
 
 
@@ -123,11 +124,14 @@ class LightContext(Described):
         Number of the light. Default: 0.
     to_world
         (4, 4) transform from the light's space to world space, for column vectors. Default: the identity.
+    zero
+        (x, y, z) where the coordinates that looks see begin, in those of the beams. Default: at 0, they are the same.
 
     Raises
     ------
     SceneError
-        If a value is not a number, or if `to_world` is not a finite matrix that has an inverse.
+        If a value is not a number, if `to_world` is not a finite matrix that has an inverse, or if `zero` is not three
+        finite numbers.
 
     Notes
     -----
@@ -153,13 +157,24 @@ class LightContext(Described):
 
     @constructor
     def __init__(
-        self, frame: float = 0.0, time: float = 0.0, light: int = 0, to_world: npt.ArrayLike | None = None
-    ) -> None:
+        self, frame: float = 0.0, time: float = 0.0, light: int = 0, to_world: npt.ArrayLike | None = None,
+        zero: npt.ArrayLike = ZERO,
+    ) -> None:  # fmt: skip
         self.frame, self.time, self.light = (
             dr.opaque(Float, number(value, f"a context's {name}"))
             for value, name in ((frame, "frame"), (time, "time"), (light, "light"))
         )
-        matrix = np.eye(4) if to_world is None else _inverse(to_world)
+        begin = _point(zero)
+        # Far from zero, places as looks see them need double precision; what looks give has single precision again.
+        self.zero: Any = None  # nothing is added near zero: kernels, and so the rounding in them, stay as they are
+        if np.any(begin):
+            kind: Any = dr.float64_array_t(Array3f)
+            self.zero = kind(*begin.tolist())
+            dr.make_opaque(self.zero)
+        matrix = np.eye(4)
+        matrix[:3, 3] = 0.0 - begin
+        if to_world is not None:
+            matrix = _inverse(to_world)
         self.rows = [opaque(row) for row in matrix[:3, :3]]
         self.shift = opaque(matrix[:3, 3])
 
@@ -167,6 +182,14 @@ class LightContext(Described):
         """Return a `point` of world space in the light's space."""
         turned = [dr.dot(row, point) for row in self.rows]
         return type(point)(*turned) + self.shift
+
+
+def _point(zero: npt.ArrayLike) -> Array:
+    expected = "three finite numbers"
+    found = numbers(zero, "a context's zero", expected).astype(np.float64)
+    if found.shape == (3,) and np.all(np.isfinite(found)):
+        return found
+    raise SceneError(f"a context's zero is {shown(zero)}: expected {expected}")
 
 
 def _inverse(to_world: npt.ArrayLike) -> Array:
@@ -197,7 +220,7 @@ class ShadingContext:
     rho2
         Squared distance from the beam's axis in radii, 0 to 1. Default: 0.
     place
-        Function that returns the position in world space, an Array3f. Default: None, the origin.
+        Function that returns the position in the coordinates of the beams, an Array3f. Default: None, their origin.
     beam
         The beam; its attribute `identity` holds `random`, `id` and `generation`. Default: None, all of them 0.
     ray
@@ -254,14 +277,20 @@ class ShadingContext:
         return dr.rad2deg(dr.acos(dr.clip(self.cosine, -1, 1)))
 
     @property
-    def position(self) -> Array3f:
-        """Position in world space."""
+    def point(self) -> Array3f:
+        """Position in the coordinates of the beams, which the renderer may measure from near the shot."""
         return self.place() if self.place is not None else Array3f(0)
+
+    @property
+    def position(self) -> Array3f:
+        """Position in world space; far from zero it has double precision."""
+        zero = None if self.context is None else self.context.zero
+        return self.point if zero is None else self.point - zero
 
     @property
     def local(self) -> Array3f:
         """Position in the light's space, in which the light looks along −Z."""
-        return self.position if self.context is None else self.context.to_local(self.position)
+        return self.point if self.context is None else self.context.to_local(self.point)
 
     @property
     def time(self) -> Float:

@@ -8,6 +8,7 @@ from typing import ClassVar, TypeVar
 
 from ..runtime.device import Array3f, Float
 from ..scene import Array, BeamSettings, LightFilter
+from ..scene.places import ZERO, Point
 from .along import Attenuation
 from .context import LightContext, ShadingContext, inputs_of
 from .factors import Constant, Factor, Product
@@ -24,12 +25,16 @@ class Tint(LightFilter):
 
     Attributes
     ----------
-    factor, context
-        The factor, and the time and the space of the light.
+    factor
+        The factor.
+    clock, to_world, zero
+        As of a `LightContext`: frame number and seconds, and the space of the light.
     """
 
     factor: Factor
-    context: LightContext
+    clock: tuple[float, float] = (0.0, 0.0)
+    to_world: Array | None = None
+    zero: Point = ZERO
 
     in_media: ClassVar[bool] = False
 
@@ -63,5 +68,5 @@ def tinted(
         return settings
     # Only what is asked for: a lamp whose filters change with time counts as one that moves.
     now = clock if asked & {"time", "frame"} else (0.0, 0.0)
-    context = LightContext(*now, to_world=to_world if "local" in asked else None)
-    return replace(settings, filters=(*settings.filters, Tint(name, factor, context)))
+    tint = Tint(name, factor, now, to_world if "local" in asked else None)
+    return replace(settings, filters=(*settings.filters, tint))

@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import drjit as dr
+import numpy as np
 
 from ..beams.sets import BeamSet
 from ..numerics.grouped import GroupedLight
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float
+from ..scene.places import moved
 from ..transport.guiding.guides import Name
 from ..transport.segments.radii import Limits
 from ..transport.segments.records import PhotonHits
@@ -132,11 +134,13 @@ class ShotLight:
         media = renumbering(ends[0], between)
         sets = [each._replace(medium=media.get(each.medium, each.medium)) for each in sets]
         if self.settings.program is not None:
-            x, y, z = (float(each[0]) for each in ends[0].bounds.center)
+            zero, medium = ends[0].zero, self.worlds.medium(number)
+            medium = None if medium is None else moved(medium, -np.array(zero))
+            x, y, z = (float(each[0]) - begin for each, begin in zip(ends[0].bounds.center, zero, strict=True))
             # Programs get the times of the pass whether or not anything moves.
             sets = self.settings.program(
-                sets, number, self.settings.seed, self.worlds.slice(number), self.worlds.medium(number),
-                ((x, y, z), ends[0].radius),
+                sets, number, self.settings.seed, self.worlds.slice(number), medium,
+                ((x, y, z), ends[0].radius), zero,
             )  # fmt: skip
         dr.eval([(each.beams, each.close) for each in sets])
         tuning = self.simulation.tuning

@@ -169,10 +169,10 @@ class PassRenderer:
 
     def options(self, number: int) -> EstimatorOptions:
         """Return the options of the estimate in pass `number`."""
-        clock = self.clock(number)
+        clock, zero = self.clock(number), self.light.world.zero
         return EstimatorOptions(
             self.settings.estimator, self._points, self._max_depth,
-            lambda each: LightContext(*clock, each.light, each.to_world), self.settings.gather_error,
+            lambda each: LightContext(*clock, each.light, each.to_world, zero), self.settings.gather_error,
         )  # fmt: skip
 
     def clock(self, number: int) -> tuple[float, float]:

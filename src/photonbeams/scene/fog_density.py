@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .checks import SceneError, choice, number, numbers, shown, whole
+from .places import ZERO, Point
 
 #: The most octaves of wisps, as in looks.
 MOST_OCTAVES = 8
@@ -85,6 +86,8 @@ class FogDensity:
         The axis of heights, "X", "Y" or "Z". Default: None, that of the stage, and "Y" where there is no stage.
     seconds
         The time for the noise. Default: None, that of the frame.
+    zero
+        (x, y, z) from where heights and wisps are measured. Default: the origin.
 
     Raises
     ------
@@ -105,6 +108,7 @@ class FogDensity:
     noise: FogNoise | None = None
     up: str | None = None
     seconds: float | None = None
+    zero: Point = ZERO
 
     def __post_init__(self) -> None:
         if self.falloff is not None:

@@ -235,6 +235,6 @@ class Medium:
         low, high = (np.asarray(center, dtype=np.float64) + sign * radius for sign in (-1, 1))
         axis, falloff = self.density.axis, self.density.falloff
         if falloff is not None:  # there is no more of it above, and paths need not look for it there
-            top = max(self.density.ground, low[axis]) + _THINNEST * falloff
+            top = max(self.density.ground + self.density.zero[axis], low[axis]) + _THINNEST * falloff
             high[axis] = min(high[axis], top)
         return replace(self, mesh=Mesh.box(f"{self.name} fog", low, high))

@@ -11,6 +11,7 @@ from .checks import Array, SceneError
 from .light import Light
 from .lights import DomeLight, MeshLight
 from .media import Medium
+from .places import ZERO, Point
 from .surfaces import Mesh
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ class Scene:
         black while nothing of the group shines. Default: none.
     glowing
         Meshes that glow as lamps, `MeshLight` with `surface`, which shine where light bounces. Default: none.
+    zero
+        (x, y, z) where the user's coordinates begin, in a scene that was moved: see `scene.places`. Default: at 0.
 
     Raises
     ------
@@ -58,6 +61,7 @@ class Scene:
     bounds: tuple[Array, float] | None = None
     groups: frozenset[str] = frozenset()
     glowing: tuple[MeshLight, ...] = ()
+    zero: Point = ZERO
 
     def __post_init__(self) -> None:
         kinds = {"meshes": Mesh, "lights": Light, "drawn": DrawnBeams, "media": Medium, "glowing": MeshLight}

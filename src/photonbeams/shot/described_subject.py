@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from math import log2, pi
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from .. import scene
 from ..images.frame import pixels_of
 from ..images.plates import Holdout, Plate
 from ..runtime.digest import digest
+from ..scene.places import Origin
 from ..usd.cameras.stereo import EYES, split, views_of
 from ..usd.common.motion import Exposure
 from ..usd.common.warnings import Warnings
@@ -39,6 +40,20 @@ _BLACK = 0.03  # an irradiance in which a surface of 18 % grey is below a level 
 
 #: A function that makes a medium from the subject's own, or from None if it has none.
 MediumOverride = Callable[[scene.Medium | None], scene.Medium | None]
+
+
+class ShotBounds(NamedTuple):
+    """A sphere around everything in a shot, its centre (3,) and radius, and the point from which it is measured."""
+
+    sphere: tuple[scene.Array, float]
+    origin: Origin
+
+    @classmethod
+    def of(cls, states: Sequence[scene.Scene], eyes: Sequence[scene.Array]) -> ShotBounds:
+        """Return those of states of a scene, seen from `eyes`, (3,) each."""
+        from ..world.bounds import bounding_sphere, origin_of
+
+        return cls(bounding_sphere(states, eyes), Origin(origin_of(states, eyes)))
 
 
 class DescribedSubject(Subject):
@@ -75,6 +90,10 @@ class DescribedSubject(Subject):
     @abstractmethod
     def _header(self, frame: float | None, duration: float) -> dict[str, Any]:
         """Return the metadata of an EXR's header about a frame's time; the shutter is open for `duration`."""
+
+    @abstractmethod
+    def _origin(self, viewpoint: Viewpoint, content: scene.Scene, cameras: Sequence[scene.Camera]) -> Origin:
+        """Return the point from which the whole shot is measured, for what it shows at one time."""
 
     def _groups(self, content: scene.Scene) -> frozenset[str]:
         """Return the light groups of all frames, so that all have the same layers."""
@@ -232,12 +251,12 @@ class DescribedSubject(Subject):
         content, cameras = exposure(0.0)
         self._check(content, frame)
         _warn_of_dim_suns(content, cameras, self.name, self.warnings)
-        eyes = _eyes(views)
+        eyes, origin = _eyes(views), self._origin(viewpoint, content, cameras)
         time = self._header(frame, exposure.duration)
-        shutter = exposure.shutter(eyes, self.rate)
+        shutter = exposure.shutter(eyes, self.rate, origin)
 
         def viewers() -> Sequence[scene.Camera]:
-            return self._viewers(viewpoint)
+            return [origin.local(each) for each in self._viewers(viewpoint)]
 
         def rendered(ready: Prepared) -> FrameRenderer:
             return render(shutter, ready.window, ready.settings, ready.run, ready.holdouts, ready.digest, viewers)
@@ -264,13 +283,20 @@ class DescribedSubject(Subject):
 
         self._check_frame(frame)
         exposure = self.exposure(viewpoint, frame, blur=False, lens=False)
-        _warn_of_darkness(exposure(0.0)[0], self.name, self.number(frame), self.warnings)
+        content, cameras = exposure(0.0)
+        origin = self._origin(viewpoint, content, cameras)
+        _warn_of_darkness(content, self.name, self.number(frame), self.warnings)
         size = self.resolution(viewpoint, frame, 128, None, (), None, 1.0)
         chosen = Settings.of(settings, given)
         if chosen.program is None:
             chosen = replace(chosen, program=self._program(frame, exposure))
-        shutter = exposure.shutter(_eyes(views))
-        return simulate(shutter, Window.full(*size), chosen, viewers=lambda: self._viewers(viewpoint))
+        shutter = exposure.shutter(_eyes(views), origin=origin)
+        sets = simulate(
+            shutter, Window.full(*size), chosen,
+            viewers=lambda: [origin.local(each) for each in self._viewers(viewpoint)],
+        )  # fmt: skip
+        zero = shutter.at(0.0).scene.zero
+        return [each._replace(zero=zero) for each in sets]
 
     def _arguments(self, viewpoint: Viewpoint) -> tuple[Any, ...]:
         """Return what was given in Python beside the content."""
@@ -305,16 +331,17 @@ class BuiltSubject(DescribedSubject):
 
     def exposure(self, viewpoint: Viewpoint, frame: float | None, blur: bool, lens: bool) -> Exposure:
         """Return the scene and the cameras, which do not move; if `lens` is False, everything is in focus."""
-        from ..world.bounds import bounding_sphere
-
         cameras = self.cameras(viewpoint, frame)
         if not lens:
             cameras = tuple(replace(each, lens_radius=0.0) for each in cameras)
         content, _ = self.read(viewpoint, frame, None)
         eyes = [np.asarray(each.to_world)[:3, 3] for each in cameras]
-        content = content.within(content.bounds or bounding_sphere([content], eyes))
+        content = content.within(content.bounds or ShotBounds.of([content], eyes).sphere)
         number = self.number(frame)
         return Exposure(lambda _: content, lambda _: cameras, number, number)
+
+    def _origin(self, viewpoint: Viewpoint, content: scene.Scene, cameras: Sequence[scene.Camera]) -> Origin:
+        return ShotBounds.of([content], [np.asarray(each.to_world)[:3, 3] for each in cameras]).origin
 
     def digest(self, viewpoint: Viewpoint, frame: float | None) -> str:
         """Return a hash of what a frame shows."""

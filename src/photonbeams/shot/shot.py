@@ -9,10 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+import numpy as np
+
 from .. import scene
 from ..images.frame import Frame
 from ..images.plates import Holdout, Plate
 from ..runtime.files import PathLike
+from ..scene.places import moved
 from ..usd import stage as stages
 from ..usd.cameras.stereo import Stereo, check_stereo, views_of
 from ..usd.common.warnings import Warnings
@@ -400,15 +403,20 @@ class Shot:
         settings, **given
             As for `render`: beams, seed, overlap.
         """
-        return self.subject.beams(self.viewpoint, frame, views_of(self.stereo, view), settings, given)
+        found = self.subject.beams(self.viewpoint, frame, views_of(self.stereo, view), settings, given)
+        return [each.in_world() for each in found]
 
     def drawn_beams(
         self, frame: float | None = None, *, settings: Settings | None = None, **given: Unpack[SettingsArguments]
     ) -> list[scene.DrawnBeams]:
         """Return the beams of the first pass of a `frame` as plain numbers; `settings` and `given` as for `beams`."""
-        return [
-            scene.DrawnBeams(each.name, **each.beams.arrays(), group=each.group, look=each.look)
-            for each in self.beams(frame, settings=settings, **given)
+        found = self.subject.beams(self.viewpoint, frame, views_of(self.stereo, None), settings, given)
+        return [  # in double precision
+            moved(
+                scene.DrawnBeams(each.name, **each.beams.arrays(), group=each.group, look=each.look),
+                -np.array(each.zero),
+            )
+            for each in found
         ]
 
     def write_beams(

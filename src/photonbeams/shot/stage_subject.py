@@ -24,13 +24,13 @@ from ..usd.groups import groups_at_all_times, makers_at_all_times
 from ..usd.layers.frames import check_frames
 from ..usd.layers.header import header
 from ..usd.unread import warn_of_unread
-from .described_subject import DescribedSubject
+from .described_subject import DescribedSubject, ShotBounds
 from .subject import Viewpoint
 
 if TYPE_CHECKING:
     from pxr import Usd
 
-    from ..scene import Array
+    from ..scene.places import Origin
 
 # The most time samples of a stage that are searched for those within the shutter interval.
 _MOST_KEYS = 10_000
@@ -52,7 +52,7 @@ class StageSubject(DescribedSubject):
         warn_of_unread(stage, self.warnings)
         self._stage_digest: str | None = None
         self._all_groups: frozenset[str] | None = None
-        self._spheres: dict[Viewpoint, tuple[Array, float]] = {}  # around everything at all times
+        self._bounds: dict[Viewpoint, ShotBounds] = {}  # of everything at all times
         self._lasting: dict[Any, Any] = {}  # what does not change with time on the stage
         self._edited = False  # whether the stage was: until then no time is read twice, and scenes are not cached
         self._contents: dict[Any, scene.Scene] = {}  # scenes that were read last, by times; their looks may be outdated
@@ -74,7 +74,7 @@ class StageSubject(DescribedSubject):
                 subject._all_groups = None
                 subject._contents.clear()
             if extent >= Extent.PLACES:
-                subject._spheres.clear()
+                subject._bounds.clear()
             if extent >= Extent.SURFACES:
                 subject._surfaces = {}
             if extent >= Extent.ALL:
@@ -137,7 +137,7 @@ class StageSubject(DescribedSubject):
 
         def read(code: float) -> scene.Scene:
             content, _ = self.read(viewpoint, None, None) if time.IsDefault() else self.read(viewpoint, code, base)
-            return content.within(self._bounds(viewpoint, content))
+            return content.within(self._bounds_of(viewpoint, content).sphere)
 
         def cameras(code: float) -> tuple[scene.Camera, ...]:
             found = self.cameras(viewpoint, None if time.IsDefault() else code)
@@ -189,16 +189,19 @@ class StageSubject(DescribedSubject):
     def _camera(self, viewpoint: Viewpoint, frame: float | None) -> scene.Camera:
         return stages.read_camera(self.stage, viewpoint.camera, self.time(frame), self.warnings)
 
-    def _bounds(self, viewpoint: Viewpoint, content: scene.Scene) -> tuple[Array, float]:
-        if viewpoint not in self._spheres:
+    def _bounds_of(self, viewpoint: Viewpoint, content: scene.Scene) -> ShotBounds:
+        if viewpoint not in self._bounds:
             # Computed once, so that beams do not change when something moves elsewhere.
-            self._spheres[viewpoint] = stages.bounds_at_all_times(
-                self.stage, content, self._extent, lambda frame: self.cameras(viewpoint, frame),
+            self._bounds[viewpoint] = ShotBounds.of(*stages.states_at_all_times(
+                self.stage, content, self._outlines, lambda frame: self.cameras(viewpoint, frame),
                 emits=self.emit is not None,
-            )  # fmt: skip
-        return self._spheres[viewpoint]
+            ))  # fmt: skip
+        return self._bounds[viewpoint]
 
-    def _extent(self, frame: float | None) -> scene.Scene:
+    def _origin(self, viewpoint: Viewpoint, content: scene.Scene, cameras: Sequence[scene.Camera]) -> Origin:
+        return self._bounds_of(viewpoint, content).origin
+
+    def _outlines(self, frame: float | None) -> scene.Scene:
         """Return a scene that is as large as the one at a frame, but is faster to read."""
         return self._with_arguments(stages.read_extent(self.stage, self.time(frame), self._lasting), frame)
 

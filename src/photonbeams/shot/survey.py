@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..scene import Camera, Medium, Scene
+from ..scene.places import Origin
 
 if TYPE_CHECKING:
     from ..estimators.projection import Projection
@@ -77,7 +78,8 @@ class Survey:
         from ..transport.openings import openings_of_lamps
 
         hidden = [name for name, each in self.reach.items() if max(each.seen, default=0) < _WHOLE]
-        return openings_of_lamps(self._foggy, [*self._views.values()], hidden)
+        found = openings_of_lamps(self._foggy, [*self._views.values()], hidden)
+        return {name: [(corner - self._foggy.zero, x, y) for corner, x, y in sides] for name, sides in found.items()}
 
     @cached_property
     def shafts(self) -> list[str]:
@@ -100,7 +102,8 @@ class Survey:
         if not (self._makes_beams and self.cameras):
             return []
         camera, settings = next(iter(self.cameras.values())), Settings()
-        shutter = Shutter.still(self._in_fog, replace(camera, lens_radius=0.0))
+        seen = replace(self._origin.local(camera), lens_radius=0.0)
+        shutter = Shutter.still(self._origin.local(self._in_fog), seen)
         window = Window.full(_FULL, max(1, round(_FULL * camera.vertical_aperture / camera.horizontal_aperture)))
         return [*sentences(light_of_stage(shutter, window, settings, Statistics(), planned=settings.passes)[0])]
 
@@ -145,8 +148,15 @@ class Survey:
     def _built(self, content: Scene) -> World:
         from ..world.described import world_of_scene
 
-        eyes = [np.asarray(each.to_world)[:3, 3] for each in self.cameras.values()]
-        return world_of_scene(content, eyes, sharp=True)
+        eyes = [np.asarray(self._origin.local(each).to_world)[:3, 3] for each in self.cameras.values()]
+        return world_of_scene(self._origin.local(content), eyes, sharp=True)
+
+    @cached_property
+    def _origin(self) -> Origin:
+        """The point from which the scene is measured."""
+        from ..world.bounds import origin_of
+
+        return Origin(origin_of([self.scene], [np.asarray(each.to_world)[:3, 3] for each in self.cameras.values()]))
 
     @cached_property
     def _views(self) -> dict[str, Projection]:
@@ -155,5 +165,6 @@ class Survey:
         result = {}
         for name, camera in self.cameras.items():
             height = max(1, round(_WIDTH * camera.vertical_aperture / camera.horizontal_aperture))
-            result[name] = View(replace(camera, lens_radius=0.0), Window.full(_WIDTH, height)).projection
+            local = replace(self._origin.local(camera), lens_radius=0.0)
+            result[name] = View(local, Window.full(_WIDTH, height)).projection
         return result

@@ -226,7 +226,9 @@ class LivePictures:
             content = sharing(self._first.moment.scene, content)
         cameras = moment.cameras
         if view.pose is not None:
-            cameras = placed(cameras, view.pose)
+            pose = np.array(view.pose)
+            pose[:3, 3] += content.zero
+            cameras = placed(cameras, pose)
         if before is not None and len(before.cameras) == len(cameras):
             cameras = tuple(map(same, before.cameras, cameras))
         seen_from = viewers() if view.pose is None else cameras

@@ -220,14 +220,14 @@ def extent_varies(stage: Usd.Stage) -> bool:
 _MOST_TIMES = 33
 
 
-def bounds_at_all_times(
+def states_at_all_times(
     stage: Usd.Stage,
     content: Scene,
     read_extent: Callable[[float | None], Scene],
     read_cameras: Callable[[float | None], tuple[Camera, ...]],
     emits: bool,
-) -> tuple[Array, float]:
-    """Return the centre and radius of a sphere around everything that is on a stage at any time.
+) -> tuple[list[Scene], list[Array]]:
+    """Return the scenes that together have the extent of a stage at all times, and where its cameras are.
 
     Parameters
     ----------
@@ -238,15 +238,12 @@ def bounds_at_all_times(
     emits
         Whether a function makes beams: these may move without the stage showing it.
     """
-    from ..world.bounds import bounding_sphere
-
     codes = sample_times(stage, _MOST_TIMES)
     moving = bool(codes) and (extent_varies(stage) or emits)
     states = [state for code in codes if (state := _sound(read_extent, code))] if moving else [content]
     times: list[float | None] = [*codes] or [None]
     cameras = [camera for time in times for camera in _sound(read_cameras, time) or ()]
-    eyes = [np.asarray(camera.to_world)[:3, 3] for camera in cameras]
-    return bounding_sphere(states, eyes)
+    return states, [np.asarray(camera.to_world)[:3, 3] for camera in cameras]
 
 
 def _sound(read: Callable[[float | None], T], code: float | None) -> T | None:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from .. import scene
 from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Float, mitsuba
+from ..scene.places import origin_near
 
 if TYPE_CHECKING:
     from ..runtime.mitsuba_types import BoundingBox, MiScene, MiShape
@@ -119,14 +120,36 @@ def bounding_sphere(states: Sequence[scene.Scene], viewpoints: Sequence[npt.Arra
     return center, radius or 1.0
 
 
+def origin_of(states: Sequence[scene.Scene], viewpoints: Sequence[npt.ArrayLike]) -> np.ndarray:
+    """Return the point from which a shot is measured, (3,), near the middle of its viewpoints: see `scene.places`.
+
+    Its size is about how far from the nearest viewpoint things are, the median: huge grounds, and things that somebody
+    left far away, do not count.
+    """
+    eyes = np.array([np.zeros(3)] if not len(viewpoints) else viewpoints, dtype=np.float64)
+    sizes: list[float] = []
+    for clouds_of in (_solids, _lamps):
+        clouds = [cloud for state in states for cloud in clouds_of(state) if len(cloud)]
+        boxes = [(cloud.min(axis=0), cloud.max(axis=0)) for cloud in map(np.asarray, clouds)]
+        farthest = [np.linalg.norm(np.maximum(high - eyes, eyes - low), axis=1).min() for low, high in boxes]
+        sizes = sizes or sorted(map(float, farthest))
+    size = sizes[(len(sizes) - 1) // 2] if sizes else 1.0
+    return origin_near(0.5 * (eyes.min(axis=0) + eyes.max(axis=0)), size or 1.0)
+
+
 def _clouds(description: scene.Scene) -> list[np.ndarray]:
     """Return points around surfaces, finite lights, portals, fog and drawn beams."""
+    return _solids(description) + _lamps(description)
+
+
+def _solids(description: scene.Scene) -> list[np.ndarray]:
+    """Return points around surfaces, fog and drawn beams."""
     clouds: list[Any] = [mesh.points for mesh in description.meshes]
-    for light in description.lights:
-        clouds.append(light.points)
-        if light.portal is not None:
-            clouds.append(light.portal.points)
     clouds += [boundary.points for each in description.media if (boundary := each.boundary) is not None]
-    for drawn in description.drawn:
-        clouds += [drawn.start, drawn.end]
-    return clouds
+    return clouds + [np.concatenate([drawn.start, drawn.end]) for drawn in description.drawn]
+
+
+def _lamps(description: scene.Scene) -> list[np.ndarray]:
+    """Return points around finite lights and portals."""
+    portals = [light.portal.points for light in description.lights if light.portal is not None]
+    return [light.points for light in description.lights] + portals

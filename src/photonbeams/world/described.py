@@ -132,6 +132,7 @@ def world_of_scene(
         numbers=numbers,
         drawn=description.drawn,
         glow=glow,
+        zero=description.zero,
     )  # fmt: skip
     return _as_seen(world, groups)
 

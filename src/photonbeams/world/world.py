@@ -17,6 +17,7 @@ import numpy as np
 from ..numerics.arrays import opaque
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import ESCAPE, DrawnBeams
+from ..scene.places import ZERO, Point
 from .bounds import Bounds, Box
 from .emitters.emitter import Emitter, Links
 from .emitters.filters import PathFilters
@@ -102,6 +103,8 @@ class World:
         Beams that no lamp makes.
     glow
         The light groups of surfaces that glow, by their names in `shapes`; others belong to the unnamed group.
+    zero
+        Where the user's coordinates begin: see `scene.places`.
     shown
         The world that camera rays meet before they are reflected or refracted; None: this one.
     holdouts
@@ -142,6 +145,7 @@ class World:
     numbers: Mapping[str, int] = field(default_factory=dict)
     drawn: Sequence[DrawnBeams] = ()
     glow: Mapping[str, str] = field(default_factory=dict)
+    zero: Point = ZERO
     shown: World | None = None
     holdouts: Any = None
 

@@ -8,6 +8,7 @@ from photonbeams.looks import LightContext, Noise, ShadingContext
 from photonbeams.numerics.hashing import hash32
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32
 from photonbeams.scene import FogDensity, FogNoise, Medium, Mesh, Scene, SceneError
+from photonbeams.scene.places import moved
 from photonbeams.world.media.densities import density_grid
 from photonbeams.world.media.interfaces import number
 from photonbeams.world.media.media import Media
@@ -81,6 +82,21 @@ def test_the_mean_of_wisps_is_one():
     grid = wispy((0, 0, 0), (40, 40, 40), octaves=2, contrast=1.0)
     # 64,000 cells of noise are independent; a value deviates by half at most.
     assert abs(grid.values.mean() - 1) < 4 * 0.5 / np.sqrt(64_000)
+
+
+def test_wisps_and_heights_far_from_zero_are_those_of_the_users_coordinates():
+    """The reference is evaluated in double precision; single precision is off by a quarter of a wisp there."""
+    place = np.array([408201.0, 300.0, 4080928.0])
+    density = FogDensity(falloff=2.0, ground=place[1] - 1, noise=FogNoise(), seconds=0.0)
+    medium = moved(Medium(0.1, mesh=Mesh.box("/Fog", place - 2, place + 2), density=density), -place)
+    grid = density_grid(medium)
+    z, y, x = (np.arange(count) + 0.5 for count in grid.values.shape)
+    at = np.stack(np.meshgrid(z, y, x, indexing="ij")[::-1], axis=-1) / grid.values.shape[::-1]
+    points = (at.reshape(-1, 3) @ grid.to_world[:3, :3].T + grid.to_world[:3, 3] + place).T
+    double = dr.float64_array_t(Array3f)
+    wisps = Noise().evaluate(ShadingContext(place=lambda: double(points), context=LightContext()))
+    expected = np.array(wisps) * np.exp(-np.maximum(points[1] - density.ground, 0) / density.falloff)
+    assert np.abs(grid.values.ravel() - expected).max() < 1e-4
 
 
 def test_wisps_stay_in_place_where_their_box_moves():

@@ -76,7 +76,9 @@ def _pictures(
     if settings.normals:
         result[NORMAL] = image.normal
     if settings.positions:
-        result[POSITION] = dr.select(dr.isfinite(result[DEPTH]), points.place, 0)
+        zero = np.reshape(renderer.light.world.zero, (3, 1))
+        place = (to_numpy(points.place) - zero).astype(np.float32)
+        result[POSITION] = np.where(np.isfinite(to_numpy([result[DEPTH]])), place, np.float32(0))
     if settings.motion:
         result[MOTION] = motion_of(renderer, eye, rays, points, later())
     if rays.holdout is None and (settings.crypto_object or settings.crypto_material):

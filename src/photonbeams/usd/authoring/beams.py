@@ -12,7 +12,8 @@ import numpy as np
 from ...beams.curves import directions
 from ...runtime.files import PathLike
 from ...scene import Array, DrawnBeams, SceneError
-from ..common.openusd import Sdf, Usd, UsdGeom, Vt
+from ...scene.places import origin_within
+from ..common.openusd import Gf, Sdf, Usd, UsdGeom, Vt
 from ..layers.writing import write_layer
 
 ROOT = "/Beams"
@@ -77,7 +78,10 @@ def _define(stage: Usd.Stage, beams: DrawnBeams, path: str) -> Usd.Prim:
                       (("start", "end"), ("radius_start", "radius_end")))  # fmt: skip
     curves.CreateTypeAttr("linear")
     curves.CreateCurveVertexCountsAttr(Vt.IntArray.FromNumpy(counts.astype(np.int32)))
-    curves.CreatePointsAttr(_vectors(points))
+    origin = origin_within(points)
+    if origin.any():  # in double precision, as points are not
+        curves.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Vec3d(*origin.tolist()))
+    curves.CreatePointsAttr(_vectors(points - origin))
     curves.CreateWidthsAttr(_numbers(2 * widths))
     curves.SetWidthsInterpolation("vertex")
     if len(points):
@@ -103,7 +107,7 @@ def _define(stage: Usd.Stage, beams: DrawnBeams, path: str) -> Usd.Prim:
     if "start_normal" in fields:
         _set(prim, "startNormals", kinds.Normal3fArray, _vectors(fields["start_normal"][first]))
     if "side" in fields:
-        _set(prim, "sides", kinds.Point3fArray, _vectors(fields["side"][first]))
+        _set(prim, "sides", kinds.Point3fArray, _vectors(fields["side"][first] - origin))
         _set(prim, "sideNormals", kinds.Normal3fArray, _vectors(fields["side_normal"][first]))
     if "start_tangent" in fields:
         axis = directions(fields["start"], fields["end"])

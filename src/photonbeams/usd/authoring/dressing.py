@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import wrap
 
-import numpy as np
-
 from ...scene import Array, SceneError
+from ...scene.places import origin_within
 from ..common.definitions import LOOK
 from ..common.openusd import Sdf, Usd
 from ..common.reading import target_paths
@@ -271,8 +270,13 @@ def _portal(name: str, corners: Array, path: str) -> _Prim:
         "int[] faceVertexCounts = [4]",
         "int[] faceVertexIndices = [0, 1, 2, 3]",
     ]
-    places = ", ".join(_triple(corner) for corner in np.asarray(corners))
+    origin = origin_within(corners)
+    places = ", ".join(_triple(corner) for corner in corners - origin)
     result.add("Its corners, in the world's scene units.", f"point3f[] points = [{places}]")
+    if origin.any():
+        text = "From where they are measured: points have single precision, which is coarse far from zero."
+        result.add(text, f"double3 xformOp:translate = {tuple(origin.tolist())}")
+        result.properties.append('uniform token[] xformOpOrder = ["xformOp:translate"]')
     return result
 
 

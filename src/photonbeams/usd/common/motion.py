@@ -9,6 +9,7 @@ import numpy as np
 
 from ...scene import Camera, Scene, SceneError
 from ...scene.changes import followed, same
+from ...scene.places import Origin
 
 if TYPE_CHECKING:
     from ...world.shutter import Shutter
@@ -20,6 +21,8 @@ _MOST_PROBES = 16
 
 
 _KEPT = 8
+
+_HERE = Origin()  # the user's own coordinates
 
 _NEAREST = 1e-9  # time codes before a sample, where held values are still the old ones
 
@@ -87,12 +90,15 @@ class Exposure:
             self._known[code] = content, self._eyes(code)
         return self._known[code]
 
-    def shutter(self, eyes: Sequence[int], rate: float = 1.0) -> Shutter:
-        """Return the renderer's shutter for some of the cameras; `rate` is in time codes per second."""
+    def shutter(self, eyes: Sequence[int], rate: float = 1.0, origin: Origin = _HERE) -> Shutter:
+        """Return the renderer's shutter for some of the cameras, with `rate` time codes a second.
+
+        Its coordinates begin at `origin`.
+        """
         from ...world.shutter import Moment, Shutter
 
         def seen(moment: tuple[Scene, tuple[Camera, ...]]) -> Moment:
-            return Moment(moment[0], tuple(moment[1][eye] for eye in eyes))
+            return Moment(origin.local(moment[0]), tuple(origin.local(moment[1][eye]) for eye in eyes))
 
         def clock(fraction: float) -> tuple[float, float]:
             code = self.code(fraction)

@@ -18,7 +18,7 @@ import drjit as dr
 import numpy as np
 
 from ... import scene
-from ...looks.context import ShadingContext
+from ...looks.context import LightContext, ShadingContext
 from ...looks.factors import Factor
 from ...looks.guarded import LARGEST
 from ...looks.tint import Tint
@@ -224,17 +224,25 @@ class TintFilter(Placed):
 
     frame: Float
     time: Float
+    begin: Array3f
 
     color: ClassVar[Factor]
+    far: ClassVar[bool]  # from zero, so that positions have double precision
     varying = True
 
     @classmethod
     def of(cls, tint: Tint) -> TintFilter:
         """Return a tint's light context as opaque numbers."""
-        result, own = cls(), tint.context
-        result.frame, result.time = own.frame, own.time
+        result, own = cls(), LightContext(*tint.clock, to_world=tint.to_world, zero=tint.zero)
+        result.frame, result.time, result.begin = own.frame, own.time, opaque(tint.zero)
         result.x, result.y, result.z, result.shift = *own.rows, own.shift
         return result
+
+    @property
+    def zero(self) -> Any:
+        """As of a `LightContext`; single precision holds it, too, because it is a multiple of a power of two."""
+        kind: Any = dr.float64_array_t(Array3f)
+        return kind(self.begin) if self.far else None
 
     def factor(self, point: Array3f, _: Array3f, distance: Float, *__: object) -> Array3f:
         """Return the colour at points of surfaces, where light paths end."""
@@ -245,9 +253,10 @@ class TintFilter(Placed):
 
 
 @lru_cache(256)
-def _tint(color: Factor) -> type[TintFilter]:
+def _tint(color: Factor, far: bool) -> type[TintFilter]:
     """Return the class of tints with a colour."""
-    return type("TintOfLook", (TintFilter,), {"color": color, "__annotations__": {}, "__module__": __name__})
+    known = {"color": color, "far": far, "__annotations__": {}, "__module__": __name__}
+    return type("TintOfLook", (TintFilter,), known)
 
 
 @cache
@@ -263,7 +272,7 @@ def filter_of(described: scene.LightFilter) -> Any:
     if isinstance(described, scene.DistanceRamp):
         return _ramp(len(described.knots)).of(described)
     if isinstance(described, Tint):
-        return _tint(described.factor).of(described)
+        return _tint(described.factor, any(described.zero)).of(described)
     assert isinstance(described, scene.Blocker)
     if described.flat:
         return FlatShape.of(described)

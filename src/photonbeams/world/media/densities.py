@@ -36,16 +36,17 @@ def density_grid(medium: scene.Medium) -> scene.DensityGrid | None:
     if density is None or density.even or boundary is None:
         return None
     low, high = boundary.points.min(axis=0), boundary.points.max(axis=0)
-    low, step, counts = _cells(medium, low.astype(np.float64), np.maximum(high - low, 1e-30))
+    low, step, counts = _cells(medium, low.astype(np.float64) - density.zero, np.maximum(high - low, 1e-30))
     axes = [first + (np.arange(count) + 0.5) * each for first, each, count in zip(low, step, counts, strict=True)]
     values = np.ones((1, 1, 1))
     if density.falloff is not None:
         heights = np.maximum(axes[density.axis] - density.ground, 0) / density.falloff
         values = np.exp(-heights).reshape(np.where(np.arange(3) == 2 - density.axis, -1, 1))
     if density.noise is not None and density.noise.amount > 0:
-        values = values * _wisps(density.noise, density.seconds or 0.0, axes)
+        context = LightContext(time=density.seconds or 0.0, zero=density.zero)
+        values = values * _wisps(density.noise, context, [*map(np.add, axes, density.zero)])
     to_world = np.diag([*(step * counts), 1.0])
-    to_world[:3, 3] = low
+    to_world[:3, 3] = low + density.zero
     scene.media.check_depth(max(medium.extinction) * float(values.max()), to_world, f"medium {medium.name}")
     return scene.DensityGrid(values.astype(np.float32), to_world)
 
@@ -81,11 +82,11 @@ def _cells(
     return np.where(even, low, first * step), step, (last - first).astype(np.int64)
 
 
-def _wisps(noise: scene.FogNoise, seconds: float, axes: list[scene.Array]) -> scene.Array:
-    """Return the factor of wisps at the centres of cells, (Z, Y, X)."""
+def _wisps(noise: scene.FogNoise, context: LightContext, axes: list[scene.Array]) -> scene.Array:
+    """Return the factor of wisps at the centres of cells, (Z, Y, X), at places along `axes`."""
     z, y, x = (each.ravel() for each in np.meshgrid(*axes[::-1], indexing="ij"))
     points = Array3f(*(Float(each.astype(np.float32)) for each in (x, y, z)))
     factor = Noise(noise.amount, noise.scale, noise.octaves, noise.contrast, noise.drift, noise.evolution)
-    found = factor.evaluate(ShadingContext(place=lambda: points, context=LightContext(time=seconds)))
+    found = factor.evaluate(ShadingContext(place=lambda: points, context=context))
     dr.eval(found)
     return np.asarray(found).reshape([len(each) for each in axes[::-1]])

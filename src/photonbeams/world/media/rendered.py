@@ -39,7 +39,7 @@ class MediumScattering(Factor):
     def evaluate(self, at: ShadingContext) -> Array3f:
         """Return scattering coefficient times phase function, which depends on the scattering angle alone."""
         place = dr.zeros(mi.MediumInteraction3f)
-        place.p = mi.Point3f(at.position)
+        place.p = mi.Point3f(at.point)
         light = mi.Vector3f(0, 0, 1)
         place.wi, place.sh_frame = -light, mi.Frame3f(light)
         cosine = dr.clip(at.cosine, -1, 1)
@@ -49,7 +49,7 @@ class MediumScattering(Factor):
         if self._even:
             return at.medium.scattering * rgb(value)
         scattering = rgb(self._plugin.get_scattering_coefficients(place, True)[0])
-        return dr.select(_in_grid(self._plugin, at.position), scattering * rgb(value), 0)
+        return dr.select(_in_grid(self._plugin, at.point), scattering * rgb(value), 0)
 
 
 def _with(own: Factor, kind: type[Factor], given: Factor) -> Factor:
