@@ -1,7 +1,6 @@
 """The plug-in `photon_beams` as Mitsuba's users meet it."""
 
 import gc
-import os
 import re
 import subprocess
 import sys
@@ -16,11 +15,10 @@ from photonbeams.render.scene_frame import render
 from photonbeams.render.settings import parameters
 from photonbeams.runtime.device import mitsuba
 from photonbeams.shot.scene_loading import reason
-from tests.helpers.mitsuba_scenes import camera, cube_of, fog, grey, load, rgb
+from tests.helpers.mitsuba_scenes import camera, cube_of, fog, load, rgb
 
 mi = mitsuba()
 PLUGIN = {"type": "photon_beams", "paths": 256, "method": "beams"}
-ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(each for each in sys.path if each)}
 LIGHT = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb([3.0, 2.0, 1.0])}
 
 
@@ -200,18 +198,6 @@ def test_derivatives_are_refused():
     image = mi.render(given, parameters, integrator=plugin(), spp=1)
     with pytest.raises(integrator.NotOfferedError, match="has no derivatives"):
         dr.backward(dr.sum(image, axis=None))
-
-
-def test_a_variant_without_colors_has_the_same_picture():
-    script = """
-import photonbeams, mitsuba as mi, numpy as np
-mi.set_variant("llvm_ad_mono")
-from tests.helpers.mitsuba_scenes import grey
-print(*np.array(mi.render(grey("luminance"), seed=1, spp=2)).ravel())
-"""
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=ENVIRONMENT)
-    found = np.array(done.stdout.split(), dtype=float)
-    np.testing.assert_allclose(found, np.array(mi.render(grey("rgb"), seed=1, spp=2))[..., 1].ravel(), rtol=1e-3)
 
 
 def test_a_seed_is_a_picture():

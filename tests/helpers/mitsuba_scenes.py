@@ -111,11 +111,3 @@ def bumpy(nested):
     height = np.tile(np.linspace(0, 1, 64, dtype=np.float32)[None, :, None], (4, 1, 1))
     image = {"type": "bitmap", "data": mi.TensorXf(height), "raw": True}
     return {"type": "bumpmap", "height": image, "scale": 2 * TILT, "nested": nested}
-
-
-def grey(pixel_format):
-    """Return a scene without colours, rendered by the plug-in, which loads in any variant."""
-    lamp = {"type": "point", "position": [0.3, 0.4, 0.2], "intensity": rgb(2.0)}
-    integrator = {"type": "photon_beams", "paths": 256, "method": "beams"}
-    sensor = camera(size=8, pixel_format=pixel_format)
-    return load(fog=cube_of(fog(0.5)), light=lamp, wall={"type": "rectangle"}, sensor=sensor, integrator=integrator)

@@ -82,7 +82,7 @@ class MitsubaEmitter(Lamp):
         interaction.p = mi.Point3f(point)
         sample, weight = self.emitter.sample_direction(interaction, mi.Point2f(u))
         nowhere = 0 * point.x
-        weight = dr.select(sample.pdf > 0, Array3f(weight), 0)
+        weight = dr.select(sample.pdf > 0, rgb(weight), 0)
         distance = dr.inf if self.infinite else sample.dist
         pdf = dr.select(sample.delta, 0, sample.pdf)
         return Illumination(Array3f(sample.d), distance + nowhere, weight + nowhere, pdf + nowhere)
@@ -93,7 +93,7 @@ class MitsubaEmitter(Lamp):
         interaction.wi = mi.Vector3f(-direction)
         sample = dr.zeros(mi.DirectionSample3f)
         sample.d = mi.Vector3f(direction)
-        radiance = Array3f(self.emitter.eval(interaction))
+        radiance = rgb(self.emitter.eval(interaction))
         nowhere = 0 * origin.x
         pdf = self.emitter.pdf_direction(interaction, sample) + nowhere
         return LightHit(nowhere == 0, dr.inf + nowhere, radiance + nowhere, pdf)

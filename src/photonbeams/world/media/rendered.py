@@ -153,7 +153,7 @@ class RenderedMedium:
         def scattering(point: Array3f) -> Array3f:
             place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
             place.p = mi.Point3f(point)
-            return Array3f(self.plugin.get_scattering_coefficients(place, Bool(True))[0])
+            return rgb(self.plugin.get_scattering_coefficients(place, Bool(True))[0])
 
         segment = self.segment(origin, direction, Float(0), far, seed)
         return scattering_point(segment, self.extinction, scattering, sample, active)
