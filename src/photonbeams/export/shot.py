@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..images.color_spaces import REC709
 from ..images.frame import pixels_of
+from ..runtime.device import kept_variant
 from ..runtime.files import PathLike, atomic_path, write_bytes
 from ..scene import SceneError
 from ..usd import stage as stages
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from .scene import Twin
 
 
+@kept_variant()
 def export(
     shot: Shot,
     path: PathLike,

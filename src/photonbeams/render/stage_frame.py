@@ -12,7 +12,7 @@ import numpy as np
 from .. import scene
 from ..beams.guides import known_guides, pieces_along
 from ..beams.sets import BeamSet
-from ..runtime.device import mitsuba
+from ..runtime.device import mitsuba, mitsuba_variant
 from ..world.cameras.cameras import Window
 from ..world.shutter import Moment, Shutter
 from .checkpoint import identity
@@ -91,7 +91,7 @@ def simulate(
         raise scene.SceneError("the stage has no light that makes beams: expected a UsdLux light, or drawn beams")
     shutter = _in_medium(shutter)
     memory_of(shutter.at(0.0).scene, window, settings)
-    mitsuba(color=True)
+    mitsuba(mitsuba_variant())
     light, _ = light_of_stage(shutter, window, settings, Statistics(), viewers, settings.passes, all_beams=True)
     return light.traced(number, lambda: None).sets
 
@@ -188,7 +188,7 @@ def begin(
     interrupt
         Called between parts of passes; an exception from it ends the frame.
     """
-    mitsuba(color=True)
+    mitsuba(mitsuba_variant())
     statistics = Statistics(interrupt=interrupt)
     light, worlds = light_of_stage(shutter, window, settings, statistics, viewers, planned, earlier=earlier)
     opened = shutter.at(0.0)

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Array2f", "Array3f", "Array4f", "Bool", "DeviceError", "Float", "Int32", "UInt32", "UInt64", "backend",
-    "check_recording", "mitsuba", "mitsuba_variant", "prepare", "select", "set_threads",
+    "check_recording", "kept_variant", "mitsuba", "mitsuba_variant", "prepare", "scene_variants", "select",
+    "set_threads",
 ]  # fmt: skip
 
 # Bytes of addresses that the libraries take, mostly for code and for the stacks of threads; measured: 2.0 GiB.
@@ -200,14 +201,32 @@ def mitsuba_variant() -> str:
     return f"{backend()}_ad_rgb"
 
 
-def mitsuba(color: bool = False) -> Any:
-    """Return the module `mitsuba` with `mitsuba_variant` set; without `color`, its monochrome twin may stay set."""
+def scene_variants() -> tuple[str, str]:
+    """Return the variants of Mitsuba whose scenes can be rendered: `mitsuba_variant` and its monochrome twin."""
     variant = mitsuba_variant()
+    return variant, variant.replace("rgb", "mono")
+
+
+def mitsuba(variant: str | None = None) -> Any:
+    """Return the module `mitsuba` with a variant set; None: one of `scene_variants`, the first unless one is set."""
+    usual = scene_variants()
     import mitsuba as module
 
-    if module.variant() != variant and (color or module.variant() != variant.replace("rgb", "mono")):
-        module.set_variant(variant)
+    if module.variant() not in ([variant] if variant else usual):
+        module.set_variant(variant or usual[0])
     return module
+
+
+@contextmanager
+def kept_variant() -> Iterator[None]:
+    """Give Mitsuba back the variant that it has, at the end of the context or of a function, also after an error."""
+    module = sys.modules.get("mitsuba")
+    variant = module and module.variant()
+    try:
+        yield
+    finally:
+        if module and variant:
+            module.set_variant(variant)
 
 
 def set_threads(count: int) -> None:

@@ -51,7 +51,7 @@ def load(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
 
 def check_scene(source: Any) -> Any:
     """Return a scene of Mitsuba's, made from a dictionary if it is one; SceneError for anything else."""
-    from ..runtime.device import helping_thread, mitsuba
+    from ..runtime.device import helping_thread, mitsuba, scene_variants
 
     mi = mitsuba()
     if isinstance(source, Mapping):
@@ -60,8 +60,11 @@ def check_scene(source: Any) -> Any:
                 source = mi.load_dict(dict(source))
         except (RuntimeError, TypeError) as error:
             raise SceneError(f"a scene's dictionary: {reason(str(error))}") from None
-    if not isinstance(source, mi.Scene):
+    if not isinstance(source, mi.Object) or source.class_name() != "Scene":
         raise SceneError(f"stage is a {type(source).__name__} of Mitsuba's: expected a Scene")
+    if source.variant_name() not in scene_variants():
+        expected = " or ".join(scene_variants())
+        raise SceneError(f"stage is a Scene of Mitsuba's variant {source.variant_name()}: expected {expected}")
     return source
 
 

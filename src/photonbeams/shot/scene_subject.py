@@ -79,7 +79,9 @@ class SceneSubject(Subject):
         return type(self), (self._source, *self._arguments, self._parameters, self._session_layers)
 
     def load(self, frame: float | None = None) -> Any:
-        """Return Mitsuba's scene of a frame."""
+        """Return Mitsuba's scene of a frame, and set the variant in which it was loaded."""
+        from ..runtime.device import mitsuba
+
         path = self.path and numbered(self.path, self.number(frame))
         if self._open[1] is None or self._open[0] != path:
             assert path is not None
@@ -87,6 +89,7 @@ class SceneSubject(Subject):
             named = self._layers is not None or any(isinstance(each.portal, str) for each in self._beams.values())
             self._open = path, load(path, self._parameters, merge=not named)
         plugin = self._open[1]
+        mitsuba(plugin.variant_name())
         if self._layers is not None and self._layered != (path, frame):
             settings = self._layer_settings(plugin, self._layers, frame)
             self._beams = _beams(*self._arguments, self.warnings.give, settings)

@@ -14,6 +14,7 @@ import numpy as np
 from .. import scene
 from ..images.frame import Frame
 from ..images.plates import Holdout, Plate
+from ..runtime.device import kept_variant
 from ..runtime.files import PathLike
 from ..scene.places import moved
 from ..usd import stage as stages
@@ -92,6 +93,7 @@ class Shot:
     >>> shot.render(passes=1, width=32).write("out/shot.exr")
     """
 
+    @kept_variant()
     def __init__(
         self, stage: Usd.Stage | scene.Scene | Mapping[str, Any] | Subject, camera: str | scene.Camera | None = None,
         medium: scene.Medium | MediumOverride | None = None, stereo: Stereo | None = None,
@@ -134,6 +136,7 @@ class Shot:
         return shown(self, include, exclude)
 
     @classmethod
+    @kept_variant()
     def open(
         cls, path: PathLike, camera: str | None = None, *, medium: scene.Medium | MediumOverride | None = None,
         stereo: Stereo | None = None, simulate: Modifier | None = None, emit: Emitter | None = None,
@@ -214,6 +217,7 @@ class Shot:
         """The warnings about the shot so far."""
         return self.subject.warnings
 
+    @kept_variant()
     def settings(self, frame: float | None = None) -> Settings:
         """Return the settings of a Mitsuba scene's integrator at a `frame`; of other subjects the defaults."""
         return self.subject.settings(self.viewpoint, frame)
@@ -233,10 +237,12 @@ class Shot:
         """
         return self.subject.read(self.viewpoint, frame, base)
 
+    @kept_variant()
     def cameras(self, frame: float | None = None) -> tuple[scene.Camera, ...]:
         """Return the camera at a `frame`, or those of the left and the right eye."""
         return self.subject.cameras(self.viewpoint, frame)
 
+    @kept_variant()
     def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
         """Return the scene and the cameras over the shutter interval of a `frame`. SceneError for a Mitsuba scene.
 
@@ -244,6 +250,7 @@ class Shot:
         """
         return self.subject.exposure(self.viewpoint, frame, blur, lens)
 
+    @kept_variant()
     def resolution(
         self, width: int | None = None, height: int | None = None, frame: float | None = None,
         plates: Sequence[Holdout | Plate] = (), view: str | None = None, pixel_aspect: float = 1.0,
@@ -264,6 +271,7 @@ class Shot:
         """
         return self.subject.resolution(self.viewpoint, frame, width, height, plates, view, pixel_aspect)
 
+    @kept_variant()
     def render(
         self, frame: float | None = None, passes: int | None = None, *, settings: Settings | None = None,
         width: int | None = None, height: int | None = None, crop: Sequence[float] | None = None,
@@ -322,6 +330,7 @@ class Shot:
             holdout=holdout, over=over, film=self._film, **given,
         ).frame()  # fmt: skip
 
+    @kept_variant()
     def estimate(
         self, frame: float | None = None, passes: int | None = None, *, settings: Settings | None = None, **given: Any
     ) -> Estimate:  # fmt: skip
@@ -377,6 +386,7 @@ class Shot:
 
         return prepare(self.subject, self.viewpoint, frame, passes, settings, given)
 
+    @kept_variant()
     def render_part(
         self, part: PlannedPasses, frame: float | None = None, *, settings: Settings | None = None, **given: Any
     ) -> FrameSums:
@@ -388,6 +398,7 @@ class Shot:
         ready = self._prepared(frame, None, settings, part=part, kept=self._kept, **given)
         return replace(ready.render().sums(), development=ready.development.state())
 
+    @kept_variant()
     def beams(
         self, frame: float | None = None, *, view: str | None = None, settings: Settings | None = None,
         **given: Unpack[SettingsArguments],

@@ -27,16 +27,20 @@ from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
-from ...runtime.device import Array2f, Array3f, Bool, Float, mitsuba
+from ...runtime.device import Array2f, Array3f, Bool, Float, kept_variant, mitsuba, mitsuba_variant
 from ..warp import outward
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import BsdfContext, SurfaceInteraction
 
-mi = mitsuba()
-
 #: The plug-in's type in Mitsuba's dictionaries.
 NORMAL_MAP = "photonbeams_normalmap"
+
+mi = mitsuba()
+with kept_variant():  # the plug-in is for stages, which have colors, whichever variant imports this module
+    _colored = mitsuba(mitsuba_variant())
+    _BSDF: Any = _colored.BSDF
+    _colored.register_bsdf(NORMAL_MAP, lambda properties: NormalMap(properties))
 
 #: Kinds of the BSDF inside: its lobes are specular, diffuse, or both.
 SPECULAR, DIFFUSE, MIXED = "specular", "diffuse", "mixed"
@@ -45,7 +49,7 @@ _LEAST = 1e-3  # least cosine between N and ωi, or the surface's normal: below,
 _ABOVE = 0.01  # cosine of a bent N's mirror direction
 
 
-class NormalMap(mi.BSDF):  # type: ignore[name-defined]
+class NormalMap(_BSDF):  # type: ignore[misc]
     """The plug-in. It takes a BSDF, the kind of that as `lobes`, and one of two textures.
 
     `normalmap` holds n / 2 + 1 / 2 in tangent space, where the tangent points along u and the bitangent along v, even
@@ -191,6 +195,3 @@ def consistent(hit: SurfaceInteraction) -> SurfaceInteraction:
     result.sh_frame = dr.select(wrong, result.sh_frame, hit.sh_frame)
     result.wi = dr.select(wrong, result.to_local(incident), hit.wi)
     return result
-
-
-mi.register_bsdf(NORMAL_MAP, NormalMap)
