@@ -85,12 +85,16 @@ space. Where the sensor or an emitter names no medium, its medium is found from 
 def announce(_: object) -> None:
     """Register the plug-in for the variant that Mitsuba has, and for each that is set later."""
     mitsuba = sys.modules["mitsuba"]  # looked up there: Mitsuba replaces its module while it is imported
-    mitsuba.detail.add_variant_callback(lambda _, variant: _register(mitsuba, variant))
     if mitsuba.variant() is not None:
         _register(mitsuba, mitsuba.variant())
+    mitsuba.detail.add_variant_callback(lambda _, variant: _register(mitsuba, variant))
 
 
 def _register(mitsuba: ModuleType, variant: str) -> None:
+    from .runtime import device
+
+    if variant.startswith("llvm"):
+        device.check_library()  # now: a kernel of Mitsuba's own would end the process
     made = cache(partial(_integrator, mitsuba, variant))
 
     def make(properties: Properties) -> Any:

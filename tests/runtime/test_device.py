@@ -169,7 +169,7 @@ def test_dr_jit_that_was_started_with_an_old_llvm_is_refused():
     from photonbeams.runtime import device
     device.select("cpu")
     """
-    assert "import photonbeams first" in run(code)
+    assert "expected a new process that imports photonbeams before Mitsuba" in run(code)
 
 
 def test_dr_jit_that_does_not_load_is_one_sentence(tmp_path):
@@ -273,6 +273,17 @@ def test_files_are_read_and_written_with_one_thread(tmp_path):
     )
     ran = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert ran.stdout.split() == ["0.5", "1"], ran.stderr
+
+
+@pytest.mark.parametrize("before", ["mi.set_variant('llvm_ad_rgb'); import photonbeams", "import photonbeams"])
+def test_an_old_library_that_drjit_took_by_itself_is_refused_before_a_kernel_aborts(before):
+    script = (
+        "import os, drjit, mitsuba as mi\n"
+        "os.environ.pop('DRJIT_LIBLLVM_PATH', None); drjit.detail.llvm_version = lambda: (15, 0, 6)\n"
+        f"{before}; mi.set_variant('scalar_rgb'); mi.set_variant('llvm_ad_rgb'); print('rendering')"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert ran.stdout == "" and "expected a new process that imports photonbeams before Mitsuba" in ran.stderr
 
 
 def test_the_description_tells_what_is_there():

@@ -140,16 +140,25 @@ def _start(name: str) -> None:
     if name == "llvm" and "drjit" not in sys.modules and not os.environ.get("DRJIT_LIBLLVM_PATH"):
         raise DeviceError(_no_library())
     drjit = _import_drjit()
-    if name == "llvm" and not os.environ.get("DRJIT_LIBLLVM_PATH") and drjit.detail.llvm_version()[0] < libllvm.OLDEST:
-        raise DeviceError(
-            "Dr.Jit was imported before photonbeams and took no LLVM that works on all machines; "
-            "import photonbeams first, or set DRJIT_LIBLLVM_PATH"
-        )
+    if name == "llvm":
+        check_library()
     if not drjit.has_backend(getattr(drjit.JitBackend, name.upper())):
         raise DeviceError(_no_backend(name))
     module = import_module(f"drjit.{name}.ad")
     _state.types = {array: getattr(module, array) for array in _ARRAY_TYPES}
     _state.backend = name
+
+
+def check_library() -> None:
+    """Raise DeviceError if Dr.Jit has taken a libLLVM by itself, and one whose kernels end the process on some machines.
+
+    Nothing can give it another one: it has loaded the library while it was imported, and is not started a second time.
+    """
+    if not os.environ.get("DRJIT_LIBLLVM_PATH") and _import_drjit().detail.llvm_version()[0] < libllvm.OLDEST:
+        raise DeviceError(
+            "Dr.Jit was imported before photonbeams and took no LLVM that works on all machines: expected a new process "
+            "that imports photonbeams before Mitsuba, or DRJIT_LIBLLVM_PATH"
+        )
 
 
 def _import_drjit() -> Any:
