@@ -225,8 +225,9 @@ def _bound(value: Floats) -> Floats:
     if _is_drjit(value):
         return value
     array = np.asarray(value)
-    if array.dtype.kind not in "buif":
-        raise TypeError(f"bound is {value!r}: expected a number, a NumPy array or a Dr.Jit array")
+    if array.dtype.kind not in "buif" or np.ma.is_masked(value):
+        text = " ".join(repr(value).split())[:60]
+        raise TypeError(f"bound is {text}: expected a number, a NumPy array without a mask or a Dr.Jit array")
     if array.ndim == 0:
         return float(array)
     return array if array.dtype.kind == "f" else array.astype(np.float64)

@@ -65,6 +65,13 @@ def test_aimed_fully_all_paths_pass_the_target_and_keep_length_and_light(traced)
         assert np.array_equal(after[name], before[name])
 
 
+@pytest.mark.parametrize("distance", [1e25, 1e30])
+def test_a_target_may_be_as_far_away_as_single_precision_reaches(traced, distance):
+    # Seen from there, the beams are at one place: all of them become parallel.
+    far, near = (aim((each, 0, 0))(traced, CONTEXT).arrays() for each in (distance, 1e10))
+    np.testing.assert_allclose(far["end"], near["end"], rtol=1e-5, atol=1e-5)
+
+
 def test_not_aimed_at_all_paths_stay(traced):
     before, after = traced.arrays(), aim((1, 0.5, 0.25), 0.0)(traced, CONTEXT).arrays()
     for name in ("start", "end"):

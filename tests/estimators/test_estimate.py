@@ -432,6 +432,13 @@ def test_directions_need_not_be_of_unit_length_and_arrays_may_be_dr_jit():
     assert expected.shape == (3,) and expected.all()
 
 
+@pytest.mark.parametrize("length", [2.0**-110, 2.0**-64, 2.0**64, 2.0**110])  # powers of 2 scale without rounding
+def test_directions_have_any_length_above_0(length):
+    origin, direction = (0.5, 0.02, -1.0), np.array([0.1, 0.0, 1.0])
+    expected = radiance(ONE, origin, direction, pb.Look(), "auto")
+    assert np.array_equal(radiance(ONE, origin, length * direction, pb.Look(), "auto"), expected)
+
+
 def test_rays_have_any_leading_shape_and_are_broadcast(rng):
     origin = as_float32(rng.normal(size=(3, 4, 3)) * 0.05 + [0, 0, -1])
     direction, t_max = as_float32(rng.normal(size=(4, 3)) * 0.02 + [0, 0, 1]), np.array([[0.5], [1.5], [9.0]])

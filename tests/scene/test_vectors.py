@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+from photonbeams.scene import Camera, Gobo, SphereLight
 from photonbeams.scene.vectors import FLAT, ellipse_perimeter, ellipsoid_area, plane_of, unit
 
 
 def test_unit_vectors_have_the_length_1_but_for_zeros():
-    given = np.array([[3.0, 0, 4], [0, 0, 0], [0, -1e-30, 0]])
-    assert unit(given) == pytest.approx(np.array([[0.6, 0, 0.8], [0, 0, 0], [0, -1, 0]]))
+    given = np.array([[3.0, 0, 4], [0, 0, 0], [0, -1e-200, 0], [0, 3e300, 4e300]])
+    expected = np.array([[0.6, 0, 0.8], [0, 0, 0], [0, -1, 0], [0, 0.6, 0.8]])
+    assert unit(given) == pytest.approx(expected)
     assert unit(given[0]) == pytest.approx(unit(given)[0])
 
 
@@ -38,3 +40,14 @@ def test_the_perimeter_of_an_ellipse_is_between_its_circle_and_its_line():
     assert ellipse_perimeter(2, 2) == pytest.approx(4 * np.pi)
     assert ellipse_perimeter(1, 0) == pytest.approx(4, rel=1e-4)
     assert ellipse_perimeter(2, 1) == pytest.approx(9.688448220547675)  # 8 E(3/4)
+
+
+@pytest.mark.parametrize("length", [1e-200, 1e-30, 1e30, 1e200])
+def test_a_camera_and_a_lamp_take_directions_of_any_length(length):
+    found, expected = (Camera.look_at((6, 1, 0), (0, 1, 0), (0, up, 0)).to_world for up in (length, 1))
+    assert np.array_equal(found, expected)
+    gobo = Gobo(np.ones((1, 1, 1)))
+    lamps = (SphereLight("/Lamp", 1.0, axis=(0, -each, each), gobo=gobo) for each in (length, 1))
+    found, expected = (lamp.slide(gobo) for lamp in lamps)
+    for one, other in zip(found, expected, strict=True):  # of float64, whose rounding is 1e-16
+        np.testing.assert_allclose(np.asarray(one, float), np.asarray(other, float), rtol=0, atol=1e-12)

@@ -11,6 +11,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..numerics.arrays import near_one
 from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import SceneError
 from . import Beams
@@ -179,6 +180,7 @@ def _turned(vector: Array3f, old: Array3f, new: Array3f) -> Array3f:
 
 
 def _unit(vector: Array3f) -> Array3f:
+    vector = near_one(vector)
     return vector * dr.rsqrt(dr.maximum(dr.squared_norm(vector), 1e-30))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import scene
-from ..numerics.arrays import indices, opaque
+from ..numerics.arrays import indices, near_one, opaque
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Float, UInt32
 from ..scene import SceneError
@@ -61,7 +61,7 @@ def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
 
     def aimed(beams: Beams, _: PassContext) -> Beams:
         paths = BeamPaths(beams, "aim")
-        to = opaque(place) - paths.origin
+        to = near_one(opaque(place) - paths.origin)
         to = to * dr.rsqrt(dr.maximum(dr.squared_norm(to), 1e-30))
         mixed = dr.lerp(paths.direction, to, dr.opaque(Float, amount))
         direction = dr.select(dr.squared_norm(mixed) > 1e-12, dr.normalize(mixed), paths.direction)

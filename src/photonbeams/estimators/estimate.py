@@ -17,7 +17,7 @@ import numpy as np
 from ..beams import Beams
 from ..constants import DEFAULT_POINTS, ESTIMATORS
 from ..looks import BoundLook, Fog, LightContext, Look
-from ..numerics.arrays import to_float, to_uint
+from ..numerics.arrays import near_one, to_float, to_uint
 from ..numerics.given import LARGEST, Numbers, given
 from ..quadrature import Rule, gauss_legendre
 from ..runtime.device import Array3f, Bool, Float, UInt32
@@ -242,11 +242,12 @@ def _rays(
     if bool(dr.any(~((times >= 0) & (times <= 1)))):
         raise SceneError("time is out of range: expected numbers from 0 (shutter open) to 1 (shutter close)")
     active = dr.full(Bool, True, int(np.prod(shape)))
-    length = dr.norm(direction)
+    ahead = near_one(direction)
+    length = dr.norm(ahead)
     if bool(dr.any(~((length > 0) & dr.isfinite(length)))):
         raise SceneError("a ray has no direction: expected vectors of positive, finite length")
     rays = Rays(
-        dr.select(active, origin, 0), dr.select(active, direction / length, 0),
+        dr.select(active, origin, 0), dr.select(active, ahead / length, 0),
         dr.select(active, dr.minimum(high, ENDLESS), 0), dr.select(active, low, 0),
         time=None if time is None else dr.select(active, times, 0),
     )  # fmt: skip

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..render.seen.depth_layers import DepthLayers
 from ..runtime.files import PathLike
-from ..scene import FARTHEST, Array, SceneError
+from ..scene import FARTHEST, Array, SceneError, numbers
 from .channels import (
     Box,
     Channel,
@@ -50,7 +50,11 @@ class _Picture(ABC):
         """Return what is `given`, a file's path or pixels or one of these, as one of these; None for None."""
         if given is None or isinstance(given, cls):
             return given
-        return cls(given if isinstance(given, str | os.PathLike) else np.asarray(given))
+        return cls(given)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.file, str | os.PathLike):
+            object.__setattr__(self, "file", numbers(self.file, "a holdout or a plate", "a file's name, or pixels"))
 
     def size(self, frame: float, views: Sequence[str]) -> Size:
         """Return the width and height for `frame` and `views`, which are as for `read`."""
@@ -115,6 +119,7 @@ class Holdout(_Picture):
     axes = 2
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.kind not in KINDS:
             raise SceneError(f"holdout-depth is {self.kind}: expected one of {', '.join(KINDS)}")
         if not 0 < self.scale <= FARTHEST:

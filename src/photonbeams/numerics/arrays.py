@@ -93,6 +93,14 @@ def channel_mean(color: Any) -> Any:
     return dr.sum(color) * (1 / len(color))
 
 
+def near_one(vector: Any) -> Any:
+    """Return vectors times powers of 2 that bring them near length 1: squares stay in range, and no bit is lost."""
+    # A float's bits 23 to 30 are its exponent, plus 127. A power of 2 has no others, and its inverse has 254 less that.
+    largest: Any = dr.reinterpret_array(UInt32, Float(dr.detach(dr.max(dr.abs(vector)))))
+    exponent = dr.clip(largest >> 23, 1, 253)
+    return vector * dr.reinterpret_array(Float, (254 - exponent) << 23)
+
+
 def indices(keep: Bool) -> Any:
     """Return where an array is true, in order: `dr.compress`, which lets other threads run while kernels do."""
     # Dr.Jit's own function waits for kernels with Python's lock held, and no signal could end a long one.

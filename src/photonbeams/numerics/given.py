@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..runtime.device import Array3f, Float, UInt32
-from ..scene import SceneError, has_gradients, numbers, shown
+from ..scene import SceneError, at_bounds, has_gradients, numbers, shown
 from .arrays import opaque, to_float, to_vectors
 
 #: A number; a Dr.Jit `Float` of one entry may have gradients enabled.
@@ -73,16 +73,19 @@ class Given(NamedTuple):
         return dr.replace_grad(value, type(value)(*entries))
 
 
-def given(value: object, name: str, expected: str) -> Given:
-    """Return the numbers that a user gave; if `value` is not numbers, SceneError says what was `expected` of `name`."""
+def given(value: object, name: str, expected: str, bounds: tuple[float, ...] = ()) -> Given:
+    """Return the numbers that a user gave, as `scene.at_bounds` does; if `value` is none, SceneError says so.
+
+    The message says what was `expected` of `name`.
+    """
     attached = has_gradients(value)
     plain = numbers(dr.detach(value) if attached else value, name, expected)
-    return Given(plain.astype(np.float64), _flat(value) if attached else None)
+    return Given(at_bounds(plain, *bounds), _flat(value) if attached else None)
 
 
 def given_number(value: object, name: str, expected: str, low: float = -LARGEST, high: float = LARGEST) -> Given:
     """Return one number from `low` to `high`; else SceneError says what was `expected` of `name`."""
-    found = given(value, name, expected)
+    found = given(value, name, expected, (low, high))
     if found.plain.size != 1 or not low <= float(found.plain.ravel()[0]) <= high:
         raise SceneError(f"{name} is {shown(value)}: expected {expected}")
     return Given(found.plain.reshape(()), found.attached)
@@ -90,7 +93,7 @@ def given_number(value: object, name: str, expected: str, low: float = -LARGEST,
 
 def given_color(value: object, name: str, expected: str, low: float = -LARGEST) -> Given:
     """Return one number or three, none below `low`; else SceneError says what was `expected` of `name`."""
-    found = given(value, name, expected)
+    found = given(value, name, expected, (low,))
     plain = found.plain.reshape(()) if found.plain.size == 1 else found.plain
     if plain.shape not in ((), (3,)) or not np.all((plain >= low) & (plain <= LARGEST)):
         raise SceneError(f"{name} is {shown(value)}: expected {expected}")

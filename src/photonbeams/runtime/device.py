@@ -150,14 +150,14 @@ def _start(name: str) -> None:
 
 
 def check_library() -> None:
-    """Raise DeviceError if Dr.Jit has taken a libLLVM by itself, and one whose kernels end the process on some machines.
+    """Raise DeviceError if Dr.Jit has taken a libLLVM by itself whose kernels end the process on some machines.
 
     Nothing can give it another one: it has loaded the library while it was imported, and is not started a second time.
     """
     if not os.environ.get("DRJIT_LIBLLVM_PATH") and _import_drjit().detail.llvm_version()[0] < libllvm.OLDEST:
         raise DeviceError(
-            "Dr.Jit was imported before photonbeams and took no LLVM that works on all machines: expected a new process "
-            "that imports photonbeams before Mitsuba, or DRJIT_LIBLLVM_PATH"
+            "Dr.Jit was imported before photonbeams and took no LLVM that works on all machines: expected a new "
+            "process that imports photonbeams before Mitsuba, or DRJIT_LIBLLVM_PATH"
         )
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .checks import Array, SceneError
-from .vectors import unit
+from .checks import Array, SceneError, numbers
+from .vectors import near_one, unit
 
 #: How the aperture and the picture are made to fit each other, named as by UsdRenderSettings: the first is the default.
 CONFORM_POLICIES = (
@@ -63,6 +63,9 @@ class Camera:
     focus_distance: float = 0.0
     exposure_scale: float = 1.0
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "to_world", numbers(self.to_world, f"camera {self.name}: to_world", "4 x 4 numbers"))
+
     @classmethod
     def look_at(
         cls, origin: Sequence[float] | Array, target: Sequence[float] | Array,
@@ -89,9 +92,10 @@ class Camera:
             Points that are equal or not finite, `up` along the line of sight, a field of view or an aspect out of
             range.
         """
-        places = np.array([origin, target, up], dtype=np.float64)
-        back = places[0] - places[1]
-        side = np.cross(places[2], back)
+        places = numbers([origin, target, up], f"camera {name}", "an origin, a target and an up of 3 numbers")
+        places = places.astype(np.float64)
+        back = near_one(places[0] - places[1])
+        side = np.cross(near_one(places[2]), back)
         if not np.linalg.norm(side) > 0 or not np.isfinite(np.linalg.norm(side)):
             raise SceneError(f"camera {name}: expected two different points, and up not along the line between them")
         if not 0 < fov < 180 or not aspect > 0:

@@ -104,11 +104,13 @@ def numbers(value: object, name: str, expected: str) -> Array:
     Raises
     ------
     SceneError
-        Anything but real numbers, rows of unequal length, and Dr.Jit arrays with gradients enabled: NumPy would lose
-        these.
+        Anything but real numbers, rows of unequal length, and what NumPy would lose: gradients of Dr.Jit arrays, and
+        masks of NumPy's own.
     """
     if has_gradients(value):
         raise SceneError(f"{name} has gradients enabled, which would be lost: expected {expected}, without them")
+    if _is_masked(value):
+        raise SceneError(f"{name} has masked entries, which would be lost: expected {expected}, without a mask")
     try:
         found = np.asarray(_rows(value))
         if found.dtype.kind == "O" and all(isinstance(each, Real) for each in found.flat):
@@ -118,6 +120,28 @@ def numbers(value: object, name: str, expected: str) -> Array:
     if found.dtype.kind not in "buif":
         raise SceneError(f"{name} is {shown(value)}: expected {expected}")
     return found
+
+
+def _is_masked(value: object) -> bool:
+    """Return whether a value is, or holds in lists, a masked array of which entries are masked."""
+    if isinstance(value, list | tuple):
+        return any(map(_is_masked, value))
+    return isinstance(value, np.ma.MaskedArray) and bool(np.any(value.mask))
+
+
+def at_bounds(values: Array, *bounds: float) -> Array:
+    """Return numbers in double precision; those that are a bound in single precision are that bound.
+
+    Kernels have single precision, and numbers are often given in it: the float32 of 0.99 is above 0.99.
+    """
+    result = values.astype(np.float64)
+    if values.dtype.kind == "f":
+        kind = np.float16 if values.dtype.itemsize == 2 else np.float32
+        with np.errstate(over="ignore"):
+            for bound in bounds:
+                near = (values.astype(kind) == kind(bound)) & np.isfinite(kind(bound))
+                result = np.where(near, bound, result)
+    return result
 
 
 def choice(value: object, name: str, choices: Iterable[str]) -> str:
@@ -202,7 +226,7 @@ def _misuse(name: str, signature: inspect.Signature, given: int, named: Mapping[
 def color(value: ColorLike, name: str, minimum: float = 0.0) -> Color:
     """Return `value`, one number or three, as a colour; SceneError unless they are finite and at least `minimum`."""
     expected = f"one or three finite numbers of at least {minimum:g}"
-    found = numbers(value, name, expected).astype(np.float64)
+    found = at_bounds(numbers(value, name, expected), minimum)
     if found.size not in (1, 3) or not np.all(np.isfinite(found)) or np.any(found < minimum):
         raise SceneError(f"{name} is {shown(value)}: expected {expected}")
     first, second, third = np.broadcast_to(found.ravel(), (3,))
@@ -222,7 +246,7 @@ def number(value: float, name: str, minimum: float = -np.inf, maximum: float = n
         if np.isfinite(bound)
     ]
     expected = " ".join(["a finite number", *bounds])
-    found = numbers(value, name, expected)
+    found = at_bounds(numbers(value, name, expected), minimum, maximum)
     if found.size != 1 or not np.isfinite(found).all() or not minimum <= float(found.ravel()[0]) <= maximum:
         raise SceneError(f"{name} is {shown(value)}: expected {expected}")
     return float(found.ravel()[0])

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from .beam_settings import BeamSettings
-from .checks import BLACK, Array, Color, SceneError, color, number, shown
+from .checks import BLACK, Array, Color, SceneError, color, number, numbers, shown
 from .profiles import Profile
 from .shaping import Gobo, Shaping
 from .surfaces import Mesh
+from .vectors import unit
 
 _WIDEST_CONE = 85.0  # degrees from the axis: a wider cone has no slide that covers it
 _WIDE_SLIDE = 90.0  # degrees: the width of a slide before a light with a wider cone, or none
@@ -131,7 +132,7 @@ class Light(BeamSettings):
     def _slide_axes(self) -> tuple[Array, Array, Array]:
         """Return the vectors to the side, up and ahead: those of the light's frame, made square to its axis."""
         axis = self.axis  # type: ignore[attr-defined]
-        ahead = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+        ahead = unit(axis)
         frame = np.asarray(self.frame, dtype=np.float64)[:3, :3]
         up = frame[:, 1] - (frame[:, 1] @ ahead) * ahead
         if np.linalg.norm(up) < 1e-6:
@@ -147,14 +148,13 @@ class Light(BeamSettings):
         object.__setattr__(self, "radiance", color(self.radiance, f"{self.name}: radiance"))
         for name in ("center", "axis", "half", "half_x", "half_y"):
             if hasattr(self, name):
-                value = np.asarray(getattr(self, name), dtype=np.float64)
+                value = numbers(getattr(self, name), f"{self.name}: {name}", "3 finite numbers").astype(np.float64)
                 if value.shape != (3,) or not np.all(np.isfinite(value)):
                     raise SceneError(f"{self.name}: {name} is {shown(getattr(self, name))}: expected 3 finite numbers")
                 object.__setattr__(self, name, value)
-        if getattr(self, "shape", None) is not None:
-            linear = np.asarray(self.shape, dtype=np.float64)  # type: ignore[attr-defined]
+        if (shape := getattr(self, "shape", None)) is not None:
+            place, expected = f"{self.name}: shape", "3 x 3 numbers with an inverse"
+            linear = numbers(shape, place, expected).astype(np.float64)
             if linear.shape != (3, 3) or not np.all(np.isfinite(linear)) or np.linalg.det(linear) == 0:
-                raise SceneError(
-                    f"{self.name}: shape is {shown(linear.tolist())}: expected 3 x 3 numbers with an inverse"
-                )
+                raise SceneError(f"{place} is {shown(linear.tolist())}: expected {expected}")
             object.__setattr__(self, "shape", linear)

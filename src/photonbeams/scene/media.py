@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import BLACK, Array, Color, ColorLike, SceneError, color, number, shown, whole
+from .checks import BLACK, Array, Color, ColorLike, SceneError, color, number, numbers, shown, whole
 from .fog_density import FogDensity
 from .surfaces import Mesh
 
@@ -60,12 +60,12 @@ class DensityGrid:
     to_world: Array = field(default_factory=lambda: np.eye(4))
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.values, dtype=np.float32)
+        values = numbers(self.values, "grid", "finite numbers of 0 or more").astype(np.float32, copy=False)
         if not (values.ndim == 3 or (values.ndim == 4 and values.shape[3] == 3)) or not values.size:
             raise SceneError(f"grid has the shape {values.shape}: expected (Z, Y, X) or (Z, Y, X, 3), none of them 0")
         if not np.all(np.isfinite(values)) or values.min() < 0:
             raise SceneError("grid has values that are negative or not finite: expected finite numbers of 0 or more")
-        to_world = np.asarray(self.to_world, dtype=np.float64)
+        to_world = numbers(self.to_world, "a grid's to_world", "an invertible (4, 4) matrix").astype(np.float64)
         if to_world.shape != (4, 4) or not np.all(np.isfinite(to_world)) or abs(np.linalg.det(to_world)) < 1e-30:
             raise SceneError("grid has a transform that is flat or not finite: expected an invertible (4, 4) matrix")
         object.__setattr__(self, "values", values)
@@ -168,7 +168,7 @@ class Medium:
     def __post_init__(self) -> None:
         object.__setattr__(self, "scattering", color(self.scattering, "scattering"))
         object.__setattr__(self, "absorption", color(self.absorption, "absorption"))
-        number(self.anisotropy, "anisotropy", -0.99, 0.99)
+        object.__setattr__(self, "anisotropy", number(self.anisotropy, "anisotropy", -0.99, 0.99))
         if self.bounces is not None:
             number(whole(self.bounces, "bounces"), "bounces", 0)
         if self.mesh is not None and self.grid is not None:

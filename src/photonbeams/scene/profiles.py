@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .checks import Array, SceneError, number
+from .checks import Array, SceneError, number, numbers
 
 # Rows of a profile's table from 0 to 180 degrees, and columns around the axis: every 0.25 and 1 degrees, which includes
 # the angles of nearly all files.
@@ -53,8 +53,8 @@ class Profile:
 
     def __post_init__(self) -> None:
         number(self.angle_scale, "angle_scale")
-        arrays = [np.asarray(each, dtype=np.float64) for each in (self.vertical, self.horizontal, self.intensity)]
-        for name, value in zip(("vertical", "horizontal", "intensity"), arrays, strict=True):
+        for name in ("vertical", "horizontal", "intensity"):
+            value = numbers(getattr(self, name), f"{name} of a profile", "numbers").astype(np.float64)
             object.__setattr__(self, name, value)
         if self.intensity.shape != (len(self.horizontal), len(self.vertical)) or not self.intensity.size:
             raise SceneError(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .checks import BLACK, Array, Color, SceneError, color, number, rgb
+from .checks import BLACK, Array, Color, SceneError, color, number, numbers, rgb
 from .profiles import Profile
 from .surfaces import Mesh
 
@@ -99,6 +99,7 @@ class Gobo:
     over: Mesh | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "image", numbers(self.image, "an image", "rows, columns and channels"))
         if np.ndim(self.image) != 3 or not np.size(self.image):
             raise SceneError(f"an image has the shape {np.shape(self.image)}: expected rows, columns and channels")
         if self.angle is not None and not 0 < number(self.angle, "angle") < 180:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .checks import BLACK, WHITE, Array, Color, SceneError
+from .checks import BLACK, WHITE, Array, Color, SceneError, numbers
 from .vectors import Plane, plane_of
 
 # The unit cube; its faces wind around the outward normals.
@@ -44,6 +44,11 @@ class UVTexture:
     wrap: str = "repeat"  # repeat | clamp | mirror
     uv_transform: Array = field(default_factory=lambda: np.eye(3))  # (3, 3), applied to (u, v, 1)
 
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "pixels", numbers(self.pixels, "pixels of a texture", "(H, W, 1) or (H, W, 3) numbers")
+        )
+
     def slopes(self) -> UVTexture:
         """Return a texture (H, W, 3) of the heights' derivatives by u and v, by central differences; the last is 0."""
         pixels, wrap, to_image = np.asarray(self.pixels[..., 0], dtype=np.float64), self.wrap, self.uv_transform
@@ -78,6 +83,9 @@ class VertexValues:
     """
 
     values: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", numbers(self.values, "values at vertices", "(V, 1) or (V, 3) numbers"))
 
 
 @dataclass(frozen=True)
@@ -202,16 +210,17 @@ class Mesh:
             value = getattr(self, name)
             if value is None and name in ("normals", "uvs"):
                 continue
-            numbers = np.asarray(value) if np.size(value) else np.empty((0, columns), np.int64)
-            rows = len(numbers) if name == "faces" else len(self.points)
-            if numbers.shape != (rows, columns) or numbers.dtype.kind not in ("iu" if name == "faces" else "fiu"):
+            found = numbers(value, f"mesh {self.name}: {name}", "numbers")
+            found = found if found.size else np.empty((0, columns), np.int64)
+            rows = len(found) if name == "faces" else len(self.points)
+            if found.shape != (rows, columns) or found.dtype.kind not in ("iu" if name == "faces" else "fiu"):
                 expected = (
                     f"({'F' if name == 'faces' else rows}, {columns}) {'whole ' if name == 'faces' else ''}numbers"
                 )
-                raise SceneError(f"mesh {self.name}: {name} have the shape {numbers.shape}: expected {expected}")
-            if not np.all(np.isfinite(numbers)):
+                raise SceneError(f"mesh {self.name}: {name} have the shape {found.shape}: expected {expected}")
+            if not np.all(np.isfinite(found)):
                 raise SceneError(f"mesh {self.name}: {name} are not finite: expected finite numbers")
-            object.__setattr__(self, name, numbers)
+            object.__setattr__(self, name, found)
         wrong = self.faces[(self.faces < 0) | (self.faces >= len(self.points))]
         if len(wrong):
             text = f"expected 0 to {len(self.points) - 1}"

@@ -13,8 +13,16 @@ FLAT = 1e-4  # points are in one plane if they leave it by less than this fracti
 
 def unit(vectors: Array) -> Array:
     """Return vectors (..., 3) scaled to length 1; zero vectors stay zero."""
+    vectors = near_one(vectors)
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(lengths > 0, lengths, 1.0)
+
+
+def near_one(vectors: Array) -> Array:
+    """Return vectors (..., 3) times powers of 2 that bring them near length 1: squares are in range, no bit is lost."""
+    _, exponents = np.frexp(np.abs(vectors).max(axis=-1, keepdims=True, initial=0))
+    scaled: Array = np.ldexp(vectors, -exponents)
+    return scaled
 
 
 def ellipsoid_area(axes: Array) -> float:

@@ -172,8 +172,6 @@ class Reading:
         value = self.value(prim, name, default)
         if not isinstance(value, (int, float)):
             raise self.fail(prim, name, f"is {shown(value)}: expected a number")
-        for bound in (minimum, maximum):  # USD's floats have single precision: 0.99 is not quite 0.99
-            value = bound if np.float32(value) == np.float32(bound) else value
         return number(value, self.place(prim, name), minimum, maximum)
 
     def positive(self, prim: Usd.Prim, name: str, default: float) -> float:
