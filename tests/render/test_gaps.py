@@ -72,7 +72,7 @@ def test_a_lamp_with_its_own_number_is_told_what_to_set_and_a_strict_shot_render
 
 
 def test_a_mitsuba_scene_is_told_where_its_gaps_are(caplog):
-    mi = mitsuba(color=True)
+    mi = mitsuba()
     to = mi.ScalarTransform4f
     slats = {
         f"slat{each}": {
