@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +11,8 @@ from .beam_settings import BeamSettings
 from .checks import BLACK, Array, Color, SceneError, color, number, numbers, shown
 from .profiles import Profile
 from .shaping import Gobo, Shaping
-from .surfaces import Mesh
-from .vectors import unit
+from .surfaces import Material, Mesh, UVTexture
+from .vectors import Sides, unit
 
 _WIDEST_CONE = 85.0  # degrees from the axis: a wider cone has no slide that covers it
 _WIDE_SLIDE = 90.0  # degrees: the width of a slide before a light with a wider cone, or none
@@ -110,6 +110,36 @@ class Light(BeamSettings):
     def slide(self, gobo: Gobo) -> SlidePlace | None:
         """Return where the slide `gobo` is before the light; None if the light can have none."""
         return None
+
+    def on_portal(self, gobo: Gobo, sides: Sides) -> SlidePlace:
+        """Return where an image is over the bounding rectangle of an opening, upright as seen when facing the light."""
+        corner, *edges = sides
+        center = corner + 0.5 * (edges[0] + edges[1])
+        steep = [abs(edge @ gobo.up) / np.linalg.norm(edge) for edge in edges]
+        y, x = (edges[0], edges[1]) if steep[0] > steep[1] else (edges[1], edges[0])
+        y = y if y @ gobo.up >= 0 else -y
+        normal = np.cross(x, y) / np.linalg.norm(np.cross(x, y))
+        place, axis = getattr(self, "center", None), getattr(self, "axis", None)
+        ahead = center - place if place is not None else np.asarray(axis) if axis is not None else normal
+        if normal @ ahead < 0:  # with x to the right and y up, x × y points at the viewer, as the light does
+            x, normal = -x, -normal
+        return SlidePlace(center, x, y, normal)
+
+    def windows(self) -> tuple[Mesh, ...]:
+        """Return panes of glass for the images on the portal that pictures show, each over its opening."""
+        result = []
+        for gobo in self.portal_gobos:
+            opening = gobo.over or self.portal
+            sides = opening.rectangle() if opening is not None and gobo.seen else None
+            if opening is not None and sides is not None:
+                place = self.on_portal(gobo, sides)
+                to_image = np.linalg.pinv(np.array([place.right, place.up]))
+                image = UVTexture(gobo.colors.astype(np.float32), "clamp")
+                result.append(replace(
+                    opening, normals=None, uvs=(opening.points - place.center) @ to_image + 0.5,
+                    material=Material(roughness=0.0, opacity=0.0, ior=1.0, thin=True, tint=image),
+                ))  # fmt: skip
+        return tuple(result)
 
     @property
     def slide_angle(self) -> float:

@@ -77,6 +77,9 @@ class Gobo:
     over
         The flat mesh over whose bounding rectangle an image on a portal lies: one of several openings. None, the
         default: the portal.
+    seen
+        Whether an image on a portal is a pane there, which pictures show and which colors all light that passes it:
+        see `Light.windows`. False, the default: the light of its own lamp alone passes through it, unseen.
 
     Raises
     ------
@@ -97,6 +100,7 @@ class Gobo:
     repeat: bool = False
     up: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
     over: Mesh | None = None
+    seen: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image", numbers(self.image, "an image", "rows, columns and channels"))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .checks import BLACK, WHITE, Array, Color, SceneError, numbers
-from .vectors import Plane, plane_of
+from .vectors import Plane, Sides, plane_of
 
 # The unit cube; its faces wind around the outward normals.
 _CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=np.float64)
@@ -303,6 +303,24 @@ class Mesh:
     def plane(self) -> Plane | None:
         """Return the plane that the mesh lies in, or None if it is not flat."""
         return plane_of(self.used_points)
+
+    def rectangle(self) -> Sides | None:
+        """Return the smallest rectangle around a flat mesh that is parallel to one of its edges, or None."""
+        plane = self.plane()
+        if plane is None:
+            return None
+        edges = (self.corners - np.roll(self.corners, 1, axis=1)).reshape(-1, 3)
+        edges = edges[np.linalg.norm(edges, axis=1) > 1e-9 * plane.extent]
+        edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+        best: tuple[float, Sides] | None = None
+        for x in edges:
+            y = np.cross(plane.normal, x)
+            local = (self.used_points - plane.center) @ np.array([x, y]).T
+            low, size = local.min(axis=0), np.ptp(local, axis=0)
+            if best is None or size[0] * size[1] < best[0] * (1 - 1e-9):
+                best = float(size[0] * size[1]), (plane.center + low[0] * x + low[1] * y, size[0] * x, size[1] * y)
+        assert best is not None
+        return best[1]
 
 
 def is_closed(points: Array, faces: Array) -> bool:

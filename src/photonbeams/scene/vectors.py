@@ -45,6 +45,10 @@ def ellipse_perimeter(wide: float, narrow: float) -> float:
     return float(2 * np.pi * np.hypot(wide * np.cos(around), narrow * np.sin(around)).mean())
 
 
+#: A rectangle: a corner, (3,), and the two edges from it, (3,) each, float64.
+Sides = tuple[Array, Array, Array]
+
+
 @dataclass(frozen=True)
 class Plane:
     """A plane fitted to points, by least squares.

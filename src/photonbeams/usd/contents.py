@@ -141,6 +141,10 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
         read = partial(linked, reading, light, prim, contents.meshes, media)
         return light if outlines else reading.attempt(prim, read, light, "it lights everything")
 
+    for number, (prim, light) in enumerate(contents.lights):
+        if panes := light.windows():  # what is behind them, and all light, has their colors
+            contents.meshes += panes
+            contents.lights[number] = prim, replace(light, portal_gobo=None)
     return Scene(
         tuple(contents.meshes),
         tuple(with_links(prim, light) for prim, light in contents.lights),

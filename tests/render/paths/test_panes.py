@@ -148,3 +148,52 @@ def test_an_image_on_a_pane_tints_each_point_of_the_light(depth):
     picture = shot.render(passes=1, width=16, height=16, max_depth=depth).layers["surface"][..., :3]
     quarters = picture.reshape(2, 8, 2, 8, 3)[:, 2:6, :, 2:6].mean(axis=(1, 3))
     np.testing.assert_allclose(quarters, RHO / np.pi * 2.0 * colors, atol=1e-3)
+
+
+WINDOW = """
+def Camera "Above" {
+    float focalLength = 300
+    double3 xformOp:translate = (0.5, 0, 9)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Camera "Below" {
+    float focalLength = 100
+    double3 xformOp:translate = (0.5, 0, 2)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Mesh "Floor" {
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0)]
+}
+def Mesh "Window" {
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-1, -1, 3), (1, -1, 3), (1, 1, 3), (-1, 1, 3)]
+}
+def DistantLight "Sun" (prepend apiSchemas = ["PhotonBeamsLightAPI"]) {
+    float inputs:angle = 0
+    float inputs:intensity = 3
+    rel photonbeams:portal = </Window>
+    asset photonbeams:portal:gobo = @IMAGE@
+    bool photonbeams:portal:gobo:visible = VISIBLE
+}
+"""
+
+
+@pytest.mark.parametrize("bounces", [0, 1])
+def test_an_image_on_a_portal_is_a_pane_where_it_is_shown(usd, image, bounces):
+    """The sun gives the floor under it the same colours, and pictures show the floor through them once more."""
+    path = image("halves.exr", [[[0.5, 0.2, 0.0], [0.1, 0.8, 0.4]]], "float")  # the camera looks at the right half
+
+    def seen(visible, name):
+        text = WINDOW.replace("IMAGE", str(path)).replace("VISIBLE", f"{visible:d}")
+        shot = pb.Shot.open(usd(text, 'upAxis = "Z"'), camera=f"/{name}")
+        return shot.render(passes=1, width=8, height=8, max_depth=1 + bounces).layers["surface"][..., :3].mean((0, 1))
+
+    hidden, under = seen(False, "Above"), seen(True, "Below")
+    color = hidden / hidden.max() * 0.8
+    assert color == pytest.approx([0.5, 0.2, 0.0], abs=1e-3) or color == pytest.approx([0.1, 0.8, 0.4], abs=1e-3)
+    # What the pane reflects of the floor's light is nothing: its index of refraction is 1.
+    np.testing.assert_allclose(under, seen(False, "Below"), rtol=2e-3, atol=1e-6)
+    np.testing.assert_allclose(seen(True, "Above"), hidden * color, rtol=5e-3, atol=1e-6)

@@ -55,12 +55,17 @@ def read_portal_gobo(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None
     if portal is None:
         reading.warn(prim, "is not rendered: expected a photonbeams:portal for it to lie on", name)
         return None
+    seen = reading.flag(prim, f"{name}:visible", False)
     if isinstance(portal, str):
+        if seen:
+            reading.warn(
+                prim, "is not rendered on a shape of a Mitsuba scene: expected a pane of glass", f"{name}:visible"
+            )
         return Gobo(image, up=_up(reading, np.zeros(3)))
     plane = portal.plane()
     if plane is None:
         raise reading.fail(prim, name, f"lies on {portal.name}, which is not flat: expected a portal in one plane")
-    return Gobo(image, up=_up(reading, plane.normal))
+    return Gobo(image, up=_up(reading, plane.normal), seen=seen)
 
 
 def _up(reading: Reading, normal: Array) -> Array:

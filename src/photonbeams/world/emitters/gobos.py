@@ -26,10 +26,9 @@ from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..bounds import Bounds
 from .filters import FilterChain, filter_of, seed_of
 from .lamp import Illumination, Lamp, LightHit
-from .portals import Portal, bounding_rectangle
+from .portals import Portal
 from .profiles import ProfileSampler, ProfileTable
 from .rays import EmittedRays
-from .rectangles import Sides
 
 #: Device images by the `id` of the host's images, which are kept with them, so that no other image gets that `id`.
 Images = dict[int, tuple[Any, Any]]
@@ -272,9 +271,11 @@ def projected(bare: Lamp, light: scene.Light, portal: Portal | None, images: Ima
     if slide is not None and place is not None:
         result.slide = Slide.of(slide, *place)
     for name, gobo in on_portal.items():
-        plane = None if gobo.over is None else gobo.over.plane()
-        sides = bounding_rectangle(gobo.over, plane) if gobo.over is not None and plane is not None else None
-        setattr(result, name, _portal_gobo(light, gobo, portal.sides if portal and gobo.over is None else sides))
+        sides = gobo.over.rectangle() if gobo.over is not None else getattr(portal, "sides", None)
+        if sides is None:
+            text = "the portal is not flat: expected a planar one to hold the image photonbeams:portal:gobo"
+            raise scene.SceneError(f"{light.name}: {text}")
+        setattr(result, name, Slide.of(gobo, *light.on_portal(gobo, sides)))
     if light.profile is not None and light.shaping is not None:
         result.profile = ProfileTable.of(light.profile, light.frame)
         bare.directions = ProfileSampler(result.profile, light.shaping, bare.flat)
@@ -307,22 +308,3 @@ def _on_device(gobo: scene.Gobo | scene.Profile, images: Images) -> Array3f:
 def _pixels(gobo: scene.Gobo | scene.Profile) -> np.ndarray:
     """Return an image's pixels, (N, 3), `padded`."""
     return padded(gobo.colors.reshape(-1, 3))
-
-
-def _portal_gobo(light: scene.Light, gobo: scene.Gobo, sides: Sides | None) -> Slide:
-    """Return the slide over the bounding rectangle of an opening, upright as seen when facing the light."""
-    if sides is None:
-        text = f"{light.name}: the portal is not flat: expected a planar one to hold the image photonbeams:portal:gobo"
-        raise scene.SceneError(text)
-    corner, *edges = sides
-    center = corner + 0.5 * (edges[0] + edges[1])
-    steep = [abs(edge @ gobo.up) / np.linalg.norm(edge) for edge in edges]
-    y, x = (edges[0], edges[1]) if steep[0] > steep[1] else (edges[1], edges[0])
-    y = y if y @ gobo.up >= 0 else -y
-    normal = np.cross(x, y) / np.linalg.norm(np.cross(x, y))
-    place = getattr(light, "center", None)
-    axis = getattr(light, "axis", None)
-    ahead = center - place if place is not None else np.asarray(axis) if axis is not None else normal
-    if normal @ ahead < 0:  # with x to the right and y up, x × y points at the viewer, as the light does
-        x, normal = -x, -normal
-    return Slide.of(gobo, center, x, y, normal)

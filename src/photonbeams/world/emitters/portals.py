@@ -15,12 +15,12 @@ import numpy as np
 from ... import scene
 from ...numerics.arrays import opaque
 from ...runtime.device import Array2f, Array3f, Bool, Float, mitsuba
-from ...scene.vectors import FLAT, Plane
+from ...scene.vectors import FLAT
 from ..bounds import Bounds
 from ..surfaces.shapes import scene_of, shape_of
 from .lamp import Lamp
 from .rays import GRAZING, EmittedRays, isotropic
-from .rectangles import Rectangle, Sides, mesh_of, widened
+from .rectangles import Rectangle, mesh_of, widened
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import MiScene
@@ -51,7 +51,7 @@ class Portal:
         self.shape, self._host = shape, host
         self.scene = scene_of([shape], host)
         plane = mesh.plane()
-        self.sides = None if plane is None else bounding_rectangle(mesh, plane)
+        self.sides = mesh.rectangle()
         self.area = area if self.sides is None else float(np.linalg.norm(np.cross(self.sides[1], self.sides[2])))
         self.fill = min(1.0, area / self.area)
         if plane is not None and self.sides is not None:
@@ -109,23 +109,6 @@ def emit_through(lamp: Lamp, portal: Portal, bounds: Bounds, u: Array2f, v: Arra
     y1: Any = dr.full(Float, 0, width) if infinite else dr.rcp(distance)
     differentials = isotropic(direction, (extent_x, distance, dr.full(Float, -1, width)), (extent_y, y0, y1))
     return EmittedRays(point - distance * direction, direction, flux, differentials, distance, valid)
-
-
-def bounding_rectangle(mesh: scene.Mesh, plane: Plane) -> Sides:
-    """Return the smallest rectangle around a planar mesh that is parallel to one of its edges."""
-    points, corners = mesh.used_points, mesh.corners
-    edges = (corners - np.roll(corners, 1, axis=1)).reshape(-1, 3)
-    edges = edges[np.linalg.norm(edges, axis=1) > 1e-9 * plane.extent]
-    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
-    best: tuple[float, Sides] | None = None
-    for x in edges:
-        y = np.cross(plane.normal, x)
-        local = (points - plane.center) @ np.array([x, y]).T
-        low, size = local.min(axis=0), np.ptp(local, axis=0)
-        if best is None or size[0] * size[1] < best[0] * (1 - 1e-9):
-            best = float(size[0] * size[1]), (plane.center + low[0] * x + low[1] * y, size[0] * x, size[1] * y)
-    assert best is not None
-    return best[1]
 
 
 def count_candidates(fill: float, count: int) -> int:

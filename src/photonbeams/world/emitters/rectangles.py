@@ -19,10 +19,7 @@ from ... import scene
 from ...numerics.arrays import opaque
 from ...numerics.structs import Struct
 from ...runtime.device import Array2f, Array3f, Float
-from ...scene import Array
-
-#: A corner, (3,), and the two edges from it, (3,) each, float64.
-Sides = tuple[Array, Array, Array]
+from ...scene.vectors import Sides
 
 
 def widened(sides: Sides, margin: float) -> Sides:
