@@ -20,6 +20,8 @@ from tests.helpers.deep_files import damaged, write_deep
 
 WIDTH, HEIGHT = 40, 24
 WINDOW = Window.full(WIDTH, HEIGHT)
+# Nine times the pixels in an eighth of the passes: as many samples, by an eighth of the launches.
+LARGE = Window.full(3 * WIDTH, 3 * HEIGHT)
 # Centimetres, far from the origin.
 FAR, UNIT = np.array([3000.0, -700.0, 5000.0]), 100.0
 FOG = scene.Medium(scattering=(2e-3, 2e-3, 2e-3))
@@ -36,18 +38,19 @@ def beam(depth, scale=1.0):
     return scene.DrawnBeams(f"/beam{depth:g}", start, end, radius, radius, np.full((1, 3), scale))
 
 
-def light(*beams, held=None, meshes=(), passes=PASSES):
+def light(*beams, held=None, meshes=(), window=WINDOW, passes=PASSES):
     """Return the red light of beams over a picture's middle rows, and the depth layer."""
     still = Shutter.still(scene.Scene(tuple(meshes), (), beams, (FOG,)), CAMERA)
-    view = View(CAMERA, WINDOW)
+    view = View(CAMERA, window)
     holdouts = [each.seen_by(view) for each in held or ()]
-    layers = render(still, WINDOW, Settings(passes=passes, pixel_filter="box"), holdouts=holdouts).layers()
-    return layers["beams"][8:16, :, 0].astype(np.float64), layers["depth"][8:16]
+    layers = render(still, window, Settings(passes=passes, pixel_filter="box"), holdouts=holdouts).layers()
+    middle = slice(window.height // 3, 2 * window.height // 3)
+    return layers["beams"][middle, :, 0].astype(np.float64), layers["depth"][middle]
 
 
-def read(holdout):
+def read(holdout, window=WINDOW):
     warnings = []
-    return holdout.read(1, [""], (WIDTH, HEIGHT), warnings.append), warnings
+    return holdout.read(1, [""], (window.width, window.height), warnings.append), warnings
 
 
 def test_layers_are_those_of_the_product_of_samples_in_any_order():
@@ -85,17 +88,19 @@ def test_layers_are_the_same_however_many_pixels_are_taken_together(rng, monkeyp
 def test_light_between_deep_samples_is_that_which_the_samples_before_let_through(tmp_path, parts, tiled):
     """Light before all samples, between a surface and a volume, in the volume, and behind it, by itself."""
     samples = [[(5, 9, 0.75), (3, 3, 0.5)], [(1, 1, 1)]]
-    path = write_deep(tmp_path / "deep.exr", lambda part, _: samples[part], (WIDTH, HEIGHT), parts, tiled)
-    (held,), warnings = read(Holdout(path, scale=UNIT))
+    size = LARGE.width, LARGE.height
+    path = write_deep(tmp_path / "deep.exr", lambda part, _: samples[part], size, parts, tiled)
+    (held,), warnings = read(Holdout(path, scale=UNIT), LARGE)
+    large = {"window": LARGE, "passes": PASSES // 8}
     assert len(warnings) == (parts > 1)  # one of several depths is used
     # Half-way in the volume, a beam that is thin in depth has 0.25^0.5 of its light; it is 1 unit thick, and symmetric.
     passed = {2.0: 1.0, 4.0: 0.5, 12.0: 0.125}
     for depth, expected in passed.items():
-        whole, _ = light(beam(depth))
-        seen, front = light(beam(depth), held=[held])
+        whole, _ = light(beam(depth), **large)
+        seen, front = light(beam(depth), held=[held], **large)
         assert np.allclose(front, 3 * UNIT, rtol=1e-5)
         assert seen.sum() / whole.sum() == pytest.approx(expected, abs=2e-3)
-    whole, seen = light(beam(7.0))[0], light(beam(7.0), held=[held])[0]
+    whole, seen = light(beam(7.0), **large)[0], light(beam(7.0), held=[held], **large)[0]
     along = np.linspace(-0.5, 0.5, 201)
     chord = np.sqrt(np.maximum(0.25 - along**2, 0))
     inside = 0.5 * float((chord * 0.25 ** ((2 + along) / 4)).sum() / chord.sum())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -135,10 +135,10 @@ class Light(BeamSettings):
                 place = self.on_portal(gobo, sides)
                 to_image = np.linalg.pinv(np.array([place.right, place.up]))
                 image = UVTexture(gobo.colors.astype(np.float32), "clamp")
-                result.append(replace(
-                    opening, normals=None, uvs=(opening.points - place.center) @ to_image + 0.5,
-                    material=Material(roughness=0.0, opacity=0.0, ior=1.0, thin=True, tint=image),
-                ))  # fmt: skip
+                places = (opening.points - place.center) @ to_image + 0.5
+                glass = Material(roughness=0.0, opacity=0.0, ior=1.0, thin=True, tint=image)
+                # Portals are left out of the world, by their names.
+                result.append(Mesh(f"{opening.name}/pane", opening.points, opening.faces, uvs=places, material=glass))
         return tuple(result)
 
     @property

@@ -190,7 +190,7 @@ def rendered(own: int, plugin: MiMedium) -> RenderedMedium:
     look = Look(along=1.0, eye=Attenuation() if even else tracked, angle=MediumScattering(plugin))
     data = None if even else next((value for key, value in mi.traverse(plugin) if key == "sigma_t.data"), None)
     colored = bool(np.ptp(sigma_t) > 0) if even else data is None or data.shape[-1] != 1
-    fullness = 1.0 if data is None else float(np.mean(data) / max(np.max(data), 1e-30))
+    fullness = 1.0 if data is None else float(np.mean(data, dtype=np.float64) / max(np.max(data), 1e-30))
     return RenderedMedium(own, plugin, medium, look, tracked, colored, fullness)
 
 
