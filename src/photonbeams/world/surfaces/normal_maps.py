@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
+from ...numerics.syntax import syntax
 from ...runtime.device import Array2f, Array3f, Bool, Float, kept_variant, mitsuba, mitsuba_variant
 from ..warp import outward
 
@@ -167,31 +168,42 @@ def _bent(normal: Any, facing: Any) -> Any:
     x, y = normal.x / sine, normal.y / sine
     along = x * facing.x + y * facing.y
     length = dr.maximum(dr.norm(mi.Vector2f(along, facing.z)), 1e-9)
-    least = _least_height(facing)
-    most = 0.5 * (dr.atan2(along, facing.z) + dr.acos(least / length))
+    most = 0.5 * (dr.atan2(along, facing.z) + dr.acos(_least_height(facing.z) / length))
     angle = dr.minimum(dr.atan2(sine, normal.z), most)
     turned, height = dr.sincos(angle)
     return mi.Normal3f(turned * x, turned * y, height)
 
 
-def _least_height(facing: Any) -> Float:
-    """Return the least cosine between the surface's normal and the mirror image of a direction."""
-    return dr.minimum(_ABOVE, 0.9 * facing.z)
+def _least_height(cosine: Float) -> Float:
+    """Return the least cosine between the surface's normal and the mirror image of a direction with this cosine."""
+    return dr.minimum(_ABOVE, 0.9 * cosine)
 
 
+@syntax
 def consistent(hit: SurfaceInteraction) -> SurfaceInteraction:
     """Return hits with shading normals that face the side from which rays arrive, and mirror the rays to that side."""
     incident, shading, ground = (
         mi.Vector3f(dr.detach(each)) for each in (hit.to_world(hit.wi), hit.sh_frame.n, outward(hit))
     )
-    side = dr.mulsign(Float(1), dr.dot(ground, incident))
-    frame = mi.Frame3f(side * ground)
-    normal, facing = frame.to_local(side * shading), frame.to_local(incident)
-    mirrored = 2 * dr.dot(normal, facing) * normal.z - facing.z
-    wrong = hit.is_valid() & (mirrored < _least_height(facing))
+    cosine = dr.dot(ground, incident)
+    side = dr.mulsign(Float(1), cosine)
+    mirrored = 2 * side * dr.dot(shading, incident) * dr.dot(shading, ground) - dr.abs(cosine)
     result = mi.SurfaceInteraction3f(hit)
-    result.sh_frame.n = dr.select(wrong, side * frame.to_world(_bent(normal, facing)), hit.sh_frame.n)
-    result.initialize_sh_frame()
-    result.sh_frame = dr.select(wrong, result.sh_frame, hit.sh_frame)
-    result.wi = dr.select(wrong, result.to_local(incident), hit.wi)
+    seen, wi = mi.Frame3f(hit.sh_frame), mi.Vector3f(hit.wi)
+    if hit.is_valid() & (mirrored < _least_height(dr.abs(cosine))):
+        seen, wi = _seen(hit, side * _bent_toward(mi.Frame3f(side * ground), side * shading, incident))
+    result.sh_frame, result.wi = seen, wi
     return result
+
+
+def _bent_toward(ground: Any, normal: Any, incident: Any) -> Any:
+    """Return a normal, bent in the frame of the surface's own."""
+    return ground.to_world(_bent(ground.to_local(normal), ground.to_local(incident)))
+
+
+def _seen(hit: SurfaceInteraction, normal: Any) -> tuple[Any, Any]:
+    """Return the frame of a shading normal, and the direction of the ray in it."""
+    turned = mi.SurfaceInteraction3f(hit)
+    turned.sh_frame.n = normal
+    turned.initialize_sh_frame()
+    return turned.sh_frame, turned.to_local(hit.to_world(hit.wi))
