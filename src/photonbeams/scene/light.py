@@ -112,7 +112,7 @@ class Light(BeamSettings):
         return None
 
     def on_portal(self, gobo: Gobo, sides: Sides) -> SlidePlace:
-        """Return where the image `gobo` is over an opening with these `sides`, upright as seen when facing the light."""
+        """Return where the image `gobo` is over an opening of these `sides`, upright if one faces the light."""
         corner, *edges = sides
         center = corner + 0.5 * (edges[0] + edges[1])
         steep = [abs(edge @ gobo.up) / np.linalg.norm(edge) for edge in edges]
