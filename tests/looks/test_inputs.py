@@ -206,6 +206,22 @@ def test_other_numbers_in_a_look_compile_nothing():
     assert np.any(first != render(0.5))
 
 
+def test_another_width_or_number_of_knots_compiles_nothing():
+    """Chords end where a profile is dark, at a ρ that is an input of kernels, as corners are."""
+
+    def render(width, count):
+        ramp = pb.looks.ColorRamp(
+            np.linspace(0, 1, count), np.linspace([1, 1, 1], [0.5, 0.2, 1], count), space="radius"
+        )
+        return seen(pb.Look(**{**PLAIN, "across": pb.looks.Gaussian(width) * ramp}))
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        render(0.1, 3)
+        dr.kernel_history_clear()
+        render(0.05, 9)
+        assert not compiled()
+
+
 def test_light_is_neither_negative_nor_endless():
     def spiked(distance, s):  # which the check does not sample
         return dr.select(dr.abs(distance - 1.0) < 1e-3, Float(dr.inf), 0.5)

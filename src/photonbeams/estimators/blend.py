@@ -37,7 +37,7 @@ def need(
     # Farthest that the chord through the axis reaches from the closest approach; infinite along the cone's wall. If the
     # ray is steeper than the cone opens, the closest approach may lie beyond the apex, where the radius is negative.
     reach = dr.abs(radius) if beam.bend is None else beam.widest
-    half = look.profile.support * reach * (taper + sine) * dr.rcp(dr.maximum(opening, 1e-6))
+    half = look.profile.edge * reach * (taper + sine) * dr.rcp(dr.maximum(opening, 1e-6))
     c = dr.abs(at.cosine)
     margin = dr.minimum(dr.abs(at.t - t_min), dr.abs(t_max - at.t))
     to_end = dr.minimum(dr.abs(at.s - beam.begin), dr.abs(beam.stop - at.s)) * dr.rcp(dr.maximum(c, 1e-6))

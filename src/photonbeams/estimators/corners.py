@@ -74,10 +74,10 @@ def across_section(x: Float, look: BoundLook) -> tuple[list[Crossings], Float]:
 
     rings = look.places.get("radius")
     edges = [] if rings is None else [Crossings(rings.count, lambda number: at(rings(number)))]
-    return edges, at(Float(look.profile.support))
+    return edges, at(look.profile.edge)
 
 
-def within(ring: Float, ray: Chord) -> tuple[Float, Float]:
+def within(ring: Float | float, ray: Chord) -> tuple[Float, Float]:
     """Return the τ between which a ray is nearer to the axis than `ring` radii; reversed if it nowhere is."""
     growth, radius = ring * ray.growth, ring * ray.radius
     return inside_cone(

@@ -58,7 +58,7 @@ def _lit(ray: Chord, look: BoundLook) -> tuple[Float, Float]:
     """Return the part of a chord on which the profile is not dark."""
     if look.profile.support == 1:
         return ray.a, ray.b
-    first, last = within(dr.opaque(Float, look.profile.support), ray)
+    first, last = within(look.profile.edge, ray)
     return dr.clip(first, ray.a, ray.b), dr.clip(last, ray.a, ray.b)
 
 

@@ -117,6 +117,11 @@ class Across(Described):
         return float(rho[last]) if last < _NEARLY_ALL * len(rho) else 1.0
 
     @cached_property
+    def edge(self) -> Float | float:
+        """The support in a kernel: an input of it, but for a profile that is lit everywhere."""
+        return 1.0 if self.support == 1 else dr.opaque(Float, self.support)
+
+    @cached_property
     def rings(self) -> tuple[float, ...]:
         """Values of ρ that cut chords into pieces on which six points are accurate; a ring of 0 cuts them at the axis.
 
@@ -138,18 +143,22 @@ class Across(Described):
 
     def _tolerated(self) -> npt.NDArray[np.float64]:
         """Return the error that a piece of each of the chords may have."""
-        ends = np.sqrt(self.support**2 - (_CHORDS * self.support) ** 2)
+        ends = self._half(self.support)
         light = 2 * self._summed(_EIGHT, np.zeros_like(ends), ends)
         return np.clip(_ERROR * light, _ERROR * _DIM * light.max(), _ERROR_OF_BRIGHTEST * light.max())
 
     def _error(self, low: float, high: float, axis: bool) -> npt.NDArray[np.float64]:
         """Return by how much six points err between two rings, for each of the chords."""
-        inner, outer = (np.sqrt(np.maximum(ring**2 - (_CHORDS * self.support) ** 2, 0)) for ring in (low, high))
+        inner, outer = self._half(low), self._half(high)
         whole = (inner == 0) & (not axis)  # from one side of the ring to the other
         begin = np.where(whole, -outer, inner)
         exact = self._summed(_EIGHT, inner, outer) * np.where(whole, 2, 1)
         points = self._summed(_SIX, begin, outer, panels=1)
         return np.abs(points - exact) * np.where(whole, 1, 2)
+
+    def _half(self, ring: float) -> npt.NDArray[np.float64]:
+        """Return half the length of the chords within a ring."""
+        return np.sqrt(np.maximum(ring**2 - (_CHORDS * self.support) ** 2, 0))
 
     def _summed(
         self, rule: Rule, begin: npt.NDArray[np.float64], end: npt.NDArray[np.float64], panels: int = _PANELS
@@ -200,7 +209,7 @@ class Across(Described):
     def _place(self, rho2: Float) -> Float:
         """Return ρ in units of the support; away from 0, where the root has no derivative."""
         rho = dr.sqrt(dr.maximum(rho2, 1e-12))
-        return rho if self.support == 1 else rho * dr.opaque(Float, 1 / self.support)
+        return rho if self.support == 1 else rho * dr.rcp(self.edge)
 
 
 class Modulated(Described):

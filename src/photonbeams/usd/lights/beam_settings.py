@@ -75,9 +75,9 @@ def _read_portal_gobo(
     reading: Reading, prim: Usd.Prim, portal: Mesh | str | None
 ) -> Gobo | tuple[Gobo, ...] | None:  # fmt: skip
     """Return the image on a light's portal, or one for each of several gprims."""
-    openings = _openings(reading, prim) if isinstance(portal, Mesh) else []
-    if len(openings) < 2:
+    if not isinstance(portal, Mesh) or len(reading.targets(prim, "photonbeams:portal")) < 2:
         return read_portal_gobo(reading, prim, portal)
+    openings = _openings(reading, prim)
     gobos = [read_portal_gobo(reading, prim, each) for each in openings]
     return tuple(replace(gobo, over=mesh) for gobo, mesh in zip(gobos, openings, strict=True) if gobo) or None
 
