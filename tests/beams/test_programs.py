@@ -233,7 +233,7 @@ def test_another_pass_of_all_modifiers_compiles_nothing(traced):
 @pytest.mark.parametrize(
     ("message", "make"),
     [
-        (r"aim: amount is 2: expected a finite number at least 0 at most 1", lambda: aim((0, 0, 0), 2)),
+        (r"aim: amount is 2: expected a finite number at least 0 and at most 1", lambda: aim((0, 0, 0), 2)),
         (r"aim: target is \(0, 0\): expected 3 finite numbers", lambda: aim((0, 0))),
         (r"thin: fraction is 0: expected more than 0", lambda: thin(0)),
         (r"thin: fraction is 1.5: expected", lambda: thin(1.5)),

@@ -57,13 +57,13 @@ def _projected(beam: Record, at: ClosestApproach, x: Float, look: BoundLook, ray
     """
     longest = dr.clip(look.change * dr.rcp(dr.maximum(look.rate_radius, 1e-20)), dr.rcp(look.cuts), 1)
     edges, end = across_section(x, look)
-    numbers = [UInt32(0) for _ in range(len(edges))]
+    nearest = [each.first() for each in edges]
     total = Array3f(0)
     low = Float(0)
     while low < end:
         high = low + longest
         high = dr.select(high > end - 0.01 * longest, end, high)
-        numbers, high = cut(edges, numbers, low, high)
+        nearest, high = cut(edges, nearest, low, high)
         half, middle = 0.5 * (high - low), 0.5 * (high + low)
         j = UInt32(0)
         while j < points.count:

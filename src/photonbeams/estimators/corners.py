@@ -26,6 +26,10 @@ class Crossings:
     count: UInt32
     where: Callable[[UInt32], Float]
 
+    def first(self) -> tuple[UInt32, Float]:
+        """Return the number of the first crossing, and where it is."""
+        return UInt32(0), self.where(UInt32(0))
+
 
 def crossings(beam: Record, ray: Chord, look: BoundLook) -> list[Crossings]:
     """Return the crossings of a chord with the corners of each input, τ from its point."""
@@ -87,14 +91,16 @@ def within(ring: Float | float, ray: Chord) -> tuple[Float, Float]:
 
 
 @syntax
-def cut(edges: Sequence[Crossings], numbers: list[UInt32], low: Float, high: Float) -> tuple[list[UInt32], Float]:
-    """Return the numbers of the first crossings after `low`, and the first of them, or `high` if that comes before."""
+def cut(
+    edges: Sequence[Crossings], nearest: list[tuple[UInt32, Float]], low: Float, high: Float
+) -> tuple[list[tuple[UInt32, Float]], Float]:
+    """Return the first crossings after `low`, and where the first of them all is, or `high` if that comes before."""
     found = []
     for k in range(len(edges)):
-        number, place = numbers[k], edges[k].where(numbers[k])
+        number, place = nearest[k]
         while (number < edges[k].count) & ~(place > low):
             number += 1
             place = edges[k].where(number)
         high = dr.select((number < edges[k].count) & (place < high), place, high)
-        found.append(number)
+        found.append((number, place))
     return found, high

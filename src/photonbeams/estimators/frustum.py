@@ -69,7 +69,7 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, ca
     begin, end = _lit(ray, look)
     low, end = Float(begin), dr.select(active, end, begin)
     edges = crossings(beam, ray, look)
-    numbers = [UInt32(0) for _ in range(len(edges))]
+    nearest = [each.first() for each in edges]
     cosine, length, growth = dr.abs(ray.cosine), end - begin, ray.growth
     rate = change_rate(beam, cosine, look)
     rate_across = look.rate_radius * dr.sqrt(ray.sin2)
@@ -88,7 +88,7 @@ def chord_integral(beam: Record, ray: Chord, look: BoundLook, points: Points, ca
         # short that it rounds to nothing, it takes the rest as well, or the loop would never end.
         high = low + longest
         high = dr.select((end - low > 1.01 * longest) & (high > low), high, end)
-        numbers, high = cut(edges, numbers, low, high)
+        nearest, high = cut(edges, nearest, low, high)
         half, middle = 0.5 * (high - low), 0.5 * (high + low)
         j = UInt32(0)
         while j < points.count:
