@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import gaussian_filter, maximum_filter
 
 from photonbeams import Shot, scene
 from photonbeams.render.films import denoising
@@ -136,6 +136,16 @@ def test_a_pattern_that_looks_like_noise_is_kept_where_it_is_larger_than_the_pas
     # The network by itself would take the texture for noise.
     guides = {"albedo": np.full((*SHAPE, 3), 0.5, np.float32)}
     assert error(denoising._filtered(noisy["surface"], guides), texture) > 3 * error(noisy["surface"], texture)
+
+
+def test_noise_goes_where_the_network_is_a_little_too_dark_over_many_pixels(rng):
+    noise, shade = 0.08 * rng.normal(size=(96, 96, 3)), 0.05 * np.sin(np.arange(96) / 10)[:, None, None]
+    # Noise of one variance in each channel: that of their mean is a third of it.
+    mixed = denoising._mixture(1 + noise, shade - noise, np.full((96, 96), 0.08**2 / 3), 0.0) - 1
+    slow = gaussian_filter(mixed, (3, 3, 0))
+    # The fine noise is all noise. Of slow light, 1/(4π 3²) of the variance is noise, less than a tenth of the shade's.
+    assert np.std(mixed - slow) < 0.05 * 0.08
+    assert np.std(slow) < 0.5 * np.std(shade)
 
 
 def test_layers_add_up_and_alpha_is_as_it_was(rng):

@@ -8,7 +8,9 @@ surface behind them looks like would be left in them.
 Beams share their light among many pixels, so their noise is of another kind, and after a few passes there is hardly
 any. The network may make them worse. A layer is therefore a mixture of two pictures, n of the passes and f of the
 network: n + w (f − n). Two properties of d = f − n, each taken over the pixels around, tell noise from the network's
-own errors. Both use errors relative to the light; otherwise bright pixels would decide for dark ones beside them:
+own errors. Both use errors relative to the light; otherwise bright pixels would decide for dark ones beside them. What
+is slow in d, a blur of it, and what is fine have weights of their own: noise is fine, the network's errors may be as
+slow as a screen is wide, and one weight for both would leave specks of noise where the network is a little too dark.
 
 - Its size. The passes tell how large their error is, σ². Where the network errs by b, the mean of d² is about σ² + b²,
   and w = σ² / (σ² + b²) has the least error of all mixtures (like James and Stein's estimator; Gu et al. 2022, "Neural
@@ -16,7 +18,8 @@ own errors. Both use errors relative to the light; otherwise bright pixels would
   the one without denoising.
 - Its pattern. Noise differs from pixel to pixel, while a smeared edge is the same error in many pixels. So w falls with
   the correlation of neighbours, and is 0 where that is a third. Otherwise the edges of shafts would be smeared in the
-  first passes: σ² also counts that passes look at different places in a pixel, though these errors cancel.
+  first passes: σ² also counts that passes look at different places in a pixel, though these errors cancel. Slow
+  differences have no such weight: a blur leaves 1/(4π s²) of σ² of them, which is little beside a smeared edge.
 
 What emits light and is seen, also in mirrors and through glass, has no noise and is left out: of lamps a thousand times
 brighter than the rest, the network makes green ones. Nor does w go so far that a pixel is brighter than all of the
@@ -33,7 +36,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import convolve, maximum_filter, uniform_filter
+from scipy.ndimage import convolve, gaussian_filter, maximum_filter, uniform_filter
 
 from ...runtime.device import backend
 from ...scene import Array, SceneError
@@ -47,6 +50,7 @@ _AROUND = 15
 # more or fewer than their number of passes tells, and a network that removes them does not err.
 _ERRORS = 4.0
 _LEAST = np.finfo(np.float32).tiny
+_SLOW = 3.0  # pixels of the Gaussian that tells what is slow in a difference
 _CORRELATED = 1 / 3  # correlation of neighbours from which on a difference is not noise at all
 _ORDINARY = 1e-6, 1e15  # mean light that needs no scale: below 1e-7 the network returns light of its own
 _DARK = 0.01  # fraction of the picture's mean light: errors of darker pixels are relative to this
@@ -168,23 +172,32 @@ def _mixed(
         return (_mixed(name, scaled, guides, variance, unknown, known) / scale).astype(np.float32)
     if name not in known or not known[name].is_of(noisy, guides):
         known[name] = Filtered(noisy, guides, _filtered(noisy, guides))
-    change = known[name].result - noisy
-    return noisy + _weight(noisy, change, variance, unknown)[..., None] * change
+    return _mixture(noisy, known[name].result - noisy, variance, unknown)
 
 
-def _weight(noisy: Array, change: Array, variance: Array | None, unknown: float) -> Array:
-    """Return the weight of the network's change in each pixel: see `_mixed`."""
+def _mixture(noisy: Array, change: Array, variance: Array | None, unknown: float) -> Array:
+    """Return the light with that part of the network's change that removes noise; arguments as of `_mixed`."""
+    taken = unknown * change
+    if variance is not None:
+        shown = (noisy + change).mean(axis=2)
+        usual = np.maximum(shown, _DARK * float(np.maximum(shown.mean(), _LEAST)))
+        own = np.maximum(_around(variance.reshape(shown.shape) / usual**2), 0)
+        relative = change / usual[..., None]
+        slow = gaussian_filter(relative, (_SLOW, _SLOW, 0))
+        left, fine = 1 / (4 * np.pi * _SLOW**2), (relative - slow).mean(axis=2)
+        likeness = _surely(fine * _beside(fine)) / np.maximum(_CORRELATED * _around(fine**2), _LEAST)
+        weight = _noise(own * (1 - left), fine) * np.maximum(1 - likeness, 0)
+        kept = weight[..., None] * (relative - slow) + _noise(own * left, slow.mean(axis=2))[..., None] * slow
+        taken = usual[..., None] * kept
     room = maximum_filter(noisy, (_AROUND, _AROUND, 1)) - noisy
-    most = np.divide(room, change, out=np.ones_like(change), where=change > room).min(axis=2)
-    if variance is None:
-        return np.minimum(most, np.float32(unknown))
-    shown = (noisy + change).mean(axis=2)
-    usual = np.maximum(shown, _DARK * float(np.maximum(shown.mean(), _LEAST)))
-    light = change.mean(axis=2) / usual
-    own, size = _around(variance.reshape(noisy.shape[:2]) / usual**2), _around(light**2)
-    weight = np.maximum(own, 0) / np.maximum(np.maximum(_surely(light**2), own), _LEAST)
-    weight *= np.clip(1 - _surely(light * _beside(light)) / np.maximum(_CORRELATED * size, _LEAST), 0, 1)
-    result: Array = np.minimum(weight, most)
+    most = np.divide(room, taken, out=np.ones_like(taken), where=taken > room).min(axis=2)
+    result: Array = noisy + most[..., None] * taken
+    return result
+
+
+def _noise(own: Array, light: Array) -> Array:
+    """Return which part of the squares of `light` is noise, from its variance."""
+    result: Array = own / np.maximum(np.maximum(_surely(light**2), own), _LEAST)
     return result
 
 
