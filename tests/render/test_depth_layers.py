@@ -7,7 +7,7 @@ import OpenImageIO
 import pytest
 
 from photonbeams import scene
-from photonbeams.images.deep_sizes import deep_sizes
+from photonbeams.images.exr import deep_sizes
 from photonbeams.images.plates import Holdout
 from photonbeams.render.seen import depth_layers
 from photonbeams.render.seen.depth_layers import DepthLayers

@@ -98,7 +98,7 @@ def show(path: Path, session_layer: Sequence[Path] | None = None) -> None:
 
 
 def _show_image(console: Console, path: Path) -> None:
-    from ..images.deep_sizes import deep_sizes
+    from ..images.exr import deep_sizes
     from ..images.files import summaries
 
     parts = summaries(path)
@@ -127,7 +127,7 @@ def _header_rows(path: Path) -> list[tuple[str, str]]:
 
     An attribute that is the same in all views is listed once; others, such as matrices, are listed for each view.
     """
-    from ..images.tiles import exr_parts
+    from ..images.exr import exr_parts
 
     headers: dict[str, dict[str, str]] = {}
     for part in exr_parts(path, header_only=True):

@@ -19,7 +19,7 @@ from ..runtime.files import PathLike
 from ..scene import Array, SceneError
 from .color_spaces import COLOR_SPACE, named, primaries, space_of
 from .deep import read_deep
-from .deep_sizes import deep_sizes
+from .exr import deep_sizes
 from .files import check_decoded, check_image, opened, pixels_of, read_pixels
 from .numbering import numbered
 
@@ -153,6 +153,9 @@ class ImageFile:
             while file.seek_subimage(len(self._specs), 0):
                 self._specs.append(file.spec())
                 check_image(path, self._specs[-1])
+            is_exr = file.format_name() == "openexr"
+        # Of an EXR whose end is missing, OpenImageIO tells only once pixels are read, which may be hours later.
+        self._deep_sizes = deep_sizes(path) if is_exr else []
 
     def __str__(self) -> str:
         return str(self._path)
@@ -189,7 +192,7 @@ class ImageFile:
         the number of that pixel for each one in the box, (H', W'), -1 outside of the data window.
         """
         spec = self._specs[channels[0].part]
-        sizes, specs = deep_sizes(self._path), self._specs
+        sizes, specs = self._deep_sizes, self._specs
         samples = sum(size / each.pixel_bytes(True) for each, size in zip(specs, sizes, strict=True))
         arrays = sum(pixels_of(each) * each.nchannels for each in specs)
         memory = sum(sizes) + _SAMPLE_BYTES * samples + _ARRAY_BYTES * arrays

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import redirect_stdout
-from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +11,7 @@ import OpenEXR
 from ..runtime.files import PathLike
 from ..scene import Array
 from .color_spaces import USUAL_SPACES
-from .files import unreadable
+from .exr import exr_parts
 from .writing import attributes_of, encoded_parts, part_metadata
 
 if TYPE_CHECKING:
@@ -38,14 +36,8 @@ def encoded_deep(path: PathLike, views: Mapping[str, tuple[DeepPicture, Metadata
 
 def read_deep(path: PathLike, part: int, names: list[str]) -> tuple[Array, list[Array]]:
     """Return how many samples each pixel of a deep part has, (H, W), and the values of channels, (N,) float32 each."""
-    try:
-        with redirect_stdout(StringIO()):  # it prints why a part cannot be decoded, and leaves the part out
-            channels = OpenEXR.File(str(path), separate_channels=True).parts[part].channels
-        pixels = [channels[name].pixels for name in names]
-    except (IndexError, KeyError):
-        raise unreadable(path, "its deep samples are damaged") from None
-    except (RuntimeError, ValueError, MemoryError) as error:
-        raise unreadable(path, str(error)) from None
+    channels = exr_parts(path, deep=True)[part].channels
+    pixels = [channels[name].pixels for name in names]
     none = np.zeros(0, np.float32)
     counts = np.array([0 if each is None else len(each) for each in pixels[0].ravel()], np.int64)
     values = [np.concatenate([none, *(each for each in own.ravel() if each is not None)]) for own in pixels]

@@ -24,7 +24,7 @@ from scipy.ndimage import map_coordinates, uniform_filter
 from ..runtime.files import write_bytes
 from ..scene import Array, SceneError
 from .color_spaces import COLOR_SPACE, REC709
-from .tiles import exr_parts
+from .exr import exr_parts
 from .writing import EXACT, encoded_parts, png_of
 
 # By how much depths of the same point may differ, relative to the depth: it is known at the centres of pixels.
@@ -288,7 +288,15 @@ def _film_view(path: Path, parts: Sequence[OpenEXR.Part]) -> FilmView:
     across, down = right + 1 - left, bottom + 1 - top
     place = (x0 - left) / across, (y0 - top) / down, (x1 + 1 - x0) / across, (y1 + 1 - y0) / down
     found = (header.get(f"{name}{EXACT}", header[name]) for name in ("worldToCamera", "worldToNDC"))
-    world, film = (np.asarray(each, np.float64).reshape(4, 4).T for each in found)
+    try:
+        world, film = (np.asarray(each, np.float64).reshape(4, 4).T for each in found)
+        lens = film @ np.linalg.inv(world)
+        is_camera = bool(np.all(np.isfinite(lens)) and lens[0, 0] * lens[1, 1])
+    except (TypeError, ValueError, np.linalg.LinAlgError):
+        is_camera = False
+    if not is_camera:
+        text = "worldToCamera and worldToNDC in its header are no matrices of a camera"
+        raise SceneError(f"{path}: {text}: expected a frame by `photonbeams render`")
     return FilmView(layers, world, film, place)
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import OpenEXR
 
 from ..runtime.files import PathLike, write_bytes
-from ..runtime.inputs import problem_of
 from ..scene import Array, SceneError
+from .exr import exr_parts
 from .files import MOST_PIXELS
 from .writing import encoded_parts
 
@@ -47,6 +47,8 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
         place = np.s_[box[1] - whole[1] : box[3] - whole[1], box[0] - whole[0] : box[2] - whole[0]]
         if _kind(header) != _kind(headers[0]):
             raise SceneError(f"{path}: has other layers or another display window than {paths[0]}: expected its tiles")
+        if any(_box(each.header) != box for each in header):
+            raise SceneError(f"{path}: its layers have several data windows: expected one, as in tiles of a picture")
         if covered[place].any():
             raise SceneError(f"{path}: covers what another tile covers: expected parts that do not overlap")
         covered[place] = True
@@ -56,6 +58,9 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
             joined = [{name: _black(each.pixels, covered.shape) for name, each in channels} for channels in like]
         for part, into in zip(parts, joined, strict=True):
             for name, channel in part.channels.items():
+                if channel.pixels.dtype != into[name].dtype or channel.pixels.shape[:2] != covered[place].shape:
+                    text = f"its layer {part.name()} is stored in another way than in {paths[0]}, or at another size"
+                    raise SceneError(f"{path}: {text}: expected tiles of one picture")
                 into[name][place] = channel.pixels
     if not covered.all() and not partial:
         text = f"{covered.size - int(covered.sum()):,} of {covered.size:,} pixels are in no tile"
@@ -67,20 +72,6 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
     ]
     write_bytes(output, encoded_parts(output, files))
     return int(covered.sum()), covered.size
-
-
-def exr_parts(path: Path, *, header_only: bool = False) -> list[OpenEXR.Part]:
-    """Return the parts of an EXR, with interleaved channels; SceneError for other files, OSError as `problem_of`."""
-    if problem := problem_of(path):
-        raise SceneError(f"{path}: expected an EXR, but {problem}")
-    try:
-        parts = list(OpenEXR.File(str(path), separate_channels=False, header_only=header_only).parts)
-        repr([part.header for part in parts])  # of text that is not UTF-8, this raises an error here
-        return parts
-    except UnicodeDecodeError:
-        raise SceneError(f"{path}: expected an EXR, but its header has a name that is not in UTF-8") from None
-    except (RuntimeError, ValueError, MemoryError) as error:
-        raise SceneError(f"{path}: expected an EXR: {' '.join(str(error).split())[:120]}") from None
 
 
 def _box(header: dict[str, Any]) -> Box:
