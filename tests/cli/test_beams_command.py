@@ -232,7 +232,7 @@ def test_what_is_wrong_with_a_function_is_told_in_a_sentence(functions, capsys, 
 def test_beams_do_not_replace_the_stage_that_they_are_of(functions, capsys):
     before = (functions / "stage.usda").read_bytes()
     assert call("beams", "stage.usda", "-o", "stage.usda", "--beams", "16", "-q") == 1
-    assert "stage.usda is a file that the stage is read from: expected another file" in capsys.readouterr().err
+    assert "which is read: expected another file to write to" in capsys.readouterr().err
     assert (functions / "stage.usda").read_bytes() == before
 
 

@@ -38,7 +38,7 @@ def test_a_dressed_export_renders_and_overwrites_an_older_layer(call, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("export.usda", "-o", "export.usda"), "export.usda is a file that the stage is read from"),
+        (("export.usda", "-o", "export.usda"), "export.usda would replace "),
         (("export.usda", "-o", "shot.usdc"), "--output is shot.usdc: expected a name that ends in .usda"),
         (("export.usda", "-o", "shot.usda", "-cam", "No"), "has no camera 'No': expected one of /Camera"),
         (("none.usda", "-o", "shot.usda"), "none.usda: expected a USD stage, but there is no such file"),

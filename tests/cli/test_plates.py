@@ -200,6 +200,6 @@ def test_a_plate_is_not_replaced_by_what_lies_over_it(call, files, flag):
     plate = files / "plate.exr"
     plate.write_bytes(PLATE.read_bytes())
     code, _, stderr = call("render", files / "bare.usda", flag, plate, "-o", plate, *SMALL)
-    assert code == 2
-    assert f"plate.exr is read by {flag} and would be overwritten: expected another output file" in stderr
+    assert code == 1
+    assert f"{plate} would replace {plate}, which is read: expected another file to write to" in stderr
     assert plate.read_bytes() == PLATE.read_bytes()

@@ -39,7 +39,7 @@ def test_wrong_files_are_told(call, render, tmp_path, out):
     stage = written(tmp_path)
     assert render(stage, "-o", out / "film.##.exr", *FLAGS, "-f", "1:2")[0] == 0
     film = out / "film.##.exr"
-    text = f"{out / 'film.01.exr'}: is a frame of the film itself: expected another name"
+    text = f"film.01.exr would replace {out / 'film.01.exr'}, which is read: expected another file to write to"
     fails(call("steady", film, "-f", "1:2", "-o", film), 1, text)
     fails(call("steady", film, "-f", "1:3", "-o", out / "s.##.exr"), 1,
           f"{out / 'film.03.exr'}: no such file: expected all frames of the film")  # fmt: skip

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from .flags import ContentFlags
-from .outputs import Output, check_placeholders, check_product
+from .outputs import Output, check_different, check_placeholders, check_product, snapshots_of
 from .progress import bar, counted, frame_line, report_line, summary_lines
 
 if TYPE_CHECKING:
@@ -50,6 +50,11 @@ class Task:
         """The paths of its outputs."""
         return [output.path for output in self.outputs]
 
+    @property
+    def written(self) -> list[Path]:
+        """The paths of the files that rendering it writes: its outputs, and snapshots, which are removed again."""
+        return [*self.files, *(each.path for each in snapshots_of(self.outputs))]
+
 
 def frame_numbers(text: str | None, outputs: Sequence[Output]) -> list[float | None]:
     """Return the frames that `--frames` asks for, None for the stage's start; check that their outputs differ."""
@@ -75,11 +80,12 @@ def tasks_of(
     `anywhere` says whether render products may lie outside the working folder, and `single_part` whether each is
     written in one part.
     """
+    from ..runtime.files import place_of
     from ..usd.common.reading import file_of
     from ..usd.settings import product_file
 
     tasks = []
-    owners: dict[Path, str] = {}
+    owners: dict[object, str] = {}
     for number in numbers:
         frame = shot.subject.number(number)
         files = outputs or [
@@ -94,17 +100,14 @@ def tasks_of(
         task = Task(number, f"{frame:.10g}", tuple(each.numbered(frame) for each in files))
         for product, path in zip([] if outputs else products, task.files, strict=False):
             check_product(path, f"{file_of(shot.stage)}: {product.path}.productName", anywhere=anywhere)
-        for path in task.files:
-            owner = owners.setdefault(path.absolute(), task.name)
+        check_different(task.written)
+        for path in task.written:
+            owner = owners.setdefault(place_of(path), task.name)
             if owner is not task.name:
                 raise typer.BadParameter(
                     f"{path} is the output of the frames {owner} and {task.name}: expected one run of # in its "
                     "name, or a name that changes with the frame"
                 )
-        if len({path.absolute() for path in task.files}) < len(task.files):
-            raise typer.BadParameter(
-                f"the outputs are {', '.join(map(str, task.files))}: expected a different file for each"
-            )
         tasks.append(task)
     return tasks
 

@@ -52,13 +52,12 @@ def beams(
     with messages(shown.quiet, shown.verbose), held_signals() as check:
         device.start()
         from ..usd.authoring.beams import check_path
-        from ..usd.stage import check_not_read
 
         shot, tasks = opened_frames(scene, camera, target, content, **programs.loaded())
         for task in tasks:
             task.files[0].parent.mkdir(parents=True, exist_ok=True)
             check_path(task.files[0])
-            check_not_read(shot.stage, task.files[0])
+            shot.subject.check_targets(task.files)
         for task in tasks:
             check()
             with check.forced():

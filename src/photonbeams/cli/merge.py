@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from glob import glob
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +15,7 @@ from ..images.numbering import numbered
 from ..runtime.device import check_address_space
 from .animation import frame_numbers
 from .flags import PictureFlags, Quiet
-from .outputs import Output, chosen_layers, parse_outputs, prepare_outputs, write_outputs
+from .outputs import Output, check_different, chosen_layers, parse_outputs, prepare_outputs, write_outputs
 from .progress import counted, messages
 
 if TYPE_CHECKING:
@@ -51,14 +52,19 @@ def merge(
     photonbeams merge a.checkpoint b.checkpoint -o frame.exr
     """
     check_address_space()
+    from ..runtime.files import check_kept
     from ..scene import SceneError
     from ..shot.development import developed
 
     outputs = parse_outputs(output, pictures.picture or (), pictures.deep, single_part=pictures.single_part)
     layers = pictures.layers
     with messages(quiet, verbose=False):
-        for number in frame_numbers(pictures.frames, outputs):
-            files = [each if number is None else each.numbered(number) for each in outputs]
+        numbers = frame_numbers(pictures.frames, outputs)
+        written = [[each if number is None else each.numbered(number) for each in outputs] for number in numbers]
+        targets = [each.path for files in written for each in files]
+        check_different(targets)
+        check_kept(targets, chain(*(each for number in numbers for each in _named(checkpoints, number).values())))
+        for number, files in zip(numbers, written, strict=True):
             if pictures.skip_existing and all(each.exists() for each in files):
                 continue
             prepare_outputs(files)
@@ -96,18 +102,21 @@ def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, partial: bo
         typer.echo(f"{counted(len(paths), 'tile')} joined, wrote {outputs[0].path}", err=True)
 
 
+def _named(given: Sequence[Path], number: float | None) -> dict[Path, list[Path]]:
+    """Return the checkpoints of a frame by the paths that were given, sorted by name within each pattern."""
+    paths = [each if number is None else numbered(each, number) for each in given]
+    return {path: [path] if path.exists() else [*map(Path, sorted(glob(str(path))))] for path in paths}
+
+
 def _found(given: Sequence[Path], number: float | None) -> list[Path]:
-    """Return the checkpoints of a frame, without repetitions, sorted by name within each pattern."""
+    """Return the checkpoints of a frame, without repetitions."""
     from ..scene import SceneError
 
-    result: dict[Path, None] = {}
-    for each in given:
-        path = each if number is None else numbered(each, number)
-        names = [str(path)] if path.exists() else sorted(glob(str(path)))
-        if not names:
+    named = _named(given, number)
+    for path, found in named.items():
+        if not found:
             raise SceneError(f"{path}: no such file")
-        result |= dict.fromkeys(map(Path, names))
-    return [*result]
+    return [*dict.fromkeys(chain(*named.values()))]
 
 
 def joined(paths: Sequence[Path]) -> FrameSums:

@@ -79,13 +79,19 @@ def parse_outputs(
         outputs.append(Output(checked_path("--picture", Path(name), (".png",)), layer))
     if deep is not None:
         outputs.append(Output(checked_path("--deep", deep, (".exr",)), deep=True))
-    seen: set[Path] = set()
-    for output in outputs:
-        place = output.path.absolute()
-        if place in seen:
-            raise typer.BadParameter(f"{output.path} is named twice: expected a different file for each output")
-        seen.add(place)
+    check_different([each.path for each in outputs])
     return outputs
+
+
+def check_different(paths: Iterable[Path]) -> None:
+    """Refuse files to write of which two are one, by their names or by a link."""
+    from ..runtime.files import place_of
+
+    seen = dict[object, Path]()
+    for path in paths:
+        if (other := seen.setdefault(place_of(path), path)) is not path:
+            text = f"{path} is named twice" if path == other else f"{path} is {other}, by a link or another name"
+            raise typer.BadParameter(f"{text}: expected a different file for each output")
 
 
 def part_outputs(files: Iterable[Path]) -> list[Output]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ..render.passes import PlannedPasses, Progress, Statistics
     from ..render.reuse import FilmMemory
     from ..render.settings import Settings
+    from ..runtime.files import PathLike
     from ..shot import Shot
     from ..shot.estimate import Estimate
     from ..usd.settings import RenderSettings
@@ -79,6 +80,16 @@ class Job:
         more = [layer for name, layers in REQUESTED.items() if getattr(self.settings, name) for layer in layers]
         noisy = [NOISY + name for name in names if name.startswith(("surface", "beams")) and self.settings.keep_noisy]
         return [*names, *more, *noisy]
+
+    def files(self, todo: Sequence[Task]) -> Iterator[PathLike]:
+        """Yield the files from which frames are read: those of the scene, and those that flags name."""
+        from ..usd.cameras.stereo import views_of
+
+        subject, request = self.shot.subject, self.request
+        yield from subject.files([task.number for task in todo])
+        yield from request.programs
+        for task in todo:
+            yield from request.plates.files(subject.number(task.number), views_of(self.shot.stereo, request.eyes.eye))
 
     def ready(self, first: Task, todo: Sequence[Task]) -> Job:
         """Return the job with the size of its frames.
@@ -209,12 +220,14 @@ def render(request: RenderRequest) -> None:
 def _ready(job: Job, todo: Sequence[Task], check: HeldSignals) -> tuple[Job, Sequence[str]]:
     """Check all that can be checked before the first pass; return the job, and the layers that files keep."""
     from ..render.films.denoising import check_denoiser
+    from ..runtime.files import check_kept
 
     first = (todo or job.tasks)[0]
     with check.forced():
         kept = chosen_layers(job.request.files.layers, first.outputs, job.layers(first))
         check()
         job = job.ready(first, todo)
+    check_kept([path for task in todo for path in task.written], job.files(todo))
     check_address_space(job.picture_memory())
     for task in todo:
         prepare_outputs(task.outputs)

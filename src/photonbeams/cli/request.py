@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -245,14 +245,12 @@ class PlateFlags(Flags):
 
         return Plate(self.over, self.over_fog) if self.over else None
 
-    def check_outputs(self, outputs: Iterable[Output]) -> None:
-        """Refuse outputs that would overwrite a holdout or a plate."""
-        written = [each.path.absolute() for each in outputs]
-        for flag, path in (("--holdout", self.holdout), ("--over", self.over)):
-            if path and Path(path).absolute() in written:
-                raise typer.BadParameter(
-                    f"{path} is read by {flag} and would be overwritten: expected another output file"
-                )
+    def files(self, frame: float, views: Sequence[str]) -> Iterator[Path]:
+        """Yield the files of the holdout and the plate of a frame."""
+        from ..images.channels import image_paths
+
+        for place in filter(None, (self.holdout, self.over)):
+            yield from (path for path, _ in image_paths(place, frame, views))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,7 +294,6 @@ class RenderRequest(Flags):
             )
         check_crop(self.views.crop, overscan=not self.is_mitsuba)
         self._check_parts()
-        self.plates.check_outputs(self.outputs)
 
     def _check_parts(self) -> None:
         """Refuse flags that do not go with parts of the picture, or of its passes."""
@@ -330,6 +327,13 @@ class RenderRequest(Flags):
             return part_outputs(self.output or ())
         files = self.files
         return parse_outputs(self.output or (), files.picture or (), files.deep, single_part=files.single_part)
+
+    @property
+    def programs(self) -> Iterator[Path]:
+        """The files of Python that flags name, as PRIM=FILE.py:NAME."""
+        named = *(self.looks.look or ()), self.stage.programs.simulate, self.stage.programs.emit
+        for text in filter(None, named):
+            yield Path(text.rpartition("=")[2].rpartition(":")[0])
 
     def wants(self, layer: str, products: Iterable[RenderProduct] = ()) -> bool:
         """Return whether the flags ask for a layer or, if they name no files, the render products do."""

@@ -11,7 +11,7 @@ from ..images.numbering import numbered
 from ..runtime.device import check_address_space
 from .animation import frame_numbers
 from .flags import Quiet
-from .outputs import parse_outputs, prepare_outputs
+from .outputs import check_different, parse_outputs, prepare_outputs
 from .progress import messages
 
 
@@ -42,6 +42,7 @@ def steady(
     """
     check_address_space()
     from ..images.steady import FilmFrame
+    from ..runtime.files import check_kept
     from ..scene import SceneError
 
     outputs = parse_outputs(output, ())
@@ -51,13 +52,13 @@ def steady(
         for path in (numbered(film, each) for each in numbers):
             if not path.exists():
                 raise SceneError(f"{path}: no such file: expected all frames of the film")
+        written = [each.numbered(number).path for number in numbers for each in outputs]
+        check_different(written)
+        check_kept(written, (numbered(film, each) for each in numbers))
         for index, number in enumerate(numbers):
             window = numbers[max(index - neighbours, 0) : index + neighbours + 1]
             known = {each: known.get(each) or FilmFrame.read(numbered(film, each)) for each in window}
             files = [each.numbered(number) for each in outputs]
-            for path in (each.path for each in files):
-                if path.absolute() == numbered(film, number).absolute():
-                    raise SceneError(f"{path}: is a frame of the film itself: expected another name")
             prepare_outputs(files)
             shown = known[number].averaged([known[each] for each in window if each < number],
                                            [known[each] for each in window if each > number])  # fmt: skip

@@ -41,7 +41,7 @@ def swatch(
     Examples: photonbeams swatch look.usda -o look.png, or photonbeams swatch shot.usda --look Ember -o ember.png
     """
     from ..runtime.device import check_address_space
-    from ..runtime.files import atomic_file, try_path
+    from ..runtime.files import atomic_file, check_kept, try_path
 
     if output.suffix.lower() != ".png":
         raise typer.BadParameter(f"{output} is not the name of a picture: expected FILE.png")
@@ -54,9 +54,10 @@ def swatch(
     with messages(quiet=False, verbose=False):
         from ..images.color_spaces import REC709
         from ..usd.look_library import find_looks
-        from ..usd.stage import open_stage
+        from ..usd.stage import files_of, open_stage
 
         stage = open_stage(scene, layers.session_layer or (), layers.overrides or (), working_space=REC709)
+        check_kept([output], files_of(stage))
         found, medium, seconds = find_looks(stage, look or (), frame)
     from ..images.swatches import FOG, Specimen, sheet
     from ..looks import LightContext

@@ -13,7 +13,6 @@ from ..images.frame import pixels_of
 from ..runtime.device import kept_variant
 from ..runtime.files import PathLike, atomic_path, write_bytes
 from ..scene import SceneError
-from ..usd import stage as stages
 from ..usd.common.reading import LOG, file_of, frame_number
 
 if TYPE_CHECKING:
@@ -72,14 +71,21 @@ def export(
         )
     for each in dict.fromkeys(twin.lost):
         LOG.warning("%s: %s", name, each)
-    return _write(twin, path, text)
+    folder = path.parent / twin.folder
+    places = {folder / name: encode for name, encode in twin.files.items()}
+    shot.subject.check_targets(places, frame)
+    with ExitStack() as stack:  # none gets its name before all are whole, and the .xml gets it last
+        write_bytes(stack.enter_context(atomic_path(path)), text.encode())
+        for place, encode in places.items():
+            write_bytes(stack.enter_context(atomic_path(place)), encode())
+    return [path, *places]
 
 
 def check_path(shot: Shot, path: PathLike) -> None:
     """Raise SceneError if a shot cannot be exported to a path."""
     if Path(path).suffix.lower() != ".xml":
         raise SceneError(f"cannot write {path}: expected a name that ends in .xml")
-    stages.check_not_read(shot.stage, path)
+    shot.subject.check_targets([path])
 
 
 def _xml(twin: Twin, title: str) -> str:
@@ -96,14 +102,3 @@ def _xml(twin: Twin, title: str) -> str:
     text = re.sub(r'<(shape|emitter|sensor) type="([^"]*)" name="([^"]*)"', r'<\1 type="\2" id="\3"', text)
     head = f"<!-- {title.replace('--', '- -')}, by photonbeams export -->"
     return f"{head}\n{text}"
-
-
-def _write(twin: Twin, path: Path, text: str) -> list[Path]:
-    """Write the .xml and its files: none gets its name before all are whole, and the .xml gets it last."""
-    folder = path.parent / twin.folder
-    places = {name: folder / name for name in twin.files}
-    with ExitStack() as stack:
-        write_bytes(stack.enter_context(atomic_path(path)), text.encode())
-        for name, encode in twin.files.items():
-            write_bytes(stack.enter_context(atomic_path(places[name])), encode())
-    return [path, *places.values()]

@@ -263,11 +263,16 @@ def _channels_of(part: int, spec: OpenImageIO.ImageSpec, several: bool) -> Itera
         yield Channel(part, index, name, str(spec.channelformat(index)), view or own or (views[0] if views else ""))
 
 
-def image_files(place: PathLike | Array, frame: float, views: Sequence[str]) -> Iterator[tuple[ImageFile, str]]:
-    """Yield the file of each view of a frame, and the view; nothing if `place` is pixels."""
+def image_paths(place: PathLike | Array, frame: float, views: Sequence[str]) -> Iterator[tuple[Path, str]]:
+    """Yield the path of the file of each view of a frame, and the view; nothing if `place` is pixels."""
     if isinstance(place, np.ndarray):
         return
     path = numbered(Path(place), frame)
     for view in views:
-        apart = bool(view) and "%V" in path.name
-        yield ImageFile(path.with_name(path.name.replace("%V", view)) if apart else path, apart), view
+        yield path.with_name(path.name.replace("%V", view)) if view else path, view
+
+
+def image_files(place: PathLike | Array, frame: float, views: Sequence[str]) -> Iterator[tuple[ImageFile, str]]:
+    """Yield the file of each view of a frame, and the view; nothing if `place` is pixels."""
+    for path, view in image_paths(place, frame, views):
+        yield ImageFile(path, bool(view) and "%V" in Path(place).name), view  # type: ignore[arg-type]

@@ -19,13 +19,15 @@ import re
 import secrets
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
 from tempfile import TemporaryDirectory, gettempdir
 from typing import IO, TYPE_CHECKING
+
+from ..scene import SceneError
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -167,6 +169,26 @@ def failure_of(path: Path, message: str) -> OSError:
     except OSError as error:
         return error
     return OSError(errno.EIO, f"cannot be written ({message.strip().partition(chr(10))[0] or 'for no reason given'})")
+
+
+def place_of(path: PathLike) -> object:
+    """Return what all names of a file have in common, those by links and by other folders, too."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        return os.path.realpath(path)
+    return status.st_dev, status.st_ino
+
+
+def check_kept(targets: Iterable[PathLike], sources: Iterable[PathLike]) -> None:
+    """Raise SceneError if one of the files to write is one of those that are read, by its own name or by a link.
+
+    Sources are asked for only if a file would be replaced at all.
+    """
+    places = {place_of(each): each for each in targets if os.path.exists(each)}
+    for source in sources if places else ():
+        if (target := places.get(place_of(source))) is not None:
+            raise SceneError(f"{target} would replace {source}, which is read: expected another file to write to")
 
 
 def try_path(path: PathLike) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 
 from ..runtime.files import PathLike, write_bytes
 from ..scene import SceneError
-from ..usd import stage as stages
 from ..usd.authoring.dressing import SUFFIX, Fog, Lamp, dressing
 from ..usd.common.reading import file_of
 from .shot import Shot
@@ -77,7 +76,7 @@ def check_path(shot: Shot, path: PathLike) -> None:
     """Raise SceneError if a shot cannot be dressed by a layer at a path."""
     if Path(path).suffix != SUFFIX:
         raise SceneError(f"cannot write {path}: expected a name that ends in {SUFFIX}, whose comments can be read")
-    stages.check_not_read(shot.stage, path)
+    shot.subject.check_targets([path])
     if not shot.stage.GetRootLayer().realPath:
         raise SceneError(f"cannot write {path}: expected a stage that is a file, so that a layer can name it")
 

@@ -10,9 +10,9 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -49,7 +49,7 @@ def check_files(path: Path, parameters: Mapping[str, str]) -> None:
 
     SceneError for one that cannot be read, or that claims to hold more than there is, or more than can be read.
     """
-    folders = [path.parent, *_check_paths(path, parameters)]
+    folders = [path.parent, *named_files(path, parameters).folders]
     own = parse(path, parameters)
     for node in own.state.nodes:
         properties = node.props
@@ -63,13 +63,20 @@ def check_files(path: Path, parameters: Mapping[str, str]) -> None:
                 raise SceneError(f"{path}: names {file}: expected a file that can be read, but {problem}") from None
 
 
-def _check_paths(path: Path, parameters: Mapping[str, str]) -> list[Path]:
-    """Check all that a scene and the files that it includes name; return the folders in which Mitsuba looks for them.
+class NamedFiles(NamedTuple):
+    """The files of a scene: itself, and all that it and the files that it includes name; and folders to look in."""
+
+    files: Collection[Path]
+    folders: Sequence[Path]
+
+
+def named_files(path: Path, parameters: Mapping[str, str]) -> NamedFiles:
+    """Return the files that a scene names, and the folders in which Mitsuba looks for them.
 
     A pipe or device is refused wherever it is named. Other text may have the name of a folder by chance.
     """
     folders: list[Path] = []
-    todo = [path]
+    todo, files = [path], {path: None}
     for file in todo:  # which grows meanwhile
         try:
             text = _COMMENT.sub("", content(file, MOST_TEXT).decode("utf-8", "replace"))
@@ -85,6 +92,8 @@ def _check_paths(path: Path, parameters: Mapping[str, str]) -> list[Path]:
                 for found in _found(value, [file.parent, *folders]):
                     if problem := is_special(found):
                         raise SceneError(f"{path}: names {value}: expected a file, but {problem}")
+                    if found.is_file():
+                        files[found] = None
             if kind == "path":
                 folders += [each for each in _found(own.get("value", ""), [file.parent, *folders]) if each.is_dir()]
             if kind == "include":
@@ -93,7 +102,7 @@ def _check_paths(path: Path, parameters: Mapping[str, str]) -> list[Path]:
                     raise SceneError(
                         f"{path}: includes more than {_MOST_FILES:,} files, such as {file}: expected fewer"
                     )
-    return folders
+    return NamedFiles(files.keys(), folders)
 
 
 def _filled(text: str, values: Mapping[str, str]) -> str:

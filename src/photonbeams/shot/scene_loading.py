@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -99,19 +99,6 @@ def _replace(node: Any) -> None:
     for each in [*node.props.keys()]:
         if each not in kept:
             del node.props[each]
-
-
-def contents_of(path: Path, more: Iterable[str]) -> list[bytes]:
-    """Return the bytes of a scene's file, and of the files that it names: textures, volumes, meshes, other scenes."""
-    todo, found = [path, *(path.parent / each for each in sorted(more))], dict[Path, bytes]()
-    for place in todo:  # which grows meanwhile
-        if place in found or not os.path.isfile(place):  # Path.is_file raises an error for some strings
-            continue
-        found[place] = place.read_bytes()
-        if place.suffix == ".xml":
-            names = re.findall(rb'"([^"<>]+)"', found[place])
-            todo += [path.parent / name.decode("utf-8", "replace") for name in names]
-    return [*found.values()]
 
 
 def _message(error: RuntimeError | UnicodeDecodeError) -> str:

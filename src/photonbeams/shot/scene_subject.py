@@ -24,8 +24,9 @@ from ..usd.common.reading import LOG
 from ..usd.common.warnings import Warnings
 from ..usd.layers.header import origin
 from ..usd.scene_layers import SceneLayers
-from ..usd.stage import check_not_read
-from .scene_loading import check_scene, contents_of, load
+from ..usd.stage import files_of
+from .scene_files import named_files
+from .scene_loading import check_scene, load
 from .subject import FrameContent, Subject, Viewpoint, several, size_of
 
 if TYPE_CHECKING:
@@ -272,12 +273,15 @@ class SceneSubject(Subject):
         if self.path is None:
             return ""
         path = numbered(self.path, self.number(frame))
-        return digest(self._parameters, contents_of(path, self._parameters.values()))
+        return digest(self._parameters, [each.read_bytes() for each in named_files(path, self._parameters).files])
 
-    def check_target(self, path: PathLike) -> None:
-        """Raise SceneError for a file that the scene's layers are read from."""
+    def files(self, frames: Iterable[float | None]) -> Iterator[PathLike]:
+        """Yield the files from which the scene is read at some frames, and those of its layers."""
+        paths = {numbered(self.path, self.number(frame)) for frame in frames} if self.path else ()
+        for path in filter(os.path.exists, paths):
+            yield from named_files(path, self._parameters).files
         if self._layers is not None:
-            check_not_read(self._layers.stage, path)
+            yield from files_of(self._layers.stage)
 
 
 @contextmanager

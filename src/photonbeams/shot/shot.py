@@ -450,7 +450,7 @@ class Shot:
         OSError
             The file cannot be written.
         """
-        self.subject.check_target(path)
+        self.subject.check_targets([path], frame)
         drawn = self.drawn_beams(frame, settings=settings, **given)
         self.subject.write_beams(drawn, path, frame)
         return sum(len(each.start) for each in drawn)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from ..usd.cameras.stereo import read_eyes
 from ..usd.common.color_spaces import spaces_of
 from ..usd.common.motion import Exposure
 from ..usd.common.reading import file_of, frame_number
+from ..usd.common.textures import FILES
 from ..usd.groups import groups_at_all_times, makers_at_all_times
 from ..usd.layers.frames import check_frames
 from ..usd.layers.header import header
@@ -155,9 +157,9 @@ class StageSubject(DescribedSubject):
             self._stage_digest = stages.stage_digest(self.stage)
         return digest(self._stage_digest, str(self.time(frame)), self._arguments(viewpoint))
 
-    def check_target(self, path: PathLike) -> None:
-        """Raise SceneError for a file that the stage is read from."""
-        stages.check_not_read(self.stage, path)
+    def files(self, frames: Iterable[float | None]) -> Iterable[PathLike]:
+        """Return the files from which the stage is read at any time, and images that were read so far."""
+        return chain(stages.files_of(self.stage), self._lasting.get(FILES, ()))
 
     def write_beams(self, beams: Sequence[scene.DrawnBeams], path: PathLike, frame: float | None) -> None:
         """Write beams, with the units and the looks of the stage."""

@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ..images.color_spaces import USUAL_SPACES, ColorSpaces
-from ..runtime.files import PathLike
+from ..runtime.files import PathLike, check_kept
 from ..scene import MOST_PIXELS, SceneError, real, whole
 from ..usd.authoring.beams import write_beams
 
@@ -132,8 +132,13 @@ class Subject(ABC):
         """Write beams with the subject's units and looks, if it has any."""
         write_beams(beams, path)
 
-    def check_target(self, path: PathLike) -> None:  # noqa: B027 (only files can be read from)
+    def files(self, frames: Iterable[float | None]) -> Iterable[PathLike]:
+        """Return the files from which the subject is read at some frames."""
+        return ()
+
+    def check_targets(self, paths: Iterable[PathLike], frame: float | None = None) -> None:
         """Raise SceneError for a file that the subject is read from."""
+        check_kept(paths, self.files([frame]))
 
     # What only some subjects have.
 

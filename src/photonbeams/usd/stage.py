@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import isfinite
 from typing import Any, TypeVar
 
@@ -21,7 +21,7 @@ from .authoring.editing import override
 from .cameras.camera import list_cameras, read_camera
 from .common import blender
 from .common.color_spaces import spaces_of
-from .common.openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdSkel, UsdUtils, text_of
+from .common.openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdShade, UsdSkel, UsdUtils, text_of
 from .common.reading import prims_under, quiet, varying_attributes
 from .common.selection import EVERYTHING, Selection, keep
 from .common.sizes import check_prims
@@ -31,7 +31,7 @@ from .contents import read_extent, read_scene, with_looks
 from .layers.composition import warn_of_composition
 from .layers.frames import time_range
 from .layers.metadata import complete_metadata, correct_metadata
-from .layers.writing import forget_changes, ready_layers, why_no_layer
+from .layers.writing import forget_changes, ready_layers, resolved_name, why_no_layer
 from .lights.light import is_dome, is_light
 
 T = TypeVar("T")
@@ -294,11 +294,18 @@ def _layer(path: str) -> Sdf.Layer:
     return layer
 
 
-def check_not_read(stage: Usd.Stage, path: str | os.PathLike[str]) -> None:
-    """Raise SceneError if an output would replace a file that the stage is read from."""
-    mine = os.path.realpath(path)
-    if any(layer.realPath and os.path.realpath(layer.realPath) == mine for layer in stage.GetUsedLayers()):
-        raise SceneError(f"{path} is a file that the stage is read from: expected another file to write to")
+def files_of(stage: Usd.Stage) -> Iterator[str]:
+    """Yield the files that a stage is read from: its layers, and all that they name, at any time and in any variant."""
+    root = stage.GetRootLayer()
+    variables = {**root.expressionVariables, **stage.GetSessionLayer().expressionVariables}
+    for layer in stage.GetUsedLayers():
+        found = [layer.realPath]
+        for name in chain(*UsdUtils.ExtractExternalReferences(layer.identifier)):
+            # What `--set` names is relative to the stage's own file.
+            for anchor in (layer, root) if layer.anonymous else (layer,):
+                found += [path for path, _ in UsdShade.UdimUtils.ResolveUdimTilePaths(name, anchor)]
+                found.append(resolved_name(anchor, name, {**layer.expressionVariables, **variables})[0])
+        yield from {Ar.SplitPackageRelativePathOuter(path)[0] for path in found if path}
 
 
 _REPLACED = "\N{REPLACEMENT CHARACTER}"  # in place of bytes that are no text

@@ -49,7 +49,7 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> lis
         if correct_metadata(layer, warnings) | leave_out_clips(layer, prims, why_no_layer, warnings):
             _CHANGED.add(layer.identifier)
         for name in layer.GetCompositionAssetDependencies():
-            path, arguments = _resolved(layer, name, variables)
+            path, arguments = resolved_name(layer, name, variables)
             identifier = Sdf.Layer.CreateIdentifier(path, arguments)
             if not path or identifier in found:
                 continue
@@ -94,7 +94,7 @@ def _prims(layer: Sdf.Layer) -> list[Sdf.Path]:
     return prims
 
 
-def _resolved(layer: Sdf.Layer, name: str, variables: Mapping[str, object]) -> tuple[str, dict[str, str]]:
+def resolved_name(layer: Sdf.Layer, name: str, variables: Mapping[str, object]) -> tuple[str, dict[str, str]]:
     """Return the path that a layer refers to by a name, "" if there is none, and the arguments of its file format."""
     if Sdf.VariableExpression.IsExpression(name):
         value = Sdf.VariableExpression(name).Evaluate(variables).value
