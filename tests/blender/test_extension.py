@@ -1,8 +1,11 @@
 """The extension as a package: what it imports, its manifest, and the zip."""
 
 import ast
+import json
+import lzma
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from io import BytesIO
@@ -16,6 +19,7 @@ import photonbeams.blender
 from photonbeams.studio.encoding import thumbnail_of
 from photonbeams.usd.authoring.presets import PRESETS, preset_of
 from tests.blender.bpy_python import PYTHON
+from tools import extension
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = Path(photonbeams.blender.__file__).parent / "extension"
@@ -63,6 +67,41 @@ def test_the_zip_has_all_modules(archive):
     assert names == {"LICENSE", "blender_manifest.toml"} | {
         str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*") if path.suffix in (".py", ".json", ".png")
     }
+
+
+def test_a_zip_that_is_not_finished_leaves_the_one_before(tmp_path):
+    target = tmp_path / "out" / "photonbeams.zip"
+    with extension.whole(target) as aside:
+        assert aside.parent == target.parent and not aside.exists() and not target.exists()
+        aside.write_bytes(b"whole")
+    with pytest.raises(KeyboardInterrupt), extension.whole(target) as aside:
+        aside.write_bytes(b"ha")
+        raise KeyboardInterrupt
+    assert target.read_bytes() == b"whole" and [*target.parent.iterdir()] == [target]
+
+
+def test_only_what_has_changed_is_compressed_again(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(extension, "PIECE", 1000)
+    packages = tmp_path / "tree" / "lib" / "site-packages"
+    for name in ("numpy/a.py", "photonbeams/a.py", "scipy/a.py", "scipy/tests/a.py"):
+        (packages / name).parent.mkdir(parents=True)
+        (packages / name).write_bytes(name.encode() * 200)
+
+    def packed():
+        extension.pack(tmp_path / "tree", tmp_path / "packed", tmp_path / "kept")
+        return (tmp_path / "packed").read_bytes(), {path.name for path in (tmp_path / "kept").iterdir()}
+
+    first, kept = packed()
+    assert packed() == (first, kept) and len(kept) == 4  # three files and the list
+    (packages / "photonbeams" / "a.py").write_bytes(b"other" * 200)
+    second, now = packed()
+    assert second != first and len(now) == 4 and len(now & kept) == 2
+    assert capsys.readouterr().err.endswith("packing the renderer: 75%\npacking the renderer: 100%\n")
+    with lzma.open(BytesIO(second)) as content, tarfile.open(fileobj=content, mode="r|") as archive:
+        found = {each.name: archive.extractfile(each).read() for each in archive}
+    names = [f"lib/site-packages/{name}/a.py" for name in ("numpy", "scipy", "photonbeams")]
+    assert list(found) == [*names, "files.json"] and found[names[-1]] == b"other" * 200
+    assert json.loads(found["files.json"]) == {name: len(found[name]) for name in names}
 
 
 @pytest.mark.skipif(not PYTHON.exists(), reason=f"{PYTHON} is missing: the set-up makes it with Python 3.11")
