@@ -166,6 +166,20 @@ def reading(folder):
         for key, value in values.items():
             setattr(light, key, value)
         scene.collection.objects.link(bpy.data.objects.new(name, light))
+    for output, smooth in (("Quadratic", 0.0), ("Quadratic", 0.5), ("Linear", 0.0), ("Wavelength", 0.0)):
+        light = bpy.data.lights.new(f"{output} {smooth}", "POINT")
+        light.use_nodes = True
+        nodes = light.node_tree.nodes
+        strength = nodes["Emission"].inputs["Strength"]
+        if output == "Wavelength":
+            strength.default_value, source = 7.0, nodes.new("ShaderNodeWavelength").outputs[0]
+        else:
+            falloff = nodes.new("ShaderNodeLightFalloff")
+            falloff.inputs["Strength"].default_value, falloff.inputs["Smooth"].default_value = 50.0, smooth
+            source = falloff.outputs[output]
+        light.energy = math.pi
+        light.node_tree.links.new(source, strength)
+        scene.collection.objects.link(bpy.data.objects.new(light.name, light))
     image = bpy.data.images.new("Painted", 4, 4)
     made = material("Textured", transmission_weight=0.25, ior=1.3, sheen_weight=0.5)
     tree = made.node_tree
@@ -201,7 +215,7 @@ def reading(folder):
     prims = SceneReader(bpy.context.evaluated_depsgraph_get(), Kept(str(folder)), said.append).prims()
     plain = {
         each["path"]: {**{name: value[1] for name, value in each.get("values", {}).items()
-                          if not hasattr(value[1], "shape")}, "type": each["type"]}
+                          if not hasattr(value[1], "shape")}, "type": each["type"], "name": each.get("name")}
         for each in prims
     }  # fmt: skip
     tell(prims=plain, said=said, painted=(folder / "0_Painted.png").exists())

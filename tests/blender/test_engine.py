@@ -106,6 +106,18 @@ def test_lights_and_materials_cross_over(cases):
     assert placed["inputs:scale"] == [2, 3] and placed["inputs:rotation"] == pytest.approx(90)
     assert prims["/Materials/Textured/base_color"]["inputs:sourceColorSpace"] == "sRGB" and found["painted"]
     assert "Sheen Weight" in said and "Mapping" not in said
+    # A Light Falloff has the strength that it has at 1 m, whatever its own fall is; other nodes are not read.
+    strengths = {"Quadratic_0_0": 50, "Quadratic_0_5": 50, "Linear_0_0": 50, "Wavelength_0_0": 7}
+    assert {name: light(name)[1] for name in strengths} == pytest.approx(strengths)
+    fall = "is not rendered: light falls by the square of the distance, from Strength at 1 m"
+    assert f"Linear 0.0: Linear of Light Falloff {fall}" in said
+    assert f"Quadratic 0.5: Smooth of Light Falloff {fall}" in said and "Quadratic 0.0" not in said
+    assert "Wavelength 0.0: Strength of Emission comes from Wavelength, which is not" in said
+    assert "its own value (7) is used" in said
+    names = {path: prims[path]["name"] for path in ("/Lights/bare_sun", "/Materials/Textured", "/Fog")}
+    assert names == {
+        "/Lights/bare_sun": "bare_sun", "/Materials/Textured": "Material Textured", "/Fog": "World > Volume"
+    }  # fmt: skip
     assert {name for name in prims if name.startswith("/Objects/Parts/")} == {
         f"/Objects/Parts/Part{k}" for k in range(3)
     }

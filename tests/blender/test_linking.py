@@ -37,6 +37,6 @@ def test_what_a_link_leaves_out_in_part_is_a_sentence(tmp_path):
     assert key["collection:lightLink:includes"] == ["/Objects/Fog"]
     assert key["collection:lightLink:includeRoot"] == ["bool", False]
     assert fill["photonbeams:enabled"] == ["bool", False] and fill["inputs:diffuse"] == ["float", 0]
-    assert any("Key: its light link leaves out the fog /Fog" in each for each in found["said"])
+    assert any("Key: its light link leaves out the fog World > Volume" in each for each in found["said"])
     assert any("Fill is hidden from some surfaces" in each for each in found["said"])
     assert all(len(each) <= 300 for each in found["said"])

@@ -138,12 +138,23 @@ def test_a_finished_view_is_denoised_if_that_is_wanted(warm):
 
 
 def test_warnings_are_told(warm):
-    wrong = {"path": "/Sky", "type": "DomeLight", "values": {"inputs:texture:file": ["asset", "/nowhere.exr"]}}
-    warm.send("scene", prims=[wrong])
+    values = {"inputs:texture:file": ["asset", "/nowhere.exr"]}
+    warm.send("scene", prims=[{"path": "/Sky", "name": "World", "type": "DomeLight", "values": values}])
     found = warm.picture(31)
     warm.send("scene", prims=[], removed=["/Sky"])
-    assert any("/nowhere.exr" in each["text"] for each in found if each["is"] == "warning")
+    (text,) = (each["text"] for each in found if each["is"] == "warning")
+    assert text.startswith("World: image names /nowhere.exr")
     assert found[-1]["problem"] is None
+
+
+def test_a_scene_without_fog_or_light_is_told_in_blenders_words(warm):
+    warm.send("scene", prims=[], removed=["/Fog"])
+    (text,) = (each["text"] for each in warm.picture(32) if each["is"] == "warning")
+    assert "no fog" in text and "expected World > Volume" in text
+    warm.send("scene", prims=[], removed=["/Lamp"])
+    end = warm.picture(33)[-1]
+    warm.send("scene", prims=prims(), whole=True)
+    assert "no light" in end["problem"] and "expected a lamp" in end["problem"]
 
 
 def test_a_look_that_leaves_values_out_has_the_defaults_of_the_schema(warm):

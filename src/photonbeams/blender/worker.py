@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from ..scene import SceneError
 from ..scene.checks import shortened
 from .extension import messages
+from .words import Words
 
 if TYPE_CHECKING:
     from ..images.frame import Frame
@@ -69,6 +70,7 @@ class Worker:
         self._cancelled, self._telling = -inf, False
         self._stage: Any = None
         self._live: LivePictures | None = None  # of the views of this stage
+        self.words = Words()  # in which problems and warnings are told
         # What is wrong with the machine, and with the scene.
         self._unable: str | None = None
         self._problem: str | None = None
@@ -133,6 +135,7 @@ class Worker:
 
         if self._stage is None or message.get("whole"):
             self._stage, self._live, self._problem = new_stage(_UP_AXIS, _METERS), None, None
+        self.words.learn(message["prims"])
         gc.collect()  # kernels have code for the surfaces and media of every scene in memory
         try:
             remove_prims(self._stage, message.get("removed", ()))
@@ -151,7 +154,7 @@ class Worker:
             except (SceneError, OSError, MemoryError, RuntimeError) as error:  # Dr.Jit's and the device's, too
                 problem = shortened(str(error) or type(error).__name__)
         self._rendering, self._viewing = None, False
-        self.tell("end", number=wanted["number"], problem=problem)
+        self.tell("end", number=wanted["number"], problem=problem and self.words.of(problem))
 
     def _render(self, wanted: Mapping[str, Any]) -> None:
         from ..shot.shot import Shot
@@ -223,7 +226,7 @@ class _WarningHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Send a warning."""
-        self._worker.tell("warning", text=record.getMessage())
+        self._worker.tell("warning", text=self._worker.words.of(record.getMessage()))
 
 
 def main() -> None:

@@ -9,6 +9,7 @@ A description of a prim is a dict:
     targets         by relationship: paths
     sources         by input or output: [type name, the path of the property that it is connected to]
     samples         by attribute of `values`, or "matrix": [time code, value] of each time sample
+    name            what the program calls it, for messages
 
 All but the path and the type may be left out.
 """

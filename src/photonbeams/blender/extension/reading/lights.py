@@ -99,17 +99,21 @@ def nodes_of(light: Any, told: Told) -> tuple[float, Any]:
     node = emission_of(light)
     if node is None:
         return 0.0, np.ones(3)
+    tell = partial(_tell, told, light.name)
     if node.type != "EMISSION":
-        told(f"{light.name}: its nodes are not rendered, only its power and colour")
+        tell("its nodes are not rendered, only its power and colour")
         return 1.0, np.ones(3)
-    strength = _strength(light, node, told)
-    return strength, np.ones(3) if _image_node(node) is not None else np.array(color_of(node, "Color", told))
+    strength = _strength(light, node, tell)
+    return strength, np.ones(3) if _image_node(node) is not None else np.array(color_of(node, "Color", tell))
 
 
 def _strength(light: Any, node: Any, told: Told) -> float:
     """Return the strength of a light's Emission node, without its profile."""
     texture, factors = ies_node(node)
     if texture is None:
+        source = source_of(node.inputs["Strength"])
+        if source is not None and source.node.type == "LIGHT_FALLOFF":
+            return _of_falloff(source, told)
         return number_of(node, "Strength", told, 1.0)
     found = constant_of(light, texture)
     for made, socket in factors:
@@ -117,8 +121,17 @@ def _strength(light: Any, node: Any, told: Told) -> float:
         if isinstance(value, float):
             found *= value
         else:
-            told(f"{light.name}: what is linked to {socket.name} of {made.name} is no number: it counts as 1")
+            told(f"what is linked to {socket.name} of {made.name} is no number: it counts as 1")
     return found
+
+
+def _of_falloff(source: Any, told: Told) -> float:
+    """Return the strength of a Light Falloff at 1 m, where all of its outputs are equal."""
+    node = source.node
+    if source.name != "Quadratic" or number_of(node, "Smooth", told) > 0:
+        what = "Smooth" if source.name == "Quadratic" else source.name
+        told(f"{what} of {node.name} is not rendered: light falls by the square of the distance, from Strength at 1 m")
+    return number_of(node, "Strength", told, 1.0)
 
 
 def image_of(light: Any, told: Told) -> Any:
@@ -148,7 +161,7 @@ def world_prims(world: Any, path: str, images: Images, told: Told) -> list[dict[
     source = None if output is None else source_of(output.inputs["Surface"])
     if source is None:
         return []
-    node, tell = source.node, partial(_tell, told, world)
+    node, tell = source.node, partial(_tell, told, f"World {world.name}")
     color = source_of(node.inputs["Color"]) if node.type in ("BACKGROUND", "EMISSION") else None
     if color is not None and color.node.type == "TEX_ENVIRONMENT" and color.node.image is not None:
         strength = number_of(node, "Strength", tell, 1.0)
@@ -165,9 +178,9 @@ def world_prims(world: Any, path: str, images: Images, told: Told) -> list[dict[
     return _dome(path, 1.0, np.ones(3), images.written(radiance, "sky")) + suns
 
 
-def _tell(told: Told, world: Any, text: str) -> None:
-    """Say what is not rendered of a world."""
-    told(f"World {world.name}: {text}")
+def _tell(told: Told, whose: str, text: str) -> None:
+    """Say what is not rendered of a lamp or a world."""
+    told(f"{whose}: {text}")
 
 
 def _turned(node: Any, told: Told) -> Any:

@@ -28,13 +28,13 @@ class Links:
         if any(getattr(linking, name) is not None for name in _KINDS):
             self._emitters[key] = thing.original
 
-    def write(self, prims: Iterable[dict[str, Any]], places: Mapping[Any, str]) -> None:
-        """Write the links into the prims of lights; `places` are the paths by instancer and object."""
+    def write(self, prims: Iterable[dict[str, Any]], places: Mapping[Any, str], names: Mapping[str, str]) -> None:
+        """Write the links into the prims of lights; `places` are the paths by instancer and object, `names` by path."""
         if not self._emitters:
             return
         by_path = {each["path"]: each for each in prims}
         named = [((key[1], key[0]), path) for key, path in places.items()]
-        fogs = [path for path, each in by_path.items() if _is_fog(each)]
+        fogs = {path: names[path] for path, each in by_path.items() if _is_fog(each)}
         for key, thing in self._emitters.items():
             prim = by_path.get(places.get(key, ""))
             if prim is None or not _is_light(prim):
@@ -44,11 +44,11 @@ class Links:
             prim["targets"] = {**prim.get("targets", {}), **targets}
             self._tell_fogs(thing, values, targets, fogs)
 
-    def _tell_fogs(self, thing: Any, values: Any, targets: Any, fogs: list[str]) -> None:
+    def _tell_fogs(self, thing: Any, values: Any, targets: Any, fogs: Mapping[str, str]) -> None:
         """Say which fog a light lights, as it makes its beams in all fog or in none."""
         _, all_others = values.get("collection:lightLink:includeRoot", ("bool", True))
         linked = targets.get(f"collection:lightLink:{'excludes' if all_others else 'includes'}", ())
-        dark = [each for each in fogs if (each in linked) == all_others]
+        dark = [name for path, name in fogs.items() if (path in linked) == all_others]
         if 0 < len(dark) < len(fogs):
             self._told(f"{thing.name}: its light link leaves out the fog {dark[0]}, but not all: its beams are in all")
 

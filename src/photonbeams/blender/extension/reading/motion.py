@@ -89,7 +89,7 @@ def with_samples(
             if kind in _SAMPLED and (found := _sampled(value, frame, there)):
                 samples[name] = found
     else:
-        told(f"{prim['path'].rpartition('/')[2]} has other faces at other times: its shape has no motion blur")
+        told(f"{prim['name']} has other faces at other times: its shape has no motion blur")
     return {**prim, "samples": samples} if samples else prim
 
 

@@ -67,7 +67,7 @@ def _value(node: Any, socket: Any, told: Told, bakes: bool = False) -> Value:
     try:
         found = evaluated(source)
     except UnknownNodeError as unknown:
-        told(f"{socket.name} of {node.name} comes from {unknown}, which is not rendered: its own value is used")
+        told(sentence_of_unknown(node, socket, unknown))
         return _plain(socket.default_value)
     if np.ptp(found, axis=0).max() > _SAME * max(np.abs(found).max(), _SAME):
         if bakes and (image := image_behind(source)) is not None:
@@ -75,6 +75,12 @@ def _value(node: Any, socket: Any, told: Told, bakes: bool = False) -> Value:
         told(f"{socket.name} of {node.name} comes from {made.name} and varies, which is not rendered: its mean is used")
     mean = found.mean(axis=0, dtype=np.float64)
     return float(mean) if found.ndim == 1 else tuple(mean.tolist())
+
+
+def sentence_of_unknown(node: Any, socket: Any, unknown: UnknownNodeError) -> str:
+    """Return a sentence about an input that has its own value, as what is linked to it is not rendered."""
+    value = ", ".join(f"{each:.4g}" for each in np.ravel(socket.default_value)[:3])
+    return f"{socket.name} of {node.name} comes from {unknown}, which is not rendered: its own value ({value}) is used"
 
 
 def product_of(node: Any, socket: Any, told: Told) -> tuple[Value, str]:

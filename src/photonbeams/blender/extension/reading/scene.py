@@ -30,6 +30,8 @@ from .visibility import ray_values
 from .volumes import scale_of, smoke_of, volume_prims
 
 CAMERA = "/Camera"
+#: Before names in messages, by the parents of paths; objects have none.
+_KINDS = {"/Materials": "Material ", "/Looks": "Look "}
 _UNREAD = {"GREASEPENCIL": "a drawing"}
 _SPACE = "Linear Rec.709"  # of images and temperatures, whatever the working space
 
@@ -52,7 +54,7 @@ class SceneReader:
         self._layer = depsgraph.view_layer
         #: The names of light groups here, by those in Blender.
         self.groups: dict[str, str] = {}
-        self._taken: set[str] = set()
+        self._names: dict[str, str] = {}  # what messages call prims, by their paths
         self._beams = BeamReader(self._images, self._path, told)
         # Names of objects that are portals of lamps, or curves that are beams, and the paths of Cycles' portals.
         self._no_surfaces, self._sky_portals = portals_of(depsgraph), list[str]()
@@ -89,10 +91,11 @@ class SceneReader:
             self._add_strands(strands, thing, matrix, key)
         self._glowing.enable()
         self._add_world(self._layer.world_override or self._depsgraph.scene.world)
-        self._links.write(self._prims, self._places)
+        self._links.write(self._prims, self._places, self._names)
         for key in self._kept.meshes.keys() - self._used:
             del self._kept.meshes[key]
-        return self._prims + self._beams.prims
+        prims = self._prims + self._beams.prims
+        return [{**each, "name": self._names[each["path"]]} if each["path"] in self._names else each for each in prims]
 
     def moved(self) -> dict[str, dict[str, Any]]:
         """Return what may move, by path, as Blender has evaluated it now: transforms, lights, shapes that differ."""
@@ -146,12 +149,13 @@ class SceneReader:
         render = self._depsgraph.scene.render
         aspect = render.pixel_aspect_x, render.pixel_aspect_y
         evaluated = camera.evaluated_get(self._depsgraph)
-        return camera_prim(evaluated, to_world, self._depsgraph, CAMERA, size, aspect, shift)
+        prim = camera_prim(evaluated, to_world, self._depsgraph, CAMERA, size, aspect, shift)
+        return {**prim, "name": camera.name}
 
     def _path(self, parent: str, name: str) -> str:
-        """Return a path that no other prim has."""
-        path = free_path(parent, name, self._taken.__contains__)
-        self._taken.add(path)
+        """Return a path that no other prim has, of something of this name."""
+        path = free_path(parent, name, self._names.__contains__)
+        self._names[path] = _KINDS.get(parent, "") + name
         return path
 
     def _add_light(self, thing: Any, matrix: Any, key: Any) -> None:
@@ -325,7 +329,9 @@ class SceneReader:
                 each["values"] |= values
         self._prims += sky
         if medium is not None:
-            self._prims.append({"path": self._path("", "Fog"), "type": "Scope", "apis": APIS, "values": medium})
+            path = self._path("", "Fog")
+            self._names[path] = "World > Volume"
+            self._prims.append({"path": path, "type": "Scope", "apis": APIS, "values": medium})
 
 
 def _key_of(instance: Any) -> tuple[Any, ...]:

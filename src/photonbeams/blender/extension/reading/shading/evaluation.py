@@ -325,6 +325,13 @@ def _math(run: Evaluation, node: Any, _source: Any) -> Any:
     return np.clip(found, 0, 1) if node.use_clamp else found
 
 
+def _falloff(run: Evaluation, node: Any, source: Any) -> Any:
+    """Return the strength of a lamp whose light falls with the square of the distance, as all light does here."""
+    if source.name != "Quadratic" or np.any(run.number(node, "Smooth") > 0):
+        raise UnknownNodeError(f"{source.name} of {node.name}")
+    return run.number(node, "Strength")
+
+
 def _length(value: Any) -> Any:
     return np.linalg.norm(value, axis=1)
 
@@ -591,4 +598,5 @@ NODES: dict[str, Function] = {
     "LAYER_WEIGHT": _facing, "FRESNEL": _facing, "AMBIENT_OCCLUSION": _occlusion, "TEX_NOISE": _noise,
     "TEX_VORONOI": _voronoi, "TEX_CHECKER": _checker, "TEX_BRICK": _brick, "TEX_GRADIENT": _gradient, "TEX_WAVE": _wave,
     "TEX_WHITE_NOISE": _white_noise, "TEX_IMAGE": _image, "TEX_ENVIRONMENT": _environment,
+    "LIGHT_FALLOFF": _falloff,
 }  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..nodes import Told
+from ..nodes import Told, sentence_of_unknown
 from . import atmosphere
 from .evaluation import NODES, Evaluation, UnknownNodeError, sky_points
 from .links import source_of
@@ -64,7 +64,7 @@ class SkyReader:
         try:
             return self._evaluation.input(socket)
         except UnknownNodeError as unknown:
-            self._told(f"{name} of {node.name} comes from {unknown}, which is not rendered: its own value is used")
+            self._told(sentence_of_unknown(node, socket, unknown))
             return self._evaluation.own(socket)
 
     def _sky(self, run: Evaluation, node: Any, _source: Any) -> Any:
