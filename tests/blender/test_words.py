@@ -21,6 +21,7 @@ def words():
     found = Words()
     found.learn([
         {"path": "/Lights/Key_Light", "name": "Key Light"},
+        {"path": "/Lights/stage_left", "name": "stage left"},
         {"path": "/Objects/Cube", "name": "Cube.001"},
         {"path": "/Objects/Cube/Volume"},
         {"path": "/Objects/Cube/Volume/Shader"},
@@ -34,8 +35,8 @@ def words():
     ("the stage: there is no fog, so no beams are seen: expected a prim with PhotonBeamsMediumAPI, or a fog given by "
      "--scattering",
      "there is no fog, so no beams are seen: expected World > Volume, or a mesh whose material has a volume"),
-    ("the stage: no beams have any light: expected some of /Lights/Key_Light, /Gone to shine",
-     "no beams have any light: expected some of Key Light, /Gone to shine"),
+    ("the stage: no beams have any light: expected some of /Lights/stage_left, /Gone to shine",
+     "no beams have any light: expected some of stage left, /Gone to shine"),
     ("the stage: nothing makes beams at frame 1: expected photonbeams:enabled on /Lights/Key_Light",
      "nothing makes beams at frame 1: expected Object Data > Beams of Key Light"),
     ("the stage: /Lights/Key_Light.inputs:radius is -1: expected 0 or more; 0 is used",

@@ -10,7 +10,7 @@ from ..scene.checks import shortened
 
 #: The beginning of messages about a stage without a file, which Blender's is.
 _STAGE = "the stage: "
-#: Phrases that say what to do on a stage, and what to do in Blender; the first one that fits counts.
+#: Phrases that say what to do on a stage, and what to do in Blender instead.
 _PHRASES = (
     (r"a prim with PhotonBeamsMediumAPI(, or a fog given by --scattering)?",
      "World > Volume, or a mesh whose material has a volume"),
@@ -41,11 +41,12 @@ _NAMES = {
     "stages": "scenes",
 }  # fmt: skip
 _NAMESPACE = r"(?:photonbeams|inputs|primvars|shaping|collection|light):[\w:]*\w"
-_PATH = re.compile(r"(?<![\w…./])(/\w+(?:/\w+)*)(?:\.([A-Za-z][\w:]*))?")
+_PATH = r"(?<![\w…./])(?P<path>/\w+(?:/\w+)*)(?:\.(?P<attribute>[A-Za-z][\w:]*))?"
 # Blender's extension writes images that have no file of their own, and grids, into such folders.
-_TEMPORARY = re.compile(r"\S*/photonbeams\w{8}/(?:\d+_)?(?=\w)")
+_TEMPORARY = re.compile(r"\S*[/\\]photonbeams\w{8}[/\\](?:\d+_)?(?=\w)")
 # Words, none of them a part of a file's name.
-_NAME = re.compile(rf"(?<![\w/.-])(?:{_NAMESPACE}|--[a-z][a-z-]*|g?prim(?:var)?s?|stages?|\w+API)(?![\w/-]|\.\w)")
+_WORD = rf"(?<![\w/.-])(?:{_NAMESPACE}|--[a-z][a-z-]*|g?prim(?:var)?s?|stages?|\w+API)(?![\w/-]|\.\w)"
+_FOREIGN = re.compile(f"{_PATH}|{_WORD}")  # at once: a lamp may be called "stage left"
 
 
 class Words:
@@ -65,12 +66,13 @@ class Words:
         text = _TEMPORARY.sub("", text.replace(_STAGE, ""))
         for pattern, said in _PHRASES:
             text = re.sub(pattern, said, text)
-        text = _PATH.sub(self._place, text)
-        return shortened(_NAME.sub(lambda found: _name(found[0]), text))
+        return shortened(_FOREIGN.sub(self._said, text))
 
-    def _place(self, found: re.Match[str]) -> str:
-        path, attribute = found.groups()
-        if path not in self._names:
+    def _said(self, found: re.Match[str]) -> str:
+        path, attribute = found["path"], found["attribute"]
+        if path is None:
+            return _name(found[0])
+        if path not in self._names:  # a file's
             return found[0]
         return self._names[path] + (f": {_name(attribute)}" if attribute else "")
 
