@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
+from io import TextIOWrapper
 from itertools import pairwise
 from signal import SIGINT
 from typing import Annotated, Any, NoReturn
@@ -77,7 +78,7 @@ def _print_version(wanted: bool) -> None:
     if wanted:
         from .. import __version__
 
-        typer.echo(f"photonbeams {__version__}")
+        print(f"photonbeams {__version__}")
         raise typer.Exit
 
 
@@ -97,6 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     traceback is shown instead. An error of the program itself keeps its traceback.
     """
     given = sys.argv[1:] if arguments is None else list(arguments)
+    _ready_streams()
     try:
         # In its standalone mode Typer would draw a box around the message and break its lines.
         code = app(args=given or ["--help"], prog_name="photonbeams", standalone_mode=False)
@@ -113,6 +115,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if code == _INTERRUPTED:  # before the command was called
         _end(SIGINT, None, given)
     raise SystemExit(code or (0 if given else 2))  # without a command, the help is a usage error
+
+
+def _ready_streams() -> None:
+    """Let both output streams take any name, as an escape sequence if their encoding has no such character.
+
+    A stream that the caller has closed leads nowhere; otherwise the next file that is opened would get its number, and
+    what compiled libraries print.
+    """
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        try:
+            os.fstat(number)
+        except OSError:
+            null = os.open(os.devnull, os.O_WRONLY)
+            if null != number:  # a lower number was free, too
+                os.dup2(null, number)
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "w", closefd=False))
+        if isinstance(stream := getattr(sys, name), TextIOWrapper):  # a caller may have put another in its place
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _signal(error: BaseException | None) -> int | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Sequence
 from glob import glob
 from itertools import chain
@@ -84,7 +85,7 @@ def merge(
                 path.unlink(missing_ok=True)
             if not quiet:
                 text = ", ".join(str(each.path) for each in files)
-                typer.echo(f"{counted(len(sums), 'pass', 'passes')} of {len(paths)} files, wrote {text}", err=True)
+                print(f"{counted(len(sums), 'pass', 'passes')} of {len(paths)} files, wrote {text}", file=sys.stderr)
 
 
 def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, partial: bool, quiet: bool) -> None:
@@ -99,7 +100,7 @@ def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, partial: bo
             "%s: %s of %s pixels are in no tile and stay black", outputs[0].path, f"{pixels - covered:,}", f"{pixels:,}"
         )
     if not quiet:
-        typer.echo(f"{counted(len(paths), 'tile')} joined, wrote {outputs[0].path}", err=True)
+        print(f"{counted(len(paths), 'tile')} joined, wrote {outputs[0].path}", file=sys.stderr)
 
 
 def _named(given: Sequence[Path], number: float | None) -> dict[Path, list[Path]]:

@@ -63,7 +63,7 @@ class PictureExposure:
 
             self.stops = exposure_of(pixels)
             if not quiet:
-                typer.echo(f"chose an exposure of {self.stops:g} stops, as with --exposure {self.stops:g}", err=True)
+                print(f"chose an exposure of {self.stops:g} stops, as with --exposure {self.stops:g}", file=sys.stderr)
         return self.stops
 
 

@@ -8,8 +8,6 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from ..constants import REQUESTED
 from ..runtime.device import check_address_space
 from .animation import Task, frame_numbers, print_plan, render_frames, tasks_of
@@ -188,7 +186,7 @@ def render(request: RenderRequest) -> None:
         request.device.start()
         if request.views.list_cameras:
             with check.forced():
-                typer.echo("\n".join(camera_names(request)))
+                print("\n".join(camera_names(request)))
             return
         with check.forced():
             job = Job.open(request, check)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -65,4 +66,4 @@ def steady(
             for each in files:
                 shown.write(each.path, exposure)
             if not quiet:
-                typer.echo(f"frame {number:.10g}: wrote {', '.join(str(each.path) for each in files)}", err=True)
+                print(f"frame {number:.10g}: wrote {', '.join(str(each.path) for each in files)}", file=sys.stderr)

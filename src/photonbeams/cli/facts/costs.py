@@ -6,8 +6,6 @@ import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from ..progress import counted, held_signals, messages, spoken, standard_output
 from ..render import PROGRAM_BYTES, Job
 from ..request import RenderRequest
@@ -29,7 +27,7 @@ def show_estimate(request: RenderRequest, as_json: bool = False) -> None:
             found = job.estimate(job.tasks[0])
         check()
         if as_json:
-            typer.echo(json.dumps(_fields(job, found)))
+            print(json.dumps(_fields(job, found)))
             return
         console = standard_output()
         console.print(job.seen(job.tasks[0]))

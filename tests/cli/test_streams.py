@@ -1,0 +1,45 @@
+"""What commands print reaches any stream: one of another encoding, and one that the caller has closed."""
+
+import io
+import subprocess
+import sys
+
+import pytest
+
+from photonbeams import cli
+
+STAGE = '#usda 1.0\ndef Camera "Straße_日本" {}\n'
+
+
+@pytest.mark.parametrize(
+    ("encoding", "shown"), [("ascii", b"/Stra\\xdfe_\\u65e5\\u672c\n"), ("cp1252", b"/Stra\xdfe_\\u65e5\\u672c\n")]
+)
+def test_names_that_a_stream_cannot_encode_are_escaped(encoding, shown, tmp_path, monkeypatch):
+    (tmp_path / "a.usda").write_text(STAGE, encoding="utf-8")
+    stream = io.TextIOWrapper(io.BytesIO(), encoding, newline="\n")
+    monkeypatch.setattr(sys, "stdout", stream)
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["render", str(tmp_path / "a.usda"), "--list-cameras"])
+    stream.flush()
+    assert (ended.value.code, stream.buffer.getvalue()) == (0, shown)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no shell that closes streams")
+def test_messages_for_a_closed_stream_go_nowhere():
+    """Python has no object for a closed stream, and would print its messages on the other one."""
+    command = [sys.executable, "-m", "photonbeams", "--unknown"]
+    for closing, seen in (("2>&-", ""), (">&-", "Error: No such option: --unknown\n"), (">&- 2>&-", "")):
+        found = subprocess.run(
+            ["sh", "-c", f'exec "$@" {closing}', "sh", *command], capture_output=True, text=True, check=False
+        )
+        assert (found.returncode, found.stdout, found.stderr) == (2, "", seen)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no shell that closes streams")
+def test_no_file_takes_the_place_of_a_closed_stream():
+    """What a compiled library prints would be written into that file."""
+    code = (
+        "import os, sys; from photonbeams import cli; cli._ready_streams(); "
+        "sys.exit(not all(os.path.sameopenfile(each, os.open(os.devnull, os.O_WRONLY)) for each in (1, 2)))"
+    )
+    subprocess.run(["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", sys.executable, "-c", code], check=True)
