@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import distributed
 import numpy as np
 import psutil
 import pytest
@@ -137,6 +138,18 @@ def test_what_a_worker_cannot_open_is_told_in_a_sentence(render, stage, out, mon
         render(stage, "-o", out / "a.exr", *SMALL, "--workers", 1, "--time-limit", 1), 2, "--time-limit is for frames"
     )
     fails(render(stage, "-o", out / "a.checkpoint", *SMALL, "--workers", 1, "--pass-range", "0:1"), 2, "one process")
+
+
+def test_only_who_has_its_key_enters_a_farm_on_one_machine():
+    """Whoever may talk to a scheduler may run code in its process, and everybody on the machine may connect."""
+    with cluster.connected(1) as client:
+        workers = client.scheduler_info()["workers"]
+        assert {each.partition("://")[0] for each in (client.scheduler.address, *workers)} == {"tls"}
+        address = client.scheduler.address.removeprefix("tls://")
+        strangers = [("tcp", None), ("tls", distributed.Security.temporary())]
+        for scheme, key in strangers:
+            with pytest.raises(OSError):
+                distributed.Client(f"{scheme}://{address}", security=key, timeout=2, set_as_default=False)
 
 
 @pytest.fixture

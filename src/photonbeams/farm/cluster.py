@@ -33,6 +33,9 @@ def connected(
 ) -> Iterator[Client]:
     """Yield a client of a cluster; a local cluster ends with it and leaves no process or folder behind.
 
+    Whoever can talk to a scheduler can run code in it. A local one talks by TLS, with a key that this process made and
+    that only its workers have.
+
     FarmError if the scheduler does not answer or local workers do not start; SceneError if Dask is not installed.
 
     Parameters
@@ -44,6 +47,7 @@ def connected(
         names `ca`, `cert` and `key`.
     """
     with needs("farm", "a farm", "Dask"):
+        import cryptography  # noqa: F401 (Dask makes keys with it)
         import dask
         import distributed
     logging.getLogger("distributed").setLevel(
@@ -77,7 +81,7 @@ def _local(dask: ModuleType, distributed: ModuleType, count: int) -> Iterator[Cl
                 n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1",
                 dashboard_address="127.0.0.1:0", memory_limit=limit or "auto",
                 resources={MEMORY: limit} if limit else None, local_directory=folder, silence_logs=logging.CRITICAL,
-                preload=["photonbeams.farm.preload"],
+                preload=["photonbeams.farm.preload"], security=True,
             )  # fmt: skip
         except (RuntimeError, OSError, TimeoutError) as error:  # its processes do not start
             raise FarmError(f"the workers of the farm do not start: {' '.join(str(error).split())[:200]}") from None
