@@ -142,9 +142,14 @@ def scene(usd: Opener) -> Callable[..., object]:
     from photonbeams.usd.stage import default_time, read_scene
 
     class Failing(Warnings):
-        def give(self, text: str, file: str = "") -> None:
+        def give(self, *given: str) -> None:
             self.strict = False
-            super().give(text, file)
+            super().give(*given)
+            self.strict = True
+
+        def lack(self, *given: str, frame: float | None = None) -> None:
+            self.strict = False
+            super().lack(*given, frame=frame)
             self.strict = True
 
     def read(text: str, metadata: str = "") -> object:

@@ -38,7 +38,7 @@ SITE = {"docs/index.md", "docs/gallery.md", "docs/changelog.md", "docs/contribut
 #: Pages of commands that differ from others by the example that they render: tests/examples renders each of them.
 MEASURED = {"docs/examples.md", "docs/performance.md"}
 #: First words of commands that set up a machine or need another program.
-SKIPPED = ("make", "apt", "apt-get", "pip", "blender", "git", "dask", "pipx", "uvx")
+SKIPPED = ("make", "apt", "apt-get", "pip", "blender", "git", "dask", "openssl", "pipx", "uvx")
 CHEAP = {
     "render": ["--res", "64", "0", "--passes", "1", "--beams", "64", "--progress", "none"],
     "beams": ["--beams", "64"],

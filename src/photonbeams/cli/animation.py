@@ -166,7 +166,7 @@ def render_frames(
     seconds = time.perf_counter() - begin
     if several or not done:
         files = sum(len(task.outputs) for task, _ in done)
-        say(report_line(len(done), len(tasks) - len(done), files, seconds))
+        say(report_line([each for _, each in done], len(tasks) - len(done), files, seconds))
     else:
         say("\n".join(summary_lines(done[0][1], tasks[0].files, seconds, passes)))
 

@@ -25,6 +25,7 @@ from .request import RenderRequest
 
 if TYPE_CHECKING:
     from ..farm.work import Opened
+    from ..render.passes import Statistics
     from .render import Job
 
 
@@ -69,7 +70,7 @@ class FarmAnimation:
     check: Callable[[], None]
     due: Callable[[], bool]
     _begun: float = field(default_factory=time.perf_counter)
-    _written: int = 0
+    _written: list[Statistics] = field(default_factory=list)
     _files: int = 0
 
     def render(self) -> None:
@@ -81,7 +82,7 @@ class FarmAnimation:
             if self.todo:
                 self._run()
         except (Exception, KeyboardInterrupt) as error:
-            raise FrameError("", self._written, self._keep()) from error
+            raise FrameError("", len(self._written), self._keep()) from error
         if not self.job.request.shown.quiet:
             skipped = len(self.job.tasks) - len(self.todo)
             seconds = time.perf_counter() - self._begun
@@ -146,7 +147,8 @@ class FarmAnimation:
             return
         frame = developed(sums)
         finish_frame(frame, task.outputs, self.job.request, self.layers)
-        self._written, self._files = self._written + 1, self._files + len(task.outputs)
+        self._written.append(frame.statistics)
+        self._files += len(task.outputs)
         if not self.job.request.shown.quiet:
             line = frame_line(task.name, frame.statistics, task.files, time.perf_counter() - self._begun)
             print(line, file=sys.stderr)

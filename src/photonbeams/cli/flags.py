@@ -96,6 +96,9 @@ class PictureFlags(Flags):
     )
     frames: str | None = option(None, _FRAMES, "--frames", "-f", metavar="FRAMES")
     skip_existing: bool = option(False, "Skip frames whose files all exist.")
+    fail_missing: bool = option(
+        False, "Fail a frame for which something that the stage names is missing: a file, a value clip, a prim."
+    )
     exposure: float = option(
         0.0, "Exposure of .png pictures in stops; an .exr stays as it is.",
         least=-100.0, most=100.0, expected="-100 to 100 stops",

@@ -9,7 +9,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -302,7 +302,7 @@ def summary_lines(
     return [
         f"{passes}, {counted(statistics.beams, 'beam')}, {statistics.tests / 1e6:,.0f} million ray-beam tests",
         f"{seconds:.1f} s ({phases})",
-        *filter(None, [error_note(statistics.error)]),
+        *filter(None, [error_note(statistics.error), missing_note(statistics)]),
         *(f"wrote {path}" for path in files),
     ]
 
@@ -314,16 +314,25 @@ def error_note(error: float | None, goal: float | None = None) -> str:
     return f"error {100 * error:.2g} %" + (f" of {100 * goal:.2g} %" if goal else "")
 
 
+def missing_note(statistics: Statistics) -> str:
+    """Return a note on what a frame lacks, which warnings have named; "" if it lacks nothing."""
+    count = len(statistics.missing)
+    return f"without {counted(count, 'thing')} that the stage names, as warned" if count else ""
+
+
 def frame_line(name: str, statistics: Statistics, files: Iterable[Path], seconds: float) -> str:
     """Return a line about one frame of several."""
     done = f"{_passes(statistics)}, {counted(statistics.beams, 'beam')}, {seconds:.1f} s"
-    return f"frame {name}: {done}, wrote {', '.join(map(str, files))}"
+    parts = [done, missing_note(statistics), f"wrote {', '.join(map(str, files))}"]
+    return f"frame {name}: {', '.join(filter(None, parts))}"
 
 
-def report_line(rendered: int, skipped: int, files: int, seconds: float) -> str:
+def report_line(rendered: Sequence[Statistics], skipped: int, files: int, seconds: float) -> str:
     """Return a line about all frames."""
-    frames = f"{counted(rendered, 'frame')} rendered, {skipped:,} skipped"
-    return f"{frames}, {counted(files, 'file')} written, {seconds:.1f} s"
+    frames = f"{counted(len(rendered), 'frame')} rendered, {skipped:,} skipped"
+    lacking = sum(bool(each.missing) for each in rendered)
+    note = f"; {counted(lacking, 'frame')} without something that the stage names, as warned" if lacking else ""
+    return f"{frames}, {counted(files, 'file')} written, {seconds:.1f} s{note}"
 
 
 def _passes(statistics: Statistics) -> str:

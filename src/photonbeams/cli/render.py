@@ -247,7 +247,8 @@ def _part_written(
         sums = job.part(task, part, lambda done, _: advance(done, f"from {begun}"))
     for output in task.outputs:
         sums.save(output.path)
-    return Statistics(len(sums), sums.beams, sums.tests, {"passes": time.perf_counter() - start})
+    missing = job.shot.subject.warnings.missing_at(job.shot.subject.number(task.number))
+    return Statistics(len(sums), sums.beams, sums.tests, {"passes": time.perf_counter() - start}, missing=missing)
 
 
 def _rendered(

@@ -316,6 +316,11 @@ class RenderRequest(Flags):
             raise typer.BadParameter("--keep-noisy keeps the layers before denoising: expected --denoise, too")
 
     @property
+    def strict(self) -> bool | Literal["missing"]:
+        """Which warnings about the stage are errors."""
+        return self.stage.strict or ("missing" if self.files.fail_missing else False)
+
+    @property
     def is_mitsuba(self) -> bool:
         """Whether the scene is one of Mitsuba's, rather than a stage."""
         return self.scene.suffix.lower() == ".xml"

@@ -28,7 +28,7 @@ def camera_names(request: RenderRequest) -> list[str]:
 
     if request.is_mitsuba:
         return [*_scene(request).sensors(frame_numbers(request.files.frames, request.outputs)[0])]
-    return list_cameras(_stage(request, Warnings(request.stage.strict))[0])
+    return list_cameras(_stage(request, Warnings(request.strict))[0])
 
 
 def opened(
@@ -50,14 +50,14 @@ def opened(
             raise typer.BadParameter(f"--frames is {request.files.frames}: {text}")
         return Shot(_scene(request), camera, stereo=stereo), RenderSettings()
     check()
-    warnings = Warnings(request.stage.strict)
+    warnings = Warnings(request.strict)
     stage, path = _stage(request, warnings)
     check_frames(stage, [number for number in numbers if number is not None])
     check()
     own = _render_settings(request, stage, path, warnings)
     shot = Shot(
         stage, camera or own.camera, medium=request.stage.fog.on(stage), stereo=stereo,
-        looks=load_looks("--look", request.looks.look or ()), strict=request.stage.strict,
+        looks=load_looks("--look", request.looks.look or ()), strict=warnings,
         **request.stage.programs.loaded(),
     )  # fmt: skip
     return shot, own

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Statistics:
-    """Statistics of a frame: passes, beams, ray–beam tests, and seconds by phase.
+    """Statistics of a frame: passes, beams, ray–beam tests, seconds by phase, and what was missing.
 
     `error` is the relative standard error of the pixels, or None if it is not known. For a resumed frame, passes, beams
     and tests are those of the whole frame, and seconds are those since the resumption. `interrupt` is called between
@@ -33,6 +33,7 @@ class Statistics:
     tests: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
     error: float | None = None
+    missing: Sequence[str] = ()
     interrupt: Callable[[], None] | None = field(default=None, repr=False, compare=False)
 
     @contextmanager
@@ -87,7 +88,7 @@ class RunOptions:
     part
         Which passes are rendered; None: all. Passes that the checkpoint has are not rendered again.
     development
-        What develops the sums into a picture, as arrays by name; checkpoints contain it.
+        Returns what develops the sums into a picture, as arrays by name; checkpoints contain it.
     kept
         The last frame that was begun, by its content and the planned passes: another part of the same frame reuses its
         world. None: no frame is kept.
@@ -101,7 +102,7 @@ class RunOptions:
     checkpoint: Checkpoint | None = None
     snapshot: Callable[[Callable[[], FrameSums]], None] | None = None
     part: PlannedPasses | None = None
-    development: Mapping[str, Array] = field(default_factory=dict)
+    development: Callable[[], Mapping[str, Array]] = dict
     kept: dict[tuple[str, int | None], Accumulating] | None = None
     film: FilmMemory | None = None
     warn: Callable[[str], None] | None = None
@@ -263,7 +264,7 @@ def _tell(frame: Accumulating, run: RunOptions) -> None:
 
 def _developable(frame: Accumulating, run: RunOptions) -> FrameSums:
     """Return the sums so far, with what develops them."""
-    return replace(frame.sums(), development=run.development)
+    return replace(frame.sums(), development=run.development())
 
 
 def known(error: float) -> float | None:

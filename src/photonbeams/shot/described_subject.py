@@ -18,7 +18,7 @@ from ..runtime.digest import digest
 from ..scene.places import Origin
 from ..usd.cameras.stereo import EYES, split, views_of
 from ..usd.common.motion import Exposure
-from ..usd.common.warnings import Warnings
+from ..usd.common.warnings import Strictness, Warnings
 from ..usd.layers.header import origin
 from ..usd.looks.look import LookSpec
 from .subject import FrameContent, Subject, Viewpoint, size_of
@@ -66,7 +66,7 @@ class DescribedSubject(Subject):
 
     def __init__(
         self, medium: scene.Medium | MediumOverride | None, simulate: Modifier | None, emit: Emitter | None,
-        looks: Look | Mapping[str, Look] | None, strict: bool,
+        looks: Look | Mapping[str, Look] | None, strict: Strictness,
     ) -> None:  # fmt: skip
         if not (looks is None or isinstance(looks, Mapping) or hasattr(looks, "bind")):
             raise scene.SceneError(f"looks is {looks!r}: expected a Look, or a dict of Looks by the names of lights")
@@ -76,7 +76,7 @@ class DescribedSubject(Subject):
             if function is not None and not callable(function):
                 raise scene.SceneError(f"{name} is {function!r}: expected a function")
         self.medium, self.simulate, self.emit, self.looks = medium, simulate, emit, looks or {}
-        self.warnings = Warnings(strict)
+        self.warnings = Warnings.of(strict)
         self._looks: dict[str, Any] = {}  # (spec, look) by the names of owners or of looks
 
     @abstractmethod

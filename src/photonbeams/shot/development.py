@@ -37,6 +37,8 @@ class Development:
     plate_fog: bool = False  # whether the fog dims these
     # The first row and column that are shown, and how many: others were rendered for the pixel filter. None: all.
     shown: tuple[int, int, int, int] | None = None
+    # Returns what was missing when the frame was read: some of it is only known after the last pass.
+    missing: Callable[[], Sequence[str]] = field(default=list, compare=False)
     # A cache of denoised layers for each view; None: nothing is cached.
     filtered: dict[str, dict[str, Filtered]] | None = field(default=None, compare=False, repr=False)
 
@@ -54,7 +56,9 @@ class Development:
         pictures = [{name: np.ascontiguousarray(layer[part]) for name, layer in each.items()} for each in whole]
         for layers, pixels in zip(pictures, self.plates, strict=False):
             layers["rgba"] = Plate(pixels, self.plate_fog).composite(layers, pixels)
-        headers = [{**each, "passes": len(sums)} for each in self.views.values()]
+        statistics.missing = self.missing()
+        about = {"passes": len(sums), **({"missing": [*statistics.missing]} if statistics.missing else {})}
+        headers = [{**each, **about} for each in self.views.values()]
         frame = Frame.of(dict(zip(self.views, zip(pictures, headers, strict=True), strict=True)), statistics)
         for name, each, layers in zip(self.views, sums.views, whole, strict=True):
             deep = deep_of(each, self.shape, layers["beams"])
@@ -76,6 +80,7 @@ class Development:
         """Return this as arrays by name, for `FrameSums.development`."""
         about = {
             "shape": self.shape, "groups": self.groups, "fog": self.plate_fog, "shown": self.shown,
+            "missing": [*self.missing()],
             **{name: getattr(self.settings, name) for name in _SETTINGS},
             "views": {name: {key: _plain(value) for key, value in each.items()} for name, each in self.views.items()},
         }  # fmt: skip
@@ -93,7 +98,7 @@ class Development:
             groups = {str(name): str(layer) for name, layer in about["groups"].items()}
             plates = [np.asarray(state[f"plate {k}"]) for k in range(sum(name.startswith("plate ") for name in state))]
             settings: dict[str, Any] = {name: bool(about[name]) for name in _SETTINGS}
-            fog = bool(about["fog"])
+            fog, missing = bool(about["fog"]), [str(each) for each in about.get("missing", ())]
         except (KeyError, ValueError, TypeError, AttributeError, ZeroDivisionError, RecursionError) as error:
             raise SceneError(f"does not say how its passes become a picture: {shown_value(error)}") from None
         top, left, rows, columns = shown or (0, 0, *shape)
@@ -104,7 +109,7 @@ class Development:
         wanted = (len(views), (rows, columns, 4))
         if plates and {(len(plates), each.shape) for each in plates} != {wanted}:
             raise SceneError(f"has {len(plates)} plates of {plates[0].shape}: expected {wanted[0]} of {wanted[1]}")
-        return cls((height, width), groups, views, Settings(**settings), plates, fog, shown)  # type: ignore[arg-type]
+        return cls((height, width), groups, views, Settings(**settings), plates, fog, shown, lambda: missing)  # type: ignore[arg-type]
 
     def check(self, sums: FrameSums) -> None:
         """Raise SceneError if these sums are not of as many views and pixels as this is."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from ..images.frame import Frame
@@ -133,7 +134,7 @@ def prepare(
     top, left = (window.crop[k] - grown.crop[k] for k in (1, 0))
     development = Development(
         grown.shape, content.groups, headers, chosen, pixels, over is not None and over.fog,
-        (top, left, *window.shape),
+        (top, left, *window.shape), missing=partial(subject.warnings.missing_at, number),
     )  # fmt: skip
     run = replace(_run_options(request, development), warn=_warns(subject, grown))
     holdouts = [depth.seen_by(_camera(view)) for depth, view in zip(depths, content.views, strict=False)]
@@ -156,13 +157,12 @@ def _run_options(request: FrameRequest, development: Development) -> RunOptions:
         assert snapshot is not None
         snapshot(lambda: development.frame(sums()))
 
-    state = {} if request.checkpoint is None else development.state()
     return RunOptions(
         request.progress,
         request.checkpoint,
         report if snapshot else None,
         request.part,
-        state,
+        development.state,
         request.kept,
         request.film,
     )

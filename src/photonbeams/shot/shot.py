@@ -19,7 +19,7 @@ from ..runtime.files import PathLike
 from ..scene.places import moved
 from ..usd import stage as stages
 from ..usd.cameras.stereo import Stereo, check_stereo, views_of
-from ..usd.common.warnings import Warnings
+from ..usd.common.warnings import Strictness, Warnings
 from .described_subject import BuiltSubject, MediumOverride
 from .stage_subject import StageSubject
 from .subject import FOR_SCENES, FOR_STAGES, Subject, Viewpoint, refuse, several
@@ -66,7 +66,8 @@ class Shot:
         curves, or of the PhotonBeamsLook that they refer to. For a Mitsuba scene by the ids of emitters, or of their
         shapes.
     strict
-        Whether a warning about the stage is an error, also one about a part that cannot be read and is left out.
+        Whether a warning about the stage is an error, also one about a part that cannot be read and is left out; or
+        "missing": a warning that something is missing which the stage names, such as a file.
     groups, beams
         For a Mitsuba scene, by the same ids: light groups, and settings of beams (portals, gobos, …), which lights of a
         stage have as attributes. It takes no `medium`, `simulate`, `emit` and `strict`.
@@ -98,7 +99,7 @@ class Shot:
         self, stage: Usd.Stage | scene.Scene | Mapping[str, Any] | Subject, camera: str | scene.Camera | None = None,
         medium: scene.Medium | MediumOverride | None = None, stereo: Stereo | None = None,
         simulate: Modifier | None = None, emit: Emitter | None = None, looks: Look | Mapping[str, Look] | None = None,
-        strict: bool = False, *, groups: Mapping[str, str] | None = None,
+        strict: Strictness = False, *, groups: Mapping[str, str] | None = None,
         beams: Mapping[str, scene.BeamSettings] | None = None, session_layers: PathLike | Iterable[PathLike] = (),
         parameters: Mapping[str, str] | None = None,
     ) -> None:  # fmt: skip
@@ -142,7 +143,7 @@ class Shot:
         stereo: Stereo | None = None, simulate: Modifier | None = None, emit: Emitter | None = None,
         looks: Look | Mapping[str, Look] | None = None, groups: Mapping[str, str] | None = None,
         beams: Mapping[str, scene.BeamSettings] | None = None, session_layers: PathLike | Iterable[PathLike] = (),
-        overrides: str | Iterable[str] = (), strict: bool = False, texture_limit: int | None = None,
+        overrides: str | Iterable[str] = (), strict: Strictness = False, texture_limit: int | None = None,
         variants: str | Iterable[str] = (), mask: str | Iterable[str] | None = None,
         purposes: str | Iterable[str] | None = None, complexity: str | None = None, working_space: str | None = None,
         color_space: str | None = None,
@@ -197,8 +198,9 @@ class Shot:
             raise scene.SceneError(f"texture_limit is {texture_limit}: expected at least 1 pixel")
         selection = stages.Selection.of(mask, purposes, variants, complexity)
         layers = several(session_layers), several(overrides)
-        stage = stages.open_stage(path, *layers, Warnings(strict), texture_limit, selection, working_space, color_space)
-        shot = cls(stage, camera, medium, stereo, simulate, emit, looks, strict)
+        warnings = Warnings.of(strict)
+        stage = stages.open_stage(path, *layers, warnings, texture_limit, selection, working_space, color_space)
+        shot = cls(stage, camera, medium, stereo, simulate, emit, looks, warnings)
         shot.cameras()  # so that a wrong name is an error now, not after a long read
         return shot
 

@@ -18,6 +18,7 @@ from .geometry.instancers import Item, items
 from .geometry.meshes import in_prototype, is_surface, read_meshes, tessellation
 from .geometry.skinning import is_skinned
 from .geometry.velocities import carried
+from .layers.clips import warn_of_gaps
 from .lights.beam_settings import PHYSICAL, bound_look
 from .lights.curves import is_drawn, read_curves, read_guides
 from .lights.light import is_light, read_light
@@ -120,6 +121,8 @@ def _read(reading: Reading, outlines: bool) -> Scene:
 
 def _read_scene(reading: Reading, outlines: bool) -> Scene:
     contents = _Contents(outlines=outlines)
+    if not outlines:
+        warn_of_gaps(reading)
     found = list(items(reading))
     lights = [item.prim for item in found if is_light(item.prim)]
     portals, guides = ({path for prim in lights for path in target_paths(prim, f"photonbeams:{name}")}

@@ -16,7 +16,7 @@ from ...scene.checks import shown
 from .color_spaces import RAW, color_space, source_space, spaces_of, to_working
 from .openusd import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
 from .selection import rendered_purposes
-from .warnings import LOG, Warnings
+from .warnings import LOG, MissingError, Warnings
 
 T = TypeVar("T")
 
@@ -98,6 +98,24 @@ class Reading:
         """Return, for raising, an error about an attribute; `text` is such as "is 0: expected ..."."""
         return SceneError(f"{self.place(prim, name)} {text}")
 
+    def missing(self, prim: Usd.Prim, name: str, text: str) -> MissingError:
+        """Return, for raising, the error that something is missing which an attribute names; `text` as for `fail`."""
+        return MissingError(f"{self.place(prim, name)} {text}", self._frame_of(prim.GetAttribute(name)))
+
+    def lack(self, prim: Usd.Prim, text: str, name: str = "") -> None:
+        """Warn once a frame that something is missing which an attribute names."""
+        frame = self._frame_of(prim.GetAttribute(name))
+        self.warnings.lack(f"{_path(prim, name)} {text}", file_of(self.stage), frame=frame)
+
+    def _frame_of(self, attribute: Usd.Attribute) -> float | None:
+        """Return the frame that is read, if an attribute may have another value at others; else None."""
+        return self.frame if attribute and may_vary(attribute) else None
+
+    @property
+    def frame(self) -> float | None:
+        """The number of the frame that is read, or None if there is only one."""
+        return None if self.base.IsEarliestTime() else frame_number(self.base)
+
     def warn(self, prim: Usd.Prim, text: str, name: str = "") -> None:
         """Warn once about something that cannot be rendered; SceneError if warnings are errors."""
         self.warnings.give(f"{_path(prim, name)} {text}", file_of(self.stage))
@@ -121,10 +139,14 @@ class Reading:
         try:
             return read()
         except SceneError as error:
-            if self.warnings.strict:
+            missing = error if isinstance(error, MissingError) else None
+            if self.warnings.strict is True or (missing and self.warnings.strict):
                 raise
             text = str(error)
             text = text.removeprefix(f"{file}: ") if text.startswith(f"{file}: /") else f"{prim.GetPath()}: {text}"
+            if missing:
+                self.warnings.lack(text, file, instead, missing.frame)
+                return otherwise
         except Exception:  # unforeseen types or sizes of values: errors from OpenUSD and NumPy
             LOG.debug("%s", self.place(prim), exc_info=True)
             text = f"{prim.GetPath()} cannot be read"
@@ -306,7 +328,7 @@ class Reading:
         found = [self.stage.GetPrimAtPath(path) for path in paths]
         for path, target in zip(paths, found, strict=True):
             if not target or not target.IsActive():
-                raise self.fail(prim, name, f"names {path}: expected a prim that is on the stage")
+                raise self.missing(prim, name, f"names {path}: expected a prim that is on the stage")
         return found
 
 

@@ -41,7 +41,7 @@ def read_image(reading: Reading, prim: Usd.Prim, name: str, space: str = "auto")
     # Images of lights surround the scene or are projected large, so they have twice the limit.
     pixels, problem = find_image(reading, prim, name, space, 2 * texture_limit(reading.stage))
     if problem:
-        raise reading.fail(prim, name, problem)
+        raise reading.missing(prim, name, problem)
     return pixels
 
 

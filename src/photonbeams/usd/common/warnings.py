@@ -6,6 +6,7 @@ import logging
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Literal, TypeAlias, Union
 
 from ...scene import SceneError
 from ...scene.checks import LONGEST, shortened
@@ -16,27 +17,60 @@ _NAMED = 3  # how many prims with the same warning are named
 _DIFFERING = re.compile(r"(?:/\w+)+|-?\d[\w.+-]*")  # paths and numbers: texts that differ only in these are of one kind
 
 
+#: Which warnings are errors: none, all, or those about something that the stage names and that is missing.
+Strictness: TypeAlias = Union[bool, Literal["missing"], "Warnings"]
+
+
+class MissingError(SceneError):
+    """Something that the stage names is not there, or cannot be read: at a `frame`, or, if that is None, at all."""
+
+    def __init__(self, text: str, frame: float | None = None) -> None:
+        super().__init__(text)
+        self.frame = frame
+
+
 class Warnings:
     """The warnings about a stage, shared between all readings of a shot.
 
     Attributes
     ----------
     strict
-        Whether warnings are errors.
+        Which warnings are errors: none, all, or "missing": those that `lack` gives.
     muted
         Whether warnings are collected but not logged.
     given
         The texts given so far; each is logged once.
+    missing
+        What is missing at a frame and, under None, at all frames.
     causes
         For texts that end with what is done instead, the part before that.
     """
 
-    def __init__(self, strict: bool = False, muted: bool = False) -> None:
+    def __init__(self, strict: bool | Literal["missing"] = False, muted: bool = False) -> None:
+        if strict not in (False, True, "missing"):
+            raise SceneError(f"strict is {strict!r}: expected True, False or 'missing'")
         self.strict = strict
         self.muted = muted
         self.given: set[str] = set()
+        self.missing: dict[float | None, dict[str, None]] = {}
         self.causes: dict[str, str] = {}
         self._held: dict[tuple[str, ...], list[str]] | None = None
+
+    @classmethod
+    def of(cls, strict: Strictness) -> Warnings:
+        """Return warnings that were begun when the stage was opened, or new ones."""
+        return strict if isinstance(strict, Warnings) else cls(strict)
+
+    def lack(self, text: str, file: str = "", instead: str = "", frame: float | None = None) -> None:
+        """Give a warning that something is missing which the stage names, at one frame or, without it, at all."""
+        if self.strict:
+            raise MissingError(f"{file}: {text}" if file else text, frame)
+        self.missing.setdefault(frame, {})[f"{text}; {instead}" if instead else text] = None
+        self.give(text, file if frame is None else f"frame {frame:.10g}: {file}", instead)
+
+    def missing_at(self, frame: float) -> list[str]:
+        """Return what was missing when a frame was read."""
+        return [*self.missing.get(None, ()), *self.missing.get(frame, ())]
 
     def give(self, text: str, file: str = "", instead: str = "") -> None:
         """Log a warning, unless it was given before; SceneError if warnings are errors.
@@ -52,7 +86,7 @@ class Warnings:
         if instead:
             text = f"{shortened(text, len(file) + len(instead) + 4)}; {instead}"
         sentence = f"{file}: {text}" if file else text
-        if self.strict:
+        if self.strict is True:
             raise SceneError(sentence)
         if sentence in self.given:
             return

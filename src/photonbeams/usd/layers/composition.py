@@ -15,6 +15,7 @@ _TARGET = re.compile(r"Unresolved (\S+) prim path @(.*?)@<(.*?)> introduced by @
 _SUBLAYER = re.compile(r"Could not load sublayer @(.*?)@ of layer @(.*?)@(?: -- (.*))?")
 _CYCLE = re.compile(r"Cycle detected: @.*?@<(.*?)>")
 _SUBLAYER_CYCLE = re.compile(r"has cycles. Detected when layer @(.*?)@ was seen")
+_LEFT_OUT = "; it is left out"  # ends sentences about what is missing; other errors are mistakes in what is there
 _SITE = re.compile(r"@([^@]*?)(?:,@anon:[^@]*@)?@?(?=<)")
 
 
@@ -25,7 +26,8 @@ def warn_of_composition(stage: Usd.Stage, warnings: Warnings) -> None:
     folder = os.path.join(os.path.dirname(file), "")
     with warnings.together():
         for error in stage.GetCompositionErrors():
-            warnings.give(_sentence(error).replace(f"@{folder}", "@"), file)
+            text = _sentence(error).replace(f"@{folder}", "@")
+            (warnings.lack if text.endswith(_LEFT_OUT) else warnings.give)(text, file)
 
 
 def _sentence(error: Any) -> str:
@@ -33,15 +35,15 @@ def _sentence(error: Any) -> str:
     text = " ".join(text_of(error).split()).removesuffix("; skipping.").rstrip(". ")
     if found := _ARC.match(text):
         asset, kind, prim, reason = found.groups()
-        return f"{prim} has a {kind} to @{asset}@, {_unread(asset, reason)}; it is left out"
+        return f"{prim} has a {kind} to @{asset}@, {_unread(asset, reason)}{_LEFT_OUT}"
     if found := _TARGET.match(text):
         kind, asset, target, prim = found.groups()
         if target == "defaultPrim":
-            return f"{prim} has a {kind} to @{asset}@, which names no default prim; it is left out"
-        return f"{prim} has a {kind} to @{asset}@<{target}>, which has no such prim; it is left out"
+            return f"{prim} has a {kind} to @{asset}@, which names no default prim{_LEFT_OUT}"
+        return f"{prim} has a {kind} to @{asset}@<{target}>, which has no such prim{_LEFT_OUT}"
     if found := _SUBLAYER.match(text):
         asset, layer, reason = found.groups()
-        return f"@{layer}@ has a sublayer @{asset}@, {_unread(asset, reason)}; it is left out"
+        return f"@{layer}@ has a sublayer @{asset}@, {_unread(asset, reason)}{_LEFT_OUT}"
     if found := _CYCLE.match(text):
         return f"{found[1]} refers to itself, directly or through others; that reference is left out"
     if found := _SUBLAYER_CYCLE.search(text):

@@ -56,7 +56,7 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> lis
             problem = why_no_layer(path)
             if problem and not os.path.isdir(path):
                 text = f"{layer.realPath or layer.identifier} refers to {name}: expected a file, {problem}"
-                warnings.give(f"{text}; it is left out")
+                warnings.lack(f"{text}; it is left out")
                 _change(layer, name, "")
                 continue
             if _is_document(path):
@@ -71,7 +71,7 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> lis
             try:
                 waiting.append((other, _prims(other), variables))
             except SceneError as error:
-                warnings.give(f"{layer.realPath or layer.identifier} refers to {name}: {error}; it is left out")
+                warnings.lack(f"{layer.realPath or layer.identifier} refers to {name}: {error}; it is left out")
                 _change(layer, name, "")
             else:
                 found[identifier] = other
@@ -149,7 +149,7 @@ def _translated(path: str, warnings: Warnings) -> str:
     try:
         return str(_document(path, stamp(path)).identifier)
     except SceneError as error:
-        warnings.give(f"{error}; it is left out")
+        warnings.lack(f"{error}; it is left out")
         return ""
 
 

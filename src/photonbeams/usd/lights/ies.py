@@ -30,7 +30,7 @@ def read_profile(reading: Reading, prim: Usd.Prim) -> Profile | None:
         return None
     path = resolved(reading, asset)
     if not path:
-        reading.warn(prim, f"names {asset.path}, which is not there: the light shines without its IES profile", _NAME)
+        reading.lack(prim, f"names {asset.path}, which is not there: the light shines without its IES profile", _NAME)
         return None
     scale = reading.number(prim, "inputs:shaping:ies:angleScale", 0.0)
     normalize = reading.flag(prim, "inputs:shaping:ies:normalize", False)
@@ -38,7 +38,7 @@ def read_profile(reading: Reading, prim: Usd.Prim) -> Profile | None:
         return _profile(path, stamp(path), scale, normalize)
     except ValueError as error:
         text = f"names {path}, which is not an IES profile ({error}): the light shines without it"
-        reading.warn(prim, text, _NAME)
+        reading.lack(prim, text, _NAME)
         return None
 
 

@@ -152,7 +152,7 @@ def _pixels(
         found = None if pixels is None else (pixels, np.eye(3))
     if problem:
         instead = "the default" if fallback is None else "its fallback"
-        network.reading.warn(prim, f"{problem}; {instead} is used", own)
+        network.reading.lack(prim, f"{problem}; {instead} is used", own)
     return None if found is None else (_four_channels(found[0]), found[1])
 
 
@@ -173,7 +173,7 @@ def _tiles(reading: Reading, attribute: Usd.Attribute, path: str, space: str) ->
     for place, file in places.items():
         pixels, problem = image_at(reading, prim, name, file, known, limit)
         if pixels is None:
-            reading.warn(prim, f"{problem}; black is used", name)
+            reading.lack(prim, f"{problem}; black is used", name)
             continue
         tiles[place] = _four_channels(pixels)
     if not tiles:

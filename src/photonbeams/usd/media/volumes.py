@@ -100,7 +100,7 @@ def read_field(reading: Reading, prim: Usd.Prim, field: Usd.Prim, to_world: Arra
         local = np.linalg.inv(reading.to_world(prim)) @ reading.to_world(field)
         return DensityGrid(_positive(reading, field, voxels), to_world @ local @ voxels.to_file)
     except (SceneError, ValueError, OSError, np.linalg.LinAlgError) as error:
-        raise reading.fail(field, "filePath", f"names {shown}: expected a grid that can be read ({error})") from None
+        raise reading.missing(field, "filePath", f"names {shown}: expected a grid that can be read ({error})") from None
 
 
 def _file(reading: Reading, field: Usd.Prim) -> tuple[str, str]:
@@ -113,7 +113,7 @@ def _file(reading: Reading, field: Usd.Prim) -> tuple[str, str]:
         raise reading.fail(field, "filePath", f"names {shown}: expected a .vdb or .vol file")
     path = resolved(reading, asset)
     if not path:
-        raise reading.fail(field, "filePath", f"names {shown}: expected a .vdb or .vol file, but there is none")
+        raise reading.missing(field, "filePath", f"names {shown}: expected a .vdb or .vol file, but there is none")
     return path, shown
 
 

@@ -1,0 +1,116 @@
+"""What a stage names and what is missing is told with its frame, and fails where that is asked for."""
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from photonbeams.scene import SceneError
+from photonbeams.usd.common.warnings import MissingError, Warnings
+from photonbeams.usd.stage import open_stage, read_scene
+from tests.helpers.small_stage import LAMP, write_stage
+
+SEQUENCE = """def Volume "Smoke" {
+    rel field:density = </Smoke/density>
+    def OpenVDBAsset "density" {
+        token fieldName = "density"
+        asset filePath.timeSamples = {1: @here.vdb@, 2: @gone.vdb@, 3: @here.vdb@}
+    }
+}
+"""
+CLIPS = """def Sphere "Ball" (
+    clips = { dictionary default = {
+        asset[] assetPaths = [@here.usda@, @gone.usda@, @here.usda@]
+        double2[] active = [(1, 0), (2, 1), (3, 2)]
+        string primPath = "/Ball"
+    } }
+) { double radius
+}
+"""
+TEMPLATE = """def Sphere "Ball" (
+    clips = { dictionary default = {
+        string templateAssetPath = "./clip.##.usda"
+        double templateStartTime = 1
+        double templateEndTime = 3
+        double templateStride = 1
+        string primPath = "/Ball"
+    } }
+) { double radius
+}
+"""
+CLIP = '#usda 1.0\ndef Sphere "Ball" { double radius.timeSamples = {1: 1, 3: 3}\n}\n'
+TEXTURE = """def Mesh "Floor" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    rel material:binding = </Paint>
+    int[] faceVertexCounts = [3]
+    int[] faceVertexIndices = [0, 1, 2]
+    point3f[] points = [(-2, -1, 2), (2, -1, 2), (2, -1, -2)]
+}
+def Material "Paint" {
+    token outputs:surface.connect = </Paint/Surface.outputs:surface>
+    def Shader "Surface" {
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor.connect = </Paint/Image.outputs:rgb>
+        token outputs:surface
+    }
+    def Shader "Image" {
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @gone.png@
+        float3 outputs:rgb
+    }
+}
+"""
+IES = LAMP.replace("inputs:radius", "inputs:radius = 0.1\n    asset inputs:shaping:ies:file = @gone.ies@\n    float x")
+DOME = 'def DomeLight "Sky" { asset inputs:texture:file = @gone.hdr@\n}\n'
+REFERENCE = 'def Xform "Props" (prepend references = @gone.usda@) {\n}\n'
+VARYING = {"smoke": SEQUENCE, "clips": CLIPS, "template": TEMPLATE}
+LASTING = {"texture": TEXTURE, "profile": IES, "sky": DOME, "reference": REFERENCE}
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return a function that reads some frames of a stage, and returns the warnings about it."""
+    smoke = Path(__file__).resolve().parents[2] / "examples" / "smoke" / "smoke.1.vdb"
+    (tmp_path / "here.vdb").write_bytes(smoke.read_bytes())
+    for name in ("here.usda", "clip.01.usda", "clip.03.usda"):
+        (tmp_path / name).write_text(CLIP)
+
+    def frames(prims, numbers, strict=False):
+        warnings = Warnings(strict)
+        stage = open_stage(write_stage(tmp_path / "stage.usda", prims), warnings=warnings)
+        for number in numbers:
+            read_scene(stage, number, warnings)
+        return warnings
+
+    return frames
+
+
+@pytest.mark.parametrize("kind", VARYING)
+def test_a_gap_in_a_sequence_is_told_with_its_frame(read, kind, caplog):
+    warnings = read(VARYING[kind], (1, 2, 3))
+    (message,) = (each.message for each in caplog.records if "gone" in each.message or "clip.02" in each.message)
+    assert message.startswith("frame 2: ")
+    assert [len(warnings.missing_at(number)) for number in (1, 2, 3)] == [0, 1, 0]
+
+
+@pytest.mark.parametrize("kind", VARYING)
+def test_a_frame_in_a_gap_can_be_made_to_fail(read, kind):
+    read(VARYING[kind], (1, 3), strict="missing")
+    with pytest.raises(MissingError, match=r"gone\.|clip\.02\."):
+        read(VARYING[kind], (2,), strict="missing")
+
+
+@pytest.mark.parametrize("kind", LASTING)
+def test_a_missing_file_counts_for_every_frame_and_can_be_made_to_fail(read, kind, caplog):
+    caplog.set_level(logging.WARNING)
+    warnings = read(LASTING[kind], (1, 2))
+    (message,) = (each.message for each in caplog.records if "gone" in each.message)
+    assert "frame" not in message
+    assert len(warnings.missing_at(1)) == len(warnings.missing_at(2)) == 1
+    with pytest.raises(MissingError, match="gone"):
+        read(LASTING[kind], (1,), strict="missing")
+
+
+def test_other_warnings_are_no_errors_where_only_missing_things_are(read):
+    read(LAMP.replace("inputs:radius", "inputs:colour = 3\n    float inputs:radius"), (1,), strict="missing")
+    with pytest.raises(SceneError, match="expected True, False or 'missing'"):
+        Warnings("gone")
