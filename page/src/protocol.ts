@@ -51,9 +51,10 @@ export interface Discard {
   type: "discard";
 }
 
-/** Write the edits to their file. */
+/** Write the edits to their file; if another program has changed it, ask, merge, or write a copy beside it. */
 export interface Save {
   type: "save";
+  changed?: "ask" | "merge" | "copy";
 }
 
 /**
@@ -289,6 +290,13 @@ export interface Kept {
   label: string;
 }
 
+/** Another program has changed the file of the edits: they are in a copy now or, if that is None, not saved. */
+export interface Changed {
+  type: "changed";
+  file: string;
+  copy: string | null;
+}
+
 /** What a page asked for was refused. */
 export interface Refused {
   type: "refused";
@@ -315,4 +323,4 @@ export interface PictureHeader {
 
 export type PageMessage = Set | Apply | Keep | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Estimate | Cancel;
 
-export type ServerMessage = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | EstimateMessage | Applied | Kept | Refused;
+export type ServerMessage = SceneMessage | ValuesMessage | StateMessage | PixelMessage | RenderMessage | EstimateMessage | Applied | Kept | Changed | Refused;

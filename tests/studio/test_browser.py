@@ -356,6 +356,21 @@ def test_what_is_saved_is_there_again_and_opens_in_python(window, served):
     assert np.array_equal(after, viewed(layers["rgba"]))
 
 
+def test_a_file_that_another_program_changed_is_merged_when_the_user_says_so(window, served):
+    layer = served.session.edits.path
+    field = window.control("spinbutton", "lamp inputs:intensity")
+    field.fill("700")
+    field.press("Enter")
+    window.page.get_by_text("not saved").first.wait_for()
+    layer.write_text('#usda 1.0\nover "Nobody" {\n}\n')
+    window.press("Control+s")
+    window.page.get_by_text(f"another program has changed {layer.name}").wait_for()
+    assert "700" not in layer.read_text()
+    window.page.get_by_role("button", name="Merge").click()
+    window.page.get_by_text("another program has changed").wait_for(state="hidden")
+    assert "700" in layer.read_text() and "Nobody" in layer.read_text()
+
+
 def test_two_pages_see_each_others_edits_and_choose_their_layer_themselves(window, visit, served):
     other = visit(address_of(served), served.session)
     before = window.picture()

@@ -65,6 +65,23 @@ def test_edits_of_one_page_are_seen_by_all_and_are_saved(served, stage, tmp_path
         assert found["authored"][INTENSITY] is True  # the stage has it
 
 
+def test_a_page_is_asked_if_another_program_has_changed_the_file(served):
+    path, theirs = served.session.edits.path, '#usda 1.0\nover "Nobody" {\n}\n'
+    with served.page() as page:
+        page.send("set", values={INTENSITY: 50.0})
+        path.write_text(theirs)
+        page.send("save")
+        asked = page.wait(lambda found: found.get("type") == "changed")
+        assert (asked["file"], asked["copy"], path.read_text()) == (path.name, None, theirs)
+        page.send("save", changed="merge")
+        assert page.wait(lambda found: found.get("type") == "values" and found["saved"])
+        assert "Nobody" in path.read_text() and "50" in path.read_text()
+        path.write_text(theirs)
+        page.send("save", changed="copy")
+        copy = page.wait(lambda found: found.get("type") == "changed")["copy"]
+        assert "50" in path.with_name(copy).read_text() and path.read_text() == theirs
+
+
 def test_a_page_chooses_layer_exposure_and_view_transform_for_itself(served, stage):
     layers = rendered(stage)
     with served.page() as page:

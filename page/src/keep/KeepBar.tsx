@@ -3,7 +3,7 @@
 import { ActionIcon, Anchor, Button, Modal, Progress } from "@mantine/core";
 import { useState } from "react";
 import { CloseIcon, RedoIcon, UndoIcon } from "../common/icons";
-import { cancelRender, command, forgetRender, session } from "../session/session";
+import { cancelRender, command, forgetRender, save, session } from "../session/session";
 import { useStore } from "../session/store";
 import styles from "./keep.module.css";
 import { RenderDialog } from "./RenderDialog";
@@ -131,7 +131,7 @@ export function KeepBar({ onHelp }: { onHelp: () => void }) {
           variant="default"
           title="Save (Ctrl+S)"
           disabled={!open}
-          onClick={() => command("save")}
+          onClick={() => save()}
         >
           Save
         </Button>

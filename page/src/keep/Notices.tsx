@@ -1,9 +1,9 @@
-/** Notices: a lost connection, restored edits of an earlier studio, and edits that the server refused. */
+/** Notices: a lost connection, restored edits, a file that another program changed, and edits that were refused. */
 
 import { ActionIcon, Button } from "@mantine/core";
 import { useEffect, useState } from "react";
 import { CloseIcon, WarningIcon } from "../common/icons";
-import { command, connect, dismissRefused, session } from "../session/session";
+import { command, connect, dismissChanged, dismissRefused, save, session } from "../session/session";
 import { useStore } from "../session/store";
 import styles from "./keep.module.css";
 
@@ -59,6 +59,38 @@ function Restored() {
   );
 }
 
+/** Another program has changed the file of the edits: they can be merged, or saved in a copy. */
+function ChangedElsewhere() {
+  const changed = useStore(session, (state) => state.changed);
+  return (
+    <div role="alert">
+      {changed && (
+        <div className={styles.notice}>
+          <WarningIcon />
+          <span>
+            {changed.copy === null
+              ? `Not saved: another program has changed ${changed.file}. Merge keeps its changes and yours; where both changed a value, yours.`
+              : `Another program has changed ${changed.file}. Your edits are saved in ${changed.copy}, and Save goes on there.`}
+          </span>
+          {changed.copy === null && (
+            <>
+              <Button size="compact-xs" variant="white" color="dark" onClick={() => save("merge")}>
+                Merge
+              </Button>
+              <Button size="compact-xs" variant="white" color="dark" onClick={() => save("copy")}>
+                Save a copy
+              </Button>
+            </>
+          )}
+          <ActionIcon size="sm" variant="transparent" color="white" aria-label="Dismiss" onClick={dismissChanged}>
+            <CloseIcon />
+          </ActionIcon>
+        </div>
+      )}
+    </div>
+  );
+}
+
 export function Notices() {
   const lost = useLost();
   const retryAt = useStore(session, (state) => state.retryAt);
@@ -81,6 +113,7 @@ export function Notices() {
         </div>
       )}
       <Restored />
+      <ChangedElsewhere />
       {refused.map((text) => (
         <div role="alert" className={styles.notice} key={text}>
           <WarningIcon />

@@ -1,7 +1,7 @@
 /** Keys that work everywhere on the page. */
 
 import { useEffect } from "react";
-import { command } from "../session/session";
+import { command, save } from "../session/session";
 
 const OWN_UNDO = "data-own-undo";
 
@@ -36,7 +36,7 @@ export function useShortcuts(onHelp: () => void): void {
           field.blur();
           field.focus();
         }
-        command("save");
+        save();
       } else if ((key === "z" || key === "y") && !target?.closest(`[${OWN_UNDO}], [role=dialog][aria-modal]`)) {
         event.preventDefault();
         command(key === "y" || event.shiftKey ? "redo" : "undo");

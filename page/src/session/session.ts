@@ -2,6 +2,7 @@
 
 import type {
   Applied,
+  Changed,
   ControlItem,
   Estimate,
   EstimateMessage,
@@ -51,6 +52,8 @@ export interface SessionState {
   applied: Applied | null;
   /** The look that was kept in the library last. */
   kept: Kept | null;
+  /** That another program has changed the file of the edits. */
+  changed: Changed | null;
   state: StateMessage | null;
   pixel: PixelMessage | null;
   render: RenderMessage | null;
@@ -98,6 +101,7 @@ export const session = new Store<SessionState>({
   restored: false,
   applied: null,
   kept: null,
+  changed: null,
   state: null,
   pixel: null,
   render: null,
@@ -229,6 +233,7 @@ function receive(message: ServerMessage): void {
         canRedo: message.canRedo,
         saved: message.saved,
         restored: message.restored,
+        changed: message.saved && session.get().changed?.copy === null ? null : session.get().changed,
         edition: session.get().edition + (Object.keys(message.values).length > 0 ? 1 : 0),
       });
       mergeValues();
@@ -251,6 +256,9 @@ function receive(message: ServerMessage): void {
       break;
     case "kept":
       session.set({ kept: message });
+      break;
+    case "changed":
+      session.set({ changed: message });
       break;
     case "refused":
       edits.forget();
@@ -277,10 +285,21 @@ export function setValues(values: Values, step: string | null = null): void {
 }
 
 /** Send a command that concerns the whole scene. */
-export function command(type: "undo" | "redo" | "revert" | "discard" | "save"): void {
+export function command(type: "undo" | "redo" | "revert" | "discard"): void {
   edits.flush();
-  if (type !== "save") edits.forget();
+  edits.forget();
   post({ type });
+}
+
+/** Save the edits; `changed` says what is done if another program has changed their file. */
+export function save(changed: "ask" | "merge" | "copy" = "ask"): void {
+  edits.flush();
+  if (changed === "merge") edits.forget();
+  post({ type: "save", changed });
+}
+
+export function dismissChanged(): void {
+  session.set({ changed: null });
 }
 
 /** Apply a preset to a look, or give a light a new look with it. */

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import logging
+import re
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from hashlib import sha256
+from itertools import count
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 from ..runtime.files import PathLike, write_bytes
-from ..runtime.inputs import why_unreadable
+from ..runtime.inputs import content, why_unreadable
 from ..scene import SceneError
 from ..usd.authoring.editing import EMPTY, EditLayer
 
@@ -24,10 +27,35 @@ _MOST = 500
 
 T = TypeVar("T")
 
+#: What `Edits.save` does if another program has changed the file: refuse, merge, or save a copy beside it.
+IfChanged: TypeAlias = Literal["ask", "merge", "copy"]
+
+_OVER = re.compile(r"^# over (\w*)\n", re.MULTILINE)  # the line of an autosave that tells what its file held
+
+
+class ChangedError(SceneError):
+    """Another program has changed the file of the edits since it was read or written here."""
+
 
 def autosave_path(path: Path) -> Path:
     """Return the path of the autosave for a file of edits: .usda text, as long as some are unsaved."""
     return path.with_name(f"{path.name}.autosave")
+
+
+def _version(path: Path | None) -> str:
+    """Return a hash of a file's content, "" if there is no file."""
+    if path is None or not path.exists():
+        return ""
+    try:
+        return sha256(content(path)).hexdigest()
+    except SceneError:  # it is no regular file any more
+        return "unreadable"
+
+
+def _copy_of(path: Path) -> Path:
+    """Return the path of a file beside another one that does not exist yet."""
+    names = (f"{path.stem}.copy{number if number > 1 else ''}{path.suffix}" for number in count(1))
+    return next(each for each in map(path.with_name, names) if not each.exists())
 
 
 class Autosave:
@@ -129,7 +157,8 @@ class Edits:
         self._past: list[str] = []
         self._future: list[str] = []
         self._step: str | None = None
-        self._saved = layer.text()
+        self._saved = self._base = layer.text()  # `_base` is what the edits began with, as far as it is known
+        self._version = _version(self.path)
         self.restored = self.path is not None and self._restore(self.path)
 
     def _restore(self, path: Path) -> bool:
@@ -144,6 +173,9 @@ class Edits:
             return False
         if self.is_saved:
             return False
+        over = _OVER.search(text)
+        if over is not None and over[1] != self._version:  # the file was changed while there were unsaved edits
+            self._version, self._base = over[1], EMPTY
         self._past = [self._saved]
         LOG.warning("unsaved edits are restored from %s", autosave_path(path))
         return True
@@ -238,15 +270,27 @@ class Edits:
     def _unsaved(self) -> tuple[Path | None, str | None]:
         """Return the file, and the text of the edits or, if they are saved, None."""
         with self._lock:
-            return self.path, None if self.is_saved else self._layer.text()
+            text = self._layer.text().replace("\n", f"\n# over {self._version}\n", 1)
+            return self.path, None if self.is_saved else text
 
-    def save(self, path: PathLike | None = None) -> Path:
+    def save(self, path: PathLike | None = None, changed: IfChanged = "ask") -> Path:
         """Write the layer, whole or not at all, and return its file.
+
+        Parameters
+        ----------
+        path
+            Another file for the edits.
+        changed
+            What is done if another program has changed the file since: "ask" raises ChangedError; "merge" lays the
+            edits over what the file holds now, as a step that can be undone; "copy" writes a file beside it, which is
+            the file of the edits from then on.
 
         Raises
         ------
+        ChangedError
+            Another program has changed the file of the edits.
         SceneError
-            No path is given, and no file is known.
+            No path is given, and no file is known; or what the file holds now cannot be merged.
         OSError
             The file cannot be written.
         """
@@ -254,9 +298,18 @@ class Edits:
         if target is None:
             raise SceneError("the edits have no file: expected the path of a .usda layer")
         with self._autosave.files, self._lock:
+            if target == self.path and _version(target) not in ("", self._version):
+                if changed == "ask":
+                    text = "another program has changed it since: expected changed='merge' or 'copy', or another file"
+                    raise ChangedError(f"{target}: {text}")
+                if changed == "copy":
+                    target = _copy_of(target)
+                else:
+                    self.change(lambda layer: layer.merge(self._base, target))
             self._layer.write(target)
             self._autosave.remove(self.path, target)
-            self.path, self._saved, self.restored = target, self._layer.text(), False
+            self.path, self._version, self.restored = target, _version(target), False
+            self._saved = self._base = self._layer.text()
         return target
 
     def close(self) -> None:

@@ -61,7 +61,9 @@ class Discard(Message, tag="discard"):
 
 
 class Save(Message, tag="save"):
-    """Write the edits to their file."""
+    """Write the edits to their file; if another program has changed it, ask, merge, or write a copy beside it."""
+
+    changed: Literal["ask", "merge", "copy"] = "ask"
 
 
 class Show(Message, tag="show"):
@@ -311,6 +313,13 @@ class Kept(Answer, tag="kept"):
     label: str
 
 
+class Changed(Answer, tag="changed"):
+    """Another program has changed the file of the edits: they are in a copy now or, if that is None, not saved."""
+
+    file: str
+    copy: str | None
+
+
 class Refused(Answer, tag="refused"):
     """What a page asked for was refused."""
 
@@ -326,6 +335,7 @@ Answers = (
     | EstimateMessage
     | Applied
     | Kept
+    | Changed
     | Refused
 )
 

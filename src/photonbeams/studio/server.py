@@ -30,6 +30,7 @@ from ..scene import SceneError
 from ..usd.authoring.presets import PRESETS
 from ..usd.cameras.stereo import Stereo, usual_interaxial
 from . import controls, protocol
+from .edits import ChangedError, IfChanged
 from .encoding import ANAGLYPH, SHOWN, encoded, thumbnail_of
 from .final import Estimates, FinalRender, Wanted
 from .guard import HEADERS, Guard
@@ -229,9 +230,8 @@ class Studio:
                 }  # fmt: skip
                 await self._command(moves[type(asked)])
                 await self._tell_edited(None)
-            case protocol.Save():
-                await self._command(session.edits.save)
-                self._tell_all(self._values({}))
+            case protocol.Save(changed=changed):
+                await self._save(watcher, changed)
             case protocol.Show():
                 await self._show(watcher, asked)
             case protocol.Inspect(at=at):
@@ -249,6 +249,19 @@ class Studio:
                 watcher.end_estimate()
             case protocol.Cancel():
                 self._final.cancel()
+
+    async def _save(self, watcher: Watcher, changed: IfChanged) -> None:
+        """Save the edits; if another program has changed their file, ask the page, or tell it of the copy."""
+        before = self.session.edits.path
+        name = "" if before is None else before.name
+        try:
+            written = await self._command(self.session.save, changed)
+        except ChangedError:
+            watcher.tell(protocol.encoded(protocol.Changed(name, None)))
+            return
+        if written != before:
+            watcher.tell(protocol.encoded(protocol.Changed(name, written.name)))
+        await self._tell_edited(None if changed == "merge" else {})
 
     async def _show(self, watcher: Watcher, asked: protocol.Show) -> None:
         given = {

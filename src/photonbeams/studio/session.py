@@ -24,7 +24,7 @@ from ..usd.authoring.presets import BEAM, apply_preset
 from ..usd.cameras.stereo import check_stereo, is_eye
 from ..usd.layers.frames import time_range
 from ..usd.stage import list_cameras, up_axis
-from .edits import Edits
+from .edits import Edits, IfChanged
 from .final import Wanted, file_beside, flags_of
 from .inspector import Inspected, inspected
 from .live import Cancelled
@@ -195,6 +195,15 @@ class Session:
         with self._lock:
             self.edits.discard()
             self._new()
+
+    def save(self, changed: IfChanged = "ask") -> Path:
+        """Write the edits to their file, and return it; `changed` is that of `Edits.save`."""
+        if changed != "merge":
+            return self.edits.save(changed=changed)
+        with self._lock:
+            target = self.edits.save(changed=changed)
+            self._new()
+            return target
 
     def show(self, **changes: Any) -> int:
         """Change the view, and return the version that will show it.

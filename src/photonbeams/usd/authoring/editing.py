@@ -160,14 +160,7 @@ class EditLayer:
 
     def paths(self) -> list[str]:
         """Return the paths of the properties that the layer sets."""
-        found: list[str] = []
-
-        def note(path: Sdf.Path) -> None:
-            if path.IsPrimPropertyPath():
-                found.append(str(path))
-
-        self._layer.Traverse(Sdf.Path.absoluteRootPath, note)
-        return found
+        return [str(path) for path in _paths(self._layer) if path.IsPrimPropertyPath()]
 
     def text(self) -> str:
         """Return the layer as .usda."""
@@ -185,6 +178,29 @@ class EditLayer:
             raise SceneError(f"{path} cannot be read: expected a USD layer")
         self._layer.TransferContent(layer)
 
+    def merge(self, before: str, path: Path) -> None:
+        """Replace the content by that of a file, with the changes that were made here since the text `before`.
+
+        Values that both have changed are those of this layer. SceneError if the file is not a USD layer.
+        """
+        mine, base = Sdf.Layer.CreateAnonymous(), Sdf.Layer.CreateAnonymous()
+        mine.TransferContent(self._layer)
+        base.ImportFromString(before)
+        self.load(path)
+        for gone in {*_paths(base)} - {*_paths(mine)}:
+            self._remove(gone)
+        for own in _paths(mine):
+            if not own.IsPrimPropertyPath():
+                self._add(mine.GetPrimAtPath(own))
+            elif _text_at(mine, own) != _text_at(base, own):
+                Sdf.CopySpec(mine, own, self._layer, own)
+
+    def _add(self, prim: Sdf.PrimSpec | None) -> None:
+        """Add a prim of another layer, without its properties, where there is none."""
+        if prim is not None and not self._layer.GetPrimAtPath(prim.path):
+            spec = Sdf.CreatePrimInLayer(self._layer, prim.path)
+            spec.specifier, spec.typeName = prim.specifier, prim.typeName
+
     def write(self, path: Path) -> None:
         """Write the layer to a .usd, .usda or .usdc file, whole or not at all.
 
@@ -198,6 +214,19 @@ class EditLayer:
         if path.suffix not in (".usd", ".usda", ".usdc"):
             raise SceneError(f"{path}: expected a .usda, .usdc or .usd file")
         write_layer(self._layer, path)
+
+
+def _paths(layer: Sdf.Layer) -> list[Sdf.Path]:
+    """Return the paths of a layer's specs, those of prims before those in them."""
+    found: list[Sdf.Path] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, found.append)
+    return sorted(found)
+
+
+def _text_at(layer: Sdf.Layer, path: Sdf.Path) -> str | None:
+    """Return a property of a layer as text, or None if the layer lacks it."""
+    spec = layer.GetPropertyAtPath(path)
+    return None if spec is None else str(spec.GetAsText())
 
 
 def _read(read: Callable[[], Any]) -> Any:
