@@ -302,7 +302,7 @@ def summary_lines(
     return [
         f"{passes}, {counted(statistics.beams, 'beam')}, {statistics.tests / 1e6:,.0f} million ray-beam tests",
         f"{seconds:.1f} s ({phases})",
-        *filter(None, [error_note(statistics.error), missing_note(statistics)]),
+        *filter(None, [error_note(statistics.error), _missing_note(statistics)]),
         *(f"wrote {path}" for path in files),
     ]
 
@@ -314,7 +314,7 @@ def error_note(error: float | None, goal: float | None = None) -> str:
     return f"error {100 * error:.2g} %" + (f" of {100 * goal:.2g} %" if goal else "")
 
 
-def missing_note(statistics: Statistics) -> str:
+def _missing_note(statistics: Statistics) -> str:
     """Return a note on what a frame lacks, which warnings have named; "" if it lacks nothing."""
     count = len(statistics.missing)
     return f"without {counted(count, 'thing')} that the stage names, as warned" if count else ""
@@ -323,7 +323,7 @@ def missing_note(statistics: Statistics) -> str:
 def frame_line(name: str, statistics: Statistics, files: Iterable[Path], seconds: float) -> str:
     """Return a line about one frame of several."""
     done = f"{_passes(statistics)}, {counted(statistics.beams, 'beam')}, {seconds:.1f} s"
-    parts = [done, missing_note(statistics), f"wrote {', '.join(map(str, files))}"]
+    parts = [done, _missing_note(statistics), f"wrote {', '.join(map(str, files))}"]
     return f"frame {name}: {', '.join(filter(None, parts))}"
 
 
