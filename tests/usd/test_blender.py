@@ -207,3 +207,82 @@ def test_custom_properties_of_blenders_object_may_be_animated_and_reach_its_ligh
     (light,) = read_scene(usd(text, 'doc = "Blender v5.0.1"'), 5.0).lights
     assert (light.group, light.beam_scale) == ("key", pytest.approx(2))
     assert not caplog.messages
+
+
+LAMPS = """
+    def Xform "Ob" {{
+        float3 xformOp:scale = ({0}, {0}, {0})
+        double3 xformOp:translate = (0, 0, {1})
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+        def SphereLight "point" {{ {2}\n float inputs:radius = 0.1\n }}
+        def SphereLight "spot" {{ {2}\n float inputs:radius = 0\n bool treatAsPoint = 1\n }}
+        def RectLight "rect" {{ {2}\n float inputs:width = 2\n }}
+        def DiskLight "disk" {{ {2}\n }}
+        def Volume "smoke" {{ rel field:density = <{3}/Ob/smoke/density>
+            def OpenVDBAsset "density" {{ asset filePath = @smoke.vdb@\n }}
+        }}
+    }}
+"""
+
+
+def exported(folder, meters, root, scaled=True, signed=True):
+    """Write what Blender 5.0.1 exports of lamps 3 m above the ground in another unit, with or without a root prim."""
+    scale = 1 / meters if scaled else 1
+    power = "float inputs:intensity = 31.830988\n bool inputs:normalize = 1"
+    lamps = LAMPS.format(1 if root else scale, 3 if root else 3 * scale, power, "/root" if root else "")
+    if root:
+        order = 'uniform token[] xformOpOrder = ["xformOp:scale"]'
+        lamps = f'def Xform "root" {{\n float3 xformOp:scale = ({scale}, {scale}, {scale})\n {order}\n{lamps}\n}}'
+    doc = 'doc = "Blender v5.0.1"\n' if signed else ""
+    metadata = f'{doc}metersPerUnit = {meters}\n upAxis = "Z"\n defaultPrim = "{"root" if root else "Ob"}"'
+    (folder / "export.usda").write_text(f"#usda 1.0\n(\n{metadata}\n)\n{lamps}")
+    if not (folder / "smoke.vdb").exists():
+        write_vdb(folder / "smoke.vdb", {"density": np.ones((2, 2, 2), dtype=np.float32)})
+    return folder / "export.usda"
+
+
+def in_metres(stage, meters):
+    """Return the radiances of lamps, what points give at a metre, and the smoke's extinction per metre."""
+    content = read_scene(stage)
+    found = {light.name.split("/")[-1]: np.array(light.radiance) for light in content.lights}
+    found["spot"] *= meters**2  # a radiant intensity, whose irradiance is per square unit
+    (smoke,) = content.media
+    return {**found, "smoke": np.array(smoke.extinction) / meters}
+
+
+@pytest.mark.parametrize("root", [True, False])
+@pytest.mark.parametrize("meters", [0.001, 0.01, 0.0254, 0.3048, 0.9144, 1000.0])
+def test_lamps_and_smoke_are_the_same_in_all_units_that_blender_exports(tmp_path, meters, root, caplog):
+    right = in_metres(open_stage(exported(tmp_path, 1.0, root)), 1.0)
+    assert right["point"] == pytest.approx([100 / (np.pi * 4 * np.pi * 0.1**2)] * 3, rel=1e-6)
+    found = in_metres(open_stage(exported(tmp_path, meters, root)), meters)
+    for name, value in right.items():  # single precision: of the scale that is written, squared
+        assert found[name] == pytest.approx(value, rel=1e-5), name
+
+
+def test_units_are_converted_only_where_blender_wrote_and_scaled_them(tmp_path):
+    right = in_metres(open_stage(exported(tmp_path, 1.0, True)), 1.0)["spot"]
+    for given in ({"scaled": False}, {"signed": False}):  # before it offered units, and another program's
+        found = read_scene(open_stage(exported(tmp_path, 0.01, True, **given))).lights
+        assert next(each for each in found if "spot" in each.name).radiance == pytest.approx(right, rel=1e-6)
+
+
+@pytest.mark.parametrize(("scale", "meters"), [(1, 0.01), (0.01, 1.0)])
+def test_an_export_in_centimetres_that_another_stage_scales_back_keeps_its_light(tmp_path, scale, meters):
+    right = in_metres(open_stage(exported(tmp_path, 1.0, True)), 1.0)
+    exported(tmp_path, 0.01, True)
+    order = 'uniform token[] xformOpOrder = ["xformOp:scale"]'
+    (tmp_path / "set.usda").write_text(
+        f'#usda 1.0\n(\n metersPerUnit = {meters}\n)\ndef Xform "Set" {{\n float3 xformOp:scale = ({scale}, {scale}, '
+        f'{scale})\n {order}\n def Xform "Room" (instanceable = 1\n references = @export.usda@) {{}}\n}}\n'
+    )
+    found = in_metres(open_stage(tmp_path / "set.usda"), meters)
+    for name, value in right.items():
+        assert found[name] == pytest.approx(value, rel=1e-5), name
+
+
+def test_an_intensity_that_is_set_over_an_export_in_centimetres_has_the_same_unit(tmp_path):
+    exported(tmp_path, 0.01, True)
+    stage = open_stage(tmp_path / "export.usda", overrides=["/root/Ob/spot.inputs:intensity=63.661976"])
+    found = in_metres(stage, 0.01)
+    assert found["spot"] == pytest.approx([200 / (4 * np.pi)] * 3, rel=1e-6)

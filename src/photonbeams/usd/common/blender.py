@@ -1,16 +1,18 @@
 """Corrections for what Blender's exporter writes differently from UsdLux, found by exporting with Blender 5.0.1.
 
-They apply to prims that a layer from Blender defines; Blender signs its layers with `doc = "Blender v..."`. An
-intensity or a transform that another layer overrides is used as it is.
+They apply to prims that a layer from Blender defines; Blender signs its layers with `doc = "Blender v..."`. A sun's
+intensity or a dome's transform that another layer overrides is used as it is.
 """
 
 from __future__ import annotations
 
+from math import log
+
 import numpy as np
 
 from ...scene import Array
-from .openusd import Sdf, Usd, UsdGeom
-from .reading import prims_under
+from .openusd import Gf, Sdf, Usd, UsdGeom
+from .reading import Reading, prims_under
 
 
 def wrote(prim: Usd.Prim) -> bool:
@@ -31,6 +33,33 @@ def sun(angle: float, value: Array) -> tuple[float, Array]:
     importer multiplies them by 4 and by 2 again.
     """
     return 2 * angle, 4 * value
+
+
+def unit(reading: Reading, prim: Usd.Prim) -> float:
+    """Return how many scene units long Blender's unit is, where Blender exported a prim in a unit other than metres.
+
+    Blender then scales its root, or all that has no parent, by 1 / `metersPerUnit`; what it counts per metre or per
+    square metre, it writes as it is: the power of lamps, and the density of volumes. 1: there is nothing to convert.
+    """
+    signed = (spec.layer for spec in prim.GetPrimStack() if spec.specifier == Sdf.SpecifierDef and _signed(spec.layer))
+    layer = next(signed, None)
+    meters = 1.0 if layer is None else float(layer.pseudoRoot.GetInfo("metersPerUnit") or 1.0)
+    if meters == 1 or meters <= 0:
+        return 1.0
+    top, parent = prim, prim.GetParent()
+    while not parent.IsPseudoRoot() and any(spec.layer == layer for spec in parent.GetPrimStack()):
+        top, parent = parent, parent.GetParent()
+    whole = _scale(reading.xforms.GetLocalToWorldTransform(top))
+    above = _scale(reading.xforms.GetParentToWorldTransform(top))
+    if not (whole > 0 and above > 0):
+        return 1.0
+    # Versions before the choice of units wrote `metersPerUnit` without scaling; and objects have scales of their own.
+    own = whole / above
+    return above / meters if abs(log(own * meters)) < abs(log(own)) else 1.0
+
+
+def _scale(matrix: Gf.Matrix4d) -> float:
+    return float(abs(matrix.GetDeterminant3()) ** (1 / 3))
 
 
 def lost_world_rotation(prim: Usd.Prim, time: Usd.TimeCode) -> bool:

@@ -1,7 +1,7 @@
 """Read UsdLux lights: radiance, size and place, and the settings of `PhotonBeamsLightAPI` for their beams.
 
 The formulas are those of UsdLuxLightAPI's documentation: radiance = intensity · 2^exposure · color · temperature,
-divided by the light's size in world space where `normalize` is on. Blender's power needs no factor: a point, spot or
+divided by the light's size in world space where `normalize` is on. Blender's power needs no factor in metres: a point, spot or
 area light of W watts is exported with intensity W/π and normalize on, so that an emitter of area A has radiance
 W/(π A) and flux W. A sphere has the radiant intensity W/(4π), also as its radius goes to 0.
 """
@@ -39,7 +39,7 @@ from ..geometry.meshes import is_gprim
 from .beam_settings import read_beam_settings, read_portal
 from .filters import filtered
 from .gobos import read_texture
-from .light_controls import on_surfaces, read_shaping, warn_of_what_is_left_out
+from .light_controls import on_surfaces, read_shaping, warn_of_names_and_gaps
 from .mesh_lights import is_asked, read_glow
 
 # UsdLux normalizes its black body to luminance, but documents 6500 K as white. Without a division by its colour at
@@ -86,7 +86,7 @@ def read_light(
     if kind not in _DOMES and abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
         reading.warn(prim, "is scaled to zero: it is skipped")
         return None
-    warn_of_what_is_left_out(reading, prim)
+    warn_of_names_and_gaps(reading, prim)
     portal = reading.attempt(prim, partial(read_portal, reading, prim), None, "the light has no portal")
     shared = {"name": name, **read_beam_settings(reading, prim, portal)}
     shared |= {"emits_beams": makes_beams(reading, prim), "shaping": read_shaping(reading, prim)}
@@ -120,6 +120,8 @@ def is_sky(prim: Usd.Prim) -> bool:
 def _value(reading: Reading, prim: Usd.Prim) -> Array:
     """Return intensity · 2^exposure · color · temperature, (3,)."""
     intensity = reading.number(prim, "inputs:intensity", 1.0, minimum=0.0)
+    if _normalized(reading, prim) and not prim.IsA(UsdLux.NonboundableLightBase):
+        intensity *= blender.unit(reading, prim) ** 2  # whoever sets it, so that an edit does not change its unit
     exposure = reading.number(prim, "inputs:exposure", 0.0, -100.0, 100.0)
     result = intensity * 2.0**exposure * np.asarray(reading.color(prim, "inputs:color", (1, 1, 1)))
     if reading.flag(prim, "inputs:enableColorTemperature", False):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...scene import BLACK, Array, Color, color
-from ..common.blender import wrote_prim
+from ..common import blender
 from ..common.openusd import Usd, UsdGeom, UsdShade
 from ..common.reading import Reading
 from ..materials.bound import bound_to
@@ -57,10 +57,14 @@ def read_shading(reading: Reading, prim: Usd.Prim) -> VolumeShading:
     """Return the values of the shader of a volume's material; without one, extinction 1 and albedo 0.5."""
     material = bound_to(reading, prim)
     if material is None:
-        if wrote_prim(prim):
-            text = "has no material, because Blender writes none for volumes: extinction 1 and albedo 0.5 are used"
-            reading.warn(prim, f"{text}; for its own, set photonbeams:scattering, absorption and anisotropy")
-        return VolumeShading()
+        if not blender.wrote_prim(prim):
+            return VolumeShading()
+        half = _ALBEDO / blender.unit(reading, prim)
+        text = (
+            f"has no material, because Blender writes none for volumes: extinction {2 * half:g} and albedo 0.5 are used"
+        )
+        reading.warn(prim, f"{text}; for its own, set photonbeams:scattering, absorption and anisotropy")
+        return VolumeShading((half,) * 3, (half,) * 3)
     shaders = [shader for each in _CONTEXTS if (shader := material.ComputeVolumeSource(each)[0])]
     if not shaders:
         text = "has no volume shader: extinction 1 and albedo 0.5 at density 1 are used"
