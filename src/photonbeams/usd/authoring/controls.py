@@ -197,7 +197,7 @@ def _light_input(prim: Usd.Prim, name: str) -> Definition | None:
 
 def _control(reading: Reading, prim: Usd.Prim, own: Definition, section: str) -> Control:
     """Return the control of an attribute."""
-    attribute = prim.GetAttribute(own.name)
+    attribute = reading.attribute(prim, own.name)
     authored = bool(attribute) and attribute.HasAuthoredValue()
     value = plain(reading.value(prim, own.name, own.default)) if authored else own.default
     if own.kind in ("number", "integer"):

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ...scene import FARTHEST, Array, Color, Mesh, SceneError, color, number
 from ...scene.checks import shown
 from .color_spaces import RAW, color_space, source_space, spaces_of, to_working
-from .openusd import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
+from .openusd import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdUtils
 from .selection import rendered_purposes
 from .warnings import LOG, MissingError, Warnings
 
@@ -22,6 +22,8 @@ T = TypeVar("T")
 
 #: A time of a stage: a time code, a number, or None for the default time.
 Time: TypeAlias = Union["Usd.TimeCode", float, None]
+#: What the names of a light's inputs begin with, since OpenUSD 21.02.
+INPUTS = "inputs:"
 #: What readings share, by key.
 Cache: TypeAlias = dict[tuple[object, ...], Any]
 
@@ -142,7 +144,7 @@ class Reading:
             missing = error if isinstance(error, MissingError) else None
             if self.warnings.strict is True or (missing and self.warnings.strict):
                 raise
-            text = str(error)
+            text = error.whole
             text = text.removeprefix(f"{file}: ") if text.startswith(f"{file}: /") else f"{prim.GetPath()}: {text}"
             if missing:
                 self.warnings.lack(text, file, instead, missing.frame)
@@ -169,9 +171,18 @@ class Reading:
         kind = prim.GetTypeName() or "prim without a type"
         self.warn(prim, f"is not an attribute of a {kind}: it is ignored{meant}", name)
 
+    def attribute(self, prim: Usd.Prim, name: str) -> Usd.Attribute:
+        """Return an attribute, or what a light has instead: its name from before OpenUSD 21.02, without "inputs:"."""
+        found, short = prim.GetAttribute(name), name.removeprefix(INPUTS)
+        if short == name or (found and found.HasAuthoredValue()):
+            return found
+        old = prim.GetAttribute(short)
+        known = found or short.startswith(("shaping:", "shadow:"))  # their schemas need not be applied
+        return old if old and known and old.HasAuthoredValue() and prim.HasAPI(UsdLux.LightAPI) else found
+
     def value(self, prim: Usd.Prim, name: str, default: object = None) -> Any:
         """Return an attribute's value or fallback at the time, or `default` if it has none."""
-        attribute = prim.GetAttribute(name)
+        attribute = self.attribute(prim, name)
         result = attribute.Get(self.time) if attribute else None
         if isinstance(result, str) and not name.startswith("photonbeams:"):
             result = self._token(prim, attribute, result)
@@ -221,7 +232,7 @@ class Reading:
             numbers = np.empty(0)
         if numbers.shape not in ((), (3,)):
             raise self.fail(prim, name, f"is {shown(value)}: expected a colour")
-        attribute = prim.GetAttribute(name)
+        attribute = self.attribute(prim, name)
         return color(self._positive(attribute, numbers) if attribute else numbers, self.place(prim, name))
 
     def in_working_space(self, attribute: Usd.Attribute, values: Array) -> Array:

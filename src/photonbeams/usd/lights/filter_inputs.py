@@ -24,7 +24,8 @@ _GRAPHS = ("primvars:arnold:shaders", "primvars:arnold:light:shaders")
 
 def filters_of(reading: Reading, prim: Usd.Prim) -> list[Usd.Prim]:
     """Return the prims of a light's filters: what `light:filters` names, and what Arnold's graphs of shaders give."""
-    targets = [] if not target_paths(prim, "light:filters") else reading.targets(prim, "light:filters")
+    name = next((each for each in ("light:filters", "filters") if target_paths(prim, each)), "")  # before 21.02
+    targets = reading.targets(prim, name) if name else []
     shaders = [shader for name in _GRAPHS for shader in _of_graph(reading, prim, name)]
     known = {Inputs.of(reading, each).shader for each in targets}
     return targets + [each for each in dict.fromkeys(shaders) if each not in known]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...scene import Shaping
 from ..common.openusd import Usd, UsdLux
-from ..common.reading import Reading
+from ..common.reading import INPUTS, Reading
 from ..common.visibility import is_seen
 from .ies import read_profile
 
@@ -18,8 +18,8 @@ def read_shaping(reading: Reading, prim: Usd.Prim) -> Shaping | None:
 
     The API alone is a cone of 90 degrees, the schema's fallback, as in hdEmbree.
     """
-    names = [name for name in prim.GetAuthoredPropertyNames() if name.startswith("inputs:shaping:")]
-    if not (names or prim.HasAPI(UsdLux.ShapingAPI)):
+    names = (name.removeprefix(INPUTS) for name in prim.GetAuthoredPropertyNames())
+    if not (any(name.startswith("shaping:") for name in names) or prim.HasAPI(UsdLux.ShapingAPI)):
         return None
     result = Shaping(
         cone_angle=reading.number(prim, "inputs:shaping:cone:angle", 90.0, minimum=0.0),
@@ -56,7 +56,12 @@ def on_surfaces(reading: Reading, prim: Usd.Prim, beams: bool) -> dict[str, Any]
     }
 
 
-def warn_of_what_is_left_out(reading: Reading, prim: Usd.Prim) -> None:
-    """Warn about settings of a light that are not rendered."""
+def warn_of_names_and_gaps(reading: Reading, prim: Usd.Prim) -> None:
+    """Warn about a light's attributes with old names, which are read, and about those that are not rendered."""
+    names = (each.GetName() for each in prim.GetAuthoredAttributes())
+    old = [name for name in names if (read := reading.attribute(prim, INPUTS + name)) and read.GetName() == name]
+    if old:
+        text = f"has {', '.join(old)} without {INPUTS}, as before OpenUSD 21.02"
+        reading.warn(prim, f"{text}: read as {INPUTS}{old[0]}{', and so on' if len(old) > 1 else ''}")
     if reading.number(prim, "inputs:shadow:falloff", -1.0) > 0:
         reading.warn(prim, "is not rendered: shadows have the same strength everywhere", "inputs:shadow:falloff")
