@@ -48,6 +48,30 @@ def test_tilt_is_read_past_and_words_may_be_separated_by_commas():
     assert at(parse(tilted.replace("\n0\n", ", 0,\n")), 45, 0) == 2
 
 
+@pytest.mark.parametrize("factor", [1.0, 2.5])
+def test_decimal_commas_are_read_and_told_from_commas_between_numbers(factor):
+    text = file([0, 90.5], [[4.5, 2, 0], [4, 1.25, 0.5]], vertical=(0, 22.5, 90), factor=factor)
+    head, numbers = text.split("TILT=NONE\n")
+    right = parse(text)
+    for written in (numbers.replace(".", ","), numbers.replace("\n", ","), numbers.replace("\n", " , ")):
+        found = parse(f"{head}TILT = none\r\n{written}\r\n\x1a")
+        for name in ("vertical", "horizontal", "intensity"):
+            assert np.array_equal(getattr(found, name), getattr(right, name))
+
+
+@pytest.mark.parametrize(
+    ("head", "factor"),
+    [
+        ("IES:LM-63-2019", 1), ("IESNA:LM-63-2002", 1), ("IESNA:LM-63-1995", 1), ("IESNA:LM-63-1991", 1.1),
+        ("IESNA91", 1.1), ("any words", 1.1),
+    ],
+)  # fmt: skip
+def test_the_twelfth_number_is_a_factor_until_1995_alone(head, factor):
+    """In 2019, 1.1 says that a laboratory measured the file; the ballast factor before it always counts."""
+    text = file([0], [[4, 2, 0]], head=f"{head}\nTILT=NONE\n").replace("1\n1\n50\n", "0.5\n1.1\n50\n")
+    assert at(parse(text), 0, 0) == pytest.approx(4 * 0.5 * factor)
+
+
 def test_types_a_and_b_have_their_polar_axis_along_the_light():
     ahead = [[0, 1, 0], [0, 8, 0], [0, 1, 0]]  # brightest straight ahead, where both angles are 0
     for kind, phi in ((2, 90), (3, 180)):
@@ -106,7 +130,8 @@ def test_the_table_has_the_profile():
         (file([0], [[4, 2, 0]], kind=7), "its photometric type is 7"),
         (file([10, 80], [[4, 2, 0], [4, 2, 0]]), "its horizontal angles go from 10 to 80"),
         (HEAD + "1 1 1 0 1 1", "it has 0 vertical angles"),
-        (HEAD + "one two three", "could not convert"),
+        (HEAD + "one two three", "it has 'one' where a number is expected"),
+        (file([0], [[4, 2, 0]]) + " 7 8", "it has 2 more numbers than 3 vertical and 1 horizontal angles need"),
     ],
 )  # fmt: skip
 def test_what_is_no_profile_is_named(text, message):

@@ -7,12 +7,14 @@ hdEmbree, that axis becomes the light's own.
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from ...scene import Array, Profile
+from ...scene import Array, Profile, shown
 from ..common.openusd import Sdf, Usd
 from ..common.reading import Reading
 from ..common.textures import asset_content, resolved, stamp
@@ -21,6 +23,8 @@ _NAME = "inputs:shaping:ies:file"
 _MOST_ANGLES = 10_000
 _MOST_BYTES = 1 << 24
 _TYPE_C, _TYPE_B, _TYPE_A = 1, 2, 3
+_NO_FACTOR = 1995  # the first LM-63 in which the twelfth number is no factor
+_ENDS = "\x00\x1a \t\r\n"  # DOS ends files with \x1a
 
 
 def read_profile(reading: Reading, prim: Usd.Prim) -> Profile | None:
@@ -57,36 +61,55 @@ def parse(text: str) -> Profile:
     ValueError
         The text is not that of an IES file; the message is one clause.
     """
-    lines = text.splitlines()
-    tilt = next((number for number, line in enumerate(lines) if line.strip().upper().startswith("TILT=")), None)
-    if tilt is None:
+    found = re.search(r"^\s*TILT\s*=(.*)$", text, re.IGNORECASE | re.MULTILINE)
+    if found is None:
         raise ValueError("it has no line TILT=")
-    numbers = _Numbers(" ".join(lines[tilt + 1 :]))
-    if lines[tilt].strip().upper().endswith("INCLUDE"):
-        numbers.take(1)
-        numbers.take(2 * numbers.count("angles of tilt"))
-    _, _, multiplier = numbers.take(3)
-    rows, columns = numbers.count("vertical angles"), numbers.count("horizontal angles")
-    kind = int(numbers.take(1)[0])
-    numbers.take(4)  # the units of the luminaire's size, and its size
-    ballast, photometric, _ = numbers.take(3)
-    vertical, horizontal = numbers.take(rows), numbers.take(columns)
-    intensity = numbers.take(rows * columns).reshape(columns, rows) * (multiplier * ballast * photometric)
+    tilted, data = found[1].strip().upper() == "INCLUDE", text[found.end() :].rstrip(_ENDS)
+    numbers = _numbers(data, tilted)
+    ballast, photometric, _ = numbers.lamp
+    # Since 1995 the photometric factor is for future use, and since 2019 it tells where the file comes from.
+    year = re.match(r"\s*IES(?:NA)?:LM-63-(\d{4})", text)
+    if year and int(year[1]) >= _NO_FACTOR:
+        photometric = 1.0
+    vertical, horizontal, kind = numbers.vertical, numbers.horizontal, numbers.kind
+    intensity = numbers.intensity * (numbers.multiplier * ballast * photometric)
     if kind == _TYPE_C:
         return Profile(vertical, *_all_around(horizontal, intensity))
     if kind == _TYPE_B:
         return Profile(*_about_horizontal_axis(vertical, horizontal, intensity))
     if kind == _TYPE_A:
         return Profile(*_about_vertical_axis(vertical, horizontal, intensity))
-    raise ValueError(f"its photometric type is {kind}: expected 1, 2 or 3")
+    raise ValueError(f"its photometric type is {kind:g}: expected 1, 2 or 3")
+
+
+def _numbers(data: str, tilted: bool) -> _Numbers:
+    """Return the numbers of a file, in which a comma is a space or, if that gives another count, a decimal point."""
+    try:
+        return _Numbers(data.replace(",", " "), tilted)
+    except ValueError as error:
+        with suppress(ValueError):
+            return _Numbers(data.replace(",", "."), tilted)
+        raise error from None
 
 
 class _Numbers:
-    """The numbers of a file, one after another."""
+    """The numbers below a file's line TILT=; ValueError if there are more or fewer than they say."""
 
-    def __init__(self, text: str) -> None:
-        self._words = text.replace(",", " ").split()
+    def __init__(self, text: str, tilted: bool) -> None:
+        self._words = text.split()
         self._next = 0
+        if tilted:
+            self.take(1)
+            self.take(2 * self.count("angles of tilt"))
+        _, _, self.multiplier = self.take(3)
+        rows, columns = self.count("vertical angles"), self.count("horizontal angles")
+        (self.kind,) = self.take(1)
+        self.take(4)  # the units of the luminaire's size, and its size
+        self.lamp = self.take(3)
+        self.vertical, self.horizontal = self.take(rows), self.take(columns)
+        self.intensity = self.take(rows * columns).reshape(columns, rows)
+        if rest := len(self._words) - self._next:
+            raise ValueError(f"it has {rest} more numbers than {rows} vertical and {columns} horizontal angles need")
 
     def take(self, count: int) -> Array:
         """Return the next numbers."""
@@ -94,7 +117,7 @@ class _Numbers:
         if len(words) < count:
             raise ValueError(f"it ends after {len(self._words)} numbers")
         self._next += count
-        found = np.array([float(word) for word in words])
+        found = np.array([_number(word) for word in words])
         if not np.all(np.isfinite(found)):
             raise ValueError("it has numbers that are not finite")
         return found
@@ -105,6 +128,13 @@ class _Numbers:
         if not (value == int(value) and 1 <= value <= _MOST_ANGLES):
             raise ValueError(f"it has {value:g} {what}")
         return int(value)
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        raise ValueError(f"it has {shown(word)} where a number is expected") from None
 
 
 def _mirrored(angles: Array, values: Array) -> tuple[Array, Array]:
