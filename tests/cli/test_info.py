@@ -184,7 +184,7 @@ def SphereLight "Fill" {
     )
     found = lines(capsys, tmp_path / "a.usda")
     assert "/G/Key hidden at first none yet" in found
-    assert sum(line.startswith("/Fill ") for line in found) == 1
+    assert sum(line.startswith("/Fill sphere ") for line in found) == 1
 
 
 def test_what_is_neither_stage_nor_image_is_named(tmp_path):

@@ -96,12 +96,27 @@ def test_layers_that_cannot_be_written_are_refused(export, tmp_path):
         dressed(export, export)
     with pytest.raises(SceneError, match=r"a\.usdc: expected a name that ends in \.usda"):
         dressed(export, tmp_path / "a.usdc")
-    for name, message in (("Lights", "there is no light"), ("Camera", "has no camera: expected a Camera prim")):
-        shot = pb.Shot.open(export)
-        shot.stage.RemovePrim(f"/{name}") or shot.stage.GetPrimAtPath(f"/{name}").SetActive(False)
-        with pytest.raises(SceneError, match=message):
-            dress(shot, tmp_path / "a.usda")
+    empty = pb.Shot(Usd.Stage.CreateInMemory())
+    with pytest.raises(SceneError, match=r"expected a stage that is a file"):
+        dress(empty, tmp_path / "a.usda")
     assert not (tmp_path / "a.usda").exists()
+
+
+def test_an_export_without_camera_or_light_is_dressed_and_session_layers_become_sublayers(export, tmp_path, caplog):
+    shot = pb.Shot.open(export)
+    for name in ("Lights", "Camera"):
+        shot.stage.GetPrimAtPath(f"/{name}").SetActive(False)
+    assert [each.partition(" of ")[0] for each in dress(shot, tmp_path / "a.usda")] == ["a fog with a scattering"]
+    assert "there is no camera" in caplog.text
+    assert "there is no light" in caplog.text
+
+    lamp = 'def SphereLight "Key" {\n    double3 xformOp:translate = (0, 1, 1)\n'
+    lamp += '    uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
+    (tmp_path / "lamp.usda").write_text(f"#usda 1.0\n{lamp}")
+    dress(pb.Shot.open(export, session_layers=tmp_path / "lamp.usda"), tmp_path / "b.usda")
+    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "b.usda"))
+    assert [*layer.subLayerPaths] == ["./lamp.usda", f"./{export.relative_to(tmp_path)}"]
+    assert Usd.Stage.Open(layer).GetPrimAtPath("/Key").GetTypeName() == "SphereLight"
 
 
 def test_instances_stay_and_names_are_unique(tmp_path):

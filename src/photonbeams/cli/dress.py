@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .flags import Camera, DeviceFlags, MessageFlags, Stage
+from .flags import Camera, DeviceFlags, MessageFlags, SessionLayers, Stage
 from .outputs import checked_path
 from .progress import held_signals, messages
 
@@ -18,11 +18,13 @@ def dress(
     output: Annotated[Path, typer.Option("--output", "-o", help="The .usda file to write.")],
     shown: MessageFlags,
     camera: Camera = None,
+    session_layer: SessionLayers = None,
 ) -> None:
     """Write a layer over an export with what shafts of light need, and comments on what to change; no file is changed.
 
     The layer has a fog that suits the scene's size, and for each lamp that makes a shaft a look, a light group, and a
-    portal in each opening through which its light comes. What the export already has of these stays.
+    portal in each opening through which its light comes. What the export already has of these stays. Session layers
+    become sublayers of it.
 
     For example:
 
@@ -35,7 +37,7 @@ def dress(
         from ..shot.dressing import check_path
         from ..shot.dressing import dress as written
 
-        shot = Shot.open(scene, camera)
+        shot = Shot.open(scene, camera, session_layers=session_layer or ())
         target.parent.mkdir(parents=True, exist_ok=True)
         check_path(shot, target)
         check()

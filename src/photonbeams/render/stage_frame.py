@@ -121,10 +121,15 @@ def check(description: scene.Scene) -> None:
     """Raise SceneError if a scene has nothing to see: nothing at all, or no light."""
     if not (description.meshes or description.lights or description.media or description.drawn or description.groups):
         raise scene.SceneError("there is nothing to render: expected meshes, lights, fog or drawn beams")
-    glowing = any(_glows(mesh.material) for mesh in description.meshes)
-    if not (description.lights or description.drawn or description.groups or glowing):
+    if is_unlit(description):
         text = "there is no light, and the picture would be black: expected a UsdLux light, a surface that glows, or "
         raise scene.SceneError(f"{text}drawn beams")
+
+
+def is_unlit(description: scene.Scene) -> bool:
+    """Return whether a scene has no light at any time, and nothing that glows."""
+    glowing = any(_glows(mesh.material) for mesh in description.meshes)
+    return not (description.lights or description.drawn or description.groups or glowing)
 
 
 def _glows(material: scene.Material) -> bool:

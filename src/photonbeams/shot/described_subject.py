@@ -103,6 +103,10 @@ class DescribedSubject(Subject):
         """Return the names of everything that makes beams at another time, and of its looks."""
         return set()
 
+    def _names_fog(self, frame: float | None) -> bool:
+        """Return whether there is to be fog, although it may not be readable."""
+        return False
+
     def _viewers(self, viewpoint: Viewpoint) -> Sequence[scene.Camera]:
         """Return cameras at times all over the shot, to guide emission: guided frame by frame, films would flicker."""
         return self.cameras(viewpoint, None)
@@ -222,7 +226,27 @@ class DescribedSubject(Subject):
             check(content)
         except scene.SceneError as error:
             raise scene.SceneError(f"{self.name}: {error}") from None
-        _warn_of_darkness(content, self.name, self.number(frame), self.warnings)
+        self._warn_of_darkness(content, frame)
+
+    def _warn_of_darkness(self, content: scene.Scene, frame: float | None) -> None:
+        """Warn once if no beams are visible: there is no fog, nothing makes beams now, or all lights are black.
+
+        That is no error, so that a light that fades out does not end a film. Fog that could not be read had a warning.
+        """
+        from ..render.stage_frame import black, makers
+
+        name, names = self.name, ", ".join(black(content))
+        if not (content.media or self._names_fog(frame)):
+            fog = "expected a prim with PhotonBeamsMediumAPI, or a fog given by --scattering"
+            self.warnings.give(f"{name}: there is no fog, so no beams are seen: {fog}")
+        elif names:
+            self.warnings.give(f"{name}: no beams have any light: expected some of {names} to shine")
+        elif not makers(content) and not content.sky and _NOTHING not in self.warnings.given:
+            self.warnings.given.add(_NOTHING)
+            idle = ", ".join(light.name for light in content.lights)
+            expected = f"photonbeams:enabled on {idle}" if idle else "a light that is on"
+            at = f"{name}: {_NOTHING} at frame {self.number(frame):.10g}"
+            self.warnings.give(f"{at}: expected {expected}; frames without one have no beams")
 
     def windows(self, viewpoint: Viewpoint, request: FrameRequest) -> tuple[Window, Window]:
         """Return what is shown of a frame, and what is rendered."""
@@ -285,7 +309,7 @@ class DescribedSubject(Subject):
         exposure = self.exposure(viewpoint, frame, blur=False, lens=False)
         content, cameras = exposure(0.0)
         origin = self._origin(viewpoint, content, cameras)
-        _warn_of_darkness(content, self.name, self.number(frame), self.warnings)
+        self._warn_of_darkness(content, frame)
         size = self.resolution(viewpoint, frame, 128, None, (), None, 1.0)
         chosen = Settings.of(settings, given)
         if chosen.program is None:
@@ -356,27 +380,6 @@ class BuiltSubject(DescribedSubject):
 
     def _header(self, frame: float | None, duration: float) -> dict[str, Any]:
         return origin("", frame)
-
-
-def _warn_of_darkness(content: scene.Scene, name: str, number: float, warnings: Warnings) -> None:
-    """Warn once if no beams are visible: there is no fog, nothing makes beams now, or all lights are black.
-
-    That is no error, so that a light that fades out does not end a film. Messages begin with `name`.
-    """
-    from ..render.stage_frame import black, makers
-
-    names = ", ".join(black(content))
-    if not content.media:
-        fog = "expected a prim with PhotonBeamsMediumAPI, or a fog given by --scattering"
-        warnings.give(f"{name}: there is no fog, so no beams are seen: {fog}")
-    elif names:
-        warnings.give(f"{name}: no beams have any light: expected some of {names} to shine")
-    elif not makers(content) and not content.sky and _NOTHING not in warnings.given:
-        warnings.given.add(_NOTHING)
-        idle = ", ".join(light.name for light in content.lights)
-        expected = f"photonbeams:enabled on {idle}" if idle else "a light that is on"
-        at = f"{name}: {_NOTHING} at frame {number:.10g}"
-        warnings.give(f"{at}: expected {expected}; frames without one have no beams")
 
 
 def _warn_of_dim_suns(content: scene.Scene, cameras: Sequence[scene.Camera], name: str, warnings: Warnings) -> None:

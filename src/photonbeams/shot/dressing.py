@@ -10,6 +10,7 @@ from ..runtime.files import PathLike, write_bytes
 from ..scene import SceneError
 from ..usd.authoring.dressing import SUFFIX, Fog, Lamp, dressing
 from ..usd.common.reading import file_of
+from .lent import LIGHTS
 from .shot import Shot
 from .survey import DEPTH, Survey
 
@@ -17,7 +18,7 @@ _NAMED = 3  # lamps that are left as they are
 
 
 def dress(shot: Shot, path: PathLike) -> list[str]:
-    """Write a layer over a shot's stage, with what shafts of light need; the stage's own files stay as they are.
+    """Write a layer over a shot's stage and session layers, with what shafts of light need; no file of theirs changes.
 
     The layer has a fog that suits the distance of what the camera sees, and for each lamp of whose light in fog the
     camera sees some, a look, a light group, and a portal in each opening through which that light comes. What the stage
@@ -38,7 +39,7 @@ def dress(shot: Shot, path: PathLike) -> list[str]:
     Raises
     ------
     SceneError
-        Another suffix, a file that the stage is read from, no camera, no light, or something that cannot be read.
+        Another suffix, a file that the stage is read from, nothing to see, or something that cannot be read.
     OSError
         The file cannot be written: it is written whole or not at all.
 
@@ -63,7 +64,7 @@ def dress(shot: Shot, path: PathLike) -> list[str]:
     fog = None if content.media else Fog(survey.scattering, _reason(survey))
     result = dressing(shot.stage, path.absolute(), fog, lamps, {each.group for each in content.lights})
     write_bytes(path, result.text.encode())
-    others = [each.name for each in content.lights if each.name not in survey.shafts]
+    others = [each.name for each in content.lights if each.name not in (*survey.shafts, *LIGHTS)]
     if others:
         more = f" and {len(others) - _NAMED:,} more" if len(others) > _NAMED else ""
         result.said.append(

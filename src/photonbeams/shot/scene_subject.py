@@ -11,6 +11,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .. import scene
 from ..images.frame import pixels_of
 from ..images.numbering import PLACEHOLDER, numbered
@@ -25,6 +27,7 @@ from ..usd.common.warnings import Warnings
 from ..usd.layers.header import origin
 from ..usd.scene_layers import SceneLayers
 from ..usd.stage import files_of
+from .lent import lent_view
 from .scene_files import named_files
 from .scene_loading import check_scene, load
 from .subject import FrameContent, Subject, Viewpoint, several, size_of
@@ -69,6 +72,7 @@ class SceneSubject(Subject):
         self._layered: tuple[Path | None, float | None] | None = None  # file and frame for which the layers were read
         self._looks: dict[str, Look] = {}
         self._open: tuple[Path | None, Any] = (None, None if self.path else check_scene(source))
+        self._lent: tuple[Any, Any] = (None, None)  # the sensor that a scene without one gets, and this scene
 
     def __repr__(self) -> str:
         return repr(str(self.path or "a Mitsuba scene"))
@@ -116,15 +120,33 @@ class SceneSubject(Subject):
 
     def sensors(self, frame: float | None = None) -> dict[str, Any]:
         """Return the sensors by their ids."""
-        sensors = self.load(frame).sensors()
+        sensors = self.load(frame).sensors() or [self._view(frame)]
         return {sensor.id() or f"sensor {index}": sensor for index, sensor in enumerate(sensors)}
+
+    def _view(self, frame: float | None) -> Any:
+        """Return the sensor that is lent to a scene without one, which sees all of it."""
+        plugin = self.load(frame)
+        if self._lent[0] is not plugin:
+            from ..runtime.device import mitsuba
+            from ..world.bounds import box_around
+
+            mi, box = mitsuba(), box_around(plugin)
+            corners = [np.array(each, dtype=float) for each in (box.min, box.max)]
+            view = lent_view(self, "sensor", corners if box.valid() else None)
+            away = float(np.linalg.norm(view.to_world[:3, 3] - 0.5 * (corners[0] + corners[1])))
+            to_world = mi.ScalarTransform4f(view.to_world @ np.diag([-1.0, 1.0, -1.0, 1.0]))
+            clipping = {"near_clip": 1e-4 * away, "far_clip": 1e4 * away}
+            fov = 2 * np.degrees(np.arctan(0.5 * view.horizontal_aperture / view.focal_length))
+            self._lent = (
+                plugin,
+                mi.load_dict({"type": "perspective", "id": view.name, "fov": fov, "to_world": to_world, **clipping}),
+            )
+        return self._lent[1]
 
     def sensor(self, viewpoint: Viewpoint, frame: float | None = None) -> tuple[str, Any]:
         """Return the sensor of a viewpoint, and its id."""
         sensors, name = self.sensors(frame), viewpoint.camera
         ids = [*sensors]
-        if not ids:
-            raise SceneError(f"{self.name}: has no sensor: expected one")
         if name is None:
             return ids[0], sensors[ids[0]]
         by_name = {**{str(index): each for index, each in enumerate(ids)}, **{each: each for each in ids}}

@@ -17,16 +17,18 @@ from ..usd import stage as stages
 from ..usd.authoring.beams import write_beams
 from ..usd.authoring.editing import Extent, extent_of
 from ..usd.cameras.camera import read_shutter
-from ..usd.cameras.stereo import read_eyes
+from ..usd.cameras.stereo import read_eyes, split
 from ..usd.common.color_spaces import spaces_of
 from ..usd.common.motion import Exposure
-from ..usd.common.reading import file_of, frame_number
+from ..usd.common.openusd import UsdGeom
+from ..usd.common.reading import Reading, file_of, frame_number
 from ..usd.common.textures import FILES
-from ..usd.groups import groups_at_all_times, makers_at_all_times
+from ..usd.groups import groups_at_all_times, makers_at_all_times, names_fog
 from ..usd.layers.frames import check_frames
 from ..usd.layers.header import header
 from ..usd.unread import warn_of_unread
 from .described_subject import DescribedSubject, ShotBounds
+from .lent import lent_view, lit
 from .subject import Viewpoint
 
 if TYPE_CHECKING:
@@ -55,6 +57,7 @@ class StageSubject(DescribedSubject):
         self._stage_digest: str | None = None
         self._all_groups: frozenset[str] | None = None
         self._bounds: dict[Viewpoint, ShotBounds] = {}  # of everything at all times
+        self._view: scene.Camera | None = None  # that is lent to a stage without a camera
         self._lasting: dict[Any, Any] = {}  # what does not change with time on the stage
         self._edited = False  # whether the stage was: until then no time is read twice, and scenes are not cached
         self._contents: dict[Any, scene.Scene] = {}  # scenes that were read last, by times; their looks may be outdated
@@ -77,6 +80,7 @@ class StageSubject(DescribedSubject):
                 subject._contents.clear()
             if extent >= Extent.PLACES:
                 subject._bounds.clear()
+                subject._view = None
             if extent >= Extent.SURFACES:
                 subject._surfaces = {}
             if extent >= Extent.ALL:
@@ -129,12 +133,15 @@ class StageSubject(DescribedSubject):
         """Return the camera, or those of the left and the right eye."""
         if viewpoint.stereo is None:
             return (self._camera(viewpoint, frame),)
+        if self._lends_view(viewpoint):
+            meters = float(UsdGeom.GetStageMetersPerUnit(self.stage))
+            return split(self._camera(viewpoint, frame), viewpoint.stereo, meters, self.name)
         return read_eyes(self.stage, viewpoint.camera, viewpoint.stereo, self.time(frame), self.warnings)
 
     def exposure(self, viewpoint: Viewpoint, frame: float | None, blur: bool, lens: bool) -> Exposure:
         """Return the scene and the cameras over the shutter interval of a frame."""
         time = self.time(frame)
-        begin, end = read_shutter(self.stage, viewpoint.camera, time)
+        begin, end = (0.0, 0.0) if self._lends_view(viewpoint) else read_shutter(self.stage, viewpoint.camera, time)
         base = frame_number(time)
 
         def read(code: float) -> scene.Scene:
@@ -188,7 +195,28 @@ class StageSubject(DescribedSubject):
             self._current = {*self._current, key} & self._contents.keys()
         return content
 
+    def read(
+        self, viewpoint: Viewpoint, frame: float | None, base: float | None
+    ) -> tuple[scene.Scene, scene.Camera]:  # fmt: skip
+        """Return the scene at a frame, with its looks built, and the camera; a light is lent where there is none."""
+        content, camera = super().read(viewpoint, frame, base)
+        if self.emit is None:
+            content = lit(Reading(self.stage, self.time(frame), self.warnings), content, camera)
+        return content, camera
+
+    def _lends_view(self, viewpoint: Viewpoint) -> bool:
+        return viewpoint.camera is None and not stages.list_cameras(self.stage)
+
     def _camera(self, viewpoint: Viewpoint, frame: float | None) -> scene.Camera:
+        if self._lends_view(viewpoint):
+            if self._view is None:  # one for all frames, which sees them all
+                from ..world.bounds import box_of_states
+
+                states, _ = stages.states_at_all_times(
+                    self.stage, self._outlines(None), self._outlines, lambda _: (), emits=self.emit is not None
+                )
+                self._view = lent_view(self, "camera", box_of_states(states), self.up)
+            return self._view
         return stages.read_camera(self.stage, viewpoint.camera, self.time(frame), self.warnings)
 
     def _bounds_of(self, viewpoint: Viewpoint, content: scene.Scene) -> ShotBounds:
@@ -214,6 +242,9 @@ class StageSubject(DescribedSubject):
 
     def _makers(self) -> set[str]:
         return makers_at_all_times(self.stage)
+
+    def _names_fog(self, frame: float | None) -> bool:
+        return names_fog(self.stage, self.time(frame))
 
     def _viewers(self, viewpoint: Viewpoint) -> list[scene.Camera]:
         times: list[float | None] = [*stages.sample_times(self.stage, _VIEWERS)] or [None]

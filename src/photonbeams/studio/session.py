@@ -339,7 +339,7 @@ class Session:
     def has_pair(self) -> bool:
         """Return whether the camera is one of a pair of eyes that are both prims of the stage."""
         with self._lock:
-            return is_eye(self.shot.stage, self._viewpoint(self.view).camera)
+            return bool(self.cameras()) and is_eye(self.shot.stage, self._viewpoint(self.view).camera)
 
     def _viewpoint(self, view: SessionView) -> Viewpoint:
         """Return a view's camera, or else the session's; None is the stage's own choice."""

@@ -8,6 +8,7 @@ from functools import cache, partial
 
 from .common.openusd import Usd, UsdGeom
 from .common.reading import PROTOTYPE_PRIMS, Reading, prims_under, target_paths, visible
+from .common.warnings import Warnings
 from .geometry.instancers import shown_in_prototype
 from .lights.curves import is_drawn
 from .lights.light import is_light, is_sky, makes_beams
@@ -45,6 +46,12 @@ def hidden_lights(stage: Usd.Stage, time: Usd.TimeCode) -> list[str]:
     """Return the paths of the lights on a stage that are hidden at a time."""
     lights = (maker.prim for maker in _makers(stage.GetPseudoRoot()) if maker.instancer is None)
     return [str(prim.GetPath()) for prim in lights if is_light(prim) and not visible(prim, time)]
+
+
+def names_fog(stage: Usd.Stage, time: Usd.TimeCode) -> bool:
+    """Return whether a stage has fog that is not hidden at a time, although it may not be readable."""
+    reading = Reading(stage, time, Warnings(muted=True))
+    return any(is_medium(reading, each) and visible(each, time) for each in prims_under(stage.GetPseudoRoot()))
 
 
 @dataclass(frozen=True)

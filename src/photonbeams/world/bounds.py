@@ -111,13 +111,24 @@ def box_around(plugin: MiScene) -> BoundingBox:
 
 def bounding_sphere(states: Sequence[scene.Scene], viewpoints: Sequence[npt.ArrayLike]) -> tuple[np.ndarray, float]:
     """Return centre and radius of a sphere around all states of a scene, and the viewpoints."""
-    clouds = [cloud for state in states for cloud in _clouds(state)] + [np.asarray(point) for point in viewpoints]
-    points = np.concatenate([np.asarray(cloud, dtype=np.float64).reshape(-1, 3) for cloud in [*clouds, np.empty(0)]])
+    points = _points(states, viewpoints)
     if not len(points):
         return np.zeros(3), 1.0
     center = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = 1.001 * float(np.linalg.norm(points - center, axis=1).max())
     return center, radius or 1.0
+
+
+def box_of_states(states: Sequence[scene.Scene]) -> Box | None:
+    """Return the box around all states of a scene; None if nothing in it has a place."""
+    points = _points(states)
+    return (points.min(axis=0), points.max(axis=0)) if len(points) else None
+
+
+def _points(states: Sequence[scene.Scene], viewpoints: Sequence[npt.ArrayLike] = ()) -> np.ndarray:
+    """Return points (N, 3) whose box is around all states of a scene, and the viewpoints."""
+    clouds = [cloud for state in states for cloud in _clouds(state)] + [np.asarray(point) for point in viewpoints]
+    return np.concatenate([np.asarray(cloud, dtype=np.float64).reshape(-1, 3) for cloud in [*clouds, np.empty(0)]])
 
 
 def origin_of(states: Sequence[scene.Scene], viewpoints: Sequence[npt.ArrayLike]) -> np.ndarray:

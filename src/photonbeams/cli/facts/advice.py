@@ -28,8 +28,12 @@ Reason = tuple[str, str]
 
 def advice(stage: Usd.Stage, time: Usd.TimeCode, survey: Survey) -> Iterator[Reason]:
     """Yield the reasons why the picture would be dark, without shafts or blurred, each with what to type."""
+    from ...shot.lent import VIEW
+
+    if not survey.cameras or VIEW in survey.cameras:
+        instead = f": {VIEW} shows all of it" if survey.cameras else ""
+        yield f"the stage has no camera{instead}", "add one where the stage comes from, then export again"
     if not survey.cameras:
-        yield "the stage has no camera", "add one where the stage comes from, then export again"
         return
     yield from _of_lights(stage, time, survey)
     yield from _of_fog(stage, survey)
@@ -41,15 +45,18 @@ def advice(stage: Usd.Stage, time: Usd.TimeCode, survey: Survey) -> Iterator[Rea
 
 
 def _of_lights(stage: Usd.Stage, time: Usd.TimeCode, survey: Survey) -> Iterator[Reason]:
+    from ...shot.lent import LIGHTS
     from ...usd.groups import hidden_lights
 
     scene = survey.scene
-    if not (scene.lights or scene.drawn or scene.glowing):
+    lent = [each.name for each in scene.lights if each.name in LIGHTS]
+    if lent or not (scene.lights or scene.drawn or scene.glowing):
         hidden = hidden_lights(stage, time)
         if hidden:
             yield "all lights are hidden", _set(hidden[0], "visibility", "inherited")
         else:
-            yield "the stage has no light", 'save `def DomeLight "Sky" {}` as sky.usda: --session-layer sky.usda'
+            text = f"the stage has no light{': ' if lent else ''}{' and '.join(lent)}"
+            yield text, 'save `def DomeLight "Sky" {}` as sky.usda: --session-layer sky.usda'
         return
     for light in scene.lights:
         if not light.shines:

@@ -30,8 +30,10 @@ _FEWEST = 3  # rows of meshes: of fewer, those of the next level are shown, or t
 
 def tables(path: Path, layers: Sequence[Path]) -> Iterator[Table]:
     """Yield the tables about a stage; SceneError if it cannot be read."""
+    from ...shot.lent import lit
     from ...shot.survey import Survey
     from ...usd import stage as stages
+    from ...usd.common.reading import Reading
     from ...usd.common.warnings import Warnings
     from ...usd.unread import warn_of_unread
 
@@ -39,7 +41,10 @@ def tables(path: Path, layers: Sequence[Path]) -> Iterator[Table]:
     warn_of_unread(stage, Warnings())
     time = stages.default_time(stage)
     scene = stages.read_scene(stage, time)
-    survey = Survey(scene, watching(stage, time))
+    cameras = watching(stage, time, scene)
+    if cameras:
+        scene = lit(Reading(stage, time, Warnings(muted=True)), scene, next(iter(cameras.values())))
+    survey = Survey(scene, cameras)
     yield None, list(_stage_rows(stage, survey))
     yield ("camera", "lens", "view", "shutter", "focus", "exposure", "position"), _camera_rows(stage, time)
     lights = [_light_row(light) for light in scene.lights] + _hidden_rows(stage, time)
@@ -54,11 +59,16 @@ def tables(path: Path, layers: Sequence[Path]) -> Iterator[Table]:
     yield ("why it would be dark or blurred", "what to type"), [*advice(stage, time, survey)]
 
 
-def watching(stage: Usd.Stage, time: Usd.TimeCode) -> dict[str, Camera]:
-    """Return the first few valid cameras, by name; the one that a render takes comes first."""
+def watching(stage: Usd.Stage, time: Usd.TimeCode, scene: Scene) -> dict[str, Camera]:
+    """Return the first few valid cameras, by name, or the view of all; the one that a render takes comes first."""
+    from ...shot.lent import VIEW, view_of
     from ...usd import stage as stages
+    from ...world.bounds import box_of_states
 
     names = stages.list_cameras(stage)
+    if not names:
+        box = box_of_states([scene])
+        return {VIEW: view_of(box, stages.up_axis_name(stage))} if box else {}
     with suppress(SceneError):
         names.insert(0, stages.read_camera(stage, None, time).name)
     result = {}

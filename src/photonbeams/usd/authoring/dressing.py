@@ -151,11 +151,12 @@ def _place(root: _Prim, path: str, prim: _Prim) -> None:
 
 
 def _header(stage: Usd.Stage, path: Path) -> str:
-    """Return the layer's metadata: the export as its sublayer, with units and times, which only a root layer has."""
+    """Return the layer's metadata: its sublayers, session layers and the export, and units and times of the export."""
     source, layer = stage.GetRootLayer(), Sdf.Layer.CreateAnonymous(SUFFIX)
     export = source.realPath or source.identifier
-    relative = os.path.relpath(export, path.parent).replace(os.sep, "/")
-    layer.subLayerPaths = [relative if relative.startswith("../") else f"./{relative}"]
+    below = (os.path.relpath(each, path.parent) for each in (*stage.GetSessionLayer().subLayerPaths, export))
+    relative = (each.replace(os.sep, "/") for each in below)
+    layer.subLayerPaths = [each if each.startswith("../") else f"./{each}" for each in relative]
     for name in _METADATA:
         if source.pseudoRoot.HasInfo(name):
             layer.pseudoRoot.SetInfo(name, source.pseudoRoot.GetInfo(name))
