@@ -232,6 +232,8 @@ STRICT = [*GOOD, "--strict"]
 PROVOKED = {
     "there is no fog": ((), ["render", "examples/blender/attic.usda", *STRICT[2:]]),
     "nothing makes beams": ((), [*STRICT, "--set", "/Attic/Spot/Spot.photonbeams:enabled=0"]),
+    "there is no camera": ((), [*STRICT, "--mask", "/Attic/Spot,/Attic/Barrel"]),
+    "there is no light": ((), [*STRICT, "--mask", "/Attic/Camera,/Attic/Barrel"]),
     "has no camera": ((), [*GOOD, "--camera", "Nobody"]),
     "expected a prim that is on the stage": (("portal = </Skylight>", "portal = </Window>"), STRICT),
     "expected a PhotonBeamsLook": (("look = </Afternoon>", "look = </Fog>"), STRICT),

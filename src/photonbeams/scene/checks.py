@@ -50,8 +50,13 @@ def shortened(text: str, less: int = 0) -> str:
     """
     most = max(LONGEST - less, 1)
     if len(text) > most:
-        text = _PATH.sub(r"\1…\2", text)
+        text = brief(text)
     return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def brief(text: str) -> str:
+    """Return a text whose long words, which are paths, are cut in the middle."""
+    return _PATH.sub(r"\1…\2", text)
 
 
 class SceneError(ValueError):
@@ -69,7 +74,12 @@ class SceneError(ValueError):
     """
 
     def __str__(self) -> str:
-        return shortened(super().__str__())
+        return shortened(self.whole)
+
+    @property
+    def whole(self) -> str:
+        """The sentence, however long it is: for messages that shorten it themselves."""
+        return super().__str__()
 
 
 P = ParamSpec("P")

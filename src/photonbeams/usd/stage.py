@@ -21,7 +21,7 @@ from .authoring.editing import override
 from .cameras.camera import list_cameras, read_camera
 from .common import blender
 from .common.color_spaces import spaces_of
-from .common.openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdShade, UsdSkel, UsdUtils, text_of
+from .common.openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdShade, UsdSkel, UsdUtils, sentences_of, text_of
 from .common.reading import prims_under, quiet, varying_attributes
 from .common.selection import EVERYTHING, Selection, keep
 from .common.sizes import check_prims
@@ -255,8 +255,9 @@ def _sound(read: Callable[[float | None], T], code: float | None) -> T | None:
 
 def stage_digest(stage: Usd.Stage) -> str:
     """Return a hash of the composed stage, including its session layer, and of the files that it names."""
-    layer = stage.Flatten(addSourceFileComment=False)
-    UsdUtils.ModifyAssetPaths(layer, cache(_file_digest))
+    with quiet():
+        layer = stage.Flatten(addSourceFileComment=False)
+        UsdUtils.ModifyAssetPaths(layer, cache(_file_digest))
     return digest(layer.ExportToString(), texture_limit_of(stage), repr(spaces_of(stage)))
 
 
@@ -318,7 +319,7 @@ def _reason(error: Tf.ErrorException, path: str | os.PathLike[str]) -> str:
         r"with obsolete version (\S+)\. The oldest version this software supports is ([\d.]*\d)", found
     ):
         return f"it is a binary file of version {old[1]}, expected {old[2]} or later"
-    messages = re.findall(r" : '(.*?)\s*'(?=\s*\n\tError|\s*$)", found, re.DOTALL)
+    messages = sentences_of(error)
     for message in messages:
         located = re.fullmatch(r"(.*?):(\d+):\d+: (.*)", message, re.DOTALL)
         if located:

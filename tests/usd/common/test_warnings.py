@@ -1,10 +1,13 @@
 """Warnings about stages: they are given once, grouped and short, and what they name is left out."""
 
+import re
+
 import pytest
 
 from photonbeams import Shot
 from photonbeams.scene import SceneError
 from photonbeams.scene.checks import LONGEST
+from photonbeams.usd.common.openusd import Tf, sentences_of
 from photonbeams.usd.common.reading import Reading
 from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.stage import open_stage, read_camera, read_scene
@@ -154,3 +157,26 @@ def test_a_relationship_that_is_declared_as_an_attribute_is_left_out(usd, caplog
     assert read_camera(stage).name == "/Eye"
     for name in ("material:binding", "photonbeams:look", "photonbeams:portal", "photonbeams:guides", "prototypes"):
         assert f".{name} is an attribute" in caplog.text
+
+
+@pytest.mark.parametrize("depth", [1, 4, 12])
+def test_the_reason_and_what_is_done_stand_beside_paths_of_any_length(tmp_path, caplog, depth):
+    folder = tmp_path.joinpath(*[f"{'x' * 17}{number}" for number in range(depth)])
+    folder.mkdir(parents=True)
+    (folder / "sky.exr").write_bytes(b"\x76\x2f\x31\x01" + b"x" * 500)
+    (folder / "a.usda").write_text('#usda 1.0\ndef DomeLight "Sky" {\n    asset inputs:texture:file = @sky.exr@\n}\n')
+    read_scene(open_stage(folder / "a.usda"))
+    (message,) = caplog.messages
+    assert len(message) <= LONGEST - len("Warning: ")
+    assert re.search(r"a\.usda: /Sky\.inputs:texture:file names \S+sky\.exr: expected an image that can be", message)
+    assert "EXR_ERR_FILE_BAD_HEADER" in message
+    assert message.endswith("; the light has one colour")
+
+
+def test_openusd_prints_nothing_and_its_errors_are_told_without_places_in_its_source(tmp_path, capfd):
+    (tmp_path / "a.usda").write_text('#usda 1.0\ndef Camera "C" (\n    color3f = 1\n) {\n}\ndef Sphere "S" {\n}\n')
+    shot = Shot(open_stage(tmp_path / "a.usda"))
+    shot.subject.digest(shot.viewpoint, None)
+    assert "stage.cpp" not in capfd.readouterr().err
+    error = Tf.ErrorException("\n\tError in 'pxr::Set' at line 3 in file /build/pxr/a.cpp : 'It is wrong'")
+    assert sentences_of(error) == ["It is wrong"]

@@ -325,3 +325,20 @@ def test_a_temperature_that_cannot_be_read_leaves_the_smoke(usd, tmp_path, caplo
     (medium,) = read_scene(usd(body.replace('fieldName = "temperature"', 'fieldName = "heat"')), 1).media
     assert medium.emission is None and medium.grid.values.max() == 3
     assert "it has no grid heat" in caplog.text and "it emits no light" in caplog.text
+
+
+def test_a_fire_too_cold_to_glow_is_named_with_its_kelvin(usd, tmp_path, caplog, smoke):
+    for kelvin, said in ((0.5, True), (1000, False)):  # the hottest voxel is 1
+        caplog.clear()
+        given = ('token inputs:emission_mode = "blackbody"', f"float inputs:blackbody_kelvin = {kelvin}")
+        body = volume_of(tmp_path / "smoke.vdb", material=shader("arnold:standard_volume", *given, context="arnold:"))
+        read_scene(usd(body), 1)
+        text = "is 0.5 K at its hottest, too cold to glow: expected 798 to 10000 K, by the field temperature times"
+        assert (text in caplog.text) == said
+
+
+def test_fog_that_is_named_and_not_there_is_not_asked_for(usd, tmp_path, caplog):
+    body = volume_of(tmp_path / "gone.vdb") + '\ndef SphereLight "L" {\n}\ndef Camera "C" {\n}'
+    Shot(usd(body)).subject.layers(Shot(usd(body)).viewpoint, None)
+    assert "gone.vdb: expected a .vdb or .vol file, but there is none; it is skipped" in caplog.text
+    assert "there is no fog" not in caplog.text

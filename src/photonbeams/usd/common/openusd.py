@@ -7,6 +7,7 @@ that says what is missing.
 
 from __future__ import annotations
 
+import re
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -23,6 +24,11 @@ def text_of(error: BaseException) -> str:
         return str(error)
     except UnicodeDecodeError as wrong:
         return wrong.object.decode(errors="replace")
+
+
+def sentences_of(error: BaseException) -> list[str]:
+    """Return what an error of OpenUSD says, without the places in its source."""
+    return re.findall(r" : '(.*?)\s*'(?=\s*\n\tError|\s*$)", text_of(error), re.DOTALL)
 
 
 class _Missing(type):

@@ -84,7 +84,8 @@ def image_at(
         written = None if problem else stamp(path)
         found = Decoded(None, error=problem) if written is None else _image(path, written, space, most, reading.spaces)
         if found.pixels is None:
-            return None, f"names {path}: expected an image that can be read ({found.error})"
+            why, shown = found.error.replace(f" ({path})", ""), path if len(path) <= 60 else f"…{path[-60:]}"
+            return None, f"names {shown}: expected an image that can be read ({why})"
         if not np.all(np.isfinite(found.pixels)):
             return None, f"names {path}: expected pixels that are finite numbers"
         height, width = found.pixels.shape[:2]

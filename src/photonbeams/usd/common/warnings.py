@@ -9,10 +9,11 @@ from contextlib import contextmanager
 from typing import Literal, TypeAlias, Union
 
 from ...scene import SceneError
-from ...scene.checks import LONGEST, shortened
+from ...scene.checks import LONGEST, brief, shortened
 
 LOG = logging.getLogger("photonbeams")
 
+_AROUND = len("Warning: ") + len(": ") + len("; ")  # characters of a line beside file, text and what is done instead
 _NAMED = 3  # how many prims with the same warning are named
 _DIFFERING = re.compile(r"(?:/\w+)+|-?\d[\w.+-]*")  # paths and numbers: texts that differ only in these are of one kind
 
@@ -84,7 +85,7 @@ class Warnings:
         """
         cause = text
         if instead:
-            text = f"{shortened(text, len(file) + len(instead) + 4)}; {instead}"
+            text = f"{shortened(text, len(brief(file)) + len(instead) + _AROUND)}; {instead}"
         sentence = f"{file}: {text}" if file else text
         if self.strict is True:
             raise SceneError(sentence)

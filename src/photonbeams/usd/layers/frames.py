@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from ...scene import SceneError
 from ...scene.checks import shortened
-from ..common.openusd import Tf, Usd, UsdUtils
+from ..common.openusd import Tf, Usd, UsdUtils, sentences_of
 from ..common.reading import LOG, file_of, varying_attributes
 
 MOST_FRAMES = 100_000
@@ -44,7 +44,7 @@ def _frames(part: str) -> list[float]:
     try:
         codes = UsdUtils.TimeCodeRange.CreateFromFrameSpec(part)
     except Tf.ErrorException as error:
-        reason = str(error).rpartition(" : ")[2].strip().strip("'")
+        reason = "".join(sentences_of(error)[-1:])
         raise SceneError(f"{shortened(reason, len(_EXPECTED) + 2)}: {_EXPECTED}") from None
     first, last = codes.startTimeCode.GetValue(), codes.endTimeCode.GetValue()
     if not (codes.IsValid() and max(abs(first), abs(last)) < LARGEST):

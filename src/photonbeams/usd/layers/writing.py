@@ -14,7 +14,7 @@ from pathlib import Path
 from ...runtime.files import PathLike, atomic_path, failure_of, sync, write_bytes
 from ...runtime.inputs import why_unreadable
 from ...scene import SceneError
-from ..common.openusd import Ar, Sdf, Tf
+from ..common.openusd import Ar, Sdf, Tf, sentences_of
 from ..common.reading import quiet
 from ..common.textures import stamp
 from ..common.warnings import Warnings
@@ -115,7 +115,7 @@ def write_layer(layer: Sdf.Layer, path: PathLike) -> None:
                 sync(beside)
                 found = Sdf.Layer.OpenAsAnonymous(str(beside))
         except Tf.ErrorException as error:
-            raise failure_of(beside, str(error).strip().splitlines()[-1]) from None
+            raise failure_of(beside, "; ".join(sentences_of(error)[-1:])) from None
         if not found or _text(found) != _text(layer):
             raise failure_of(beside, "the disk holds another layer")
 

@@ -24,6 +24,7 @@ from .volumes import DENSITY, field_of, fields_of, read_density, read_field
 # The radiance of a black body over T⁴, as in Blender's volumes: the Stefan-Boltzmann constant, in 1e6 W / m², over π.
 _RADIANCE = 5.670374e-14 / np.pi
 _UNLIT = "emits light that only cameras see: it lights no surfaces and makes no beams"
+_GLOWS = 798  # kelvin: the Draper point, from which on what is hot is seen to glow
 _COLDEST, _HOTTEST = 1000, 10000  # kelvin: the range for which OpenUSD knows the colours
 
 
@@ -132,8 +133,13 @@ def _glow(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShad
     field = None if shading.emission is None else field_of(reading, prim, shading.emission.field)
     if shading.emission is None or field is None:
         return None
-    result = _emitted(read_field(reading, prim, field, to_world), shading.emission, reading.spaces)
-    reading.warn(prim, _UNLIT)
+    found, kelvin = read_field(reading, prim, field, to_world), shading.emission.kelvin
+    result = _emitted(found, shading.emission, reading.spaces)
+    if kelvin and (hottest := kelvin * float(found.values.max(initial=0.0))) < _GLOWS:
+        text = f"is {hottest:.3g} K at its hottest, too cold to glow: expected {_GLOWS} to {_HOTTEST} K, by the field"
+        reading.warn(prim, f"{text} {shading.emission.field} times the shader's {kelvin:g}")
+    else:
+        reading.warn(prim, _UNLIT)
     return result
 
 
