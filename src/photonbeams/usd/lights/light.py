@@ -1,8 +1,8 @@
 """Read UsdLux lights: radiance, size and place, and the settings of `PhotonBeamsLightAPI` for their beams.
 
 The formulas are those of UsdLuxLightAPI's documentation: radiance = intensity · 2^exposure · color · temperature,
-divided by the light's size in world space where `normalize` is on. Blender's power needs no factor in metres: a point, spot or
-area light of W watts is exported with intensity W/π and normalize on, so that an emitter of area A has radiance
+divided by the light's size in world space where `normalize` is on. Blender's power needs no factor, in metres: a point,
+spot or area light of W watts is exported with intensity W/π and normalize on, so that an emitter of area A has radiance
 W/(π A) and flux W. A sphere has the radiant intensity W/(4π), also as its radius goes to 0.
 """
 
