@@ -10,7 +10,10 @@ import pytest
 import photonbeams as pb
 from photonbeams.images import files
 from photonbeams.images.writing import write_png
+from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
+from photonbeams.world.checks import wrong_face
+from photonbeams.world.plugin import world_of_plugin
 
 SCENE = '<scene version="3.0.0">%s<default name="own" value="a file"/><sensor type="perspective"/></scene>'
 SHAPE = '<shape type="%s"><string name="filename" value="%s"/></shape>'
@@ -76,6 +79,98 @@ def test_meshes_are_as_long_as_they_say(tmp_path):
         (tmp_path / name).write_bytes(data)
         text = refusal(tmp_path, SHAPE % (name.rpartition(".")[2], name))
         assert f"names {tmp_path / name}: expected a file that can be read, but {problem}" in text
+
+
+CORNERS = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], "<f4")
+
+
+def ply(face, kind=b"binary_little_endian", order="<"):
+    """Return a PLY file of a triangle with these corners."""
+    axes = b"".join(b"property float %c\n" % each for each in b"xyz")
+    head = b"ply\nformat %s 1.0\nelement vertex 3\n%selement face 1\n" % (kind, axes)
+    head += b"property list uchar int vertex_indices\nend_header\n"
+    if kind == b"ascii":
+        return head + b"-1 -1 0\n1 -1 0\n0 1 0\n3 %d %d %d\n" % face
+    return head + CORNERS.astype(f"{order}f4").tobytes() + struct.pack(f"{order}B3i", 3, *face)
+
+
+def serialized(*faces, version=4):
+    """Return a file of Mitsuba's own with a mesh of one triangle for each face."""
+    data, starts = b"", []
+    for face in faces:
+        starts.append(len(data))
+        name = b"m\0" if version == 4 else b""
+        head = struct.pack("<I", 0x1000) + name + struct.pack("<2Q", 3, 1)
+        mesh = head + CORNERS.tobytes() + struct.pack("<3I", *face)
+        data += struct.pack("<HH", 0x041C, version) + zlib.compress(mesh)
+    return data + struct.pack(f"<{len(starts)}{'Q' if version == 4 else 'I'}I", *starts, len(starts))
+
+
+@pytest.mark.parametrize("last", [3, 1000, 1 << 24])
+def test_faces_name_vertices_that_are_there(tmp_path, last):
+    """Mitsuba reads memory beyond a mesh, or ends the process."""
+    face = (0, 1, last)
+    meshes = {
+        "binary.ply": ply(face),
+        "big.ply": ply(face, b"binary_big_endian", ">"),
+        "text.ply": ply(face, b"ascii"),
+        "one.serialized": serialized((0, 1, last)),
+        "old.serialized": serialized((0, 1, last), version=3),
+    }
+    for name, data in meshes.items():
+        (tmp_path / name).write_bytes(data)
+        text = refusal(tmp_path, SHAPE % (name.rpartition(".")[2], name))
+        assert f"names {tmp_path / name}: expected a file that can be read, but a face names vertex" in text, text
+
+
+def test_the_mesh_that_is_named_is_checked(tmp_path):
+    (tmp_path / "two.serialized").write_bytes(serialized((0, 1, 2), (0, 1, 3)))
+    shape = (SHAPE % ("serialized", "two.serialized")).replace("/></", '/><integer name="shape_index" value="%d"/></')
+    (tmp_path / "scene.xml").write_text(SCENE % (shape % 0))
+    assert len(pb.Shot.open(tmp_path / "scene.xml").cameras()) == 1
+    assert "a face names vertex 3 of a mesh that has 3" in refusal(tmp_path, shape % 1)
+    assert "it has 2 meshes: expected one with the number 2" in refusal(tmp_path, shape % 2)
+
+
+@pytest.mark.parametrize("count", ["-1", "nan", "1e9", "\xb2", "", "99999999999999999999"])
+def test_counts_of_meshes_are_whole_numbers(tmp_path, count):
+    data = ply((0, 1, 2)).replace(b"vertex 3", b"vertex " + count.encode("latin-1"))
+    (tmp_path / "a.ply").write_bytes(data)
+    assert "expected a file that can be read, but its header" in refusal(tmp_path, SHAPE % ("ply", "a.ply"))
+
+
+def test_a_scene_in_memory_has_faces_of_its_own_vertices():
+    mi = mitsuba()
+    assert wrong_face(mi.load_dict({"type": "cube"})) == ""
+    scene = mi.load_dict({"type": "scene", "a": {"type": "cube", "id": "box"}, "light": {"type": "constant"}})
+    parameters = mi.traverse(scene)
+    key = next(each for each in parameters.keys() if each.endswith("faces"))  # noqa: SIM118 (it is no mapping)
+    parameters[key] = type(parameters[key])([*np.asarray(parameters[key])[:-1], 99])
+    assert wrong_face(scene.shapes()[0]) == "a face names vertex 99 of a mesh that has 24"
+    with pytest.raises(SceneError, match="a face names vertex 99 of a mesh that has 24: expected faces of its own"):
+        world_of_plugin(scene)
+
+
+DIFFUSE = '<bsdf type="diffuse"/>'
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ('<bsdf type="twosided">' * 8000 + "</bsdf>" * 8000, "nests elements more than 200 deep"),
+        ('<bsdf type="twosided" id="/>">' * 8000 + "</bsdf>" * 8000, "nests elements more than 200 deep"),
+        (
+            "".join(f'<bsdf type="mask" id="b{k}"><ref id="b{k + 1}"/></bsdf>' for k in range(300)),
+            "holds objects in objects, more than 200 deep",
+        ),
+        # Mitsuba gives each side of a two-sided BSDF all parts of those in it: 2^40 of them.
+        ('<bsdf type="twosided">' * 40 + DIFFUSE + "</bsdf>" * 40, "a bsdf holds others, 1.1e+12 in all"),
+    ],
+)
+def test_objects_are_not_too_deep_in_objects(tmp_path, content, problem):
+    assert problem in refusal(tmp_path, content)
+    (tmp_path / "inner.xml").write_text(SCENE % content)
+    assert problem in refusal(tmp_path, '<include filename="inner.xml"/>')
 
 
 def test_images_have_as_many_pixels_as_can_be_read(tmp_path, monkeypatch):

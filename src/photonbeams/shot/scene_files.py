@@ -10,28 +10,38 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, TypeVar
 
 import numpy as np
 
 from ..images.files import check_decoded, check_image, pixels_of
 from ..images.files import opened as opened_image
+from ..runtime.device import helping_thread, mitsuba
 from ..runtime.inputs import MOST_TEXT, check_size, content, is_special, opened
 from ..scene import SceneError
 from ..volumes.vol import vol_shape
 from .old_scenes import parse
 
+_Key = TypeVar("_Key", bound=Hashable)
+
 _ATTRIBUTE = re.compile(r"""([\w:.-]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-_ELEMENT = re.compile(r"<\s*(\w+)((?:[^<>\"']|\"[^\"]*\"|'[^']*')*)>")
+_ELEMENT = re.compile(r"<\s*(/?\w+)((?:[^<>\"']|\"[^\"]*\"|'[^']*')*)>")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _NUMBERS = re.compile(r"[-+\d\s.,eE]+")
 _LONGEST = 4096  # of a path
+_DEEPEST = 200  # elements in elements, or objects in objects: Mitsuba needs a part of the stack for each
 _MOST_FILES = 1000  # that a scene includes, directly or through others
 _MOST_HEADER = 1 << 20  # bytes of a mesh's header
+_MOST_LOBES = 1000
 _OF_BITMAPS = ("filename", "bitmap", "data")  # without one of these, Mitsuba ends the process
 _IMAGES = ("bitmap", "envmap", "projector", "volume")
+_GRIDS = ("gridvolume", "sdfgrid")
+_MESHES = ("ply", "serialized")  # Mitsuba checks the faces of OBJ files by itself
+_PLY = ("ply", "ellipsoids", "ellipsoidsmesh")
 
 # Bytes of the types of PLY files.
 _TYPES = {
@@ -51,13 +61,14 @@ def check_files(path: Path, parameters: Mapping[str, str]) -> None:
     """
     folders = [path.parent, *named_files(path, parameters).folders]
     own = parse(path, parameters)
+    _check_nesting(path, own.state)
     for node in own.state.nodes:
         properties = node.props
         if properties.plugin_name() == "bitmap" and not any(each in properties for each in _OF_BITMAPS):
             raise SceneError(f"{path}: a bitmap {properties.id()} names no file: expected a filename")
         for file in _found(str(properties["filename"]), folders) if "filename" in properties else ():
             try:
-                _check(properties.plugin_name(), file)
+                _check(properties, file)
             except SceneError as error:
                 problem = getattr(error, "problem", error)
                 raise SceneError(f"{path}: names {file}: expected a file that can be read, but {problem}") from None
@@ -76,16 +87,23 @@ def named_files(path: Path, parameters: Mapping[str, str]) -> NamedFiles:
     A pipe or device is refused wherever it is named. Other text may have the name of a folder by chance.
     """
     folders: list[Path] = []
+    within: dict[str, list[str]] = {}  # the ids that objects refer to, by their own ids
     todo, files = [path], {path: None}
     for file in todo:  # which grows meanwhile
+        named = "" if file == path else f" includes {file}:"
         try:
             text = _COMMENT.sub("", content(file, MOST_TEXT).decode("utf-8", "replace"))
         except SceneError as error:
-            named = "" if file == path else f" includes {file}:"
             raise SceneError(f"{path}:{named} expected a Mitsuba scene that can be read, but {error}") from None
-        values = dict(parameters)
+        values, outer = dict(parameters), list[str]()  # the ids of the elements around one
         for kind, rest in _ELEMENT.findall(text):
             own = {name: _filled(first or second, values) for name, first, second in _ATTRIBUTE.findall(rest)}
+            if kind == "ref":
+                for each in outer:
+                    within.setdefault(each, []).append(own.get("id", ""))
+            outer = outer[:-1] if kind[0] == "/" else outer if rest.endswith("/") else [*outer, own.get("id", "")]
+            if len(outer) > _DEEPEST:
+                raise SceneError(f"{path}:{named} nests elements more than {_DEEPEST} deep: expected fewer")
             if kind == "default":
                 values.setdefault(own.get("name", ""), own.get("value", ""))
             for value in own.values():
@@ -102,7 +120,51 @@ def named_files(path: Path, parameters: Mapping[str, str]) -> NamedFiles:
                     raise SceneError(
                         f"{path}: includes more than {_MOST_FILES:,} files, such as {file}: expected fewer"
                     )
+    _check_depth(path, within)
     return NamedFiles(files.keys(), folders)
+
+
+def _check_nesting(path: Path, state: Any) -> None:
+    """Check how deep the objects of a scene are in others, also by references, and how many lobes its BSDFs have.
+
+    A BSDF has the lobes of those in it, and one that is two-sided has them twice, so that their number may explode.
+    """
+    nodes, bsdf = state.nodes, mitsuba().ObjectType.BSDF
+    within = {number: [*_children(node, state.id_to_index)] for number, node in enumerate(nodes)}
+    lobes = [0] * len(nodes)
+    for number in _check_depth(path, within):
+        if nodes[number].type == bsdf:
+            sides = 1 + (nodes[number].props.plugin_name() == "twosided")
+            lobes[number] = sides * max(sum(lobes[each] for each in within[number]), 1)
+    if max(lobes) > _MOST_LOBES:
+        raise SceneError(f"{path}: a bsdf holds others, {max(lobes):.3g} in all: expected up to {_MOST_LOBES:,}")
+
+
+def _check_depth(path: Path, within: Mapping[_Key, Sequence[_Key]]) -> list[_Key]:
+    """Return objects, each after those that it holds; SceneError if these are too deep in each other.
+
+    There are none if an object holds itself, which Mitsuba reports.
+    """
+    try:
+        order = [*TopologicalSorter(within).static_order()]
+    except CycleError:
+        return []
+    depths: dict[_Key, int] = {}
+    for each in order:
+        depths[each] = 1 + max((depths[inner] for inner in within.get(each, ())), default=0)
+    if max(depths.values(), default=0) > _DEEPEST:
+        raise SceneError(f"{path}: holds objects in objects, more than {_DEEPEST} deep: expected fewer")
+    return order
+
+
+def _children(node: Any, numbers: Mapping[str, int]) -> Iterator[int]:
+    """Yield the numbers of the objects in an object of a parsed scene."""
+    for name, value in node.props.items():
+        kind = node.props.type(name).name
+        if kind == "ResolvedReference":
+            yield value.index()
+        elif kind == "Reference" and value.id() in numbers:
+            yield numbers[value.id()]
 
 
 def _filled(text: str, values: Mapping[str, str]) -> str:
@@ -121,15 +183,20 @@ def _found(name: str, folders: Sequence[Path]) -> Iterator[Path]:
             yield each
 
 
-def _check(kind: str, file: Path) -> None:
+def _check(properties: Any, file: Path) -> None:
     """Check a file that a plugin reads; raise SceneError, a clause about it."""
+    kind = properties.plugin_name()
+    index = properties.get("shape_index", 0)
+    index = index if isinstance(index, int) else 0  # Mitsuba refuses anything else
     with opened(file) as data:
-        if kind == "gridvolume":
+        if kind in _GRIDS:
             check_size(12.0 * np.prod(vol_shape(data), dtype=float), np.inf, "its grid")  # Mitsuba makes copies
-        elif kind == "ply":
+        elif kind in _PLY:
             _check_ply(data)
         elif kind == "serialized":
-            _check_serialized(data)
+            _check_serialized(data, index)
+    if kind in _MESHES:
+        _check_mesh({"type": kind, "filename": str(file), **({"shape_index": index} if index else {})})
     if kind in _IMAGES:
         with opened_image(file) as image:
             spec = image.spec()
@@ -148,7 +215,9 @@ def _check_ply(data: BinaryIO) -> None:
     needed, count = 0, 0
     for line in lines:
         if line[:1] == ["element"]:
-            count = int(line[2]) if len(line) == 3 and line[2].isdigit() else 0
+            if len(line) != 3 or not re.fullmatch("[0-9]+", line[2]):
+                raise SceneError(f"its header has the line {' '.join(line)[:60]!r}: expected a name and a whole number")
+            count = int(line[2])
             needed += 0 if binary else 2 * count  # a digit and a line's end
         elif line[:1] == ["property"] and binary:
             needed += count * _TYPES.get(line[2 if line[1:2] == ["list"] else 1] if len(line) > 2 else "", 1)
@@ -156,20 +225,54 @@ def _check_ply(data: BinaryIO) -> None:
         raise SceneError(f"its header is of {needed:,} bytes or more, but it has {size:,}")
 
 
-def _check_serialized(data: BinaryIO) -> None:
-    """Check that a mesh in Mitsuba's own format has about as many triangles as it says."""
+def _check_serialized(data: BinaryIO, index: int) -> None:
+    """Check that a mesh in Mitsuba's own format, the one with this number, has about as many triangles as it says."""
     size = os.fstat(data.fileno()).st_size
     start = data.read(_SERIALIZED.size)
     if len(start) < _SERIALIZED.size or _SERIALIZED.unpack(start)[0] != 0x041C:
         raise SceneError("it is no serialized mesh")
-    named = _SERIALIZED.unpack(start)[1] >= 4
+    version = _SERIALIZED.unpack(start)[1]
+    if index > 0:
+        data.seek(_offset(data, index, "<Q" if version >= 4 else "<I") + _SERIALIZED.size)
     try:
         plain = zlib.decompressobj().decompress(data.read(_MOST_HEADER), _MOST_HEADER)
     except zlib.error:
         raise SceneError("it cannot be decompressed") from None
-    first = 4 + (plain.find(b"\0", 4) - 3 if named else 0)
+    first = 4 + (plain.find(b"\0", 4) - 3 if version >= 4 else 0)
     if len(plain) < first + _COUNTS.size:
         raise SceneError("it ends too early")
     vertices, triangles = _COUNTS.unpack_from(plain, first)
     what = f"its mesh of {vertices:,} vertices and {triangles:,} triangles"
     check_size(12.0 * (vertices + triangles), float(_MOST_ZIPPED * size), what)
+
+
+def _offset(data: BinaryIO, index: int, kind: str) -> int:
+    """Return where the mesh with this number begins, from the table at the end of a file."""
+    size, number = os.fstat(data.fileno()).st_size, struct.Struct(kind)
+    data.seek(-4, os.SEEK_END)
+    (count,) = struct.unpack("<I", data.read(4))
+    if not index < count <= size // number.size:
+        raise SceneError(f"it has {count:,} meshes: expected one with the number {index}")
+    data.seek(-4 - number.size * (count - index), os.SEEK_END)
+    (found,) = number.unpack(data.read(number.size))
+    if found >= size:
+        raise SceneError(f"its mesh {index} begins at byte {found:,}, but it has {size:,}")
+    return int(found)
+
+
+def _check_mesh(description: dict[str, object]) -> None:
+    """Check the faces of a mesh, as Mitsuba reads it; what it cannot read is left to it.
+
+    Mitsuba computes normals, and a scene its boxes, from any vertex that a face names. Without normals, it only reads.
+    """
+    from ..world.checks import wrong_face
+
+    mi = mitsuba()
+    level = mi.log_level()
+    mi.set_log_level(mi.LogLevel.Error)  # what it warns of, it will say again
+    try:
+        with suppress(RuntimeError), helping_thread():
+            if problem := wrong_face(mi.load_dict({**description, "face_normals": True})):
+                raise SceneError(problem)
+    finally:
+        mi.set_log_level(level)

@@ -10,7 +10,7 @@ from ..runtime.device import mitsuba
 from ..scene import SceneError
 
 if TYPE_CHECKING:
-    from ..runtime.mitsuba_types import MiMedium, MiObject
+    from ..runtime.mitsuba_types import MiMedium, MiMesh, MiObject
 
 mi = mitsuba()
 
@@ -24,6 +24,15 @@ def check_phase(plugin: MiMedium) -> None:
             f"medium {name}: its phase function {phase.class_name()} depends on the orientation of flakes: "
             "expected one that depends on the angle alone"
         )
+
+
+def wrong_face(mesh: MiMesh) -> str:
+    """Return which vertex a face names that the mesh does not have, as a clause; "" if there is none.
+
+    Rays that meet such a face read memory beyond the mesh.
+    """
+    count, last = mesh.vertex_count(), np.asarray(mesh.faces_buffer()).max(initial=0)
+    return "" if last < count or not mesh.face_count() else f"a face names vertex {last:,} of a mesh that has {count:,}"
 
 
 def check_numbers(plugin: MiObject, name: str) -> None:
