@@ -24,11 +24,11 @@ from .common.color_spaces import spaces_of
 from .common.openusd import Ar, Gf, Sdf, Tf, Ts, Usd, UsdGeom, UsdShade, UsdSkel, UsdUtils, sentences_of, text_of
 from .common.reading import prims_under, quiet, varying_attributes
 from .common.selection import EVERYTHING, Selection, keep
-from .common.sizes import check_prims
 from .common.textures import texture_limit as texture_limit_of
 from .common.warnings import Warnings
 from .contents import read_extent, read_scene, with_looks
 from .layers.composition import warn_of_composition
+from .layers.counting import check_count
 from .layers.frames import time_range
 from .layers.metadata import complete_metadata, correct_metadata
 from .layers.writing import forget_changes, ready_layers, resolved_name, why_no_layer
@@ -103,13 +103,14 @@ def open_stage(
                 session, textureLimit=texture_limit, workingSpace=_linear_space("working space", working_space),
                 colorSpace=_linear_space("colour space", color_space),
             )  # fmt: skip
-            kept = ready_layers(layer, session, warnings)
+            ready = ready_layers(layer, session, warnings)
+            check_count(layer, session, ready.prims, selection.mask)
             stage = selection.open(layer, session)
-            del kept  # the stage keeps those that it needs
-            selection.apply(stage, str(path))
+            if selection.apply(stage, str(path)):
+                check_count(layer, session, ready.prims, selection.mask)
+            del ready  # the stage keeps the layers that it needs
         except Tf.ErrorException as error:
             raise SceneError(f"{path} cannot be read: {_reason(error, path)}") from None
-    check_prims(stage)
     warn_of_composition(stage, warnings)
     complete_metadata(stage, warnings)
     blender.move_properties(stage)

@@ -1,8 +1,5 @@
 """Stages that do not fit into memory are thinned out, or refused, before they are expanded."""
 
-import pytest
-
-from photonbeams.scene import SceneError
 from photonbeams.usd.common import sizes
 from photonbeams.usd.common.sizes import lowered, step_of
 from photonbeams.usd.geometry import instancers, meshes
@@ -55,15 +52,3 @@ def test_instancers_of_instancers_are_counted_before_they_are_expanded(usd, capl
     reading = instancers.Reading(stage)
     copies = instancers._triangles_in(reading, stage.GetPrimAtPath("/I9"), ())
     assert copies == 10**9 * (sizes.MESH + sizes.triangles_about(reading, stage.GetPrimAtPath("/Leaf")))
-
-
-def test_endless_instances_of_a_stage_are_refused(usd):
-    """Eight nested assets with ten references each are 10^8 prims, which are refused."""
-    text = 'class "A0" { def Cube "Leaf" {} }\n'
-    for level in range(1, 9):
-        parts = "\n".join(
-            f'def "P{part}" (instanceable = true\nreferences = </A{level - 1}>) {{}}' for part in range(10)
-        )
-        text += f'class "A{level}" {{\n{parts}\n}}\n'
-    with pytest.raises(SceneError, match="prims in instances: expected no more than 10,000,000; a mask can select"):
-        usd(text + 'def "World" (instanceable = true\nreferences = </A8>) {}')

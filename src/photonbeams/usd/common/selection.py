@@ -85,13 +85,17 @@ class Selection:
         keep(session, purposes=purposes, complexity=self.complexity)
         return stage
 
-    def apply(self, stage: Usd.Stage, name: str) -> None:
-        """Select the variants on a stage, which messages call `name`; SceneError for missing prims."""
+    def apply(self, stage: Usd.Stage, name: str) -> bool:
+        """Select the variants on a stage, which messages call `name`; return whether there are any.
+
+        SceneError for missing prims.
+        """
         for path in self.mask or ():
             if not stage.GetPrimAtPath(path):
                 raise SceneError(f"the mask names {path}: expected a prim that is on {name}")
         for text in self.variants:
             _select(stage, text, name)
+        return bool(self.variants)
 
 
 EVERYTHING = Selection()

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from ...scene import SceneError
 from .openusd import Usd, UsdGeom
-from .reading import Reading, file_of
+from .reading import Reading
 
-#: The most prims of a stage, counting those in every instance: reading one takes about a millisecond.
-MOST_PRIMS = 10_000_000
 #: The most instances of one instancer: OpenUSD makes a matrix of 128 bytes for each.
 MOST_INSTANCES = 10_000_000
 #: The overhead of a mesh, as the number of triangles that take as much memory.
@@ -21,23 +18,6 @@ def room() -> int:
     from ...runtime.device import memory  # Dr.Jit takes long to import
 
     return (memory() or _UNKNOWN) // _BYTES
-
-
-def check_prims(stage: Usd.Stage) -> None:
-    """Raise SceneError for a stage whose instances add up to more prims than can be read."""
-    sizes: dict[Usd.Prim, int] = {}
-
-    def size(root: Usd.Prim) -> int:
-        if root not in sizes:
-            sizes[root] = sum(
-                1 + (size(prim.GetPrototype()) if prim.IsInstance() else 0) for prim in Usd.PrimRange(root)
-            )
-        return sizes[root]
-
-    total = size(stage.GetPseudoRoot()) if stage.GetPrototypes() else 0
-    if total > MOST_PRIMS:
-        text = f"has {total:,} prims in instances: expected no more than {MOST_PRIMS:,}; a mask can select some of them"
-        raise SceneError(f"{file_of(stage)} {text}")
 
 
 def triangles_about(reading: Reading, prim: Usd.Prim) -> int:

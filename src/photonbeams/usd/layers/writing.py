@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from ...runtime.files import PathLike, atomic_path, failure_of, sync, write_bytes
-from ...runtime.inputs import why_unreadable
+from ...runtime.inputs import opened, why_unreadable
 from ...scene import SceneError
 from ..common.openusd import Ar, Sdf, Tf, sentences_of
 from ..common.reading import quiet
@@ -20,6 +21,7 @@ from ..common.textures import stamp
 from ..common.warnings import Warnings
 from . import materialx
 from .clips import leave_out_clips
+from .counting import DEEPEST, is_deep
 from .metadata import correct_metadata
 
 _MOST_TEXT = 1 << 32  # bytes
@@ -28,8 +30,15 @@ _MOST_TEXT = 1 << 32  # bytes
 _CHANGED: set[str] = set()
 
 
-def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> list[Sdf.Layer]:
-    """Return two layers and all layers that they refer to, to be kept alive until the stage is composed.
+class Ready(NamedTuple):
+    """The layers of a stage, to be kept alive until it is composed, and their prims by their identifiers."""
+
+    layers: list[Sdf.Layer]
+    prims: dict[str, list[Sdf.Path]]
+
+
+def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> Ready:
+    """Return two layers and all layers that they refer to, and the prims in them.
 
     OpenUSD opens whatever a layer names, and would wait for ever on a named pipe; such references and value clips are
     removed in memory, with a warning. OpenUSD's wheels know the nodes of MaterialX, but have no plug-in for its
@@ -43,8 +52,10 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> lis
     """
     found = {root.identifier: root, session.identifier: session}
     waiting = [(layer, _prims(layer), root.expressionVariables) for layer in found.values()]
+    listed: dict[str, list[Sdf.Path]] = {}
     while waiting:
         layer, prims, variables = waiting.pop()
+        listed[layer.identifier] = prims
         variables = {**layer.expressionVariables, **variables}
         if correct_metadata(layer, warnings) | leave_out_clips(layer, prims, why_no_layer, warnings):
             _CHANGED.add(layer.identifier)
@@ -75,7 +86,7 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> lis
                 _change(layer, name, "")
             else:
                 found[identifier] = other
-    return list(found.values())
+    return Ready(list(found.values()), listed)
 
 
 def _prims(layer: Sdf.Layer) -> list[Sdf.Path]:
@@ -128,7 +139,22 @@ def _text(layer: Sdf.Layer) -> str:
 def why_no_layer(path: str) -> str:
     """Return why a path, which may lead into a package, cannot be read as a layer; "" if it may be one."""
     most = _MOST_TEXT if path.endswith(".usda") else None  # OpenUSD reads all of a text; binary layers, what it needs
-    return why_unreadable(Ar.SplitPackageRelativePathOuter(path)[0], most)
+    outer = Ar.SplitPackageRelativePathOuter(path)[0]
+    problem = why_unreadable(outer, most)
+    if not problem and any(map(is_deep, _texts(outer))):
+        return f"it nests braces more than {DEEPEST:,} deep"
+    return problem
+
+
+def _texts(path: str) -> Iterator[bytes]:
+    """Yield the text of a layer, or those of the layers in a package; a binary layer has none."""
+    with opened(path) as file:
+        start = file.read(2)
+        if start[:1] == b"#":
+            yield start + file.read()
+    if start == b"PK" and (package := Sdf.ZipFile.Open(path)):
+        names = (name for name in package.GetFileNames() if name.endswith((".usd", ".usda")))
+        yield from (data for name in names if (data := package.GetFile(name))[:1] == b"#")
 
 
 def forget_changes() -> None:
