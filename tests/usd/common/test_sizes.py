@@ -1,5 +1,7 @@
 """Stages that do not fit into memory are thinned out, or refused, before they are expanded."""
 
+import pytest
+
 from photonbeams.usd.common import sizes
 from photonbeams.usd.common.sizes import lowered, step_of
 from photonbeams.usd.geometry import instancers, meshes
@@ -30,7 +32,7 @@ def test_the_level_of_subdivision_is_what_fits():
 
 def test_instancers_are_thinned_out_to_what_memory_holds(usd, monkeypatch, caplog):
     stage = usd(CUBES)
-    monkeypatch.setattr(instancers, "room", lambda: 4 * (sizes.MESH + 6))
+    monkeypatch.setattr(instancers, "room", lambda: 4 * (sizes.MESH + 2))
     assert [mesh.name for mesh in read_scene(stage).meshes] == [f"/Copies[{index}]" for index in (0, 2, 4, 6)]
     assert "/Copies.protoIndices has 8 instances: one in 2 is rendered, to limit memory" in caplog.text
     monkeypatch.setattr(meshes, "room", lambda: 5)
@@ -41,14 +43,64 @@ def test_instancers_are_thinned_out_to_what_memory_holds(usd, monkeypatch, caplo
     assert "has 8 values: expected no more than 7" in caplog.text
 
 
-def test_instancers_of_instancers_are_counted_before_they_are_expanded(usd, caplog):
-    """Nine nested instancers of ten copies each count as 10^9 instances."""
+def nested(levels, leaf="Cube"):
+    """Return instancers of ten copies in each other, so many, the outermost of which is alone on the stage."""
     tens = f"int[] protoIndices = {[0] * 10}\npoint3f[] positions = [{', '.join(['(0, 0, 0)'] * 10)}]"
-    text = 'def Cube "Leaf" {}\n'
-    for level in range(1, 10):
-        inner = "/Leaf" if level == 1 else f"/I{level - 1}"
-        text += f'def PointInstancer "I{level}" {{\n{tens}\nrel prototypes = <{inner}>\n}}\n'
+    text = f'class "Parts" {{\ndef {leaf} "I0" {{}}\n'
+    for level in range(1, levels):
+        text += f'def PointInstancer "I{level}" {{\n{tens}\nrel prototypes = </Parts/I{level - 1}>\n}}\n'
+    return text + f'}}\ndef PointInstancer "All" {{\n{tens}\nrel prototypes = </Parts/I{levels - 1}>\n}}'
+
+
+def test_an_even_selection_of_nested_instances_is_rendered(usd, monkeypatch, caplog):
+    """Of the 1,000 copies, numbered from 0, every 40th is rendered: 0, 40, 80 and so on to 960."""
+    monkeypatch.setattr(instancers, "room", lambda: 25 * (sizes.MESH + 12))
+    names = [mesh.name for mesh in read_scene(usd(nested(3))).meshes]
+    numbers = [f"{number:03d}" for number in range(0, 1000, 40)]
+    assert names == [f"/All[{a}][{b}][{c}]" for a, b, c in numbers]
+    assert "/All.protoIndices has 1,000 instances: one in 40 is rendered, to limit memory" in caplog.text
+
+
+def test_a_prototype_is_rendered_whole_or_not_at_all(usd, monkeypatch):
+    monkeypatch.setattr(instancers, "room", lambda: 10 * (sizes.MESH + 12))
+    stage = usd(nested(2).replace('def Cube "I0" {}', 'def Xform "I0" {\ndef Cube "a" {}\ndef Cube "b" {}\n}'))
+    names = [mesh.name for mesh in read_scene(stage).meshes]
+    assert names == [f"/All[{each}][0]/{part}" for each in (0, 2, 4, 6, 8) for part in "ab"]
+
+
+def test_instances_without_end_are_skipped(usd, caplog):
+    """Twelve nested instancers of ten copies each make 10^12; 30 make more than numbers of 64 bits hold."""
+    for levels in (12, 30):
+        assert not read_scene(usd(nested(levels))).meshes
+        assert "/All.protoIndices makes more than 10,000,000 copies with those of instancers" in caplog.text
+        caplog.clear()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'def Cube "A" {}', 'def Plane "A" {}', 'def Sphere "A" {}', 'def Cone "A" {}', 'def Capsule "A" {}',
+        CUBES[CUBES.index("def Mesh"):].rpartition("}")[0].replace("Cube", "A"),
+    ],
+)  # fmt: skip
+def test_triangles_are_counted_as_they_will_be_made(usd, text):
     stage = usd(text)
-    reading = instancers.Reading(stage)
-    copies = instancers._triangles_in(reading, stage.GetPrimAtPath("/I9"), ())
-    assert copies == 10**9 * (sizes.MESH + sizes.triangles_about(reading, stage.GetPrimAtPath("/Leaf")))
+    made = sum(len(mesh.faces) for mesh in read_scene(stage).meshes)
+    counted = meshes.triangle_count(instancers.Reading(stage), stage.GetPrimAtPath("/A"))
+    # At the poles of a surface of revolution, a triangle of each of up to two rings of 64 quads has no area.
+    assert made <= counted <= made + 2 * 64
+
+
+def test_subdivided_meshes_are_counted_as_they_will_be_made(usd):
+    text = CUBES[CUBES.index("def Mesh") :].rpartition("}")[0].replace("Cube", "A")
+    scheme = 'uniform token subdivisionScheme = "catmullClark"'
+    stage = usd(text.replace("int[] faceVertexCounts", f"{scheme}\nint[] faceVertexCounts"))
+    made = sum(len(mesh.faces) for mesh in read_scene(stage).meshes)
+    assert meshes.triangle_count(instancers.Reading(stage), stage.GetPrimAtPath("/A")) == made == 2 * 6 * 4
+
+
+def test_ten_thousand_cubes_are_all_counted_as_twelve_triangles(usd):
+    """They once counted as 4,096 each, and every second one was dropped on a machine of 23 GB."""
+    reading = instancers.Reading(usd(nested(4)))
+    copies = instancers._copies(reading, reading.stage.GetPrimAtPath("/All"), ())
+    assert (copies.count, copies.triangles) == (10_000, 10_000 * (sizes.MESH + 12))

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from .openusd import Usd, UsdGeom
-from .reading import Reading
-
 #: The most instances of one instancer: OpenUSD makes a matrix of 128 bytes for each.
 MOST_INSTANCES = 10_000_000
 #: The overhead of a mesh, as the number of triangles that take as much memory.
@@ -18,18 +15,6 @@ def room() -> int:
     from ...runtime.device import memory  # Dr.Jit takes long to import
 
     return (memory() or _UNKNOWN) // _BYTES
-
-
-def triangles_about(reading: Reading, prim: Usd.Prim) -> int:
-    """Estimate how many triangles a gprim has, reading only the lengths of its arrays."""
-
-    def length(name: str) -> int:
-        value = reading.value(prim, name, ())
-        return len(value) if hasattr(value, "__len__") else 0
-
-    if prim.IsA(UsdGeom.Mesh):
-        return length("faceVertexIndices")
-    return 24 * length("points") if prim.IsA(UsdGeom.PointBased) else 4096
 
 
 def step_of(total: int, left: int) -> int:

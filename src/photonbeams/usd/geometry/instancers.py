@@ -12,8 +12,8 @@ from ...scene import Array
 from ..common.openusd import Gf, Sdf, Usd, UsdGeom
 from ..common.reading import PROTOTYPE_PRIMS, Reading, is_relationship, target_paths, visible
 from ..common.selection import rendered_purposes
-from ..common.sizes import MESH, MOST_INSTANCES, room, step_of, triangles_about
-from .meshes import is_surface
+from ..common.sizes import MESH, MOST_INSTANCES, room, step_of
+from .meshes import is_surface, triangle_count
 from .primvars import Instance
 from .velocities import carried
 
@@ -47,23 +47,100 @@ def items(reading: Reading) -> Iterator[Item]:
             yield from _expanded(reading, Item(prim, to_world, str(prim.GetPath())))
 
 
-def _expanded(reading: Reading, item: Item, within: tuple[Sdf.Path, ...] = ()) -> list[Item]:
-    """Return a prim or, for a point instancer, the prims of its prototypes at each of its points.
-
-    `within` are the paths of instancers that repeat this one.
-    """
+def _expanded(reading: Reading, item: Item) -> list[Item]:
+    """Return a prim or, for a point instancer, the prims of its prototypes at each of its points."""
     if not item.prim.IsA(UsdGeom.PointInstancer):
         return [item]
-    return reading.attempt(item.prim, lambda: list(_instances(reading, item, within)), [], "it is skipped")
+    return reading.attempt(item.prim, lambda: list(_instances(reading, item)), [], "it is skipped")
 
 
-def _instances(reading: Reading, item: Item, within: tuple[Sdf.Path, ...]) -> Iterator[Item]:
-    prim = item.prim
+@dataclass(frozen=True)
+class _Prototype:
+    """The prims of a prototype, those that are instancers with what they make, and how much that is in all."""
+
+    parts: list[tuple[Item, _Copies | None]]
+    count: int
+    triangles: int
+
+    @property
+    def has_own(self) -> bool:
+        """Whether it has prims that are no instancers, which count as one copy."""
+        return any(inner is None for _, inner in self.parts)
+
+
+@dataclass(frozen=True)
+class _Copies:
+    """What an instancer makes, and how many copies and triangles that is in all.
+
+    `shown` are the numbers of the instances that are rendered, each with a prototype; all have a matrix.
+    """
+
+    shown: list[int]
+    prototypes: list[_Prototype]
+    matrices: Sequence[Gf.Matrix4d]
+    count: int
+    triangles: int
+
+
+@dataclass
+class _Every:
+    """Selects each copy whose number is a multiple of `step`; `next` is the number of the next one."""
+
+    step: int
+    next: int = 0
+
+    def skips(self, count: int) -> bool:
+        """Return whether none of the next copies is selected, so many of them, and if so, go on behind them."""
+        skipped = -(-self.next // self.step) * self.step >= self.next + count
+        self.next += count if skipped else 0
+        return skipped
+
+
+def _instances(reading: Reading, item: Item) -> Iterator[Item]:
+    """Yield the prims that an instancer makes: all, or an even selection of those that fit into memory."""
+    copies = _copies(reading, item.prim, ())
+    if copies.count > MOST_INSTANCES:
+        text = f"makes more than {MOST_INSTANCES:,} copies with those of instancers that it repeats: expected fewer"
+        raise reading.fail(item.prim, "protoIndices", text)
+    step = step_of(copies.triangles, room() - reading.expected)
+    reading.expected += copies.triangles // step
+    if step > 1:
+        text = f"has {copies.count:,} instances: one in {step} is rendered, to limit memory"
+        reading.warn(item.prim, text, "protoIndices")
+    yield from _selected(reading, item, copies, _Every(step))
+
+
+def _selected(reading: Reading, item: Item, copies: _Copies, every: _Every) -> Iterator[Item]:
+    """Yield the selected prims of what an instancer makes."""
+    for index, prototype in zip(copies.shown, copies.prototypes, strict=True):
+        if every.skips(prototype.count):
+            continue
+        local = item.to_world @ reading.matrix(item.prim, copies.matrices[index])
+        instances = (Instance(item.prim, index), *item.instances)
+        own = prototype.has_own and not every.skips(1)
+        every.next += own
+        for part, inner in prototype.parts:
+            copy = Item(part.prim, local @ part.to_world, f"{item.name}[{index}]{part.name}", instances)
+            if inner is not None:
+                yield from _selected(reading, copy, inner, every)
+            elif own:
+                yield copy
+
+
+def _copies(reading: Reading, prim: Usd.Prim, within: tuple[Sdf.Path, ...]) -> _Copies:
+    """Return what an instancer makes; `within` are the paths of instancers that repeat it."""
+    key = ("copies", prim.GetPath())
+    if key not in reading.cache:
+        reading.cache[key] = _read_copies(reading, prim, within)
+    copies: _Copies = reading.cache[key]
+    return copies
+
+
+def _read_copies(reading: Reading, prim: Usd.Prim, within: tuple[Sdf.Path, ...]) -> _Copies:
     if prim.GetPath() in within:
         raise reading.fail(prim, "prototypes", "contains the instancer itself: expected prims that do not")
     if not is_relationship(prim, "prototypes"):
         raise reading.fail(prim, "prototypes", "is an attribute: expected a relationship, rel")
-    within = (*within, prim.GetPath())
     instancer = UsdGeom.PointInstancer(prim)
     moved = carried(reading, prim, "positions")
     sample = moved.reading if moved is not None else reading
@@ -72,62 +149,40 @@ def _instances(reading: Reading, item: Item, within: tuple[Sdf.Path, ...]) -> It
         text = f"has {len(indices):,} values: expected no more than {MOST_INSTANCES:,}"
         raise reading.fail(prim, "protoIndices", text)
     positions = sample.array(prim, "positions", 3) if moved is None else moved.points
-    prototypes, parts = _prototypes(reading, prim)
-    transforms = _instance_transforms(reading, sample, instancer, indices, positions, prototypes)
-    mask = np.asarray(instancer.ComputeMaskAtTime(sample.time) or np.ones(len(indices), dtype=bool))
-    lost = [index for index in indices if not 0 <= index < len(parts) or parts[index] is None]
-    if lost:
+    roots = [reading.stage.GetPrimAtPath(path) for path in target_paths(prim, "prototypes")]
+    matrices = _instance_transforms(reading, sample, instancer, indices, positions, roots)
+    mask = np.ones(len(indices), dtype=bool)
+    given = np.asarray(instancer.ComputeMaskAtTime(sample.time) or mask)[: len(mask)]
+    mask[: len(given)] = given
+    found = [_prototype(reading, root, (*within, prim.GetPath())) for root in roots]
+    there = np.isin(indices, [number for number, each in enumerate(found) if each is not None])
+    if not there.all():
+        lost = indices[~there]
         text = f"names prototype {lost[0]}, which is not there: {len(lost)} of {len(indices)} instances are skipped"
         reading.warn(prim, text, "protoIndices")
-    step = _step(reading, prim, indices, parts, within)
-    for index, (number, matrix) in enumerate(zip(indices, transforms, strict=False)):
-        if index % step or not (index >= len(mask) or mask[index]) or not 0 <= number < len(parts):
-            continue
-        local = item.to_world @ reading.matrix(prim, matrix)
-        for part in parts[number] or ():
-            instances = (Instance(prim, index), *item.instances)
-            copy = Item(part.prim, local @ part.to_world, f"{item.name}[{index}]{part.name}", instances)
-            yield from _expanded(reading, copy, within)
+    shown = np.flatnonzero(mask[: len(matrices)] & there[: len(matrices)])
+    prototypes = [each for number in indices[shown].tolist() if (each := found[number]) is not None]
+    return _Copies(
+        shown.tolist(), prototypes, matrices, sum(each.count for each in prototypes),
+        sum(each.triangles for each in prototypes),
+    )  # fmt: skip
 
 
-def _step(
-    reading: Reading, prim: Usd.Prim, indices: Array, parts: list[list[Item] | None], within: tuple[Sdf.Path, ...]
-) -> int:
-    """Return n if every n-th instance is rendered: 1 if all fit into memory."""
-    total = _triangles_of(reading, indices, parts, within)
-    if len(within) > 1:  # an instancer that another one repeats was counted there
-        return step_of(total, room())
-    step = step_of(total, room() - reading.expected)
-    reading.expected += total // step
-    if step > 1:
-        reading.warn(
-            prim, f"has {len(indices):,} instances: one in {step} is rendered, to limit memory", "protoIndices"
-        )
-    return step
-
-
-def _triangles_of(
-    reading: Reading, indices: Array, parts: list[list[Item] | None], within: tuple[Sdf.Path, ...]
-) -> int:
-    """Estimate how many triangles an instancer's copies of its prototypes have."""
-    numbers = np.bincount(indices[(indices >= 0) & (indices < len(parts))], minlength=len(parts))
-    sizes = [sum(_triangles_in(reading, each.prim, within) for each in part or ()) for part in parts]
-    return sum(int(number) * size for number, size in zip(numbers, sizes, strict=True))
-
-
-def _triangles_in(reading: Reading, prim: Usd.Prim, within: tuple[Sdf.Path, ...]) -> int:
-    """Estimate how many triangles a prim of a prototype has; an instancer counts all of its copies."""
-    key = ("about", prim.GetPath())
-    if key not in reading.cache:
-        size = 0
-        if is_surface(prim):
-            size = MESH + triangles_about(reading, prim)
-        elif prim.IsA(UsdGeom.PointInstancer) and prim.GetPath() not in within:
-            _, parts = _prototypes(reading, prim)
-            indices = reading.attempt(prim, partial(reading.integers, prim, "protoIndices"), np.zeros(0, int), "")
-            size = _triangles_of(reading, indices, parts, (*within, prim.GetPath()))
-        reading.cache[key] = size
-    return int(reading.cache[key])
+def _prototype(reading: Reading, root: Usd.Prim, within: tuple[Sdf.Path, ...]) -> _Prototype | None:
+    """Return what a prototype consists of; None for one that is not there."""
+    if not root or not root.IsActive():
+        return None
+    parts: list[tuple[Item, _Copies | None]] = []
+    triangles = 0
+    for each in _prototype_items(reading, root):
+        if not each.prim.IsA(UsdGeom.PointInstancer):
+            parts.append((each, None))
+            triangles += MESH + triangle_count(reading, each.prim) if is_surface(each.prim) else 0
+        elif inner := reading.attempt(each.prim, partial(_copies, reading, each.prim, within), None, "it is skipped"):
+            parts.append((each, inner))
+            triangles += inner.triangles
+    counts = [inner.count for _, inner in parts if inner is not None]
+    return _Prototype(parts, sum(counts) + (len(counts) < len(parts)), triangles)
 
 
 def _instance_transforms(
@@ -181,12 +236,6 @@ def _placed(
             matrix = matrix * Gf.Matrix4d().SetRotate(Gf.Quatd(given["orientations"][index]))
         result.append(matrix * Gf.Matrix4d().SetTranslate(Gf.Vec3d(*map(float, position))))
     return result
-
-
-def _prototypes(reading: Reading, instancer: Usd.Prim) -> tuple[list[Usd.Prim], list[list[Item] | None]]:
-    """Return the prototypes of an instancer, and what each consists of; None for one that is not there."""
-    roots = [reading.stage.GetPrimAtPath(path) for path in target_paths(instancer, "prototypes")]
-    return roots, [list(_prototype_items(reading, root)) if root and root.IsActive() else None for root in roots]
 
 
 def _prototype_items(reading: Reading, root: Usd.Prim) -> Iterator[Item]:

@@ -51,6 +51,29 @@ def is_surface(prim: Usd.Prim) -> bool:
     return is_gprim(prim) or any(prim.IsA(kind) for kind in _TESSELLATED)
 
 
+def triangle_count(reading: Reading, prim: Usd.Prim) -> int:
+    """Return how many triangles the surface of a prim will have, about so many if it is no mesh or implicit shape."""
+    if prim.GetTypeName() in GPRIMS:
+        counts = gprim_polygons(reading, prim).counts
+        return int(np.sum(counts - 2))
+
+    def length(name: str) -> int:
+        value = reading.value(prim, name, ())
+        return len(value) if hasattr(value, "__len__") else 0
+
+    if not prim.IsA(UsdGeom.Mesh):
+        return 24 * length("points") if prim.IsA(UsdGeom.PointBased) else 4096
+    corners, faces = length("faceVertexIndices"), length("faceVertexCounts")
+    level = _level(reading, prim, find_primvar(prim, "normals") is not None)
+    return 2 * corners * 4 ** (level - 1) if level else max(corners - 2 * faces, 0)
+
+
+def _level(reading: Reading, prim: Usd.Prim, has_normals: bool) -> int:
+    """Return how often a mesh is to be refined: 0 if it is no subdivision surface."""
+    is_smooth = reading.value(prim, "subdivisionScheme", "catmullClark") in _SCHEMES
+    return refinement_level(prim, has_normals) if is_smooth else 0
+
+
 def read_meshes(
     reading: Reading, prim: Usd.Prim, to_world: Array, name: str, instances: Sequence[Instance] = ()
 ) -> list[Mesh]:
@@ -228,9 +251,8 @@ def _polygons(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[s
 
 def _refined(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons:
     """Return a mesh's polygons, subdivided where it is a subdivision surface."""
-    scheme = str(reading.value(prim, "subdivisionScheme", "catmullClark"))
-    level = refinement_level(prim, "normals" in polygons.primvars)
-    if scheme not in _SCHEMES or not level or not len(polygons.counts):
+    level = _level(reading, prim, "normals" in polygons.primvars)
+    if not level or not len(polygons.counts):
         return polygons
     from .subdivision import subdivided  # SciPy takes long to import
 
@@ -240,7 +262,7 @@ def _refined(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons:
         reading.warn(prim, text, "subdivisionScheme")
     if not fitting:
         return polygons
-    return subdivided(reading, prim, polygons, scheme, fitting)
+    return subdivided(reading, prim, polygons, str(reading.value(prim, "subdivisionScheme", "catmullClark")), fitting)
 
 
 def _patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
