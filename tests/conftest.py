@@ -32,11 +32,11 @@ _OBJECTS = 50_000
 _RENDERED = 0.2
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # or each process would start a thread for each processor
-    from photonbeams.runtime import device
+    from photonbeams.runtime import device, limits
 
     # Most kernels of tests are small, and threads that wait for their part of one keep a processor busy: with two
     # threads in each of two processes, tests take half as long again as with one.
-    device.set_threads(max(1, device.processors() // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])))
+    device.set_threads(max(1, limits.processors() // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])))
 
 
 @pytest.hookimpl(wrapper=True)

@@ -182,10 +182,10 @@ def test_passes_cannot_be_taken_out_of_a_checkpoint():
 def test_a_film_that_no_memory_holds_is_refused_before_it_is_made(monkeypatch):
     with pytest.raises(SceneError, match="100000 x 100000 pixels are more than"):
         check_memory(Window.full(100_000, 100_000), 1)
-    monkeypatch.setattr("photonbeams.runtime.device.memory", lambda: 2**20)
+    monkeypatch.setattr("photonbeams.render.memory.memory", lambda: 2**20)
     with pytest.raises(SceneError, match="expected fewer, or a part of the picture with --crop"):
         check_memory(Window.full(1000, 1000), 1)
-    monkeypatch.setattr("photonbeams.runtime.device.memory", lambda: 2**30)
+    monkeypatch.setattr("photonbeams.render.memory.memory", lambda: 2**30)
     check_memory(Window.full(1000, 1000), 1)
     with pytest.raises(SceneError, match="1000 x 1000 pixels of 30 light groups"):
         check_memory(Window.full(1000, 1000), 1, 30)

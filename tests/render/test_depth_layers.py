@@ -198,7 +198,7 @@ def test_a_deep_file_is_refused_before_it_is_decoded_if_it_claims_what_it_cannot
                 read(Holdout(file))
         file.write_bytes(whole)
         assert sum(deep_sizes(file)) == WIDTH * HEIGHT * 12 * (1 if file == path else 2)
-    monkeypatch.setattr("photonbeams.runtime.inputs.usable_memory", lambda: 500_000)
+    monkeypatch.setattr("photonbeams.runtime.inputs.memory", lambda: 500_000)
     with pytest.raises(
         scene.SceneError, match=r"reading its deep samples takes .*: expected up to .*, the memory here"
     ):

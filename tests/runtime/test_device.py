@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from photonbeams.runtime import device, libllvm
+from photonbeams.runtime import device, libllvm, limits
 from photonbeams.runtime.device import DeviceError
 
 needs_llvm = pytest.mark.skipif(libllvm.best() is None, reason="no libLLVM that works is installed")
@@ -252,7 +252,7 @@ def test_threads_are_set_and_zero_means_all():
         device.set_threads(1)
         assert dr.thread_count() == 1
         device.set_threads(0)
-        assert dr.thread_count() == device.processors()
+        assert dr.thread_count() == limits.processors()
     finally:
         device.set_threads(before)
 
@@ -288,7 +288,7 @@ def test_an_old_library_that_drjit_took_by_itself_is_refused_before_a_kernel_abo
 
 def test_the_description_tells_what_is_there():
     backend, found = device.backend(), device.running()
-    assert found["Backend"] == backend and device.processors() >= 1 and device.memory() > 1 << 28
+    assert found["Backend"] == backend and limits.processors() >= 1 and limits.memory() > 1 << 28
     if backend == "llvm":
         assert int(found["LLVM"].partition(".")[0]) >= libllvm.OLDEST
         assert found["Vector width"] in ("unknown", "4", "8", "16") and int(found["Threads"]) >= 1

@@ -58,7 +58,7 @@ def test_a_file_is_read(tmp_path):
 
 
 def test_what_is_too_large_for_the_memory_is_told(monkeypatch):
-    monkeypatch.setattr(inputs, "usable_memory", lambda: 1 << 20)
+    monkeypatch.setattr(inputs, "memory", lambda: 1 << 20)
     check_size(1 << 20, 1e9, "it")
     with pytest.raises(SceneError, match="it takes 2 MiB: expected up to 1 MiB, the memory here"):
         check_size(2 << 20, 1e9, "it")

@@ -83,12 +83,12 @@ def trial() -> tuple[str | None, bool]:
 
 def rows() -> Iterator[tuple[str, str]]:
     """Yield the rows of the table, each a name and a value."""
-    from ..runtime import device, libllvm
+    from ..runtime import device, libllvm, limits
 
     yield "Python", f"{platform.python_version()} ({sys.executable})"
     yield "Platform", platform.platform()
-    yield "Processors", f"{device.processors()}"
-    yield "Memory", f"{_gibibytes(device.memory())}, {_gibibytes(device.memory('SC_AVPHYS_PAGES'))} of it free"
+    yield "Processors", f"{limits.processors()}"
+    yield "Memory", f"{_gibibytes(limits.memory())}, {_gibibytes(limits.free_memory())} of it free"
     for package in _PACKAGES:
         try:
             yield package, version(package)

@@ -16,7 +16,7 @@ from ..farm.run import Farm, FarmFrame, FarmState
 from ..farm.work import threads_here
 from ..render.checkpoint import Checkpoint, check_passes
 from ..render.films.frame_sums import FrameSums
-from ..runtime.device import processors
+from ..runtime.limits import processors
 from ..scene import SceneError
 from .animation import FrameError, Task, report_line
 from .outputs import checkpoint_of, finish_frame, snapshots_of, write_frame

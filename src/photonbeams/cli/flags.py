@@ -136,7 +136,7 @@ class DeviceFlags(Flags):
 
     def start(self) -> None:
         """Start the device."""
-        from ..runtime.device import check_address_space
+        from ..runtime.limits import check_address_space
 
         check_address_space()
         from ..runtime import device

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import numpy as np
 import typer
 
-from ..runtime.device import check_address_space
 from ..runtime.inputs import opened
+from ..runtime.limits import check_address_space
 from ..scene import Array, SceneError
 from ..volumes.vdb import VDBGrid, read_grids
 from ..volumes.vol import read_vol

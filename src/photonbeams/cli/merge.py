@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..images.numbering import numbered
-from ..runtime.device import check_address_space
+from ..runtime.limits import check_address_space
 from .animation import frame_numbers
 from .flags import PictureFlags, Quiet
 from .outputs import Output, check_different, chosen_layers, parse_outputs, prepare_outputs, write_outputs

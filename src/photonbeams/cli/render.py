@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ..constants import REQUESTED
-from ..runtime.device import check_address_space
+from ..runtime.limits import check_address_space
 from .animation import Task, frame_numbers, print_plan, render_frames, tasks_of
 from .outputs import (
     check_outputs,

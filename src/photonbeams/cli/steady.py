@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ..images.numbering import numbered
-from ..runtime.device import check_address_space
+from ..runtime.limits import check_address_space
 from .animation import frame_numbers
 from .flags import Quiet
 from .outputs import check_different, parse_outputs, prepare_outputs

@@ -40,8 +40,8 @@ def swatch(
 
     Examples: photonbeams swatch look.usda -o look.png, or photonbeams swatch shot.usda --look Ember -o ember.png
     """
-    from ..runtime.device import check_address_space
     from ..runtime.files import atomic_file, check_kept, try_path
+    from ..runtime.limits import check_address_space
 
     if output.suffix.lower() != ".png":
         raise typer.BadParameter(f"{output} is not the name of a picture: expected FILE.png")

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from ..runtime.device import memory
 from ..runtime.files import temporary_folder
+from ..runtime.limits import memory
 from ..scene.extras import needs
 
 if TYPE_CHECKING:

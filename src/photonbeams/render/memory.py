@@ -5,6 +5,7 @@ from __future__ import annotations
 import drjit as dr
 
 from ..runtime import device
+from ..runtime.limits import memory
 from ..scene import SceneError
 from ..world.cameras.cameras import Window
 
@@ -37,7 +38,7 @@ def check_memory(window: Window, beams: int, groups: int = 0) -> int:
         most = f"{_MOST_ENTRIES // 3:,}"
         raise SceneError(f"{width} x {height} pixels are more than {most} at a time: {expected}")
     needed = (PIXEL_BYTES + GROUP_BYTES * groups) * width * height + BEAM_BYTES * beams
-    present = device.memory()
+    present = memory()
     if device.backend() == "llvm" and present is not None and needed > present:
         layers = f" of {groups} light groups" if groups else ""
         raise SceneError(

@@ -11,7 +11,6 @@ are attributes of this module. The first use of one of them starts the backend; 
 from __future__ import annotations
 
 import ctypes
-import errno
 import os
 import sys
 from collections.abc import Iterator
@@ -24,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import libllvm
+from .limits import processors
 
 if TYPE_CHECKING:
     from drjit.auto.ad import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32, UInt64
@@ -33,11 +33,6 @@ __all__ = [
     "check_recording", "kept_variant", "mitsuba", "mitsuba_variant", "prepare", "scene_variants", "select",
     "set_threads",
 ]  # fmt: skip
-
-# Bytes of addresses that the libraries take, mostly for code and for the stacks of threads; measured: 2.0 GiB.
-_LIBRARIES = 9 << 28
-#: The same for commands that render nothing: NumPy and OpenImageIO; measured: 0.24 GiB.
-LEAST = 3 << 27
 
 _ARRAY_TYPES = ("Array2f", "Array3f", "Array4f", "Bool", "Float", "Int32", "UInt32", "UInt64")
 
@@ -142,6 +137,7 @@ def _start(name: str) -> None:
     drjit = _import_drjit()
     if name == "llvm":
         check_library()
+        drjit.set_thread_count(min(drjit.thread_count(), processors()))
     if not drjit.has_backend(getattr(drjit.JitBackend, name.upper())):
         raise DeviceError(_no_backend(name))
     module = import_module(f"drjit.{name}.ad")
@@ -275,11 +271,6 @@ def helping_thread() -> Iterator[None]:
             drjit.set_thread_count(count)
 
 
-def processors() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def library() -> str:
     """Return which libLLVM Dr.Jit has and why, or "none"."""
     path = os.environ.get("DRJIT_LIBLLVM_PATH")
@@ -311,37 +302,3 @@ def _vector_width(drjit: Any) -> int | None:
         return int(core._Z21jit_llvm_vector_widthv())
     except (OSError, AttributeError, StopIteration):
         return None
-
-
-def memory(pages: str = "SC_PHYS_PAGES") -> int | None:
-    """Return the machine's memory in bytes, or how much of it has other `pages`; None if the system does not tell."""
-    try:
-        return os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):
-        return None
-
-
-def check_address_space(more: int = 0, libraries: int = _LIBRARIES) -> None:
-    """Raise OSError if the limit of virtual memory leaves no room for the libraries and `more` bytes."""
-    limit, needed = _limit(), libraries + more
-    if limit is not None and limit < needed:
-        found, wanted = (f"{each / 2**30:.3g} GiB" for each in (limit, needed))
-        smaller = ", or a smaller --res" if more and limit >= libraries else ""
-        text = f"the limit of virtual memory (ulimit -v) is {found}: expected at least {wanted}{smaller}"
-        raise OSError(errno.ENOMEM, text)
-
-
-def usable_memory() -> int | None:
-    """Return how many bytes this process may use at most: the machine's memory, or less by a limit; None: unknown."""
-    found = [each for each in (memory(), _limit()) if each is not None]
-    return min(found, default=None)
-
-
-def _limit() -> int | None:
-    """Return the limit of virtual memory in bytes, or None if there is none."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return None if limit == resource.RLIM_INFINITY else limit

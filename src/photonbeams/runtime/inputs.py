@@ -20,8 +20,8 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 import numpy as np
 
 from ..scene import Array, SceneError
-from .device import usable_memory
 from .files import PathLike
+from .limits import memory
 
 #: Bytes of files of text that is read as a whole, such as scenes in XML.
 MOST_TEXT = 1 << 28
@@ -99,9 +99,9 @@ def check_size(size: float, most: float, what: str) -> None:
     """Raise SceneError, a clause about a file, if `what` takes more than `most` bytes, or more than the memory here."""
     if size > most:
         raise SceneError(f"{what} takes {_bytes(size)}: expected up to {_bytes(most)}")
-    memory = usable_memory()
-    if memory is not None and size > memory:
-        raise SceneError(f"{what} takes {_bytes(size)}: expected up to {_bytes(memory)}, the memory here")
+    here = memory()
+    if here is not None and size > here:
+        raise SceneError(f"{what} takes {_bytes(size)}: expected up to {_bytes(here)}, the memory here")
 
 
 def arrays(path: PathLike) -> dict[str, Array]:

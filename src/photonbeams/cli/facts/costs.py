@@ -54,7 +54,7 @@ def _part(job: Job, found: Estimate) -> tuple[int, float]:
 
 def _rows(job: Job, found: Estimate) -> Iterator[tuple[str, str]]:
     """Yield what is told, with its names."""
-    from ...runtime.device import memory
+    from ...runtime.limits import memory
 
     (passes, seconds), within = _part(job, found), found.within
     each = f"{spoken(found.once)}, and {counted(passes, 'pass', 'passes')} of {found.each:.2g} s"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ...runtime.limits import memory
+
 #: The most instances of one instancer: OpenUSD makes a matrix of 128 bytes for each.
 MOST_INSTANCES = 10_000_000
 #: The overhead of a mesh, as the number of triangles that take as much memory.
@@ -12,8 +14,6 @@ _UNKNOWN = 64 * 2**30  # memory to assume if the system does not tell
 
 def room() -> int:
     """Return how many triangles fit into the machine's memory."""
-    from ...runtime.device import memory  # Dr.Jit takes long to import
-
     return (memory() or _UNKNOWN) // _BYTES
 
 
