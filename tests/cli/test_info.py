@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from examples.vdb import write_vdb
+from photonbeams.cli import main
 from photonbeams.cli.info import show as info
 from photonbeams.scene import SceneError
 from tests.helpers.frames import write_frame
@@ -209,3 +210,15 @@ def test_a_volume_file_shows_its_grids(tmp_path, capsys):
     (tmp_path / "smoke.vdb").write_bytes(b"x" * 99)
     with pytest.raises(SceneError, match=r"smoke\.vdb: expected a grid that can be read, but it is no OpenVDB file"):
         info(tmp_path / "smoke.vdb")
+
+
+def test_names_in_files_give_no_commands_to_a_terminal(tmp_path, capsys):
+    name = "a\x1b[31m"
+    write_vdb(tmp_path / f"{name}.vdb", {name: np.ones((4, 4, 4), np.float32)})
+    (tmp_path / f"{name}.usda").write_text('#usda 1.0\ndef "A" { float[] a\x1b]0;b\x07 = [0] }')
+    info(tmp_path / f"{name}.vdb")
+    for arguments in (["info", f"{tmp_path / name}.usda"], ["info", "--no-such-flag\x1b[31m"], ["info", f"{name}.exr"]):
+        with pytest.raises(SystemExit):
+            main(arguments)
+    out, err = capsys.readouterr()
+    assert "\x1b" not in out + err and r"a\x1b[31m" in out and r"a\x1b]0;b\x07" in err and err.count("Error: ") == 3

@@ -108,6 +108,17 @@ def test_the_view_is_changed_for_all(served):
         assert served.session.view.width == 32
 
 
+def test_a_text_with_nul_is_refused_and_the_page_goes_on(served):
+    with served.page() as page:
+        page.finished()
+        for kind, values in (("render", {"passes": 1, "size": [16, 12], "file": "a\0.exr"}),
+                             ("show", {"camera": "/Camera\0"}), ("keep", {"path": "/\0"})):  # fmt: skip
+            page.send(kind, **values)
+            assert "holds the character NUL" in page.told("refused")["text"]
+        page.send("show", size=[32, 18])
+        assert page.wait(lambda each: each.get("mime") == "image/png" and each["width"] == 32)
+
+
 def test_a_problem_names_its_attribute_and_the_column_and_the_picture_comes_back(served):
     path = "/World/Look.photonbeams:along:expression"
     with served.page() as page:

@@ -198,7 +198,7 @@ def _sentence(error: BaseException) -> str | None:
 
 def _fail(message: str, code: int, given: Sequence[str]) -> NoReturn:
     """Print a message on standard error, and for Open Job Description if `--progress openjd` is given; exit."""
-    if len(message) > _LONGEST:
+    if len(message) > _LONGEST or not message.isprintable():
         from ..scene.checks import shortened
 
         message = shortened(message)

@@ -15,6 +15,7 @@ import typer
 from ..runtime.inputs import opened
 from ..runtime.limits import check_address_space
 from ..scene import Array, SceneError
+from ..scene.checks import printable
 from ..volumes.vdb import VDBGrid, read_grids
 from ..volumes.vol import read_vol
 from .facts.words import triple
@@ -244,5 +245,5 @@ def _table(columns: tuple[str, ...] | None, rows: Iterable[tuple[str, ...]], rig
         style = "bold" if columns is None and index == 0 else ""
         table.add_column(columns[index] if columns else "", style=style, overflow="fold", **options)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(printable, row))
     return table

@@ -286,10 +286,12 @@ class _ProgressLines:
         if part == self._last:
             return
         self._last = part
+        from ..scene.checks import printable
+
         if self._openjd:
-            print(f"openjd_progress: {100 * fraction:.1f}\nopenjd_status: {status}", flush=True)
+            print(f"openjd_progress: {100 * fraction:.1f}\nopenjd_status: {printable(status)}", flush=True)
         else:
-            print(line, file=sys.stderr, flush=True)
+            print(printable(line), file=sys.stderr, flush=True)
 
 
 def summary_lines(

@@ -40,14 +40,21 @@ WHITE: Color = (1.0, 1.0, 1.0)
 
 LONGEST = 300  # characters of a message
 _PATH = re.compile(r"(\S{30})\S{20,}(\S{60})")
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")  # the last turn text around
 _LONGEST_VALUE = 60  # characters of a value in a message
 
 
+def printable(text: str) -> str:
+    """Return text with escapes for control characters but line breaks: names hold any, which terminals obey."""
+    return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
 def shortened(text: str, less: int = 0) -> str:
-    """Return a message cut to `LONGEST` characters, `less` of which are kept free for what follows it.
+    """Return a message, `printable`, cut to `LONGEST` characters, `less` of which are kept free for what follows it.
 
     Long words, which are paths, are cut in the middle first.
     """
+    text = printable(text)
     most = max(LONGEST - less, 1)
     if len(text) > most:
         text = brief(text)

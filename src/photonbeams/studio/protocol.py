@@ -10,6 +10,8 @@ from typing import Any, Literal
 
 import msgspec
 
+from ..scene import SceneError
+
 #: Limits: bytes in a message of a page, its messages per second, and values in an edit.
 LONGEST, PER_SECOND, MOST_VALUES = 1 << 16, 240, 256
 
@@ -366,9 +368,11 @@ class Malformed(Exception):  # noqa: N818 - an error of the page, not of this pr
 
 
 def decoded(text: str | bytes) -> Messages:
-    """Return the message in a page's JSON; raise Malformed for anything else."""
+    """Return the message in a page's JSON; raise Malformed for anything else, and SceneError for text with NUL."""
     if len(text) > LONGEST:
         raise Malformed(f"the message has {len(text):,} bytes: expected {LONGEST:,} at most")
+    if "\\u0000" in str(text):
+        raise SceneError("a text of the message holds the character NUL, which no name has: expected none")
     try:
         message = _DECODER.decode(text)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:

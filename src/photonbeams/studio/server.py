@@ -203,9 +203,8 @@ class Studio:
         text = message.get("text")
         if text is None:
             raise protocol.Malformed("the message is not text: expected JSON")
-        asked = protocol.decoded(text)
         try:
-            await self._do(watcher, asked)
+            await self._do(watcher, protocol.decoded(text))
         except (SceneError, OSError) as error:
             watcher.tell(protocol.encoded(protocol.Refused(str(error)[:300])))
 

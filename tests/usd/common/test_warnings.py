@@ -6,7 +6,7 @@ import pytest
 
 from photonbeams import Shot
 from photonbeams.scene import SceneError
-from photonbeams.scene.checks import LONGEST
+from photonbeams.scene.checks import LONGEST, printable
 from photonbeams.usd.common.openusd import Tf, sentences_of
 from photonbeams.usd.common.reading import Reading
 from photonbeams.usd.common.warnings import Warnings
@@ -180,3 +180,9 @@ def test_openusd_prints_nothing_and_its_errors_are_told_without_places_in_its_so
     assert "stage.cpp" not in capfd.readouterr().err
     error = Tf.ErrorException("\n\tError in 'pxr::Set' at line 3 in file /build/pxr/a.cpp : 'It is wrong'")
     assert sentences_of(error) == ["It is wrong"]
+
+
+def test_control_characters_of_names_reach_no_terminal():
+    """A terminal would take them as commands: to clear itself, to change its title, to turn text around."""
+    assert printable("a\x1b[31mb\x9b2J\x07\x7f\u202ec\rd\u00e9") == r"a\x1b[31mb\x9b2J\x07\x7f\u202ec\rdé"
+    assert str(SceneError("a\x1b]0;b\x07.usda: expected a stage")) == r"a\x1b]0;b\x07.usda: expected a stage"
