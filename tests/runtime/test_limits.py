@@ -3,6 +3,7 @@
 import os
 import resource
 
+import numpy as np
 import pytest
 
 from photonbeams.runtime import limits
@@ -82,3 +83,14 @@ def test_memory_and_processors_are_those_of_the_shell_and_of_the_scheduler(group
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3}, raising=False)
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (1 << 30 if kind == resource.RLIMIT_DATA else -1, -1))
     assert (limits.memory(), limits.processors()) == (1 << 30, 1)
+
+
+@pytest.mark.skipif(limits._data() is None, reason="the system does not tell how much data a process has")
+def test_what_is_read_within_a_bound_takes_no_more():
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    with limits.bounded(1 << 28):
+        with limits.bounded(1 << 28), pytest.raises(MemoryError):
+            np.empty(1 << 29, np.uint8)
+        assert resource.getrlimit(resource.RLIMIT_DATA) != before  # until all have left
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
+    assert len(np.empty(1 << 29, np.uint8)) == 1 << 29

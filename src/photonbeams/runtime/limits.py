@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import errno
 import os
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 # Bytes of addresses that the libraries take, mostly for code and for the stacks of threads; measured: 2.0 GiB.
@@ -51,6 +53,58 @@ def check_address_space(more: int = 0, libraries: int = _LIBRARIES) -> None:
         smaller = ", or a smaller --res" if more and limit >= libraries else ""
         text = f"the limit of virtual memory (ulimit -v) is {found}: expected at least {wanted}{smaller}"
         raise OSError(errno.ENOMEM, text)
+
+
+@contextmanager
+def bounded(more: int) -> Iterator[None]:
+    """Let this process take at most so many bytes more within the context; libraries then raise errors of their own.
+
+    Linux alone has such a bound. Threads may enter it at the same time: the last bound holds until all have left it.
+    """
+    with _Bound.lock:
+        _Bound.entered += 1
+        if _Bound.entered == 1:
+            _Bound.before = _data_limit()
+        used = _data()
+        if used is not None and _Bound.before is not None:
+            _set_data_limit(min(used + more, _Bound.before[0]) if _Bound.before[0] >= 0 else used + more)
+    try:
+        yield
+    finally:
+        with _Bound.lock:
+            _Bound.entered -= 1
+            if not _Bound.entered and _Bound.before is not None:
+                _set_data_limit(_Bound.before[0])
+
+
+class _Bound:
+    """How often the context is entered, and the limits before."""
+
+    lock = threading.Lock()
+    entered = 0
+    before: tuple[int, int] | None = None
+
+
+def _data_limit() -> tuple[int, int] | None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    return resource.getrlimit(resource.RLIMIT_DATA)
+
+
+def _set_data_limit(limit: int) -> None:
+    import resource
+
+    assert _Bound.before is not None
+    with suppress(ValueError, OSError):  # of systems that let no process set it
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, _Bound.before[1]))
+
+
+def _data() -> int | None:
+    """Return how many bytes of data this process has; None if the system does not tell."""
+    pages = _read(Path("/proc/self/statm")).split()
+    return int(pages[5]) * os.sysconf("SC_PAGE_SIZE") if len(pages) > 5 else None
 
 
 def _limits() -> Iterator[int | None]:

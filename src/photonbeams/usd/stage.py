@@ -31,7 +31,7 @@ from .layers.composition import warn_of_composition
 from .layers.counting import check_count
 from .layers.frames import time_range
 from .layers.metadata import complete_metadata, correct_metadata
-from .layers.writing import forget_changes, ready_layers, resolved_name, why_no_layer
+from .layers.writing import forget_changes, read_layer, ready_layers, resolved_name, why_no_layer
 from .lights.light import is_dome, is_light
 
 T = TypeVar("T")
@@ -286,7 +286,7 @@ def _layer(path: str) -> Sdf.Layer:
     if os.path.isdir(resolved) or not Usd.Stage.IsSupportedFile(resolved):
         raise SceneError(f"{path} is not a USD stage: expected a .usd, .usda, .usdc or .usdz file")
     try:
-        layer = Sdf.Layer.FindOrOpen(path)
+        layer = read_layer(path)
     except Tf.ErrorException as error:
         raise SceneError(f"{path} cannot be read: {_reason(error, path)}") from None
     if not layer:

@@ -1,11 +1,13 @@
 """Stages without end, or too deep, are refused before OpenUSD composes them, which would end the process."""
 
+import resource
+import struct
 from zipfile import ZipFile
 
 import pytest
 
 from photonbeams.scene import SceneError
-from photonbeams.usd.common.openusd import UsdUtils
+from photonbeams.usd.common.openusd import Sdf, UsdUtils
 from photonbeams.usd.layers.counting import is_deep
 from photonbeams.usd.stage import open_stage
 
@@ -100,3 +102,25 @@ def test_braces_in_texts_and_comments_nest_nothing():
     assert not is_deep(b'def "a" { asset x = @it\'s@ }\n' * 2000)
     assert is_deep(b'string x = "`' + b"if(True," * 2000 + b"1" + b")" * 2000 + b'`"')
     assert not is_deep(b"(1, 2, 3), " * 2000)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_an_array_that_claims_more_than_memory_holds_is_left_out(tmp_path, caplog, packed):
+    """OpenUSD would allocate 8.6 GB for a file of a kilobyte."""
+    layer = Sdf.Layer.CreateNew(str(tmp_path / "a.usdc"))
+    prim = Sdf.CreatePrimInLayer(layer, "/A")
+    for name, values in (("wrong", [11, 12, 13, 14]), ("right", [21, 22, 23, 24])):
+        Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.IntArray).default = values
+    layer.Save()
+    del prim, layer
+    data, count = (tmp_path / "a.usdc").read_bytes(), struct.pack("<Q4i", 4, 11, 12, 13, 14)
+    assert data.count(count) == 1
+    (tmp_path / "b.usdc").write_bytes(data.replace(count, struct.pack("<Q", (1 << 31) + 1) + count[8:]))
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    with ZipFile(tmp_path / "b.usdz", "w") as writer:
+        writer.write(tmp_path / "b.usdc", "b.usdc")
+    stage = open_stage(tmp_path / ("b.usdz" if packed else "b.usdc"))
+    prim = stage.GetPrimAtPath("/A")
+    assert not prim.GetAttribute("wrong") and list(prim.GetAttribute("right").Get()) == [21, 22, 23, 24]
+    assert "/A.wrong claims more values than memory holds, or is damaged" in caplog.text
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before

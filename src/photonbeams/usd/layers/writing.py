@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from ...runtime.files import PathLike, atomic_path, failure_of, sync, write_bytes
 from ...runtime.inputs import opened, why_unreadable
+from ...runtime.limits import bounded
 from ...scene import SceneError
 from ..common.openusd import Ar, Sdf, Tf, sentences_of
 from ..common.reading import quiet
@@ -25,6 +26,9 @@ from .counting import DEEPEST, is_deep
 from .metadata import correct_metadata
 
 _MOST_TEXT = 1 << 32  # bytes
+_LEAST_ROOM = 1 << 31  # bytes that reading a layer may take, however small it is
+_SPEC_ROOM = 256  # bytes, for each byte of a file: a prim takes about 500, and two or more in a file
+_SMALL = 1 << 26  # bytes of files whose arrays are all read before anybody else does
 
 #: Layers changed in memory: they differ from their files, and have to be read again.
 _CHANGED: set[str] = set()
@@ -57,7 +61,8 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> Rea
         layer, prims, variables = waiting.pop()
         listed[layer.identifier] = prims
         variables = {**layer.expressionVariables, **variables}
-        if correct_metadata(layer, warnings) | leave_out_clips(layer, prims, why_no_layer, warnings):
+        changed = correct_metadata(layer, warnings) | leave_out_clips(layer, prims, why_no_layer, warnings)
+        if changed | _leave_out_claims(layer, warnings):
             _CHANGED.add(layer.identifier)
         for name in layer.GetCompositionAssetDependencies():
             path, arguments = resolved_name(layer, name, variables)
@@ -74,7 +79,7 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> Rea
                 _change(layer, name, _translated(path, warnings))
                 continue
             try:
-                other = Sdf.Layer.FindOrOpen(identifier)
+                other = read_layer(identifier)
             except Tf.ErrorException:  # composition reports it, if it needs this layer
                 other = None
             if not other:
@@ -103,6 +108,43 @@ def _prims(layer: Sdf.Layer) -> list[Sdf.Path]:
     if not all(paths) or not all(map(layer.GetObjectAtPath, prims)):
         raise SceneError(f"{layer.realPath or layer.identifier} is damaged: it lists prims that it does not hold")
     return prims
+
+
+def read_layer(path: str) -> Sdf.Layer | None:
+    """Return the layer of a file, or None; Tf.ErrorException if it claims to hold far more than its size tells."""
+    outer = Ar.SplitPackageRelativePathOuter(path)[0]
+    with bounded(_LEAST_ROOM + _SPEC_ROOM * (os.path.getsize(outer) if os.path.isfile(outer) else 0)):
+        return Sdf.Layer.FindOrOpen(path)
+
+
+def _leave_out_claims(layer: Sdf.Layer, warnings: Warnings) -> bool:
+    """Remove the arrays of a small binary layer, with a warning, that claim to be larger than memory; return whether.
+
+    OpenUSD allocates what an array claims, as soon as anybody reads it.
+    """
+    outer = Ar.SplitPackageRelativePathOuter(layer.realPath)[0] if layer.realPath else ""
+    if not os.path.isfile(outer) or os.path.getsize(outer) > _SMALL:
+        return False
+    with opened(outer) as file:
+        if file.read(1) == b"#":  # a text holds what it says
+            return False
+    paths: list[Sdf.Path] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    wrong = []
+    with bounded(_LEAST_ROOM):
+        for spec in map(layer.GetAttributeAtPath, filter(Sdf.Path.IsPropertyPath, paths)):
+            try:
+                if spec and spec.typeName.isArray:
+                    _ = spec.default, *(layer.QueryTimeSample(spec.path, each) for each in spec.ListTimeSamples())
+            except (Tf.ErrorException, MemoryError):
+                wrong.append(spec)
+    for spec in wrong:
+        text = f"{spec.path} claims more values than memory holds, or is damaged: expected an array that can be read"
+        if not layer.permissionToEdit:  # in a package
+            raise SceneError(f"{outer}: {text}")
+        warnings.give(text, outer, "it is left out")
+        spec.owner.RemoveProperty(spec)
+    return bool(wrong)
 
 
 def resolved_name(layer: Sdf.Layer, name: str, variables: Mapping[str, object]) -> tuple[str, dict[str, str]]:
