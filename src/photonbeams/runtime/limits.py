@@ -61,23 +61,23 @@ def bounded(more: int) -> Iterator[None]:
 
     Linux alone has such a bound. Threads may enter it at the same time: the last bound holds until all have left it.
     """
-    with _Bound.lock:
-        _Bound.entered += 1
-        if _Bound.entered == 1:
-            _Bound.before = _data_limit()
+    with _DataLimit.lock:
+        _DataLimit.entered += 1
+        if _DataLimit.entered == 1:
+            _DataLimit.before = _data_limit()
         used = _data()
-        if used is not None and _Bound.before is not None:
-            _set_data_limit(min(used + more, _Bound.before[0]) if _Bound.before[0] >= 0 else used + more)
+        if used is not None and _DataLimit.before is not None:
+            _set_data_limit(min(used + more, _DataLimit.before[0]) if _DataLimit.before[0] >= 0 else used + more)
     try:
         yield
     finally:
-        with _Bound.lock:
-            _Bound.entered -= 1
-            if not _Bound.entered and _Bound.before is not None:
-                _set_data_limit(_Bound.before[0])
+        with _DataLimit.lock:
+            _DataLimit.entered -= 1
+            if not _DataLimit.entered and _DataLimit.before is not None:
+                _set_data_limit(_DataLimit.before[0])
 
 
-class _Bound:
+class _DataLimit:
     """How often the context is entered, and the limits before."""
 
     lock = threading.Lock()
@@ -96,9 +96,9 @@ def _data_limit() -> tuple[int, int] | None:
 def _set_data_limit(limit: int) -> None:
     import resource
 
-    assert _Bound.before is not None
+    assert _DataLimit.before is not None
     with suppress(ValueError, OSError):  # of systems that let no process set it
-        resource.setrlimit(resource.RLIMIT_DATA, (limit, _Bound.before[1]))
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, _DataLimit.before[1]))
 
 
 def _data() -> int | None:

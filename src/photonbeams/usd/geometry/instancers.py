@@ -48,10 +48,19 @@ def items(reading: Reading) -> Iterator[Item]:
 
 
 def _expanded(reading: Reading, item: Item) -> list[Item]:
-    """Return a prim or, for a point instancer, the prims of its prototypes at each of its points."""
+    """Return a prim or, for a point instancer, the prims of its prototypes at each of its points.
+
+    SceneError if these are without end.
+    """
     if not item.prim.IsA(UsdGeom.PointInstancer):
         return [item]
-    return reading.attempt(item.prim, lambda: list(_instances(reading, item)), [], "it is skipped")
+    copies = reading.attempt(item.prim, partial(_copies, reading, item.prim, ()), None, "it is skipped")
+    if copies is None:
+        return []
+    if copies.count > MOST_INSTANCES:
+        text = f"makes more than {MOST_INSTANCES:,} copies with those of instancers that it repeats: expected fewer"
+        raise reading.fail(item.prim, "protoIndices", f"{text}; a mask can select other prims")
+    return reading.attempt(item.prim, lambda: list(_instances(reading, item, copies)), [], "it is skipped")
 
 
 @dataclass(frozen=True)
@@ -96,12 +105,8 @@ class _Every:
         return skipped
 
 
-def _instances(reading: Reading, item: Item) -> Iterator[Item]:
+def _instances(reading: Reading, item: Item, copies: _Copies) -> Iterator[Item]:
     """Yield the prims that an instancer makes: all, or an even selection of those that fit into memory."""
-    copies = _copies(reading, item.prim, ())
-    if copies.count > MOST_INSTANCES:
-        text = f"makes more than {MOST_INSTANCES:,} copies with those of instancers that it repeats: expected fewer"
-        raise reading.fail(item.prim, "protoIndices", text)
     step = step_of(copies.triangles, room() - reading.expected)
     reading.expected += copies.triangles // step
     if step > 1:
