@@ -64,8 +64,13 @@ def triangle_count(reading: Reading, prim: Usd.Prim) -> int:
     if not prim.IsA(UsdGeom.Mesh):
         return 24 * length("points") if prim.IsA(UsdGeom.PointBased) else 4096
     corners, faces = length("faceVertexIndices"), length("faceVertexCounts")
-    level = _level(reading, prim, find_primvar(prim, "normals") is not None)
-    return 2 * corners * 4 ** (level - 1) if level else max(corners - 2 * faces, 0)
+    made, quads = max(corners - 2 * faces, 0), corners
+    if level := _level(reading, prim, find_primvar(prim, "normals") is not None):
+        from .subdivision import MOST_FACES  # SciPy takes long to import
+
+        while level and quads <= MOST_FACES:
+            made, quads, level = 2 * quads, 4 * quads, level - 1
+    return made
 
 
 def _level(reading: Reading, prim: Usd.Prim, has_normals: bool) -> int:
