@@ -18,6 +18,7 @@ from photonbeams.looks.ramp import interpolate
 from photonbeams.usd.authoring.presets import PRESETS
 from photonbeams.usd.common.definitions import (
     BLOCKER,
+    CAMERA,
     CURVES,
     FOLDER,
     LIGHT,
@@ -34,7 +35,7 @@ _DOCS = _ROOT / "docs"
 _EXTENSION = _ROOT / "src" / "photonbeams" / "blender" / "extension" / "looks.json"
 
 #: The pages with tables, by the schemas.
-PAGES = {"looks.md": (LOOK,), "reference/attributes.md": (LIGHT, CURVES, MEDIUM, BLOCKER, RAMP)}
+PAGES = {"looks.md": (LOOK,), "reference/attributes.md": (LIGHT, CURVES, MEDIUM, CAMERA, BLOCKER, RAMP)}
 
 
 def generated() -> str:

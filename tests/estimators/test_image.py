@@ -52,7 +52,7 @@ VIEWS = {
     "shifted": (dataclasses.replace(PINHOLE, horizontal_offset=0.4, vertical_offset=-0.2), Window.full(WIDTH, HEIGHT)),
     "crop": (PINHOLE, Window(200, 120, (20, 33, 20 + WIDTH, 33 + HEIGHT))),
     "orthographic": (
-        dataclasses.replace(PINHOLE, orthographic=True, horizontal_aperture=4.0, vertical_aperture=2.4),
+        dataclasses.replace(PINHOLE, projection="orthographic", horizontal_aperture=4.0, vertical_aperture=2.4),
         Window.full(WIDTH, HEIGHT),
     ),
 }

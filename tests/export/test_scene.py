@@ -22,9 +22,9 @@ def turned(angle):
 
 @pytest.mark.parametrize("crop", [(0, 0, 24, 16), (3, 4, 20, 12)])
 @pytest.mark.parametrize("size", [(24, 16), (24, 30)])
-@pytest.mark.parametrize("orthographic", [False, True])
-def test_rays_of_the_sensor_are_those_of_the_camera(orthographic, size, crop):
-    camera = scene.Camera("/c", turned(0.3), 2.4, 2.4, 1.6, 0.5, -0.3, orthographic, (0.1, 1000))
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_rays_of_the_sensor_are_those_of_the_camera(projection, size, crop):
+    camera = scene.Camera("/c", turned(0.3), 2.4, 2.4, 1.6, 0.5, -0.3, projection, (0.1, 1000))
     window = Window(*size, crop)
     sensor = mi.load_dict(sensor_of(camera, window, reach=5.0))
     height, width = window.shape
@@ -51,6 +51,11 @@ def test_clipping_planes_cut_off_nothing_of_the_scene():
 def test_points_are_inside_of_a_box_where_their_coordinates_are(points):
     mesh = box("/box", (0, 0, 0), (1, 1, 1))
     assert (mesh.winding(np.array(points)) > 0.5) == all(0 < each < 1 for each in points)
+
+
+def test_a_panorama_is_told():
+    with pytest.raises(scene.SceneError, match="/dome is fisheyeEquisolid, and Mitsuba has no such sensor"):
+        sensor_of(scene.Camera.panorama("/dome", np.eye(4), "fisheyeEquisolid"), Window.full(4, 4), 1.0)
 
 
 def test_a_box_is_closed_until_it_lacks_a_face():

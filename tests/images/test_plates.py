@@ -489,5 +489,5 @@ def test_without_a_size_the_picture_has_the_holdouts():
 
 
 def test_an_orthographic_cameras_distances_are_planar_depths():
-    camera = Camera("/c", np.eye(4), 1.0, 2.0, 1.0, orthographic=True)
+    camera = Camera("/c", np.eye(4), 1.0, 2.0, 1.0, projection="orthographic")
     assert np.allclose(View(camera, Window.full(6, 4)).cosines((0.5, 0.5)), 1.0)

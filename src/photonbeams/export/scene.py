@@ -129,6 +129,9 @@ def sensor_of(camera: scene.Camera, window: Window, reach: float) -> dict[str, A
                 "principal_point_offset_x": shift_x / width,
                 "principal_point_offset_y": -shift_y / width * aspect,
             }
+    if camera.panoramic:
+        kinds = "expected a perspective or an orthographic camera"
+        raise scene.SceneError(f"{camera.name} is {camera.projection}, and Mitsuba has no such sensor: {kinds}")
     sampler = {"type": "independent", "sample_count": 16}
     return {**result, "to_world": matrix(to_world), "film": film, "sampler": sampler}
 

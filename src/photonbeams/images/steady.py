@@ -282,7 +282,8 @@ def _film_view(path: Path, parts: Sequence[OpenEXR.Part]) -> FilmView:
     lacking = [name for name in ("rgba", "surface", "depth") if name not in layers]
     lacking += [name for name in ("worldToCamera", "worldToNDC") if name not in header]
     if lacking:
-        raise SceneError(f"{path}: has no {' and no '.join(lacking)}: expected a frame by `photonbeams render`")
+        expected = "expected a frame by `photonbeams render` from a perspective or orthographic camera"
+        raise SceneError(f"{path}: has no {' and no '.join(lacking)}: {expected}")
     (x0, y0), (x1, y1) = header["dataWindow"]
     (left, top), (right, bottom) = header["displayWindow"]
     across, down = right + 1 - left, bottom + 1 - top

@@ -243,7 +243,9 @@ class Gathering:
 
     def _time(self, pixel: UInt32) -> Any:
         """Return the time of pixels' rays, from 0 to 1 over the pass's slice of the shutter interval."""
-        assert self._primary.times is not None and self._view is not None
+        assert self._primary.times is not None
+        if self._view is None:
+            return dr.gather(Float, self._primary.times, pixel)
         width = dr.opaque(UInt32, self._view.width)
         group = lane_of(pixel % width, pixel // width, dr.opaque(UInt32, self._view.columns))
         return dr.gather(Float, self._primary.times, group)

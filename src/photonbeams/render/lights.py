@@ -179,7 +179,7 @@ class Lights:
             tuning, allotment = replace(simulation.tuning, seed=seed), replace(simulation.allotment, counts=counts)
             pilot = replace(simulation, tuning=tuning, allotment=allotment)
             # For whole pictures; otherwise a crop would differ from the same part of the whole picture.
-            guides = pilot.guided(world, [each.whole().projection for each in self.cameras]).guides
+            guides = pilot.guided(world, [own for each in self.cameras for own in each.whole().projections]).guides
             for stratum in pilot.strata(world):
                 opening = guides.openings.get(stratum.name)
                 if opening is not None and stratum.emitter.lamp.bare is self._environment:

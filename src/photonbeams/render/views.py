@@ -76,9 +76,9 @@ class FrameView:
     ) -> Pinhole | None:
         """Return a pinhole in place of the camera of a pass, at one time and one place on the lens.
 
-        None if the camera turns, or if many beams change, move far in the picture, or are far out of focus: by more
-        than a pixel and more than half of the beam's radius. And None if surfaces that end beams move by more than a
-        pixel, or are so far out of focus that the edges of so many passes lie more than a pixel apart.
+        None if the camera turns or is panoramic, or if many beams change, move far in the picture, or are far out of
+        focus: by more than a pixel and more than half of the beam's radius. And None if surfaces that end beams move
+        by more than a pixel, or are so far out of focus that the edges of so many passes lie more than a pixel apart.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class FrameView:
         passes
             How many passes there are at least.
         """
-        if self._camera is None:
+        if self._camera is None or self._panoramic:
             return None
         motion = self._camera(number)
         if turn(motion.opened, motion.closed) > _LEAST_TURN:
@@ -115,6 +115,10 @@ class FrameView:
         return to_numpy(place).T[met.numpy()].astype(np.float64)
 
     @property
+    def _panoramic(self) -> bool:
+        return self._camera is not None and self._camera(0).opened.panoramic
+
+    @property
     def opened(self) -> View | None:
         """The pinhole at shutter open; None for a sensor that is no camera."""
         return None if self._camera is None else View(replace(self._camera(0).opened, lens_radius=0.0), self.window)
@@ -124,8 +128,8 @@ class FrameView:
         return FrameView(self.window.whole(), self._camera, sensor=self._sensor, clips=self._clips, turned=self._turned)
 
     def shares_origin(self, number: int) -> bool:
-        """Return whether all rays of a pass begin at one point, or on the film of a parallel projection."""
-        return self._camera is not None and not self.blurs(number)
+        """Return whether tiles hold all rays of a pass: they begin at one point, or on a parallel projection's film."""
+        return self._camera is not None and not self._panoramic and not self.blurs(number)
 
     def exposure(self, number: int) -> float:
         """Return the factor of light on the film in a pass."""
@@ -155,7 +159,7 @@ class FrameView:
                 there = x, y, focus
             chance = samples.pair(order, Stream.HOLDOUT).x if self.holdout.layered else None
             far = self.holdout.distances(own, rays.facing, places, there, some, chance)
-        return ViewRays(self._primary(own, rays, far), own.projection, far)
+        return ViewRays(self._primary(own, rays, far), own.tiled, far)
 
     def inside(
         self, number: int, rays: ViewRays, places: Array2f, samples: Samples, moving: bool,
@@ -181,7 +185,7 @@ class FrameView:
         own = self.opened
         if own is None:
             return ViewRays(sampled_rays(self._sensor, self.window, places, order, samples), None, holdout=holdout)
-        return ViewRays(self._primary(own, own.rays(places)), own.projection, holdout=holdout)
+        return ViewRays(self._primary(own, own.rays(places)), own.tiled, holdout=holdout)
 
     def _view(self, number: int, window: Window, pinhole: Pinhole | None = None) -> View:
         """Return the camera of a pass, or a pinhole, in a window of the picture."""
@@ -203,6 +207,10 @@ class FrameView:
             near, end = (dr.opaque(Float, each) / rays.facing for each in view.camera.clipping)
         ones = dr.ones(Array3f, count)
         far = end if far is None else far
+        if rays.seen is not None:
+            near, far = (dr.select(rays.seen, each, 0) for each in (near, far))
+            ones = dr.select(rays.seen, ones, 0)
+            dr.eval(near, far, ones)
         return PrimaryRays(rays.origin, rays.direction, near, far, ones, rays.facing, rays.origins, rays.times)
 
 

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from .checks import Array, SceneError, numbers
+from .checks import Array, SceneError, numbers, shown
 from .vectors import near_one, unit
 
 #: How the aperture and the picture are made to fit each other, named as by UsdRenderSettings: the first is the default.
 CONFORM_POLICIES = (
     "expandAperture", "cropAperture", "adjustApertureWidth", "adjustApertureHeight", "adjustPixelAspectRatio",
 )  # fmt: skip
+
+#: The projections of fisheyes: how far from the middle of the film, in focal lengths, an angle from the axis is seen.
+FISHEYES: Mapping[str, Callable[[float], float]] = {
+    "fisheyeEquidistant": lambda angle: angle,
+    "fisheyeEquisolid": lambda angle: 2 * float(np.sin(angle / 2)),
+    "fisheyeStereographic": lambda angle: 2 * float(np.tan(angle / 2)),
+    "fisheyeOrthographic": lambda angle: float(np.sin(angle)),
+}
+#: A panorama whose columns are longitudes and whose rows are latitudes (lat-long).
+EQUIRECTANGULAR = "equirectangular"
+#: All projections.
+PROJECTIONS = ("perspective", "orthographic", EQUIRECTANGULAR, *FISHEYES)
 
 
 @dataclass(frozen=True)
@@ -30,16 +43,19 @@ class Camera:
         Default 5.
     horizontal_aperture, vertical_aperture
         Width and height of the film; for an orthographic camera those of the view. Default 2.0955 and 1.52908.
+        Divided by the focal length, they are the angles of an equirectangular camera in radians.
     horizontal_offset, vertical_offset
         Offset of the film from the optical axis. Default 0.
-    orthographic
-        Whether the projection is orthographic. Default False, which is perspective.
+    projection
+        One of `scene.cameras.PROJECTIONS`. Default "perspective".
     clipping
-        Near and far distance along the optical axis. Default 1e-3 and 1e6.
+        Near and far distance along the optical axis, or along each ray of a panorama. Default 1e-3 and 1e6.
     lens_radius, focus_distance
         Radius of a thin lens, and the distance along the optical axis at which it is in focus. Default 0, a pinhole.
     exposure_scale
         A factor on all light that the camera sees. Default 1.
+    angle
+        Degrees that a panoramic camera sees in all: beyond a fisheye's the picture is black. Default 180.
 
     Examples
     --------
@@ -57,14 +73,79 @@ class Camera:
     vertical_aperture: float = 1.52908
     horizontal_offset: float = 0.0
     vertical_offset: float = 0.0
-    orthographic: bool = False
+    projection: str = PROJECTIONS[0]
     clipping: tuple[float, float] = (1e-3, 1e6)
     lens_radius: float = 0.0
     focus_distance: float = 0.0
     exposure_scale: float = 1.0
+    angle: float = 180.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "to_world", numbers(self.to_world, f"camera {self.name}: to_world", "4 x 4 numbers"))
+        if self.projection not in PROJECTIONS:
+            known = ", ".join(PROJECTIONS)
+            raise SceneError(f"camera {self.name}: projection is {self.projection!r}: expected one of {known}")
+
+    @property
+    def orthographic(self) -> bool:
+        """Whether rays are parallel."""
+        return self.projection == "orthographic"
+
+    @property
+    def panoramic(self) -> bool:
+        """Whether straight lines are seen curved: a fisheye, or an equirectangular camera."""
+        return self.projection == EQUIRECTANGULAR or self.projection in FISHEYES
+
+    @property
+    def rim(self) -> float:
+        """How far from the middle of the film a fisheye sees, in focal lengths."""
+        return FISHEYES[self.projection](np.radians(self.angle) / 2)
+
+    @classmethod
+    def panorama(
+        cls, name: str, to_world: Array, projection: str = EQUIRECTANGULAR, field: Sequence[float] = (), **given: Any
+    ) -> Camera:
+        """Return an equirectangular or a fisheye camera.
+
+        Parameters
+        ----------
+        name, to_world, projection
+            As for `Camera`.
+        field
+            Degrees that it sees across and down through the middle of its film: up to 360 and 180 of an equirectangular
+            camera, which are the default; up to 360 of a fisheye, by default 180, which is a circle. The larger one is
+            a fisheye's `angle`.
+        **given
+            Other attributes of `Camera`.
+
+        Raises
+        ------
+        SceneError
+            Another projection; a field of 0 or less, or more than the projection can show.
+
+        Examples
+        --------
+        >>> dome = pb.scene.Camera.panorama("dome", np.eye(4), "fisheyeEquidistant", (180, 180))
+        >>> dome.horizontal_aperture == dome.vertical_aperture
+        True
+        """
+        fisheye = FISHEYES.get(projection)
+        # Half of the sphere is all that sin shows, and tan has no end at the back.
+        wide = {"fisheyeOrthographic": 180.0, "fisheyeStereographic": 350.0}.get(projection, 360.0)
+        most = (360.0, 180.0) if fisheye is None else (wide, wide)
+        field = tuple(field) or ((180.0, 180.0) if fisheye else most)
+        if not (fisheye or projection == EQUIRECTANGULAR):
+            panoramas = ", ".join((EQUIRECTANGULAR, *FISHEYES))
+            raise SceneError(f"camera {name}: projection is {projection!r}: expected one of {panoramas}")
+        if len(field) != 2 or not all(0 < own <= end for own, end in zip(field, most, strict=True)):
+            text = f"expected two angles above 0, up to {most[0]:g} and {most[1]:g} degrees"
+            raise SceneError(f"camera {name}: field of view is {shown(field)}: {text}")
+        half = fisheye or (lambda angle: angle)
+        width, height = (float(2 * half(np.radians(own) / 2)) for own in field)
+        return cls(
+            name, to_world, focal_length=1.0, horizontal_aperture=width, vertical_aperture=height,
+            projection=projection, angle=max(field) if fisheye else field[0], **given,
+        )  # fmt: skip
 
     @classmethod
     def look_at(

@@ -63,7 +63,7 @@ class Survey:
         """What each camera sees of surfaces."""
         from ..transport.sight import sight_of
 
-        return {name: sight_of(self._world, view) for name, view in self._views.items()}
+        return {name: sight_of(self._world, views) for name, views in self._views.items()}
 
     @cached_property
     def reach(self) -> dict[str, Reach]:
@@ -78,7 +78,7 @@ class Survey:
         from ..transport.openings import openings_of_lamps
 
         hidden = [name for name, each in self.reach.items() if max(each.seen, default=0) < _WHOLE]
-        found = openings_of_lamps(self._foggy, [*self._views.values()], hidden)
+        found = openings_of_lamps(self._foggy, [view for views in self._views.values() for view in views], hidden)
         return {name: [(corner - self._foggy.zero, x, y) for corner, x, y in sides] for name, sides in found.items()}
 
     @cached_property
@@ -159,12 +159,13 @@ class Survey:
         return Origin(origin_of([self.scene], [np.asarray(each.to_world)[:3, 3] for each in self.cameras.values()]))
 
     @cached_property
-    def _views(self) -> dict[str, Projection]:
+    def _views(self) -> dict[str, list[Projection]]:
+        """The projections that together show what each camera sees."""
         from ..world.cameras.cameras import View, Window
 
         result = {}
         for name, camera in self.cameras.items():
             height = max(1, round(_WIDTH * camera.vertical_aperture / camera.horizontal_aperture))
             local = replace(self._origin.local(camera), lens_radius=0.0)
-            result[name] = View(local, Window.full(_WIDTH, height)).projection
+            result[name] = View(local, Window.full(_WIDTH, height)).projections
         return result

@@ -16,9 +16,8 @@ from ..estimators.geometry import chord
 from ..estimators.records import load, pack
 from ..numerics.arrays import channel_mean
 from ..quadrature import gauss_legendre, riemann
-from ..runtime.device import Array2f, Array3f, Float, UInt32
+from ..runtime.device import Array3f, Float, UInt32
 from ..scene import Array
-from ..transport.guiding.importance import Views
 from .protocol import BeamPart, RayIntegral, RuleCurves
 
 if TYPE_CHECKING:
@@ -70,11 +69,9 @@ def inspected(frame: LiveFrame, at: tuple[float, float], depth: float | None) ->
 
 
 def _ray(frame: LiveFrame, at: tuple[float, float], depth: float | None) -> _Ray:
-    view = Views([frame.projection()])(UInt32(0))
-    origin, direction = view.ray(Array2f(*(dr.opaque(Float, float(each)) for each in at)))
-    start, way, ahead = (np.ravel(each.numpy()).astype(np.float64)[:3] for each in (origin, direction, view.forward))
+    start, way, facing = (np.ravel(each.numpy()).astype(np.float64)[:3] for each in frame.view.ray(at)[:3])
     known = depth is not None and np.isfinite(depth) and 0 < depth < 1e30
-    return _Ray(start, way, float(depth) / max(float(way @ ahead), 1e-6) if known else 1e9)  # type: ignore[arg-type]
+    return _Ray(start, way, float(depth) / max(float(facing[0]), 1e-6) if known else 1e9)  # type: ignore[arg-type]
 
 
 def _radiance(each: BeamSet, ray: _Ray, media: dict[int, Any], **given: Any) -> Array:

@@ -16,7 +16,6 @@ from ..scene.changes import equal
 from ..world.cameras.cameras import View
 
 if TYPE_CHECKING:
-    from ..estimators.projection import Projection
     from ..render.films.frame_sums import FrameSums
     from ..render.frame import Lit, Seen
     from ..render.light import ShotLight, TracedLight
@@ -74,10 +73,11 @@ class LiveFrame:
     @property
     def in_room(self) -> bool:
         """Whether the camera sees a room: see `choice.is_room`."""
-        return is_room(self._worlds.opened, self._view)
+        return is_room(self._worlds.opened, self.view)
 
     @property
-    def _view(self) -> View:
+    def view(self) -> View:
+        """The camera when the shutter opens, and the whole picture."""
         return View(self._shutter.at(0.0).cameras[0], self._ready.window.whole())
 
     @property
@@ -107,10 +107,6 @@ class LiveFrame:
         world = self._worlds.known[-1]
         both = zip(world.parts.content.media, world.media.all, strict=True)
         return {rendered.number: described for described, rendered in both}
-
-    def projection(self) -> Projection:
-        """Return how the whole picture is projected."""
-        return self._view.projection
 
     def light(self, number: int, trace: Callable[[], Lit]) -> Lit:
         """Return the light of pass `number`: that which is kept, or else what `trace` returns."""

@@ -31,9 +31,12 @@ class Reach(NamedTuple):
     seen: tuple[float, ...]
 
 
-def reach_of_lamps(world: World, views: Sequence[Projection], seed: int = 0) -> dict[str, Reach]:
-    """Return the reach of lamps that make beams, by name; of a lamp with a portal, that of the light through it."""
-    cameras = [CameraImportance(world, [view]) for view in views]
+def reach_of_lamps(world: World, views: Sequence[Sequence[Projection]], seed: int = 0) -> dict[str, Reach]:
+    """Return the reach of lamps that make beams, by name; of a lamp with a portal, that of the light through it.
+
+    `views` are those of each camera.
+    """
+    cameras = [(place, CameraImportance(world, [view])) for place, own in enumerate(views, 1) for view in own]
     result = {}
     tuning = Tuning(seed, 0)
     for stratum in Allotment(_PATHS).strata(world, tuning):
@@ -45,7 +48,7 @@ def reach_of_lamps(world: World, views: Sequence[Projection], seed: int = 0) -> 
         for segments, _ in paths.trace(tracing, paths.begin(tracing, [emitted])):
             if segments is not None:
                 reached[0, segments.number.numpy()] = True
-                for place, camera in enumerate(cameras, 1):
+                for place, camera in cameras:
                     reached[place, camera.seen(segments, None).path] = True
         fractions = reached @ flux / max(flux.sum(), 1e-30)
         result[stratum.emitter.name] = Reach(float(fractions[0]), tuple(map(float, fractions[1:])))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
@@ -41,11 +42,11 @@ class Sight(NamedTuple):
     light: dict[str, Array]
 
 
-def sight_of(world: World, view: Projection) -> Sight:
-    """Return what a camera sees of surfaces, on rays all over its picture."""
+def sight_of(world: World, views: Sequence[Projection]) -> Sight:
+    """Return what a camera with these views sees of surfaces, on rays all over its picture."""
     number = dr.arange(UInt32, _RAYS)
     place, _ = sobol_block(_RAYS, 0, (_RAYS,))
-    origin, direction = Views([view])(dr.zeros(UInt32, _RAYS)).ray(place)
+    origin, direction = Views(views)(number % dr.opaque(UInt32, len(views))).ray(place)
     hit = world.solids.first(origin, direction, Bool(True), number)
     there, distance = hit.is_valid(), Float(hit.t)
     normal: Any = Array3f(hit.n)

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from functools import cache, partial
 from itertools import islice
 
-from .common.definitions import BLOCKER, CURVES, LIGHT, LOOK, MEDIUM, RAMP, definitions
+from .common.definitions import BLOCKER, CAMERA, CURVES, LIGHT, LOOK, MEDIUM, RAMP, definitions
 from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
 from .common.reading import Reading, prims_under, target_paths
 from .common.warnings import Warnings
@@ -51,6 +51,8 @@ def _known(prim: Usd.Prim) -> frozenset[str]:
     names = {*definitions(MEDIUM)}
     if is_light(prim):
         names |= {*definitions(LIGHT)}
+    if prim.IsA(UsdGeom.Camera):
+        names |= {*definitions(CAMERA)}
     if prim.IsA(UsdGeom.Curves):
         names |= {*definitions(CURVES)}
     return frozenset(names)

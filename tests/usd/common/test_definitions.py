@@ -7,6 +7,7 @@ from pxr import Sdf, Usd
 
 from photonbeams.usd.common.definitions import (
     BLOCKER,
+    CAMERA,
     CURVES,
     FOLDER,
     LIGHT,
@@ -19,7 +20,7 @@ from photonbeams.usd.common.definitions import (
 )
 from tools.schema import files
 
-SCHEMAS = (CURVES, LIGHT, LOOK, MEDIUM, BLOCKER, RAMP)
+SCHEMAS = (CAMERA, CURVES, LIGHT, LOOK, MEDIUM, BLOCKER, RAMP)
 #: Schemas of prims by their base, which other schemas apply to prims.
 TYPED = {LOOK: "/Typed", BLOCKER: "/LightFilter", RAMP: "/LightFilter"}
 

@@ -15,7 +15,8 @@ def cases(rng, count=40):
     for _ in range(count):
         wide, high, focal = rng.uniform(0.2, 5, 3)
         offsets = rng.uniform(-1, 1, 2)
-        camera = Camera("/c", np.eye(4), focal, wide, high, *offsets, orthographic=bool(rng.integers(2)))
+        projection = str(rng.choice(["perspective", "orthographic"]))
+        camera = Camera("/c", np.eye(4), focal, wide, high, *offsets, projection=projection)
         yield camera, *(int(each) for each in rng.integers(1, 200, 2)), float(rng.choice([1.0, 0.5, 2.0, 1.37]))
 
 

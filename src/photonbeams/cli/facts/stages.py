@@ -162,6 +162,8 @@ def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
         wide = camera.horizontal_aperture
         if camera.orthographic:
             lens, view = "orthographic", f"{wide:.4g} units wide"
+        elif camera.panoramic:
+            lens, view = camera.projection, f"{camera.angle:.3g} degrees wide"
         else:
             lens = f"{to_mm * camera.focal_length:.4g} mm on {to_mm * wide:.4g} mm"
             view = f"{2 * np.degrees(np.arctan(0.5 * wide / camera.focal_length)):.3g} degrees wide"

@@ -138,7 +138,7 @@ class _Rays:
         samples: Samples,
     ) -> None:  # fmt: skip
         if rays.view is None:
-            raise SceneError("the sensor is no camera: expected a perspective or an orthographic one for a deep file")
+            raise SceneError("deep files are of perspective or orthographic cameras: expected one of these")
         self._renderer, self._light, self._rays = renderer, light, rays
         self._options = replace(options, tolerance=0.0)
         tracing = unshaded(renderer.camera_tracing(light.world, rays))

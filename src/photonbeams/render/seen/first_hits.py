@@ -17,6 +17,7 @@ from ...numerics.arrays import to_numpy, to_uint
 from ...numerics.samples import Samples
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, UInt32
+from ...scene.cameras import EQUIRECTANGULAR
 from ...world.cameras.cameras import View
 from ..films.film import Film
 from ..films.mattes import MATERIAL, OBJECT, Mattes
@@ -114,19 +115,14 @@ def motion_of(
     surfaces = Surfaces.of(renderer.light.world)
     there = surfaces.moved(points, place, content.meshes)
     film = [
-        _on_film(np.concatenate([own, homogeneous], axis=1), View(each, before.window))
+        View(each, before.window).in_picture(np.concatenate([own, homogeneous], axis=1))
         for own, each in ((place, before.camera), (there, camera))
     ]
     moved = (film[1] - film[0]) * [before.window.width, before.window.height]
+    if before.camera.projection == EQUIRECTANGULAR:  # what crosses the seam does not come from the other side
+        around = 2 * np.pi * before.pixels_per_tangent[0]
+        moved[:, 0] -= around * np.round(moved[:, 0] / around)
     result[:2] = np.where(np.isfinite(moved), moved, 0).T
-    return result
-
-
-def _on_film(places: np.ndarray, view: View) -> np.ndarray:
-    """Return where homogeneous places, (N, 4), are in the picture, from 0 to 1 to the right and upward; NaN behind."""
-    found = places @ np.asarray(view.header()["worldToNDC"], np.float64)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        result: np.ndarray = np.where(found[:, 3:] > 0, found[:, :2] / found[:, 3:], np.nan)
     return result
 
 

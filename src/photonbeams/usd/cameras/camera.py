@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,6 +12,7 @@ from ...scene.vectors import unit
 from ..common.openusd import Usd, UsdGeom, UsdRender
 from ..common.reading import LOG, Reading, Time, file_of, prims_under, quiet, target_paths
 from ..common.warnings import Warnings
+from .panoramas import Panorama, read_panorama
 
 # UsdGeomCamera: focal length and apertures are in tenths of a scene unit.
 _TENTH = 0.1
@@ -84,10 +86,13 @@ def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
     def length(name: str, default: float) -> float:
         return _TENTH * reading.positive(prim, name, default)
 
+    panorama = read_panorama(reading, prim)
     orthographic = reading.value(prim, "projection", "perspective") == "orthographic"
     clipping = reading.attempt(prim, partial(_clipping, reading, prim), (0.0, FARTHEST), "nothing is clipped")
     radius, focus = 0.0, 0.0
-    if not orthographic:
+    if panorama is not None and reading.value(prim, "fStop"):
+        reading.warn(prim, "is not used: a panoramic camera has all in focus", "fStop")
+    elif not orthographic:
         radius, focus = reading.attempt(prim, partial(_lens, reading, prim), (0.0, 0.0), "all is in focus")
     camera = Camera(
         name=str(prim.GetPath()),
@@ -97,14 +102,30 @@ def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
         vertical_aperture=length("verticalAperture", 15.2908),
         horizontal_offset=_TENTH * reading.number(prim, "horizontalApertureOffset", 0.0),
         vertical_offset=_TENTH * reading.number(prim, "verticalApertureOffset", 0.0),
-        orthographic=orthographic,
+        projection="orthographic" if orthographic else "perspective",
         clipping=clipping,
         lens_radius=radius,
         focus_distance=focus,
         exposure_scale=reading.attempt(prim, partial(_exposure_scale, reading, prim), 1.0, "its exposure is left out"),
     )
     _check_proportions(reading, prim, camera)
-    return camera
+    return camera if panorama is None else _panoramic(reading, prim, camera, panorama)
+
+
+def _panoramic(reading: Reading, prim: Usd.Prim, camera: Camera, panorama: Panorama) -> Camera:
+    """Return the panoramic camera at the place of one in perspective; SceneError for a field that it cannot have."""
+    try:
+        result = Camera.panorama(
+            camera.name, camera.to_world, panorama.projection, panorama.field, clipping=camera.clipping,
+            exposure_scale=camera.exposure_scale,
+        )  # fmt: skip
+    except SceneError as error:
+        raise SceneError(f"{file_of(reading.stage)}: {error}") from None
+    across = panorama.shift[0] + camera.horizontal_offset / camera.horizontal_aperture
+    down = panorama.shift[1] + camera.vertical_offset / camera.vertical_aperture
+    return replace(
+        result, horizontal_offset=across * result.horizontal_aperture, vertical_offset=down * result.vertical_aperture
+    )
 
 
 def _clipping(reading: Reading, prim: Usd.Prim) -> tuple[float, float]:

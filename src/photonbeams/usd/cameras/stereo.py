@@ -159,11 +159,11 @@ def split(camera: Camera, stereo: Stereo, meters_per_unit: float, name: str) -> 
     Raises
     ------
     SceneError
-        The camera is orthographic, or the eyes would converge nearer than they can.
+        The camera is not perspective, or the eyes would converge nearer than they can.
     """
     half = 0.5 * (_EYE_DISTANCE / meters_per_unit if stereo.interaxial is None else stereo.interaxial)
-    if camera.orthographic:  # another place would only shift its picture, equally at all depths
-        raise SceneError(f"{name} is orthographic: expected a perspective camera to be split into two eyes")
+    if camera.projection != "perspective":  # of an orthographic one, it would only shift the picture
+        raise SceneError(f"{name} is {camera.projection}: expected a perspective camera to be split into two eyes")
     convergence = stereo.convergence or camera.focus_distance or np.inf
     # The middle of the convergence plane is `half` beside each eye's own axis. At a depth z the eyes see intervals of
     # width w z / f, whose middles are 2 half |z / convergence - 1| apart. If the aperture is shifted by its width w or

@@ -30,6 +30,7 @@ if INSTALLED:
 PREFIX = "photonbeams:"
 LIGHT, LOOK = "PhotonBeamsLightAPI", "PhotonBeamsLook"
 CURVES, MEDIUM = "PhotonBeamsCurvesAPI", "PhotonBeamsMediumAPI"
+CAMERA = "PhotonBeamsCameraAPI"
 BLOCKER, RAMP = "PhotonBeamsBlockerFilter", "PhotonBeamsRampFilter"
 
 

@@ -1,4 +1,7 @@
-"""Perspective and orthographic cameras after UsdGeomCamera: their rays, and the screen on which tiles lie."""
+"""Cameras after UsdGeomCamera, and panoramic ones: their rays, and the screen on which tiles lie.
+
+Tiles need lines that stay straight, so the beams that rays of panoramic cameras meet are found by a grid.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,10 @@ from ... import scene
 from ...estimators.lanes import lane_of, lanes, whole_group
 from ...estimators.projection import TILE, Pose, Projection
 from ...numerics.arrays import opaque
-from ...runtime.device import Array2f, Array3f, Float, Int32, UInt32
+from ...runtime.device import Array2f, Array3f, Bool, Float, Int32, UInt32
 from ...scene.cameras import CONFORM_POLICIES
 from ..warp import disk
+from . import panoramas
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,8 @@ class CameraRays(NamedTuple):
     """One ray for each pixel: origins (1 or W · H), unit directions, and planar depth per unit of distance.
 
     With a lens or a moving camera, `origins` are those that groups of pixels share (`estimators.lanes.lane_of`). If
-    anything moves, `times` are those of the groups.
+    anything moves, `times` are those of the groups, or of each ray of a panoramic camera. `seen` says which rays the
+    camera has; None: all.
     """
 
     origin: Any
@@ -94,6 +99,7 @@ class CameraRays(NamedTuple):
     facing: Any
     origins: Any = None
     times: Any = None
+    seen: Any = None
 
 
 class View:
@@ -134,6 +140,19 @@ class View:
             lens=_lens(camera),
         )
 
+    @property
+    def tiled(self) -> Projection | None:
+        """The projection by which tiles bound what rays meet; None for a panoramic camera."""
+        return None if self.camera.panoramic else self.projection
+
+    @property
+    def projections(self) -> list[Projection]:
+        """Projections that together show all that the camera sees at shutter open: its own, or faces of a cube."""
+        if not self.camera.panoramic:
+            return [self.projection]
+        window = Window.full(self.window.height, self.window.height)
+        return [View(each, window).projection for each in panoramas.faces(self.camera)]
+
     def whole(self) -> View:
         """Return the same camera with a window of the whole picture."""
         return View(self.camera, self.window.whole())
@@ -165,12 +184,18 @@ class View:
         square: Any = None
         time: Any = None
         own: Any = None
+        seen = self._seen(x, y)
+        if self.camera.panoramic and sample is not None:
+            square, time = sample(self._whole(lane_of(column, row, dr.opaque(UInt32, view.columns))))
+            origin, direction, facing = self._film(x, y, square, time)
+            dr.eval(origin, direction, facing, time)
+            return CameraRays(origin, direction, facing, times=time, seen=seen)
         if sample is not None and some is None:
             square, time = sample(self._whole(dr.arange(UInt32, lanes(view))))
         if sample is None or not self.film:
             origin, direction = self._through(x, y)
             dr.eval(time)
-            return CameraRays(origin, direction, self._facing(direction), times=time)
+            return CameraRays(origin, direction, self._facing(direction), times=time, seen=seen)
         if some is None:
             own, _, _ = self._film(Float(self._center[0]), Float(self._center[1]), square, time)
             own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
@@ -189,8 +214,8 @@ class View:
     def _film(self, x: Float, y: Float, square: Array2f, time: Float) -> tuple[Array3f, Array3f, Float]:
         """Return origin, direction and planar depth per unit of distance of rays at places on the lens and at times."""
         view = self.projection
-        right, up = (x - self._center[0]) / view.scale[0], (self._center[1] - y) / view.scale[1]
-        place, toward = Array3f(0), Array3f(right, up, 1)
+        right, up = self._from_middle(x, y)
+        place, toward = Array3f(0), panoramas.toward(self.camera.projection, right, up)
         if view.orthographic:
             place, toward = Array3f(right, up, 0), Array3f(0, 0, 1)
         elif view.lens is not None:
@@ -202,7 +227,20 @@ class View:
         origin = origin + columns[0] * place.x + columns[1] * place.y + columns[2] * place.z
         direction = columns[0] * toward.x + columns[1] * toward.y + columns[2] * toward.z
         inv = dr.rsqrt(dr.squared_norm(direction))
-        return origin, direction * inv, inv
+        return origin, direction * inv, dr.full(Float, 1, dr.width(inv)) if self.camera.panoramic else inv
+
+    def _seen(self, x: Float, y: Float) -> Bool | None:
+        """Return which places in the picture a panoramic camera sees; None: all."""
+        if not self.camera.panoramic:
+            return None
+        found = panoramas.seen(self.camera, *self._from_middle(x, y))
+        dr.eval(found)
+        return found
+
+    def _from_middle(self, x: Float, y: Float) -> tuple[Float, Float]:
+        """Return places in the picture as places right and up on the film, in focal lengths."""
+        scale = self.projection.scale
+        return (x - self._center[0]) / scale[0], (self._center[1] - y) / scale[1]
 
     def on_lens(
         self, sample: Callable[[UInt32], tuple[Array2f, Float]] | None, some: UInt32 | None = None
@@ -238,25 +276,37 @@ class View:
         y = (Float(index // across) + 0.5) * dr.opaque(Float, (bottom - top) / rows) + dr.opaque(Float, top)
         return self._through(x, y)
 
+    def ray(self, at: tuple[float, float]) -> CameraRays:
+        """Return the ray through a place in the whole picture, from 0 to 1 right and down."""
+        origin, direction = self._through(
+            dr.opaque(Float, at[0] * self.window.width), dr.opaque(Float, at[1] * self.window.height)
+        )
+        return CameraRays(origin, direction, self._facing(direction))
+
     def _through(self, x: Float, y: Float) -> tuple[Array3f, Array3f]:
         view, pose = self.projection, self.projection.poses[0]
-        right = (x - self._center[0]) / view.scale[0]
-        up = (self._center[1] - y) / view.scale[1]
+        right, up = self._from_middle(x, y)
         if view.orthographic:
             origin = pose.origin + pose.right * right + pose.up * up
             direction = pose.forward + 0 * origin
         else:
-            origin, direction = pose.origin, dr.normalize(pose.right * right + pose.up * up + pose.forward)
+            x, y, z = panoramas.toward(self.camera.projection, right, up)
+            origin, direction = pose.origin, dr.normalize(pose.right * x + pose.up * y + pose.forward * z)
         dr.eval(origin, direction)
         return origin, direction
 
     def _facing(self, direction: Array3f) -> Float:
+        if self.camera.panoramic:
+            return dr.ones(Float, dr.width(direction))
         facing = dr.dot(direction, self.projection.poses[0].forward)
         dr.eval(facing)
         return facing
 
     def cosines(self, place: tuple[float, float]) -> np.ndarray:
-        """Return planar depth per unit of distance from the camera, (H, W), at a `place` in [0, 1)² of each pixel."""
+        """Return planar depth per unit of distance from the camera, (H, W), at a `place` in [0, 1)² of each pixel.
+
+        The depths of a panoramic camera are distances.
+        """
         _, direction = self._through(*self._on_film(place))
         result: np.ndarray = self._facing(direction).numpy().reshape(self.window.shape)
         return result
@@ -264,7 +314,8 @@ class View:
     def header(self) -> dict[str, Any]:
         """Return what EXR headers say of a camera: pixelAspectRatio, and worldToCamera and worldToNDC for row vectors.
 
-        For a perspective camera also screenWindowCenter and screenWindowWidth, at the depth 1; x is to the left.
+        For a perspective camera also screenWindowCenter and screenWindowWidth, at the depth 1; x is to the left. A
+        panoramic camera has no worldToNDC, which keeps lines straight.
         """
         world = np.linalg.inv(np.asarray(self.camera.to_world, dtype=np.float64))
         near, far = self.camera.clipping
@@ -284,14 +335,28 @@ class View:
         ratio = self.window.pixel_aspect
         if self.window.conform == "adjustPixelAspectRatio":
             ratio = w / h * self.window.height / self.window.width
-        result = {
-            "worldToCamera": world.T,
-            "worldToNDC": (screen @ project @ world).T,
-            "pixelAspectRatio": float(ratio),
-        }
-        if not camera.orthographic:
+        result = {"worldToCamera": world.T, "pixelAspectRatio": float(ratio)}
+        if not camera.panoramic:
+            result["worldToNDC"] = (screen @ project @ world).T
+        if camera.projection == "perspective":
             center = np.array([-camera.horizontal_offset, camera.vertical_offset]) / depth
             result |= {"screenWindowCenter": center, "screenWindowWidth": float(w / depth)}
+        return result
+
+    def in_picture(self, places: np.ndarray) -> np.ndarray:
+        """Return where homogeneous places, (N, 4), are in the picture, from 0 to 1 to the right and upward; NaN behind.
+
+        A panoramic camera has nothing behind it.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if not self.camera.panoramic:
+                found = places @ np.asarray(self.header()["worldToNDC"], np.float64)
+                result: np.ndarray = np.where(found[:, 3:] > 0, found[:, :2] / found[:, 3:], np.nan)
+                return result
+            local = (places @ np.asarray(self.header()["worldToCamera"], np.float64))[:, :3] * [1, 1, -1]
+            film = panoramas.on_film(self.camera.projection, local) * self.pixels_per_tangent
+        size, (x, y) = np.array([self.window.width, self.window.height]), (each.numpy()[0] for each in self._center)
+        result = (film + np.array([x, size[1] - y])) / size
         return result
 
 

@@ -172,7 +172,8 @@ def camera_of(plugin: MiSensor) -> scene.Camera | None:
         name=plugin.id() or kind, to_world=to_world, focal_length=1.0,
         horizontal_aperture=float(size_x), vertical_aperture=float(size_x * height / width),
         horizontal_offset=float(0.5 * middle @ right), vertical_offset=float(0.5 * middle @ up),
-        orthographic=orthographic, clipping=(near, far), lens_radius=lens, focus_distance=focus,
+        projection="orthographic" if orthographic else "perspective", clipping=(near, far), lens_radius=lens,
+        focus_distance=focus,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ _TENTH = 0.1  # USD's focal lengths and apertures are in tenths of a scene unit
 
 def camera_prim(
     camera: Any, to_world: Any, depsgraph: Any, path: str, size: tuple[int, int], aspect: tuple[float, float],
-    shift: float = 0.0,
+    shift: float = 0.0, told: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the prim of a camera.
 
@@ -23,16 +24,50 @@ def camera_prim(
         The width and height of the whole picture, and of a pixel.
     shift
         A further horizontal shift, in units of Blender's own.
+    told
+        Called with a sentence about a panorama that is not rendered as in Blender.
     """
     width, height = size
     matrix = np.array(camera.calc_matrix_camera(depsgraph, x=width, y=height, scale_x=aspect[0], scale_y=aspect[1]))
     data, pose = camera.data, np.array(to_world)
     pose[:3, :3] /= np.linalg.norm(pose[:3, :3], axis=0)
+    if data.type == "PANO" and (values := panoramic(data, told)):
+        return {"path": path, "type": "Camera", "matrix": pose.T, "values": values}
     values = _projected(matrix, data.lens, (data.clip_start, data.clip_end))
     wide = width * aspect[0] >= height * aspect[1] if data.sensor_fit == "AUTO" else data.sensor_fit == "HORIZONTAL"
     fitted = values["horizontalAperture" if wide else "verticalAperture"][1]  # what shifts are fractions of
     values["horizontalApertureOffset"][1] += shift * fitted
     return {"path": path, "type": "Camera", "matrix": pose.T, "values": values | _lens(data, pose)}
+
+
+def panoramic(data: Any, told: Callable[[str], None]) -> dict[str, Any]:
+    """Return the attributes of a panoramic camera's data; none, which is told, for another kind of panorama."""
+    kind, offsets = data.panorama_type, [0.0, 0.0]
+    if kind == "EQUIRECTANGULAR":
+        projection, ranges = (
+            "equirectangular",
+            [(getattr(data, f"{axis}_min"), getattr(data, f"{axis}_max")) for axis in ("longitude", "latitude")],
+        )
+        field = [high - low for low, high in ranges]
+        offsets = [(low + high) / 2 / max(wide, 1e-6) for (low, high), wide in zip(ranges, field, strict=True)]
+    elif kind == "FISHEYE_EQUIDISTANT":
+        projection, field = "fisheyeEquidistant", [data.fisheye_fov] * 2
+    elif kind == "FISHEYE_EQUISOLID":
+        # The sensor shows sines of half the angle up to its edge over twice the lens, and a circle at most.
+        edges = [min(size / (4 * data.fisheye_lens), 1.0) for size in (data.sensor_width, data.sensor_height)]
+        projection, field = "fisheyeEquisolid", [min(4 * np.arcsin(each), data.fisheye_fov) for each in edges]
+    else:
+        told(f"{data.name} is a panorama of the kind {kind.replace('_', ' ').title()}: it is rendered in perspective")
+        return {}
+    return {
+        "photonbeams:projection": ["token", projection],
+        "photonbeams:fieldOfView": ["float2", np.degrees(field).tolist()],
+        "horizontalAperture": ["float", 1.0],
+        "verticalAperture": ["float", 1.0],
+        "horizontalApertureOffset": ["float", offsets[0]],
+        "verticalApertureOffset": ["float", offsets[1]],
+        "clippingRange": ["float2", [data.clip_start, data.clip_end]],
+    }
 
 
 def viewport_prim(region: Any, space: Any, depsgraph: Any, path: str) -> dict[str, Any]:

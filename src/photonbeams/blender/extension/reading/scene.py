@@ -149,7 +149,7 @@ class SceneReader:
         render = self._depsgraph.scene.render
         aspect = render.pixel_aspect_x, render.pixel_aspect_y
         evaluated = camera.evaluated_get(self._depsgraph)
-        prim = camera_prim(evaluated, to_world, self._depsgraph, CAMERA, size, aspect, shift)
+        prim = camera_prim(evaluated, to_world, self._depsgraph, CAMERA, size, aspect, shift, self._told)
         return {**prim, "name": camera.name}
 
     def _path(self, parent: str, name: str) -> str:
