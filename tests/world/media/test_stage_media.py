@@ -5,9 +5,14 @@ import numpy as np
 import pytest
 
 from photonbeams import scene
+from photonbeams.beams import Beams
+from photonbeams.estimators.estimate import estimate_rays
+from photonbeams.estimators.geometry import Rays
+from photonbeams.estimators.points import Points
 from photonbeams.looks import Attenuation
+from photonbeams.quadrature import gauss_legendre
 from photonbeams.render.scene_frame import begin, render
-from photonbeams.runtime.device import Array3f, mitsuba
+from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from photonbeams.usd.authoring.presets import preset_look
 from photonbeams.usd.looks.look import LookSpec
 from photonbeams.usd.looks.shading import build_look
@@ -192,3 +197,50 @@ def test_looks_of_stages_have_the_grids_own_physical_factors():
     assert shaded.across is look.across
     short = found.for_short_beams().shaded(look)
     assert [type(each) for each in short.angle.factors] == [MediumScattering]
+
+
+def placed(x, size):
+    """Return the transform of a grid's unit cube: at x, and so large."""
+    result = np.diag([size, size, size, 1.0])
+    result[0, 3] = x
+    return result
+
+
+def test_all_volumes_run_the_kernels_of_the_first():
+    """Volumes of other sizes, places and values; the code of a plug-in contains these."""
+    grids = [
+        scene.DensityGrid(np.full((2, 2, 2 + each), 0.5 + each, np.float32), placed(3.0 * each, 1.0 + each))
+        for each in range(4)
+    ]
+    built = media_of([scene.Medium(0.5, name=f"/V{number}", grid=grid) for number, grid in enumerate(grids)])
+    media = Media(each.plugin for each in built)
+    origin, direction = dr.opaque(Array3f, 0, 64), dr.opaque(Array3f, 3**-0.5, 64)
+    rays = Rays(origin, direction, dr.opaque(Float, 9, 64), dr.opaque(Float, 0, 64))
+    beams = Beams([[0, 0, 0]], [[9, 0, 1]], 0.5, 0.5, power=[[1, 1, 1]])
+    points = Points(gauss_legendre(6))
+    seed, active = dr.arange(UInt32, 64), dr.full(Bool, True, 64)
+
+    def gathered(medium):
+        medium.track(rays.origin, rays.direction, rays.t_min, rays.t_max, seed, active)
+        dr.eval(estimate_rays(beams, rays, look=medium.shaded(None), medium=medium.medium, points=points))
+
+    first, *others = media.all
+    assert compiled(gathered, first)
+    for each in others:
+        assert not compiled(gathered, each)
+
+
+def test_volumes_with_the_same_values_share_them():
+    """A hundred instances of a grid take the memory of one, and each is where it is."""
+    values = np.random.default_rng(5).random((3, 4, 5), np.float32)
+    grids = [scene.DensityGrid(values, placed(2.0 * each, 1.0)) for each in range(3)]
+    media = [scene.Medium(0.5, grid=grid) for grid in grids] + [scene.Medium(2.0, grid=grids[0])]
+    built = [each.plugin for each in media_of(media)]
+    data = [mi.traverse(each)["sigma_t.data"] for each in built]
+    assert data[0].array.index == data[1].array.index == data[2].array.index != data[3].array.index
+    place = dr.zeros(mi.MediumInteraction3f)
+    for index, each in enumerate(built[:3]):
+        place.p = mi.Point3f(2.0 * index + 0.1, 0.125, 1 / 6)  # the middle of the first cell
+        found = each.get_scattering_coefficients(place)[2].numpy().ravel()
+        np.testing.assert_allclose(found, 0.5 * values[0, 0, 0], rtol=1e-5)
+        np.testing.assert_allclose(np.ravel(each.get_majorant(place).numpy()), 0.5 * values.max(), rtol=1e-6)

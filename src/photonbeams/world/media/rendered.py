@@ -16,6 +16,7 @@ from ...looks.factors import Factor, Product
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..checks import check_numbers
 from ..spectra import rgb
+from .interfaces import number, pointers
 from .parts import is_constant, parts, varies
 from .tracking import MediumSegment, Track, Tracked, scattering_point
 
@@ -32,7 +33,7 @@ class MediumScattering(Factor):
     """σs · phase(cos θ) of a heterogeneous medium, or of one whose phase function is not Henyey–Greenstein's."""
 
     def __init__(self, plugin: Any) -> None:
-        self._plugin, self._phase = plugin, plugin.phase_function()
+        self._media = called(number(plugin))
         self._even = not varies(plugin)
         self.rough = not self._even or not all(map(is_constant, parts(plugin, mi.Volume)))
 
@@ -43,13 +44,13 @@ class MediumScattering(Factor):
         light = mi.Vector3f(0, 0, 1)
         place.wi, place.sh_frame = -light, mi.Frame3f(light)
         cosine = dr.clip(at.cosine, -1, 1)
-        value, _ = self._phase.eval_pdf(
+        value, _ = self._media.phase_function().eval_pdf(
             mi.PhaseFunctionContext(), place, mi.Vector3f(dr.safe_sqrt(1 - cosine * cosine), 0, cosine), True
         )
         if self._even:
             return at.medium.scattering * rgb(value)
-        scattering = rgb(self._plugin.get_scattering_coefficients(place, True)[0])
-        return dr.select(_in_grid(self._plugin, at.point), scattering * rgb(value), 0)
+        scattering = rgb(self._media.get_scattering_coefficients(place, Bool(True))[0])
+        return dr.select(_in_grid(self._media, at.point), scattering * rgb(value), 0)
 
 
 def _with(own: Factor, kind: type[Factor], given: Factor) -> Factor:
@@ -72,9 +73,17 @@ class ShortBeamAttenuation(Factor):
         return over_mean(left, getattr(at.beam, "power", Array3f(1)))
 
 
-def _in_grid(plugin: MiMedium, point: Array3f) -> Bool:
+def called(own: int) -> Any:
+    """Return a pointer to the medium of a number, by which all media run the same kernels.
+
+    The code of a plug-in contains its place and its size.
+    """
+    return pointers(dr.opaque(UInt32, own))
+
+
+def _in_grid(media: MediumPtr, point: Array3f) -> Bool:
     """Return whether points lie in a heterogeneous medium's box: it ends there, though its grid is clamped."""
-    inside, enter, leave = plugin.intersect_aabb(mi.Ray3f(mi.Point3f(point), mi.Vector3f(0.6, 0.64, 0.48)))
+    inside, enter, leave = media.intersect_aabb(mi.Ray3f(mi.Point3f(point), mi.Vector3f(0.6, 0.64, 0.48)))
     return inside & (enter <= 0) & (leave >= 0)
 
 
@@ -91,8 +100,8 @@ class RenderedMedium:
     ----------
     number
         Its number in arrays of media.
-    plugin
-        Mitsuba's medium.
+    plugin, calls
+        Mitsuba's medium, and a pointer to it, by which kernels call it.
     medium, look
         Its coefficients (the greatest ones of a heterogeneous medium) and its physical look, for estimators.
     tracked
@@ -105,6 +114,7 @@ class RenderedMedium:
 
     number: int
     plugin: Any
+    calls: Any
     medium: scene.Medium
     look: Look
     tracked: Tracked | None = None
@@ -132,7 +142,7 @@ class RenderedMedium:
 
     def extinction(self, point: Array3f) -> Array3f:
         """Return σt at points."""
-        return extinction_of(self.plugin, point, Bool(True))
+        return extinction_of(self.calls, point, Bool(True))
 
     def track(self, origin: Array3f, direction: Array3f, near: Float, far: Float, seed: UInt32, active: Bool) -> None:
         """Track rays from `near` to `far` for the factor toward the camera; without effect if σt does not vary."""
@@ -141,7 +151,7 @@ class RenderedMedium:
 
     def segment(self, origin: Array3f, direction: Array3f, near: Float, far: Float, seed: UInt32) -> MediumSegment:
         """Return the segments of rays, from `near` to `far`, that lie in the medium's bounding box."""
-        _, enter, leave = self.plugin.intersect_aabb(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
+        _, enter, leave = self.calls.intersect_aabb(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
         majorant = dr.opaque(Float, max(self.medium.extinction))
         return MediumSegment(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
 
@@ -153,7 +163,7 @@ class RenderedMedium:
         def scattering(point: Array3f) -> Array3f:
             place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
             place.p = mi.Point3f(point)
-            return rgb(self.plugin.get_scattering_coefficients(place, Bool(True))[0])
+            return rgb(self.calls.get_scattering_coefficients(place, Bool(True))[0])
 
         segment = self.segment(origin, direction, Float(0), far, seed)
         return scattering_point(segment, self.extinction, scattering, sample, active)
@@ -185,13 +195,15 @@ def rendered(own: int, plugin: MiMedium) -> RenderedMedium:
     g, look = _scattering(plugin)
     medium = scene.Medium(tuple(sigma_s), tuple(np.maximum(sigma_t - sigma_s, 0)), g)
     if not uneven:
-        return RenderedMedium(own, plugin, medium, look)
+        return RenderedMedium(own, plugin, called(own), medium, look)
     tracked, even = Tracked(float(sigma_t.max())), plugin.is_homogeneous()
     look = Look(along=1.0, eye=Attenuation() if even else tracked, angle=MediumScattering(plugin))
     data = None if even else next((value for key, value in mi.traverse(plugin) if key == "sigma_t.data"), None)
     colored = bool(np.ptp(sigma_t) > 0) if even else data is None or data.shape[-1] != 1
     fullness = 1.0 if data is None else float(np.mean(data, dtype=np.float64) / max(np.max(data), 1e-30))
-    return RenderedMedium(own, plugin, medium, look, tracked, colored, fullness)
+    return RenderedMedium(
+        own, plugin, called(own), medium, look, tracked=tracked, colored=colored, fullness=fullness
+    )  # fmt: skip
 
 
 def _scattering(plugin: MiMedium) -> tuple[float, Look]:

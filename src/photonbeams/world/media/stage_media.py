@@ -30,6 +30,8 @@ Part = scene.Medium | scene.Mesh
 _POINTS, _INSIDE = 64, 1e-4
 # A boundary overlaps another medium if more than this fraction of its points lie inside, and more than this outside.
 _OVERLAP = 0.02
+# Mitsuba's name of the values of a heterogeneous medium's density.
+_DATA = "sigma_t.data"
 # The fraction of its convex hull that a convex mesh fills at least: faces of round ones may be bent by rounding.
 _CONVEX = 0.999
 
@@ -88,7 +90,8 @@ def media_of(
             "or a grid that bounds it"
         )
     grids = {id(each): density_grid(each) for each in media}
-    plugins = {id(each): (known or {}).get(id(each)) or _plugin(each, grids[id(each)]) for each in media}
+    shared: dict[Any, Any] = {}
+    plugins = {id(each): (known or {}).get(id(each)) or _plugin(each, grids[id(each)], shared) for each in media}
     boundaries = {id(each): boundary for each in media if (boundary := each.boundary) is not None}
     bounded = [(each, _Solid(boundaries[id(each)])) for each in media if each.bounded]
     solids: list[tuple[Part, _Solid]] = [*bounded, *((each, _Solid(each)) for each in glass)]
@@ -149,8 +152,10 @@ def is_convex(boundary: scene.Mesh | None) -> bool:
         return True
 
 
-def _plugin(medium: scene.Medium, varying: scene.DensityGrid | None) -> MiMedium:
+def _plugin(medium: scene.Medium, varying: scene.DensityGrid | None, shared: dict[Any, Any]) -> MiMedium:
     """Return a medium as a Mitsuba medium; `varying` is its density where that is not given on a grid.
+
+    Media whose grids have the same values and the same extinction share them: `shared` has those of earlier media.
 
     Everything that may change between frames is data. A `scale` would be a literal in kernels, which would be compiled
     again for each value.
@@ -169,8 +174,15 @@ def _plugin(medium: scene.Medium, varying: scene.DensityGrid | None) -> MiMedium
         return mi.load_dict({"type": "homogeneous", "sigma_t": _volume(extinction.reshape(1, 1, 1, 3)), **properties})
     values = grid.values if grid.values.ndim == 4 else grid.values[..., None]
     grey = values.shape[3] == 1 and np.ptp(extinction) == 0
-    density = _volume(values * (extinction[:1] if grey else extinction), grid.to_world)
-    return mi.load_dict({"type": "heterogeneous", "sigma_t": density, **properties})
+    key = id(grid.values), *extinction
+    own = np.zeros((1, 1, 1, 1)) if key in shared else values * (extinction[:1] if grey else extinction)
+    result = mi.load_dict({"type": "heterogeneous", "sigma_t": _volume(own, grid.to_world), **properties})
+    parameters = mi.traverse(result)
+    if key in shared:
+        parameters[_DATA] = shared[key]
+        parameters.update()
+    shared[key] = parameters[_DATA]
+    return result
 
 
 def _colored(albedo: Array, colors: scene.DensityGrid) -> dict[str, Any]:
