@@ -12,7 +12,7 @@ import pytest
 from examples.vdb import write_vdb
 from photonbeams.runtime.inputs import opened
 from photonbeams.scene import SceneError
-from photonbeams.volumes.dense import voxels_of
+from photonbeams.volumes.dense import parts_of, voxels_of
 from photonbeams.volumes.vdb import read_grids
 
 DATA = Path(__file__).parent / "data"
@@ -86,6 +86,62 @@ def test_cells_of_a_coarse_box_have_the_mean_of_their_voxels(grids, expected, na
     edges = coarse.to_file[:3, :3] / (np.array(cells) + 2)
     assert np.allclose(edges, step * fine[:3, :3] / (np.array(array.shape[:3]) + 2))
     assert np.allclose(coarse.to_file[:3, 3] + edges.sum(axis=1), fine[:3, 3] + edges.sum(axis=1) / step)
+
+
+@pytest.fixture
+def puffs(tmp_path):
+    """Return a grid with puffs at places (x, y, z), and its array (X, Y, Z)."""
+
+    def make(*places, size=12, shape=(40, 40, 300)):
+        values = np.zeros(shape, np.float32)
+        for index, (x, y, z) in enumerate(places):
+            values[x : x + size, y : y + size, z : z + size] += np.random.default_rng(index).random([size] * 3)
+        path = tmp_path / "puffs.vdb"
+        write_vdb(path, {"density": values.transpose(2, 1, 0)}, np.diag([*map(float, shape), 1.0]), half=False)
+        with opened(path) as file:
+            return read_grids(file)[0], values
+
+    return make
+
+
+def mass(boxes):
+    """Return the integral of a density over its boxes."""
+    return sum(
+        float(each.values.sum(dtype=float)) / np.prod(each.values.shape) * abs(np.linalg.det(each.to_file[:3, :3]))
+        for each in boxes
+    )
+
+
+def test_puffs_that_are_far_apart_have_boxes_of_their_own(puffs):
+    """One box around them would have every third voxel along an axis."""
+    grid, values = puffs((2, 3, 4), (25, 3, 280))
+    whole, boxes = voxels_of(grid, most=20_000), parts_of(grid, most=20_000)
+    assert whole.step > 2 and [each.step for each in boxes] == [1, 1]
+    assert mass(boxes) == pytest.approx(float(values.sum()), rel=1e-5)
+    places = np.argwhere(values > 0)
+    found = sum(each.at(places + 0.5)[:, 0] for each in boxes)
+    np.testing.assert_allclose(found, values[tuple(places.T)], rtol=1e-5)
+
+
+def test_boxes_of_parts_do_not_overlap_and_keep_the_mass_where_they_are_coarse(puffs, rng):
+    for _ in range(4):
+        places = [rng.integers(0, (28, 28, 288)).tolist() for _ in range(5)]
+        grid, values = puffs(*places)
+        boxes = parts_of(grid, most=4_000)
+        assert boxes[0].step > 1
+        assert mass(boxes) == pytest.approx(float(values.sum()), rel=1e-4)
+        corners = [(each.to_file[:3, 3], each.to_file[:3, :3].sum(axis=1) + each.to_file[:3, 3]) for each in boxes]
+        for number, (low, high) in enumerate(corners):
+            assert all((low >= last).any() or (high <= first).any() for first, last in corners[:number])
+
+
+def test_a_grid_of_one_part_or_of_very_many_has_few_boxes(puffs, rng):
+    grid, _ = puffs((2, 3, 4), (2, 3, 14))
+    assert len(parts_of(grid, most=2_000)) == 1
+    many = [(int(x), int(y), int(z)) for x in (0, 16, 32) for y in (0, 16, 32) for z in range(0, 290, 16)]
+    grid, values = puffs(*many, size=4)
+    boxes = parts_of(grid, most=30_000)
+    assert 1 <= len(boxes) <= 16 and mass(boxes) == pytest.approx(float(values.sum()), rel=1e-4)
 
 
 @pytest.mark.parametrize("half", [True, False])

@@ -26,6 +26,7 @@ from ..usd.common.textures import FILES
 from ..usd.groups import groups_at_all_times, makers_at_all_times, names_fog
 from ..usd.layers.frames import check_frames
 from ..usd.layers.header import header
+from ..usd.media.volumes import warn_of_velocities
 from ..usd.unread import warn_of_unread
 from .described_subject import DescribedSubject, ShotBounds
 from .lent import lent_view, lit
@@ -156,6 +157,8 @@ class StageSubject(DescribedSubject):
         start, stop = (base + begin, base + end) if blur else (base, base)
         keys = stages.sample_times(self.stage, _MOST_KEYS) if start < stop else []
         keys = [code for code in keys if start < code <= stop]
+        if start < stop:
+            warn_of_velocities(self.stage, self.warnings)
         return Exposure(read, cameras, start, stop, keys)
 
     def digest(self, viewpoint: Viewpoint, frame: float | None) -> str:

@@ -24,7 +24,7 @@ from .lights.curves import is_drawn, read_curves, read_guides
 from .lights.light import is_light, read_light
 from .lights.links import linked
 from .lights.mesh_lights import glowing_power, glows
-from .media.medium import is_medium, read_medium
+from .media.medium import is_medium, read_media
 
 _FEW = 64  # so few points have a hull with hardly fewer corners
 _MOST_GLOWING = 8  # lamps that glowing surfaces become: kernels have code for each
@@ -223,9 +223,9 @@ def _collect(reading: Reading, item: Item, contents: _Contents) -> None:
     prim = item.prim
     role = _role(reading, prim)
     if role.medium:
-        medium = read_medium(reading, prim, item.to_world, item.name)
-        contents.media.append((prim, medium))
-        if medium.bounded:
+        media = read_media(reading, prim, item.to_world, item.name)
+        contents.media += [(prim, medium) for medium in media]
+        if media[0].bounded:
             return
     meshes: list[Mesh] = []
     if role.surface and contents.outlines and not role.light:

@@ -1,4 +1,8 @@
-"""Dense boxes of voxels, which the renderer takes, made from sparse grids."""
+"""Dense boxes of voxels, which the renderer takes, made from sparse grids.
+
+One box around puffs that are far apart would have far more voxels than they have. So where a box is too large, each
+connected part of the grid gets its own.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,13 @@ from .vdb import VDBGrid
 
 # The most values of a dense box, 406³. Each takes 4 bytes, and 4 more for each copy that a renderer makes.
 MOST_VALUES = 1 << 26
+# The most boxes of a grid: each is a medium of its own, and rays pass one after the other.
+_MOST_PARTS = 16
+# Parts beyond these are not told apart, because pairs are compared.
+_MOST_PIECES = 256
+
+#: The least and the greatest index of voxels.
+Box = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -45,8 +56,28 @@ class Voxels:
         return unit @ self.to_file[:3, :3].T + self.to_file[:3, 3]
 
 
-def voxels_of(grid: VDBGrid, most: int = MOST_VALUES) -> Voxels:
-    """Return the box of a grid's active voxels, with a border of cells whose value is 0.
+def parts_of(grid: VDBGrid, most: int = MOST_VALUES) -> list[Voxels]:
+    """Return boxes as `voxels_of`, which do not overlap: one of the grid, or of each of its parts if that is finer.
+
+    Raises
+    ------
+    SceneError
+        The same as for `voxels_of`.
+    """
+    tree = grid.tree
+    if tree.box is None or tree.background.any() or _step([tree.box], tree.channels, most) == 1:
+        return [voxels_of(grid, most)]
+    boxes = _boxes(tree)
+    step = _step(boxes, tree.channels, most)
+    apart: list[Box] = []
+    while len(apart) != len(boxes):  # borders of cells grow with the step
+        apart, boxes = boxes, _merged(boxes, 3 * step)
+        step = _step(boxes, tree.channels, most)
+    return [voxels_of(grid, most, (box, step)) for box in boxes]
+
+
+def voxels_of(grid: VDBGrid, most: int = MOST_VALUES, part: tuple[Box, int] | None = None) -> Voxels:
+    """Return the box of a grid's active voxels, or of a `part` with its step; with a border of cells that are 0.
 
     Linear interpolation then falls to the background over one voxel, as in OpenVDB. If there were more than `most`
     values, cells are the means over cubes of voxels. A level set becomes a density: 1 if deeper than its narrow band,
@@ -62,9 +93,8 @@ def voxels_of(grid: VDBGrid, most: int = MOST_VALUES) -> Voxels:
     tree = grid.tree
     if tree.box is None:
         return Voxels(np.zeros((1, 1, 1) if tree.channels == 1 else (1, 1, 1, 3), np.float32), grid.to_file)
-    low, high = tree.box
+    (low, high), step = part or (tree.box, _step([tree.box], tree.channels, most))
     count = high - low + 1
-    step = _step(count, tree.channels, most)
     cells = -(-count // step)
     density = _inside(grid) if grid.is_level_set and tree.channels == 1 else (lambda values: values.astype(np.float32))
     # Values that are not finite, or too large for float32, are found at the end.
@@ -96,10 +126,62 @@ def _sums(tree: Tree, density: Callable[[Array], Array], box: tuple[Array, Array
     return sums
 
 
-def _step(count: Array, channels: int, most: int) -> int:
-    """Return the smallest edge of cells, in voxels, for which a box has no more than `most` values."""
-    step = 1
-    while channels * float(np.prod(-(-count // step) + 2.0)) > most:
+def _boxes(tree: Tree) -> list[Box]:
+    """Return the boxes of connected leaves and tiles that are active; only the whole if there are very many."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    assert tree.box is not None
+    some = np.flatnonzero(tree.masks.any(axis=1))
+    origins = tree.origins[some]
+    place = (origins - origins.min(axis=0, initial=0)) // tree.size
+    side = place.max(axis=0, initial=0) + 2
+    if float(np.prod(side.astype(float))) > 2**62 or sum(each.active for each in tree.tiles) > _MOST_PIECES:
+        return [tree.box]
+    strides = np.array([side[1] * side[2], side[2], 1])
+    key = place @ strides
+    order = np.argsort(key)
+    links = [(np.zeros(0, int), np.zeros(0, int))]
+    for offset in np.argwhere(np.ones((3, 3, 3))) - 1 if len(key) else ():
+        found = np.minimum(np.searchsorted(key, wanted := key + offset @ strides, sorter=order), len(key) - 1)
+        here = np.flatnonzero(key[order[found]] == wanted)
+        links.append((here, order[found[here]]))
+    rows, columns = (np.concatenate(each) for each in zip(*links, strict=True))
+    count, label = connected_components(coo_matrix((np.ones(len(rows)), (rows, columns)), (len(key), len(key))), False)
+    if count > _MOST_PIECES:
+        return [tree.box]
+    lows, highs = np.full((count, 3), 1 << 40), np.full((count, 3), -1 << 40)
+    np.minimum.at(lows, label, origins)
+    np.maximum.at(highs, label, origins + tree.size - 1)
+    tiles = [np.array(each.origin) for each in tree.tiles if each.active]
+    sizes = [each.size - 1 for each in tree.tiles if each.active]
+    low, high = tree.box
+    found = [*zip(lows, highs, strict=True), *((own, own + size) for own, size in zip(tiles, sizes, strict=True))]
+    return [(np.maximum(first, low), np.minimum(last, high)) for first, last in found]
+
+
+def _merged(boxes: list[Box], gap: int) -> list[Box]:
+    """Return boxes that are more than a `gap` apart, and not too many: others are merged with the nearest in volume."""
+    result = list(boxes)
+    while len(result) > 1:
+        lows, highs = (np.array(each, dtype=float) for each in zip(*result, strict=True))
+        distance = np.maximum(lows[:, None] - highs[None], lows[None] - highs[:, None]).max(axis=-1)
+        union = np.prod(np.maximum(highs[:, None], highs[None]) - np.minimum(lows[:, None], lows[None]) + 1, axis=-1)
+        cost = np.where(distance <= gap, -1.0, union)
+        np.fill_diagonal(cost, np.inf)
+        one, other = np.unravel_index(np.argmin(cost), cost.shape)
+        if cost[one, other] > 0 and len(result) <= _MOST_PARTS:
+            break
+        (low, high), (first, last) = result[one], result[other]
+        kept = [each for index, each in enumerate(result) if index not in (one, other)]
+        result = [*kept, (np.minimum(low, first), np.maximum(high, last))]
+    return sorted(result, key=lambda box: box[0].tolist())
+
+
+def _step(boxes: list[Box], channels: int, most: int) -> int:
+    """Return the smallest edge of cells, in voxels, for which boxes have no more than `most` values in all."""
+    counts, step = np.array([high - low + 1 for low, high in boxes]), 1
+    while channels * float(np.prod(-(-counts // step) + 2.0, axis=1).sum()) > most:
         step += 1 + step // 8  # boxes may be wider than any loop by ones should be long
     return step
 

@@ -1,6 +1,7 @@
 """Volumes: fields in .vdb and .vol files, and the shaders of their materials."""
 
 import struct
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from photonbeams import Shot
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.usd.stage import read_scene
+from photonbeams.volumes.dense import parts_of
 
 FOG = """
     color3f photonbeams:scattering = (0.1, 0.2, 0.3)
@@ -342,3 +344,33 @@ def test_fog_that_is_named_and_not_there_is_not_asked_for(usd, tmp_path, caplog)
     Shot(usd(body)).subject.layers(Shot(usd(body)).viewpoint, None)
     assert "gone.vdb: expected a .vdb or .vol file, but there is none; it is skipped" in caplog.text
     assert "there is no fog" not in caplog.text
+
+
+def test_puffs_that_are_far_apart_are_media_of_their_own(scene, tmp_path, monkeypatch, caplog):
+    """Links find each of them by the volume's path."""
+    values = np.zeros((200, 16, 16), np.float32)
+    values[:8, :8, :8] = values[-8:, -8:, -8:] = 0.5
+    write_vdb(tmp_path / "puffs.vdb", {"density": values})
+    monkeypatch.setattr("photonbeams.usd.media.volumes.parts_of", partial(parts_of, most=4_000))
+    lamp = """def SphereLight "Lamp" (prepend apiSchemas = ["CollectionAPI:lightLink"]) {
+        rel collection:lightLink:excludes = </F>
+    }
+    """
+    found = scene(volume(tmp_path / "puffs.vdb") + "\n" + lamp)
+    assert [each.name for each in found.media] == ["/F", "/F[part 2]"]
+    assert [each.grid.values.shape for each in found.media] == [(10, 10, 10)] * 2
+    assert found.lights[0].unlit_media == {"/F", "/F[part 2]"}
+    assert "too many voxels" not in caplog.text
+
+
+@pytest.mark.parametrize(("closes", "count"), [(0.0, 0), (0.5, 1)])
+def test_velocities_are_told_once_where_a_shutter_is_open(tmp_path, caplog, closes, count):
+    write_vdb(tmp_path / "puff.vdb", {"density": VALUES})
+    smoke = volume("puff.vdb").replace("rel field:density", "rel field:v = </F/D>\n            rel field:density")
+    camera = f'def Camera "C" {{\n    double shutter:close = {closes}\n}}\n'
+    (tmp_path / "s.usda").write_text(f"#usda 1.0\n{camera}{smoke}\n")
+    shot = Shot.open(tmp_path / "s.usda")
+    for _ in range(2):
+        shot.subject.exposure(shot.viewpoint, 0, True, True)
+    told = [each.getMessage() for each in caplog.records if "velocities" in each.getMessage()]
+    assert len(told) == count and all("/F.field:v is not used" in each and len(each) <= 300 for each in told)

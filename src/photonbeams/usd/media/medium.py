@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -50,20 +51,21 @@ def _has_medium(prim: Usd.Prim) -> bool:
     return has_photonbeams(prim, MEDIUM, "scattering", "absorption", "nearColor", "farColor")
 
 
-def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Medium:
+def read_media(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> list[Medium]:
     """Return the medium of a prim, which fills a closed gprim or a grid; that of any other prim fills all of space.
 
-    It is that of photonbeams' attributes, or else of the material's shader.
+    It is that of photonbeams' attributes, or else of the material's shader. Parts of a large grid that are far apart
+    are media of their own, whose names have a number.
     """
     own, volume = _has_medium(prim), prim.IsA(UsdVol.Volume)
     if not (own or volume or is_closed(reading, prim)):
         raise reading.fail(prim, "", "has a volume material: expected a closed mesh")
     shading = VolumeShading(*_coefficients(reading, prim)) if own else read_shading(reading, prim)
-    place: dict[str, Any] = (
-        _in_grid(reading, prim, to_world, shading) if volume else {"mesh": _filled(reading, prim, to_world)}
+    places: list[dict[str, Any]] = (
+        _in_grids(reading, prim, to_world, shading) if volume else [{"mesh": _filled(reading, prim, to_world)}]
     )
-    place["emission"] = place.get("emission") or _even_glow(reading, prim, shading)
-    return Medium(
+    glow = _even_glow(reading, prim, shading)
+    medium = Medium(
         scattering=shading.scattering,
         absorption=shading.absorption,
         anisotropy=read_attribute(reading, prim, MEDIUM, "anisotropy", shading.anisotropy),
@@ -72,8 +74,10 @@ def read_medium(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
         bounces=read_attribute(reading, prim, MEDIUM, "bounces"),
         lit_by_domes=volume or not own,
         density=_density(reading, prim),
-        **place,
+        **{"emission": glow, **places[0]},
     )
+    others = enumerate(places[1:], 2)
+    return [medium, *(replace(medium, name=f"{name}[part {number}]", **place) for number, place in others)]
 
 
 def _density(reading: Reading, prim: Usd.Prim) -> FogDensity | None:
@@ -109,12 +113,14 @@ def _filled(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh | None:
     return None
 
 
-def _in_grid(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> dict[str, Any]:
-    """Return what the fields of a volume give to its medium."""
+def _in_grids(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> list[dict[str, Any]]:
+    """Return what the fields of a volume give to its medium; of a density alone, to the medium of each part."""
     colors = reading.attempt(prim, partial(_colors, reading, prim, to_world, shading), None, "its colour is even")
     emission = reading.attempt(prim, partial(_glow, reading, prim, to_world, shading), None, "it emits no light")
-    grid = read_density(reading, prim, to_world, shading.density)
-    return {"grid": grid, "scattering_color": colors, "emission": emission}
+    if colors is None and emission is None:
+        return [{"grid": each} for each in read_density(reading, prim, to_world, shading.density, apart=True)]
+    (grid,) = read_density(reading, prim, to_world, shading.density)
+    return [{"grid": grid, "scattering_color": colors} | ({} if emission is None else {"emission": emission})]
 
 
 def _colors(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> DensityGrid | None:
@@ -122,7 +128,7 @@ def _colors(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeSh
     field = field_of(reading, prim, shading.color) if shading.color else None
     if field is None:
         return None
-    found = read_field(reading, prim, field, to_world)
+    (found,) = read_field(reading, prim, field, to_world)
     if (most := float(found.values.max())) > 1 + 1e-3:
         reading.warn(field, f"holds colours up to {most:g}: those above 1 count as 1")
     return DensityGrid(np.minimum(found.values, 1), found.to_world)
@@ -133,7 +139,7 @@ def _glow(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShad
     field = None if shading.emission is None else field_of(reading, prim, shading.emission.field)
     if shading.emission is None or field is None:
         return None
-    found, kelvin = read_field(reading, prim, field, to_world), shading.emission.kelvin
+    (found,), kelvin = read_field(reading, prim, field, to_world), shading.emission.kelvin
     result = _emitted(found, shading.emission, reading.spaces)
     if kelvin and (hottest := kelvin * float(found.values.max(initial=0.0))) < _GLOWS:
         text = f"is {hottest:.3g} K at its hottest, too cold to glow: expected {_GLOWS} to {_HOTTEST} K, by the field"

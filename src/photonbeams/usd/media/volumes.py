@@ -12,15 +12,17 @@ import numpy as np
 
 from ...runtime.inputs import opened
 from ...scene import Array, DensityGrid, SceneError
-from ...volumes.dense import MOST_VALUES, Voxels, voxels_of
+from ...volumes.dense import MOST_VALUES, Voxels, parts_of, voxels_of
 from ...volumes.vdb import VDBGrid, read_grids
 from ...volumes.vol import read_vol
-from ..common.openusd import Ar, Sdf, Usd
-from ..common.reading import Reading
+from ..common.openusd import Ar, Sdf, Usd, UsdVol
+from ..common.reading import Reading, prims_under
 from ..common.textures import asset_content, resolved, stamp
+from ..common.warnings import Warnings
 
 _FIELD = "field:"
 DENSITY = "density"
+_VELOCITIES = {"v", "vel", "velocity"}  # as Houdini, EmberGen and Blender name them
 _KINDS = (".vdb", ".vol")
 _KEPT = 1 << 30  # bytes of grids to keep
 
@@ -29,16 +31,20 @@ class _Cache:
     """The grids read last: a shutter is read at many times, and grids then stay the same objects."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[Any, Voxels] = OrderedDict()
+        self._kept: OrderedDict[Any, list[Voxels]] = OrderedDict()
 
-    def __call__(self, key: tuple[object, ...], read: Callable[[], Voxels]) -> Voxels:
-        """Return the grid of a key, read at most once while it is kept."""
+    def __call__(self, key: tuple[object, ...], read: Callable[[], list[Voxels]]) -> list[Voxels]:
+        """Return the boxes of a grid, by its key, read at most once while it is kept."""
         if key not in self._kept:
             self._kept[key] = read()
-            while len(self._kept) > 1 and sum(each.values.nbytes for each in self._kept.values()) > _KEPT:
+            while len(self._kept) > 1 and sum(self._size(each) for each in self._kept.values()) > _KEPT:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
         return self._kept[key]
+
+    @staticmethod
+    def _size(boxes: list[Voxels]) -> int:
+        return sum(each.values.nbytes for each in boxes)
 
 
 _CACHE = _Cache()
@@ -62,8 +68,21 @@ def field_of(reading: Reading, prim: Usd.Prim, name: str) -> Usd.Prim | None:
     return None
 
 
-def read_density(reading: Reading, prim: Usd.Prim, to_world: Array, name: str = DENSITY) -> DensityGrid:
-    """Return the density of a volume: its field of this name, or its only field.
+def warn_of_velocities(stage: Usd.Stage, warnings: Warnings) -> None:
+    """Warn about the velocities of volumes, by which a shutter that is open would blur them."""
+    reading = Reading(stage, warnings=warnings)
+    with warnings.together():
+        for prim in prims_under(stage.GetPseudoRoot()):
+            for name in fields_of(prim) if prim.IsA(UsdVol.Volume) else ():
+                if name in _VELOCITIES:
+                    text = "is not used: smoke is blurred as its transform and its files move, not by its velocities"
+                    reading.warn(prim, text, f"{_FIELD}{name}")
+
+
+def read_density(
+    reading: Reading, prim: Usd.Prim, to_world: Array, name: str = DENSITY, apart: bool = False
+) -> list[DensityGrid]:
+    """Return the density of a volume: its field of this name, or its only field; parts `apart` as grids of their own.
 
     Raises
     ------
@@ -77,11 +96,13 @@ def read_density(reading: Reading, prim: Usd.Prim, to_world: Array, name: str = 
     if field is None:
         known = f" (the volume has {', '.join(names)})" if names else ""
         raise reading.fail(prim, f"{_FIELD}{name}", f"names no field: expected a prim with a filePath{known}")
-    return read_field(reading, prim, field, to_world)
+    return read_field(reading, prim, field, to_world, apart)
 
 
-def read_field(reading: Reading, prim: Usd.Prim, field: Usd.Prim, to_world: Array) -> DensityGrid:
-    """Return a field of a volume, with one or three channels, 0 or more, in world space.
+def read_field(
+    reading: Reading, prim: Usd.Prim, field: Usd.Prim, to_world: Array, apart: bool = False
+) -> list[DensityGrid]:
+    """Return a field of a volume, with one or three channels, 0 or more, in world space: one grid, or parts `apart`.
 
     Raises
     ------
@@ -91,14 +112,15 @@ def read_field(reading: Reading, prim: Usd.Prim, field: Usd.Prim, to_world: Arra
     path, shown = _file(reading, field)
     name, index = str(reading.value(field, "fieldName", "") or ""), reading.value(field, "fieldIndex", 0)
     try:
-        voxels = _CACHE((path, stamp(path), name, index, MOST_VALUES), lambda: _read(path, name, index))
-        if voxels.step > 1:
-            cells = " x ".join(str(each) for each in voxels.values.shape[2::-1])
-            reading.warn(
-                field, f"has too many voxels: every {voxels.step} along an axis become one, {cells} in all", "filePath"
-            )
+        key = path, stamp(path), name, index, MOST_VALUES, apart
+        boxes = _CACHE(key, lambda: _read(path, name, index, apart))
+        if boxes[0].step > 1:
+            cells = " x ".join(str(each) for each in boxes[0].values.shape[2::-1])
+            where = "in all" if len(boxes) == 1 else f"in the first of {len(boxes)} parts"
+            text = f"has too many voxels: every {boxes[0].step} along an axis become one, {cells} {where}"
+            reading.warn(field, text, "filePath")
         local = np.linalg.inv(reading.to_world(prim)) @ reading.to_world(field)
-        return DensityGrid(_positive(reading, field, voxels), to_world @ local @ voxels.to_file)
+        return [DensityGrid(_positive(reading, field, each), to_world @ local @ each.to_file) for each in boxes]
     except (SceneError, ValueError, OSError, np.linalg.LinAlgError) as error:
         raise reading.missing(field, "filePath", f"names {shown}: expected a grid that can be read ({error})") from None
 
@@ -117,11 +139,12 @@ def _file(reading: Reading, field: Usd.Prim) -> tuple[str, str]:
     return path, shown
 
 
-def _read(path: str, name: str, index: int) -> Voxels:
+def _read(path: str, name: str, index: int, apart: bool) -> list[Voxels]:
     with _opened(path) as file:
         if Path(Ar.SplitPackageRelativePathInner(path)[1] or path).suffix.lower() == ".vol":
-            return read_vol(file)
-        return voxels_of(_grid(read_grids(file), name, index))
+            return [read_vol(file)]
+        grid = _grid(read_grids(file), name, index)
+        return parts_of(grid) if apart else [voxels_of(grid)]
 
 
 def _opened(path: str) -> BinaryIO:

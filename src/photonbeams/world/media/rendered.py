@@ -195,14 +195,14 @@ def rendered(own: int, plugin: MiMedium) -> RenderedMedium:
     g, look = _scattering(plugin)
     medium = scene.Medium(tuple(sigma_s), tuple(np.maximum(sigma_t - sigma_s, 0)), g)
     if not uneven:
-        return RenderedMedium(own, plugin, called(own), medium, look)
+        return RenderedMedium(own, plugin, called(own), medium, look=look)
     tracked, even = Tracked(float(sigma_t.max())), plugin.is_homogeneous()
     look = Look(along=1.0, eye=Attenuation() if even else tracked, angle=MediumScattering(plugin))
     data = None if even else next((value for key, value in mi.traverse(plugin) if key == "sigma_t.data"), None)
     colored = bool(np.ptp(sigma_t) > 0) if even else data is None or data.shape[-1] != 1
     fullness = 1.0 if data is None else float(np.mean(data, dtype=np.float64) / max(np.max(data), 1e-30))
     return RenderedMedium(
-        own, plugin, called(own), medium, look, tracked=tracked, colored=colored, fullness=fullness
+        own, plugin, called(own), medium, look=look, tracked=tracked, colored=colored, fullness=fullness
     )  # fmt: skip
 
 
