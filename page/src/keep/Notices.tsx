@@ -62,31 +62,28 @@ function Restored() {
 /** Another program has changed the file of the edits: they can be merged, or saved in a copy. */
 function ChangedElsewhere() {
   const changed = useStore(session, (state) => state.changed);
+  if (changed === null) return null;
   return (
-    <div role="alert">
-      {changed && (
-        <div className={styles.notice}>
-          <WarningIcon />
-          <span>
-            {changed.copy === null
-              ? `Not saved: another program has changed ${changed.file}. Merge keeps its changes and yours; where both changed a value, yours.`
-              : `Another program has changed ${changed.file}. Your edits are saved in ${changed.copy}, and Save goes on there.`}
-          </span>
-          {changed.copy === null && (
-            <>
-              <Button size="compact-xs" variant="white" color="dark" onClick={() => save("merge")}>
-                Merge
-              </Button>
-              <Button size="compact-xs" variant="white" color="dark" onClick={() => save("copy")}>
-                Save a copy
-              </Button>
-            </>
-          )}
-          <ActionIcon size="sm" variant="transparent" color="white" aria-label="Dismiss" onClick={dismissChanged}>
-            <CloseIcon />
-          </ActionIcon>
-        </div>
+    <div role="alert" className={styles.notice}>
+      <WarningIcon />
+      <span>
+        {changed.copy === null
+          ? `Not saved: another program has changed ${changed.file}. Merge keeps its changes and yours; where both changed a value, yours.`
+          : `Another program has changed ${changed.file}. Your edits are saved in ${changed.copy}, and Save goes on there.`}
+      </span>
+      {changed.copy === null && (
+        <>
+          <Button size="compact-xs" variant="white" color="dark" onClick={() => save("merge")}>
+            Merge
+          </Button>
+          <Button size="compact-xs" variant="white" color="dark" onClick={() => save("copy")}>
+            Save a copy
+          </Button>
+        </>
       )}
+      <ActionIcon size="sm" variant="transparent" color="white" aria-label="Dismiss" onClick={dismissChanged}>
+        <CloseIcon />
+      </ActionIcon>
     </div>
   );
 }
