@@ -1,5 +1,8 @@
 """The view and the light of stages and scenes that have none, by numbers: what is seen, and how bright it is."""
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -81,11 +84,12 @@ def test_a_closed_room_has_the_half_that_comes_from_the_camera(usd):
 def test_what_a_stage_has_is_used_and_what_it_lacks_is_lent(camera, light, old, up):
     from pxr import Usd
 
-    stage = Usd.Stage.CreateInMemory()
     lamp = LAMP.replace("{\n", f"{{\n float {'' if old else 'inputs:'}intensity = 3\n") if light else ""
     metadata = f'#usda 1.0\n(\n upAxis = "{up}"\n)\n'
-    stage.GetRootLayer().ImportFromString(f'{metadata}def Sphere "S" {{\n}}{CAMERA if camera else ""}{lamp}')
-    shot = pb.Shot(stage)
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "a.usda")
+        path.write_text(f'{metadata}def Sphere "S" {{\n}}{CAMERA if camera else ""}{lamp}')
+        shot = pb.Shot(Usd.Stage.Open(str(path)))
     shot.subject.warnings.muted = True
     content, seen = shot.read()
     assert seen.name == ("/C" if camera else VIEW)

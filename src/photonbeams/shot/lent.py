@@ -53,11 +53,13 @@ def lit(reading: Reading, content: Scene, camera: Camera) -> Scene:
     """Return what a stage shows; in a white light, and with a warning, if it has none at any time and nothing glows.
 
     The light comes from the sky and, past all surfaces, from the camera. It makes no beams, and is not seen itself.
+    Stages in memory get none: programs, such as Blender, know what they light.
     """
     from ..render.stage_frame import is_unlit
 
     shown = content.meshes or any(medium.lit_by_domes for medium in content.media)
-    if not (shown and is_unlit(content)) or hidden_lights(reading.stage, reading.time):
+    in_memory = reading.stage.GetRootLayer().anonymous
+    if in_memory or not (shown and is_unlit(content)) or hidden_lights(reading.stage, reading.time):
         return content
     text = "there is no light: a white one, from the sky and the camera, makes no beams"
     expected = "expected a UsdLux light, a surface that glows, or drawn beams"
