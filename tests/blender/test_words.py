@@ -12,8 +12,8 @@ from photonbeams.blender.words import Words
 SOURCE = Path(photonbeams.__file__).parent
 #: What no user of Blender knows.
 FOREIGN = re.compile(r"--[a-z]|photonbeams:|inputs:|(?<![\w/])g?prim(?:var)?s?\b|\w+API\b|UsdLux|\bstages?\b")
-#: Rooms whose messages are about commands, files that they write, and scenes of other kinds.
-ELSEWHERE = {"blender", "cli", "export", "farm", "studies", "studio"}
+#: Rooms and modules whose messages are about commands, files that they write, scenes of other kinds, and references.
+ELSEWHERE = {"blender", "cli", "composition", "export", "farm", "studies", "studio"}
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_a_longer_message_is_cut(words):
 def messages():
     """Yield the texts of the source that a sentence may be made of; what is filled in is the path of a prim."""
     for path in sorted(SOURCE.rglob("*.py")):
-        if path.relative_to(SOURCE).parts[0] in ELSEWHERE:
+        if not ELSEWHERE.isdisjoint(path.relative_to(SOURCE).with_suffix("").parts):
             continue
         tree = ast.parse(path.read_text(encoding="utf-8"))
         others = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}  # documentation
