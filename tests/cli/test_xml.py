@@ -299,7 +299,6 @@ def test_an_output_is_asked_for(render, scene):
     [
         ("</scene>", "", ("mismatch", "line")),
         ('type="cube"', 'type="cubist"', ('"cubist" not found',)),
-        (FRONT + SIDE, "", ("has no sensor: expected one",)),
         ("paths", "pathz", ('unreferenced property in integrator plugin of type "photon_beams"', '"pathz": 300')),
         ('value="300"', 'value="-1"',
          ("scene.xml: line 3, col 6: photon_beams: paths is -1: expected 1 to 100000000",)),

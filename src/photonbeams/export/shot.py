@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -74,11 +74,16 @@ def export(
     folder = path.parent / twin.folder
     places = {folder / name: encode for name, encode in twin.files.items()}
     shot.subject.check_targets(places, frame)
+    _write(path, text, places)
+    return [path, *places]
+
+
+def _write(path: Path, text: str, places: Mapping[Path, Callable[[], bytes]]) -> None:
+    """Write the .xml and the files beside it."""
     with ExitStack() as stack:  # none gets its name before all are whole, and the .xml gets it last
         write_bytes(stack.enter_context(atomic_path(path)), text.encode())
         for place, encode in places.items():
             write_bytes(stack.enter_context(atomic_path(place)), encode())
-    return [path, *places]
 
 
 def check_path(shot: Shot, path: PathLike) -> None:

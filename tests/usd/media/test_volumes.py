@@ -372,5 +372,5 @@ def test_velocities_are_told_once_where_a_shutter_is_open(tmp_path, caplog, clos
     shot = Shot.open(tmp_path / "s.usda")
     for _ in range(2):
         shot.subject.exposure(shot.viewpoint, 0, True, True)
-    told = [each.getMessage() for each in caplog.records if "velocities" in each.getMessage()]
+    told = [each.getMessage() for each in caplog.records if "field:v" in each.getMessage()]
     assert len(told) == count and all("/F.field:v is not used" in each and len(each) <= 300 for each in told)
