@@ -176,8 +176,8 @@ WRITING = re.compile(
 
 def test_all_files_are_written_in_one_way():
     paths = [path for path in SOURCE.rglob("*.py") if WRITING.search(path.read_text(encoding="utf-8"))]
-    # OpenUSD writes binary layers to a path alone. The command opens the null device for a closed stream. Blender's own process has none of our modules, and writes to a
-    # temporary folder.
+    # OpenUSD writes binary layers to a path alone. The command opens the null device for a closed stream. Blender's own
+    # process has none of our modules, and writes to a temporary folder.
     ours = {path for path in paths if not path.is_relative_to(SOURCE / "blender" / "extension" / "reading")}
     assert {str(path.relative_to(SOURCE)) for path in ours} == {
         "cli/__init__.py", "runtime/files.py", "usd/layers/writing.py",
