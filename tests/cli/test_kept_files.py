@@ -9,6 +9,7 @@ from photonbeams.images.writing import write_png
 from tests.helpers.commands import fails
 from tests.helpers.frames import write_frame
 from tests.helpers.small_stage import CAMERA, FILL, FLOOR, FOG, write_stage
+from tests.helpers.usda import textured
 
 SMALL = ("--res", 16, 0, "--passes", 1, "-q")
 IMAGES = ("gobo", "later", "variant", "tile.1001", "text", "set", "layer", "sub")
@@ -30,20 +31,7 @@ def Scope "More" (
 def Sphere "Ball" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     rel material:binding = </Painted>
 }
-def Material "Painted" {
-    token outputs:surface.connect = </Painted/Surface.outputs:surface>
-    def Shader "Surface" {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:diffuseColor.connect = </Painted/Image.outputs:rgb>
-        token outputs:surface
-    }
-    def Shader "Image" {
-        uniform token info:id = "UsdUVTexture"
-        string inputs:file = "text.png"
-        float3 outputs:rgb
-    }
-}
-"""
+""" + textured("Painted", 'string inputs:file = "text.png"')
 SCENE = """<scene version="3.0.0"><path value="folder"/><default name="image" value="gobo.png"/>
  <sensor type="perspective"><film type="hdrfilm"/></sensor><include filename="more.xml"/>
  <shape type="sphere"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">

@@ -21,6 +21,7 @@ from photonbeams.render.settings import DEFAULT_PATHS, Settings
 from photonbeams.scene import DEFAULT_BEAMS
 from tests.helpers.commands import command, fails, untouched
 from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
+from tests.helpers.usda import textured
 
 PORTAL = """def Mesh "Portal" {
     int[] faceVertexCounts = [4]
@@ -34,20 +35,7 @@ TEXTURED = """def Mesh "Wall" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     point3f[] points = [(-2, -1, -1), (2, -1, -1), (2, 1, -1)]
     rel material:binding = </Wood>
 }
-def Material "Wood" {
-    token outputs:surface.connect = </Wood/Shader.outputs:surface>
-    def Shader "Shader" {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:diffuseColor.connect = </Wood/Image.outputs:rgb>
-        token outputs:surface
-    }
-    def Shader "Image" {
-        uniform token info:id = "UsdUVTexture"
-        asset inputs:file = @./wood.png@
-        float3 outputs:rgb
-    }
-}
-"""
+""" + textured("Wood", "asset inputs:file = @./wood.png@")
 CUBE = """def Cube "Cube" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
 }
 """

@@ -45,3 +45,15 @@ def Material "{name}"
     }}
 {nodes}}}
 """
+
+
+def textured(name: str, file: str) -> str:
+    """Return a material whose colour is an image, the shader Image; `file` is the declaration of its `inputs:file`."""
+    image = f"""    def Shader "Image"
+    {{
+        uniform token info:id = "UsdUVTexture"
+        {file}
+        float3 outputs:rgb
+    }}
+"""
+    return material(name, f"color3f inputs:diffuseColor.connect = </{name}/Image.outputs:rgb>", nodes=image)

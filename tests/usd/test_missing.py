@@ -9,6 +9,7 @@ from photonbeams.scene import SceneError
 from photonbeams.usd.common.warnings import MissingError, Warnings
 from photonbeams.usd.stage import open_stage, read_scene
 from tests.helpers.small_stage import LAMP, write_stage
+from tests.helpers.usda import textured
 
 SEQUENCE = """def Volume "Smoke" {
     rel field:density = </Smoke/density>
@@ -45,20 +46,7 @@ TEXTURE = """def Mesh "Floor" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     int[] faceVertexIndices = [0, 1, 2]
     point3f[] points = [(-2, -1, 2), (2, -1, 2), (2, -1, -2)]
 }
-def Material "Paint" {
-    token outputs:surface.connect = </Paint/Surface.outputs:surface>
-    def Shader "Surface" {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:diffuseColor.connect = </Paint/Image.outputs:rgb>
-        token outputs:surface
-    }
-    def Shader "Image" {
-        uniform token info:id = "UsdUVTexture"
-        asset inputs:file = @gone.png@
-        float3 outputs:rgb
-    }
-}
-"""
+""" + textured("Paint", "asset inputs:file = @gone.png@")
 IES = LAMP.replace("inputs:radius", "inputs:radius = 0.1\n    asset inputs:shaping:ies:file = @gone.ies@\n    float x")
 DOME = 'def DomeLight "Sky" { asset inputs:texture:file = @gone.hdr@\n}\n'
 REFERENCE = 'def Xform "Props" (prepend references = @gone.usda@) {\n}\n'
