@@ -44,6 +44,8 @@ class Stream(IntEnum):
     GLOW = 306
     BOUNCE = 307
     BOUNCE_TURN = 308
+    BOUNCE_WHICH_EMITTER = 310
+    BOUNCE_TOWARD = 311
     VIRTUAL = 309
     # Light of domes that media scatter once.
     SCATTERING_POINT = 401
@@ -61,3 +63,8 @@ class Stream(IntEnum):
     PATH_CUTOUT = 508
     PATH_TRACKING = 509
     PATH_VIRTUAL = 510
+    # Light that fog scatters along the segments of walks.
+    FOG = 601
+    FOG_FLIGHT = 602
+    TOWARD = 603
+    FOG_FIRST_EMITTER = 604

@@ -110,13 +110,23 @@ def flight(
     distance = dr.select(passes, dr.inf, distance)
     scatters = distance < length
     passed = media.absorbed(medium, dr.minimum(distance, length))
-    rate = dr.select(surely, extinction * dr.rcp(dr.maximum(_ending(extinction * dr.minimum(length, 1e30)), 1e-30)),
-                     extinction)  # fmt: skip
+    rate = dr.select(surely, _surely(extinction, length), extinction)
     density = dr.sum(fractions * passed * dr.select(scatters, rate, 1))
     scattering = dr.select(scatters, media.scattering(medium), Array3f(1))
     weight = dr.select(density > 0, passed * scattering * dr.rcp(density), 0)
     weight = dr.select(surely & ~scatters, 0, weight)
     return distance, dr.select(passes, passed, weight)
+
+
+def scattering_density(media: Media, medium: UInt32, fractions: Array3f, length: Float, distance: Float) -> Float:
+    """Return the density of `distance` for a `flight` that is certain to end before `length`."""
+    rate = _surely(media.extinction(medium), length)
+    return dr.sum(fractions * rate * media.absorbed(medium, distance))
+
+
+def _surely(extinction: Array3f, length: Float) -> Array3f:
+    """Return the rates, at its beginning, of flights that are certain to end before `length`."""
+    return extinction * dr.rcp(dr.maximum(_ending(extinction * dr.minimum(length, 1e30)), 1e-30))
 
 
 def _ending(depth: dr.ArrayT) -> dr.ArrayT:

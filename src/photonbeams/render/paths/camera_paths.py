@@ -25,7 +25,9 @@ from ...world.spectra import rgb
 from ...world.warp import outward
 from ...world.world import World
 from .branches import IDEAL, STEPS, CameraPaths, onward, several
+from .toward_lamps import Toward, aimed
 from .virtual_lights import Point
+from .walk_vertices import DirectionSample
 
 if TYPE_CHECKING:
     from .surface_light import SurfaceLight
@@ -46,6 +48,8 @@ class Bounce(Struct):
         The ray on which the path continues, its medium, and the throughput (0: it ends).
     place, value
         Where the surface is; and BSDF times cosine, its largest channel.
+    lamp
+        The emitter that was chosen for the segment ahead: see `walk_vertices.Walk`.
     """
 
     origin: Array3f
@@ -54,6 +58,7 @@ class Bounce(Struct):
     throughput: Array3f
     place: Array3f
     value: Float
+    lamp: UInt32
 
 
 class SurfacePoint(Struct):
@@ -286,7 +291,7 @@ def _step(
             glow = world.media.emitted(paths.medium, start, paths.direction, distance, seed, alive)
             vertex.radiance = vertex.radiance + world.groups.grouped(paths.throughput * glow)
     if tracing.walked is not None:
-        vertex.bounce = _bounce(world, hit, paths, clear, smooth & alive, samples, name)
+        vertex.bounce = _bounce(tracing.walked, hit, paths, clear, smooth & alive, samples, name)
     visible = (UInt32(flags) & _VISIBLE) != 0
     vertex.solid = on_lamp | (met & ~held & (visible | ~mi.has_flag(flags, mi.BSDFFlags.Null)))
     vertex.normal = dr.zeros(Array3f, 1)
@@ -354,19 +359,32 @@ def _with_reflected(
 
 
 def _bounce(
-    world: World, hit: Any, paths: CameraPaths, throughput: Array3f, smooth: Bool, samples: Samples, name: UInt32
+    walked: Walked, hit: Any, paths: CameraPaths, throughput: Array3f, smooth: Bool, samples: Samples, name: UInt32
 ) -> Bounce:
     """Return a sample of the smooth lobes of BSDFs."""
     # Sample all lobes: with a mask, Mitsuba's cut-out surfaces sample only the light that passes them. On stages a
     # cut-out surface was already sampled as opaque.
+    world, order = walked.world, paths.order
     context, opacity = mi.BSDFContext(), world.opacity(hit, smooth)
     lobe, turn = samples.single(paths.order, Stream.BOUNCE, name), samples.pair(paths.order, Stream.BOUNCE_TURN, name)
     sample, weight = hit.bsdf().sample(context, hit, lobe * opacity, mi.Point2f(turn), smooth)
-    good = smooth & (sample.pdf > 0) & ((sample.sampled_type & IDEAL) == 0)
-    direction = hit.to_world(sample.wo)
+    pdf, ideal = sample.pdf / opacity, (sample.sampled_type & IDEAL) != 0
+    chosen = DirectionSample(Array3f(hit.to_world(sample.wo)), rgb(weight) * pdf, rgb(weight), pdf, ideal, Bool(False))
+    lamp = walked.choose(samples.single(order, Stream.BOUNCE_WHICH_EMITTER, name))
+    if walked.balls is not None:
+
+        def evaluate(direction: Array3f, active: Bool) -> tuple[Array3f, Float]:
+            value, density = hit.bsdf().eval_pdf(context, hit, hit.to_local(mi.Vector3f(direction)), active)
+            return rgb(value) / opacity, density / opacity
+
+        ball = walked.balls(lamp, smooth)
+        pick, u = samples.single(order, Stream.BOUNCE_TOWARD, name), samples.pair(order, Stream.BOUNCE_TOWARD, name)
+        toward = Toward(Array3f(hit.p), ball)
+        chosen = aimed(world.media, paths.medium, toward, ball.near, chosen, pick, u, evaluate)
+    good = smooth & (chosen.pdf > 0) & ~chosen.ideal
     result = Bounce()
-    result.origin, result.direction = leaving(hit, direction, world.size), Array3f(direction)
-    result.medium = world.media.beyond(hit, direction, paths.medium, good)
-    result.throughput = dr.select(good, throughput * rgb(weight), 0)
-    result.place, result.value = Array3f(hit.p), dr.max(rgb(weight)) * sample.pdf / opacity
+    result.origin, result.direction = leaving(hit, chosen.direction, world.size), chosen.direction
+    result.medium = world.media.beyond(hit, chosen.direction, paths.medium, good)
+    result.throughput = dr.select(good, throughput * chosen.weight, 0)
+    result.place, result.value, result.lamp = Array3f(hit.p), dr.max(chosen.value), lamp
     return result

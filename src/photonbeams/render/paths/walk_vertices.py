@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 
@@ -32,10 +33,12 @@ class Walk(Struct):
         How often the path was scattered; and how often so before the walk began, by mirrors and glass.
     counts
         Whether emitters that the ray meets count: not after the first surface, whose direct light is counted elsewhere.
-    place, pdf, inside, site, lamp
+    place, pdf, inside, site
         Where the walk was last scattered, the density of its direction per solid angle, 0 after ideal lobes, whether
-        that was in a medium, at which site (see `Linking`), and the lamp that was sampled there (of lamps that are no
-        surfaces).
+        that was in a medium, and at which site (see `Linking`).
+    lamp
+        The emitter that was chosen there: it is sampled there and along the segment that begins there, toward which
+        that may go, and of lamps that are no surfaces it is the one that the segment may meet.
     value, bright
         BSDF times cosine for the walk's direction, its largest channel, 0 after ideal lobes and in media; and the
         radiance that a virtual light of unit flux where the walk was last scattered would bring, if the walk now meets
@@ -80,17 +83,26 @@ class Walk(Struct):
         return self.depth - self.before - 1
 
 
-class DirectionSample(NamedTuple):
-    """A sample of a phase function or BSDF: a direction, its weight and density, and Mitsuba's sample of the BSDF.
+class DirectionSample(Struct):
+    """A sample of a direction at a vertex.
 
-    `lamp` is the emitter that was sampled there, as `Walk.lamp`.
+    Attributes
+    ----------
+    direction
+        The direction, in world space.
+    value, weight, pdf
+        The phase function, or BSDF times cosine; that over the density of the sample; and the density that the phase
+        function or BSDF by itself has there, against which samples of emitters are weighted; 0: there is no sample.
+    ideal, null
+        Whether an ideal lobe was sampled, which has no value, and whether that goes straight through.
     """
 
     direction: Array3f
-    weight: Any
-    pdf: Any
-    bsdf: Any
-    lamp: Any = None
+    value: Array3f
+    weight: Array3f
+    pdf: Float
+    ideal: Bool
+    null: Bool
 
 
 class Vertex:
@@ -127,6 +139,29 @@ class Vertex:
         result.medium = pointers(dr.select(self.scattered, self.walk.medium, 0))
         return result
 
+    def inside(self, position: Array3f, scattered: Bool) -> Vertex:
+        """Return vertices in media elsewhere on the same segments."""
+        result = copy(self)
+        result.__dict__.pop("smooth", None)
+        result.position, result.scattered, result.on_surface = position, scattered, Bool(False)
+        result.site = self.walk.medium
+        return result
+
+    def evaluate(self, direction: Array3f, active: Bool) -> tuple[Array3f, Float]:
+        """Return the phase function, or BSDF times cosine, for a direction, and its density."""
+        towards = mi.Vector3f(direction)
+        value, pdf = self.hit.bsdf().eval_pdf(
+            mi.BSDFContext(), self.hit, self.hit.to_local(towards), active & self.on_surface
+        )
+        value, pdf = rgb(value) / self.opacity, pdf / self.opacity
+        other = self.phased(direction, active & self.scattered)
+        return dr.select(self.scattered, other[0], value), dr.select(self.scattered, other[1], pdf)
+
+    def phased(self, direction: Array3f, active: Bool) -> tuple[Array3f, Float]:
+        """Return the phase function in media for a direction, and its density."""
+        value, pdf = self.phase().eval_pdf(mi.PhaseFunctionContext(), self.place(), mi.Vector3f(direction), active)
+        return rgb(value), Float(pdf)
+
     def scattering(
         self, direction: Array3f, active: Bool, lobe: Float, turn: Array2f
     ) -> tuple[Array3f, Float, DirectionSample]:  # fmt: skip
@@ -138,6 +173,9 @@ class Vertex:
         )
         value, pdf = rgb(value) / self.opacity, pdf / self.opacity
         chosen: list[Any] = [Array3f(self.hit.to_world(sample.wo)), rgb(weight), sample.pdf / self.opacity]
+        kind = sample.sampled_type
+        # Mitsuba's `Delta` includes `Null`.
+        ideal, null = (own & mi.has_flag(kind, flag) for flag in (mi.BSDFFlags.Delta, mi.BSDFFlags.Null))
         if self._hazy:
             context, place, phase = mi.PhaseFunctionContext(), self.place(), self.phase()
             other = phase.eval_pdf(context, place, towards, active & self.scattered)
@@ -148,7 +186,8 @@ class Vertex:
                     (rgb(other[0]), other[1], Array3f(turned), rgb(factor), density), (value, pdf, *chosen), strict=True
                 )
             )
-        return value, pdf, DirectionSample(chosen[0], chosen[1], chosen[2], sample)
+        direction, factor, density = chosen
+        return value, pdf, DirectionSample(direction, factor * density, factor, density, ideal, null)
 
 
 def steepness(hit: Any, direction: Array3f) -> Float:

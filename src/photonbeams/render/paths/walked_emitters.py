@@ -11,10 +11,8 @@ import numpy as np
 
 from ...numerics.arrays import padded, to_float, to_uint
 from ...numerics.grouped import GroupedLight
-from ...numerics.samples import Samples
 from ...numerics.sampling import power_heuristic
-from ...numerics.streams import Stream
-from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.groups import ONE_GROUP, GroupedEmitters, LightGroups
 from ...world.emitters.mitsuba_scene import by_emitter, emitter_number
 from ...world.emitters.portal_lamps import EnvironmentPortal
@@ -22,6 +20,7 @@ from ...world.media.visibility import through
 from ...world.shadow_rays import ShadowRay, to_point
 from ...world.spectra import rgb
 from ...world.world import World
+from .toward_lamps import Balls, around
 from .walk_vertices import Vertex, Walk, interaction
 
 mi = mitsuba()
@@ -68,8 +67,8 @@ class EmitterSample(NamedTuple):
         Where the light comes from, its distance, and the distance over which media dim it.
     radiance, pdf
         The radiance over the density, and the density against which that of walks is weighted; 0: walks cannot meet it.
-    lamp, group
-        Which emitter was sampled, as `Walk.lamp`, and the number of its light group.
+    group
+        The number of its light group.
     """
 
     lit: Bool
@@ -79,21 +78,27 @@ class EmitterSample(NamedTuple):
     over: Float
     radiance: Array3f
     pdf: Float
-    lamp: UInt32
     group: UInt32
 
 
 class Walked(Protocol):
-    """Emitters whose light walks meet."""
+    """Emitters whose light walks meet.
+
+    `balls` are the spheres around them; None: no medium scatters light.
+    """
 
     world: World
     groups: LightGroups
+    balls: Balls | None
 
     def __len__(self) -> int:
         """Return how many emitters there are."""
 
-    def sampled(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool) -> EmitterSample:
-        """Return a sample of the emitters from active vertices, as if nothing were between."""
+    def choose(self, which: Float) -> UInt32:
+        """Return the emitter that a number in [0, 1) chooses: see `Walk.lamp`."""
+
+    def sampled(self, vertex: Vertex, lamp: UInt32, aim: Array2f, active: Bool) -> EmitterSample:
+        """Return a sample of chosen emitters from active vertices, as if nothing were between."""
 
     def passed(self, vertex: Vertex, light: EmitterSample, seed: UInt32, active: Bool) -> Array3f:
         """Return the fraction of the light of a sample that arrives at active vertices."""
@@ -159,19 +164,31 @@ class WalkedEmitters:
         places = to_uint(padded(numbers))
         self._own = dr.gather(mi.EmitterPtr, world.plugin.emitters_dr(), places)
         self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part, 0.0])))
+        self.balls = self._balls() if world.media.all else None
         self._visible = any(not mi.has_flag(emitters[each].flags(), mi.EmitterFlags.Delta) for each in numbers)
 
     def __len__(self) -> int:
         """Return how many emitters there are."""
         return self._size
 
-    def sampled(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool) -> EmitterSample:
-        """Return a sample of one of the emitters from active vertices."""
+    def _balls(self) -> Balls:
+        """Return the spheres around the emitters, by places from which they shine."""
+        number, place, u = around(self.world.bounds, self._size)
+        light, _ = dr.gather(mi.EmitterPtr, self._own, number).sample_direction(
+            interaction(place, Array3f(0)), mi.Point2f(u), True
+        )
+        infinite = mi.has_flag(dr.gather(mi.EmitterPtr, self._own, number).flags(), mi.EmitterFlags.Infinite)
+        return Balls.of(dr.select(infinite, dr.inf, Array3f(light.p)), self._size)
+
+    def choose(self, which: Float) -> UInt32:
+        """Return the emitter that a number in [0, 1) chooses."""
+        return UInt32(self._choice.sample(mi.Float(which)))
+
+    def sampled(self, vertex: Vertex, lamp: UInt32, aim: Array2f, active: Bool) -> EmitterSample:
+        """Return a sample of chosen emitters from active vertices."""
         walk, reference = vertex.walk, vertex.reference()
-        which = samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name)
-        aim = samples.pair(walk.order, Stream.PATH_EMITTER, *name)
-        index, probability = self._choice.sample_pmf(which, active)
-        emitter = dr.gather(mi.EmitterPtr, self._own, index, active)
+        probability: Any = self._choice.eval_pmf_normalized(lamp, active)
+        emitter = dr.gather(mi.EmitterPtr, self._own, lamp, active)
         light, radiance = emitter.sample_direction(reference, mi.Point2f(aim), active)
         light.pdf *= probability
         brought = rgb(radiance) * dr.rcp(dr.maximum(probability, 1e-30))
@@ -183,8 +200,7 @@ class WalkedEmitters:
         pdf = dr.select(light.delta, 0, light.pdf)
         connected, distance = self._is_connected(light.emitter, lit), light.dist
         return EmitterSample(
-            lit, connected, Array3f(light.d), distance, distance, brought, pdf, UInt32(0),
-            self._grouped.group(light.emitter),
+            lit, connected, Array3f(light.d), distance, distance, brought, pdf, self._grouped.group(light.emitter),
         )  # fmt: skip
 
     def _is_connected(self, emitter: Any, active: Bool) -> Bool:

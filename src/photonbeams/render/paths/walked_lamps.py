@@ -10,15 +10,14 @@ import drjit as dr
 
 from ...numerics.arrays import padded, to_float, to_uint
 from ...numerics.grouped import GroupedLight
-from ...numerics.samples import Samples
 from ...numerics.sampling import power_heuristic
-from ...numerics.streams import Stream
-from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.groups import gathered_group
 from ...world.emitters.packed import Lamps
 from ...world.emitters.portal_lamps import behind
 from ...world.shadow_rays import ShadowRay, rounding, to_lamp
 from ...world.world import World
+from .toward_lamps import Balls, around
 from .walk_vertices import Vertex, Walk
 from .walked_emitters import Chosen, EmitterSample, chances
 
@@ -66,6 +65,7 @@ class WalkedLamps:
             self._bounces = to_uint(padded([chosen.bounces[place] for place in order]))
         self._sources = to_uint(padded([world.emitters[numbers[place]].source for place in order]))
         self._size, self.groups = len(numbers), chosen.groups(world)
+        self.balls = self._balls() if world.media.all else None
         self._group_of = self.groups.table([world.emitters[numbers[place]].beams.group for place in order])
         emitters = [world.emitters[each] for each in numbers if each not in chosen.sharp]
         self._environments = [each for each in emitters if each.lamp.environment]
@@ -74,18 +74,25 @@ class WalkedLamps:
         """Return how many lamps there are."""
         return self._size
 
-    def sampled(self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], active: Bool) -> EmitterSample:
-        """Return a sample of one of the lamps from active vertices."""
-        walk, place, inside = vertex.walk, vertex.position, vertex.scattered
-        which = samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name)
-        chosen, probability = self._choice.sample_pmf(mi.Float(which), active)
-        number, aim = UInt32(chosen), samples.pair(walk.order, Stream.PATH_EMITTER, *name)
-        active = self._within(walk.bounces + 1, number, active)
-        source = dr.gather(UInt32, self._sources, number, active)
-        if (linked := self._linking.lights(source, vertex.site, active)) is not active:
-            # A lamp that is none, for which `met` finds no light either.
-            number = dr.select(linked, number, dr.opaque(UInt32, self._size))
-        acting = self._linking.acting(source, vertex.site)
+    def _balls(self) -> Balls:
+        """Return the spheres around the lamps, by places from which they shine."""
+        number, place, u = around(self.world.bounds, self._size)
+        found = dr.full(Array3f, dr.inf, dr.width(number))
+        for group in self._groups:
+            own = (number >= group.first) & (number < group.stop)
+            light = group.lamp(number, own).illuminate(place, u)
+            found = dr.select(own, place + light.distance * light.direction, found)
+        return Balls.of(found, self._size)
+
+    def choose(self, which: Float) -> UInt32:
+        """Return the lamp that a number in [0, 1) chooses."""
+        return UInt32(self._choice.sample(mi.Float(which)))
+
+    def sampled(self, vertex: Vertex, lamp: UInt32, aim: Array2f, active: Bool) -> EmitterSample:
+        """Return a sample of chosen lamps from active vertices."""
+        place, inside, number = vertex.position, vertex.scattered, lamp
+        probability: Any = self._choice.eval_pmf_normalized(lamp, active)
+        active, acting = self._acting(lamp, vertex.walk.bounces + 1, vertex.site, active)
         lit: Any = Bool(False)
         found: Any = (Array3f(0, 0, 1), Float(0), Float(0), Array3f(0), Float(0))
         for group in self._groups:
@@ -98,7 +105,7 @@ class WalkedLamps:
         direction, distance, over, radiance, pdf = found
         radiance = radiance * dr.rcp(dr.maximum(Float(probability), 1e-30))
         connected, named = self._is_connected(number, lit), gathered_group(self._group_of, number)
-        return EmitterSample(lit, connected, direction, distance, over, radiance, pdf, number, named)
+        return EmitterSample(lit, connected, direction, distance, over, radiance, pdf, named)
 
     def _is_connected(self, number: UInt32, active: Bool) -> Bool:
         return Bool(False) if self._connected is None else dr.gather(UInt32, self._connected, number, active) > 0
@@ -134,9 +141,8 @@ class WalkedLamps:
         # Boundaries of media that the walk has passed since then lie behind it.
         passed = dr.dot(walk.origin - walk.place, walk.direction)
         length = dr.select(hit.is_valid(), hit.t, dr.inf)
-        active = self._within(walk.bounces, walk.lamp, active & walk.fresh & (walk.pdf > 0))
+        active, acting = self._acting(walk.lamp, walk.bounces, walk.site, active & walk.fresh & (walk.pdf > 0))
         probability = self._choice.eval_pmf_normalized(walk.lamp, active)
-        acting = self._linking.acting(dr.gather(UInt32, self._sources, walk.lamp, active), walk.site)
         for group in self._groups:
             own = group.lights(world, walk.lamp, walk.place, walk.inside, active)
             found = group.lamp(walk.lamp, own).at(acting).see(walk.place, walk.direction)
@@ -152,11 +158,12 @@ class WalkedLamps:
         sampled = GroupedLight.of(result, gathered_group(self._group_of, walk.lamp), len(groups))
         return (seen * weight).where(away) + sampled
 
-    def _within(self, bounces: UInt32, number: UInt32, active: Bool) -> Bool:
-        """Return which of the active walks may meet these lamps after so many bounces."""
-        if self._bounces is None:
-            return active
-        return active & (bounces <= dr.gather(UInt32, self._bounces, number, active))
+    def _acting(self, number: UInt32, bounces: UInt32, site: UInt32, active: Bool) -> tuple[Bool, UInt32 | None]:
+        """Return which active sites these lamps light after so many bounces, and which of the lamps' filters act."""
+        if self._bounces is not None:
+            active &= bounces <= dr.gather(UInt32, self._bounces, number, active)
+        source = dr.gather(UInt32, self._sources, number, active)
+        return self._linking.lights(source, site, active), self._linking.acting(source, site)
 
 
 class _Group(NamedTuple):

@@ -17,22 +17,23 @@ from typing import Any
 import drjit as dr
 
 from ...estimators.estimate import ENDLESS
-from ...numerics.arrays import compressed
+from ...numerics.arrays import channel_mean, compressed
 from ...numerics.grouped import GroupedLight
 from ...numerics.samples import Samples
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...transport.interactions import SAMPLED, SCATTERED, flight, survival
+from ...transport.interactions import SAMPLED, SCATTERED, flight, scattering_density, survival
 from ...world.media.interfaces import pointers
 from ...world.media.tracking import free_flight
 from ...world.shadow_rays import leaving
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import Bounce, CameraVertex
 from .surface_light import NO_LIGHT, SurfaceLight
+from .toward_lamps import Equiangular, Toward, aimed, even
 from .virtual_lights import Point, weight
 from .walk_vertices import DirectionSample, Vertex, Walk, steepness
-from .walked_emitters import Walked
+from .walked_emitters import EmitterSample, Walked
 
 mi = mitsuba()
 
@@ -67,7 +68,7 @@ class Walking:
 
     def add_scattered(self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, result: GroupedLight) -> None:
         """Add the radiance of walks that begin in the media of one step of camera paths."""
-        self._add(self._in_media(paths, vertex), samples, NO_LIGHT, result)
+        self._add(self._in_media(paths, vertex, samples), samples, NO_LIGHT, result)
 
     def add_reflected(
         self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, surfaces: SurfaceLight,
@@ -87,16 +88,17 @@ class Walking:
             for total, own in zip(result.parts, found.parts, strict=True):
                 add_to_pixels(total, own, walks.pixel, walks.branch)
 
-    def _in_media(self, paths: CameraPaths, vertex: CameraVertex) -> Walk | None:
+    def _in_media(self, paths: CameraPaths, vertex: CameraVertex, samples: Samples) -> Walk | None:
         """Return the walks that begin in the media of a step of camera paths; None if there are none."""
         media, width = self.emitters.world.media, dr.width(paths.pixel)
-        zeros, lamp = dr.zeros(Float, width), dr.zeros(UInt32, width)
+        zeros, none = dr.zeros(Float, width), dr.zeros(UInt32, width)
+        lamp = self.emitters.choose(samples.single(paths.order, Stream.FOG_FIRST_EMITTER, vertex.name))
         inside = paths.alive & (dr.max(media.scattering(paths.medium)) > 0) & (vertex.end > paths.near)
         inside &= self.within(paths.depth, 2)
         start = paths.origin + paths.near * paths.direction
         scattered = Walk(
             start, paths.direction, paths.medium, inside, dr.minimum(vertex.end, ENDLESS) - paths.near,
-            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, inside, lamp, lamp, zeros, zeros,
+            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, inside, none, lamp, zeros, zeros,
             inside, paths.order, paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(inside, scattered)), None)
@@ -104,12 +106,12 @@ class Walking:
     def _from_surfaces(self, paths: CameraPaths, vertex: CameraVertex, bounce: Bounce) -> Walk | None:
         """Return the walks that begin with these samples of BSDFs; None if there are none."""
         width = dr.width(paths.pixel)
-        zeros, lamp = dr.zeros(Float, width), dr.zeros(UInt32, width)
+        zeros, none = dr.zeros(Float, width), dr.zeros(UInt32, width)
         going = (dr.max(bounce.throughput) > 0) & self.within(paths.depth, 3)
         reflected = Walk(
             bounce.origin, bounce.direction, bounce.medium, ~going, zeros, bounce.throughput,
-            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.place, zeros, ~going, lamp, lamp,
-            bounce.value, zeros, going, paths.order, paths.pixel, paths.branch, vertex.name,
+            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.place, zeros, ~going, none,
+            bounce.lamp, bounce.value, zeros, going, paths.order, paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(going, reflected)), None)
 
@@ -149,11 +151,18 @@ class Walking:
         found = self.emitters.met(walk, hit, factor, on, active, tracking, kept)
         result = (found * walk.throughput).where(dr.max(found.total) > 0)
         vertex = Vertex(world, walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
-        lit = (vertex.scattered | vertex.smooth) & self.within(walk.depth, 2)
+        lit = vertex.scattered | vertex.smooth
+        if self.emitters.balls is not None:
+            fog = going & even(world.media, walk.medium)
+            span = dr.minimum(dr.select(walk.first, walk.length, beyond), ENDLESS)
+            result = result + self._from_fog(vertex, span, fog & self.within(walk.depth, 2), samples, name)
+            lit &= ~(vertex.scattered & fog)
+        lit &= self.within(walk.depth, 2)
         square = dr.squared_norm(vertex.position - walk.place)
         geometry = walk.value * dr.abs(dr.dot(Array3f(hit.n), walk.direction)) * dr.rcp(dr.maximum(square, 1e-30))
         geometry = dr.select(vertex.smooth & (walk.value > 0), geometry, dr.inf)
-        light, chosen = self._direct(vertex, samples, name, lit, geometry)
+        lamp = self.emitters.choose(samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name))
+        light, chosen = self._direct(vertex, lamp, samples, name, lit, geometry)
         if surfaces.photons is not None:
             light = light + surfaces.photons(hit, walk.depth, lit & vertex.smooth)
         if surfaces.virtual is not None:
@@ -162,7 +171,12 @@ class Walking:
                 walk.bounces + 2, samples.bits(walk.order, Stream.PATH_VIRTUAL, *name),
             ))  # fmt: skip
         result = result + light * throughput
-        following, factor, goes = self._onward(vertex, chosen, geometry)
+        if self.emitters.balls is not None:
+            ball = self.emitters.balls(lamp, (vertex.scattered | vertex.smooth) & self.within(walk.depth, 3))
+            pick, u = samples.single(walk.order, Stream.TOWARD, *name), samples.pair(walk.order, Stream.TOWARD, *name)
+            toward = Toward(vertex.position, ball)
+            chosen = aimed(world.media, walk.medium, toward, ball.near, chosen, pick, u, vertex.evaluate)
+        following, factor, goes = self._onward(vertex, chosen, lamp, geometry)
         following.throughput = throughput * factor
         # After a null collision, which only changes the colour, a walk continues straight.
         same = "direction depth counts pdf place inside site lamp value bright first medium"
@@ -201,33 +215,62 @@ class Walking:
             scattered, tinted = dr.select(varying, scatters, scattered), varying & collided & ~scatters
         return dr.minimum(distance, length), weight, scattered, tinted
 
+    def _from_fog(
+        self, vertex: Vertex, length: Float, active: Bool, samples: Samples, name: tuple[Any, ...]
+    ) -> GroupedLight:  # fmt: skip
+        """Return the light of the walks' emitters that homogeneous media scatter at one place of each segment."""
+        walk, media, balls = vertex.walk, self.emitters.world.media, self.emitters.balls
+        assert balls is not None
+        own = (*name, UInt32(Stream.FOG))
+        ball, extinction = balls(walk.lamp, active), channel_mean(media.extinction(walk.medium))
+        near = Equiangular(walk.origin, walk.direction, length, ball)
+        fractions = walk.throughput * dr.rcp(dr.maximum(dr.sum(walk.throughput), 1e-30))
+        # Equiangular distances are dense where the lamp is near, free flights where the fog is still seen.
+        part = dr.select(ball.near, dr.rcp(1 + extinction * near.distance), 0)
+        u = samples.pair(walk.order, Stream.FOG, *name)
+        free, _ = flight(media, walk.medium, UInt32(SCATTERED), fractions, length,
+                         samples.pair(walk.order, Stream.FOG_FLIGHT, *name))  # fmt: skip
+        distance = dr.select(u.x < part, near.sample(u.y), free)
+        flown = scattering_density(media, walk.medium, fractions, length, distance)
+        density = dr.lerp(flown, near.density(distance), part)
+        throughput = walk.throughput * media.scattering(walk.medium) * media.absorbed(walk.medium, distance)
+        throughput *= dr.rcp(dr.maximum(density, 1e-30))
+        place = vertex.inside(walk.origin + distance * walk.direction, active)
+        light = self.emitters.sampled(place, walk.lamp, samples.pair(walk.order, Stream.PATH_EMITTER, *own), active)
+        value, pdf = place.phased(light.direction, light.lit)
+        return self._arriving(place, light, value, pdf, samples, own) * throughput
+
+    def _arriving(
+        self, vertex: Vertex, light: EmitterSample, value: Array3f, pdf: Float, samples: Samples, name: tuple[Any, ...]
+    ) -> GroupedLight:  # fmt: skip
+        """Return what arrives of samples of emitters, times `value`; directions to them have the density `pdf`."""
+        value = value * light.radiance * dr.select(light.pdf > 0, power_heuristic(light.pdf, pdf), 1)
+        useful = light.lit & (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
+        seed = samples.bits(vertex.walk.order, Stream.PATH_SHADOW, *name)
+        passed = self.emitters.passed(vertex, light, seed, useful)
+        return GroupedLight.of(dr.select(useful, value * passed, 0), light.group, len(self.emitters.groups))
+
     def _direct(
-        self, vertex: Vertex, samples: Samples, name: tuple[Any, ...], lit: Bool, geometry: Float
+        self, vertex: Vertex, lamp: UInt32, samples: Samples, name: tuple[Any, ...], lit: Bool, geometry: Float
     ) -> tuple[GroupedLight, DirectionSample]:  # fmt: skip
-        """Return the light of one sample of the emitters that vertices scatter, and a sample of a new direction."""
+        """Return the light of one sample of emitters that vertices scatter, and a sample of a new direction."""
         order = vertex.walk.order
-        light = self.emitters.sampled(vertex, samples, name, lit)
+        light = self.emitters.sampled(vertex, lamp, samples.pair(order, Stream.PATH_EMITTER, *name), lit)
         lobe, turn = samples.single(order, Stream.PATH_LOBE, *name), samples.pair(order, Stream.PATH_TURN, *name)
         value, pdf, chosen = vertex.scattering(light.direction, light.lit, lobe, turn)
         if self.bound is not None:
             bright = geometry * dr.max(value) * dr.rcp(steepness(vertex.hit, light.direction))
             value *= dr.select(light.connected, 1 - weight(bright, self.bound), 1)
-        value = value * light.radiance * dr.select(light.pdf > 0, power_heuristic(light.pdf, pdf), 1)
-        useful = light.lit & (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
-        seed = samples.bits(order, Stream.PATH_SHADOW, *name)
-        passed = self.emitters.passed(vertex, light, seed, useful)
-        brought = dr.select(useful, value * passed, 0)
-        light_of_group = GroupedLight.of(brought, light.group, len(self.emitters.groups))
-        return light_of_group, chosen._replace(lamp=light.lamp)
+        return self._arriving(vertex, light, value, pdf, samples, name), chosen
 
-    def _onward(self, vertex: Vertex, chosen: DirectionSample, geometry: Float) -> tuple[Walk, Array3f, Bool]:
+    def _onward(
+        self, vertex: Vertex, chosen: DirectionSample, lamp: UInt32, geometry: Float
+    ) -> tuple[Walk, Array3f, Bool]:  # fmt: skip
         """Return the walks after their vertices, the weights of their new directions, and which walks continue."""
         walk, hit, media = vertex.walk, vertex.hit, self.emitters.world.media
-        kind, direction = chosen.bsdf.sampled_type, hit.to_world(chosen.bsdf.wo)
-        null = vertex.on_surface & mi.has_flag(kind, mi.BSDFFlags.Null)
-        ideal = vertex.on_surface & mi.has_flag(kind, mi.BSDFFlags.Delta)
+        direction, null = chosen.direction, chosen.null
         following = Walk()
-        following.direction = chosen.direction
+        following.direction = direction
         origin = leaving(hit, direction, self.emitters.world.size)
         following.origin = dr.select(vertex.on_surface, origin, vertex.position)
         following.medium = dr.select(
@@ -237,16 +280,16 @@ class Walking:
         following.depth = walk.depth + dr.select(null, 0, 1)
         following.counts = walk.counts | ~null
         following.place = dr.select(null, walk.place, vertex.position)
-        following.pdf = dr.select(null, walk.pdf, dr.select(ideal, 0, chosen.pdf))
+        following.pdf = dr.select(null, walk.pdf, dr.select(chosen.ideal, 0, chosen.pdf))
         following.inside = dr.select(null, walk.inside, vertex.scattered)
         following.site = dr.select(null, walk.site, vertex.site)
-        own = dr.select(vertex.smooth & (following.pdf > 0), dr.max(chosen.weight) * chosen.pdf, 0)
+        own = dr.select(vertex.smooth & (following.pdf > 0), dr.max(chosen.value), 0)
         following.value = dr.select(null, walk.value, own)
         bright = dr.select(own > 0, geometry * own * dr.rcp(steepness(hit, chosen.direction)), dr.inf)
         following.bright = dr.select(null, walk.bright, bright)
-        following.lamp = dr.select(null, walk.lamp, chosen.lamp)
+        following.lamp = dr.select(null, walk.lamp, lamp)
         factor = chosen.weight
-        good = vertex.scattered | (vertex.on_surface & (chosen.bsdf.pdf > 0))
+        good = vertex.scattered | (vertex.on_surface & (chosen.pdf > 0))
         good &= dr.isfinite(dr.sum(factor)) & self.within(following.depth, 1)
         return following, dr.select(good, factor, 0), good
 
