@@ -380,7 +380,7 @@ def _bounce(
         ball = walked.balls(lamp, smooth)
         pick, u = samples.single(order, Stream.BOUNCE_TOWARD, name), samples.pair(order, Stream.BOUNCE_TOWARD, name)
         toward = Toward(Array3f(hit.p), ball)
-        chosen = aimed(world.media, paths.medium, toward, ball.near, chosen, pick, u, evaluate)
+        chosen = aimed(world.media, paths.medium, toward, ball.near, plain=chosen, pick=pick, u=u, evaluate=evaluate)
     good = smooth & (chosen.pdf > 0) & ~chosen.ideal
     result = Bounce()
     result.origin, result.direction = leaving(hit, chosen.direction, world.size), chosen.direction

@@ -175,7 +175,9 @@ class Walking:
             ball = self.emitters.balls(lamp, (vertex.scattered | vertex.smooth) & self.within(walk.depth, 3))
             pick, u = samples.single(walk.order, Stream.TOWARD, *name), samples.pair(walk.order, Stream.TOWARD, *name)
             toward = Toward(vertex.position, ball)
-            chosen = aimed(world.media, walk.medium, toward, ball.near, chosen, pick, u, vertex.evaluate)
+            chosen = aimed(
+                world.media, walk.medium, toward, ball.near, plain=chosen, pick=pick, u=u, evaluate=vertex.evaluate
+            )  # fmt: skip
         following, factor, goes = self._onward(vertex, chosen, lamp, geometry)
         following.throughput = throughput * factor
         # After a null collision, which only changes the colour, a walk continues straight.
