@@ -280,3 +280,20 @@ def test_pictures_within_other_integrators_are_not_denoised(parameters):
     with pytest.raises(RuntimeError) as refused:
         mi.render(scene(), integrator=nested, spp=1)
     assert "denoise and error need the whole picture" in str(refused.value.__cause__)
+
+
+@pytest.mark.parametrize("bsdf", [{"type": "diffuse"}, {"type": "null"}], ids=["diffuse", "null"])
+def test_lamps_on_surfaces_that_let_light_pass_light_as_others_do(bsdf):
+    """A square lamp of radiance 1 and half width 1, at half its width above a white floor: its form factor."""
+    down = mi.ScalarTransform4f().translate([0, 0, 0.5]).rotate([1, 0, 0], 180)
+    area = {"type": "area", "radiance": rgb(1.0)}
+    lamp = {"type": "rectangle", "to_world": down, "bsdf": bsdf, "emitter": area}
+    white = {"type": "diffuse", "reflectance": rgb(1.0)}
+    floor = {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(10), "bsdf": white}
+    sensor = {
+        "type": "orthographic", "near_clip": 1e-3, "film": {**camera(size=8)["film"]},
+        "to_world": mi.ScalarTransform4f().look_at([0, 0, 0.2], [0, 0, 0], [0, 1, 0]).scale([0.01, 0.01, 1]),
+    }  # fmt: skip
+    found = picture(load(floor=floor, lamp=lamp, sensor=sensor), spp=64, max_depth=2)
+    side = 2 / np.sqrt(5)  # of half the width and the diagonal to the middle of an edge
+    assert found.mean() == pytest.approx(4 / np.pi * side * np.arctan(side), rel=0.01)

@@ -444,3 +444,12 @@ def test_another_image_and_another_link_compile_nothing(links):
 
     frame(0, (6, 8))
     assert not compiled(frame, 1, (9, 5))
+
+
+def test_a_black_image_of_a_sky_takes_no_light_from_lamps():
+    dark = scene.DomeLight("/sky", (0.0, 0.0, 0.0), image=np.ones((2, 4, 3), dtype=np.float32))
+    with_sky, alone = (render(built([FLOOR], *lights), *rays([0, 3, 4], [0, 0, 0]), passes=256)[0]
+                       for lights in ((LAMP_ABOVE, dark), (LAMP_ABOVE,)))  # fmt: skip
+    assert alone.min() > 0
+    # The sky only takes samples of its own: the lamp has the same ones.
+    np.testing.assert_allclose(with_sky, alone, rtol=1e-5)

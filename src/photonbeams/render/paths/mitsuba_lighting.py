@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
+from ...numerics.arrays import to_uint
 from ...numerics.grouped import GroupedLight
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.groups import GroupedEmitters
-from ...world.emitters.mitsuba_scene import emitter_number
+from ...world.emitters.mitsuba_scene import by_emitter, emitter_number
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.media.visibility import through
 from ...world.shadow_rays import leaving, to_point
@@ -35,7 +36,12 @@ class MitsubaLighting:
 
     def __init__(self, world: World, portal: EnvironmentPortal | None = None) -> None:
         self._world, self._portal = world, portal
-        self._visible = any(not mi.has_flag(each.flags(), mi.EmitterFlags.Delta) for each in world.plugin.emitters())
+        emitters = world.plugin.emitters()
+        self._visible = any(not mi.has_flag(each.flags(), mi.EmitterFlags.Delta) for each in emitters)
+        shapes = [each.get_shape() for each in emitters]
+        passed = [shape is not None and mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.Null) for shape in shapes]
+        # Samples of BSDFs go on past surfaces with null lobes, so that emitters there are met by samples of them alone.
+        self._passed = to_uint(by_emitter(world.plugin, range(len(emitters)), passed)) if any(passed) else None
         self._groups = GroupedEmitters(world, world.groups)
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> GroupedLight:
@@ -60,7 +66,10 @@ class MitsubaLighting:
             light, radiance = self._portal.sampled(Array3f(hit.p), light, radiance, aim, self._portal.chosen)
         lit = active & (light.pdf > 0)
         value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
-        weight = dr.select(light.delta, 1, power_heuristic(light.pdf, pdf))
+        alone = light.delta
+        if self._passed is not None:
+            alone |= dr.gather(UInt32, self._passed, emitter_number(light.emitter), lit) > 0
+        weight = dr.select(alone, 1, power_heuristic(light.pdf, pdf))
         colors = _colors(self._world, light.emitter, Array3f(hit.p), Array3f(light.d), light.dist, site)
         value = rgb(value) * radiance * colors * weight
         lit &= dr.max(value) > 0

@@ -29,14 +29,13 @@ class DomeLamp(MitsubaEmitter):
     @classmethod
     def of(cls, light: scene.DomeLight, *_: object) -> DomeLamp:
         """Return the light's environment."""
-        radiance = np.asarray(light.radiance, dtype=np.float64)
-        if light.image is None:
-            return cls(
-                mi.load_dict({"type": "constant", "radiance": {"type": "rgb", "value": [float(c) for c in radiance]}})
-            )
+        image = np.ones((1, 1, 3)) if light.image is None else np.asarray(light.image)[..., :3]
+        pixels = np.ascontiguousarray(image * np.asarray(light.radiance, dtype=np.float64), dtype=np.float32)
+        if light.image is None or not pixels.any():  # a black image cannot be sampled by its brightness
+            value = [float(each) for each in pixels[0, 0]]
+            return cls(mi.load_dict({"type": "constant", "radiance": {"type": "rgb", "value": value}}))
         to_world = np.eye(4)
         to_world[:3, :3] = light.to_world
-        pixels = np.ascontiguousarray(np.asarray(light.image)[..., :3] * radiance, dtype=np.float32)
         transform = mi.ScalarTransform4f(to_world)
         return cls(mi.load_dict({"type": "envmap", "bitmap": mi.Bitmap(pixels), "to_world": transform}))
 
