@@ -57,7 +57,7 @@ def test_skies_light_the_ground_as_in_cycles(told):
 def test_the_brightest_meshes_that_glow_are_lamps(told):
     (found,) = told["glow"]
     assert found["lamps"] == [f"/Objects/Cube{k}" for k in (1, 2, 3, 4, 5, 6, 7, 9)]
-    assert found["said"] == ["10 meshes glow: the 8 brightest make beams"]
+    assert found["said"] == ["10 meshes glow: the 8 brightest are lamps"]
     assert found["unseen"] and "MeshLightAPI" not in found["apis"]
 
 

@@ -170,7 +170,7 @@ def layer_names(description: scene.Scene) -> list[str]:
 def groups_of(description: scene.Scene) -> dict[str, str]:
     """Return the layer of each light group of the shot."""
     groups = {light.group for light in description.lights if light.emits_beams or light.group}
-    groups |= {light.group for light in description.sky} | {light.group for light in description.glowing if light.group}
+    groups |= {light.group for light in description.sky}
     return group_layers(groups | {drawn.group for drawn in description.drawn} | description.groups)
 
 

@@ -12,7 +12,7 @@ from .scene import Scene
 
 T = TypeVar("T")
 
-_PRIMS = ("meshes", "lights", "drawn", "media", "glowing")  # fields of scenes
+_PRIMS = ("meshes", "lights", "drawn", "media")  # fields of scenes
 _ROUNDING = 1e-9  # relative error of float64 positions between two keys of the same value
 
 

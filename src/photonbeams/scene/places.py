@@ -32,7 +32,7 @@ ZERO: Point = (0.0, 0.0, 0.0)
 _POINTS = {"points", "center", "start", "end", "side", "guides", "zero"}
 _TRANSFORMS = {"frame", "to_world"}
 _PARTS = {
-    *("meshes", "lights", "drawn", "media", "glowing", "portal", "mesh", "filters"),
+    *("meshes", "lights", "drawn", "media", "portal", "mesh", "filters"),
     *("grid", "scattering_color", "emission", "density"),
 }
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from .beams import DrawnBeams
 from .checks import Array, SceneError
 from .light import Light
-from .lights import DomeLight, MeshLight
+from .lights import DomeLight
 from .media import Medium
 from .places import ZERO, Point
 from .surfaces import Mesh
@@ -33,15 +33,13 @@ class Scene:
     groups
         Light groups that make beams at other times of the shot: a frame has a layer for each of these, too, and it is
         black while nothing of the group shines. Default: none.
-    glowing
-        Meshes that glow as lamps, `MeshLight` with `surface`, which shine where light bounces. Default: none.
     zero
         (x, y, z) where the user's coordinates begin, in a scene that was moved: see `scene.places`. Default: at 0.
 
     Raises
     ------
     SceneError
-        Something among meshes, lights, drawn beams, media or glowing meshes that is of another class.
+        Something among meshes, lights, drawn beams or media that is of another class.
 
     Examples
     --------
@@ -60,11 +58,10 @@ class Scene:
     media: tuple[Medium, ...] = ()
     bounds: tuple[Array, float] | None = None
     groups: frozenset[str] = frozenset()
-    glowing: tuple[MeshLight, ...] = ()
     zero: Point = ZERO
 
     def __post_init__(self) -> None:
-        kinds = {"meshes": Mesh, "lights": Light, "drawn": DrawnBeams, "media": Medium, "glowing": MeshLight}
+        kinds = {"meshes": Mesh, "lights": Light, "drawn": DrawnBeams, "media": Medium}
         for name, kind in kinds.items():
             given = getattr(self, name)
             parts = tuple(given) if isinstance(given, Iterable) else (given,)
@@ -97,10 +94,6 @@ class Scene:
         """The most bounces, scattering events before the one toward the camera, that a light or a medium asks for."""
         own = [light.bounces for light in self.lights] + [medium.bounces for medium in self.media]
         return max((each for each in own if each is not None), default=0)
-
-    def bouncing(self) -> Scene:
-        """Return the scene in which what glows is a light like all others."""
-        return replace(self, lights=(*self.lights, *self.glowing), glowing=()) if self.glowing else self
 
     def looks(self) -> dict[str, Look | None]:
         """Return the looks of lights and drawn beams by their names."""

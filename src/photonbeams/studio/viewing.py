@@ -286,7 +286,7 @@ def alone(content: Scene, shining: Sequence[str]) -> Scene:
     """Return a scene in which only these lights and drawn beams shine."""
     lights = [each if each.name in shining else replace(each, radiance=BLACK) for each in content.lights]
     drawn = [each for each in content.drawn if each.name in shining]
-    return replace(content, lights=tuple(lights), drawn=tuple(drawn), glowing=())
+    return replace(content, lights=tuple(lights), drawn=tuple(drawn))
 
 
 def between(cameras: Sequence[Camera]) -> Camera:

@@ -12,7 +12,7 @@ import numpy as np
 from ..scene import Array, DrawnBeams, Light, Medium, Mesh, MeshLight, Scene
 from .common.color_spaces import spaces_of
 from .common.openusd import Usd, UsdGeom
-from .common.reading import Cache, Reading, Time, prims_under, quiet, target_paths
+from .common.reading import Cache, Reading, Time, quiet, target_paths
 from .common.warnings import Warnings
 from .geometry.instancers import Item, items
 from .geometry.meshes import in_prototype, is_surface, read_meshes, tessellation
@@ -131,12 +131,7 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
         path = item.prim.GetPath()
         if path not in portals and (path not in guides or is_drawn(item.prim)):
             reading.attempt(item.prim, partial(_collect, reading, item, contents), None, "it is skipped")
-    glowing: list[MeshLight] = []
-    if contents.glowing and not _has_light(reading):
-        _light_by_glow(reading, contents)
-    elif contents.glowing:
-        text = "glows, but lights nothing: only the {} brightest surfaces that glow light others where light bounces"
-        glowing = [replace(light, emits_beams=False) for _, light in _lamps_that_glow(reading, contents, text)]
+    contents.lights += _lamps_that_glow(reading, contents)
     _keep_one_filling(reading, contents)
     media = [medium.name for _, medium in contents.media]
 
@@ -153,32 +148,17 @@ def _read_scene(reading: Reading, outlines: bool) -> Scene:
         tuple(with_links(prim, light) for prim, light in contents.lights),
         tuple(contents.drawn),
         tuple(medium for _, medium in contents.media),
-        glowing=tuple(glowing),
     )
 
 
-def _has_light(reading: Reading) -> bool:
-    """Return whether a stage has a light or drawn beams, also hidden ones: films do not change when one is hidden."""
-    drawn = (each for each in prims_under(reading.stage.GetPseudoRoot()) if is_light(each) or is_drawn(each))
-    return next(drawn, None) is not None
-
-
-def _light_by_glow(reading: Reading, contents: _Contents) -> None:
-    """Make lamps of the brightest surfaces that glow, on a stage without a light or drawn beams."""
-    others = "glows, but lights nothing: the stage has no light, and only the {} brightest surfaces are lamps"
-    for prim, light in _lamps_that_glow(reading, contents, others):
-        contents.lights.append((prim, light))
-        text = "glows and lights the scene, because the stage has no light: photonbeams:enabled = 1 on it means the"
-        reading.warn(prim, f"{text} same, and 0 leaves the scene dark")
-
-
-def _lamps_that_glow(reading: Reading, contents: _Contents, others: str) -> Iterator[tuple[Usd.Prim, MeshLight]]:
-    """Yield the brightest surfaces that glow as lamps, with their prims; `others` is the warning about the rest."""
+def _lamps_that_glow(reading: Reading, contents: _Contents) -> Iterator[tuple[Usd.Prim, MeshLight]]:
+    """Yield the brightest surfaces that glow as lamps, with their prims; warn of the rest."""
     ranked = sorted(contents.glowing, key=lambda each: -glowing_power(each[1]))
     names = {item.name for item, _ in ranked[:_MOST_GLOWING]}
     for item, meshes in contents.glowing:
         if item.name not in names:
-            reading.warn(item.prim, others.format(_MOST_GLOWING))
+            others = f"glows, but lights nothing: only the {_MOST_GLOWING} brightest such surfaces are lamps"
+            reading.warn(item.prim, others)
             continue
         read = partial(read_light, reading, item.prim, item.to_world, item.name, meshes)
         light = reading.attempt(item.prim, read, None, "it does not shine")

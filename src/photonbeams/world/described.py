@@ -87,7 +87,6 @@ def world_of_scene(
         A portal has no area.
     """
     given = description
-    description = description.bouncing() if sharp else description
     known: KeptParts | None = None if like is None else like.parts
     center, radius = description.bounds or bounding_sphere([description], viewpoints)
     description = _within(description, (center, radius), known)
@@ -170,7 +169,7 @@ def _with_boundaries(
 
 def _glow(description: scene.Scene) -> dict[str, str]:
     """Return the light groups of surfaces that glow, by the names of meshes; without those of the unnamed group."""
-    lights = (each for each in (*description.lights, *description.glowing) if isinstance(each, scene.MeshLight))
+    lights = (each for each in description.lights if isinstance(each, scene.MeshLight))
     return {each.name: each.group for each in lights if each.surface and each.group}
 
 

@@ -295,8 +295,8 @@ def Camera "Camera" {{
 """
 
 
-def test_a_screen_lights_the_room_where_light_bounces(tmp_path):
-    """As a lamp that is asked for does; 0 keeps it from that, and without bounces only the screen itself is seen."""
+def test_a_screen_lights_the_room(tmp_path):
+    """As a lamp that is asked for does, with and without bounces; 0 keeps it from that."""
     mean = {}
     kinds = {"glows": "", "lamp": "bool photonbeams:enabled = 1", "none": "bool photonbeams:enabled = 0"}
     for name, told in kinds.items():
@@ -305,5 +305,6 @@ def test_a_screen_lights_the_room_where_light_bounces(tmp_path):
         for depth in (2, 4):
             layers = pb.Shot.open(path).render(passes=8, width=96, height=54, max_depth=depth).layers
             mean[name, depth] = float(layers["surface"][36:].mean())  # the floor
-    assert mean["none", 2] == mean["none", 4] == mean["glows", 2] == 0
-    assert mean["glows", 4] == pytest.approx(mean["lamp", 4], rel=0.02) and mean["lamp", 4] > 0.05
+    assert mean["none", 2] == mean["none", 4] == 0
+    assert mean["glows", 2] == mean["lamp", 2] > 0.05
+    assert mean["glows", 4] == mean["lamp", 4] > mean["lamp", 2]

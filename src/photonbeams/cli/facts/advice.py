@@ -50,7 +50,7 @@ def _of_lights(stage: Usd.Stage, time: Usd.TimeCode, survey: Survey) -> Iterator
 
     scene = survey.scene
     lent = [each.name for each in scene.lights if each.name in LIGHTS]
-    if lent or not (scene.lights or scene.drawn or scene.glowing):
+    if lent or not (scene.lights or scene.drawn):
         hidden = hidden_lights(stage, time)
         if hidden:
             yield "all lights are hidden", _set(hidden[0], "visibility", "inherited")

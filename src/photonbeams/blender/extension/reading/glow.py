@@ -1,4 +1,4 @@
-"""Meshes that glow are lamps, as in Blender: the brightest make beams, the others light what is near them."""
+"""Meshes that glow are lamps, as in Blender: the brightest of them."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class GlowingMeshes:
             self._flux.append((float(np.mean(flux)), prim))
 
     def enable(self) -> None:
-        """Make lamps of the brightest meshes; the others light only where light bounces."""
+        """Make lamps of the brightest meshes; the others light nothing."""
         ranked = sorted(self._flux, key=lambda each: -each[0])
-        for _, prim in ranked[:_MOST]:
-            prim["values"][_TOKEN] = ["bool", True]
+        for rank, (_, prim) in enumerate(ranked):
+            prim["values"][_TOKEN] = ["bool", rank < _MOST]
         if len(ranked) > _MOST:
-            self._told(f"{len(ranked)} meshes glow: the {_MOST} brightest make beams")
+            self._told(f"{len(ranked)} meshes glow: the {_MOST} brightest are lamps")
 
 
 def areas(values: dict[str, Any], faces: dict[int, Any], matrix: Any) -> dict[int, float]:
