@@ -38,7 +38,7 @@ def of_beams(records: float, beams: float, pixels: int, coarse: float = 0.0) -> 
 
 
 def surface_samples(paths: int, pixels: int, walked: bool = False) -> int:
-    """Return how many samples of surfaces each pixel has in a pass of this many light `paths`, a power of two.
+    """Return how many samples of surfaces each pixel has in a pass of this many light `paths`: the nearest power of two.
 
     Without light paths it is one: then a pass costs no more than a sample. `walked` says whether walks begin there.
     """
@@ -46,7 +46,7 @@ def surface_samples(paths: int, pixels: int, walked: bool = False) -> int:
         return 1
     share = _SHARE_WALKED if walked else _SHARE
     affordable = share * of_beams(_RECORDS * paths, _RECORDS * paths, pixels) / (of_sample(walked) * pixels)
-    return power_below(int(min(affordable, _MOST)))
+    return power_below(int(min(2**0.5 * affordable, _MOST)))
 
 
 def power_below(most: int) -> int:
