@@ -249,8 +249,9 @@ def model(folder: Path) -> Path:
     set_pieces(stage, random)
     for fixture in fixtures():
         hang(stage, fixture)
-    fill = define(stage, "/World/HouseLights", "DomeLight", "What is left of the house lights, on surfaces alone.")
-    author(fill, {"inputs:color": Gf.Vec3f(0.4, 0.5, 1.0), "inputs:intensity": 0.25})
+    doc = "What is left of the house lights, on surfaces alone."
+    fill = define(stage, "/World/HouseLights", "DomeLight", doc, "PhotonBeamsLightAPI")
+    author(fill, {"inputs:color": Gf.Vec3f(0.4, 0.5, 1.0), "inputs:intensity": 0.25, "photonbeams:enabled": False})
     haze_and_looks(stage)
     render_settings(stage, "/World/Camera")
     return save(stage, folder / "concert.usda")

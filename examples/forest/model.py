@@ -244,8 +244,9 @@ def lights(stage: Usd.Stage) -> None:
         },
     )
     UsdGeom.Xformable(sky).AddTransformOp().Set(aimed((0, 20, -20), (2, 0, -14)))
-    fill = define(stage, "/World/Light/Fill", "DomeLight", "The sky on leaves and ground, and between the last trunks.")
-    author(fill, {"inputs:color": Gf.Vec3f(0.62, 0.8, 0.78), "inputs:intensity": 0.05})
+    doc = "The sky on leaves and ground, and between the last trunks."
+    fill = define(stage, "/World/Light/Fill", "DomeLight", doc, "PhotonBeamsLightAPI")
+    author(fill, {"inputs:color": Gf.Vec3f(0.62, 0.8, 0.78), "inputs:intensity": 0.05, "photonbeams:enabled": False})
 
 
 def mist_and_looks(stage: Usd.Stage) -> None:

@@ -277,6 +277,7 @@ def lights(stage: Usd.Stage) -> None:
     fill.GetPrim().SetDocumentation("The night sky over the roofless room, so that the dark is not black.")
     fill.CreateIntensityAttr(0.2)
     fill.CreateColorAttr(Gf.Vec3f(0.45, 0.62, 1.0))
+    fill.GetPrim().CreateAttribute("photonbeams:enabled", Sdf.ValueTypeNames.Bool, False).Set(False)
     hole = keyhole_outline(NECK, HEIGHT)
     count = len(hole)
     points = np.column_stack([np.concatenate([[NECK], hole]), np.full(count + 1, middle[2])])

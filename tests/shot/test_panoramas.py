@@ -5,7 +5,7 @@ import pytest
 
 import photonbeams as pb
 
-# A room of six walls that glow in six colours and light nothing, with an endless fog and a drawn beam that passes the camera.
+# A room of six walls that glow in six colours and light nothing, with an endless fog and a beam that passes the camera.
 SIDES = {"Front": (0, 0, -1), "Back": (0, 0, 1), "Right": (1, 0, 0), "Left": (-1, 0, 0), "Up": (0, 1, 0),
          "Down": (0, -1, 0)}  # fmt: skip
 COLORS = {"Front": (1, 0, 0), "Back": (0, 1, 0), "Right": (0, 0, 1), "Left": (1, 1, 0), "Up": (0, 1, 1),

@@ -50,7 +50,7 @@ def test_a_group_that_changes_counts_as_all_that_it_is(usd):
 
 def test_what_can_make_no_beams_has_no_group(usd):
     fog = 'def Scope "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) { }\n'
-    dome = light("dome", kind="DomeLight") + light("sky", "bool photonbeams:enabled = 1", "DomeLight")
+    dome = light("dome", "bool photonbeams:enabled = 0", "DomeLight") + light("sky", kind="DomeLight")
     tube = light("tube", kind="PluginLight")
     linked = light("linked", "rel collection:lightLink:excludes = </Fog>")
     assert groups_at_all_times(usd(fog + dome + tube + linked)) == {"sky"}

@@ -38,7 +38,7 @@ def of_beams(records: float, beams: float, pixels: int, coarse: float = 0.0) -> 
 
 
 def surface_samples(paths: int, pixels: int, walked: bool = False) -> int:
-    """Return how many samples of surfaces each pixel has in a pass of this many light `paths`: the nearest power of two.
+    """Return how many samples of surfaces a pixel has in a pass of this many light `paths`: the nearest power of two.
 
     Without light paths it is one: then a pass costs no more than a sample. `walked` says whether walks begin there.
     """

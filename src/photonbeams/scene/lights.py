@@ -287,8 +287,7 @@ class DomeLight(Light):
     to_world
         (3, 3) rotation from local to world directions, for column vectors. Default: the identity.
     lights_media
-        Whether the dome lights media without beams, by samples along camera paths: those with `Medium.lit_by_domes`.
-        Default False.
+        Whether the dome lights media without beams, by samples along camera paths. Default False.
 
     Other attributes are those of `Light` and of `BeamSettings`.
 

@@ -103,8 +103,6 @@ class Medium:
     emission
         The radiance that it emits per scene unit, which only cameras see: on a grid a grid, else a colour. Default:
         None, no emission.
-    lit_by_domes
-        Whether dome lights that make no beams light the medium: see `scene.DomeLight.lights_media`. Default: False.
     density
         A factor on the coefficients that falls with height, or has wisps: a `scene.FogDensity`. A medium without a
         mesh then ends at a box around the scene. Default: None, 1 everywhere.
@@ -144,7 +142,6 @@ class Medium:
     bounces: int | None = None
     scattering_color: DensityGrid | None = None
     emission: Color | DensityGrid | None = None
-    lit_by_domes: bool = False
     density: FogDensity | None = None
 
     if TYPE_CHECKING:  # the generated one would take only what the fields hold
@@ -161,7 +158,6 @@ class Medium:
             bounces: int | None = None,
             scattering_color: DensityGrid | None = None,
             emission: ColorLike | DensityGrid | None = None,
-            lit_by_domes: bool = False,
             density: FogDensity | None = None,
         ) -> None: ...
 

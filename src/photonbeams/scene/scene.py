@@ -84,7 +84,7 @@ class Scene:
     @property
     def sky(self) -> tuple[DomeLight, ...]:
         """The domes that light media without making beams."""
-        if not any(medium.lit_by_domes for medium in self.media):
+        if not self.media:
             return ()
         domes = (light for light in self.lights if isinstance(light, DomeLight) and light.lights_media)
         return tuple(light for light in domes if max(light.radiance) > 0)

@@ -57,7 +57,7 @@ def lit(reading: Reading, content: Scene, camera: Camera) -> Scene:
     """
     from ..render.stage_frame import is_unlit
 
-    shown = content.meshes or any(medium.lit_by_domes for medium in content.media)
+    shown = content.meshes or content.media
     in_memory = reading.stage.GetRootLayer().anonymous
     if in_memory or not (shown and is_unlit(content)) or hidden_lights(reading.stage, reading.time):
         return content

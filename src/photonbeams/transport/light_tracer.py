@@ -266,8 +266,7 @@ class LightTracer:
             )
             for source in self.sources
             for medium in self.world.media.all
-            if self._shown(source, medium)
-            and (source.beams or (source.scattered_beams and medium.number in self.world.lit_by_domes))
+            if self._shown(source, medium) and (source.beams or source.scattered_beams)
         ]
 
     def _shown(self, source: Source, medium: RenderedMedium) -> bool:

@@ -117,7 +117,7 @@ def wanted(world: World, emitter: Emitter, tuning: Tuning) -> Counts:
     own, scatters = emitter.beams, tuning.scatters
     visible = own.emits_beams and (not tuning.visible or world.hazy or own.look is not None)
     lighting = scatters and tuning.surfaces and own.lights_surfaces and own.shines
-    scattered = scatters and own.lights_media and own.shines and bool(world.lit_by_domes)
+    scattered = scatters and own.lights_media and own.shines and world.hazy
     result = Counts.NOTHING
     if visible or scattered:
         result |= Counts.BEAMS | Counts.CAUSTIC_BEAMS

@@ -13,7 +13,7 @@ from .geometry.instancers import shown_in_prototype
 from .lights.curves import is_drawn
 from .lights.light import is_light, is_sky, makes_beams
 from .lights.links import lights_media
-from .media.medium import is_lit_by_domes, is_medium
+from .media.medium import is_medium
 
 
 def groups_at_all_times(stage: Usd.Stage) -> frozenset[str]:
@@ -112,6 +112,6 @@ def _makers(root: Usd.Prim, instancer: _Maker | None = None) -> Iterator[_Maker]
 
 def _makes_beams(reading: Reading, prim: Usd.Prim, media: Sequence[Usd.Prim]) -> bool:
     if is_light(prim):
-        makes = makes_beams(reading, prim) or (is_sky(prim) and any(is_lit_by_domes(reading, each) for each in media))
+        makes = makes_beams(reading, prim) or (is_sky(prim) and bool(media))
         return makes and lights_media(reading, prim, [str(each.GetPath()) for each in media])
     return bool(prim.GetAttribute("points").HasAuthoredValue())

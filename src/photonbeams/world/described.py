@@ -126,7 +126,6 @@ def world_of_scene(
         boxes=content.boxes,
         sizes={own: 0.5 * float(np.linalg.norm(high - low)) for own, (low, high) in content.boxes.items()},
         reentrant=content.reentrant,
-        lit_by_domes=frozenset(numbers[each.name] for each in description.media if each.lit_by_domes),
         sky=[number for number, each in enumerate(emitters) if id(each.beams) in sky],
         numbers=numbers,
         drawn=description.drawn,

@@ -93,10 +93,10 @@ class World:
         Boxes around media, by number, beside which light straight from lamps makes beams: see `transport.fringes`.
     sizes
         Radius of each medium, by number; a medium without an entry has the world's.
-    reentrant, lit_by_domes
-        Numbers of the media that a line may leave and enter again; and of those that domes light without beams.
+    reentrant
+        Numbers of the media that a line may leave and enter again.
     sky
-        Numbers of the environments that light those.
+        Numbers of the environments that light media without beams.
     numbers
         Numbers of the media by name, which may be others at another time; media without a name have none.
     drawn
@@ -140,7 +140,6 @@ class World:
     boxes: Mapping[int, Box] = field(default_factory=dict)
     sizes: Mapping[int, float] = field(default_factory=dict)
     reentrant: Collection[int] = frozenset()
-    lit_by_domes: Collection[int] = frozenset()
     sky: Sequence[int] = ()
     numbers: Mapping[str, int] = field(default_factory=dict)
     drawn: Sequence[DrawnBeams] = ()

@@ -21,10 +21,10 @@ def slab(varying, **given):
     """Return a slab of height 1, homogeneous or in layers, that is lit by dome lights."""
     numbers = {"scattering": tuple(SCATTERING), "absorption": tuple(ABSORPTION), "name": "/smoke", **given}
     if not varying:
-        return scene.Medium(mesh=box("/smoke", (-WIDE, 0, -WIDE), (WIDE, 1, WIDE)), lit_by_domes=True, **numbers)
+        return scene.Medium(mesh=box("/smoke", (-WIDE, 0, -WIDE), (WIDE, 1, WIDE)), **numbers)
     place = np.diag([2 * WIDE, 1, 2 * WIDE, 1])
     place[:3, 3] = -WIDE, 0, -WIDE
-    return scene.Medium(grid=scene.DensityGrid(LAYERS[None, :, None], place), lit_by_domes=True, **numbers)
+    return scene.Medium(grid=scene.DensityGrid(LAYERS[None, :, None], place), **numbers)
 
 
 def scattered_once(varying):
@@ -55,6 +55,23 @@ def test_a_slab_under_an_even_sky_is_lit_as_exponential_integrals_say(varying):
     assert np.all(error < 0.02 * found.mean(axis=0))
 
 
+@pytest.mark.parametrize("sky", [SKY_ALONE, scene.DomeLight("/sky", SKY)], ids=["sampled", "beams"])
+def test_endless_fog_is_lit_by_the_sky_from_the_bounds_on(sky):
+    """At the distance s from the middle of bounds of radius R, E = L exp(−σt R) sinh(σt s) / (σt s) arrives.
+
+    Light begins in planes that touch the bounds, so it comes from a direction at the angle θ through R − s cos θ.
+    """
+    radius, fog = 5.0, scene.Medium(0.06, 0.04)
+    camera = scene.Camera.look_at((0, 0, 0), (0, 0, -1), up=(0, 1, 0), fov=2, aspect=1)
+    shot = Shot(scene.Scene(lights=[sky], media=[fog], bounds=(np.zeros(3), radius)), camera)
+    found = shot.render(passes=4, width=16, height=16, guiding=False).layers["beams"].reshape(-1, 3)
+    s = radius * (np.arange(10_000) + 0.5) / 10_000
+    arriving = np.exp(-0.1 * radius) * np.sinh(0.1 * s) / (0.1 * s)
+    right = np.array(SKY) * 0.06 * radius * (np.exp(-0.1 * s) * arriving).mean()
+    # Beams as wide as most of the bounds blur: see below.
+    assert found.mean(axis=0) == pytest.approx(right, rel=0.01 if sky is SKY_ALONE else 0.1)
+
+
 @pytest.mark.parametrize("varying", [False, True])
 def test_beams_of_an_even_sky_fade_as_its_light_does_in_a_cube(varying):
     """Beams of the sky's usual width, 0.9 of half the cube, would let 14 % too much light into the middle.
@@ -82,9 +99,7 @@ def test_the_light_that_domes_scatter_in_smoke_is_in_the_beams_of_their_group():
     # A cube of albedo 1 in a furnace is as bright as the sky. Scattered beams carry a tenth of its light (9 % are
     # missing without them). They are at most a twentieth of the cube's radius wide and reach out of it by no more on
     # either side, so at most a tenth of that tenth is lost. Light beyond ten bounces is below 0.1 %.
-    cube = scene.Medium(
-        (0.5, 0.5, 0.5), mesh=box("/m", (-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)), name="/m", lit_by_domes=True
-    )
+    cube = scene.Medium((0.5, 0.5, 0.5), mesh=box("/m", (-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)), name="/m")
     sky = replace(SKY_ALONE, radiance=(1.0, 1.0, 1.0), group="sky")
     camera = scene.Camera.look_at((0, 0.3, 3), (0, 0, 0), fov=8, aspect=1)
     layers = Shot(scene.Scene(lights=[sky], media=[cube]), camera).render(

@@ -27,7 +27,7 @@ WISPS = """
 def test_a_fog_falls_with_height_and_has_wisps(scene, usd, caplog):
     found = scene(f'def Scope "F" {API} {{\n{SHAPED}{WISPS}\n}}').medium
     assert found.density == FogDensity(1.5, -0.5, FogNoise(0.5, 3, 2, 1, (1, 2, 3), 0.25))
-    stage = usd(f'def Scope "F" {API} {{\n{SHAPED}{WISPS}\n}}\ndef Camera "C" {{\n}}')
+    stage = usd(f'def Scope "F" {API} {{\n{SHAPED}{WISPS}\n}}\ndef Camera "C" {{\n}}\ndef DomeLight "L" {{\n}}')
     density = Shot(stage).read(36)[0].media[0].density
     assert (density.up, density.seconds) == ("Y", 1.5)  # of 24 frames
     assert scene(f'def Cube "F" {API} {{\ncolor3f photonbeams:scattering = (1, 1, 1)\n}}').medium.density is None

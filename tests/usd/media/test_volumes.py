@@ -149,10 +149,11 @@ def shader(kind, *inputs, context=""):
         ("rel collection:lightLink:excludes = </V>", False),
     ],
 )
-def test_domes_light_volumes_unless_they_say_what_they_do(scene, smoke, dome, lit):
+def test_domes_light_fog_unless_they_say_what_they_do(scene, smoke, dome, lit):
     text = f'def DomeLight "Sky" {{\n{dome}\n}}\n'
-    assert [light.name for light in scene(smoke + text).sky] == ["/Sky"] * lit
-    assert not scene(f'def Scope "Fog" {API} {{\n{FOG}\n}}\n' + text).sky
+    for fog in (smoke, f'def Scope "V" {API} {{\n{FOG}\n}}\n'):
+        assert [light.name for light in scene(fog + text).sky] == ["/Sky"] * lit
+    assert not scene(text).sky
 
 
 def test_a_volume_is_a_medium_as_other_renderers_show_it(scene, smoke, caplog):

@@ -175,7 +175,7 @@ def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
 
 
 def _light_row(light: Light) -> tuple[str, ...]:
-    beams = "none, but lights volumes" if getattr(light, "lights_media", False) else "none"
+    beams = "none, but lights fog" if getattr(light, "lights_media", False) else "none"
     if light.emits_beams:
         beams = f"{DEFAULT_BEAMS if light.beam_count is None else light.beam_count:,}"
         beams += "" if light.beam_scale == 1.0 else f", x {light.beam_scale:g}"

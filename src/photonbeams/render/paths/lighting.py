@@ -166,6 +166,10 @@ class LitPoints:
         """Return the shadow rays to light at a distance, which may be infinite."""
         return to_lamp(self.reference, direction, distance, self.size)
 
+    def dimmed_over(self, direction: Array3f, distance: Float) -> Float:
+        """Return the distance over which media dim light from a `distance`."""
+        return distance
+
     def sees(self, world: World, met: Bool, distance: Float) -> Array3f:
         """Return what surfaces let through to samples that meet a light, at this distance."""
         # Small lights are met seldom. The seed is that of `open`: a cut-out that lets one ray through lets the other.
@@ -262,7 +266,8 @@ def scattered(world: World, reflection: LitPoints, light: Any, names: tuple[Any,
     seed = point.samples.bits(point.order, *stream)
     left = reflection.left(world.solids.passed(ray.origin, ray.direction, reach, useful, seed), useful)
     shown = useful & (dr.max(left) > 0)
-    dimming = world.dimming(ray.origin, sample.direction, sample.distance, medium, seed, shown)
+    over = reflection.dimmed_over(sample.direction, sample.distance)
+    dimming = world.dimming(ray.origin, sample.direction, over, medium, seed, shown)
     result = dr.select(shown, value * dimming * left, 0)
 
     found = light.see(place, reflection.direction)
@@ -271,6 +276,7 @@ def scattered(world: World, reflection: LitPoints, light: Any, names: tuple[Any,
     shown = hit & (dr.max(left) > 0)
     weight = power_heuristic(reflection.pdf, found.pdf)
     start = reflection.toward(reflection.direction, found.distance).origin
-    dimming = world.dimming(start, reflection.direction, found.distance, medium, hash32(seed), shown)
+    over = reflection.dimmed_over(reflection.direction, found.distance)
+    dimming = world.dimming(start, reflection.direction, over, medium, hash32(seed), shown)
     value = reflection.weight * found.radiance * weight * dimming * left
     return result + dr.select(shown, value, 0)

@@ -11,7 +11,6 @@ from typing import Any
 
 import drjit as dr
 
-from ...estimators.estimate import ENDLESS
 from ...numerics.hashing import hash32
 from ...numerics.samples import Samples
 from ...numerics.streams import Stream
@@ -51,25 +50,24 @@ class SingleScattering:
         inside = paths.alive & (vertex.end > paths.near)
         if self._max_depth is not None:
             inside &= paths.depth + 2 <= dr.opaque(UInt32, self._max_depth)
-        found = dr.zeros(Bool, dr.width(paths.direction))
-        for number in self._world.lit_by_domes:
-            found |= paths.medium == dr.opaque(UInt32, number)
-        inside &= found
+        inside &= dr.max(self._world.media.scattering(paths.medium)) > 0
         if not bool(dr.any(inside)):
             return
-        start = paths.origin + paths.near * paths.direction
-        far = dr.minimum(vertex.end, ENDLESS) - paths.near
+        start, bounds = paths.origin + paths.near * paths.direction, self._world.bounds
+        # As beams do, the light begins at the bounds.
+        far = dr.minimum(vertex.end - paths.near, bounds.exit(start, paths.direction))
         sample = self._samples.pair(paths.order, Stream.SCATTERING_POINT, vertex.name).x
         seed = hash32(vertex.seed, UInt32(Stream.SCATTERING_POINT))
         distance, weight = dr.zeros(Float, dr.width(far)), dr.zeros(Array3f, dr.width(far))
         for medium in self._world.media.all:
-            if medium.number in self._world.lit_by_domes:
-                own = inside & (paths.medium == dr.opaque(UInt32, medium.number))
-                there, part = medium.scattering_point(start, paths.direction, far, seed, sample, own)
-                distance, weight = dr.select(own, there, distance), dr.select(own, part, weight)
+            own = inside & (paths.medium == dr.opaque(UInt32, medium.number))
+            there, part = medium.scattering_point(start, paths.direction, far, seed, sample, own)
+            distance, weight = dr.select(own, there, distance), dr.select(own, part, weight)
         weight *= paths.throughput
         point = ShadingPoint(None, paths.medium, paths.order, vertex.name, self._samples)
-        place, lit = start + distance * paths.direction, inside & (dr.max(dr.abs(weight)) > 0)
+        place = start + distance * paths.direction
+        near = dr.squared_norm(place - bounds.center) <= dr.square(bounds.radius)
+        lit = inside & near & (dr.max(dr.abs(weight)) > 0)
         lamps = zip(self._lights, self._world.lamps.sky, strict=True)
         linking = self._world.linking
         for number, (light, (lamp, links, _, source)) in enumerate(lamps):
@@ -107,8 +105,12 @@ class _ScatteringPoints(LitPoints):
         sample = self._phase.sample(mi.PhaseFunctionContext(), self._interaction, lobe, u, active)
         self.direction, self.pdf = Array3f(sample[0]), Float(sample[2])
         self.weight = dr.select(active, Array3f(sample[1]), 0)
-        self.seed = point.samples.bits(point.order, Stream.PHASE_LOBE, point.step)
+        self._bounds, self.seed = world.bounds, point.samples.bits(point.order, Stream.PHASE_LOBE, point.step)
         self.open = self.unblocked(world)
+
+    def dimmed_over(self, direction: Array3f, distance: Float) -> Float:
+        """Return the distance to the bounds, where the light begins."""
+        return self._bounds.behind(self.place, -direction)
 
     def sees(self, world: World, met: Bool, distance: Float) -> Array3f:
         """Return what surfaces let through to samples that meet a dome."""

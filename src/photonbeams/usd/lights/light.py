@@ -113,7 +113,7 @@ def makes_beams(reading: Reading, prim: Usd.Prim) -> bool:
 
 
 def is_sky(prim: Usd.Prim) -> bool:
-    """Return whether a light is a dome that does not set whether it makes beams; it then lights volumes without."""
+    """Return whether a light is a dome that does not set whether it makes beams; it then lights fog without."""
     return is_dome(prim) and not prim.GetAttribute("photonbeams:enabled").HasAuthoredValue()
 
 

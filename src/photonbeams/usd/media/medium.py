@@ -29,11 +29,6 @@ _GLOWS = 798  # kelvin: the Draper point, from which on what is hot is seen to g
 _COLDEST, _HOTTEST = 1000, 10000  # kelvin: the range for which OpenUSD knows the colours
 
 
-def is_lit_by_domes(reading: Reading, prim: Usd.Prim) -> bool:
-    """Return whether domes light a medium without making beams: smoke, as other renderers know it, too."""
-    return is_medium(reading, prim) and (prim.IsA(UsdVol.Volume) or not _has_medium(prim))
-
-
 def is_medium(reading: Reading, prim: Usd.Prim) -> bool:
     """Return whether a prim is fog: by photonbeams' attributes, as a volume of fields, or by its volume material."""
     return _has_medium(prim) or (prim.IsA(UsdVol.Volume) and bool(fields_of(prim))) or _is_filled(reading, prim)
@@ -72,7 +67,6 @@ def read_media(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> 
         surfaces=read_attribute(reading, prim, MEDIUM, "surfaces"),
         name=name,
         bounces=read_attribute(reading, prim, MEDIUM, "bounces"),
-        lit_by_domes=volume or not own,
         density=_density(reading, prim),
         **{"emission": glow, **places[0]},
     )
