@@ -9,7 +9,7 @@ import OpenEXR
 import OpenImageIO
 import pytest
 
-from photonbeams.images import display, files, writing
+from photonbeams.images import display, files, textures, writing
 from photonbeams.runtime.files import try_path
 from photonbeams.scene import SceneError
 from tests.helpers.frames import write_frame
@@ -125,6 +125,18 @@ def test_nan_stays_nan_so_that_it_can_be_found(tmp_path):
     pixels = np.full((2, 2, 3), np.nan, np.float32)
     write_frame(tmp_path / "a.exr", {"beams": pixels})
     assert np.isnan(files.read_layers(tmp_path / "a.exr")["beams"]).all()
+
+
+def test_whole_numbers_in_an_exr_are_what_they_are(tmp_path):
+    """OpenImageIO divides them by the largest one: a plate would be black, and a coverage nothing."""
+    path, header = tmp_path / "a.exr", {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {name: np.full((4, 6), k + 1, np.uint32) for k, name in enumerate("RGB")}).write(str(path))
+    expected = np.broadcast_to([1.0, 2.0, 3.0], (4, 6, 3))
+    assert np.allclose(files.read_parts(path)[0].pixels, expected, rtol=1e-6)
+    assert files.summaries(path)[0].greatest == pytest.approx(3, rel=1e-6)
+    for limit in (16, 3):  # whole, and in strips
+        found = textures.decoded(str(path), lambda pixels, _: pixels, limit).pixels
+        assert np.allclose(found, expected[: len(found), : found.shape[1]], rtol=1e-6)
 
 
 def test_the_same_layers_make_the_same_bytes(tmp_path, layers):

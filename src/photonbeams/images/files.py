@@ -87,7 +87,7 @@ def _statistics(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> dic
     for _, strip in strips(file, index, 0, channels):
         if strip is None or (message := complaint(file)):
             raise unreadable(path, complaint(file) if strip is None else message)
-        pixels = np.asarray(strip, dtype=np.float32).reshape(-1, channels)
+        pixels = decoded_rows(file, strip, channels).reshape(-1, channels)
         finite = pixels[np.isfinite(pixels)]
         if finite.size:
             least, greatest = min(least, float(finite.min())), max(greatest, float(finite.max()))
@@ -181,6 +181,19 @@ def strips(
             yield first, file.read_scanlines(index, level, y + first, y + end, 0, 0, channels, "float")
 
 
+def decoded_rows(file: OpenImageIO.ImageInput, stored: Array, channels: int) -> Array:
+    """Return pixels of the first channels that OpenImageIO has read, (H, W, C) float32.
+
+    Whole numbers in an EXR count something, but OpenImageIO divides them by the largest one, as it does for colours.
+    """
+    spec = file.spec()
+    pixels = np.asarray(stored, dtype=np.float32).reshape(-1, spec.width, channels)
+    if file.format_name() == "openexr":
+        whole = [channel for channel in range(channels) if str(spec.channelformat(channel)) == "uint"]
+        pixels[..., whole] *= np.float32(2**32 - 1)
+    return pixels
+
+
 def _headers(path: PathLike, file: OpenImageIO.ImageInput) -> Iterator[tuple[PartHeader, OpenImageIO.ImageSpec]]:
     """Yield the header of each part, and OpenImageIO's description of it."""
     names: list[str] = []
@@ -204,7 +217,7 @@ def read_pixels(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> Arr
     message = complaint(file)
     if pixels is None or message:
         raise unreadable(path, message)
-    return np.asarray(pixels, dtype=np.float32).reshape(spec.height, spec.width, spec.nchannels)
+    return decoded_rows(file, pixels, spec.nchannels)
 
 
 class UnreadableImageError(SceneError):

@@ -10,7 +10,7 @@ import OpenImageIO
 
 from ..scene import Array, SceneError
 from .display import DECODED, srgb_decoded
-from .files import UnreadableImageError, check_image, complaint, opened, reason, strips
+from .files import UnreadableImageError, check_image, complaint, decoded_rows, opened, reason, strips
 
 #: Textures with more pixels along a side are scaled down, unless a user sets another limit.
 TEXTURE_LIMIT = 4096
@@ -92,14 +92,12 @@ def _read(file: OpenImageIO.ImageInput, level: int, linearize: Linearize, limit:
         stored = file.read_image(0, level, 0, channels, "float")
         if stored is None or not np.size(stored):
             return None
-        pixels = linearize(np.asarray(stored, dtype=np.float32).reshape(height, width, -1), kind)
-        return _limited(pixels, limit)
+        return _limited(linearize(decoded_rows(file, stored, channels), kind), limit)
     result = np.empty((-(-height // factor), -(-width // factor), channels), np.float32)
     for first, strip in strips(file, 0, level, channels, factor):
         if strip is None:
             return None
-        rows = np.asarray(strip, dtype=np.float32).reshape(-1, width, channels)
-        scaled = _means(linearize(rows, kind), factor)
+        scaled = _means(linearize(decoded_rows(file, strip, channels), kind), factor)
         result[first // factor : first // factor + len(scaled)] = scaled
     return _limited(result, limit)
 
