@@ -12,7 +12,7 @@ from photonbeams.images import files
 from photonbeams.images.writing import write_png
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
-from photonbeams.world.checks import wrong_face
+from photonbeams.world.checks import wrong_mesh
 from photonbeams.world.plugin import world_of_plugin
 
 SCENE = '<scene version="3.0.0">%s<default name="own" value="a file"/><sensor type="perspective"/></scene>'
@@ -94,14 +94,14 @@ def ply(face, kind=b"binary_little_endian", order="<"):
     return head + CORNERS.astype(f"{order}f4").tobytes() + struct.pack(f"{order}B3i", 3, *face)
 
 
-def serialized(*faces, version=4):
+def serialized(*faces, version=4, corners=CORNERS):
     """Return a file of Mitsuba's own with a mesh of one triangle for each face."""
     data, starts = b"", []
     for face in faces:
         starts.append(len(data))
         name = b"m\0" if version == 4 else b""
         head = struct.pack("<I", 0x1000) + name + struct.pack("<2Q", 3, 1)
-        mesh = head + CORNERS.tobytes() + struct.pack("<3I", *face)
+        mesh = head + corners.tobytes() + struct.pack("<3I", *face)
         data += struct.pack("<HH", 0x041C, version) + zlib.compress(mesh)
     return data + struct.pack(f"<{len(starts)}{'Q' if version == 4 else 'I'}I", *starts, len(starts))
 
@@ -123,6 +123,19 @@ def test_faces_name_vertices_that_are_there(tmp_path, last):
         assert f"names {tmp_path / name}: expected a file that can be read, but a face names vertex" in text, text
 
 
+def test_a_mesh_has_faces_and_finite_vertices(tmp_path):
+    """Mitsuba leaves out faces of OBJ files that it cannot read, and traces no ray in a scene with an empty mesh."""
+    meshes = {
+        "a.obj": (b"v 0 0 0\nv 1 0 0\nvn 0 0 1\nf 1//1 2//1\n", "it has no faces"),
+        "a.ply": (ply((0, 1, 2)).replace(b"face 1", b"face 0")[:-13], "it has no faces"),
+        "a.serialized": (serialized((0, 1, 2), corners=CORNERS * np.float32(np.nan)), "a vertex is not finite"),
+    }
+    for name, (data, problem) in meshes.items():
+        (tmp_path / name).write_bytes(data)
+        text = refusal(tmp_path, SHAPE % (name[2:], name))
+        assert f"names {tmp_path / name}: expected a file that can be read, but {problem}" in text
+
+
 def test_the_mesh_that_is_named_is_checked(tmp_path):
     (tmp_path / "two.serialized").write_bytes(serialized((0, 1, 2), (0, 1, 3)))
     shape = (SHAPE % ("serialized", "two.serialized")).replace("/></", '/><integer name="shape_index" value="%d"/></')
@@ -141,12 +154,12 @@ def test_counts_of_meshes_are_whole_numbers(tmp_path, count):
 
 def test_a_scene_in_memory_has_faces_of_its_own_vertices():
     mi = mitsuba()
-    assert wrong_face(mi.load_dict({"type": "cube"})) == ""
+    assert wrong_mesh(mi.load_dict({"type": "cube"})) == ""
     scene = mi.load_dict({"type": "scene", "a": {"type": "cube", "id": "box"}, "light": {"type": "constant"}})
     parameters = mi.traverse(scene)
     key = next(each for each in parameters.keys() if each.endswith("faces"))  # noqa: SIM118 (it is no mapping)
     parameters[key] = type(parameters[key])([*np.asarray(parameters[key])[:-1], 99])
-    assert wrong_face(scene.shapes()[0]) == "a face names vertex 99 of a mesh that has 24"
+    assert wrong_mesh(scene.shapes()[0]) == "a face names vertex 99 of a mesh that has 24"
     with pytest.raises(SceneError, match="a face names vertex 99 of a mesh that has 24: expected faces of its own"):
         world_of_plugin(scene)
 

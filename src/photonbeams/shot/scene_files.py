@@ -40,7 +40,7 @@ _MOST_LOBES = 1000
 _OF_BITMAPS = ("filename", "bitmap", "data")  # without one of these, Mitsuba ends the process
 _IMAGES = ("bitmap", "envmap", "projector", "volume")
 _GRIDS = ("gridvolume", "sdfgrid")
-_MESHES = ("ply", "serialized")  # Mitsuba checks the faces of OBJ files by itself
+_MESHES = ("obj", "ply", "serialized")
 _PLY = ("ply", "ellipsoids", "ellipsoidsmesh")
 
 # Bytes of the types of PLY files.
@@ -261,18 +261,18 @@ def _offset(data: BinaryIO, index: int, kind: str) -> int:
 
 
 def _check_mesh(description: dict[str, object]) -> None:
-    """Check the faces of a mesh, as Mitsuba reads it; what it cannot read is left to it.
+    """Check a mesh, as Mitsuba reads it; what it cannot read is left to it.
 
     Mitsuba computes normals, and a scene its boxes, from any vertex that a face names. Without normals, it only reads.
     """
-    from ..world.checks import wrong_face
+    from ..world.checks import wrong_mesh
 
     mi = mitsuba()
     level = mi.log_level()
     mi.set_log_level(mi.LogLevel.Error)  # what it warns of, it will say again
     try:
         with suppress(RuntimeError), helping_thread():
-            if problem := wrong_face(mi.load_dict({**description, "face_normals": True})):
+            if problem := wrong_mesh(mi.load_dict({**description, "face_normals": True})):
                 raise SceneError(problem)
     finally:
         mi.set_log_level(level)

@@ -26,13 +26,18 @@ def check_phase(plugin: MiMedium) -> None:
         )
 
 
-def wrong_face(mesh: MiMesh) -> str:
-    """Return which vertex a face names that the mesh does not have, as a clause; "" if there is none.
+def wrong_mesh(mesh: MiMesh) -> str:
+    """Return why rays cannot meet a mesh, as a clause; "" if they can.
 
-    Rays that meet such a face read memory beyond the mesh.
+    Rays that meet a face of a vertex that is not there read memory beyond the mesh, and none can be traced in a scene
+    with a mesh without faces.
     """
     count, last = mesh.vertex_count(), np.asarray(mesh.faces_buffer()).max(initial=0)
-    return "" if last < count or not mesh.face_count() else f"a face names vertex {last:,} of a mesh that has {count:,}"
+    if not mesh.face_count():
+        return "it has no faces"
+    if last >= count:
+        return f"a face names vertex {last:,} of a mesh that has {count:,}"
+    return "" if np.isfinite(np.asarray(mesh.vertex_positions_buffer())).all() else "a vertex is not finite"
 
 
 def check_numbers(plugin: MiObject, name: str) -> None:

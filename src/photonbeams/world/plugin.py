@@ -10,7 +10,7 @@ import numpy as np
 from .. import scene
 from ..scene import Array
 from .bounds import Bounds, box_around, endless_length
-from .checks import wrong_face
+from .checks import wrong_mesh
 from .emitters.mitsuba_scene import emitters_of
 from .emitters.sources import Source
 from .media.discovery.surroundings import Place, Surroundings, places_of
@@ -48,8 +48,8 @@ def world_of_plugin(
         A medium cannot be rendered, the scene is too large, or an emitter cannot have its gobo or its portal.
     """
     for shape in plugin.shapes():
-        if problem := shape.is_mesh() and wrong_face(shape):
-            raise scene.SceneError(f"shape {shape.id()}: {problem}: expected faces of its own vertices")
+        if problem := shape.is_mesh() and wrong_mesh(shape):
+            raise scene.SceneError(f"shape {shape.id()}: {problem}: expected faces of its own finite vertices")
     media = Media.of(plugin)
     places = places_of(plugin)
     finite = [each for each in [*places, *([] if eye is None else [eye])] if not each.infinite]
