@@ -12,6 +12,7 @@ import pytest
 import photonbeams as pb
 from photonbeams.images.files import read_parts, summaries
 from photonbeams.images.plates import Holdout
+from photonbeams.images.steady import FilmFrame
 from photonbeams.images.tiles import join_tiles
 from photonbeams.images.writing import write_png
 from photonbeams.render.films.frame_sums import FrameSums
@@ -24,6 +25,7 @@ from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.lights.ies import parse
 from photonbeams.usd.stage import default_time, open_stage, read_scene, sample_times
 from photonbeams.volumes.vol import HEADER, read_vol
+from photonbeams.world.checks import wrong_mesh
 from tests.helpers import mutations
 from tests.helpers.deep_files import write_deep
 from tests.helpers.frames import write_frame
@@ -44,6 +46,11 @@ XML = """<scene version="3.0.0">
   <string name="filename" value="whole.png"/></texture></bsdf></shape>
 </scene>
 """
+
+
+OBJ = "v -1 -1 0\nv 1 -1 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
+PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+PLY += "property list uchar int vertex_indices\nend_header\n-1 -1 0\n1 -1 0\n0 1 0\n3 0 1 2\n"
 
 
 def count(usual):
@@ -79,11 +86,21 @@ def read_volume(path):
         read_vol(file)
 
 
+def read_mesh(path):
+    scene = path.with_suffix(".xml")
+    shape = f'<shape type="{path.suffix[1:]}"><string name="filename" value="{path.name}"/></shape>'
+    scene.write_text(f'<scene version="3.0.0"><sensor type="perspective"/>{shape}</scene>')
+    assert not any(map(wrong_mesh, pb.Shot.open(scene).subject.load().shapes()))
+
+
 READERS = {
     ".vol": (100, read_volume),
     ".ies": (100, lambda path: parse(path.read_bytes().decode("latin-1"))),
     ".png": (40, read_parts),
     ".exr": (80, read_exr),
+    ".film.exr": (40, lambda path: FilmFrame.read(path).averaged([], [])),
+    ".obj": (40, read_mesh),
+    ".ply": (40, read_mesh),
     ".deep.exr": (150, lambda path: Holdout(path).read(1, [""], (8, 6), lambda _: None)),
     ".xml": (30, lambda path: pb.Shot.open(path)),
     ".usda": (30, read_stage),
@@ -100,6 +117,10 @@ def folder(tmp_path_factory):
     (result / "whole.ies").write_text(IES)
     write_png(result / "whole.png", rng.random((6, 8, 3)))
     write_frame(result / "whole.exr", {"rgba": rng.random((6, 8, 4)), "depth": np.ones((6, 8, 1))}, {"camera": "/C"})
+    light, still = {name: rng.random((6, 8, 4)) for name in ("rgba", "surface")}, {"worldToCamera": np.eye(4)}
+    write_frame(result / "whole.film.exr", {**light, "depth": np.ones((6, 8, 1))}, {**still, "worldToNDC": np.eye(4)})
+    (result / "whole.obj").write_text(OBJ)
+    (result / "whole.ply").write_text(PLY)
     write_deep(result / "whole.deep.exr", lambda _, pixel: [(3.0, 3.5, 0.5)] * (pixel % 4), (8, 6), tiled=True)
     (result / "whole.xml").write_text(XML)
     (result / "whole.usda").write_text(STAGE)
@@ -125,6 +146,16 @@ def test_a_damaged_file_is_read_or_is_a_sentence(folder, suffix, caplog, capfd):
         path.unlink()
     printed = capfd.readouterr()
     assert "Traceback" not in printed.err and not printed.out
+
+
+def test_a_matrix_of_a_film_has_numbers(folder):
+    name = b"worldToCamera\0m44f\0@\0\0\0"
+    whole = (folder / "whole.film.exr").read_bytes()
+    assert name in whole
+    path = folder / "nan.film.exr"  # a NaN that NumPy warns of when it is converted
+    path.write_bytes(whole.replace(name + whole[whole.index(name) + len(name) :][:4], name + b"\0\0\xa0\x7f"))
+    with pytest.raises(SceneError, match="are no matrices of a camera"):
+        FilmFrame.read(path)
 
 
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")

@@ -119,6 +119,7 @@ class FilmView:
         return np.stack([row, column]), depth
 
 
+@np.errstate(all="ignore")  # pixels and matrices of a file may be no numbers
 def steadied(frames: Sequence[FilmView], own: int) -> dict[str, Array]:
     """Return the layers of one of successive frames, with its light averaged over all of them.
 
@@ -277,6 +278,7 @@ def _layer(part: OpenEXR.Part) -> str:
     return str(part.name()).removesuffix(f".{_view(part)}")
 
 
+@np.errstate(all="ignore")
 def _film_view(path: Path, parts: Sequence[OpenEXR.Part]) -> FilmView:
     layers, header = {_layer(part): _pixels(part) for part in parts}, parts[0].header
     lacking = [name for name in ("rgba", "surface", "depth") if name not in layers]
