@@ -377,7 +377,10 @@ def wrong(folder):
     """Render what has no camera, what the renderer refuses, and without a renderer."""
     scene = room()
     camera, scene.camera = scene.camera, None
-    for case in ("no camera", "no light", "no renderer"):
+    for case in ("no camera", "a lamp", "no light", "no renderer"):
+        if case == "a lamp":  # Blender takes any object for a camera
+            scene.camera = bpy.data.objects["Key"]
+            scene.camera.name = "Key\x1b["
         if case == "no light":
             scene.camera = camera
             bpy.data.lights.remove(bpy.data.lights["Key"])

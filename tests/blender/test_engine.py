@@ -151,8 +151,8 @@ def test_a_renderer_that_was_killed_is_started_again(cases):
 def test_what_cannot_be_rendered_is_a_sentence(cases):
     found = {each["case"]: each["error"] for each in cases["wrong"].told}
     assert "no camera" in found["no camera"] and "/nowhere/python cannot be started" in found["no renderer"]
-    assert "light" in found["no light"]
-    assert all(len(each.strip()) <= 320 for each in found.values())
+    assert "light" in found["no light"] and r"camera is Key\x1b[, no camera" in found["a lamp"]
+    assert all(len(each.strip()) <= 320 and each.count("Error: ") == 1 for each in found.values())
 
 
 def test_unregistering_leaves_no_trace(cases):

@@ -35,6 +35,11 @@ def test_the_next_number_beyond_a_bound_is_refused(kind):
         pb.Medium(1.0, anisotropy=kind(above))
 
 
+def test_an_array_is_shown_as_its_numbers():
+    with pytest.raises(pb.SceneError, match=r"^scattering is \[-0\.2, -0\.2, inf\]: expected "):
+        pb.Medium(np.array([-0.2, -0.2, np.inf], np.float32))
+
+
 MASKED = np.ma.array(np.ones((3, 3)), mask=np.eye(3) == 1)
 ROW = MASKED[0]
 

@@ -17,6 +17,7 @@ _PHRASES = (
     ("a UsdLux light", "a lamp"),
     ("drawn beams", "a curve with Object Data > Beams"),
     ("--exposure or inputs:exposure", "its Exposure"),
+    (r"(nothing makes beams) at frame [^:]+", r"\1"),  # a scene that is sent has one frame, without its number
     (r"photonbeams:enabled on", "Object Data > Beams of"),
     (r"\ba prim(?![\w/-])", "an object"),
     ("on the stage", "in the scene"),
@@ -26,7 +27,7 @@ _PHRASES = (
 )  # fmt: skip
 #: What is called otherwise in Blender than its name here says.
 _NAMES = {
-    "photonbeams:enabled": "Beams", "photonbeams:intensity": "Beams > Intensity in Fog",
+    "photonbeams:enabled": "Beams", "inputs:intensity": "Power", "photonbeams:intensity": "Beams > Intensity in Fog",
     "photonbeams:count": "Beams > Count", "photonbeams:seed": "Beams > Seed", "photonbeams:portal": "Beams > Portal",
     "photonbeams:portal:gobo": "Beams > Portal Image", "photonbeams:gobo": "Beams > Gobo",
     "photonbeams:scattered": "Beams > Scattered Light", "inputs:texture:file": "image", "inputs:file": "image",

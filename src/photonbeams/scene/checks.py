@@ -96,7 +96,8 @@ R = TypeVar("R")
 def shown(value: object) -> str:
     """Return a value as text for a message: on one line, of at most 61 characters."""
     try:
-        text = " ".join((str(value) if isinstance(value, Real) else repr(value)).split())
+        array = np.array2string(value, separator=", ", threshold=9) if isinstance(value, np.ndarray) else None
+        text = " ".join((array or (str(value) if isinstance(value, Real) else repr(value))).split())
     except Exception:
         text = f"a {type(value).__name__}"
     return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"

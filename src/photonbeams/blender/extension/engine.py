@@ -62,11 +62,12 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
         def tell(text: str) -> None:
             if text not in told:
                 told.add(text)
-                self.report({"WARNING"}, text)
+                self._report("WARNING", text)
 
         camera = self.camera_override or scene.camera
-        if camera is None:
-            self._fail("the scene has no camera: expected one, such as by Add > Camera")
+        if camera is None or camera.type != "CAMERA":  # Blender takes any object, and its projection has no check
+            found = "the scene has no camera" if camera is None else f"the scene's camera is {camera.name}, no camera"
+            self._fail(f"{found}: expected one, such as by Add > Camera")
             return
         try:
             renderer = self._renderer()
@@ -196,15 +197,20 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
         }  # fmt: skip
         self._viewport.show(depsgraph, chosen_python(), viewport_prim(*seen, depsgraph, CAMERA), view)
         for text in self._viewport.warnings():
-            self.report({"WARNING"}, text)
+            self._report("WARNING", text)
         self.update_stats("", self._viewport.text)
         if self._viewport.picture is not None:
             self._drawing.draw(self._viewport.picture, (region.width, region.height), scene.render.film_transparent)
 
+    def _report(self, kind: str, text: str) -> None:
+        """Report a sentence, in which names may have any character: without those that a terminal would obey."""
+        self.report({kind}, "".join(each if each.isprintable() else repr(each)[1:-1] for each in text))
+
     def _fail(self, text: str) -> None:
         """Say why there is no picture: in the status bar or to a script, and in the picture's own window."""
-        self.report({"ERROR"}, text)
-        self.error_set(text)
+        self._report("ERROR", text)
+        if not bpy.app.background:  # there Blender would report it again
+            self.error_set(text)
 
     def _tell_progress(self, message: Any) -> None:
         done, planned = message["done"], max(message["planned"], 1)

@@ -320,7 +320,7 @@ class Reading:
         """Return USD's row-vector matrix as a finite (4, 4) for column vectors."""
         result = np.array(matrix, dtype=np.float64).T
         if not np.all(np.isfinite(result)):
-            raise self.fail(prim, "", "has a transform that is not finite: expected finite xformOps")
+            raise self.fail(prim, "", "has a transform that is not finite: expected finite numbers")
         self.within_reach(prim, result)
         return result
 
