@@ -1,5 +1,9 @@
 """A file of edits that another program has changed is not replaced without a word: merge, or save a copy."""
 
+import os
+import re
+import sys
+
 import pytest
 
 from photonbeams.studio import edits as editing
@@ -89,6 +93,46 @@ def test_a_copy_leaves_the_file_alone_and_saving_goes_on_there(begin, look):
     assert edits.save(changed="copy") == edits.save() == copy
     assert look.read_text() == THEIRS
     assert open_stage(copy).GetAttributeAtPath(INTENSITY).Get() == 2.0
+
+
+def test_the_stage_itself_is_never_written(begin, look):
+    os.link(look.with_name("shot.usda"), look)
+    with pytest.raises(editing.SceneError, match=r"look\.usda would replace .*shot\.usda"):
+        begin()
+
+
+def test_a_file_that_cannot_be_saved_to_is_refused_at_once(tmp_path):
+    (tmp_path / "shot.usda").write_text(STAGE)
+    with pytest.raises(editing.SceneError, match=r"look\.txt: expected a \.usda"):
+        Edits(EditLayer(open_stage(tmp_path / "shot.usda")), tmp_path / "look.txt")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders")
+def test_a_pipe_is_not_waited_for(begin, look):
+    edits, _ = begin()
+    edits.set({INTENSITY: 2.0})
+    os.mkfifo(look)
+    with pytest.raises(editing.SceneError, match="it is a named pipe"):
+        edits.save(changed="merge")
+
+
+def test_files_have_their_place_beside_the_layer(tmp_path):
+    """What another program has written beside the stage, relative to its own file, is found, and stays relative."""
+    (tmp_path / "looks").mkdir()
+    (tmp_path / "shot.usda").write_text(STAGE)
+    look = tmp_path / "looks" / "look.usda"
+    named = "asset inputs:{} = @{}@\n"
+    names = ("./a.png", "../b.png", "/elsewhere/c.png", "d.png")
+    (look.with_name("d.png")).touch()
+    lines = "".join(named.format("abcd"[k], name) for k, name in enumerate(names))
+    look.write_text(f'#usda 1.0\nover "Lamp" {{\n{lines}}}\n')
+    stage = open_stage(tmp_path / "shot.usda")
+    edits = Edits(EditLayer(stage), look)
+    found = [stage.GetAttributeAtPath(f"/Lamp.inputs:{each}").Get().path for each in "abcd"]
+    assert found == [str(tmp_path / "looks" / "a.png"), str(tmp_path / "b.png"), names[2], str(look.with_name("d.png"))]
+    edits.set({INTENSITY: 2.0})
+    edits.save()
+    assert re.findall("@(.*)@", look.read_text()) == [*names[:3], "./d.png"]
 
 
 def test_what_cannot_be_merged_is_told_and_nothing_is_changed(begin, look):

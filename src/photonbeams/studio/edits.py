@@ -145,15 +145,17 @@ class Edits:
     Raises
     ------
     SceneError
-        A file that cannot be read as USD.
+        A file that cannot be read as USD, or that is the stage's own.
     """
 
     def __init__(self, layer: EditLayer, path: PathLike | None = None) -> None:
         self._layer, self.path = layer, None if path is None else Path(path)
         self._lock = threading.RLock()  # for the layer, which autosaves read in another thread
         self._autosave = Autosave(self._unsaved)
-        if self.path is not None and self.path.exists():
-            layer.load(self.path)
+        if self.path is not None:
+            layer.check(self.path)
+            if self.path.exists():
+                layer.load(self.path)
         self._past: list[str] = []
         self._future: list[str] = []
         self._step: str | None = None

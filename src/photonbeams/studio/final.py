@@ -45,7 +45,7 @@ class Wanted(NamedTuple):
         """Start a command on the stage, with the edits, in a file of `folder`, the flags, and `more` of them."""
         layer = folder / "edits.usda"
         write_bytes(layer, self.edits.encode())
-        frames = () if self.frames is None else ("--frames", "{:g}:{:g}".format(*self.frames))
+        frames = () if self.frames is None else ("--frames", "{:.10g}:{:.10g}".format(*self.frames))
         words = [*command, str(self.stage), "--session-layer", str(layer), *self.flags, *frames, *more]
         # A process group of its own: Ctrl-C in a terminal ends only the studio, which then ends the render properly. It
         # is of the same session, though: Linux compares the priorities of processes only within a session.

@@ -237,7 +237,7 @@ class Session:
         pixels_of(view.area, view.width, view.height)
         frames = self.frames()
         if view.frame is not None and frames is None:
-            raise SceneError(f"the frame is {view.frame}, but the stage has no range of frames: expected None")
+            raise SceneError(f"the frame is {view.frame}, but the stage has no range of frames: expected none")
         if view.frame is not None and frames is not None and not frames[0] <= view.frame <= frames[1]:
             raise SceneError(f"the frame is {view.frame}: expected {frames[0]:g} to {frames[1]:g}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterator
 from enum import IntEnum
@@ -9,10 +10,11 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from ...runtime.files import check_kept
 from ...scene import SceneError
-from ..common.openusd import Gf, Sdf, Sdr, Tf, Usd, UsdGeom, UsdShade
+from ..common.openusd import Ar, Gf, Sdf, Sdr, Tf, Usd, UsdGeom, UsdShade, UsdUtils
 from ..common.reading import file_of, quiet
-from ..layers.writing import write_layer
+from ..layers.writing import why_no_layer, write_layer
 from ..lights.light import is_light
 
 #: An empty layer, as text.
@@ -146,9 +148,12 @@ class EditLayer:
 
     def _anchored(self, asset: Sdf.AssetPath) -> Sdf.AssetPath:
         """Return an asset whose relative path is made absolute, because a layer without a file has no folder."""
-        root = Path(self._stage.GetRootLayer().realPath or ".").parent
         given = asset.path
-        return asset if not given or Path(given).is_absolute() else Sdf.AssetPath(str((root / given).resolve()))
+        return asset if not given or Path(given).is_absolute() else Sdf.AssetPath(str((self._root() / given).resolve()))
+
+    def _root(self) -> Path:
+        """Return the stage's folder."""
+        return Path(os.path.abspath(self._stage.GetRootLayer().realPath or ".")).parent
 
     def _remove(self, path: Sdf.Path) -> None:
         spec = self._layer.GetPropertyAtPath(path)
@@ -173,9 +178,12 @@ class EditLayer:
 
     def load(self, path: Path) -> None:
         """Replace the content by that of a file; SceneError if it is not a USD layer."""
-        layer = _read(lambda: Sdf.Layer.OpenAsAnonymous(str(path)))
+        problem = why_no_layer(str(path))
+        layer = None if problem else _read(lambda: Sdf.Layer.OpenAsAnonymous(str(path)))
         if layer is None:
-            raise SceneError(f"{path} cannot be read: expected a USD layer")
+            raise SceneError(f"{path} cannot be read: {problem or 'expected a USD layer'}")
+        anchor = Ar.ResolvedPath(os.path.abspath(path))
+        UsdUtils.ModifyAssetPaths(layer, lambda name: _absolute(name, anchor))
         self._layer.TransferContent(layer)
 
     def merge(self, before: str, path: Path) -> None:
@@ -204,16 +212,40 @@ class EditLayer:
     def write(self, path: Path) -> None:
         """Write the layer to a .usd, .usda or .usdc file, whole or not at all.
 
+        Files in the stage's folder, or else in that of the layer's file, get relative paths.
+
         Raises
         ------
         SceneError
-            The file has another suffix.
+            The file is one that `check` refuses.
         OSError
             The file cannot be written.
         """
+        self.check(path)
+        folder, root = Path(os.path.abspath(path)).parent, self._root()
+        near = root if folder.is_relative_to(root) else folder
+
+        def relative(name: str) -> str:
+            if not Path(name).is_relative_to(near):
+                return name
+            found = Path(os.path.relpath(name, folder)).as_posix()
+            return found if found.startswith("../") else f"./{found}"
+
+        layer = Sdf.Layer.CreateAnonymous()
+        layer.TransferContent(self._layer)
+        UsdUtils.ModifyAssetPaths(layer, relative)
+        write_layer(layer, path)
+
+    def check(self, path: Path) -> None:
+        """Raise SceneError for a file that the layer is not written to: the stage's own, or one of another kind."""
         if path.suffix not in (".usd", ".usda", ".usdc"):
             raise SceneError(f"{path}: expected a .usda, .usdc or .usd file")
-        write_layer(self._layer, path)
+        check_kept([path], [self._stage.GetRootLayer().realPath])
+
+
+def _absolute(name: str, anchor: Ar.ResolvedPath) -> str:
+    """Return what a file at `anchor` names, from anywhere, because a layer without a file has no folder."""
+    return name if Sdf.VariableExpression.IsExpression(name) else Ar.GetResolver().CreateIdentifier(name, anchor)
 
 
 def _paths(layer: Sdf.Layer) -> list[Sdf.Path]:
