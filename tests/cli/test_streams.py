@@ -1,6 +1,7 @@
 """What commands print reaches any stream: one of another encoding, and one that the caller has closed."""
 
 import io
+import os
 import subprocess
 import sys
 
@@ -33,6 +34,30 @@ def test_messages_for_a_closed_stream_go_nowhere():
             ["sh", "-c", f'exec "$@" {closing}', "sh", *command], capture_output=True, text=True, check=False
         )
         assert (found.returncode, found.stdout, found.stderr) == (2, "", seen)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="only Linux has a full device")
+def test_a_full_disk_loses_messages_but_no_results():
+    command = [sys.executable, "-m", "photonbeams"]
+    full = "standard output: No space left on device"
+    for arguments, closing, code, seen in (
+        ("--version", ">/dev/full", 1, f"Error: {full}\n"),
+        ("--unknown", "2>/dev/full", 2, ""),
+    ):
+        found = subprocess.run(
+            ["sh", "-c", f'exec "$@" {closing}', "sh", *command, arguments], capture_output=True, text=True, check=False
+        )
+        assert (found.returncode, found.stdout, found.stderr) == (code, "", seen)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no shell that closes streams")
+def test_messages_are_lost_but_no_render():
+    """What reads them may have ended, as `head` does."""
+    code = "import sys; from photonbeams import cli; cli._ready_streams(); sys.stderr.write('a'); sys.stderr.flush()"
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "wb") as gone:
+        subprocess.run([sys.executable, "-c", code], stderr=gone, check=True)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no shell that closes streams")

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
-from io import TextIOWrapper
+from io import BufferedWriter, FileIO, TextIOWrapper
 from itertools import pairwise
 from signal import SIGINT
 from typing import Annotated, Any, NoReturn
@@ -102,6 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         # In its standalone mode Typer would draw a box around the message and break its lines.
         code = app(args=given or ["--help"], prog_name="photonbeams", standalone_mode=False)
+        sys.stdout.flush()
     except TyperException as error:
         _fail(f"Error: {_usage(error)}", 2, given)
     except (Exception, KeyboardInterrupt) as error:
@@ -121,7 +122,7 @@ def _ready_streams() -> None:
     """Let both output streams take any name, as an escape sequence if their encoding has no such character.
 
     A stream that the caller has closed leads nowhere; otherwise the next file that is opened would get its number, and
-    what compiled libraries print.
+    what compiled libraries print. Neither do messages that a full disk or a closed pipe does not take.
     """
     for name, number in (("stdout", 1), ("stderr", 2)):
         try:
@@ -134,6 +135,24 @@ def _ready_streams() -> None:
             setattr(sys, name, os.fdopen(number, "w", closefd=False))
         if isinstance(stream := getattr(sys, name), TextIOWrapper):  # a caller may have put another in its place
             stream.reconfigure(errors="backslashreplace")
+            if stream is getattr(sys, f"__{name}__"):
+                file, known = BufferedWriter(_Stream(number, "wb", closefd=False)), (stream.encoding, stream.errors)
+                setattr(sys, name, TextIOWrapper(file, *known, line_buffering=stream.line_buffering))
+
+
+class _Stream(FileIO):
+    """An output stream: it loses messages that cannot be written, and says once where results cannot be."""
+
+    _is_lost = False
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            if self._is_lost or self.fileno() == 2:  # a render is worth more than its log
+                return len(data)
+            self._is_lost = True
+            raise OSError(error.errno, error.strerror, "standard output") from None
 
 
 def _signal(error: BaseException | None) -> int | None:
