@@ -51,6 +51,8 @@ def words():
      "expected --set /Lights/Key_Light.photonbeams:count=4000, or a photonbeams:portal around the gaps",
      "gaps of Cube.001 are 0.01 units wide, but beams of Key Light 0.1 there, so that their stripes blur: "
      "expected Key Light: Beams > Count = 4000, or a portal (Object Data > Beams) around the gaps"),
+    ("/Lights/Key_Light.focalLength is 9 with horizontalAperture 1: expected a ratio below 2",
+     "Key Light: Lens > Focal Length is 9 with Camera > Size 1: expected a ratio below 2"),
     ("1 x 1 pixels: expected fewer, or a part of the picture with --crop",
      "1 x 1 pixels: expected fewer, or a part of the picture with Format > Render Region"),
     ("the stage: /Materials/Wood.inputs:file names /tmp/photonbeamsab12_x3z/3_Oak.png, which is cut off",

@@ -32,7 +32,7 @@ _NAMES = {
     "photonbeams:portal:gobo": "Beams > Portal Image", "photonbeams:gobo": "Beams > Gobo",
     "photonbeams:scattered": "Beams > Scattered Light", "inputs:texture:file": "image", "inputs:file": "image",
     "inputs:shaping:ies:file": "IES Texture", "filePath": "file", "material:binding": "Material",
-    "focalLength": "Lens > Focal Length", "fStop": "Depth of Field > F-Stop",
+    "focalLength": "Lens > Focal Length", "horizontalAperture": "Camera > Size", "fStop": "Depth of Field > F-Stop",
     "focusDistance": "Depth of Field > Focus Distance", "clippingRange": "Lens > Clip Start and End",
     "--res": "Format > Resolution", "--crop": "Format > Render Region", "--passes": "Sampling > Passes",
     "--error": "Sampling > Error", "--time-limit": "Sampling > Time Limit", "--seed": "Sampling > Seed",
@@ -46,7 +46,8 @@ _PATH = r"(?<![\w…./])(?P<path>/\w+(?:/\w+)*)(?:\.(?P<attribute>[A-Za-z][\w:]*
 # Blender's extension writes images that have no file of their own, and grids, into such folders.
 _TEMPORARY = re.compile(r"\S*[/\\]photonbeams\w{8}[/\\](?:\d+_)?(?=\w)")
 # Words, none of them a part of a file's name.
-_WORD = rf"(?<![\w/.-])(?:{_NAMESPACE}|--[a-z][a-z-]*|g?prim(?:var)?s?|stages?|\w+API)(?![\w/-]|\.\w)"
+_SINGLE = r"--[a-z][a-z-]*|g?prim(?:var)?s?|stages?|fStop|horizontalAperture|\w+API"
+_WORD = rf"(?<![\w/.-])(?:{_NAMESPACE}|{_SINGLE})(?![\w/-]|\.\w)"
 _FOREIGN = re.compile(f"{_PATH}|{_WORD}")  # at once: a lamp may be called "stage left"
 
 
