@@ -235,13 +235,14 @@ def test_a_transform_that_is_not_finite_is_an_error(scene):
         ('over "Lamp" {\n    float photonbeams:intensity.timeSamples = { 1: 1, 2: 2 }\n}', False),
         ('over "Lamp" {\n    float inputs:radius.timeSamples = { 1: 1, 2: 2 }\n}', True),
         ('over "Group" {\n    double3 xformOp:translate.timeSamples = { 1: (0, 0, 0), 2: (1, 0, 0) }\n}', True),
+        ('over "Grid" {\n    asset filePath.timeSamples = { 1: @1.vdb@, 2: @2.vdb@ }\n}', True),
         ('over "Group" {\n    over "Ball" {\n    double radius.timeSamples = { 1: 1, 2: 2 }\n    }\n}', True),
     ],
 )
 def test_an_extent_varies_with_what_has_one(tmp_path, varying, expected):
     path = tmp_path / "a.usda"
     path.write_text(
-        '#usda 1.0\ndef Camera "Camera" {\n}\ndef SphereLight "Lamp" {\n}\n'
+        '#usda 1.0\ndef Camera "Camera" {\n}\ndef SphereLight "Lamp" {\n}\ndef OpenVDBAsset "Grid" {\n}\n'
         'def Xform "Group" {\n    def Sphere "Ball" {\n    }\n}\n'
     )
     layer = tmp_path / "b.usda"

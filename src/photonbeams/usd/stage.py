@@ -210,7 +210,7 @@ def extent_varies(stage: Usd.Stage) -> bool:
         name = attribute.GetName()
         if name.startswith("photonbeams:") or (name.startswith("inputs:") and name not in sizes):
             continue
-        if attribute.GetPrim().IsA(UsdSkel.Animation):
+        if attribute.GetPrim().IsA(UsdSkel.Animation) or name in ("filePath", "fieldName", "fieldIndex"):  # of grids
             return True
         if any(prim.IsA(UsdGeom.Boundable) for prim in prims_under(attribute.GetPrim())):
             return True
