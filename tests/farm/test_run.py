@@ -14,7 +14,11 @@ import psutil
 import pytest
 
 from photonbeams.farm import cluster
+from photonbeams.farm.dispatch import Dispatcher, FramePart
+from photonbeams.farm.run import Farm, FarmFrame
+from photonbeams.farm.work import WorkerError
 from photonbeams.images.files import read_layers
+from photonbeams.scene import SceneError
 from tests.helpers.commands import fails, same, until
 from tests.helpers.small_stage import CAMERA, FLOOR, FOG, LAMP, write_stage
 
@@ -138,6 +142,17 @@ def test_what_a_worker_cannot_open_is_told_in_a_sentence(render, stage, out, mon
         render(stage, "-o", out / "a.exr", *SMALL, "--workers", 1, "--time-limit", 1), 2, "--time-limit is for frames"
     )
     fails(render(stage, "-o", out / "a.checkpoint", *SMALL, "--workers", 1, "--pass-range", "0:1"), 2, "one process")
+
+
+def test_a_frame_that_no_worker_can_render_is_named():
+    """Also if the workers fail at different passes of it."""
+    parts = FramePart(0, range(1)), FramePart(0, range(1, 2))
+    farm = Farm(None, None, None, 0, [FarmFrame("8", 0, 2, None)], None, None, None)
+    farm._dispatcher = Dispatcher([[each.numbers for each in parts]])
+    farm._dispatcher.add_worker("a")
+    farm._refuse("a", parts[0], WorkerError("names s.2.vdb"))
+    with pytest.raises(SceneError, match=r"^frame 8: names s\.2\.vdb$"):
+        farm._refuse("b", parts[1], WorkerError("names s.2.vdb"))
 
 
 def test_only_who_has_its_key_enters_a_farm_on_one_machine():

@@ -98,7 +98,7 @@ class Farm:
     _names: dict[str, str] = field(default_factory=dict)
     _bad: dict[str, WorkerError] = field(default_factory=dict)
     _bounded: set[str] = field(default_factory=set)
-    _failed: dict[FramePart, tuple[str, str]] = field(default_factory=dict)
+    _failed: dict[int, tuple[str, str]] = field(default_factory=dict)
     _looked: float = -1e9
     _connected: float = field(default_factory=time.monotonic)
     _seen: float = field(default_factory=time.monotonic)
@@ -269,10 +269,10 @@ class Farm:
         if not isinstance(error, WorkerError):
             raise error
         text, name = str(error), self._names.get(address, address)
-        before = self._failed.get(part)
+        before = self._failed.get(part.frame)
         if before is not None and before[0] != address and before[1] == text and not isinstance(error, MachineError):
             raise SceneError(f"frame {self.frames[part.frame].name}: {text}")
-        self._failed[part] = address, text
+        self._failed[part.frame] = address, text
         self._bad[address] = type(error)(f"worker {name}: {text}")
         if len(self._dispatcher.workers) > 1:
             LOG.warning("worker %s: %s; others do its work", name, text)
