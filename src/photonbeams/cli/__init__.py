@@ -136,11 +136,11 @@ def _ready_streams() -> None:
         if isinstance(stream := getattr(sys, name), TextIOWrapper):  # a caller may have put another in its place
             stream.reconfigure(errors="backslashreplace")
             if stream is getattr(sys, f"__{name}__"):
-                file, known = BufferedWriter(_Stream(number, "wb", closefd=False)), (stream.encoding, stream.errors)
+                file, known = BufferedWriter(_Lasting(number, "wb", closefd=False)), (stream.encoding, stream.errors)
                 setattr(sys, name, TextIOWrapper(file, *known, line_buffering=stream.line_buffering))
 
 
-class _Stream(FileIO):
+class _Lasting(FileIO):
     """An output stream: it loses messages that cannot be written, and says once where results cannot be."""
 
     _is_lost = False
