@@ -36,6 +36,8 @@ def test_a_quarter_and_a_half_are_mirrored():
     assert [at(half, 45, phi) for phi in (0, 90, 180, 270, 135, 225)] == [2, 1, 3, 1, 2, 2]
     other = parse(file([90, 180, 270], [[4, 2, 0], [4, 1, 0], [4, 3, 0]]))
     assert [at(other, 45, phi) for phi in (90, 180, 270, 0, 45, 135)] == [2, 1, 3, 1, 1.5, 1.5]
+    coarse = parse(file([90, 150, 270], [[4, 2, 0], [4, 1, 0], [4, 5, 0]]))  # neither 0 nor 180 is among the angles
+    assert [at(coarse, 45, phi) for phi in (90, 150, 270, 30, 180, 0, 300)] == pytest.approx([2, 1, 5, 1, 2, 2, 4])
 
 
 def test_a_circle_may_lack_its_last_angle():
@@ -63,7 +65,7 @@ def test_decimal_commas_are_read_and_told_from_commas_between_numbers(factor):
     ("head", "factor"),
     [
         ("IES:LM-63-2019", 1), ("IESNA:LM-63-2002", 1), ("IESNA:LM-63-1995", 1), ("IESNA:LM-63-1991", 1.1),
-        ("IESNA91", 1.1), ("any words", 1.1),
+        ("IESNA91", 1.1), ("any words", 1.1), ("\xef\xbb\xbfIES:LM-63-2019", 1), ("iesna: LM-63-2002", 1),
     ],
 )  # fmt: skip
 def test_the_twelfth_number_is_a_factor_until_1995_alone(head, factor):

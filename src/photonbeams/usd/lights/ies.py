@@ -24,6 +24,7 @@ _MOST_ANGLES = 10_000
 _MOST_BYTES = 1 << 24
 _TYPE_C, _TYPE_B, _TYPE_A = 1, 2, 3
 _NO_FACTOR = 1995  # the first LM-63 in which the twelfth number is no factor
+_MARK = "\xef\xbb\xbf"  # the byte order mark of UTF-8
 _ENDS = "\x00\x1a \t\r\n"  # DOS ends files with \x1a
 
 
@@ -61,6 +62,7 @@ def parse(text: str) -> Profile:
     ValueError
         The text is not that of an IES file; the message is one clause.
     """
+    text = text.removeprefix(_MARK)
     found = re.search(r"^\s*TILT\s*=(.*)$", text, re.IGNORECASE | re.MULTILINE)
     if found is None:
         raise ValueError("it has no line TILT=")
@@ -68,7 +70,7 @@ def parse(text: str) -> Profile:
     numbers = _numbers(data, tilted)
     ballast, photometric, _ = numbers.lamp
     # Since 1995 the photometric factor is for future use, and since 2019 it tells where the file comes from.
-    year = re.match(r"\s*IES(?:NA)?:LM-63-(\d{4})", text)
+    year = re.match(r"\s*IES(?:NA)?[:\s]*LM-63-(\d{4})", text, re.IGNORECASE)
     if year and int(year[1]) >= _NO_FACTOR:
         photometric = 1.0
     vertical, horizontal, kind = numbers.vertical, numbers.horizontal, numbers.kind
@@ -83,7 +85,7 @@ def parse(text: str) -> Profile:
 
 
 def _numbers(data: str, tilted: bool) -> _Numbers:
-    """Return the numbers of a file, in which a comma is a space or, if that gives another count, a decimal point."""
+    """Return the numbers of a file, in which a comma is a space or, if that makes no sense, a decimal point."""
     try:
         return _Numbers(data.replace(",", " "), tilted)
     except ValueError as error:
@@ -93,7 +95,7 @@ def _numbers(data: str, tilted: bool) -> _Numbers:
 
 
 class _Numbers:
-    """The numbers below a file's line TILT=; ValueError if there are more or fewer than they say."""
+    """The numbers below a file's line TILT=; ValueError for another count, or angles that do not ascend."""
 
     def __init__(self, text: str, tilted: bool) -> None:
         self._words = text.split()
@@ -107,6 +109,8 @@ class _Numbers:
         self.take(4)  # the units of the luminaire's size, and its size
         self.lamp = self.take(3)
         self.vertical, self.horizontal = self.take(rows), self.take(columns)
+        if not (np.all(np.diff(self.vertical) > 0) and np.all(np.diff(self.horizontal) > 0)):
+            raise ValueError("its angles do not ascend")
         self.intensity = self.take(rows * columns).reshape(columns, rows)
         if rest := len(self._words) - self._next:
             raise ValueError(f"it has {rest} more numbers than {rows} vertical and {columns} horizontal angles need")
@@ -174,9 +178,11 @@ def _all_around(angles: Array, values: Array) -> tuple[Array, Array]:
     if np.allclose(angles[[0, -1]], [0, 90]):
         angles, values = np.append(angles, 180 - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
     if np.allclose(angles[[0, -1]], [90, 270]):  # symmetric about the plane of 90 and 270 degrees
-        angles, values = np.append(angles, 540 - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
-        order = np.argsort(np.mod(angles[:-1], 360))
-        angles, values = np.mod(angles[:-1], 360)[order], values[:-1][order]
+        angles, values = np.append(180 - angles[:0:-1], angles), np.concatenate([values[:0:-1], values])
+        front = np.array([[np.interp(0.0, angles, each) for each in values.T]])
+        after, before = angles > 0, (angles < 0) & (np.arange(len(angles)) > 0)  # from −90 to 270
+        values = np.concatenate([front, values[after], values[before], front])
+        angles = np.concatenate([[0.0], angles[after], angles[before] + 360, [360.0]])
     if np.allclose(angles[[0, -1]], [0, 180]):
         return np.append(angles, 360 - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
     if angles[-1] < 360 - 1e-3 and angles[0] < 1e-3:  # against the standard: 360, which equals 0, is missing
