@@ -119,6 +119,16 @@ def test_one_view_shows_what_moves_at_all_times_and_has_two_eyes(usd):
     assert (right.to_world - left.to_world)[0, 3] == pytest.approx(2)
 
 
+def test_one_view_shows_what_turns_between_two_samples(usd):
+    """A turntable's first and last pose are the same."""
+    turning = 'def Xform "T" {\n float xformOp:rotateY.timeSamples = { 1: 0, 9: 360 }\n'
+    turning += ' uniform token[] xformOpOrder = ["xformOp:rotateY"]\n def Sphere "S" {\n'
+    turning += ' double3 xformOp:translate = (40, 0, 0)\n uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n}'
+    shot = pb.Shot(usd(turning, "startTimeCode = 1\nendTimeCode = 9"))
+    low, high = np.array([-41, -1, -41]), np.array([41, 1, 41])
+    assert shot.cameras(1)[0].to_world == pytest.approx(view_of((low, high), "Y").to_world, abs=0.2)
+
+
 def test_what_no_light_would_show_is_still_refused(usd):
     fog = 'def Scope "F" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {\n}'
     hidden = LAMP.replace("{\n", '{\n token visibility = "invisible"\n')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
@@ -173,13 +173,15 @@ def default_time(stage: Usd.Stage) -> Usd.TimeCode:
 
 
 def sample_times(stage: Usd.Stage, most: int) -> list[float]:
-    """Return the time codes of all time samples on a stage, and of some points on its splines, in order.
+    """Return the time codes of all time samples on a stage, and of some points on its splines and arcs, in order.
 
     If there are more than `most`, return an even selection.
     """
     times: set[float] = set()
     for attribute in varying_attributes(stage):
-        times.update(attribute.GetTimeSamples())
+        samples = attribute.GetTimeSamples()
+        turns = attribute.GetName().startswith(_TURNS) and len(samples) <= _BY_HAND
+        times.update(_with_between(samples) if turns else samples)
         if attribute.HasSpline():
             times.update(_spline_times(attribute.GetSpline(), stage))
     found = sorted(filter(isfinite, times))
@@ -188,7 +190,15 @@ def sample_times(stage: Usd.Stage, most: int) -> list[float]:
     return [found[round(k * (len(found) - 1) / (most - 1))] for k in range(most)]
 
 
-_BETWEEN = 3  # times between two knots: a curve may exceed both
+_BETWEEN = 3  # times between two knots or samples: a curve, or what turns, may exceed both
+_TURNS = ("xformOp:rotate", "xformOp:orient")
+_BY_HAND = 8  # samples: where there are more, hardly anything turns far from one to the next
+
+
+def _with_between(times: Sequence[float]) -> list[float]:
+    """Return times in order and some between them."""
+    between = [a + (b - a) * step / (_BETWEEN + 1) for a, b in pairwise(times) for step in range(1, _BETWEEN + 1)]
+    return [*times, *between]
 
 
 def _spline_times(spline: Ts.Spline, stage: Usd.Stage) -> list[float]:
@@ -198,9 +208,7 @@ def _spline_times(spline: Ts.Spline, stage: Usd.Stage) -> list[float]:
     if spline.HasLoops() and len(ends) == 2 and ends[0] < ends[1]:
         baked = spline.GetKnotsWithLoopsBaked(Gf.Interval(*ends)).keys()
         knots |= {float(code) for code in baked if ends[0] < code < ends[1]}
-    corners = sorted({*knots, *ends})
-    between = [a + (b - a) * step / (_BETWEEN + 1) for a, b in pairwise(corners) for step in range(1, _BETWEEN + 1)]
-    return corners + between
+    return _with_between(sorted({*knots, *ends}))
 
 
 def extent_varies(stage: Usd.Stage) -> bool:
