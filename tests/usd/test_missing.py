@@ -50,8 +50,29 @@ TEXTURE = """def Mesh "Floor" (prepend apiSchemas = ["MaterialBindingAPI"]) {
 IES = LAMP.replace("inputs:radius", "inputs:radius = 0.1\n    asset inputs:shaping:ies:file = @gone.ies@\n    float x")
 DOME = 'def DomeLight "Sky" { asset inputs:texture:file = @gone.hdr@\n}\n'
 REFERENCE = 'def Xform "Props" (prepend references = @gone.usda@) {\n}\n'
+MATERIAL = 'def Sphere "Ball" (prepend apiSchemas = ["MaterialBindingAPI"]) { rel material:binding = </gone>\n}\n'
+SKELETON = """def SkelRoot "Figure" {
+    def Mesh "Skin" (prepend apiSchemas = ["SkelBindingAPI"]) {
+        rel skel:skeleton = </gone>
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points = [(-2, -1, 2), (2, -1, 2), (2, -1, -2)]
+    }
+}
+"""
+INSTANCES = """def PointInstancer "Trees" {
+    rel prototypes = </gone>
+    int[] protoIndices = [0]
+    point3f[] positions = [(0, 0, 0)]
+}
+"""
+UNNAMED = {
+    "no file": SEQUENCE.replace("@gone.vdb@", "None"), "no grids": SEQUENCE.replace("@gone.vdb@", "@here.usda@"),
+    "no prototype": INSTANCES,
+}  # fmt: skip
 VARYING = {"smoke": SEQUENCE, "clips": CLIPS, "template": TEMPLATE}
-LASTING = {"texture": TEXTURE, "profile": IES, "sky": DOME, "reference": REFERENCE}
+LASTING = {"texture": TEXTURE, "profile": IES, "sky": DOME, "reference": REFERENCE, "material": MATERIAL,
+           "skeleton": SKELETON}  # fmt: skip
 
 
 @pytest.fixture
@@ -96,6 +117,13 @@ def test_a_missing_file_counts_for_every_frame_and_can_be_made_to_fail(read, kin
     assert len(warnings.missing_at(1)) == len(warnings.missing_at(2)) == 1
     with pytest.raises(MissingError, match="gone"):
         read(LASTING[kind], (1,), strict="missing")
+
+
+@pytest.mark.parametrize("kind", UNNAMED)
+def test_what_is_told_without_the_name_of_a_file_can_be_made_to_fail(read, kind):
+    assert len(read(UNNAMED[kind], (2,)).missing_at(2)) == 1
+    with pytest.raises(MissingError):
+        read(UNNAMED[kind], (2,), strict="missing")
 
 
 def test_other_warnings_are_no_errors_where_only_missing_things_are(read):

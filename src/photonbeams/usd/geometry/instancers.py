@@ -164,7 +164,7 @@ def _read_copies(reading: Reading, prim: Usd.Prim, within: tuple[Sdf.Path, ...])
     if not there.all():
         lost = indices[~there]
         text = f"names prototype {lost[0]}, which is not there: {len(lost)} of {len(indices)} instances are skipped"
-        reading.warn(prim, text, "protoIndices")
+        reading.lack(prim, text, "protoIndices")
     shown = np.flatnonzero(mask[: len(matrices)] & there[: len(matrices)])
     prototypes = [each for number in indices[shown].tolist() if (each := found[number]) is not None]
     return _Copies(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,12 @@ def deformed(reading: Reading, prim: Usd.Prim, points: Array) -> Deformed | None
     try:
         cache, bound = _skeletons(reading, root)
         found = bound.get(prim.GetPath())
-        return None if found is None else _deformed(reading, cache, *found, points)
+        if found is not None:
+            return _deformed(reading, cache, *found, points)
+        for each in (prim, root):
+            find = partial(reading.targets, each, "skel:skeleton")
+            reading.attempt(each, find, [], "its points are used as they are")
+        return None
     except Tf.ErrorException:
         reading.warn(prim, "cannot be bound to its skeleton: its points are used as they are", "skel:skeleton")
         return None

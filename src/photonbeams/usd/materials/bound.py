@@ -114,7 +114,7 @@ def _warn_of_missing(reading: Reading, prim: Usd.Prim) -> None:
         targets = target_paths(prim, "material:binding")
         if targets:
             text = f"names {targets[0]}: expected a material on the stage; displayColor or grey is used"
-            reading.warn(prim, text, "material:binding")
+            reading.lack(prim, text, "material:binding")
             return
         prim = prim.GetParent()
 

@@ -129,10 +129,10 @@ def _file(reading: Reading, field: Usd.Prim) -> tuple[str, str]:
     """Return the path of a field's file, and its name for messages."""
     asset = reading.value(field, "filePath")
     if not isinstance(asset, Sdf.AssetPath) or not asset.path:
-        raise reading.fail(field, "filePath", "names no file: expected a grid, @name.vdb@ or @name.vol@")
+        raise reading.missing(field, "filePath", "names no file: expected a grid, @name.vdb@ or @name.vol@")
     shown = asset.path if len(asset.path) <= 60 else f"…{asset.path[-60:]}"
     if Path(asset.path).suffix.lower() not in _KINDS:
-        raise reading.fail(field, "filePath", f"names {shown}: expected a .vdb or .vol file")
+        raise reading.missing(field, "filePath", f"names {shown}: expected a .vdb or .vol file")
     path = resolved(reading, asset)
     if not path:
         raise reading.missing(field, "filePath", f"names {shown}: expected a .vdb or .vol file, but there is none")
