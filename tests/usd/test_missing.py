@@ -7,7 +7,7 @@ import pytest
 
 from photonbeams.scene import SceneError
 from photonbeams.usd.common.warnings import MissingError, Warnings
-from photonbeams.usd.stage import open_stage, read_scene
+from photonbeams.usd.stage import open_stage, read_scene, sample_times
 from tests.helpers.small_stage import LAMP, write_stage
 from tests.helpers.usda import textured
 
@@ -106,6 +106,15 @@ def test_a_frame_in_a_gap_can_be_made_to_fail(read, kind):
     read(VARYING[kind], (1, 3), strict="missing")
     with pytest.raises(MissingError, match=r"gone\.|clip\.02\."):
         read(VARYING[kind], (2,), strict="missing")
+
+
+def test_what_openusd_says_of_a_gap_at_another_time_is_not_printed(tmp_path, capfd):
+    (tmp_path / "here.usda").write_text(CLIP)
+    (tmp_path / "manifest.usda").write_text('#usda 1.0\ndef Sphere "Ball" { double radius\n}\n')
+    clips = CLIPS.replace("string", "asset manifestAssetPath = @manifest.usda@\n        string")
+    stage = open_stage(write_stage(tmp_path / "stage.usda", clips))
+    assert sample_times(stage, 8) == [1, 2, 3]
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("kind", LASTING)

@@ -172,6 +172,7 @@ def default_time(stage: Usd.Stage) -> Usd.TimeCode:
     return Usd.TimeCode.Default()
 
 
+@quiet()  # it opens value clips
 def sample_times(stage: Usd.Stage, most: int) -> list[float]:
     """Return the time codes of all time samples on a stage, and of some points on its splines and arcs, in order.
 
