@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -13,9 +14,9 @@ from ...numerics.arrays import compressed, to_numpy
 from ...numerics.hashing import hash32
 from ...numerics.sampling import pixel_sample
 from ...numerics.structs import Struct
-from ...runtime.device import Array3f, Bool, Float, UInt32
+from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...scene import Array
-from ...world.shadow_rays import to_lamp
+from ...world.shadow_rays import leaving, to_lamp
 from ...world.world import World
 from ..emission import PathEmitter
 from .importance import Views, relative
@@ -23,8 +24,10 @@ from .importance import Views, relative
 if TYPE_CHECKING:
     from ...estimators.projection import Projection
 
-# Number of points, for all cameras together.
-_POINTS = 1 << 16
+mi = mitsuba()
+
+# Number of points, for all cameras together; most boundaries of fog along a ray that are told apart.
+_POINTS, _BOUNDARIES = 1 << 16, 4
 
 
 class VisiblePoints(Struct):
@@ -102,20 +105,44 @@ def _visible(world: World, views: Views) -> tuple[Bool, VisiblePoints]:
     number = dr.arange(UInt32, _POINTS) + dr.opaque(UInt32, 0)
     view = views(hash32(number, UInt32(4)) % views.count)
     place = pixel_sample(number, dr.opaque(UInt32, 5))
-    depth = pixel_sample(number, dr.opaque(UInt32, 6)).x
+    share = pixel_sample(number, dr.opaque(UInt32, 6)).x
     origin, direction = view.ray(place)
     hit = world.solids.first(origin, direction, Bool(True), number)
     far = dr.select(hit.is_valid(), hit.t, world.bounds.exit(origin, direction))
-    distance = depth * far
+    distance, weight = _between(world, origin, direction, far, share)
     result = VisiblePoints()
     result.position = origin + distance * direction
-    dr.eval(result.position, direction, distance, far)
+    dr.eval(result.position, direction, distance, weight)
     result.medium = world.medium_at(result.position, direction, Bool(True))
     scattering = world.media.scattering(result.medium)
     seen = world.dimming(result.position, -direction, distance, result.medium, number, Bool(True))
-    result.light = dr.max(seen * dr.select(scattering > 0, scattering, 1)) * far
+    result.light = dr.max(seen * dr.select(scattering > 0, scattering, 1)) * weight
     result.part = view.part_at(place)
     result.number = number
     there = (result.medium > 0) & (result.light > 0)
     dr.eval(there, result)
     return there, result
+
+
+def _between(world: World, origin: Array3f, direction: Array3f, far: Float, share: Float) -> tuple[Float, Float]:
+    """Return distances along rays for numbers in [0, 1), and what each stands for: 1 over its density.
+
+    What lies between two boundaries of fog gets as many as the rest of a ray, however thin it is and far away.
+    """
+    ends, here = [Float(0) * far], Array3f(origin)
+    for _ in range(_BOUNDARIES if world.nested else 0):
+        hit = world.around.ray_intersect(mi.Ray3f(mi.Point3f(here), mi.Vector3f(direction)), ends[-1] < far)
+        along = dr.dot(Array3f(hit.p) - origin, direction)
+        ends.append(dr.select(hit.is_valid(), dr.minimum(dr.maximum(along, ends[-1]), far), far))
+        here = leaving(hit, direction, world.size)
+    ends.append(far)
+    count, distance, weight = Float(0), Float(0), Float(0)
+    for first, last in pairwise(ends):
+        count += dr.select(last > first, 1.0, 0.0)
+    left = share * count
+    for first, last in pairwise(ends):
+        there = (last > first) & (left >= 0)
+        distance = dr.select(there & (left < 1), dr.lerp(first, last, left), distance)
+        weight = dr.select(there & (left < 1), count * (last - first), weight)
+        left -= dr.select(there, 1.0, 0.0)
+    return distance, weight

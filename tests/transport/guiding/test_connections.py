@@ -1,0 +1,22 @@
+"""Lines from lamps to fog that cameras see."""
+
+import numpy as np
+
+import photonbeams as pb
+from photonbeams.scene import Medium, Mesh, Scene
+from photonbeams.transport.guiding.connections import Connections
+from photonbeams.world.cameras.cameras import View, Window
+from photonbeams.world.described import world_of_scene
+
+
+def test_fog_that_is_thin_beside_the_rest_of_its_rays_is_found():
+    """Rays are 500 long; 0.1 of that is in the fog, which fills a fifth of the picture."""
+    far = Mesh("/Wall", [[-500, -500, -500], [500, -500, -500], [0, 800, -500]], [[0, 1, 2]])
+    fog = Medium(scattering=1, mesh=Mesh.box("/Puff", [-0.05] * 3, [0.05] * 3))
+    lamp = pb.scene.SphereLight("/Lamp", 1.0, center=(0, 1, 0))
+    camera = pb.scene.Camera.look_at((0, 0, 0.4), (0, 0, 0))
+    world = world_of_scene(Scene(far, lamp, media=fog), [np.array([0, 0, 0.4])])
+    points = Connections(world, View(camera, Window.full(16, 9)).projections)._points
+    assert points is not None
+    assert len(np.ravel(points.light.numpy())) > 1000
+    assert np.abs(points.position.numpy()).max() < 0.051
