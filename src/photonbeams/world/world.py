@@ -37,7 +37,7 @@ from .surfaces.rays import RayScenes, opacity
 from .surfaces.shapes import scene_of
 
 if TYPE_CHECKING:
-    from ..runtime.mitsuba_types import MiBsdf, MiScene, MiShape, SurfaceInteraction
+    from ..runtime.mitsuba_types import EmitterPtr, MiBsdf, MiScene, MiShape, SurfaceInteraction
     from .media.discovery.surroundings import Surroundings
 
 mi = mitsuba()
@@ -196,6 +196,21 @@ class World:
     def short_of_fog(self, emitters: Iterable[int]) -> list[int]:
         """Return those emitters at infinity whose beams, which begin around shapes, do not reach all endless fog."""
         return [each for each in emitters if self.fog_beyond and self.emitters[each].lamp.infinite]
+
+    def veiled(self, emitter: EmitterPtr, place: Array3f, direction: Array3f) -> tuple[Bool, Float]:
+        """Return which of Mitsuba's emitters light places from infinity through endless fog, and how far it dims them.
+
+        Their light begins in planes that touch the bounds, as that of beams does, and rays to infinity do not meet it.
+        Places outside of the bounds have none: an infinite distance. Where the scene itself goes on beyond the bounds,
+        their light begins where Mitsuba says.
+        """
+        if self.fog_beyond or not any(
+            each.number not in self.sizes and each.tracked is None for each in self.media.all
+        ):
+            return Bool(False), Float(0)
+        near = dr.squared_norm(place - self.bounds.center) <= dr.square(self.bounds.radius)
+        over = dr.maximum(self.bounds.behind(place, -direction), 0)
+        return mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite), dr.select(near, over, dr.inf)
 
     def feeling_all(self) -> World:
         """Return the world in which light feels all of its media, beams-only ones, too."""

@@ -7,7 +7,10 @@ import pytest
 from scipy.special import expn
 
 from photonbeams import Look, Shot, scene
+from photonbeams.runtime.device import mitsuba
 from tests.helpers.comparison import box
+
+mi = mitsuba()
 
 SKY = (1.0, 2.0, 0.5)
 SCATTERING, ABSORPTION = np.array([0.9, 0.3, 0.05]), np.array([0.1, 0.3, 0.05])
@@ -115,3 +118,21 @@ def test_beams_that_nothing_shows_are_not_traced():
     for lights, beams in (([lamp], 0), ([lamp, shown], 64)):
         frame = Shot(scene.Scene(lights=lights), CAMERA).render(passes=1, width=8, height=8)
         assert (frame.statistics.beams, "beams_a" in frame.layers) == (beams, True)
+
+
+@pytest.mark.parametrize("method", ["auto", "paths"])
+def test_endless_fog_of_a_mitsuba_scene_is_lit_from_the_bounds_on(method):
+    """As above: the sky of a scene whose bounds are those of two small balls."""
+    fog = {"type": "homogeneous", "id": "fog", "sigma_t": 0.1, "albedo": 0.6}
+    ball = {"type": "sphere", "radius": 0.01}
+    camera = {
+        "type": "perspective", "fov": 2, "medium": {"type": "ref", "id": "fog"},
+        "film": {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}},
+    }  # fmt: skip
+    balls = {name: {**ball, "center": [x, 0, 0]} for name, x in (("left", -5), ("right", 5))}
+    parts = {"fog": fog, "camera": camera, "sky": {"type": "constant", "radiance": 1.0}, **balls}
+    plugin = {"type": "photon_beams", "method": method, "max_depth": 2}
+    found = np.array(mi.render(mi.load_dict({"type": "scene", **parts}), integrator=mi.load_dict(plugin), spp=64))
+    s = 5.01 * (np.arange(10_000) + 0.5) / 10_000
+    arriving = np.exp(-0.1 * 5.01) * np.sinh(0.1 * s) / (0.1 * s)
+    assert found.mean() == pytest.approx(0.06 * 5.01 * (np.exp(-0.1 * s) * arriving).mean(), rel=0.01)

@@ -66,14 +66,17 @@ class MitsubaLighting:
             light, radiance = self._portal.sampled(Array3f(hit.p), light, radiance, aim, self._portal.chosen)
         lit = active & (light.pdf > 0)
         value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
-        alone = light.delta
+        place, toward = Array3f(hit.p), Array3f(light.d)
+        veiled, over = self._world.veiled(light.emitter, place, toward)
+        lit, alone = lit & (~veiled | dr.isfinite(over)), light.delta | veiled
         if self._passed is not None:
             alone |= dr.gather(UInt32, self._passed, emitter_number(light.emitter), lit) > 0
         weight = dr.select(alone, 1, power_heuristic(light.pdf, pdf))
-        colors = _colors(self._world, light.emitter, Array3f(hit.p), Array3f(light.d), light.dist, site)
+        colors = _colors(self._world, light.emitter, place, toward, light.dist, site)
         value = rgb(value) * radiance * colors * weight
         lit &= dr.max(value) > 0
-        ray = to_point(hit, Array3f(light.p), self._world.size).ray()
+        end = dr.select(veiled, place + over * toward, Array3f(light.p))
+        ray = to_point(hit, end, self._world.size).ray()
         seed = samples.bits(order, Stream.EMITTER_SHADOW, step)
         passed, _ = through(
             plugin, media, ray, media.beyond(hit, light.d, point.medium, lit), seed, lit, size=self._world.size
