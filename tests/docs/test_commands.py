@@ -231,7 +231,10 @@ STRICT = [*GOOD, "--strict"]
 #: A change of the guide's layer and a command that provoke each of its messages.
 PROVOKED = {
     "there is no fog": ((), ["render", "examples/blender/attic.usda", *STRICT[2:]]),
-    "nothing makes beams": ((), [*STRICT, "--set", "/Attic/Spot/Spot.photonbeams:enabled=0"]),
+    "nothing makes beams": (
+        (),
+        [*STRICT, "--set", "/Attic/Spot/Spot.photonbeams:enabled=0", "--set", "/Attic/env_light.photonbeams:enabled=0"],
+    ),
     "there is no camera": ((), [*STRICT, "--mask", "/Attic/Spot,/Attic/Barrel"]),
     "there is no light": ((), [*STRICT, "--mask", "/Attic/Camera,/Attic/Barrel"]),
     "has no camera": ((), [*GOOD, "--camera", "Nobody"]),

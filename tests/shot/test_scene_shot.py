@@ -63,12 +63,12 @@ def test_each_eye_has_its_own_deep_samples(shot, tmp_path):
     samples = [[(1.0, 1.0, 0.75)], [(1.0, 1.5, 0.2), (1.2, 2.0, 0.5)]]
     size = SIZE["width"], SIZE["height"]
     path = write_deep(tmp_path / "eyes.exr", lambda part, _: samples[part], size, parts=2, views=("left", "right"))
-    given = {"passes": 16, "beams": 500, "max_depth": 2, "guiding": False}
+    given = {"passes": 20, "beams": 500, "max_depth": 2, "guiding": False, "method": "beams"}
     whole, held = (shot.render(**given, **more).views for more in ({}, {"holdout": path}))
     for eye, passed in (("left", 0.25), ("right", 0.4)):
         light, seen = (views[eye][0]["beams"].sum(axis=2, dtype=np.float64) for views in (whole, held))
         # The light of each pixel in each pass is seen or not; from pass to pass it varies, at most by its own size.
-        error = 4 * np.sqrt(2 * passed * (1 - passed) * (light**2).sum() / 16) / light.sum()
+        error = 4 * np.sqrt(2 * passed * (1 - passed) * (light**2).sum() / 20) / light.sum()
         assert seen.sum() / light.sum() == pytest.approx(passed, abs=error) and error < 0.1
         np.testing.assert_allclose(held[eye][0]["depth"], 1.0, rtol=1e-6)
 
@@ -98,7 +98,7 @@ def test_filters_of_emitters_act_on_beams_and_surfaces(tmp_path):
     (tmp_path / "filters.usda").write_text(FILTERED)
     dimmer = BeamSettings(filters=(DistanceRamp("half", [0.0], [[0.5, 0.25, 1]]),))
     plain, filtered, dimmed = (
-        pb.Shot(scene, **given).render(passes=4, beams=8000, max_depth=2, guiding=False).layers
+        pb.Shot(scene, **given).render(passes=4, beams=8000, max_depth=2, guiding=False, method="beams").layers
         for given in ({}, {"session_layers": tmp_path / "filters.usda"}, {"beams": {"key_lamp": dimmer}})
     )
     right = slice(16, None)

@@ -465,6 +465,7 @@ def Mesh "Rod" ( prepend apiSchemas = ["MaterialBindingAPI"] )
     int[] faceVertexIndices = [0, 1, 2, 3]
     point3f[] points = [(-0.1, -3, DEPTH), (0.1, -3, DEPTH), (0.1, 3, DEPTH), (-0.1, 3, DEPTH)]
     uniform token subdivisionScheme = "none"
+    bool photonbeams:enabled = 0
     rel material:binding = </Glow>
 }
 def Material "Glow"
