@@ -136,6 +136,28 @@ def test_a_mesh_has_faces_and_finite_vertices(tmp_path):
         assert f"names {tmp_path / name}: expected a file that can be read, but {problem}" in text
 
 
+def test_no_face_names_a_vertex_below_0_or_is_left_out(tmp_path):
+    """Mitsuba takes a vertex below 0 of a PLY file for the first one, and leaves out faces that it cannot read."""
+    corners = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n"
+    meshes = {
+        "little.ply": (ply((-1, 1, 2)), "a face names vertex -1: expected 0 or more"),
+        "big.ply": (ply((0, -7, 2), b"binary_big_endian", ">"), "a face names vertex -7"),
+        "text.ply": (ply((0, 1, -1), b"ascii"), "a face names vertex -1"),
+        "name.obj": (corners + b"f x 1 2\nf 1 2 3\n", "Mitsuba finds 1 of its 2 triangles: expected corners such as"),
+        "lines.obj": (corners + b"f 1 2 3 \\\n4\n", "Mitsuba finds 1 of its 2 triangles"),
+    }
+    for name, (data, problem) in meshes.items():
+        (tmp_path / name).write_bytes(data)
+        assert problem in refusal(tmp_path, SHAPE % (name.rpartition(".")[2], name))
+
+
+@pytest.mark.parametrize("line", ["f 1 2 3", "\tf 1// 2 4 3 # a quad", "f 1 2 4 3\r", "#f x\ng f\nf 1 2 3"])
+def test_faces_of_any_spelling_are_read(tmp_path, line):
+    (tmp_path / "a.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n{line}\n")
+    (tmp_path / "scene.xml").write_text(SCENE % (SHAPE % ("obj", "a.obj")))
+    assert len(pb.Shot.open(tmp_path / "scene.xml").cameras()) == 1
+
+
 def test_the_mesh_that_is_named_is_checked(tmp_path):
     (tmp_path / "two.serialized").write_bytes(serialized((0, 1, 2), (0, 1, 3)))
     shape = (SHAPE % ("serialized", "two.serialized")).replace("/></", '/><integer name="shape_index" value="%d"/></')

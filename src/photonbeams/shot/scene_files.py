@@ -43,12 +43,13 @@ _GRIDS = ("gridvolume", "sdfgrid")
 _MESHES = ("obj", "ply", "serialized")
 _PLY = ("ply", "ellipsoids", "ellipsoidsmesh")
 
-# Bytes of the types of PLY files.
+# Types of PLY files, as NumPy names them; and the corners of faces, of which Mitsuba reads three each.
 _TYPES = {
-    **dict.fromkeys(("char", "uchar", "int8", "uint8"), 1), **dict.fromkeys(("short", "ushort", "int16", "uint16"), 2),
-    **dict.fromkeys(("int", "uint", "float", "int32", "uint32", "float32"), 4),
-    **dict.fromkeys(("double", "float64", "int64", "uint64"), 8),
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
+    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "int64": "i8", "uint64": "u8",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
+_CORNERS = ("vertex_index", "vertex_indices")
 _SERIALIZED = struct.Struct("<HH")  # the magic number and the version
 _COUNTS = struct.Struct("<2Q")  # of vertices and of triangles
 _MOST_ZIPPED = 1032  # how much smaller zlib makes data at most
@@ -188,6 +189,7 @@ def _check(properties: Any, file: Path) -> None:
     kind = properties.plugin_name()
     index = properties.get("shape_index", 0)
     index = index if isinstance(index, int) else 0  # Mitsuba refuses anything else
+    triangles = None
     with opened(file) as data:
         if kind in _GRIDS:
             check_size(12.0 * np.prod(vol_shape(data), dtype=float), np.inf, "its grid")  # Mitsuba makes copies
@@ -195,8 +197,10 @@ def _check(properties: Any, file: Path) -> None:
             _check_ply(data)
         elif kind == "serialized":
             _check_serialized(data, index)
+        elif kind == "obj":
+            triangles = _triangles(data)
     if kind in _MESHES:
-        _check_mesh({"type": kind, "filename": str(file), **({"shape_index": index} if index else {})})
+        _check_mesh({"type": kind, "filename": str(file), **({"shape_index": index} if index else {})}, triangles)
     if kind in _IMAGES:
         with opened_image(file) as image:
             spec = image.spec()
@@ -207,7 +211,7 @@ def _check(properties: Any, file: Path) -> None:
 def _check_ply(data: BinaryIO) -> None:
     """Check that a PLY file is one, and as long as its header says."""
     size = os.fstat(data.fileno()).st_size
-    header, marker, _ = data.read(_MOST_HEADER).partition(b"end_header")
+    header, marker, rest = data.read(_MOST_HEADER).partition(b"end_header")
     lines = [line.split() for line in header.decode("latin-1").splitlines()]
     if not marker or not lines or lines[0] != ["ply"]:
         raise SceneError("it is no PLY file")
@@ -220,9 +224,48 @@ def _check_ply(data: BinaryIO) -> None:
             count = int(line[2])
             needed += 0 if binary else 2 * count  # a digit and a line's end
         elif line[:1] == ["property"] and binary:
-            needed += count * _TYPES.get(line[2 if line[1:2] == ["list"] else 1] if len(line) > 2 else "", 1)
+            kind = _TYPES.get(line[2 if line[1:2] == ["list"] else 1] if len(line) > 2 else "", "u1")
+            needed += count * np.dtype(kind).itemsize
     if needed > size:
         raise SceneError(f"its header is of {needed:,} bytes or more, but it has {size:,}")
+    data.seek(len(header) + len(marker) + len(rest.partition(b"\n")[0]) + 1)
+    if (least := _least_corner(lines, data.read())) < 0:
+        raise SceneError(f"a face names vertex {least}: expected 0 or more")
+
+
+def _least_corner(lines: Sequence[Sequence[str]], body: bytes) -> int:
+    """Return the least vertex that faces of a PLY file name, which Mitsuba takes for 0 if it is negative.
+
+    It is 0, too, where the file cannot be read, which Mitsuba reports.
+    """
+    order = ">" if ["format", "binary_big_endian"] in (line[:2] for line in lines) else "<"
+    records: list[tuple[int, list[Any]]] = []
+    place = least = 0
+    with suppress(IndexError, KeyError, ValueError):
+        if any(line[:2] == ["format", "ascii"] for line in lines):
+            body, order = np.array(body.split(), dtype=float).tobytes(), ""
+        for first, *words in filter(None, lines):
+            if first == "element":
+                records.append((int(words[-1]), []))
+            elif first == "property":
+                *kinds, name = words
+                codes = [f"{order}{_TYPES[each]}" if order else "f8" for each in kinds if each != "list"]
+                records[-1][1].extend(
+                    [(f"size of {name}", codes[0]), (name, codes[1], (3,))] if codes[1:] else [(name, codes[0])]
+                )
+        for count, fields in records:
+            rows = np.frombuffer(body, fields, count, place)
+            place += rows.nbytes
+            for name in {*_CORNERS}.intersection(rows.dtype.names or ()):
+                if np.all(rows[f"size of {name}"] == 3):
+                    least = min(least, int(rows[name].min(initial=0)))
+    return least
+
+
+def _triangles(data: BinaryIO) -> int:
+    """Return the number of triangles that the faces of an OBJ file make."""
+    faces = (line.partition(b"#")[0].split() for line in data if line.lstrip()[:1] == b"f")
+    return sum(max(len(words) - 3, 0) for words in faces if words[0] == b"f")
 
 
 def _check_serialized(data: BinaryIO, index: int) -> None:
@@ -260,10 +303,11 @@ def _offset(data: BinaryIO, index: int, kind: str) -> int:
     return int(found)
 
 
-def _check_mesh(description: dict[str, object]) -> None:
-    """Check a mesh, as Mitsuba reads it; what it cannot read is left to it.
+def _check_mesh(description: dict[str, object], triangles: int | None) -> None:
+    """Check a mesh, as Mitsuba reads it, and how many triangles that has; what Mitsuba cannot read is left to it.
 
-    Mitsuba computes normals, and a scene its boxes, from any vertex that a face names. Without normals, it only reads.
+    Mitsuba leaves out faces of which it cannot read a corner. It computes normals, and a scene its boxes, from any
+    vertex that a face names. Without normals, it only reads.
     """
     from ..world.checks import wrong_mesh
 
@@ -272,7 +316,11 @@ def _check_mesh(description: dict[str, object]) -> None:
     mi.set_log_level(mi.LogLevel.Error)  # what it warns of, it will say again
     try:
         with suppress(RuntimeError), helping_thread():
-            if problem := wrong_mesh(mi.load_dict({**description, "face_normals": True})):
+            mesh = mi.load_dict({**description, "face_normals": True})
+            if problem := wrong_mesh(mesh):
                 raise SceneError(problem)
+            if triangles not in (None, mesh.face_count()):
+                found = f"Mitsuba finds {mesh.face_count():,} of its {triangles:,} triangles"
+                raise SceneError(f"{found}: expected corners such as 1, 1/2 or 1/2/3, each face on one line")
     finally:
         mi.set_log_level(level)
