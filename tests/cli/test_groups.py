@@ -48,6 +48,12 @@ def test_a_value_out_of_bounds_names_its_flag():
         called("-n", "10")
 
 
+def test_an_empty_value_is_refused_by_its_flag():
+    """As of a script's variable that is not set; only the template of farms means none by an empty --camera."""
+    with pytest.raises(typer.BadParameter, match=r"^--name is empty: expected a value, or no --name$"):
+        called("--name", "")
+
+
 def test_given_flags_are_those_that_are_not_the_default():
     assert [*Outer(inner=Inner()).given()] == []
     assert [*Outer(count=1, inner=Inner(loud=True)).given()] == ["--number", "--loud"]

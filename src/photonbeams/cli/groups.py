@@ -14,6 +14,8 @@ from ..setting import Setting
 
 _F = TypeVar("_F", bound="Flags")
 
+_MAY_BE_EMPTY = "camera"  # a template of Open Job Description cannot leave out a flag
+
 
 class Flags:
     """A group of flags, made from the values of a command line. Subclasses are dataclasses, and may hold groups."""
@@ -42,8 +44,7 @@ class Flags:
             if isinstance(value, Flags):
                 yield from value.given()
             elif each.default is not MISSING and value != each.default and value != []:
-                own = each.metadata.get("option")
-                yield ((own and own.param_decls) or (_flag(each.name),))[0]
+                yield _declared(each.name, each.metadata.get("option"))
 
 
 def _is_group(kind: Any) -> bool:
@@ -52,6 +53,11 @@ def _is_group(kind: Any) -> bool:
 
 def _flag(name: str) -> str:
     return f"--{name.replace('_', '-')}"
+
+
+def _declared(name: str, option: Any = None) -> str:
+    """Return the first flag of an option, which it declares or has by its name."""
+    return str(((option and option.param_decls) or (_flag(name),))[0])
 
 
 def _parameter(own: Field[Any], kind: Any) -> Parameter:
@@ -103,6 +109,13 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def called(**values: Any) -> None:
+        for each in options:
+            value = values[each.name]
+            if each.name != _MAY_BE_EMPTY and "" in (
+                value if isinstance(value, list) else [value]
+            ):  # as of a script's variable that is not set
+                flag = _declared(each.name, *getattr(each.annotation, "__metadata__", ()))
+                raise typer.BadParameter(f"{flag} is empty: expected a value, or no {flag}")
         plain = {name: values[name] for name in own if name not in groups}
         command(**plain, **{name: group.of(values) for name, group in groups.items()})
 

@@ -222,9 +222,6 @@ class PlateFlags(Flags):
     over_fog: bool = option(False, "Let the fog dim the plate, too.")
 
     def __post_init__(self) -> None:
-        for flag, file in (("--holdout", self.holdout), ("--over", self.over)):
-            if file == "":  # as of a script's variable that is not set
-                raise typer.BadParameter(f"{flag} is empty: expected the name of a file")
         for name in ("channel", "depth", "scale", "coverage"):
             if getattr(self, f"holdout_{name}") is not None and not self.holdout:
                 raise typer.BadParameter(f"--holdout-{name} needs a holdout: expected --holdout, too")
