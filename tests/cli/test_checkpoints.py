@@ -71,6 +71,21 @@ def test_a_signal_ends_a_render_as_ctrl_c_does(render, stage, out, monkeypatch, 
     assert render(stage, "-o", out / "a.exr", *SMALL, "--passes", 2, "--resume")[0] == 0 and not kept.exists()
 
 
+def test_an_ended_render_tells_of_its_snapshot(render, stage, out, monkeypatch):
+    interrupted(monkeypatch, 2)
+    result = render(stage, "-o", out / "a.exr", *SMALL, "--snapshot", 1e-9)
+    assert result[0] == 130 and result[2].endswith(f"Interrupted; wrote {out / 'a.snapshot.exr'}\n")
+
+
+@pytest.mark.parametrize("name", ["a.snapshot.exr", "a.checkpoint"])
+def test_files_of_others_are_no_snapshots_and_checkpoints(render, stage, out, name):
+    """Those of the program are replaced and, at the end, removed."""
+    (out / name).write_bytes(b"\x76\x2f\x31\x01 of somebody else")
+    told = f"{out / name} would be removed: expected a {'snapshot' if 'snap' in name else 'checkpoint'} of photonbeams"
+    fails(render(stage, "-o", out / "a.exr", *SMALL, "--checkpoint", 9), 1, told)
+    assert (out / name).read_bytes().endswith(b"else")
+
+
 def test_what_nohup_ignores_stays_ignored(monkeypatch):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:

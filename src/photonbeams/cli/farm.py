@@ -20,7 +20,7 @@ from ..runtime.limits import processors
 from ..scene import SceneError
 from .animation import FrameError, Task, report_line
 from .outputs import checkpoint_of, finish_frame, snapshots_of, write_frame
-from .progress import farm_bar, frame_line
+from .progress import counted, farm_bar, frame_line
 from .request import RenderRequest
 
 if TYPE_CHECKING:
@@ -161,14 +161,16 @@ class FarmAnimation:
             if frame.sums is not None:
                 write_frame(developed(frame.sums), snapshots_of(task.outputs), self.job.request, self.layers)
 
-    def _keep(self) -> str | None:
-        """Write checkpoints of unfinished frames, if `--checkpoint` is given; return a message about them."""
+    def _keep(self) -> str:
+        """Write checkpoints of unfinished frames, if `--checkpoint` is given; return a message about what is left."""
+        shown = sum(each.path.exists() for task in self.todo for each in snapshots_of(task.outputs))
+        told = f"wrote {counted(shown, 'snapshot')}" if shown else ""
         if self.job.request.passes.checkpoint is None:
-            return None
+            return told
         kept = 0
         for place, frame in enumerate(getattr(self, "_frames", ())):
             kept += frame.file is not None or (frame.sums is not None and self._save(place, frame.sums))
         if not kept:
-            return None
+            return told
         text = "unfinished frame has a checkpoint" if kept == 1 else "unfinished frames have checkpoints"
-        return f"{kept} {text}: --skip-existing --resume go on from there"
+        return ", ".join(filter(None, (told, f"{kept} {text}: --skip-existing --resume go on from there")))

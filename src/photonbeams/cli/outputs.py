@@ -20,6 +20,7 @@ from ..images.numbering import PLACEHOLDER, numbered
 if TYPE_CHECKING:
     from ..scene import Array
     from ..shot.shot import Frame
+    from .flags import PassFlags
     from .request import RenderRequest
 
 
@@ -252,9 +253,27 @@ def write_frame(frame: Frame, outputs: Sequence[Output], request: RenderRequest,
 def finish_frame(frame: Frame, outputs: Sequence[Output], request: RenderRequest, kept: Sequence[str]) -> None:
     """Write the files of a finished frame; remove its snapshots and the checkpoint that it used."""
     write_frame(frame, outputs, request, kept)
-    used = [checkpoint_of(outputs)] if request.passes.resume or request.passes.checkpoint is not None else []
-    for path in [*used, *(each.path for each in snapshots_of(outputs))]:
+    for path in _beside(outputs, request.passes):
         path.unlink(missing_ok=True)
+
+
+def check_beside(outputs: Sequence[Output], passes: PassFlags) -> None:
+    """Refuse a file of another program in the place of the checkpoint or a snapshot, which are removed at the end."""
+    from ..scene import SceneError
+
+    for path in _beside(outputs, passes):
+        if path.is_file() and path.stat().st_size:
+            with path.open("rb") as file:
+                head = file.read(1 << 16)
+            if not (head.startswith(_PICTURES[1]) or b"photonbeams" in head or b"about.npy" in head[:64]):
+                kind = "checkpoint" if path.suffix == ".checkpoint" else "snapshot"
+                raise SceneError(f"{path} would be removed: expected a {kind} of photonbeams, or another --output")
+
+
+def _beside(outputs: Sequence[Output], passes: PassFlags) -> list[Path]:
+    """Return the files of an unfinished frame: its snapshots, and the checkpoint if it uses one."""
+    used = [checkpoint_of(outputs)] if passes.resume or passes.checkpoint is not None else []
+    return [*used, *(each.path for each in snapshots_of(outputs))]
 
 
 def checkpoint_of(outputs: Sequence[Output]) -> Path:

@@ -12,6 +12,7 @@ from ..constants import REQUESTED
 from ..runtime.limits import check_address_space
 from .animation import Task, frame_numbers, print_plan, render_frames, tasks_of
 from .outputs import (
+    check_beside,
     check_outputs,
     checkpoint_of,
     chosen_layers,
@@ -228,6 +229,7 @@ def _ready(job: Job, todo: Sequence[Task], check: HeldSignals) -> tuple[Job, Seq
     check_kept([path for task in todo for path in task.written], job.files(todo))
     check_address_space(job.picture_memory())
     for task in todo:
+        check_beside(task.outputs, job.request.passes)
         prepare_outputs(task.outputs)
     if job.settings.denoise:
         check_denoiser()
@@ -266,18 +268,21 @@ def _rendered(
     def progress(done: int, statistics: Statistics) -> None:
         advance(done, error_note(statistics.error, job.settings.error))
 
+    written: list[str] = []
+
     def snapshot(frame: Callable[[], Frame]) -> None:
         if due():
-            write_frame(frame(), snapshots_of(task.outputs), request, kept)
+            write_frame(frame(), files := snapshots_of(task.outputs), request, kept)
+            written[:] = [f"wrote {', '.join(str(each.path) for each in files)}"]
 
-    def kept_passes() -> str | None:
+    def kept_passes() -> str:
         if checkpoint is None or not checkpoint.passes:
-            return None
+            return ", ".join(written)
         done = counted(checkpoint.passes, "pass", "passes")
         flags = "--skip-existing --resume go" if len(job.tasks) > 1 else "--resume goes"
-        return f"{checkpoint.path} has {done}: {flags} on from there"
+        return ", ".join([*written, f"{checkpoint.path} has {done}: {flags} on from there"])
 
-    def rescue() -> str | None:
+    def rescue() -> str:
         if checkpoint is not None:
             checkpoint.rescue()
         return kept_passes()
