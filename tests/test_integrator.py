@@ -14,6 +14,7 @@ from photonbeams import integrator
 from photonbeams.render.scene_frame import render
 from photonbeams.render.settings import parameters
 from photonbeams.runtime.device import mitsuba
+from photonbeams.scene import SceneError
 from photonbeams.shot.scene_loading import reason
 from tests.helpers.mitsuba_scenes import camera, cube_of, fog, load, rgb
 
@@ -198,6 +199,12 @@ def test_derivatives_are_refused():
     image = mi.render(given, parameters, integrator=plugin(), spp=1)
     with pytest.raises(integrator.NotOfferedError, match="has no derivatives"):
         dr.backward(dr.sum(image, axis=None))
+
+
+@pytest.mark.parametrize("sensor", [1, -1])
+def test_a_sensor_that_is_not_there_is_refused(sensor):
+    with pytest.raises(SceneError, match=f"sensor is {sensor}: expected a sensor of the scene, which has 1"):
+        plugin().render(scene(), sensor)
 
 
 def test_a_seed_is_a_picture():

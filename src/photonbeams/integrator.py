@@ -219,7 +219,11 @@ class _Renderer:
         import drjit as dr
 
         from .render.films.denoising import check_denoiser
+        from .scene import SceneError
 
+        count = len(scene.sensors())
+        if isinstance(sensor, int) and not 0 <= sensor < count:
+            raise SceneError(f"{NAME}: sensor is {sensor}: expected a sensor of the scene, which has {count}")
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
         if settings.denoise:

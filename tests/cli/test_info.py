@@ -28,6 +28,21 @@ def lines(capsys, path):
     return [re.sub(r"\s+", " ", line).strip() for line in capsys.readouterr().out.splitlines()]
 
 
+def test_text_of_a_binary_layer_that_is_no_utf8_is_an_error(tmp_path, capsys):
+    from pxr import Sdf
+
+    layer = Sdf.Layer.CreateNew(str(tmp_path / "a.usdc"))
+    layer.documentation = "a cafe of Paris"
+    layer.Save()
+    (tmp_path / "b.usdc").write_bytes((tmp_path / "a.usdc").read_bytes().replace(b"cafe", b"caf\xe9"))
+    with pytest.raises(SystemExit, match="1"):
+        main(["info", str(tmp_path / "b.usdc")])
+    assert (
+        capsys.readouterr().err
+        == "Error: a file has the text 'a caf\N{REPLACEMENT CHARACTER} of Paris': expected UTF-8\n"
+    )
+
+
 def test_an_exr_shows_its_layers_ranges_and_headers(tmp_path, capsys):
     rgba = np.full((6, 8, 4), 0.5, np.float32)
     rgba[1, 2] = np.nan, 2.0, 0.5, 1.0

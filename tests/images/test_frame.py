@@ -10,6 +10,7 @@ from photonbeams.images import frame as frames
 from photonbeams.images.display import srgb_decoded
 from photonbeams.images.frame import Frame
 from photonbeams.render.passes import Statistics
+from photonbeams.scene import SceneError
 
 
 def frame_of(*eyes):
@@ -32,6 +33,14 @@ def test_a_frame_shows_what_it_writes(noise, tmp_path, count):
     frame = frame_of(*(noise, noise[::-1])[:count])
     frame.write(tmp_path / "shot.png")
     assert frame._repr_png_() == (tmp_path / "shot.png").read_bytes()
+
+
+@pytest.mark.parametrize("exposure", [np.nan, 1e6, "1"])
+def test_an_exposure_is_a_number_of_stops(noise, tmp_path, exposure):
+    with pytest.raises(SceneError, match=r"exposure is .*: expected a finite number at least -100 and at most 100"):
+        frame_of(noise).write(tmp_path / "a.png", exposure=exposure)
+    with pytest.raises(OSError, match="a name cannot have a NUL"):
+        frame_of(noise).write(tmp_path / "a\0.png")
 
 
 def test_a_frame_says_its_size_passes_and_layers_in_one_line(noise):

@@ -73,6 +73,30 @@ def test_a_shot_says_what_it_cannot_be_made_of(value, message):
     assert len(str(refused.value)) <= 300
 
 
+LAMP, PAIR = BUILT.lights[0], np.zeros(2)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: pb.Plate(LAMP), "expected a file's name, or pixels"),
+        (lambda: pb.Holdout(PAIR, kind=PAIR), "holdout-depth is array([0., 0.]): expected one of"),
+        (lambda: pb.Holdout(PAIR, scale="1"), "holdout-scale is '1': expected a finite number"),
+        (lambda: pb.scene.SphereLight("/L", LAMP), "/L: radiance is SphereLight("),
+        (lambda: pb.scene.SphereLight("/L", 1, shadow_distance=PAIR), "/L: shadow_distance is array([0., 0.])"),
+        (lambda: pb.scene.Camera("c", np.eye(4), projection=PAIR), "camera c: projection is array([0., 0.])"),
+        (lambda: pb.scene.Camera.panorama("c", np.eye(4), []), "camera c: projection is []: expected one of"),
+        (lambda: pb.Shot.open("a.usda", overrides=[5]), "one of several arguments is 5: expected a str or a PathLike"),
+        (lambda: pb.Shot.open("a.usda", session_layers=5), "one of several arguments is 5"),
+        (lambda: pb.Shot(BUILT, pb.scene.Camera("c", np.eye(4)), lambda _: 5).read(), "of the medium returns is 5"),
+    ],
+)  # fmt: skip
+def test_arguments_of_other_types_are_refused(call, message):
+    with pytest.raises(SceneError) as refused:
+        call()
+    assert message in str(refused.value)
+
+
 def test_a_dictionary_and_its_scene_are_one_shot_and_it_can_be_pickled():
     scene = mi.load_dict(DICTIONARY)
     with pytest.raises(SceneError, match="that Mitsuba has loaded cannot be pickled"):

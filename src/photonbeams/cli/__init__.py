@@ -208,6 +208,8 @@ def _sentence(error: BaseException) -> str | None:
         cause = error.__cause__
         sentence = _usage(cause) if isinstance(cause, TyperException) else _sentence(cause)  # type: ignore[arg-type]
         return sentence and f"{error.frame}{sentence}"
+    if isinstance(error, UnicodeDecodeError):  # from OpenUSD: text in a binary layer
+        return f"a file has the text {error.object[:60].decode(errors='replace')!r}: expected UTF-8"
     if isinstance(error, SceneError | DeviceError | FarmError):
         return str(error)
     if isinstance(error, MemoryError) or "out of memory" in str(error):  # Dr.Jit raises a RuntimeError

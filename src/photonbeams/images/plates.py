@@ -12,7 +12,7 @@ import numpy as np
 
 from ..render.seen.depth_layers import DepthLayers
 from ..runtime.files import PathLike
-from ..scene import FARTHEST, Array, SceneError, numbers
+from ..scene import FARTHEST, Array, SceneError, choice, numbers, real
 from .channels import (
     Box,
     Channel,
@@ -120,9 +120,8 @@ class Holdout(_Picture):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.kind not in KINDS:
-            raise SceneError(f"holdout-depth is {self.kind}: expected one of {', '.join(KINDS)}")
-        if not 0 < self.scale <= FARTHEST:
+        choice(self.kind, "holdout-depth", KINDS)
+        if not 0 < real(self.scale, "holdout-scale") <= FARTHEST:
             raise SceneError(f"holdout-scale is {self.scale}: expected more than 0 and no more than {FARTHEST:g}")
 
     def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None) -> list[Depth]:

@@ -15,7 +15,7 @@ import OpenEXR
 
 from ..constants import CRYPTO, DEPTH_LAYER, is_number
 from ..runtime.files import PathLike, write_bytes
-from ..scene import Array, SceneError
+from ..scene import Array, SceneError, number
 from .color_spaces import COLOR_SPACE, REC709, USUAL_SPACES, converted
 from .display import dithered, srgb_encoded, tone_mapped
 from .files import reason
@@ -247,7 +247,7 @@ def png_of(*eyes: Array, exposure: float = 0.0, pixel_aspect: float = 1.0, space
     Parameters
     ----------
     exposure
-        In stops: the colours are multiplied by 2^exposure.
+        In stops, from -100 to 100: the colours are multiplied by 2^exposure.
     pixel_aspect
         Width of a pixel over its height.
     space
@@ -256,12 +256,13 @@ def png_of(*eyes: Array, exposure: float = 0.0, pixel_aspect: float = 1.0, space
     Raises
     ------
     ValueError
-        Eyes of different heights.
+        Eyes of different heights; SceneError, which is one, for another exposure.
 
     References
     ----------
     Portable Network Graphics (PNG) Specification, https://www.w3.org/TR/png-3/.
     """
+    exposure = number(exposure, "exposure", -100.0, 100.0)
     heights = [np.shape(eye)[0] for eye in eyes]
     if len(set(heights)) != 1:
         raise ValueError(f"while encoding a picture, got eyes {heights} pixels high: expected one height")

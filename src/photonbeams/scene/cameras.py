@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import Array, SceneError, numbers, shown
+from .checks import Array, SceneError, choice, numbers, shown
 from .vectors import near_one, unit
 
 #: How the aperture and the picture are made to fit each other, named as by UsdRenderSettings: the first is the default.
@@ -82,9 +82,7 @@ class Camera:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "to_world", numbers(self.to_world, f"camera {self.name}: to_world", "4 x 4 numbers"))
-        if self.projection not in PROJECTIONS:
-            known = ", ".join(PROJECTIONS)
-            raise SceneError(f"camera {self.name}: projection is {self.projection!r}: expected one of {known}")
+        choice(self.projection, f"camera {self.name}: projection", PROJECTIONS)
 
     @property
     def orthographic(self) -> bool:
@@ -129,14 +127,11 @@ class Camera:
         >>> dome.horizontal_aperture == dome.vertical_aperture
         True
         """
-        fisheye = FISHEYES.get(projection)
+        fisheye = FISHEYES.get(choice(projection, f"camera {name}: projection", (EQUIRECTANGULAR, *FISHEYES)))
         # Half of the sphere is all that sin shows, and tan has no end at the back.
         wide = {"fisheyeOrthographic": 180.0, "fisheyeStereographic": 350.0}.get(projection, 360.0)
         most = (360.0, 180.0) if fisheye is None else (wide, wide)
         field = tuple(field) or ((180.0, 180.0) if fisheye else most)
-        if not (fisheye or projection == EQUIRECTANGULAR):
-            panoramas = ", ".join((EQUIRECTANGULAR, *FISHEYES))
-            raise SceneError(f"camera {name}: projection is {projection!r}: expected one of {panoramas}")
         if len(field) != 2 or not all(0 < own <= end for own, end in zip(field, most, strict=True)):
             text = f"expected two angles above 0, up to {most[0]:g} and {most[1]:g} degrees"
             raise SceneError(f"camera {name}: field of view is {shown(field)}: {text}")

@@ -106,7 +106,10 @@ def shown(value: object) -> str:
 def has_gradients(value: object) -> bool:
     """Return whether a value is, or holds, a Dr.Jit array with gradients enabled."""
     drjit = sys.modules.get("drjit")
-    return drjit is not None and bool(drjit.grad_enabled(value))
+    try:
+        return drjit is not None and bool(drjit.grad_enabled(value))
+    except RuntimeError:  # a record whose fields are no arrays of Dr.Jit's
+        return False
 
 
 def numbers(value: object, name: str, expected: str) -> Array:

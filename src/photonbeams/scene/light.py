@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -173,8 +174,9 @@ class Light(BeamSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         number(self.surface_scale, f"{self.name}: surface_scale", 0.0)
-        if not self.shadow_distance > 0:
-            raise SceneError(f"{self.name}: shadow_distance is {self.shadow_distance}: expected a number above 0")
+        if not (isinstance(self.shadow_distance, Real) and self.shadow_distance > 0):
+            text = f"shadow_distance is {shown(self.shadow_distance)}: expected a number above 0"
+            raise SceneError(f"{self.name}: {text}")
         object.__setattr__(self, "radiance", color(self.radiance, f"{self.name}: radiance"))
         for name in ("center", "axis", "half", "half_x", "half_y"):
             if hasattr(self, name):

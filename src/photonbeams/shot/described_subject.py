@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from math import log2, pi
+from types import NoneType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -146,6 +147,7 @@ class DescribedSubject(Subject):
             return content.media if self.medium is None else (self.medium,)
         own = content.medium
         chosen = self.medium(own)
+        scene.instance(chosen, "what the function of the medium returns", scene.Medium, NoneType)
         rest = tuple(each for each in content.media if each is not own)
         return rest if chosen is None else content.media if chosen is own else (chosen, *rest)
 

@@ -14,7 +14,7 @@ from ..render.films.denoising import check_denoiser
 from ..render.films.mattes import MATERIAL, OBJECT, header_of
 from ..render.passes import PlannedPasses, Progress, RunOptions
 from ..render.settings import Settings
-from ..scene import SceneError, real
+from ..scene import SceneError, choice, real
 from ..scene.cameras import CONFORM_POLICIES
 from ..usd.cameras.stereo import views_of
 from .development import Development
@@ -85,8 +85,7 @@ class FrameRequest:
     def __post_init__(self) -> None:
         if not 1e-3 <= real(self.pixel_aspect, "pixel_aspect") <= 1e3:
             raise SceneError(f"pixel_aspect is {self.pixel_aspect}: expected a number from 0.001 to 1000")
-        if self.conform not in CONFORM_POLICIES:
-            raise SceneError(f"conform is {self.conform!r}: expected one of {', '.join(CONFORM_POLICIES)}")
+        choice(self.conform, "conform", CONFORM_POLICIES)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ..images.color_spaces import USUAL_SPACES, ColorSpaces
 from ..runtime.files import PathLike, check_kept
-from ..scene import MOST_PIXELS, SceneError, real, whole
+from ..scene import MOST_PIXELS, SceneError, instance, real, whole
 from ..usd.authoring.beams import write_beams
 
 if TYPE_CHECKING:
@@ -188,5 +188,8 @@ def refuse(why: str, **given: Any) -> None:
 
 
 def several(given: T | Iterable[T]) -> list[T]:
-    """Return the texts or paths of an argument that may be a single one."""
-    return [given] if isinstance(given, str | os.PathLike) else [*given]  # type: ignore[list-item]
+    """Return the texts or paths of an argument that may be a single one; SceneError for anything else."""
+    found = [*given] if isinstance(given, Iterable) and not isinstance(given, str) else [given]
+    for each in found:
+        instance(each, "one of several arguments", str, os.PathLike)
+    return found  # type: ignore[return-value]
