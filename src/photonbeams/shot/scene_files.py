@@ -306,8 +306,7 @@ def _offset(data: BinaryIO, index: int, kind: str) -> int:
 def _check_mesh(description: dict[str, object], triangles: int | None) -> None:
     """Check a mesh, as Mitsuba reads it, and how many triangles that has; what Mitsuba cannot read is left to it.
 
-    Mitsuba leaves out faces of which it cannot read a corner. It computes normals, and a scene its boxes, from any
-    vertex that a face names. Without normals, it only reads.
+    Mitsuba computes normals, and a scene its boxes, from any vertex that a face names. Without normals, it only reads.
     """
     from ..world.checks import wrong_mesh
 
@@ -316,11 +315,8 @@ def _check_mesh(description: dict[str, object], triangles: int | None) -> None:
     mi.set_log_level(mi.LogLevel.Error)  # what it warns of, it will say again
     try:
         with suppress(RuntimeError), helping_thread():
-            mesh = mi.load_dict({**description, "face_normals": True})
-            if problem := wrong_mesh(mesh):
+            # No name is left for the mesh: an error's traceback would keep it, and later kernels would read it.
+            if problem := wrong_mesh(mi.load_dict({**description, "face_normals": True}), triangles):
                 raise SceneError(problem)
-            if triangles not in (None, mesh.face_count()):
-                found = f"Mitsuba finds {mesh.face_count():,} of its {triangles:,} triangles"
-                raise SceneError(f"{found}: expected corners such as 1, 1/2 or 1/2/3, each face on one line")
     finally:
         mi.set_log_level(level)

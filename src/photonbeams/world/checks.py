@@ -26,17 +26,20 @@ def check_phase(plugin: MiMedium) -> None:
         )
 
 
-def wrong_mesh(mesh: MiMesh) -> str:
-    """Return why rays cannot meet a mesh, as a clause; "" if they can.
+def wrong_mesh(mesh: MiMesh, triangles: int | None = None) -> str:
+    """Return why rays cannot meet a mesh, or all of the `triangles` of its file, as a clause; "" if they can.
 
-    Rays that meet a face of a vertex that is not there read memory beyond the mesh, and none can be traced in a scene
-    with a mesh without faces.
+    Mitsuba leaves out faces of OBJ files of which it cannot read a corner. Rays that meet a face of a vertex that is
+    not there read memory beyond the mesh, and none can be traced in a scene with a mesh without faces.
     """
     count, last = mesh.vertex_count(), np.asarray(mesh.faces_buffer()).max(initial=0)
     if not mesh.face_count():
         return "it has no faces"
     if last >= count:
         return f"a face names vertex {last:,} of a mesh that has {count:,}"
+    if triangles not in (None, found := mesh.face_count()):
+        expected = "expected corners such as 1, 1/2 or 1/2/3, each face on one line"
+        return f"Mitsuba finds {found:,} of its {triangles:,} triangles: {expected}"
     return "" if np.isfinite(np.asarray(mesh.vertex_positions_buffer())).all() else "a vertex is not finite"
 
 
