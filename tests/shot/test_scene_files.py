@@ -158,6 +158,16 @@ def test_faces_of_any_spelling_are_read(tmp_path, line):
     assert len(pb.Shot.open(tmp_path / "scene.xml").cameras()) == 1
 
 
+def test_what_mitsuba_says_of_a_scene_is_logged_once_in_plain_text(tmp_path, caplog, capfd):
+    sampler = '<sampler type="stratified"><integer name="sample_count" value="5"/></sampler>'
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<scene version="3.0.0"><sensor type="perspective">{sampler}</sensor></scene>')
+    pb.Shot.open(path).subject.load()
+    (told,) = [each.getMessage() for each in caplog.records]
+    assert told == f"{path}: [StratifiedSampler] Sample count should be square and power of two, rounding to 9"
+    assert "Sampler" not in "".join(capfd.readouterr())
+
+
 def test_the_mesh_that_is_named_is_checked(tmp_path):
     (tmp_path / "two.serialized").write_bytes(serialized((0, 1, 2), (0, 1, 3)))
     shape = (SHAPE % ("serialized", "two.serialized")).replace("/></", '/><integer name="shape_index" value="%d"/></')

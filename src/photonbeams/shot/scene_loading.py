@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 from collections.abc import Iterator, Mapping
@@ -21,6 +22,7 @@ _REPLACED = {
 }
 _MISSING = re.compile(rf'({"|".join(_REPLACED)}) plugin of type "([^"]*)": \[PluginManager\] Plugin "\2" not found')
 
+_STAMP = re.compile(r"^[\d-]+ [\d:]+ [A-Z]+ +")  # before what Mitsuba logs
 _TRACE = "Traceback (most recent call last):"
 _MAKING = re.compile(r': failed to instantiate \w+ plugin of type "(\w+)":$')
 
@@ -37,7 +39,7 @@ def load(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
         raise SceneError(f"{path}: no such file")
     try:
         check_files(path, parameters)
-        with helping_thread():
+        with helping_thread(), _logged(path):
             plugin = _load_file(path, parameters, merge)
     except (RuntimeError, UnicodeDecodeError) as error:
         version = version_of(path)
@@ -47,6 +49,34 @@ def load(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
     if not isinstance(plugin, mi.Scene):
         raise SceneError(f"{path}: holds a {type(plugin).__name__}: expected a scene")
     return plugin
+
+
+@contextmanager
+def _logged(path: Path) -> Iterator[None]:
+    """Give what Mitsuba says of a scene to our log within the context, instead of colours and times to the terminal."""
+    from ..runtime.device import mitsuba
+
+    mi = mitsuba()
+
+    class Lines(mi.Appender):  # type: ignore[misc, name-defined]
+        def append(self, level: Any, text: str) -> None:
+            if level >= mi.LogLevel.Warn:
+                text = " ".join(_STAMP.sub("", text).split())
+                logging.getLogger("photonbeams").warning("%s: %s", path, text)
+
+        def log_progress(self, *_: object) -> None:
+            pass
+
+    logger, lines = mi.logger(), Lines()
+    before = [logger.appender(number) for number in range(logger.appender_count())]
+    logger.clear_appenders()
+    logger.add_appender(lines)
+    try:
+        yield
+    finally:
+        logger.clear_appenders()
+        for each in before:
+            logger.add_appender(each)
 
 
 def check_scene(source: Any) -> Any:
