@@ -394,7 +394,10 @@ def lamp(body):
     [
         ((FOG, LAMP), ("there is no camera", "expected a camera")),
         ((CAMERA,), ("there is nothing to render", "expected meshes, lights, fog or drawn beams")),
-        ((FOG, CAMERA, 'def DomeLight "Sky" {\n    bool photonbeams:enabled = 0\n}\n'), ("nothing makes beams", "/Sky", "photonbeams:enabled")),
+        (
+            (FOG, CAMERA, 'def DomeLight "Sky" {\n    bool photonbeams:enabled = 0\n}\n'),
+            ("nothing makes beams", "/Sky", "photonbeams:enabled"),
+        ),
         ((CAMERA, LAMP), ("there is no fog", "PhotonBeamsMediumAPI", "--scattering")),
         # meshes
         ((FOG, CAMERA, LAMP, with_(FLOOR, "0, 1, 2, 3", "0, 1, 2, 30")), ("/Floor.faceVertexIndices", "30", "0 to 3")),

@@ -120,7 +120,7 @@ def _prefers_walks(lights: Lights, own: Sequence[int], dark: frozenset[int], pix
         if walks.traces:
             walks.add(_TRACED - _FIRST)
     sharp = lights.world.emitters[own[0]].lamp.bare.sharp  # all of a kind
-    return prefers_walks(beams.found, walks.found, _cost(walks, beams, pixels), missable=sharp)
+    return prefers_walks(beams.found, walks.found, _cost(walks, beams, pixels), may_miss=sharp)
 
 
 def _cost(walks: _Trial, beams: _Trial, pixels: Pixels) -> float:
@@ -128,7 +128,7 @@ def _cost(walks: _Trial, beams: _Trial, pixels: Pixels) -> float:
     return walks.cost(pixels.count) / (_GRAIN * pixels.averaged * beams.cost(pixels.count) * FEWER**-0.5)
 
 
-def prefers_walks(beams: Array, walks: Array, cost: float, missable: bool = True) -> bool:
+def prefers_walks(beams: Array, walks: Array, cost: float, may_miss: bool = True) -> bool:
     """Return whether walks have less noise than beams at equal cost.
 
     Parameters
@@ -137,14 +137,14 @@ def prefers_walks(beams: Array, walks: Array, cost: float, missable: bool = True
         The radiance of rays in some passes of each, (P, H, W).
     cost
         The cost of a pass of walks over that of a pass of beams.
-    missable
+    may_miss
         Whether walks may miss the light. They meet that of a sky; its beams are wide, and bring too much.
     """
     mean = 0.5 * (beams.mean(axis=0) + walks.mean(axis=0))
     totals = [each.mean() for each in (beams, walks)]
     errors = [np.sqrt(each.var(axis=0, ddof=1).mean() / each.size) for each in (beams, walks)]
     missed = totals[0] - totals[1] > _SURELY * np.hypot(*errors)
-    if missable and missed and totals[1] < _MISSED * totals[0]:
+    if may_miss and missed and totals[1] < _MISSED * totals[0]:
         return False
     return noise(walks, mean) * cost <= noise(beams, mean)
 
