@@ -81,7 +81,7 @@ LAMP, PAIR = BUILT.lights[0], np.zeros(2)
     [
         (lambda: pb.Plate(LAMP), "expected a file's name, or pixels"),
         (lambda: pb.Holdout(PAIR, kind=PAIR), "holdout-depth is array([0., 0.]): expected one of"),
-        (lambda: pb.Holdout(PAIR, scale="1"), "holdout-scale is '1': expected a finite number"),
+        (lambda: pb.Holdout(PAIR, scale="1"), "holdout-scale is 1: expected more than 0"),
         (lambda: pb.scene.SphereLight("/L", LAMP), "/L: radiance is SphereLight("),
         (lambda: pb.scene.SphereLight("/L", 1, shadow_distance=PAIR), "/L: shadow_distance is array([0., 0.])"),
         (lambda: pb.scene.Camera("c", np.eye(4), projection=PAIR), "camera c: projection is array([0., 0.])"),

@@ -6,13 +6,14 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ..render.seen.depth_layers import DepthLayers
 from ..runtime.files import PathLike
-from ..scene import FARTHEST, Array, SceneError, choice, numbers, real
+from ..scene import FARTHEST, Array, SceneError, choice, numbers
 from .channels import (
     Box,
     Channel,
@@ -121,7 +122,7 @@ class Holdout(_Picture):
     def __post_init__(self) -> None:
         super().__post_init__()
         choice(self.kind, "holdout-depth", KINDS)
-        if not 0 < real(self.scale, "holdout-scale") <= FARTHEST:
+        if not (isinstance(self.scale, Real) and 0 < self.scale <= FARTHEST):
             raise SceneError(f"holdout-scale is {self.scale}: expected more than 0 and no more than {FARTHEST:g}")
 
     def read(self, frame: float, views: Sequence[str], size: Size, warn: Warn, box: Box | None = None) -> list[Depth]:
