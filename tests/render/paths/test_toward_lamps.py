@@ -7,11 +7,12 @@ from scipy.ndimage import maximum_filter
 
 from photonbeams.numerics.sampling import pixel_sample
 from photonbeams.render.paths.toward_lamps import Ball, Equiangular, Toward
-from photonbeams.render.paths.walked_emitters import Chosen, WalkedEmitters
+from photonbeams.render.paths.walked_emitters import Chosen, WalkedEmitters, chances
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from photonbeams.world.plugin import world_of_plugin
-from tests.helpers.mitsuba_scenes import camera, cube_of, fog, frames, load
+from tests.helpers.mitsuba_scenes import camera, cube_of, fog, frames, load, rgb
+from tests.helpers.sweep import sweep
 
 mi = mitsuba()
 
@@ -83,3 +84,27 @@ def test_a_lamp_without_size_in_fog_leaves_no_bright_dots_on_walls(kind):
     # made pixels 10 to 100 times as bright as those beside them.
     beside = maximum_filter(np.median(walls, axis=0), 3)
     assert np.all(walls < 2 * beside + walls.mean())
+
+
+@pytest.mark.parametrize("seed", sweep(range(3), [1]))
+def test_light_is_the_same_whatever_powers_emitters_state(monkeypatch, seed):
+    """Powers only say which emitters have more samples: those drawn here reach from 0 to a million."""
+    lamps = {
+        f"lamp{number}": {"type": "point", "position": [x, 0.5, 0.2], "intensity": rgb(each)}
+        for number, (x, each) in enumerate(zip((-0.6, 0.0, 0.7), (0.2, 1.0, 0.5), strict=True))
+    }
+    wall = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, -0.5]).scale(2)}
+    scene = load(**lamps, wall=wall, fog=cube_of(fog(0.5)), sensor=camera(size=64))
+    plugin = mi.load_dict({"type": "photon_beams", "method": "paths", "max_depth": 4})
+
+    def mean():
+        found = [np.array(mi.render(scene, integrator=plugin, spp=2, seed=each)).mean() for each in range(3)]
+        return np.mean(found), np.std(found, ddof=1) / np.sqrt(3)
+
+    right, error = mean()
+    rng = np.random.default_rng(seed)
+    powers = rng.choice([0.0, 1.0], 3, p=[0.3, 0.7]) * 10 ** rng.uniform(-3, 6, 3)
+    monkeypatch.setattr("photonbeams.render.paths.walked_emitters.chances", lambda _: chances(powers))
+    found, other = mean()
+    assert abs(found - right) < 5 * np.hypot(error, other)
+    assert np.hypot(error, other) < 0.03 * right
