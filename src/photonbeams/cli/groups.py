@@ -110,10 +110,9 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def called(**values: Any) -> None:
         for each in options:
-            value = values[each.name]
-            if each.name != _MAY_BE_EMPTY and "" in (
-                value if isinstance(value, list) else [value]
-            ):  # as of a script's variable that is not set
+            value, may_be = values[each.name], each.name == _MAY_BE_EMPTY or each.default == ""
+            given = value if isinstance(value, list) else [value]
+            if "" in given and not may_be:  # as of a script's variable that is not set
                 flag = _declared(each.name, *getattr(each.annotation, "__metadata__", ()))
                 raise typer.BadParameter(f"{flag} is empty: expected a value, or no {flag}")
         plain = {name: values[name] for name in own if name not in groups}
