@@ -70,7 +70,7 @@ class _Maker:
         """Return whether the prim is rendered at a time."""
         if self.instancer is None:
             return visible(self.prim, reading.time)
-        return self.instancer.seen(reading) and all(shown_in_prototype(reading, each) for each in self._path())
+        return self.instancer.seen(reading) and shown_in_prototype(reading, self.prim, self.root)
 
     def times(self) -> list[float | None]:
         """Return the time codes at which the prim may appear, vanish or change its group; only None if it cannot."""

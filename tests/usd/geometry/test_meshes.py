@@ -523,6 +523,25 @@ def test_point_instances_that_are_complete_are_where_they_are_without_the_others
     assert all(np.allclose(a.points, b.points, atol=1e-5) for a, b in zip(meshes, whole, strict=False))
 
 
+def test_prims_of_a_prototype_have_the_nearest_purpose_above_them(scene):
+    """As UsdGeomImageable computes it: a prim's own purpose counts before that of its ancestors."""
+    text = """def PointInstancer "I" {
+        rel prototypes = [</I/P>]
+        int[] protoIndices = [0]
+        point3f[] positions = [(0, 0, 0)]
+        def Xform "P" {
+            uniform token purpose = "guide"
+            def Cube "Shown" { uniform token purpose = "default" }
+            def Cube "Guide" { }
+            def Xform "Hidden" {
+                token visibility = "invisible"
+                def Cube "Cube" { uniform token purpose = "default" }
+            }
+        }
+    }"""
+    assert [each.name for each in scene(text).meshes] == ["/I[0]/Shown"]
+
+
 def test_an_instancer_within_its_own_prototypes_ends(usd, caplog):
     text = """def PointInstancer "I" {
         rel prototypes = [</I/P>]

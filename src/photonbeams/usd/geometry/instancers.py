@@ -247,9 +247,8 @@ def _prototype_items(reading: Reading, root: Usd.Prim) -> Iterator[Item]:
     """Return the prims of a prototype, with transforms relative to its root."""
     walk = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(PROTOTYPE_PRIMS)))
     for prim in walk:
-        if prim.IsA(UsdGeom.Imageable) and not shown_in_prototype(reading, prim):
-            walk.PruneChildren()
-            continue
+        if prim.IsA(UsdGeom.Imageable) and not shown_in_prototype(reading, prim, root):
+            continue  # what is below may have another purpose
         to_root = reading.attempt(prim, partial(_relative, reading, prim, root), None, _WITH_ALL_BELOW)
         relative = str(prim.GetPath().MakeRelativePath(root.GetPath()))
         if to_root is not None:
@@ -264,8 +263,19 @@ def _relative(reading: Reading, prim: Usd.Prim, root: Usd.Prim) -> Array:
     return reading.matrix(prim, matrix)
 
 
-def shown_in_prototype(reading: Reading, prim: Usd.Prim) -> bool:
-    """Return whether a prim of a prototype is rendered with it, judged by the prim itself."""
-    # An invisible ancestor of the prototype does not hide its instances.
-    purpose = reading.value(prim, "purpose", "default")
-    return reading.value(prim, "visibility", "inherited") != "invisible" and purpose in rendered_purposes(reading.stage)
+def shown_in_prototype(reading: Reading, prim: Usd.Prim, root: Usd.Prim) -> bool:
+    """Return whether a prim of a prototype with this root is rendered with it.
+
+    Nothing hides it, from the root on, and its purpose is rendered: its own, or that of the nearest prim above it that
+    has one. What is above the prototype does not hide its instances.
+    """
+    purpose = ""
+    while not prim.IsPseudoRoot():
+        if reading.value(prim, "visibility", "inherited") == "invisible":
+            return False
+        own = prim.GetAttribute("purpose")
+        purpose = purpose or (own.Get() if own and own.HasAuthoredValue() else "")
+        if prim == root:
+            break
+        prim = prim.GetParent()
+    return (purpose or "default") in rendered_purposes(reading.stage)
