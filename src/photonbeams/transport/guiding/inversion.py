@@ -15,8 +15,9 @@ _GUESSES, _STEPS, _DIFFERENCE = 1 << 12, 6, 1e-3
 # How near to a face of the unit cube a search may end that begins again at the opposite face, and which fraction of all
 # searches have to end there: few do so at the rim of a lamp, half of them at a seam.
 _FACE, _MANY = 0.02, 0.1
-# A ray is found if it misses by less than this, in units of the spread of the points.
-_NEAR = 2e-3
+# A ray is found if it misses by less than this, in units of the spread of the points, or by what rounding does to rays
+# that begin so far away: a few units in the last place of single precision.
+_NEAR, _ROUNDING = 2e-3, 4 * 2.0**-23
 
 
 def samples_of(emitter: PathEmitter, point: Array, direction: Array) -> tuple[Array, Array]:
@@ -39,9 +40,10 @@ def samples_of(emitter: PathEmitter, point: Array, direction: Array) -> tuple[Ar
     known = np.isfinite(origin).all(axis=1) & np.isfinite(along).all(axis=1)
     _, nearest = cKDTree(features(origin[known], along[known])).query(features(point, direction))
     best, error, same = _searched(emitter, guesses[known][nearest], point, direction, size)
+    near = max(_NEAR * size, _ROUNDING * float(np.abs(origin[known]).max(initial=0)))
     for axis in range(4):
         at_face = np.abs(best[:, axis] - 0.5) > 0.5 - _FACE
-        lost = np.flatnonzero((error >= _NEAR * size) & at_face & ~same[:, axis])
+        lost = np.flatnonzero((error >= near) & at_face & ~same[:, axis])
         if len(lost) > _MANY * len(point):
             other = best[lost]
             other[:, axis] = np.clip(1 - other[:, axis], 0, 1 - 1e-6)
@@ -50,7 +52,7 @@ def samples_of(emitter: PathEmitter, point: Array, direction: Array) -> tuple[Ar
             best[lost[better]], error[lost[better]] = other[better], missed[better]
     # Axes along which rays are the same, as for a point or for a sun without an angle, are sampled evenly.
     best = np.where(same, sobol_points(len(point), 1, (_GUESSES,)), best)
-    return best.astype(np.float32), error < _NEAR * size
+    return best.astype(np.float32), error < near
 
 
 def _searched(
