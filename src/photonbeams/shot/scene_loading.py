@@ -58,7 +58,7 @@ def _logged(path: Path) -> Iterator[None]:
 
     mi = mitsuba()
 
-    class Lines(mi.Appender):  # type: ignore[misc, name-defined]
+    class Forwarding(mi.Appender):  # type: ignore[misc, name-defined]
         def append(self, level: Any, text: str) -> None:
             if level >= mi.LogLevel.Warn:
                 text = " ".join(_STAMP.sub("", text).split())
@@ -67,7 +67,7 @@ def _logged(path: Path) -> Iterator[None]:
         def log_progress(self, *_: object) -> None:
             pass
 
-    logger, lines = mi.logger(), Lines()
+    logger, lines = mi.logger(), Forwarding()
     before = [logger.appender(number) for number in range(logger.appender_count())]
     logger.clear_appenders()
     logger.add_appender(lines)

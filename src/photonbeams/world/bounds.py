@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from .. import scene
 from ..numerics.arrays import opaque
-from ..runtime.device import Array3f, Float, mitsuba
+from ..runtime.device import Array3f, Bool, Float, mitsuba
 from ..scene.places import origin_near
 
 if TYPE_CHECKING:
@@ -74,6 +74,10 @@ class Bounds:
         """Return the distance of the farthest of `points`, (N, 3), from the centre; 0 if all are inside."""
         distances = np.linalg.norm(np.asarray(points) - np.ravel(self.center.numpy()), axis=1)
         return 0.0 if self.contains(points) else float(distances.max())
+
+    def holds(self, point: Array3f) -> Bool:
+        """Return which points are in the sphere."""
+        return dr.squared_norm(point - self.center) <= dr.square(self.radius)
 
     def behind(self, point: Array3f, direction: Array3f) -> Float:
         """Return the distance from a point, back along `direction`, to the plane that touches the sphere."""

@@ -208,9 +208,8 @@ class World:
             each.number not in self.sizes and each.tracked is None for each in self.media.all
         ):
             return Bool(False), Float(0)
-        near = dr.squared_norm(place - self.bounds.center) <= dr.square(self.bounds.radius)
-        over = dr.maximum(self.bounds.behind(place, -direction), 0)
-        return mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite), dr.select(near, over, dr.inf)
+        over: Any = dr.select(self.bounds.holds(place), dr.maximum(self.bounds.behind(place, -direction), 0), dr.inf)
+        return mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite), over
 
     def feeling_all(self) -> World:
         """Return the world in which light feels all of its media, beams-only ones, too."""

@@ -66,8 +66,7 @@ class SingleScattering:
         weight *= paths.throughput
         point = ShadingPoint(None, paths.medium, paths.order, vertex.name, self._samples)
         place = start + distance * paths.direction
-        near = dr.squared_norm(place - bounds.center) <= dr.square(bounds.radius)
-        lit = inside & near & (dr.max(dr.abs(weight)) > 0)
+        lit = inside & bounds.holds(place) & (dr.max(dr.abs(weight)) > 0)
         lamps = zip(self._lights, self._world.lamps.sky, strict=True)
         linking = self._world.linking
         for number, (light, (lamp, links, _, source)) in enumerate(lamps):

@@ -186,8 +186,7 @@ class _Group(NamedTuple):
         own = active & (number >= self.first) & (number < self.stop)
         if not self.infinite:
             return own
-        near = dr.squared_norm(place - world.bounds.center) <= dr.square(world.bounds.radius)
-        return own & (near | ~inside)
+        return own & (world.bounds.holds(place) | ~inside)
 
     def dimmed_over(
         self, world: World, place: Array3f, inside: Bool, direction: Array3f, distance: Float
