@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from .. import scene
 from ..transport.emission import PathEmitter
 from ..transport.guiding.guides import UNGUIDED, Guides
@@ -22,6 +24,7 @@ from ..transport.tuning import own_bounces
 from ..world.cameras.cameras import View
 from ..world.emitters.emitter import Emitter, Links
 from ..world.emitters.portal_lamps import EnvironmentPortal
+from ..world.media.rendered import RenderedMedium
 from ..world.world import World
 from .light import ShotLight
 from .passes import Statistics
@@ -136,30 +139,38 @@ class Lights:
         """Return the light of which walks meet some emitters, by their numbers; emitters that are `dark` have none."""
         world = self.world
         lit = [each for each in self._lit if each not in dark]
+        thick = {each: media for each, media in self._thick.items() if each not in {*walked, *dark}}
+        walked = [*walked, *(each for each, media in thick.items() if media == world.numbers.keys())]
         counts = self._counts(walked, lit, dark, Counts.DIRECT_PHOTONS if self.connects else Counts.NOTHING)
         # Virtual lights are guided as the photons would be to which they send light.
         seen = self._counts(walked, lit, dark, Counts.DIRECT_PHOTONS | Counts.PHOTONS)
         guides = self._guides(seen, (tuple(walked), frozenset(dark))) if any(counts.values()) else UNGUIDED
         allotment = replace(self.simulation.allotment, counts=counts)
-        simulation = replace(self.simulation, allotment=allotment, guides=guides)
+        by_source = {world.emitters[each].source: media for each, media in thick.items()}
+        simulation = replace(self.simulation, allotment=allotment, guides=guides, walked=by_source)
         portal = self.portal  # the pilot may have found one
         sharp = frozenset(each for each, own in counts.items() if own & Counts.CAUSTICS)
         connected = frozenset(each for each, own in counts.items() if own & Counts.DIRECT_PHOTONS)
-        power = {each: float(max(PathEmitter(world, each).flux)) for each in {*walked, *lit}}
+        power = {each: float(max(PathEmitter(world, each).flux)) for each in {*walked, *lit, *thick}}
         bounces = own_bounces(world.sources, simulation.tuning)
 
-        def walking(world: World, numbers: Sequence[int], own: Collection[int], grouped: bool) -> Walking:
+        def walking(
+            world: World, numbers: Sequence[int], own: Collection[int], grouped: bool, media: Collection[str] = ()
+        ) -> Walking:
             most = None if bounces is None else [bounces[world.emitters[each].source] for each in numbers]
             chosen = Chosen(numbers, [power[each] for each in numbers], most, sharp, own, grouped)
             emitters: Walked = WalkedEmitters(world, chosen, portal) if world.emits else WalkedLamps(world, chosen)
-            return Walking(emitters, self.max_depth, simulation.tuning.rr_depth, bound(world) if own else None)
+            begin = [world.numbers[name] for name in media] or None
+            least = bound(world) if own else None
+            return Walking(emitters, self.max_depth, simulation.tuning.rr_depth, least, begin)
 
         def walks(world: World) -> Walks:
-            by_group: dict[str, list[int]] = {}
-            for each in walked:
-                by_group.setdefault(world.emitters[each].beams.group, []).append(each)
-            media = {group: walking(world, own, (), False) for group, own in by_group.items()}
-            return Walks(media, walking(world, lit, connected, True) if lit else None)
+            everywhere = frozenset[str]()
+            alike: dict[tuple[str, frozenset[str]], list[int]] = {}
+            for each, media in {**thick, **dict.fromkeys(walked, everywhere)}.items():
+                alike.setdefault((world.emitters[each].beams.group, media), []).append(each)
+            fog = [(group, walking(world, own, (), False, media)) for (group, media), own in alike.items()]
+            return Walks(fog, walking(world, lit, connected, True) if lit else None)
 
         paths = sum(each.count for each in simulation.strata(world)) if self.paths is None else self.paths
         varies = paths > 0 or self.worlds.varies
@@ -167,6 +178,31 @@ class Lights:
             self.worlds, simulation, self.settings, self.max_depth, paths, varies, walks, portal, self.findings,
             self.cameras,
         )  # fmt: skip
+
+    @cached_property
+    def _thick(self) -> dict[int, frozenset[str]]:
+        """The names of the thick media in which walks meet the light of emitters, by the numbers of these.
+
+        Where a medium varies, walks find a lamp in it, or close to it, too seldom. What mirrors and glass turn is
+        always traced, and beams carry the light before and after that.
+        """
+        world, result = self.world, {}
+        thick = [] if world.mirrors else self.simulation.tuning.thick(world)
+        names = {number: name for name, number in world.numbers.items()}
+        for each in self.free if thick else ():
+            own = [names[medium.number] for medium in thick if self._apart(each, medium)]
+            if own:
+                result[each] = frozenset(own)
+        return result
+
+    def _apart(self, number: int, medium: RenderedMedium) -> bool:
+        """Return whether an emitter is farther from a medium that varies than this is wide; True if it does not."""
+        emitter, (low, high) = self.world.emitters[number], self.world.boxes[medium.number]
+        if medium.tracked is None or emitter.lamp.infinite or not isinstance(emitter.beams, scene.Light):
+            return True
+        points = emitter.beams.points
+        gaps = np.linalg.norm(points - np.clip(points, low, high), axis=1)
+        return bool((gaps > self.world.radius_of(medium)).all())
 
     def _guides(self, counts: Mapping[int, Counts], asked: tuple[tuple[int, ...], frozenset[int]]) -> Guides:
         """Return the guides of light paths of which this is seen, which a pilot finds if they are not known."""

@@ -124,7 +124,7 @@ class PassRenderer:
         walks, groups = self.light.walks(light.world), light.world.groups
         picture = CameraImage(count, len(groups), tracing.albedo, len(groups) if tracing.normals else 0)
         sky = self.light.single_scattering(light.world, count, samples)
-        walked = {group: GroupedLight.dark(1, count) for group in walks.media}
+        walked = {group: GroupedLight.dark(1, count) for group, _ in walks.media}
         with statistics.phase("surfaces"):
             begun = camera_paths.begin(tracing, rays.primary, order)
             for step in camera_paths.follow(tracing, begun, samples, surfaces):
@@ -132,7 +132,7 @@ class PassRenderer:
                 picture.add(*step)
                 if sky is not None:
                     sky.add(*step)
-                for group, walking in walks.media.items():
+                for group, walking in walks.media:
                     walking.add_scattered(*step, samples, walked[group])
                 if walks.surfaces is not None:
                     walks.surfaces.add_reflected(*step, samples, surfaces, picture.surface)

@@ -271,7 +271,7 @@ class LightTracer:
 
     def _shown(self, source: Source, medium: RenderedMedium) -> bool:
         """Return whether beams of a source in a medium are wanted; a look may show them even if the medium does not."""
-        if medium.number in source.unlit and not self.tuning.scatters:
+        if medium.number in source.unseen or (medium.number in source.unlit and not self.tuning.scatters):
             return False
         return max(medium.medium.scattering) > 0 or (self.named and not (self.tuning.visible and source.look is None))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -42,12 +42,15 @@ class Simulation:
         What a pilot has found out about the strata.
     named
         Whether beams carry the data that only looks and programs read.
+    walked
+        The names of media in which sources make no beams, by the numbers of these.
     """
 
     tuning: Tuning
     allotment: Allotment = ALLOTMENT
     guides: Guides = UNGUIDED
     named: bool = True
+    walked: Mapping[int, Collection[str]] = field(default_factory=dict)
     _known: list[tuple[World, list[Stratum]]] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def strata(self, world: World) -> list[Stratum]:
@@ -118,9 +121,12 @@ class Simulation:
         step: Callable[[], None] = nothing,
     ) -> LightTracer:  # fmt: skip
         sources = [
-            replace(each, look=each.look if looks is None else looks.get(each.name, each.look))
+            replace(
+                each, look=each.look if looks is None else looks.get(each.name, each.look),
+                unseen=frozenset(world.numbers[name] for name in self.walked.get(each.number, ())),
+            )
             for each in world.sources
-        ]
+        ]  # fmt: skip
         return LightTracer(world, Emission(strata, self.allotment.shared), self.tuning, sources, self.named, step)
 
 

@@ -70,6 +70,16 @@ class Tuning:
         extinction = medium.fullness * max(medium.medium.extinction)
         return float(np.sqrt(BLUR * world.radius_of(medium) / max(extinction, 1e-30)))
 
+    def thick(self, world: World) -> list[RenderedMedium]:
+        """Return the media that are so thick that light straight from a lamp needs narrower beams there than elsewhere.
+
+        Few of these cover a point, and where they are wider than a free path they miss light that enters at a slant.
+        If radii are given, or all beams are wanted, it is none.
+        """
+        if self.radius or self.max_radius or not self.visible:
+            return []
+        return [each for each in world.media.all if self.widest(world, each) < CEILING * world.radius_of(each)]
+
     def bounds(self, radius: float, world: World) -> Bounds:
         """Return the bounds that light from infinity enters if the radius of its beams is this part of theirs."""
         bounded = [(world.boxes[each.number], self.widest(world, each))

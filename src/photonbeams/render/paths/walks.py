@@ -10,8 +10,10 @@ combined by the power heuristic (Veach 1997), as in Mitsuba's `volpath`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 from typing import Any
 
 import drjit as dr
@@ -45,7 +47,7 @@ _STEPS = 1024
 class Walks:
     """The walks of a frame: those that begin in media, by light groups, and those that begin at surfaces, or None."""
 
-    media: Mapping[str, Walking] = field(default_factory=dict)
+    media: Sequence[tuple[str, Walking]] = ()
     surfaces: Walking | None = None
 
     @property
@@ -58,13 +60,15 @@ class Walks:
 class Walking:
     """How walks are followed: the emitters that they meet, and depths as in `CameraTracing`.
 
-    `bound` is that of virtual lights; None: no emitter has any.
+    `bound` is that of virtual lights; None: no emitter has any. `media` are the numbers of those in which walks begin;
+    None: all.
     """
 
     emitters: Walked
     max_depth: int | None
     rr_depth: int
     bound: Float | None = None
+    media: Collection[int] | None = None
 
     def add_scattered(self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, result: GroupedLight) -> None:
         """Add the radiance of walks that begin in the media of one step of camera paths."""
@@ -95,6 +99,8 @@ class Walking:
         lamp = self.emitters.choose(samples.single(paths.order, Stream.FOG_FIRST_EMITTER, vertex.name))
         inside = paths.alive & (dr.max(media.scattering(paths.medium)) > 0) & (vertex.end > paths.near)
         inside &= self.within(paths.depth, 2)
+        if self.media is not None:
+            inside &= reduce(or_, (paths.medium == dr.opaque(UInt32, each) for each in self.media))
         start = paths.origin + paths.near * paths.direction
         scattered = Walk(
             start, paths.direction, paths.medium, inside, dr.minimum(vertex.end, ENDLESS) - paths.near,

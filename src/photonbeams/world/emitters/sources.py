@@ -42,6 +42,8 @@ class Source:
         The filters of its light, a `FilterChain`, or None.
     unlit
         Numbers of the media that its light passes unseen, straight from the emitter.
+    unseen
+        Numbers of the media in which it makes no beams.
     """
 
     number: int = 0
@@ -57,5 +59,6 @@ class Source:
     guides: tuple[Any, ...] = ()
     scattered_beams: bool = False
     unlit: frozenset[int] = frozenset()
+    unseen: frozenset[int] = frozenset()
     endless: bool = True
     filters: Any = None
