@@ -304,3 +304,30 @@ def test_lamps_on_surfaces_that_let_light_pass_light_as_others_do(bsdf):
     found = picture(load(floor=floor, lamp=lamp, sensor=sensor), spp=64, max_depth=2)
     side = 2 / np.sqrt(5)  # of half the width and the diagonal to the middle of an edge
     assert found.mean() == pytest.approx(4 / np.pi * side * np.arctan(side), rel=0.01)
+
+
+@pytest.mark.parametrize("lit", ["floor", "fog"])
+def test_a_lamp_that_shines_along_one_direction_is_traced_by_all_methods(lit):
+    """Paths cannot meet it. A square of irradiance 1 on a white floor; a shaft of thin fog from the side."""
+    side, scattering, half = 0.5, 0.01, 1.0
+    transform = mi.ScalarTransform4f
+    lamp = {
+        "type": "rectangle", "to_world": transform().translate([0, 0, 1.5]).rotate([1, 0, 0], 180).scale(side / 2),
+        "emitter": {"type": "directionalarea", "radiance": rgb(1.0)},
+    }  # fmt: skip
+    floor = {
+        "type": "rectangle",
+        "to_world": transform().scale(3),
+        "bsdf": {"type": "diffuse", "reflectance": rgb(1.0)},
+    }
+    box = {**cube_of(fog(scattering, 1.0)), "to_world": transform().scale(half)}
+    origin, up, parts = (
+        ([0, 0, 1], [0, 1, 0], {"floor": floor}) if lit == "floor" else ([3, 0, 0], [0, 0, 1], {"box": box})
+    )
+    sensor = {
+        "type": "orthographic", "near_clip": 1e-3, "film": {**camera(size=8)["film"]},
+        "to_world": transform().look_at(origin, [0, 0, 0], up).scale([half, half, 1]),
+    }  # fmt: skip
+    found = picture(load(lamp=lamp, sensor=sensor, **parts), spp=4, max_depth=2, method="paths")
+    fraction, shaft = (side / 2 / half) ** 2, scattering / (4 * np.pi) * side * (side / 2 / half)
+    assert found.mean() == pytest.approx(fraction / np.pi if lit == "floor" else shaft, rel=0.03)

@@ -13,6 +13,7 @@ import pytest
 from photonbeams import cli
 from photonbeams.cli.animation import FrameError
 from photonbeams.images.files import read_image, read_layers
+from photonbeams.render import lights
 from photonbeams.render import scene_frame as frame
 from photonbeams.render.checkpoint import Checkpoint
 from photonbeams.render.frame import FrameRenderer
@@ -188,6 +189,12 @@ def test_a_dry_run_says_that_all_is_well_and_writes_nothing(render, scene, out):
     assert "Ready to render" in stderr and "seen by front, 32 x 24 pixels" in stderr and "a.exr" in stderr
     assert untouched(out)
     fails(render(scene('value="$density"', 'value="-1"'), "-o", out / "a.exr", "--dry-run"), 1, "sigma_t")
+
+
+def test_a_dry_run_runs_no_pilot(render, scene, out, monkeypatch):
+    monkeypatch.setattr(lights, "preferred", lambda *_: pytest.fail("a pilot ran"))
+    code, *_ = render(scene('value="beams"', 'value="auto"'), "-o", out / "a.exr", "--dry-run")
+    assert code == 0
 
 
 def test_a_time_limit_ends_a_render_with_what_there_is(render, scene, out):

@@ -129,3 +129,24 @@ def test_light_from_infinity_in_endless_fog_is_met_by_walks_or_told(caplog):
         mi.render(scene, spp=1, integrator=mi.load_dict({"type": "photon_beams", "max_depth": 2, "method": "beams"}))
     (record,) = caplog.records
     assert "the light of sun comes from infinity" in record.getMessage() and len(record.getMessage()) <= 300
+
+
+def test_a_sky_brings_as_much_beside_a_lamp():
+    """Light of a sky is dimmed over Mitsuba's distance to it, twice that of the place from the middle of the shapes.
+
+    Directions that fog scatters never meet the sky, so samples of the sky count whole, whichever emitters there are.
+    """
+    extinction, albedo = 0.1, 0.8
+    scene = mi.load_dict({
+        "type": "scene", "fog": {"type": "homogeneous", "id": "fog", "sigma_t": extinction, "albedo": albedo},
+        "sky": {"type": "constant", "radiance": 2.0}, "lamp": {"type": "point", "intensity": 1e-6, "medium": FOG},
+        "speck": {"type": "sphere", "radius": 0.3, "exterior": FOG},
+        "sensor": {"type": "perspective", "fov": 2, "medium": FOG,
+                   "to_world": T().look_at([6, 0, 3], [0, 0, 3], [0, 1, 0]),
+                   "film": {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}}},
+    })  # fmt: skip
+    integrator = mi.load_dict({"type": "photon_beams", "max_depth": 2, "method": "paths"})
+    along = np.linspace(0, 200, 20001)
+    dimmed = np.exp(-extinction * (along + 2 * np.hypot(6 - along, 3)))  # all of the ray is outside of the sphere
+    expected = 2.0 * albedo * extinction * np.trapezoid(dimmed, along)
+    assert np.mean(mi.render(scene, spp=32, integrator=integrator)) == pytest.approx(expected, rel=0.02)

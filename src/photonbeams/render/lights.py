@@ -112,6 +112,8 @@ class Lights:
                 counts = Counts.BEAMS | (Counts.CAUSTIC_PHOTONS if sharp else Counts.NOTHING)
             if number in lit and number in self._connected:
                 counts |= further
+            if not emitter.lamp.illuminates:
+                counts |= Counts.DIRECT_PHOTONS
             result[number] = Counts.NOTHING if number in dark else counts
         return result
 
@@ -150,7 +152,7 @@ class Lights:
         simulation = replace(self.simulation, allotment=allotment, guides=guides, walked=by_source)
         portal = self.portal  # the pilot may have found one
         sharp = frozenset(each for each, own in counts.items() if own & Counts.CAUSTICS)
-        connected = frozenset(each for each, own in counts.items() if own & Counts.DIRECT_PHOTONS)
+        connected = frozenset(each for each in lit if counts[each] & Counts.DIRECT_PHOTONS)
         power = {each: float(max(PathEmitter(world, each).flux)) for each in {*walked, *lit, *thick}}
         bounces = own_bounces(world.sources, simulation.tuning)
 
@@ -234,28 +236,31 @@ class Lights:
     def _is_met(self, emitter: Emitter) -> bool:
         """Return whether walks can meet the light of an emitter on surfaces.
 
-        They cannot if some surfaces do not block it, or behind images and filters before Mitsuba's emitters.
+        They cannot if it shines along one direction, if some surfaces do not block it, or behind images and filters
+        before Mitsuba's emitters.
         """
         own, lamp = emitter.beams, emitter.lamp
         behind = self.world.emits and (lamp.images or own.filters)
-        return own.lights_surfaces and own.shines and not behind and not emitter.links.unshadowed
+        return lamp.illuminates and own.lights_surfaces and own.shines and not behind and not emitter.links.unshadowed
 
     @cached_property
     def _connected(self) -> frozenset[int]:
         """The numbers of the emitters of which the places that they light become virtual lights.
 
         These are sharp ones that light little of what the first camera sees: walks seldom find it. Paths past a portal
-        may not be traced. Endless fog dims light from infinity on its way from the bounds, but not direct light on
+        may not be traced. The direct photons of emitters that shine along one direction are no virtual lights, so then
+        there are none. Endless fog dims light from infinity on its way from the bounds, but not direct light on
         surfaces: see `VirtualLights`, which cannot tell if other media are in it.
         """
         world, result = self.world, []
-        if not self.cameras or self.settings.guiding is False:
+        directed = not all(each.lamp.illuminates for each in world.emitters)
+        if not self.cameras or self.settings.guiding is False or directed:
             return frozenset()
         for number in self._lit:
             emitter = world.emitters[number]
             lamp = emitter.lamp
             mixed = lamp.infinite and world.media.filling > 0 and world.nested
-            able = lamp.bare.sharp and lamp.illuminates and emitter.portal is None and emitter.links == Links()
+            able = lamp.bare.sharp and emitter.portal is None and emitter.links == Links()
             if able and not mixed and lights_little(world, self.cameras[0], number):
                 result.append(number)
         return frozenset(result)
@@ -282,7 +287,8 @@ class Lights:
 
 
 def _is_plain(emitter: Emitter) -> bool:
-    """Return whether an emitter lights everything, and has no settings of its beams but a light group."""
+    """Return whether an emitter lights everything from all around, and has no settings of its beams but a group."""
     own, usual = emitter.beams, scene.BeamSettings()
     said = {each.name for each in fields(usual) if getattr(own, each.name) != getattr(usual, each.name)}
-    return said <= {"group"} and own.lights_surfaces and emitter.links == Links() and not getattr(own, "guides", ())
+    plain = said <= {"group"} and own.lights_surfaces and emitter.lamp.illuminates
+    return plain and emitter.links == Links() and not getattr(own, "guides", ())

@@ -278,8 +278,9 @@ class SceneSubject(Subject):
         return begun.light.traced(0, lambda: None).sets
 
     def check(self, viewpoint: Viewpoint, frame: float | None, settings: Settings) -> None:
-        """Raise SceneError if something in the scene cannot be rendered with these settings."""
-        self._begun(viewpoint, frame, replace(settings, guiding=False))
+        """Raise SceneError if something in the scene cannot be rendered with these settings; no pilot runs."""
+        method = "paths" if settings.method == "auto" else settings.method
+        self._begun(viewpoint, frame, replace(settings, guiding=False, method=method))
 
     def _begun(
         self, viewpoint: Viewpoint, frame: float | None, settings: Settings, eyes: Sequence[scene.Camera] = ()

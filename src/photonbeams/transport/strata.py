@@ -116,13 +116,15 @@ def wanted(world: World, emitter: Emitter, tuning: Tuning) -> Counts:
     """
     own, scatters = emitter.beams, tuning.scatters
     visible = own.emits_beams and (not tuning.visible or world.hazy or own.look is not None)
-    lighting = scatters and tuning.surfaces and own.lights_surfaces and own.shines
+    lighting = tuning.surfaces and own.lights_surfaces and own.shines
     scattered = scatters and own.lights_media and own.shines and world.hazy
     result = Counts.NOTHING
     if visible or scattered:
         result |= Counts.BEAMS | Counts.CAUSTIC_BEAMS
     if lighting:
-        result |= Counts.PHOTONS | Counts.CAUSTIC_PHOTONS | Counts.DIRECT_PHOTONS
+        result |= Counts.DIRECT_PHOTONS
+    if lighting and scatters:
+        result |= Counts.PHOTONS | Counts.CAUSTIC_PHOTONS
     return result
 
 

@@ -197,19 +197,21 @@ class World:
         """Return those emitters at infinity whose beams, which begin around shapes, do not reach all endless fog."""
         return [each for each in emitters if self.fog_beyond and self.emitters[each].lamp.infinite]
 
-    def veiled(self, emitter: EmitterPtr, place: Array3f, direction: Array3f) -> tuple[Bool, Float]:
+    def veiled(
+        self, emitter: EmitterPtr, place: Array3f, direction: Array3f, distance: Float
+    ) -> tuple[Bool, Float]:  # fmt: skip
         """Return which of Mitsuba's emitters light places from infinity through endless fog, and how far it dims them.
 
         Their light begins in planes that touch the bounds, as that of beams does, and rays to infinity do not meet it.
         Places outside of the bounds have none: an infinite distance. Where the scene itself goes on beyond the bounds,
-        their light begins where Mitsuba says.
+        their light begins at Mitsuba's `distance`.
         """
-        if self.fog_beyond or not any(
-            each.number not in self.sizes and each.tracked is None for each in self.media.all
-        ):
-            return Bool(False), Float(0)
-        over: Any = dr.select(self.bounds.holds(place), dr.maximum(self.bounds.behind(place, -direction), 0), dr.inf)
-        return mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite), over
+        if not any(each.number not in self.sizes and each.tracked is None for each in self.media.all):
+            return Bool(False), distance
+        inside = dr.maximum(self.bounds.behind(place, -direction), 0)
+        over: Any = distance if self.fog_beyond else dr.select(self.bounds.holds(place), inside, dr.inf)
+        veiled = mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
+        return veiled, dr.select(veiled, over, distance)
 
     def feeling_all(self) -> World:
         """Return the world in which light feels all of its media, beams-only ones, too."""

@@ -67,15 +67,15 @@ class MitsubaLighting:
         lit = active & (light.pdf > 0)
         value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
         place, toward = Array3f(hit.p), Array3f(light.d)
-        veiled, over = self._world.veiled(light.emitter, place, toward)
-        lit, alone = lit & (~veiled | dr.isfinite(over)), light.delta | veiled
+        veiled, distance = self._world.veiled(light.emitter, place, toward, light.dist)
+        lit, alone = lit & dr.isfinite(distance), light.delta | veiled
         if self._passed is not None:
             alone |= dr.gather(UInt32, self._passed, emitter_number(light.emitter), lit) > 0
         weight = dr.select(alone, 1, power_heuristic(light.pdf, pdf))
         colors = _colors(self._world, light.emitter, place, toward, light.dist, site)
         value = rgb(value) * radiance * colors * weight
         lit &= dr.max(value) > 0
-        end = dr.select(veiled, place + over * toward, Array3f(light.p))
+        end = dr.select(veiled, place + distance * toward, Array3f(light.p))
         ray = to_point(hit, end, self._world.size).ray()
         seed = samples.bits(order, Stream.EMITTER_SHADOW, step)
         passed, _ = through(
@@ -100,7 +100,8 @@ class MitsubaLighting:
             other = self._portal.density(emitter, Array3f(hit.p), Array3f(direction), other, self._portal.chosen)
         value = rgb(weight) * rgb(emitter.eval(met, reflected)) * passed * power_heuristic(sample.pdf, other)
         distance = dr.select(met.is_valid(), dr.norm(met.p - hit.p), dr.inf)
-        colors = _colors(self._world, emitter, Array3f(hit.p), Array3f(direction), distance, site)
+        colors = _colors(self._world, emitter, place, Array3f(direction), distance, site)
+        reflected &= ~self._world.veiled(emitter, place, Array3f(direction), distance)[0]
         return result + self._groups.of(dr.select(reflected, value * colors, 0), emitter)
 
 

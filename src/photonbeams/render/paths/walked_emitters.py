@@ -198,10 +198,10 @@ class WalkedEmitters:
         if self._bounces is not None:
             lit &= walk.bounces + 1 <= dr.gather(UInt32, self._bounces, emitter_number(light.emitter), lit)
         pdf = dr.select(light.delta, 0, light.pdf)
-        connected, distance = self._is_connected(light.emitter, lit), light.dist
-        veiled, over = self.world.veiled(light.emitter, vertex.position, Array3f(light.d))
-        pdf, distance = dr.select(veiled, 0, pdf), dr.select(veiled, over, distance)
-        lit &= ~veiled | dr.isfinite(over)
+        connected = self._is_connected(light.emitter, lit)
+        veiled, distance = self.world.veiled(light.emitter, vertex.position, Array3f(light.d), light.dist)
+        pdf = dr.select(veiled, 0, pdf)
+        lit &= dr.isfinite(distance)
         return EmitterSample(
             lit, connected, Array3f(light.d), distance, distance, brought, pdf, self._grouped.group(light.emitter),
         )  # fmt: skip
@@ -241,7 +241,7 @@ class WalkedEmitters:
         emitter: Any = hit.emitter(self.world.plugin, active)
         numbers = emitter_number(emitter)
         probability = dr.gather(Float, self._table, numbers, active)
-        veiled, _ = self.world.veiled(emitter, place, walk.direction)
+        veiled, _ = self.world.veiled(emitter, place, walk.direction, hit.t)
         own = active & (probability > 0) & ~veiled
         if self._bounces is not None:
             own &= walk.bounces <= dr.gather(UInt32, self._bounces, numbers, own)
