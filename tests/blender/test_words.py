@@ -42,7 +42,7 @@ def words():
     ("the stage: /Lights/Key_Light.inputs:radius is -1: expected 0 or more; 0 is used",
      "Key Light: Radius is -1: expected 0 or more; 0 is used"),
     ("the stage: /Lights/Key_Light.inputs:intensity is -15.9: expected 0 or more",
-     "Key Light: Power is -15.9: expected 0 or more"),
+     "Key Light: Power is negative: expected 0 or more"),
     ("the stage: /Objects/Cube is not closed: its fog fills all (and 1 more like this: /Objects/Cube/Volume)",
      "Cube.001 is not closed: its fog fills all (and 1 more like this: Cube.001)"),
     ("the stage: /Objects/Cube/Volume/Shader.inputs:scattering is negative: expected colours",

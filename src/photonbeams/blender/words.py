@@ -19,6 +19,7 @@ _PHRASES = (
     ("--exposure or inputs:exposure", "its Exposure"),
     (r"(nothing makes beams) at frame [^:]+", r"\1"),  # a scene that is sent has one frame, without its number
     (r"photonbeams:enabled on", "Object Data > Beams of"),
+    (r"(inputs:intensity is )-[\d.e+-]+(?=:)", r"\1negative"),  # intensities are no watts
     (r"\ba prim(?![\w/-])", "an object"),
     ("on the stage", "in the scene"),
     ("a photonbeams:portal", "a portal (Object Data > Beams)"),
