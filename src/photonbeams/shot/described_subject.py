@@ -247,6 +247,8 @@ class DescribedSubject(Subject):
             self.warnings.given.add(_NOTHING)
             idle = ", ".join(light.name for light in content.lights)
             expected = f"photonbeams:enabled on {idle}" if idle else "a light that is on"
+            if any(each.unlit_media for each in content.lights):
+                expected += ", and light links that include the fog"
             at = f"{name}: {_NOTHING} at frame {self.number(frame):.10g}"
             self.warnings.give(f"{at}: expected {expected}; frames without one have no beams")
 

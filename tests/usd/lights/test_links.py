@@ -76,6 +76,34 @@ def test_a_link_that_includes_some_leaves_out_the_rest_and_so_the_fog(light):
     assert light(root).unlit == ALL
 
 
+@pytest.mark.parametrize("includes, text", [
+    ("</Gone>", "/L.collection:lightLink:includes names /Gone, which is not there: the light lights neither"),
+    ("[]", "/L.collection:lightLink includes nothing that is rendered: the light lights neither"),
+])  # fmt: skip
+def test_a_link_that_leaves_the_light_nothing_is_named(light, includes, text, caplog):
+    light(f"bool collection:lightLink:includeRoot = 0\nrel collection:lightLink:includes = {includes}")
+    assert text in caplog.text
+
+
+def test_a_collection_in_a_circle_prints_nothing_of_openusd(light, capfd):
+    light("""bool collection:lightLink:includeRoot = 0
+        rel collection:lightLink:includes = [</A>, </L.collection:more>]
+        uniform token collection:more:expansionRule = "expandPrims"
+        rel collection:more:includes = </L.collection:lightLink>""")
+    assert "_ComputeMembership" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["lightLink", "shadowLink"])
+def test_a_link_that_names_a_prototype_counts_for_its_copies(light, kind):
+    found = light(f"rel collection:{kind}:excludes = </Many/Prototype>")
+    assert (found.unlit if kind == "lightLink" else found.unshadowed) == {"/Many[0]", "/Many[1]"}
+    root = f"bool collection:{kind}:includeRoot = 0\nrel collection:{kind}:includes"
+    found = light(f"{root} = </Many>\nrel collection:{kind}:excludes = </Many/Prototype>")
+    assert (found.unlit if kind == "lightLink" else found.unshadowed) == ALL
+    found = light(f"{root} = [</Many/Prototype>, </Fog>]")
+    assert (found.unlit if kind == "lightLink" else found.unshadowed) == ALL - {"/Many[0]", "/Many[1]"}
+
+
 @pytest.mark.parametrize("kind", ["lightLink", "shadowLink"])
 def test_a_link_may_be_an_expression(light, kind):
     found = light(f'uniform pathExpression collection:{kind}:membershipExpression = "//Two"\n'

@@ -129,6 +129,7 @@ def _selected(reading: Reading, item: Item, copies: _Copies, every: _Every) -> I
             if inner is not None:
                 yield from _selected(reading, copy, inner, every)
             elif own:
+                reading.cache["copied", copy.name] = part.prim.GetPath()
                 yield copy
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ...scene import DomeLight, Light, LightFilter, Mesh
 from ..common.openusd import Sdf, Usd
-from ..common.reading import LOG, Reading
+from ..common.reading import LOG, Reading, quiet, target_paths
 
 #: The kind of links that filters have.
 FILTER_LINK = "filterLink"
+
+_INCLUDES = "collection:lightLink:includes"
 
 
 def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh], media: Sequence[str]) -> Light:
@@ -18,11 +20,18 @@ def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh
 
     A light whose light link leaves out all media makes no beams, because beams are how media are lit.
     """
+    every = frozenset(mesh.name for mesh in meshes)
     unlit = _left_out(reading, prim, "lightLink", [mesh.name for mesh in meshes])
     casts = reading.flag(prim, "inputs:shadow:enable", True)
-    every = frozenset(mesh.name for mesh in meshes)
     unshadowed = _left_out(reading, prim, "shadowLink", [mesh.name for mesh in meshes]) if casts else every
     dark = _left_out(reading, prim, "lightLink", media)
+    if len(unlit) + len(dark) == len(every) + len(media) > 0:
+        lost = [path for path in target_paths(prim, _INCLUDES) if not reading.stage.GetPrimAtPath(path.GetPrimPath())]
+        nothing = "the light lights neither surfaces nor fog"
+        if lost:
+            reading.lack(prim, f"names {lost[0]}, which is not there: {nothing}", _INCLUDES)
+        else:
+            reading.warn(prim, f"includes nothing that is rendered: {nothing}", "collection:lightLink")
     if light.emits_beams and not lights_media(reading, prim, media):
         names = ", ".join(media)
         LOG.info("%s makes no beams: its light link leaves out the fog %s", reading.place(prim), names)
@@ -64,16 +73,29 @@ def _left_out(reading: Reading, prim: Usd.Prim, kind: str, names: Sequence[str])
     )
 
 
+@quiet()  # it warns of collections in a circle
 def _reaches(reading: Reading, prim: Usd.Prim, kind: str, names: Sequence[str]) -> list[bool]:
-    """Return which prims a link includes; for copies, the link to their instancer decides."""
+    """Return which prims a link includes.
+
+    For copies, the link to their instancer decides, unless it names them, or what is above them, in the prototype.
+    """
     if not is_linked(reading, prim, kind):
         return [True] * len(names)
     query = Usd.CollectionAPI(prim, kind).ComputeMembershipQuery()
-    paths = [Sdf.Path(name.partition("[")[0]) for name in names]
+    mode = reading.value(prim, f"collection:{kind}:mode")
+    rules = {} if mode == "expression" else query.GetAsPathExpansionRuleMap()
+    paths = [_linked_path(reading, name, rules) for name in names]
     # OpenUSD does not know of filters whose type it does not know that their links include the root, as all do.
-    known, mode = (reading.value(prim, f"collection:{kind}:{name}") for name in ("includeRoot", "mode"))
-    named = query.GetAsPathExpansionRuleMap() if known is None and mode != "expression" else None
+    known = reading.value(prim, f"collection:{kind}:includeRoot") is not None or mode == "expression"
     return [
-        bool(query.IsPathIncluded(path)) or (named is not None and not any(map(named.__contains__, path.GetPrefixes())))
+        bool(query.IsPathIncluded(path)) or not (known or any(map(rules.__contains__, path.GetPrefixes())))
         for path in paths
     ]
+
+
+def _linked_path(reading: Reading, name: str, rules: Mapping[Sdf.Path, str]) -> Sdf.Path:
+    """Return the path by which rules of a link include a surface or a medium, or do not."""
+    path, above = Sdf.Path(name.partition("[")[0]), name.rpartition("/")[0]  # a subset of a copied mesh has no own item
+    own = reading.cache.get(("copied", name.partition("[part ")[0])) or reading.cache.get(("copied", above))
+    nearest = next((each for each in reversed(own.GetPrefixes()) if each in rules), None) if own else None
+    return path if own is None or nearest is None or path.HasPrefix(nearest) else own
