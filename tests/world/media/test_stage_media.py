@@ -54,6 +54,17 @@ def test_each_bounded_medium_is_inside_of_the_smallest_one_around_it():
     assert names(media_of([drop, tank])) == {"/Drop": "/Tank", "/Tank": None}
 
 
+def test_smoke_that_replaces_what_is_around_it_is_named(caplog):
+    media_of([AIR, smoke(name="/Smoke"), smoke(name="/Same"), smoke(size=0.5, name="/Less")])
+    told = [each.getMessage() for each in caplog.records]
+    rest = "replaces it in its whole box: they do not add up"
+    assert told == [f"smoke /Less lies in /Same, and {rest}", f"smoke /Same lies in /Smoke, and {rest}",
+                    f"smoke /Smoke lies in /Air, and {rest}"]  # fmt: skip
+    caplog.clear()
+    media_of([solid("/Room", [-4] * 3, [4] * 3), AIR])
+    assert not caplog.text
+
+
 def test_what_lies_on_the_floor_of_a_room_is_in_it():
     room, tank = solid("/Room", [-4] * 3, [4] * 3), solid("/Tank", [-1, -4, -1], [1, -3, 1])
     assert names(media_of([room, tank]))["/Tank"] == "/Room"

@@ -95,13 +95,15 @@ def media_of(
     boundaries = {id(each): boundary for each in media if (boundary := each.boundary) is not None}
     bounded = [(each, _Solid(boundaries[id(each)])) for each in media if each.bounded]
     solids: list[tuple[Part, _Solid]] = [*bounded, *((each, _Solid(each)) for each in glass)]
-    result, seen = [], set() if warned is None else warned
+    result, seen, within = [], set() if warned is None else warned, dict[str, list[str]]()
     for each in media:
         if not each.bounded:
             result.append(BuiltMedium(each, plugins[id(each)], emission=each.emission))
             continue
         texts = set[str]()
         outer = _around(each, solids, texts) or next(iter(filling), None)
+        if each.grid is not None and isinstance(outer, scene.Medium):
+            within.setdefault(outer.name, []).append(each.name)
         _warn(texts, seen)
         exterior = plugins.get(id(outer))  # none of glass
         shape = shape_of(
@@ -113,7 +115,14 @@ def media_of(
         if isinstance(emitted, scene.DensityGrid):
             emitted = mi.load_dict(_volume(emitted.values, emitted.to_world))
         result.append(BuiltMedium(each, plugins[id(each)], shape, emitted))
+    _warn({_replaced(*each) for each in within.items()}, seen)
     return result
+
+
+def _replaced(outer: str, inner: list[str]) -> str:
+    """Return a text about smoke in other fog or smoke: only one of them is rendered where its box is."""
+    others = f" and {len(inner) - 1} more" if inner[1:] else ""
+    return f"smoke {inner[0]}{others} lies in {outer or 'fog'}, and replaces it in its whole box: they do not add up"
 
 
 def around_glass(
