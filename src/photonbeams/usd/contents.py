@@ -11,7 +11,7 @@ import numpy as np
 
 from ..scene import Array, DrawnBeams, Light, Medium, Mesh, MeshLight, Scene
 from .common.color_spaces import spaces_of
-from .common.openusd import Usd, UsdGeom
+from .common.openusd import Usd, UsdGeom, UsdVol
 from .common.reading import Cache, Reading, Time, quiet, target_paths
 from .common.warnings import Warnings
 from .geometry.instancers import Item, items
@@ -228,7 +228,9 @@ def _collect(reading: Reading, item: Item, contents: _Contents) -> None:
         drawn = read_curves(reading, prim, item.to_world, item.name)
         contents.drawn.extend([drawn] if drawn else [])
     elif prim.IsA(UsdGeom.Gprim) and not role.surface:
-        reading.warn(prim, f"is a {prim.GetTypeName()}, which is not rendered: it is skipped")
+        lacking = " without a field: expected field:density, a relationship to a prim with a filePath"
+        why = lacking if prim.IsA(UsdVol.Volume) else ", which is not rendered"
+        reading.warn(prim, f"is a {prim.GetTypeName()}{why}; it is skipped")
 
 
 def _meshes(reading: Reading, item: Item) -> list[Mesh]:

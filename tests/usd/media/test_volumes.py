@@ -60,7 +60,10 @@ def test_a_volume_fills_the_bounding_box_of_its_file(scene, tmp_path):
 
 def test_a_volume_without_fog_is_no_medium(scene, caplog):
     assert scene('def Volume "F" {\n}').media == ()
-    assert "/F is a Volume, which is not rendered: it is skipped" in caplog.text
+    assert (
+        "/F is a Volume without a field: expected field:density, a relationship to a prim with a filePath; it"
+        in caplog.text
+    )
 
 
 HEADER = struct.pack("<3sB5i6f", b"VOL", 3, 1, 1, 1, 1, 1, 0, 0, 0, 1, 1, 1)
