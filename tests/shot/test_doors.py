@@ -25,8 +25,11 @@ DICTIONARY = {
 BUILT = pb.scene.Scene(lights=pb.scene.SphereLight("/Lamp", 50.0), media=pb.Medium(0.1))
 
 
-def render(shot):
-    return shot.render(passes=2, beams=200, method="beams", guiding=False)
+BUILT_SHOT = pb.Shot(BUILT, pb.scene.Camera.look_at((0, 0, 5), (0, 0, 0)))
+
+
+def render(shot, **given):
+    return shot.render(passes=2, beams=200, method="beams", guiding=False, **given)
 
 
 # -- What is taken -------------------------------------------------------------------------------------------------
@@ -88,6 +91,25 @@ LAMP, PAIR = BUILT.lights[0], np.zeros(2)
         (lambda: pb.scene.Camera.panorama("c", np.eye(4), []), "camera c: projection is []: expected one of"),
         (lambda: pb.Shot.open("a.usda", overrides=[5]), "one of several arguments is 5: expected a str or a PathLike"),
         (lambda: pb.Shot.open("a.usda", session_layers=5), "one of several arguments is 5"),
+        (lambda: pb.Shot.open("a.usda", mask=5), "mask is 5: expected text or several of them, each text"),
+        (lambda: pb.Shot.open("a.usda", complexity=[]), "complexity is []: expected text"),
+        (lambda: pb.Shot.open("a.usda", texture_limit=10**400), "texture_limit is 1000"),
+        (lambda: render(BUILT_SHOT, progress=5), "progress is 5: expected a function"),
+        (lambda: render(BUILT_SHOT, frame=10**400), "frame is 1000"),
+        (lambda: render(BUILT_SHOT, blur=PAIR), "blur is [0., 0.]: expected True or False"),
+        (lambda: render(BUILT_SHOT, checkpoint=5), "path is 5: expected text or a path"),
+        (lambda: BUILT_SHOT.resolution(pixel_aspect=0), "pixel_aspect is 0: expected a finite number at least 0.001"),
+        (lambda: BUILT_SHOT.resolution(plates=5), "plates is 5: expected several of them, each a Holdout or a Plate"),
+        (lambda: pb.scene.SphereLight(5, 1.0), "name is 5: expected text"),
+        (lambda: pb.scene.SphereLight("/L", 1.0, seen="x"), "seen is 'x': expected True or False"),
+        (lambda: pb.scene.SphereLight("/L"), "SphereLight lacks radiance"),
+        (lambda: pb.scene.Mesh("/M", 5, [[0, 1, 2]]), "mesh /M: points have the shape (): expected (0, 3) numbers"),
+        (lambda: pb.scene.Mesh.box("/M", "x"), "mesh /M: [low, high] is ['x', (1, 1, 1)]: expected two corners"),
+        (lambda: pb.scene.Mesh.box("/M", to_world=PAIR), "low and high have the shape (3,), to_world (2,): expected"),
+        (lambda: pb.scene.Camera.look_at((0, 0, 1), (0, 0, 0), fov="x"), "fov is 'x': expected a number"),
+        (lambda: pb.scene.Camera.panorama("c", np.eye(4), field=5), "field is 5: expected several of them, each a num"),
+        (lambda: pb.colors_of_medium(5, 1.0), "medium is 5: expected a Medium"),
+        (lambda: pb.Beams.load(1.5), "path is 1.5: expected text or a path"),
         (lambda: pb.Shot(BUILT, pb.scene.Camera("c", np.eye(4)), lambda _: 5).read(), "of the medium returns is 5"),
     ],
 )  # fmt: skip
@@ -95,6 +117,31 @@ def test_arguments_of_other_types_are_refused(call, message):
     with pytest.raises(SceneError) as refused:
         call()
     assert message in str(refused.value)
+
+
+def test_a_frame_is_not_written_over_what_its_shot_reads(tmp_path):
+    plate, gobo, stage = (tmp_path / name for name in ("plate.exr", "gobo.png", "a.usda"))
+    other = pb.shot.Frame({"rgba": np.ones((9, 16, 4), np.float32)}, {}, None)
+    other.write(plate)
+    other.write(gobo)
+    stage.write_text("""#usda 1.0
+def Camera "C" {}
+def Cube "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"])
+{
+    color3f photonbeams:scattering = (0.2, 0.2, 0.2)
+}
+def SphereLight "Lamp" (prepend apiSchemas = ["PhotonBeamsLightAPI"])
+{
+    asset photonbeams:gobo = @./gobo.png@
+}
+""")
+    before = gobo.read_bytes()
+    frame = render(pb.Shot.open(stage), width=16, height=9, over=plate)
+    for path in (gobo, plate):
+        with pytest.raises(SceneError, match=f"{path.name} would replace .*{path.name}, which is read"):
+            frame.write(path)
+    assert gobo.read_bytes() == before
+    pickle.loads(pickle.dumps(frame)).write(tmp_path / "other.exr")
 
 
 def test_a_dictionary_and_its_scene_are_one_shot_and_it_can_be_pickled():

@@ -22,7 +22,7 @@ from ..runtime.device import Array3f, Float, UInt32
 from ..runtime.files import PathLike, atomic_file
 from ..runtime.inputs import arrays
 from ..scene import SceneError, arguments, shown
-from ..scene.checks import unknown
+from ..scene.declared import unknown
 from .fields import NAMING, OPTIONAL, REQUIRED, UNIT, VECTORS, Index, beam_array, check_radii, count_of, positions
 
 
@@ -305,6 +305,7 @@ class Beams:
         result: Beams = taken(self, index)
         return result
 
+    @arguments
     def save(self, path: PathLike) -> None:
         """Write the beams to a NumPy archive.
 
@@ -330,6 +331,7 @@ class Beams:
             np.savez_compressed(file, **self.arrays())  # type: ignore[arg-type]
 
     @classmethod
+    @arguments
     def load(cls, path: PathLike) -> Beams:
         """Return the beams that `save` wrote to a file.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from math import floor
 from pathlib import Path
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..constants import is_number
-from ..runtime.files import PathLike, write_bytes
-from ..scene import MOST_PIXELS, Array, SceneError
+from ..runtime.files import PathLike, check_kept, write_bytes
+from ..scene import MOST_PIXELS, Array, SceneError, arguments
 from .color_spaces import COLOR_SPACE, REC709
 from .deep import encoded_deep
 from .textures import resized
@@ -63,6 +63,11 @@ class Frame:
     statistics: Statistics
     views: dict[str, tuple[dict[str, Array], dict[str, Any]]] = field(default_factory=dict)
     deep: dict[str, DeepPicture] = field(default_factory=dict)
+    # Returns the files from which the frame was rendered, which are not written over.
+    sources: Callable[[], Iterable[PathLike]] = field(default=list, repr=False, compare=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "sources": list}  # a stage cannot be pickled
 
     @classmethod
     def of(cls, views: dict[str, tuple[dict[str, Array], dict[str, Any]]], statistics: Statistics) -> Frame:
@@ -70,6 +75,7 @@ class Frame:
         layers, metadata = next(iter(views.values()))
         return cls(layers, metadata, statistics, views if len(views) > 1 else {})
 
+    @arguments
     def write(
         self, path: PathLike, layer: str = "rgba", exposure: float = 0.0, *, single_part: bool = False
     ) -> None:  # fmt: skip
@@ -90,12 +96,14 @@ class Frame:
         Raises
         ------
         SceneError
-            Another suffix, no such layer, or one that is not a picture, such as `depth`.
+            Another suffix, no such layer, or one that is not a picture, such as `depth`; a file that the shot reads.
         OSError
             The file cannot be written.
         """
+        check_kept([path], self.sources())
         write_bytes(path, self.encoded(path, layer, exposure, single_part=single_part))
 
+    @arguments
     def encoded(
         self, path: PathLike, layer: str = "rgba", exposure: float = 0.0, *, single_part: bool = False
     ) -> bytes | memoryview:  # fmt: skip
@@ -132,10 +140,11 @@ class Frame:
         Raises
         ------
         SceneError
-            Another suffix, or a frame that was rendered without `deep=True`.
+            Another suffix, a file that the shot reads, or a frame that was rendered without `deep=True`.
         OSError
             The file cannot be written.
         """
+        check_kept([path], self.sources())
         write_bytes(path, self.encoded_deep(path))
 
     def encoded_deep(self, path: PathLike) -> memoryview:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
-from ..scene import SceneError
+from ..scene import SceneError, arguments
 from .films.frame_sums import FrameSums
 from .films.sums import ADDING
 
@@ -40,6 +40,7 @@ class Checkpoint:
         Returns the sums so far, while a frame is rendered; `accumulate` sets it.
     """
 
+    @arguments
     def __init__(self, path: PathLike, every: float | None = 60.0, resume: bool = True) -> None:
         if every is not None and not (isinstance(every, int | float) and every > 0):
             raise SceneError(f"every is {every!r}: expected a positive number of seconds, or None")

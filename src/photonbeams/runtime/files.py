@@ -118,8 +118,12 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         If the file cannot be written; its file name is `path`.
     """
     path = Path(path)
-    if "\0" in str(path):
-        raise OSError(errno.EINVAL, "a name cannot have a NUL", str(path))
+    try:
+        named = b"\0" not in os.fsencode(path)
+    except UnicodeEncodeError:
+        named = False
+    if not named:
+        raise OSError(errno.EINVAL, "a name cannot have a NUL, or half of a character", str(path))
     target = Path(os.path.realpath(path))
     # Short enough for every allowed name, and hidden, so that no pattern for pictures matches it.
     own = f".{path.stem[:40]}.{_HOST}-{os.getpid()}-"

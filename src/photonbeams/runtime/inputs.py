@@ -12,6 +12,7 @@ import stat
 import warnings
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from errno import EACCES
 from io import BytesIO
 from typing import Any, BinaryIO
@@ -55,7 +56,8 @@ def problem_of(path: PathLike, most: int | None = None) -> str:
     """Return what `why_unreadable` does; raise the system's own error if there is no file, or it may not be read."""
     problem = why_unreadable(path, most)
     if problem and not (is_special(path) or os.path.isdir(path)):
-        open(path, "rb").close()
+        with suppress(ValueError):  # a name that no file has
+            open(path, "rb").close()
     return problem
 
 

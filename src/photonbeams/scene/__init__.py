@@ -5,6 +5,8 @@ colours are scene-linear Rec. 709 unless the stage says otherwise. Every class c
 reaches a kernel is finite and in range. Messages name the field; the reader adds file and prim.
 """
 
+from dataclasses import is_dataclass
+
 from ..constants import DEFAULT_BEAMS, MOST_BEAMS, MOST_PIXELS
 from .beam_settings import SCATTERED, BeamSettings
 from .beams import DrawnBeams
@@ -17,7 +19,6 @@ from .checks import (
     Array,
     Color,
     SceneError,
-    arguments,
     at_bounds,
     choice,
     color,
@@ -30,6 +31,7 @@ from .checks import (
     shown,
     whole,
 )  # fmt: skip
+from .declared import arguments, typed
 from .filters import Blocker, DistanceRamp, LightFilter
 from .fog_density import FogDensity, FogNoise
 from .light import Light
@@ -97,3 +99,7 @@ __all__ = [
     "shown",
     "whole",
 ]  # fmt: skip
+
+for _name in __all__:  # so that readers and users alike are told of a field that is of another type
+    if is_dataclass(globals()[_name]):
+        typed(globals()[_name])

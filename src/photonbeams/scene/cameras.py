@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .checks import Array, SceneError, choice, numbers, shown
+from .declared import arguments
 from .vectors import near_one, unit
 
 #: How the aperture and the picture are made to fit each other, named as by UsdRenderSettings: the first is the default.
@@ -100,6 +101,7 @@ class Camera:
         return FISHEYES[self.projection](np.radians(self.angle) / 2)
 
     @classmethod
+    @arguments
     def panorama(
         cls, name: str, to_world: Array, projection: str = EQUIRECTANGULAR, field: Sequence[float] = (), **given: Any
     ) -> Camera:
@@ -143,6 +145,7 @@ class Camera:
         )  # fmt: skip
 
     @classmethod
+    @arguments
     def look_at(
         cls, origin: Sequence[float] | Array, target: Sequence[float] | Array,
         up: Sequence[float] | Array = (0.0, 1.0, 0.0), fov: float = 40.0, aspect: float = 16 / 9, name: str = "camera",
@@ -174,7 +177,7 @@ class Camera:
         side = np.cross(near_one(places[2]), back)
         if not np.linalg.norm(side) > 0 or not np.isfinite(np.linalg.norm(side)):
             raise SceneError(f"camera {name}: expected two different points, and up not along the line between them")
-        if not 0 < fov < 180 or not aspect > 0:
+        if not 0 < fov < 180 or not 0 < aspect < np.inf:
             raise SceneError(f"camera {name}: fov is {fov}, aspect {aspect}: expected 0 < fov < 180 and aspect > 0")
         to_world = np.eye(4)
         to_world[:3] = np.column_stack([unit(side), unit(np.cross(back, side)), unit(back), places[0]])

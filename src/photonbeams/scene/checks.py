@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
-import inspect
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import wraps
+from collections.abc import Iterable, Sequence
 from numbers import Integral, Real
 from types import NoneType
-from typing import Any, ParamSpec, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -87,10 +84,6 @@ class SceneError(ValueError):
     def whole(self) -> str:
         """The sentence, however long it is: for messages that shorten it themselves."""
         return super().__str__()
-
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 def shown(value: object) -> str:
@@ -193,57 +186,6 @@ def _rows(value: Any) -> Any:
     return rows[0] if len(rows) == 1 else rows
 
 
-def arguments(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate a function that users call, so that a wrong argument raises a SceneError that lists the right ones.
-
-    Examples
-    --------
-    >>> @arguments
-    ... def render(passes=1, width=640): ...
-    >>> render(widht=320)
-    Traceback (most recent call last):
-    photonbeams.scene.checks.SceneError: render has no argument 'widht', did you mean width? Expected passes, width
-    """
-    signature = inspect.signature(function)
-    makes = function.__name__ == "__init__"
-
-    @wraps(function)
-    def checked(*given: P.args, **named: P.kwargs) -> R:
-        try:
-            signature.bind(*given, **named)
-        except TypeError as error:
-            name = type(given[0]).__name__ if makes else function.__name__
-            raise SceneError(_misuse(name, signature, len(given), named, error)) from None
-        return function(*given, **named)
-
-    return checked
-
-
-def unknown(name: str, key: str, expected: Iterable[str]) -> str:
-    """Return the message for an argument that a function does not have; it names the most similar one that exists."""
-    listed = list(expected)
-    near = difflib.get_close_matches(key.lower(), listed, n=1)
-    hint = f", did you mean {near[0]}?" if near else "."
-    return shortened(f"{name} has no argument {shown(key)}{hint} Expected {', '.join(listed) or 'none'}")
-
-
-def _misuse(name: str, signature: inspect.Signature, given: int, named: Mapping[str, object], error: TypeError) -> str:
-    """Return the message for the arguments of a call that do not match `signature`."""
-    parameters = {key: each for key, each in signature.parameters.items() if key != "self"}
-    wrong = [key for key in named if key not in parameters]
-    if wrong:
-        return unknown(name, wrong[0], parameters)
-    needed = [key for key, each in parameters.items() if each.default is each.empty]
-    positional = [key for key, each in parameters.items() if each.kind is not each.KEYWORD_ONLY]
-    given -= "self" in signature.parameters
-    if given > len(positional):
-        return f"{name} got {given} positional arguments: expected up to {len(positional)}, {', '.join(positional)}"
-    missing = [key for key in needed if key not in named and key not in positional[:given]]
-    if missing:
-        return f"{name} lacks {', '.join(missing)}: expected {', '.join(parameters)}"[:LONGEST]
-    return f"{name}: {error}"
-
-
 def color(value: ColorLike, name: str, minimum: float = 0.0) -> Color:
     """Return `value`, one number or three, as a colour; SceneError unless they are finite and at least `minimum`."""
     expected = f"one or three finite numbers of at least {minimum:g}"
@@ -283,8 +225,16 @@ def whole(value: object, name: str, of: str = "") -> int:
     return int(value)
 
 
+def as_float(value: Real) -> float:
+    """Return a number as a float, also a whole one that is too large: infinity."""
+    try:
+        return float(value)
+    except OverflowError:
+        return np.inf
+
+
 def real(value: object, name: str) -> float:
     """Return a finite number, also a NumPy one, as a float; SceneError for anything else."""
-    if isinstance(value, Real) and abs(float(value)) < np.inf:
+    if isinstance(value, Real) and abs(as_float(value)) < np.inf:
         return float(value)
     raise SceneError(f"{name} is {value if isinstance(value, Real) else repr(value)}: expected a finite number")

@@ -55,7 +55,7 @@ class Profile:
         number(self.angle_scale, "angle_scale")
         for name in ("vertical", "horizontal", "intensity"):
             value = numbers(getattr(self, name), f"{name} of a profile", "numbers").astype(np.float64)
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, np.atleast_1d(value))
         if self.intensity.shape != (len(self.horizontal), len(self.vertical)) or not self.intensity.size:
             raise SceneError(
                 f"a profile has {len(self.horizontal)} horizontal and {len(self.vertical)} vertical angles, and "

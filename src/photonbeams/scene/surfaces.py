@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .checks import BLACK, WHITE, Array, Color, SceneError, numbers
+from .declared import arguments
 from .vectors import Plane, Sides, plane_of
 
 # The unit cube; its faces wind around the outward normals.
@@ -212,7 +213,7 @@ class Mesh:
                 continue
             found = numbers(value, f"mesh {self.name}: {name}", "numbers")
             found = found if found.size else np.empty((0, columns), np.int64)
-            rows = len(found) if name == "faces" else len(self.points)
+            rows = len(self.points) if name in ("normals", "uvs") else (*found.shape, 0)[0]
             if found.shape != (rows, columns) or found.dtype.kind not in ("iu" if name == "faces" else "fiu"):
                 expected = (
                     f"({'F' if name == 'faces' else rows}, {columns}) {'whole ' if name == 'faces' else ''}numbers"
@@ -227,6 +228,7 @@ class Mesh:
             raise SceneError(f"mesh {self.name}: faces name the point {wrong[0]}: {text}")
 
     @classmethod
+    @arguments
     def box(
         cls, name: str, low: ArrayLike = (0, 0, 0), high: ArrayLike = (1, 1, 1), to_world: Array | None = None
     ) -> Mesh:  # fmt: skip
@@ -238,9 +240,12 @@ class Mesh:
         >>> mist.mesh.volume
         48.0
         """
-        first, second = (np.asarray(each, dtype=np.float64) for each in (low, high))
-        points = first + _CORNERS * (second - first)
-        matrix = np.eye(4) if to_world is None else np.asarray(to_world)
+        ends = numbers([low, high], f"mesh {name}: [low, high]", "two corners of 3 numbers").astype(np.float64)
+        matrix = numbers(np.eye(4) if to_world is None else to_world, f"mesh {name}: to_world", "4 x 4 numbers")
+        if ends.shape != (2, 3) or matrix.shape != (4, 4):
+            shapes = f"low and high have the shape {ends.shape[1:]}, to_world {matrix.shape}"
+            raise SceneError(f"mesh {name}: {shapes}: expected (3,) and (4, 4)")
+        points = ends[0] + _CORNERS * (ends[1] - ends[0])
         return cls(name, points @ matrix[:3, :3].T + matrix[:3, 3], _FACES)
 
     @property

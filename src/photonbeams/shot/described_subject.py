@@ -209,6 +209,7 @@ class DescribedSubject(Subject):
         if width is None and height is None and plates:
             width, height = plates[0].size(self.number(frame), views_of(viewpoint.stereo, view))
         camera = self.cameras(viewpoint, frame)[0]
+        scene.number(pixel_aspect, "pixel_aspect", 1e-3, 1e3)
         aspect = camera.horizontal_aperture / (camera.vertical_aperture * pixel_aspect)
         return size_of(width, height, aspect, DEFAULT_WIDTH)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
@@ -19,6 +19,7 @@ from ..render.films.layers import deep_of, develop
 from ..render.films.sums import ALBEDO, PassSums
 from ..render.passes import Statistics, known
 from ..render.settings import Settings
+from ..runtime.files import PathLike
 from ..scene import MOST_PIXELS, Array, SceneError
 from ..scene import shown as shown_value
 
@@ -39,6 +40,8 @@ class Development:
     shown: tuple[int, int, int, int] | None = None
     # Returns what was missing when the frame was read: some of it is only known after the last pass.
     missing: Callable[[], Sequence[str]] = field(default=list, compare=False)
+    # Returns the files from which the frame is rendered.
+    sources: Callable[[], Iterable[PathLike]] = field(default=list, compare=False)
     # A cache of denoised layers for each view; None: nothing is cached.
     filtered: dict[str, dict[str, Filtered]] | None = field(default=None, compare=False, repr=False)
 
@@ -60,6 +63,7 @@ class Development:
         about = {"passes": len(sums), **({"missing": [*statistics.missing]} if statistics.missing else {})}
         headers = [{**each, **about} for each in self.views.values()]
         frame = Frame.of(dict(zip(self.views, zip(pictures, headers, strict=True), strict=True)), statistics)
+        frame = replace(frame, sources=self.sources)
         for name, each, layers in zip(self.views, sums.views, whole, strict=True):
             deep = deep_of(each, self.shape, layers["beams"])
             if deep is not None:

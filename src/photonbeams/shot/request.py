@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from ..images.channels import image_paths
 from ..images.frame import Frame
 from ..images.plates import Holdout, Plate
 from ..render.checkpoint import Checkpoint
@@ -14,8 +15,10 @@ from ..render.films.denoising import check_denoiser
 from ..render.films.mattes import MATERIAL, OBJECT, header_of
 from ..render.passes import PlannedPasses, Progress, RunOptions
 from ..render.settings import Settings
+from ..runtime.files import PathLike
 from ..scene import SceneError, choice, real
 from ..scene.cameras import CONFORM_POLICIES
+from ..scene.declared import typed
 from ..usd.cameras.stereo import views_of
 from .development import Development
 from .subject import FrameContent, Subject, Viewpoint
@@ -34,6 +37,7 @@ _ASKED, _THUMBNAIL = "asked for doubts", 64
 Snapshot = Callable[[Callable[[], Frame]], None]
 
 
+@typed
 @dataclass(frozen=True, kw_only=True)
 class FrameRequest:
     """The arguments of `Shot.render`, checked as far as they do not depend on the shot.
@@ -46,7 +50,7 @@ class FrameRequest:
     settings: Settings
     width: int | None = None
     height: int | None = None
-    crop: Sequence[float] | None = None
+    crop: Any = None  # checked with the size of the picture
     pixel_aspect: float = 1.0
     conform: str = CONFORM_POLICIES[0]
     progress: Progress | None = None
@@ -134,11 +138,20 @@ def prepare(
     development = Development(
         grown.shape, content.groups, headers, chosen, pixels, over is not None and over.fog,
         (top, left, *window.shape), missing=partial(subject.warnings.missing_at, number),
+        sources=partial(_sources, subject, request, names),
     )  # fmt: skip
     run = replace(_run_options(request, development), warn=_warns(subject, grown))
     holdouts = [depth.seen_by(_camera(view)) for depth, view in zip(depths, content.views, strict=False)]
     digest = subject.digest(viewpoint, frame) if run.named else ""
     return Prepared(content, grown, chosen, holdouts, run, digest, development)
+
+
+def _sources(subject: Subject, request: FrameRequest, views: Sequence[str]) -> Iterator[PathLike]:
+    """Yield the files from which a frame is rendered."""
+    yield from subject.files([request.frame])
+    for each in (request.holdout, request.over):
+        if each is not None:
+            yield from (path for path, _ in image_paths(each.file, subject.number(request.frame), views))
 
 
 def _mattes(content: FrameContent, settings: Settings) -> dict[str, str]:

@@ -95,6 +95,7 @@ class Shot:
     """
 
     @kept_variant()
+    @scene.arguments
     def __init__(
         self, stage: Usd.Stage | scene.Scene | Mapping[str, Any] | Subject, camera: str | scene.Camera | None = None,
         medium: scene.Medium | MediumOverride | None = None, stereo: Stereo | None = None,
@@ -138,6 +139,7 @@ class Shot:
 
     @classmethod
     @kept_variant()
+    @scene.arguments
     def open(
         cls, path: PathLike, camera: str | None = None, *, medium: scene.Medium | MediumOverride | None = None,
         stereo: Stereo | None = None, simulate: Modifier | None = None, emit: Emitter | None = None,
@@ -194,8 +196,8 @@ class Shot:
             subject = SceneSubject(path, looks, groups, beams, overridden(several(overrides)), session_layers)
             return cls(subject, camera, stereo=stereo)
         refuse(FOR_SCENES, groups=groups, beams=beams)
-        if texture_limit is not None and scene.whole(texture_limit, "texture_limit", " of pixels") < 1:
-            raise scene.SceneError(f"texture_limit is {texture_limit}: expected at least 1 pixel")
+        if texture_limit is not None and not 1 <= texture_limit <= scene.MOST_PIXELS:
+            raise scene.SceneError(f"texture_limit is {texture_limit}: expected 1 to {scene.MOST_PIXELS} pixels")
         selection = stages.Selection.of(mask, purposes, variants, complexity)
         layers = several(session_layers), several(overrides)
         warnings = Warnings.of(strict)
@@ -228,6 +230,7 @@ class Shot:
         """Return the stage's time code of a `frame`; None is its start or default time."""
         return self.subject.time(frame)
 
+    @scene.arguments
     def read(self, frame: float | None = None, base: float | None = None) -> tuple[scene.Scene, scene.Camera]:
         """Return the scene at a `frame`, with its looks built, and the camera. SceneError for a Mitsuba scene.
 
@@ -237,7 +240,7 @@ class Shot:
             The frame whose shutter is open: velocities move things away from where they are at this frame. None:
             `frame`.
         """
-        return self.subject.read(self.viewpoint, frame, base)
+        return self.subject.read(self.viewpoint, frame, None if base is None else scene.real(base, "base"))
 
     @kept_variant()
     def cameras(self, frame: float | None = None) -> tuple[scene.Camera, ...]:
@@ -245,6 +248,7 @@ class Shot:
         return self.subject.cameras(self.viewpoint, frame)
 
     @kept_variant()
+    @scene.arguments
     def exposure(self, frame: float | None = None, blur: bool = True, lens: bool = True) -> Exposure:
         """Return the scene and the cameras over the shutter interval of a `frame`. SceneError for a Mitsuba scene.
 
@@ -253,6 +257,7 @@ class Shot:
         return self.subject.exposure(self.viewpoint, frame, blur, lens)
 
     @kept_variant()
+    @scene.arguments
     def resolution(
         self, width: int | None = None, height: int | None = None, frame: float | None = None,
         plates: Sequence[Holdout | Plate] = (), view: str | None = None, pixel_aspect: float = 1.0,
@@ -432,6 +437,7 @@ class Shot:
             for each in found
         ]
 
+    @scene.arguments
     def write_beams(
         self, path: PathLike, frame: float | None = None, *, settings: Settings | None = None,
         **given: Unpack[SettingsArguments],

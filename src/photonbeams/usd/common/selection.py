@@ -50,7 +50,7 @@ class Selection:
 
     def __post_init__(self) -> None:
         for path in self.mask or ():
-            valid = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsolutePath()
+            valid = path.isprintable() and Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsolutePath()
             if not (valid and Sdf.Path(path).IsAbsoluteRootOrPrimPath()):
                 raise SceneError(f"the mask names '{path}': expected the path of a prim, such as /World/Lamp")
         for purpose in self.purposes or ():

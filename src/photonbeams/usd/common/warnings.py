@@ -48,7 +48,7 @@ class Warnings:
     """
 
     def __init__(self, strict: bool | Literal["missing"] = False, muted: bool = False) -> None:
-        if strict not in (False, True, "missing"):
+        if not isinstance(strict, bool) and not (isinstance(strict, str) and strict == "missing"):
             raise SceneError(f"strict is {strict!r}: expected True, False or 'missing'")
         self.strict = strict
         self.muted = muted

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...scene import Array, Color, Medium, SceneError, color, number
+from ...scene import Array, Color, Medium, SceneError, arguments, color, number
 
 if TYPE_CHECKING:
     from ...looks import Across
@@ -33,6 +33,7 @@ DARKEST, BRIGHTEST = 0.1, 0.999
 _LARGEST = 1e30  # of a power: kernels multiply in single precision, which ends at 3e38
 
 
+@arguments
 def medium_of_colors(
     near: Colors,
     far: Colors,
@@ -115,6 +116,7 @@ def medium_of_colors(
     return medium, color(power, "power")
 
 
+@arguments
 def colors_of_medium(
     medium: Medium,
     power: Colors,

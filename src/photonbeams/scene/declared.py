@@ -1,0 +1,169 @@
+"""Check what users give functions and classes by the types that these declare."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import os
+import sys
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import wraps
+from numbers import Integral, Real
+from types import NoneType, UnionType
+from typing import Any, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+
+from .checks import LONGEST, SceneError, as_float, shortened, shown
+
+P = ParamSpec("P")
+R = TypeVar("R")
+T = TypeVar("T")
+
+
+class Declared(NamedTuple):
+    """What a declared type takes: a test, and the words of a message for it."""
+
+    fits: Callable[[Any], bool]
+    expected: str
+
+
+def arguments(function: Callable[P, R]) -> Callable[P, R]:
+    """Decorate a function that users call, so that a wrong argument raises a SceneError that says what is right.
+
+    The function's own checks say more, so values are held against the declared types where it raises another error
+    and, as fields of an object, where it raises none.
+
+    Examples
+    --------
+    >>> @arguments
+    ... def render(passes=1, width=640): ...
+    >>> render(widht=320)
+    Traceback (most recent call last):
+    photonbeams.scene.checks.SceneError: render has no argument 'widht', did you mean width? Expected passes, width
+    """
+    signature = inspect.signature(function)
+    makes = function.__name__ == "__init__"
+    declared: dict[str, Declared | None] = {}
+
+    def check(bound: Mapping[str, object], owners: Iterable[Any]) -> None:
+        for key, value in bound.items():
+            if key not in declared:
+                declared[key] = _declared(signature.parameters[key], owners)
+            test = declared[key]
+            if test is not None and not test.fits(value):
+                raise SceneError(f"{key} is {shown(value)}: expected {test.expected}") from None
+
+    @wraps(function)
+    def checked(*given: P.args, **named: P.kwargs) -> R:
+        try:
+            bound = signature.bind(*given, **named).arguments
+        except TypeError as error:
+            name = type(given[0]).__name__ if makes else function.__name__
+            raise SceneError(_misuse(name, signature, len(given), named, error)) from None
+        try:
+            result = function(*given, **named)
+        except (SceneError, OSError):
+            raise
+        except Exception:
+            check(bound, type(given[0]).__mro__ if makes else (function,))
+            raise
+        if makes:
+            check(bound, type(given[0]).__mro__)
+        return result
+
+    return checked
+
+
+def typed(kind: type[T]) -> type[T]:
+    """Decorate a dataclass whose fields are checked as `arguments` checks those of a function."""
+    setattr(kind, "__init__", arguments(getattr(kind, "__init__")))  # noqa: B009, B010 - for mypy
+    return kind
+
+
+def unknown(name: str, key: str, expected: Iterable[str]) -> str:
+    """Return the message for an argument that a function does not have; it names the most similar one that exists."""
+    listed = list(expected)
+    near = difflib.get_close_matches(key.lower(), listed, n=1)
+    hint = f", did you mean {near[0]}?" if near else "."
+    return shortened(f"{name} has no argument {shown(key)}{hint} Expected {', '.join(listed) or 'none'}")
+
+
+def _misuse(name: str, signature: inspect.Signature, given: int, named: Mapping[str, object], error: TypeError) -> str:
+    """Return the message for the arguments of a call that do not match `signature`."""
+    parameters = {key: each for key, each in signature.parameters.items() if key != "self"}
+    wrong = [key for key in named if key not in parameters]
+    if wrong:
+        return unknown(name, wrong[0], parameters)
+    needed = [key for key, each in parameters.items() if each.default is each.empty]
+    positional = [key for key, each in parameters.items() if each.kind is not each.KEYWORD_ONLY]
+    given -= "self" in signature.parameters
+    if given > len(positional):
+        return f"{name} got {given} positional arguments: expected up to {len(positional)}, {', '.join(positional)}"
+    missing = [key for key in needed if key not in named and key not in positional[:given]]
+    if missing:
+        return f"{name} lacks {', '.join(missing)}: expected {', '.join(parameters)}"[:LONGEST]
+    return f"{name}: {error}"
+
+
+def _declared(parameter: inspect.Parameter, owners: Iterable[Any]) -> Declared | None:
+    """Return what a parameter takes; None: its type is not known, or the function checks it itself.
+
+    `owners` are the function, or the classes in whose modules the fields of a class are declared.
+    """
+    if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+        return None
+    names: dict[str, Any] = {}
+    for each in owners:
+        names = {**vars(sys.modules[each.__module__]), **names}
+    try:
+        return _of(eval(parameter.annotation, names))
+    except (NameError, TypeError):  # imported for type checkers only, or no annotation
+        return None
+
+
+def _of(kind: Any) -> Declared | None:
+    """Return what a type takes; None: any value."""
+    origin = get_origin(kind) or kind
+    if origin in (Union, UnionType):
+        parts = [_of(each) for each in get_args(kind)]
+        known = [each for each in parts if each is not None]
+        words = " or ".join(dict.fromkeys(each.expected for each in known if each is not _NONE))
+        return Declared(lambda value: any(each.fits(value) for each in known), words) if known == parts else None
+    if origin in _KNOWN:
+        return _KNOWN[origin]
+    if origin in (Iterable, Sequence):
+        inner = _of(*get_args(kind))
+        return inner and Declared(lambda value: _all(inner.fits, value), f"several of them, each {inner.expected}")
+    if not isinstance(origin, type) or origin in _LOOSE or getattr(origin, "_is_protocol", False):
+        return None
+    return Declared(lambda value: isinstance(value, origin), f"a {origin.__name__}")
+
+
+def _all(fits: Callable[[Any], bool], value: object) -> bool:
+    """Return whether a value holds such values; what is gone once it is read, such as a generator, is not read."""
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "shape", None) == ():
+        return False
+    return not isinstance(value, Collection) or all(map(fits, value))
+
+
+def _is_number(value: Any) -> bool:
+    """Return whether a value is a real number, or an array of one."""
+    if isinstance(value, Real):
+        return not isinstance(value, Integral) or np.isfinite(as_float(value))
+    return getattr(value, "shape", None) in ((), (1,)) and getattr(getattr(value, "dtype", None), "kind", "f") in "buif"
+
+
+_NONE = Declared(lambda value: value is None, "None")
+_KNOWN = {
+    NoneType: _NONE,
+    str: Declared(lambda value: isinstance(value, str), "text"),
+    bool: Declared(lambda value: isinstance(value, bool | np.bool_ | Integral) and value in (0, 1), "True or False"),
+    int: Declared(lambda value: isinstance(value, Integral), "a whole number"),
+    float: Declared(_is_number, "a number"),
+    os.PathLike: Declared(lambda value: isinstance(value, os.PathLike), "a path"),
+    Mapping: Declared(lambda value: isinstance(value, Mapping), "a dict"),
+    Callable: Declared(callable, "a function"),
+}
+# Arrays are also made from lists, and collections from others: what takes them checks them.
+_LOOSE = (Any, object, np.ndarray, tuple, list, dict, set, frozenset)
