@@ -194,3 +194,16 @@ def test_a_save_is_never_followed_by_an_autosave_of_older_edits(begin, kept, mon
     assert not kept.exists() and edits.is_saved
     again = begin()
     assert again.value() == 3.0 and not again.restored
+
+
+def test_two_studios_with_one_file_have_an_autosave_each(begin, kept, caplog):
+    first, second = begin(), begin()
+    for edits, value in ((first, 1.0), (second, 2.0), (first, 3.0)):
+        edits.set({INTENSITY: value})
+        edits._autosave._now()
+    other = kept.with_name(f"{kept.name}2")
+    assert "intensity = 3" in kept.read_text() and "intensity = 2" in other.read_text()
+    os.utime(other, (0, 0))
+    assert begin().value() == 3.0 and f"{other} holds unsaved edits of another studio" in caplog.text
+    second.save()
+    assert kept.exists() and not other.exists()

@@ -5,15 +5,15 @@ from __future__ import annotations
 import logging
 import re
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from hashlib import sha256
-from itertools import count
+from itertools import count, takewhile
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypeVar
 
 from ..runtime.files import PathLike, write_bytes
-from ..runtime.inputs import content, why_unreadable
+from ..runtime.inputs import content
 from ..scene import SceneError
 from ..usd.authoring.editing import EMPTY, EditLayer
 
@@ -42,6 +42,23 @@ def autosave_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.autosave")
 
 
+def _autosaves(path: Path) -> Iterator[Path]:
+    """Yield the paths of the autosaves for a file of edits: each studio that has the file open writes its own."""
+    first = autosave_path(path)
+    return (first.with_name(f"{first.name}{number if number > 1 else ''}") for number in count(1))
+
+
+def _existing(path: Path) -> list[Path]:
+    return [*takewhile(Path.exists, _autosaves(path))]
+
+
+def _text(path: Path) -> str | None:
+    """Return the text of an autosave; None if it cannot be read."""
+    with suppress(SceneError, UnicodeError):
+        return content(path).decode()
+    return None
+
+
 def _version(path: Path | None) -> str:
     """Return a hash of a file's content, "" if there is no file."""
     if path is None or not path.exists():
@@ -67,6 +84,7 @@ class Autosave:
     def __init__(self, unsaved: Callable[[], tuple[Path | None, str | None]]) -> None:
         self._unsaved = unsaved
         self._timer: threading.Timer | None = None
+        self._kept: str | None = None  # what was written or found last: other text is another studio's
         self._closed, self._failed = False, False
         self._state = threading.Lock()  # of the timer
         #: Held while files are written or removed: no autosave of older edits may be written after the file itself.
@@ -89,32 +107,38 @@ class Autosave:
             if path is None or text is None:
                 self.remove(path)
                 return
+            target = next(each for each in _autosaves(path) if not each.exists() or _text(each) == self._kept)
             try:
-                write_bytes(autosave_path(path), text.encode())
+                write_bytes(target, text.encode())
+                self._kept = text
             except OSError as error:
                 if not self._failed:
-                    LOG.warning("unsaved edits cannot be kept in %s: %s", autosave_path(path), error.strerror or error)
+                    LOG.warning("unsaved edits cannot be kept in %s: %s", target, error.strerror or error)
                 self._failed = True
 
     def found(self, path: Path) -> str | None:
         """Return the text of a file's autosave, None if there is none or it is older than the file."""
-        kept = autosave_path(path)
-        if not kept.exists() or why_unreadable(kept):
+        there = sorted(_existing(path), key=lambda each: each.stat().st_mtime, reverse=True)
+        kept, *others = there or [autosave_path(path)]
+        self._kept = _text(kept)
+        if self._kept is None:
             return None
-        with suppress(OSError, UnicodeError):
+        for each in others:
+            LOG.warning("%s holds unsaved edits of another studio, which are not restored", each)
+        with suppress(OSError):
             if path.exists() and path.stat().st_mtime > kept.stat().st_mtime:
                 LOG.warning("%s is older than %s: its edits are not restored", kept, path.name)
                 return None
-            return kept.read_text(encoding="utf-8")
-        return None
+        return self._kept
 
     def remove(self, *paths: Path | None) -> None:
         """Remove the autosaves of files, if they exist."""
         with self.files:
             for path in paths:
-                if path is not None:
-                    with suppress(OSError):
-                        autosave_path(path).unlink()
+                for each in () if path is None else _existing(path):
+                    if _text(each) == self._kept:
+                        with suppress(OSError):
+                            each.unlink()
 
     def close(self) -> None:
         """Write unsaved edits now, and nothing later."""
