@@ -1,6 +1,7 @@
 """Faults that a farm must survive without loss: kills, full disks, deleted folders, two runs at once."""
 
 import gc
+import logging
 import os
 import random
 import resource
@@ -13,6 +14,7 @@ import time
 import numpy as np
 import pytest
 
+from photonbeams.farm import preload
 from photonbeams.images.files import read_layers
 from photonbeams.render.frame import FrameRenderer
 from tests.helpers.commands import command, fails, same, until
@@ -182,3 +184,13 @@ def test_messages_are_no_longer_than_a_sentence(call, tmp_path):
     path.parent.mkdir(parents=True)
     path.write_bytes(b"PK nothing")
     assert len(fails(call("merge", path, "-o", tmp_path / "a.exr"), 1, "expected a checkpoint")) <= 300
+
+
+def test_warnings_of_local_workers_look_like_those_of_the_command(monkeypatch):
+    logger = logging.getLogger("photonbeams")
+    monkeypatch.setattr(preload.signal, "signal", lambda *_: None)
+    before = [*logger.handlers]
+    preload.dask_setup(None)
+    (handler,) = [each for each in logger.handlers if each not in before]
+    logger.removeHandler(handler)
+    assert handler.format(logging.LogRecord("a", logging.WARNING, "", 0, "dark", (), None)) == "Warning: dark"
