@@ -33,14 +33,14 @@ def test_text_of_a_binary_layer_that_is_no_utf8_is_an_error(tmp_path, capsys):
 
     layer = Sdf.Layer.CreateNew(str(tmp_path / "a.usdc"))
     layer.documentation = "a cafe of Paris"
+    Sdf.CreatePrimInLayer(layer, "/Bar").typeName = "Cube"
     layer.Save()
-    (tmp_path / "b.usdc").write_bytes((tmp_path / "a.usdc").read_bytes().replace(b"cafe", b"caf\xe9"))
-    with pytest.raises(SystemExit, match="1"):
-        main(["info", str(tmp_path / "b.usdc")])
-    assert (
-        capsys.readouterr().err
-        == "Error: a file has the text 'a caf\N{REPLACEMENT CHARACTER} of Paris': expected UTF-8\n"
-    )
+    for word, bad in ((b"cafe", b"caf\xe9"), (b"Cube", b"C\xffbe")):
+        (tmp_path / "b.usdc").write_bytes((tmp_path / "a.usdc").read_bytes().replace(word, bad))
+        with pytest.raises(SystemExit, match="1"):
+            main(["info", str(tmp_path / "b.usdc")])
+        error, text = capsys.readouterr().err, bad.decode(errors="replace")
+        assert re.fullmatch(rf"Error: .*b\.usdc has the text '.*{text}.*': expected UTF-8\n", error)
 
 
 def test_an_exr_shows_its_layers_ranges_and_headers(tmp_path, capsys):

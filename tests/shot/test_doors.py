@@ -106,6 +106,7 @@ LAMP, PAIR = BUILT.lights[0], np.zeros(2)
         (lambda: pb.scene.Mesh("/M", 5, [[0, 1, 2]]), "mesh /M: points have the shape (): expected (0, 3) numbers"),
         (lambda: pb.scene.Mesh.box("/M", "x"), "mesh /M: [low, high] is ['x', (1, 1, 1)]: expected two corners"),
         (lambda: pb.scene.Mesh.box("/M", to_world=PAIR), "low and high have the shape (3,), to_world (2,): expected"),
+        (lambda: pb.scene.Camera("c", np.diag([0, 0, 0, 1])), "expected 4 x 4 finite numbers, a transform that can be"),
         (lambda: pb.scene.Camera.look_at((0, 0, 1), (0, 0, 0), fov="x"), "fov is 'x': expected a number"),
         (lambda: pb.scene.Camera.panorama("c", np.eye(4), field=5), "field is 5: expected several of them, each a num"),
         (lambda: pb.colors_of_medium(5, 1.0), "medium is 5: expected a Medium"),

@@ -47,6 +47,8 @@ class Frame:
         those of the left eye. Empty for a single camera.
     deep
         With `deep=True`, the beams of each view as a deep picture, by its name, which is "" for a single camera.
+    sources
+        Returns the files from which the frame was rendered, which are not written over. Default: none.
 
     Examples
     --------
@@ -63,7 +65,6 @@ class Frame:
     statistics: Statistics
     views: dict[str, tuple[dict[str, Array], dict[str, Any]]] = field(default_factory=dict)
     deep: dict[str, DeepPicture] = field(default_factory=dict)
-    # Returns the files from which the frame was rendered, which are not written over.
     sources: Callable[[], Iterable[PathLike]] = field(default=list, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:

@@ -82,7 +82,11 @@ class Camera:
     angle: float = 180.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "to_world", numbers(self.to_world, f"camera {self.name}: to_world", "4 x 4 numbers"))
+        matrix = numbers(self.to_world, f"camera {self.name}: to_world", "4 x 4 numbers")
+        if matrix.shape != (4, 4) or not np.all(np.isfinite(matrix)) or np.linalg.matrix_rank(matrix[:3, :3]) < 3:
+            text = "expected 4 x 4 finite numbers, a transform that can be inverted"
+            raise SceneError(f"camera {self.name}: to_world is {shown(matrix)}: {text}")
+        object.__setattr__(self, "to_world", matrix)
         choice(self.projection, f"camera {self.name}: projection", PROJECTIONS)
 
     @property

@@ -105,8 +105,16 @@ def _prims(layer: Sdf.Layer) -> list[Sdf.Path]:
     paths: list[Sdf.Path] = []
     layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
     prims = [path for path in paths if path.IsPrimPath() or path.IsPrimVariantSelectionPath()]
-    if not all(paths) or not all(map(layer.GetObjectAtPath, prims)):
-        raise SceneError(f"{layer.realPath or layer.identifier} is damaged: it lists prims that it does not hold")
+    name = layer.realPath or layer.identifier
+    if not all(paths) or not all(specs := [*map(layer.GetObjectAtPath, prims)]):
+        raise SceneError(f"{name} is damaged: it lists prims that it does not hold")
+    try:
+        str(layer.documentation)
+        for spec in specs:
+            getattr(spec, "typeName", None)  # variants have none
+    except UnicodeDecodeError as error:
+        text = error.object[:60].decode(errors="replace")
+        raise SceneError(f"{name} has the text {text!r}: expected UTF-8") from None
     return prims
 
 
