@@ -37,7 +37,7 @@ def messages(quiet: bool, verbose: bool) -> Iterator[None]:
     """Print the package's warnings within the context: only errors with `quiet`, information too with `verbose`."""
     logger = logging.getLogger("photonbeams")
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(Lines())
+    handler.setFormatter(_Lines())
     level = logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.ERROR if quiet else logging.DEBUG if verbose else logging.WARNING)
@@ -48,11 +48,10 @@ def messages(quiet: bool, verbose: bool) -> Iterator[None]:
         logger.setLevel(level)
 
 
-class Lines(logging.Formatter):
+class _Lines(logging.Formatter):
     """Formats messages as "Warning: text", in the way of "Error: text"."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line of a message."""
         from ..scene.checks import shortened
 
         return shortened(f"{record.levelname.capitalize()}: {record.getMessage()}")

@@ -9,10 +9,8 @@ import signal
 
 def dask_setup(_: object) -> None:
     """Ignore Ctrl-C and SIGHUP, which a terminal sends to all processes; print warnings as the command does."""
-    from ..cli.progress import Lines
-
     handler = logging.StreamHandler()
-    handler.setFormatter(Lines())
+    handler.setFormatter(logging.Formatter("Warning: %(message)s"))
     logging.getLogger("photonbeams").addHandler(handler)
     for name in ("SIGINT", "SIGHUP"):  # Windows has no SIGHUP
         if hasattr(signal, name):
