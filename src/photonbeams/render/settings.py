@@ -135,8 +135,8 @@ class Settings:
     method: str = setting(
         "auto", 'How light is found: "beams" traces it from the emitters; "paths" traces paths from the camera, except '
         "in media for emitters that have a look, a portal, a gobo or settings of their beams; "
-        '"auto" traces paths to surfaces, and in media whichever a pilot finds to have less noise; on stages, beams, but '
-        "in thick smoke paths.",
+        '"auto" traces paths to surfaces, and in media whichever a pilot finds to have less noise; on stages, beams, '
+        "but in thick smoke paths.",
         None, {"method": {}}, choices=METHODS,
     )  # fmt: skip
     short: bool = _yes_or_no(
