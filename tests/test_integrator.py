@@ -331,3 +331,26 @@ def test_a_lamp_that_shines_along_one_direction_is_traced_by_all_methods(lit):
     found = picture(load(lamp=lamp, sensor=sensor, **parts), spp=4, max_depth=2, method="paths")
     fraction, shaft = (side / 2 / half) ** 2, scattering / (4 * np.pi) * side * (side / 2 / half)
     assert found.mean() == pytest.approx(fraction / np.pi if lit == "floor" else shaft, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("light.intensity.value", mi.Color3f(1.0, 2.0, 3.0)),
+        ("fog.interior_medium.sigma_t.value.value", mi.Color3f(0.5, 0.6, 0.7)),
+        ("wall.to_world", mi.Transform4f().translate([0.0, 0.3, 0.0])),
+    ],
+)
+def test_a_change_of_the_scene_counts_in_a_plug_in_that_has_rendered_it(name, value):
+    used, changing = plugin(method="paths"), scene()
+    before = np.array(mi.render(changing, integrator=used, seed=0, spp=2))
+    again = np.array(mi.render(changing, integrator=used, seed=0, spp=2))
+    assert np.array_equal(before, again)
+    parameters = mi.traverse(changing)
+    parameters[name] = value
+    parameters.update()
+    changed = np.array(mi.render(changing, integrator=used, seed=0, spp=2))
+    assert not np.array_equal(before, changed)
+    assert np.array_equal(changed, picture(changing, method="paths"))
+    # Another scene has another world.
+    assert np.array_equal(np.array(mi.render(scene(), integrator=used, seed=0, spp=2)), before)

@@ -41,10 +41,12 @@ from .worlds import Worlds
 
 @dataclass
 class Findings:
-    """Results of pilots for a scene, a view and settings. They do not depend on the seed.
+    """What is found out about a scene, for a view and settings. It does not depend on the seed.
 
     Attributes
     ----------
+    world
+        The world of a Mitsuba scene: rays find the media in which its paths begin.
     walked
         The numbers of the emitters whose light walks should meet; None: not known yet.
     guides
@@ -55,6 +57,7 @@ class Findings:
         What plans of samples know of the beams of a pass, by the number of pixels.
     """
 
+    world: World | None = None
     walked: list[int] | None = None
     guides: dict[tuple[tuple[int, ...], frozenset[int]], Guides] = field(default_factory=dict)
     portal: EnvironmentPortal | None = None

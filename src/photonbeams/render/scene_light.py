@@ -100,15 +100,16 @@ def light_of(
     SceneError
         If something in the scene cannot be rendered, or beams are set for an emitter that does not exist.
     """
-    warned = set() if warned is None else warned
+    warned, findings = set() if warned is None else warned, Findings() if findings is None else findings
     with statistics.phase("build"):
         own = EmitterSettings.of(plugin, beams)
-        world = world_of_plugin(plugin, eye, own.sources, own.beams, own.numbers, settings.short)
+        if findings.world is None or findings.world.plugin is not plugin:
+            findings.world = world_of_plugin(plugin, eye, own.sources, own.beams, own.numbers, settings.short)
+        world = findings.world
     if world.surroundings is not None:
         warn(plugin, world.surroundings, warned)
     allotment = Allotment(settings.beams or DEFAULT_PATHS, shared=True, past=None)
     simulation = Simulation(tuning_of(settings, settings.depth()), allotment, named=own.named)
-    findings = Findings() if findings is None else findings
     lights = Lights(StillWorld(world), settings, settings.depth(), simulation, cameras, findings)
     walked = lights.walked(pixels, statistics)
     _tell(world, walked, warned)

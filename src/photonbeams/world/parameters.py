@@ -47,7 +47,7 @@ class Parameters:
             return [value]
         if dr.depth_v(value) > 1:
             return [number for each in value for number in self._variables(each)]
-        self._held.append(value)
+        self._held.append(type(value)(value))  # a copy: components of a vector are views, which follow it
         return [value.index if dr.is_jit_v(value) else tuple(value)]
 
     def __eq__(self, other: object) -> bool:
