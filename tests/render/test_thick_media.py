@@ -37,7 +37,7 @@ def lit(cosine, *media):
     return Shutter.still(scene.Scene(lights=(sun,), media=media), CAMERA)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_thin_dense_smoke_is_as_bright_as_by_the_closed_form(seed):
     random = np.random.default_rng(seed)
     depth, optical, cosine = 10 ** random.uniform(-2.3, -1.7), 10 ** random.uniform(0, 0.5), random.uniform(0.3, 0.6)
