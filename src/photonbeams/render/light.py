@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -15,6 +15,7 @@ from ..numerics.grouped import GroupedLight
 from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float
 from ..scene.places import moved
+from ..transport.emission import PathEmitter
 from ..transport.guiding.guides import Name
 from ..transport.segments.radii import Limits
 from ..transport.segments.records import PhotonHits
@@ -27,8 +28,26 @@ from .paths import camera_paths
 from .paths.camera_paths import Lighting
 from .paths.lighting import EmitterLighting
 from .paths.single_scattering import SingleScattering
-from .paths.walks import Walks
+from .paths.virtual_lights import bound
+from .paths.walked_emitters import Chosen, Walked, WalkedEmitters
+from .paths.walked_lamps import WalkedLamps
+from .paths.walks import Walking, Walks
 from .settings import Settings
+from .techniques import (
+    CAUSTICS,
+    FOG,
+    FOG_CAUSTICS,
+    FURTHER,
+    PHOTONS,
+    SEGMENTS,
+    SELDOM,
+    SKIES,
+    STRAIGHT,
+    VIRTUAL,
+    WALKS,
+    Kind,
+    Row,
+)
 from .worlds import Worlds
 
 if TYPE_CHECKING:
@@ -49,65 +68,39 @@ class TracedLight:
     bounces: Sequence[int] | None = None
 
 
-class FrameLight(Protocol):
-    """The light of a frame: its beams and photons pass by pass, and what camera paths meet."""
-
-    @property
-    def world(self) -> World:
-        """The world when the shutter opens."""
-
-    @property
-    def paths(self) -> int:
-        """The number of light paths in a pass."""
-
-    @property
-    def varies(self) -> bool:
-        """Whether passes differ in more than the samples of camera paths."""
-
-    def walks(self, world: World) -> Walks:
-        """Return the walks in a world."""
-
-    def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
-        """Return the beams and photons of pass `number`; `step` is called between parts of the pass."""
-
-    def lighting(self, world: World) -> Lighting:
-        """Return the lighting of a world."""
-
-    def single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
-        """Return the light that media scatter toward `count` pixels without beams, or None."""
-
-    def clock(self, number: int) -> tuple[float, float]:
-        """Return the frame number and the time in seconds of a pass, for looks that change with time."""
-
-
+@dataclass(eq=False)
 class ShotLight:
-    """The light of a frame: of some emitters as beams and photons, of others by walks.
+    """The light of a frame, pass by pass: of some emitters as beams and photons, of others by walks.
 
-    Parameters
+    Attributes
     ----------
     worlds, simulation
         The world over the shutter interval, and the light paths through it.
     settings, max_depth
         How it is rendered, and the longest path in edges, as in Mitsuba's integrators; None: no limit.
     paths, varies
-        As in `FrameLight`.
-    walks
-        Returns the walks in a world.
+        The number of light paths in a pass, and whether passes differ in more than the samples of camera paths.
+    rows
+        Which techniques find the light of each emitter.
     portal, findings
         The portal before Mitsuba's environment, or None; and the results of its pilots.
     cameras
         The cameras that see it, of all frames of a shot; none if there is a sensor that is no camera.
+    shines
+        Whether surfaces show emitters, their direct light, and the light of walks.
     """
 
-    def __init__(
-        self, worlds: Worlds, simulation: Simulation, settings: Settings, max_depth: int | None,
-        paths: int, varies: bool, walks: Callable[[World], Walks], portal: EnvironmentPortal | None,
-        findings: Findings, cameras: Sequence[View],
-    ) -> None:  # fmt: skip
-        self.worlds, self.simulation, self.settings, self.max_depth = worlds, simulation, settings, max_depth
-        self.paths, self.varies, self._walks, self._portal = paths, varies, walks, portal
-        self.findings, self.cameras = findings, cameras
-        self._walking: tuple[World, Walks] | None = None
+    worlds: Worlds
+    simulation: Simulation
+    settings: Settings
+    max_depth: int | None
+    paths: int
+    varies: bool
+    rows: Sequence[Row]
+    portal: EnvironmentPortal | None
+    findings: Findings
+    cameras: Sequence[View]
+    shines: bool = True
 
     @property
     def world(self) -> World:
@@ -116,16 +109,14 @@ class ShotLight:
 
     def with_counts(self, counts: Mapping[Name, int]) -> ShotLight:
         """Return the same light with other numbers of light paths, by the names of strata."""
-        result, guides = copy(self), self.simulation.guides
-        result.simulation = replace(self.simulation, guides=replace(guides, counts={**guides.counts, **counts}))
-        return result
+        guides = self.simulation.guides
+        guides = replace(guides, counts={**guides.counts, **counts})
+        return replace(self, simulation=replace(self.simulation, guides=guides))
 
     def seeded(self, seed: int) -> ShotLight:
         """Return the same light with another seed."""
-        result = copy(self)
-        result.settings = replace(self.settings, seed=seed)
-        result.simulation = replace(self.simulation, tuning=replace(self.simulation.tuning, seed=seed))
-        return result
+        simulation = replace(self.simulation, tuning=replace(self.simulation.tuning, seed=seed))
+        return replace(self, settings=replace(self.settings, seed=seed), simulation=simulation)
 
     def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
         """Return the beams and photons of pass `number`; `step` is called between parts of the pass."""
@@ -153,17 +144,64 @@ class ShotLight:
 
     def walks(self, world: World) -> Walks:
         """Return the walks in a world."""
-        if self._walking is None or self._walking[0] is not world:
-            self._walking = world, self._walks(world)
-        return self._walking[1]
+        if not self._walks or self._walks[0] is not world:
+            self._walks[:] = world, self._walks_in(world)
+        return self._walks[1]
+
+    def _walks_in(self, world: World) -> Walks:
+        """Return the walks in a world: in media by light groups, and on surfaces."""
+        alike: dict[tuple[str, frozenset[str]], list[Row]] = {}
+        for row in self.rows:
+            if row.by(WALKS, FOG) or row.thick:
+                alike.setdefault((world.emitters[row.number].beams.group, row.thick), []).append(row)
+        fog = []
+        for (group, names), own in alike.items():
+            media = [world.numbers[name] for name in names] or None
+            fog.append((group, self._walking(self._met(world, own, FOG_CAUSTICS), media=media)))
+        lit = [row for row in self.rows if self.shines and row.by(WALKS, FURTHER)]
+        if not lit:
+            return Walks(fog)
+        least = bound(world) if any(row.by(VIRTUAL, SELDOM) for row in lit) else None
+        others = any(row.by(PHOTONS, FURTHER) for row in self.rows)
+        return Walks(fog, self._walking(self._met(world, lit, CAUSTICS), bound=least, apart=others))
+
+    def _walking(self, emitters: Walked, **more: Any) -> Walking:
+        return Walking(emitters, self.max_depth, self.simulation.tuning.rr_depth, **more)
+
+    def _met(self, world: World, rows: Sequence[Row], mirrors: Kind) -> Walked:
+        """Return the emitters of rows, by `mirrors` only where walks find such paths, too."""
+        bounces = own_bounces(world.sources, self.simulation.tuning)
+        numbers = [row.number for row in rows]
+        chosen = Chosen(
+            numbers, [self._power[each] for each in numbers],
+            None if bounces is None else [bounces[world.emitters[each].source] for each in numbers],
+            sharp=[row.number for row in rows if mirrors in row.found and not row.by(WALKS, mirrors)],
+            connected=[row.number for row in rows if row.by(VIRTUAL, SELDOM)], grouped=mirrors is CAUSTICS,
+        )  # fmt: skip
+        return WalkedEmitters(world, chosen, self.portal) if world.emits else WalkedLamps(world, chosen)
+
+    @cached_property
+    def _walks(self) -> list[Any]:
+        """The last world with walks, and these."""
+        return []
+
+    @cached_property
+    def _power(self) -> dict[int, float]:
+        """The power of the emitters that walks meet, by number."""
+        walked = [row.number for row in self.rows if row.by(WALKS, FOG) or row.thick or row.by(WALKS, FURTHER)]
+        return {each: float(max(PathEmitter(self.world, each).flux)) for each in walked}
 
     def lighting(self, world: World) -> Lighting:
         """Return the lighting of a world."""
-        return EmitterLighting(world, self._portal)
+        if not self.shines:
+            return NoLighting(world)
+        photons = [row.number for row in self.rows if row.by(PHOTONS, STRAIGHT)]
+        return EmitterLighting(world, self.portal, [each for each in photons if world.emitters[each].lamp.illuminates])
 
     def single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
         """Return the light that media scatter toward `count` pixels without beams, or None."""
-        return SingleScattering(world, count, samples, self.max_depth) if world.sky else None
+        skies = [row.number for row in self.rows if row.by(SEGMENTS, SKIES)]
+        return SingleScattering(world, skies, count, samples, self.max_depth) if skies else None
 
 
 def tuning_of(settings: Settings, max_depth: int | None, all_beams: bool = False) -> Tuning:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,12 +18,13 @@ from ..numerics.arrays import compressed, joined, taken, to_uint
 from ..numerics.grouped import GroupedLight
 from ..numerics.samples import BITS, CountedSamples, Samples
 from ..runtime.device import Array3f, Bool, Float, UInt32, check_recording
+from ..transport.segments.records import PhotonHits
 from ..world.cameras.sensors import PrimaryRays
 from ..world.world import World
 from .films.film import Groups, PassPicture
 from .films.sums import ALBEDO, MEAN_NORMAL
 from .gathering import EstimatorOptions, Gathering, is_coarse
-from .light import FrameLight, NoLighting, TracedLight, max_bounces
+from .light import NoLighting, ShotLight, TracedLight, max_bounces
 from .passes import Statistics
 from .paths import camera_paths
 from .paths.branches import CameraPaths, add_to_pixels
@@ -70,7 +72,7 @@ class PassRenderer:
     """
 
     def __init__(
-        self, settings: Settings, light: FrameLight, max_depth: int | None, statistics: Statistics | None = None,
+        self, settings: Settings, light: ShotLight, max_depth: int | None, statistics: Statistics | None = None,
         planned: int | None = None,
     ) -> None:  # fmt: skip
         check_recording()
@@ -110,10 +112,16 @@ class PassRenderer:
             straight = [part for each in light.hits for part in compressed(each.straight, each)]
             others = [part for each in light.hits for part in compressed(~each.straight, each)]
             virtual = VirtualLights(light.world, straight, light.bounces, walks.bound)
-        photons = None
-        if others:
-            photons = PhotonLighting(light.world, others, light.limits, max_bounces(self._max_depth))
-        return SurfaceLight(photons, virtual)
+
+        def lighting(hits: Sequence[PhotonHits]) -> PhotonLighting | None:
+            most = max_bounces(self._max_depth)
+            return PhotonLighting(light.world, hits, light.limits, most) if hits else None
+
+        photons = caustics = lighting(others)
+        if walks is not None and walks.apart:
+            # Camera paths have met all that these emitters light: what lies behind a bounce would count twice.
+            caustics = lighting([part for each in others for part in compressed(~each.whole, each)])
+        return SurfaceLight(photons, caustics, virtual)
 
     def seen(
         self, light: TracedLight, rays: ViewRays, order: UInt32, samples: Samples, surfaces: SurfaceLight

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import drjit as dr
@@ -11,7 +11,7 @@ import drjit as dr
 from .. import scene
 from ..scene.changes import equal
 from ..world.cameras.cameras import Window
-from ..world.shutter import Moment, Shutter
+from ..world.shutter import Shutter
 from ..world.world import World
 from .settings import Settings, as_passes
 from .stage_frame import begin
@@ -104,13 +104,14 @@ class FilmMemory:
         last, cameras, earlier = self._last, tuple(viewers() if viewers else shutter.at(0.0).cameras), None
         rests = (shutter.unchanging or not shutter.moving) and settings.program is None
         if last is not None and rests and equal(last.shutter.at(0.0).scene, shutter.at(0.0).scene, rounding=0.0):
-            shutter = _in_scene(shutter, last.shutter.at(0.0).scene)
+            known = last.shutter.at(0.0).scene
+            shutter = shutter.with_scenes(lambda _: known)
             earlier = Reuse(last, settings, window, cameras)
         else:
             self._last, self._light, last = None, {}, None  # before another world is built
         memory = _KeptLight(keeps=rests)
         frame = begin(shutter, window, settings, holdouts, lambda: cameras, planned, earlier=earlier, memory=memory)
-        own = Begun(cast("ShotLight", frame.light), shutter, window, planned, cameras)
+        own = Begun(frame.light, shutter, window, planned, cameras)
         if last is not None and own.lit_like(last):
             memory.found = self._light
         self._last, self._light = (own if rests else None), memory.found
@@ -142,15 +143,6 @@ def _records(lit: Lit) -> int:
     """Return how many beams and photons a pass has."""
     light, _ = lit
     return sum(len(each.beams) for each in light.sets) + sum(dr.width(each.position) for each in light.hits)
-
-
-def _in_scene(shutter: Shutter, content: scene.Scene) -> Shutter:
-    """Return a shot at rest, whose scene is the same object as in an earlier one."""
-
-    def seen(at: Callable[[float], Moment]) -> Callable[[float], Moment]:
-        return lambda fraction: at(fraction)._replace(scene=content)
-
-    return replace(shutter, at=seen(shutter.at), before=None if shutter.before is None else seen(shutter.before))
 
 
 def _same_light(settings: Settings, world: World, like: Begun) -> bool:

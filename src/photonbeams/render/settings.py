@@ -139,6 +139,10 @@ class Settings:
         "but in thick smoke paths.",
         None, {"method": {}}, choices=METHODS,
     )  # fmt: skip
+    without: frozenset[str] = setting(
+        frozenset(), "Techniques that are not used, such as \"walks\": others that can find their light take their share. "
+        "For tests; see the theory.", kind=frozenset,
+    )  # fmt: skip
     short: bool = _yes_or_no(
         "End beams where their light is scattered, instead of at the next surface.",
         parameter={"beams": {"default": "long", "choices": ("long", "short"), "help":
@@ -222,6 +226,12 @@ class Settings:
     def _check_together(self) -> None:
         from ..scene import SceneError
 
+        if self.without:
+            from ..scene.checks import choice
+            from .techniques import Technique
+
+            for each in self.without:
+                choice(each, "without", tuple(Technique))
         samples = self.surface_samples
         if samples is not None and samples & (samples - 1):
             raise SceneError(f"surface_samples is {samples}: expected a power of two")
@@ -314,6 +324,7 @@ class SettingsArguments(TypedDict, total=False):
     alpha: float
     guiding: bool | None
     method: str
+    without: frozenset[str]
     short: bool
     estimator: str
     rule: Rule

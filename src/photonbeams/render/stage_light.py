@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from .. import scene
@@ -17,6 +18,7 @@ from .light import ShotLight, tuning_of
 from .lights import Findings, Lights
 from .passes import Statistics
 from .settings import Settings
+from .techniques import SEGMENTS
 from .worlds import ShutterWorlds
 
 LOG = logging.getLogger("photonbeams")
@@ -67,6 +69,8 @@ def light_of_stage(
     earlier
         An earlier frame of the same shot.
     """
+    if SEGMENTS in settings.without:
+        shutter = shutter.with_scenes(_without_skies)
     opened, usual = shutter.at(0.0), settings.beams or scene.DEFAULT_BEAMS
     max_depth = settings.depth(2 + opened.scene.bounces)
     worlds = ShutterWorlds(shutter, max_depth != 2, planned, () if earlier is None else earlier.worlds)
@@ -79,11 +83,15 @@ def light_of_stage(
     findings = Findings() if known is None else known
     cameras = [View(camera, window) for camera in (viewers() if viewers else opened.cameras)]
     lights = Lights(worlds, settings, max_depth, simulation, cameras, findings, paths)
-    # Not by a pilot, which could decide otherwise in the next frame: in fog, light is beams unless paths are asked for.
-    usual_beams = settings.method == "auto" and (max_depth == 2 or worlds.opened.hazy)
-    walked = [] if all_beams or usual_beams else lights.free
     with statistics.phase("guide"):
-        return lights.light(walked), worlds
+        # Not by a pilot, which could decide otherwise in the next frame.
+        return lights.light(lights.techniques.unpiloted), worlds
+
+
+def _without_skies(content: scene.Scene) -> scene.Scene:
+    """Return a scene whose domes make beams, if they light media."""
+    changed = {id(each): replace(each, emits_beams=True, lights_media=False) for each in content.sky}
+    return replace(content, lights=tuple(changed.get(id(each), each) for each in content.lights))
 
 
 def _seen_past_portals(worlds: ShutterWorlds, window: Window, known: frozenset[str] | None) -> frozenset[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from .. import scene
 from ..render.passes import Statistics
@@ -18,7 +18,7 @@ from ..world.cameras.cameras import View
 if TYPE_CHECKING:
     from ..render.films.frame_sums import FrameSums
     from ..render.frame import Lit, Seen
-    from ..render.light import ShotLight, TracedLight
+    from ..render.light import TracedLight
     from ..shot.request import Prepared
 
 # The number of passes whose light and surfaces are kept, for the first pictures after an edit.
@@ -62,7 +62,7 @@ class LiveFrame:
             self._shutter, ready.window, ready.settings, ready.holdouts, lambda: viewers, planned,
             earlier=earlier, memory=weakref.proxy(self), interrupt=interrupt,
         )  # fmt: skip
-        self._begun = Begun(cast("ShotLight", self._frame.light), self._shutter, ready.window, planned, viewers)
+        self._begun = Begun(self._frame.light, self._shutter, ready.window, planned, viewers)
         self._worlds = self._begun.worlds
         if like is not None and self._begun.lit_like(like._begun):
             self._lights = dict(like._lights)

@@ -396,5 +396,6 @@ def _photon_hits(paths: LightPaths, interaction: Interaction, across: Width) -> 
     result.radius = across(interaction.distance) * dr.rsqrt(cosine) * dr.select(paths.coherent, Float(1), Float(_DOZEN))
     result.flux, result.depth = paths.flux * interaction.weight, paths.depth
     result.coherent, result.straight = paths.coherent, paths.straight
+    result.whole = (paths.counts & int(Counts.PHOTONS)) > 0
     result.number, result.source = paths.number, paths.source
     return result

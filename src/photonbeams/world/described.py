@@ -108,7 +108,6 @@ def world_of_scene(
     emitters = emitters_of(description.lights, meshes, host, [plugin], like.emitters if like else ())
     shown = [(group[0].name, shape) for group, shape in zip(groups, shapes, strict=True)]
     numbers = {each.name: own.number for each, own in zip(description.media, content.media.all, strict=True)}
-    sky = {id(light) for light in description.sky}
     endless = [each for each in content.media.all if each.number not in content.boxes]
     world = World(
         plugin, surfaces, content.around, host, content.media, emitters, _sources(description, emitters, numbers),
@@ -126,7 +125,6 @@ def world_of_scene(
         boxes=content.boxes,
         sizes={own: 0.5 * float(np.linalg.norm(high - low)) for own, (low, high) in content.boxes.items()},
         reentrant=content.reentrant,
-        sky=[number for number, each in enumerate(emitters) if id(each.beams) in sky],
         numbers=numbers,
         drawn=description.drawn,
         glow=glow,

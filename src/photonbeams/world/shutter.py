@@ -69,6 +69,14 @@ class Shutter:
     unchanging: bool = False
     later: Callable[[], Moment] | None = None
 
+    def with_scenes(self, changed: Callable[[scene.Scene], scene.Scene]) -> Shutter:
+        """Return the shot with other scenes."""
+
+        def seen(at: Callable[[float], Moment]) -> Callable[[float], Moment]:
+            return lambda fraction: (moment := at(fraction))._replace(scene=changed(moment.scene))
+
+        return replace(self, at=seen(self.at), before=None if self.before is None else seen(self.before))
+
     @classmethod
     def still(cls, description: scene.Scene, *cameras: scene.Camera) -> Shutter:
         """Return a shot in which nothing moves."""

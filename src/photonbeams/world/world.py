@@ -95,8 +95,6 @@ class World:
         Radius of each medium, by number; a medium without an entry has the world's.
     reentrant
         Numbers of the media that a line may leave and enter again.
-    sky
-        Numbers of the environments that light media without beams.
     numbers
         Numbers of the media by name, which may be others at another time; media without a name have none.
     drawn
@@ -140,7 +138,6 @@ class World:
     boxes: Mapping[int, Box] = field(default_factory=dict)
     sizes: Mapping[int, float] = field(default_factory=dict)
     reentrant: Collection[int] = frozenset()
-    sky: Sequence[int] = ()
     numbers: Mapping[str, int] = field(default_factory=dict)
     drawn: Sequence[DrawnBeams] = ()
     glow: Mapping[str, str] = field(default_factory=dict)

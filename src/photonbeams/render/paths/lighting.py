@@ -6,7 +6,7 @@ sampling (power heuristic, Veach 1997). Lamps occlude what is behind them from t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from copy import copy
 from typing import Any
 
@@ -19,7 +19,7 @@ from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.groups import gathered_group
 from ...world.emitters.linking import shape_number
-from ...world.emitters.packed import Lamps, LinkedSurfaces
+from ...world.emitters.packed import LampGroups, Lamps, LinkedSurfaces
 from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.shadow_rays import ShadowRay, to_lamp
 from ...world.world import World
@@ -32,12 +32,13 @@ mi = mitsuba()
 class EmitterLighting:
     """The light of a world's emitters: lamps, environments, surfaces that glow, and Mitsuba's own emitters.
 
-    `portal` is the portal before Mitsuba's environment, or None.
+    `portal` is the portal before Mitsuba's environment, or None. The emitters with numbers `unsampled` are not sampled.
     """
 
-    def __init__(self, world: World, portal: EnvironmentPortal | None = None) -> None:
+    def __init__(self, world: World, portal: EnvironmentPortal | None = None, unsampled: Collection[int] = ()) -> None:
         self._world, self._lamps = world, world.lamps
-        self._mitsuba = MitsubaLighting(world, portal) if world.emits else None
+        self._sampled = LampGroups.of(world, unsampled) if unsampled else world.lamps
+        self._mitsuba = MitsubaLighting(world, portal, unsampled) if world.emits else None
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
         """Return the nearest lamp that emits toward rays which have come the distance `flown`."""
@@ -107,7 +108,7 @@ class EmitterLighting:
         """Return the direct light that surfaces reflect along the path, by one sample of each lamp."""
         if self._mitsuba is not None:
             return self._mitsuba.direct(point, active)
-        world, lights = self._world, self._lamps
+        world, lights = self._world, self._sampled
         radiance = GroupedLight.dark(len(world.groups), dr.width(point.hit.t))
         if not lights.packed and not lights.domes and not lights.meshes:
             return radiance

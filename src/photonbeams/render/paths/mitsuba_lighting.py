@@ -6,6 +6,7 @@ heuristic, Veach 1997), as in Mitsuba's `volpath`. Light that is scattered or re
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -32,11 +33,15 @@ mi = mitsuba()
 
 
 class MitsubaLighting:
-    """The emitters of a Mitsuba scene; `portal` is the portal before its environment, or None."""
+    """The emitters of a Mitsuba scene; `portal` is the portal before its environment, or None.
 
-    def __init__(self, world: World, portal: EnvironmentPortal | None = None) -> None:
+    Those with numbers `unsampled` do not light surfaces.
+    """
+
+    def __init__(self, world: World, portal: EnvironmentPortal | None = None, unsampled: Collection[int] = ()) -> None:
         self._world, self._portal = world, portal
         emitters = world.plugin.emitters()
+        self._unsampled = to_uint(by_emitter(world.plugin, [*unsampled], 1)) if unsampled else None
         self._visible = any(not mi.has_flag(each.flags(), mi.EmitterFlags.Delta) for each in emitters)
         shapes = [each.get_shape() for each in emitters]
         passed = [shape is not None and mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.Null) for shape in shapes]
@@ -64,7 +69,7 @@ class MitsubaLighting:
         if self._portal is not None:
             aim = samples.pair(order, Stream.EMITTER_PORTAL, step)
             light, radiance = self._portal.sampled(Array3f(hit.p), light, radiance, aim, self._portal.chosen)
-        lit = active & (light.pdf > 0)
+        lit = self._lights(light.emitter, active & (light.pdf > 0))
         value, pdf = bsdf.eval_pdf(context, hit, hit.to_local(light.d), lit)
         place, toward = Array3f(hit.p), Array3f(light.d)
         veiled, distance = self._world.veiled(light.emitter, place, toward, light.dist)
@@ -94,6 +99,7 @@ class MitsubaLighting:
         ray = mi.Ray3f(mi.Point3f(leaving(hit, direction, self._world.size)), direction)
         passed, met = through(plugin, media, ray, start, ~seed, reflected, size=self._world.size)
         emitter = met.emitter(plugin, reflected)
+        reflected = self._lights(emitter, reflected)
         seen = mi.DirectionSample3f(plugin, met, hit)
         other = plugin.pdf_emitter_direction(hit, seen, reflected & (emitter != None))  # noqa: E711 - of arrays
         if self._portal is not None:
@@ -103,6 +109,12 @@ class MitsubaLighting:
         colors = _colors(self._world, emitter, place, Array3f(direction), distance, site)
         reflected &= ~self._world.veiled(emitter, place, Array3f(direction), distance)[0]
         return result + self._groups.of(dr.select(reflected, value * colors, 0), emitter)
+
+    def _lights(self, emitter: EmitterPtr, active: Bool) -> Bool:
+        """Return where emitters light active points by samples."""
+        if self._unsampled is None:
+            return active
+        return active & (dr.gather(UInt32, self._unsampled, emitter_number(emitter), active) == 0)
 
 
 def _colors(

@@ -7,6 +7,7 @@ dome and one of the phase function, as on surfaces. Light that is scattered more
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -15,7 +16,7 @@ from ...numerics.hashing import hash32
 from ...numerics.samples import Samples
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...world.emitters.packed import LinkedSurfaces
+from ...world.emitters.packed import LinkedSurfaces, single
 from ...world.media.interfaces import pointers
 from ...world.world import World
 from .branches import CameraPaths, add_to_pixels
@@ -30,20 +31,19 @@ class SingleScattering:
 
     Parameters
     ----------
-    world, count
-        The world, and the number of pixels.
+    world, skies, count
+        The world, the numbers of the domes, and the number of pixels.
     samples
         The samples of the pass.
     max_depth
         The longest path in edges, as in Mitsuba's integrators; None: no limit.
     """
 
-    def __init__(self, world: World, count: int, samples: Samples, max_depth: int | None) -> None:
+    def __init__(self, world: World, skies: Sequence[int], count: int, samples: Samples, max_depth: int | None) -> None:
         self._world = world.feeling_all()
         self._samples, self._max_depth = samples, max_depth
-        self._lights = [world.emitters[each].beams for each in world.sky]
-        self._groups = [each.group for each in self._lights]
-        self.radiance: dict[str, Any] = {group: dr.zeros(Array3f, count) for group in self._groups}
+        self._domes = [(world.emitters[each].beams, single(self._world, world.emitters[each])) for each in skies]
+        self.radiance: dict[str, Any] = {light.group: dr.zeros(Array3f, count) for light, _ in self._domes}
 
     def add(self, paths: CameraPaths, vertex: CameraVertex) -> None:
         """Add the segments of one step of camera paths."""
@@ -67,9 +67,8 @@ class SingleScattering:
         point = ShadingPoint(None, paths.medium, paths.order, vertex.name, self._samples)
         place = start + distance * paths.direction
         lit = inside & bounds.holds(place) & (dr.max(dr.abs(weight)) > 0)
-        lamps = zip(self._lights, self._world.lamps.sky, strict=True)
         linking = self._world.linking
-        for number, (light, (lamp, links, _, source)) in enumerate(lamps):
+        for number, (light, (lamp, links, _, source)) in enumerate(self._domes):
             world = self._world if links is None else links.world
             points = _ScatteringPoints(world, point, place, paths.direction, lit, links)
             lamp = lamp.at(linking.acting(source, paths.medium))

@@ -61,7 +61,7 @@ class Walking:
     """How walks are followed: the emitters that they meet, and depths as in `CameraTracing`.
 
     `bound` is that of virtual lights; None: no emitter has any. `media` are the numbers of those in which walks begin;
-    None: all.
+    None: all. `apart` says whether some photons on surfaces are of emitters that no walk meets, with all their light.
     """
 
     emitters: Walked
@@ -69,6 +69,7 @@ class Walking:
     rr_depth: int
     bound: Float | None = None
     media: Collection[int] | None = None
+    apart: bool = False
 
     def add_scattered(self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, result: GroupedLight) -> None:
         """Add the radiance of walks that begin in the media of one step of camera paths."""
@@ -169,8 +170,8 @@ class Walking:
         geometry = dr.select(vertex.smooth & (walk.value > 0), geometry, dr.inf)
         lamp = self.emitters.choose(samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name))
         light, chosen = self._direct(vertex, lamp, samples, name, lit, geometry)
-        if surfaces.photons is not None:
-            light = light + surfaces.photons(hit, walk.depth, lit & vertex.smooth)
+        if surfaces.caustics is not None:
+            light = light + surfaces.caustics(hit, walk.depth, lit & vertex.smooth)
         if surfaces.virtual is not None:
             light = light + surfaces.virtual.radiance(self.emitters, Point(
                 hit, vertex.opacity, walk.medium, lit & vertex.smooth & self.within(walk.depth, 3),

@@ -9,7 +9,8 @@ The cost is computed from counts, not measured by a clock: the same scene has th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -23,9 +24,7 @@ from ...world.shadow_rays import leaving, to_lamp
 from ...world.warp import facing, outward
 from ...world.world import World
 from ..costs import WALK, of_beams
-from ..light import NoLighting, ShotLight, TracedLight
-from ..paths.camera_paths import Lighting
-from ..paths.walks import Walks
+from ..light import ShotLight
 from ..ray_passes import PassRenderer
 from .coarse_passes import FEWER, Pilot, Pixels, by_blocks, seen_coarsely, with_fewer_paths
 
@@ -159,36 +158,12 @@ def noise(found: Array, mean: Array, block: int = _BLOCK) -> float:
     return float((variance / np.maximum(light, max(_DARK * light.mean(), 1e-30))).sum() / max(light.sum(), 1e-30))
 
 
-class _Indirect:
-    """The light of a scene except what comes straight from emitters; it counts the `beams` and `photons` of passes."""
-
-    def __init__(self, light: ShotLight) -> None:
-        self._light, self.world, self.paths, self.varies = light, light.world, light.paths, light.varies
-        self.single_scattering, self.clock = light.single_scattering, light.clock
-        self.beams = self.photons = 0
-
-    def walks(self, world: World) -> Walks:
-        """Return the walks that begin in media."""
-        return Walks(self._light.walks(world).media)
-
-    def lighting(self, world: World) -> Lighting:
-        """Return the lighting of a world in which emitters are black."""
-        return NoLighting(world)
-
-    def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
-        """Return the beams and photons of pass `number`."""
-        result = self._light.traced(number, step)
-        self.beams += sum(len(each.beams) for each in result.sets)
-        self.photons += sum(dr.width(each.number) for each in result.hits)
-        return result
-
-
 class _Trial:
     """A pilot of a scene's light except what comes straight from emitters, and what its passes cost."""
 
     def __init__(self, light: ShotLight, cameras: Sequence[View]) -> None:
         fewer, self._portion = with_fewer_paths(light)
-        self._light = _Indirect(fewer)
+        self._light = replace(fewer, shines=False)
         self._pilot = Pilot(PassRenderer(light.settings, self._light, light.max_depth), cameras)
 
     @classmethod
@@ -215,7 +190,7 @@ class _Trial:
     def cost(self, pixels: int) -> float:
         """Return the cost of a pass over this many pixels, with all of the scene's light paths."""
         scale = 1 / (max(self._portion, 1e-30) * len(self.found))
-        beams, photons = scale * self._light.beams, scale * self._light.photons
+        beams, photons = scale * self._pilot.statistics.beams, scale * self._pilot.photons
         return (of_beams(beams + photons, beams, pixels) if self.traces else 0.0) + (
             WALK * pixels if self._light.walks(self._light.world).media else 0.0
         )

@@ -16,6 +16,7 @@ from ...world.cameras.cameras import View
 from ...world.cameras.sensors import PrimaryRays
 from ...world.world import World
 from ..light import ShotLight
+from ..passes import Statistics
 from ..ray_passes import PassRenderer, ViewRays
 
 #: Rays of a pilot, across and down.
@@ -63,14 +64,19 @@ class Pilot:
     surfaces, beams
         The radiance of rays in the passes so far, (P, H, W), the mean of the channels: all but that of beams, and that
         of beams.
-    coarse
-        How many of the beams a picture gathers along fewer rays than pixels.
+    coarse, photons
+        How many of the beams a picture gathers along fewer rays than pixels, and how many photons there are.
     """
 
     def __init__(self, passes: PassRenderer, cameras: Sequence[View]) -> None:
         self._passes, self._rays = passes, _coarse_rays(cameras)
         self.surfaces = self.beams = np.zeros((0, ROWS, COLUMNS), dtype=np.float32)
-        self.coarse = 0
+        self.coarse = self.photons = 0
+
+    @property
+    def statistics(self) -> Statistics:
+        """The statistics of the passes."""
+        return self._passes.statistics
 
     def add(self, count: int, together: int = 1, surfaces: bool = True) -> None:
         """Add passes, with or without surfaces.
@@ -83,6 +89,7 @@ class Pilot:
             light, photons = self._passes.lit(number)
             self._passes.count(light)
             self.coarse += sum(len(each.beams) for each in light.sets if self._passes.coarse(number, light, each))
+            self.photons += sum(dr.width(each.number) for each in light.hits)
             # Beams are at rest, since coarse rays have no times.
             light = replace(light, sets=[own._replace(close=None) for own in light.sets])
             if surfaces:

@@ -148,7 +148,10 @@ class Segments(Struct):
 
 
 class PhotonHits(Struct):
-    """Photons on surfaces; `direction` is that of the light, and `straight` whether it comes so from its emitter."""
+    """Photons on surfaces; `direction` is that of the light, and `straight` whether it comes so from its emitter.
+
+    `whole` are those of emitters of which photons find all further light.
+    """
 
     position: Array3f
     normal: Array3f
@@ -157,6 +160,7 @@ class PhotonHits(Struct):
     radius: Float
     coherent: Bool
     straight: Bool
+    whole: Bool
     depth: UInt32
     number: UInt32
     source: UInt32

@@ -63,6 +63,8 @@ class Lamp(Struct):
         Whether it shines to one side of a plane, along `axis`.
     seen, illuminates
         Whether rays may see it, and whether it lights points, rather than shines along one direction.
+    met
+        Whether rays that mirrors or glass have turned meet it in walks.
     covered
         1 − cos of half of the angle that a lamp at infinity covers; 2 is the whole sky.
     images, lit
@@ -80,6 +82,7 @@ class Lamp(Struct):
     stretched = False
     infinite = environment = central = flat = False
     seen = illuminates = True
+    met = False
     covered = 2.0
     images: Mapping[str, Any] = {}
     filters: Any = None

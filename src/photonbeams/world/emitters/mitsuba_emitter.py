@@ -36,8 +36,8 @@ class MitsubaEmitter(Lamp):
     def __init__(self, emitter: Any, plugin: MiScene | None = None) -> None:
         self.emitter, self._plugin = emitter, plugin
         self.infinite = mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
-        surface = mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
-        self.illuminates = not (surface and mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta))
+        self.met = not mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta)
+        self.illuminates = self.met or not mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
         self._entry = entry_sphere(plugin) if self.infinite and plugin is not None else None
 
     @property

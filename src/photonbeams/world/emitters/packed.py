@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
@@ -85,7 +85,7 @@ class Lamps(NamedTuple):
 
 
 class LampGroups(NamedTuple):
-    """The lamps of a world that light surfaces and are no part of its Mitsuba scene, and those that light its media.
+    """The lamps of a world that light surfaces and are no part of its Mitsuba scene.
 
     Attributes
     ----------
@@ -93,8 +93,6 @@ class LampGroups(NamedTuple):
         Lamps in loops, by kind and by links.
     domes, meshes
         Environments, and mesh lights.
-    sky
-        Environments that light media without beams, in the order of `World.sky`.
     glow
         The numbers of the light groups of surfaces that glow, by Mitsuba's numbers of shapes; None: there is one group.
     """
@@ -102,13 +100,13 @@ class LampGroups(NamedTuple):
     packed: tuple[Lamps, ...]
     domes: tuple[Single, ...]
     meshes: tuple[Single, ...]
-    sky: tuple[Single, ...]
     glow: Any
 
     @classmethod
-    def of(cls, world: World) -> LampGroups:
-        """Return the lamps of a world."""
-        lighting = [] if world.emits else [each for each in world.emitters if each.beams.lights_surfaces]
+    def of(cls, world: World, without: Collection[int] = ()) -> LampGroups:
+        """Return the lamps of a world, but those with some numbers."""
+        others = [each for number, each in enumerate(world.emitters) if number not in without]
+        lighting = [] if world.emits else [each for each in others if each.beams.lights_surfaces]
         groups: dict[Any, list[Emitter]] = {(kind, Links()): [] for kind in KINDS}
         for each in lighting:
             if each.beams.shines and each.lamp.bare.DRJIT_STRUCT:
@@ -121,22 +119,18 @@ class LampGroups(NamedTuple):
             for (_, links), items in groups.items() if items
         )  # fmt: skip
 
-        def singles(chosen: Iterable[Emitter]) -> tuple[Single, ...]:
-            return tuple(
-                Single(
-                    behind(each.lamp, each.portal), _linked(world, each.links, each.source), each.beams.group,
-                    dr.opaque(UInt32, each.source),
-                )
-                for each in chosen
-            )  # fmt: skip
-
-        domes = [each for each in lighting if each.lamp.environment]
-        meshes = [each for each in lighting if not (each.lamp.environment or each.lamp.bare.DRJIT_STRUCT)]
-        sky = singles(world.emitters[number] for number in world.sky)
-        glow = {name: world.groups.number(world.glow.get(name, "")) for name, _ in world.shapes}
-        return cls(
-            packed, singles(domes), singles(meshes), sky, by_shape(world, glow) if len(world.groups) > 1 else None
+        domes = tuple(single(world, each) for each in lighting if each.lamp.environment)
+        meshes = tuple(
+            single(world, each) for each in lighting if not (each.lamp.environment or each.lamp.bare.DRJIT_STRUCT)
         )
+        glow = {name: world.groups.number(world.glow.get(name, "")) for name, _ in world.shapes}
+        return cls(packed, domes, meshes, by_shape(world, glow) if len(world.groups) > 1 else None)
+
+
+def single(world: World, emitter: Emitter) -> Single:
+    """Return a lamp that kernels treat by itself."""
+    links, source = _linked(world, emitter.links, emitter.source), dr.opaque(UInt32, emitter.source)
+    return Single(behind(emitter.lamp, emitter.portal), links, emitter.beams.group, source)
 
 
 def _linked(world: World, links: Links, source: int) -> LinkedSurfaces | None:

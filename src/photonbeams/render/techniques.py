@@ -1,0 +1,246 @@
+"""Which technique finds which light of which emitter: one table for all kinds of light path.
+
+`Kind` has the kinds, as docs/theory.md, "Which light is found how". A kind is found by the first of its techniques
+that can find it for an emitter and is not switched off; if all that can are off, by the first that can. An emitter's
+record, a `Row`, says which that is; what light paths are traced for it, and which walks meet it, follows from that.
+
+A light path is read from the camera E to the emitter L, with S for mirrors and glass, D for surfaces that scatter light
+otherwise, and M for media. The camera path itself finds what has neither D nor M. Mirrors hide nothing from walks to
+wide emitters, such as skies: their light beside mirrors is of the kinds "further".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Set
+from dataclasses import dataclass, fields
+from enum import Enum, StrEnum
+from functools import cached_property, reduce
+from operator import or_
+
+import numpy as np
+
+from .. import scene
+from ..transport.segments.records import Counts
+from ..transport.strata import wanted
+from ..transport.tuning import Tuning
+from ..world.emitters.emitter import Emitter, Links
+from ..world.media.rendered import RenderedMedium
+from ..world.world import World
+
+
+class Technique(StrEnum):
+    """What finds light."""
+
+    SAMPLES = "direct samples"
+    WALKS = "walks"
+    PHOTONS = "photons"
+    VIRTUAL = "virtual lights"
+    BEAMS = "beams"
+    SEGMENTS = "samples along the camera's segment"
+
+
+SAMPLES, WALKS, PHOTONS, VIRTUAL, BEAMS, SEGMENTS = Technique
+
+#: The techniques that each `Settings.method` switches off.
+METHODS: dict[str, set[str]] = {"auto": set(), "beams": {WALKS}, "paths": {BEAMS}}
+
+
+class Kind(Enum):
+    """A kind of light path: its path from the camera, what finds it, and which light of light paths brings it.
+
+    Attributes
+    ----------
+    title, path, said
+        What it is called, its path, and the techniques in words: the first one first, "else" before others, "and"
+        between those whose weights add up to one.
+    found
+        The techniques as sets.
+    traced
+        Which light of light paths is of this kind.
+    """
+
+    STRAIGHT = "straight to surfaces", "E S* D L", "direct samples, else photons", Counts.DIRECT_PHOTONS
+    FURTHER = "further to surfaces", "E S* D … L", "walks, else photons", Counts.PHOTONS
+    SELDOM = (
+        "further to surfaces, seldom seen", "E S* D … D D L, L small", "walks and virtual lights, else walks",
+        Counts.DIRECT_PHOTONS,
+    )  # fmt: skip
+    CAUSTICS = "caustics on surfaces", "E S* D … S L, L small", "photons, else walks", Counts.CAUSTIC_PHOTONS
+    FOG = "straight to media", "E S* M L", "beams, else walks", Counts.BEAMS
+    SKIES = (
+        "skies, straight to media", "E S* M L, L a sky",
+        "samples along the camera's segment, else beams, else walks", Counts.BEAMS,
+    )  # fmt: skip
+    FOG_FURTHER = "further to media", "E S* M … L", "beams, else walks", Counts.BEAMS
+    FOG_CAUSTICS = "by mirrors to media", "E S* M … S L, L small", "beams", Counts.CAUSTIC_BEAMS
+
+    def __init__(self, title: str, path: str, said: str, traced: Counts) -> None:
+        self.title, self.path, self.said, self.traced = title, path, said, traced
+        self.found = [{Technique(each) for each in part.split(" and ")} for part in said.split(", else ")]
+
+
+STRAIGHT, FURTHER, SELDOM, CAUSTICS, FOG, SKIES, FOG_FURTHER, FOG_CAUSTICS = Kind
+
+
+@dataclass(frozen=True)
+class Row:
+    """Which techniques find the light of the emitter with a number, by the kinds of light path that it has.
+
+    In the media with the names `thick`, walks find its light instead.
+    """
+
+    number: int
+    found: Mapping[Kind, set[Technique]]
+    thick: frozenset[str] = frozenset()
+
+    def by(self, technique: Technique, kind: Kind) -> bool:
+        """Return whether a technique finds a kind of light path."""
+        return technique in self.found.get(kind, ())
+
+    @property
+    def counts(self) -> Counts:
+        """Which of the emitter's light is traced."""
+        traced = {PHOTONS, VIRTUAL, BEAMS}
+        return reduce(or_, (kind.traced for kind, own in self.found.items() if own & traced), Counts.NOTHING)
+
+    @property
+    def guided(self) -> Counts:
+        """Which light guides light paths: virtual lights go where photons would be to which they send light."""
+        return self.counts | (FURTHER.traced | SELDOM.traced if SELDOM in self.found else Counts.NOTHING)
+
+
+@dataclass(frozen=True)
+class Techniques:
+    """The choice of techniques for the emitters of a world.
+
+    Attributes
+    ----------
+    world, tuning
+        The world, and how light paths are traced in it.
+    off
+        Techniques that are not to be used.
+    is_little
+        Returns whether the emitter of a number lights few of the surfaces in the picture.
+    """
+
+    world: World
+    tuning: Tuning
+    off: Set[str]
+    is_little: Callable[[int], bool]
+
+    def rows(self, walked: Collection[int], dark: Collection[int] = ()) -> list[Row]:
+        """Return the rows of all emitters, by number.
+
+        In media, walks are tried first for the emitters with the numbers `walked`. Those that are `dark` have no light.
+        """
+        return [Row(each, {}) if each in dark else self._row(each, walked) for each in range(len(self.world.emitters))]
+
+    @cached_property
+    def free(self) -> list[int]:
+        """The numbers of the emitters whose light in media either walks or beams may find."""
+        return [] if {WALKS, BEAMS} & self.off else self._plain
+
+    @property
+    def unpiloted(self) -> list[int]:
+        """The numbers of those for which walks are tried first where no pilot chooses: in fog, light is beams."""
+        return [] if self.world.hazy or not self.tuning.scatters else self.free
+
+    def _choose(self, kind: Kind, able: set[Technique], walked: bool = False) -> set[Technique]:
+        """Return the techniques that find a kind of light path, of those that can; walks first where it is `walked`."""
+        can = [each for each in kind.found if each <= able][:: -1 if walked else 1]
+        return next((each for each in can if not each & self.off), can[0])
+
+    def _row(self, number: int, walked: Collection[int]) -> Row:
+        """Return the row of an emitter."""
+        world, emitter = self.world, self.world.emitters[number]
+        own, lamp, thick = emitter.beams, emitter.lamp.bare, self._thick.get(number, frozenset())
+        everywhere = number in walked or (bool(thick) and thick == world.numbers.keys())
+        fog = self._choose(FOG_FURTHER, {BEAMS, WALKS} if number in self._plain else {BEAMS}, everywhere)
+        is_sky = own.lights_media and not own.emits_beams and own.shines and world.media.all
+        found = {FOG_FURTHER: fog, **({SKIES: {SEGMENTS}} if is_sky else {FOG: fog})}
+        shown = wanted(world, emitter, self.tuning)
+        if STRAIGHT.traced & shown:
+            found[STRAIGHT] = self._straight(emitter)
+        if FURTHER.traced & shown:
+            found[FURTHER] = self._choose(FURTHER, {PHOTONS, WALKS} if self._meets(emitter) else {PHOTONS})
+            if WALKS in found[FURTHER] and self._is_seldom(number):
+                found[SELDOM] = self._choose(SELDOM, {WALKS, VIRTUAL})
+        if world.mirrors and lamp.sharp:
+            found[FOG_CAUSTICS] = {BEAMS}
+            if FURTHER in found:
+                found[CAUSTICS] = self._choose(CAUSTICS, {PHOTONS} | (found[FURTHER] if lamp.met else set()))
+        return Row(number, found, frozenset() if WALKS in fog else thick)
+
+    def _straight(self, emitter: Emitter) -> set[Technique]:
+        """Return what finds light straight from an emitter on surfaces.
+
+        Photons carry no light of links and none past portals, and endless fog dims what comes from infinity.
+        """
+        lamp, dimmed = emitter.lamp, emitter.lamp.infinite and self.world.media.filling > 0
+        cannot = dimmed or emitter.portal or emitter.links != Links() or emitter.beams.beam_count == 0
+        able = {SAMPLES} if lamp.illuminates and cannot else {SAMPLES, PHOTONS}
+        return self._choose(STRAIGHT, able) if lamp.illuminates else {PHOTONS}
+
+    def _meets(self, emitter: Emitter) -> bool:
+        """Return whether walks can find the light of an emitter on surfaces.
+
+        They cannot if it shines along one direction, if some surfaces do not block it, or behind images and filters
+        before Mitsuba's emitters. What they find of an emitter includes the light straight to their vertices.
+        """
+        behind = self.world.emits and (emitter.lamp.images or emitter.beams.filters)
+        return not (behind or emitter.links.unshadowed) and SAMPLES in self._straight(emitter)
+
+    def _is_seldom(self, number: int) -> bool:
+        """Return whether the places that an emitter lights become virtual lights.
+
+        They do if it is sharp and lights little of what the first camera sees: walks seldom find it. Paths past a
+        portal may not be traced. Photons that come straight from an emitter are no virtual lights, so if any do there
+        are none. Endless fog dims light from infinity on its way from the bounds, but not direct light on surfaces: see
+        `VirtualLights`, which cannot tell if other media are in it.
+        """
+        world, emitter = self.world, self.world.emitters[number]
+        mixed = emitter.lamp.infinite and world.media.filling > 0 and world.nested
+        able = emitter.lamp.bare.sharp and emitter.portal is None and emitter.links == Links() and not mixed
+        return able and all(SAMPLES in self._straight(each) for each in world.emitters) and self.is_little(number)
+
+    @cached_property
+    def _plain(self) -> list[int]:
+        """The numbers of the emitters whose light in media walks can find.
+
+        They light everything from all around, and have no settings of their beams but a group. Programs and files of
+        beams want all beams.
+        """
+        if self.tuning.short or not (self.tuning.surfaces and self.tuning.visible):
+            return []
+        return [number for number, each in enumerate(self.world.emitters) if _is_unset(each)]
+
+    @cached_property
+    def _thick(self) -> dict[int, frozenset[str]]:
+        """The names of the thick media in which walks find the light of emitters, by the numbers of these.
+
+        Where a medium varies, walks find a lamp in it, or close to it, too seldom. What mirrors and glass turn is
+        always traced, and beams carry the light before and after that.
+        """
+        world, result = self.world, {}
+        thick = [] if world.mirrors or WALKS in self.off else self.tuning.thick(world)
+        names = {number: name for name, number in world.numbers.items()}
+        for each in self._plain if thick else ():
+            result[each] = frozenset(names[medium.number] for medium in thick if self._is_far(each, medium))
+        return result
+
+    def _is_far(self, number: int, medium: RenderedMedium) -> bool:
+        """Return whether an emitter is farther from a medium that varies than this is wide; True if it does not."""
+        emitter, (low, high) = self.world.emitters[number], self.world.boxes[medium.number]
+        if medium.tracked is None or emitter.lamp.infinite or not isinstance(emitter.beams, scene.Light):
+            return True
+        points = emitter.beams.points
+        gaps = np.linalg.norm(points - np.clip(points, low, high), axis=1)
+        return bool((gaps > self.world.radius_of(medium)).all())
+
+
+def _is_unset(emitter: Emitter) -> bool:
+    """Return whether an emitter lights everything from all around, and its beams have no settings but a group."""
+    own, usual = emitter.beams, scene.BeamSettings()
+    said = {each.name for each in fields(usual) if getattr(own, each.name) != getattr(usual, each.name)}
+    unset = said <= {"group"} and own.lights_surfaces and emitter.lamp.illuminates
+    return unset and emitter.links == Links() and not getattr(own, "guides", ())

@@ -1,0 +1,178 @@
+"""Each kind of light path of each emitter is found once, whichever techniques are off, and the mean stays."""
+
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import mitsuba
+import numpy as np
+import pytest
+
+from benchmarks.compare.random_rooms import room
+from photonbeams import Look, Shot, scene
+from photonbeams.render import light as light_module
+from photonbeams.render.light import ShotLight
+from photonbeams.render.lights import Findings
+from photonbeams.render.scene_frame import Extras, render
+from photonbeams.render.settings import METHODS as NAMED
+from photonbeams.render.settings import Settings
+from photonbeams.render.techniques import METHODS, SAMPLES, SEGMENTS, WALKS, Kind, Technique, Techniques
+from photonbeams.render.worlds import StillWorld
+from photonbeams.scene import SceneError
+from photonbeams.transport.segments.records import Counts
+from photonbeams.transport.simulation import Simulation
+from photonbeams.transport.strata import Allotment
+from photonbeams.transport.tuning import Tuning
+from photonbeams.world.described import world_of_scene
+from photonbeams.world.emitters.sources import Source
+from photonbeams.world.plugin import world_of_plugin
+from tests.helpers.comparison import box
+from tests.helpers.mitsuba_scenes import cube_of, fog, load, rgb
+
+THEORY = Path(__file__).resolve().parents[2] / "docs" / "theory.md"
+FLOOR = box("/floor", (-2, -1.2, -2), (2, -1, 2))
+MIRROR = replace(
+    box("/mirror", (-1, -0.9, -1.2), (1, 0.5, -1.1)), material=scene.Material(metallic=1.0, roughness=0.0)
+)
+HAZE = scene.Medium(0.1, 0.02, name="/haze", mesh=box("/haze", (-1.5, -0.9, -1.5), (1.5, 1.2, 1.5)))
+SMOKE = scene.Medium(
+    300.0, name="/smoke", grid=scene.DensityGrid(np.ones((4, 4, 4), np.float32), np.diag([2.0, 2.0, 0.1, 1.0]))
+)
+SKY = scene.DomeLight("/sky", 0.5, lights_media=True, emits_beams=False)
+LIGHTS = (
+    scene.SphereLight("/lamp", 20.0, center=np.array([0.5, 1.5, 0]), radius=0.1),
+    scene.SphereLight("/look", 20.0, center=np.array([-0.5, 1.5, 0]), radius=0.1, look=Look(angle=1.0)),
+    scene.SphereLight("/unlit", 20.0, center=np.array([0, 1.5, 1]), radius=0.1, unlit=frozenset({"/floor"})),
+    scene.SphereLight("/ghost", 20.0, center=np.array([0, 1.5, -1]), radius=0.1, unshadowed=frozenset({"/floor"})),
+    scene.DistantLight("/sun", 1.0, axis=np.array([0, -0.8, -0.6]), angle=0.5),
+    scene.DomeLight("/dome", 0.5),
+    SKY,
+    replace(SKY, name="/both", emits_beams=True),
+)
+EMITTERS = {
+    "ball": {"type": "sphere", "center": [0, 3, 0], "radius": 0.2, "emitter": {"type": "area", "radiance": 5.0}},
+    "point": {"type": "point", "position": [1, 3, 0], "intensity": 5.0},
+    "laser": {"type": "rectangle", "emitter": {"type": "directionalarea", "radiance": 5.0}},
+    "sun": {"type": "directional", "direction": [1, -0.6, 0.2], "irradiance": 2.0},
+    "sky": {"type": "constant", "radiance": 1.0},
+}
+
+
+def test_the_table_of_the_theory_is_that_of_the_module():
+    text = THEORY.read_text(encoding="utf-8").split("**Which light is found how.**")[1]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:1] == "|"]
+    assert rows[0] == ["kind", "light path", "found by"]
+    assert rows[2 : 2 + len(Kind)] == [[kind.title, kind.path, kind.said] for kind in Kind]
+
+
+def test_methods_are_sets_of_techniques_that_are_off():
+    assert tuple(METHODS) == NAMED
+    with pytest.raises(SceneError, match="without is 'magic': expected one of direct samples, walks"):
+        Settings(without=frozenset({"magic"}))
+
+
+# -- each kind is found once -----------------------------------------------------------------------------------------
+
+
+def some(rng, values):
+    """Return each of the values with an even chance."""
+    return [each for each in values if rng.random() < 0.5]
+
+
+def stage_world(rng):
+    """Return the world of a random stage."""
+    meshes = (FLOOR, MIRROR) if rng.random() < 0.4 else (FLOOR,)
+    content = scene.Scene(lights=some(rng, LIGHTS) or LIGHTS[:1], meshes=meshes, media=some(rng, (HAZE, SMOKE)))
+    return world_of_scene(content, sharp=True)
+
+
+def scene_world(rng):
+    """Return the world of a random Mitsuba scene, with beam settings for some emitters."""
+    parts = {"floor": {"type": "rectangle"}, **{name: EMITTERS[name] for name in some(rng, EMITTERS)}}
+    if rng.random() < 0.5:
+        parts["glass"] = {"type": "sphere", "center": [3, 0, 0], "radius": 0.5, "bsdf": {"type": "dielectric"}}
+    if rng.random() < 0.5:
+        parts["fog"] = cube_of(fog(0.5))
+    plugin = load(**parts)
+    choices = scene.BeamSettings(), scene.BeamSettings(beam_count=64)
+    beams = [choices[rng.integers(2)] for _ in plugin.emitters()]
+    return world_of_plugin(plugin, None, (Source(),), beams, [0] * len(beams))
+
+
+def finders(light, number):
+    """Return what finds the light of an emitter, by kinds of path; of media by their numbers.
+
+    It is read from what is traced and sampled, not from the table. Walks hold what they were made from.
+    """
+    world = light.world
+    emitter, walks, sharp = world.emitters[number], light.walks(world), world.mirrors
+    small = emitter.lamp.bare.sharp
+    traced = next((own.emitter.counts for own in light.simulation.strata(world) if own.emitter.number == number), 0)
+    on_surfaces = walks.surfaces is not None and number in walks.surfaces.emitters.numbers
+    virtual = on_surfaces and walks.surfaces.bound is not None and number in walks.surfaces.emitters.connected
+    skies = light.single_scattering(world, 1, None) or ()
+    turned = on_surfaces and number not in walks.surfaces.emitters.sharp
+    sampled = emitter.lamp.illuminates and number not in light.lighting(world)
+    result = {
+        "straight": [sampled, traced & Counts.DIRECT_PHOTONS and not virtual],
+        "further": [on_surfaces, traced & Counts.PHOTONS],
+    }
+    if virtual:
+        result["virtual"] = [traced & Counts.DIRECT_PHOTONS]
+    if sharp:
+        caught = Counts.PHOTONS | Counts.CAUSTIC_PHOTONS
+        result["caustics"] = [turned if small else on_surfaces, traced & caught]
+    for medium in world.media.all:
+        own = [each for _, each in walks.media if number in each.emitters.numbers]
+        own = [each for each in own if each.media is None or medium.number in each.media]
+        names = light.simulation.walked.get(emitter.source, ())
+        hidden = medium.number in {world.numbers[name] for name in names}
+        beams = traced & Counts.BEAMS and not hidden
+        straight = beams and (world.sources[emitter.source].beams)
+        result["fog", medium.number] = [*own, straight, number in skies]
+        result["fog further", medium.number] = [*own, beams]
+        if sharp and small:
+            away = [each for each in own if number not in each.emitters.sharp]
+            result["fog caustics", medium.number] = [*away, traced & (Counts.BEAMS | Counts.CAUSTIC_BEAMS)]
+    return {kind: [each for each in found if each] for kind, found in result.items()}
+
+
+@pytest.fixture
+def seen_through(monkeypatch):
+    """Walks, lighting and samples along segments are replaced by what they were made for."""
+    for name in ("WalkedEmitters", "WalkedLamps"):
+        monkeypatch.setattr(light_module, name, lambda world, chosen, *portal: chosen)
+    monkeypatch.setattr(light_module, "EmitterLighting", lambda world, portal, unsampled: unsampled)
+    monkeypatch.setattr(light_module, "SingleScattering", lambda world, skies, *rest: skies)
+    monkeypatch.setattr(light_module.PathEmitter, "flux", np.ones(3))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_each_kind_of_light_path_is_found_once(seed, seen_through):
+    rng = np.random.default_rng(seed)
+    world = (stage_world if seed % 2 else scene_world)(rng)
+    bounces = [None, 3][rng.integers(2)]
+    short, visible = bool(rng.random() < 0.1), bool(rng.random() < 0.9)
+    tuning = Tuning(max_bounces=bounces, short=short, visible=visible)
+    count, little = len(world.emitters), rng.random(16) < 0.3
+    off = METHODS[NAMED[rng.integers(3)]] | {*rng.choice([*Technique], rng.integers(3), replace=False)}
+    rows = Techniques(world, tuning, off, lambda number: bool(little[number])).rows(some(rng, range(count)))
+    simulation = Simulation(
+        tuning, Allotment(64, past=None, counts={row.number: row.counts for row in rows}),
+        walked={world.emitters[row.number].source: row.thick for row in rows},
+    )  # fmt: skip
+    light = ShotLight(StillWorld(world), simulation, Settings(), bounces, 0, False, rows, None, Findings(), ())
+    for number, emitter in enumerate(world.emitters):
+        for kind, found in finders(light, number).items():
+            sky = emitter.beams.lights_media and not emitter.beams.emits_beams
+            dark = kind[0] == "fog" and sky and not world.hazy
+            assert len(found) == (0 if dark else 1), (seed, emitter.name, kind, found, off)
+
+
+# -- the mean stays --------------------------------------------------------------------------------------------------
+
+
+def means(frames):
+    """Return the mean of pictures, and its standard error."""
+    found = np.array([each.mean() for each in frames])
+    return found.mean(), found.std(ddof=1) / np.sqrt(len(found))
