@@ -1,10 +1,10 @@
 """Each kind of light path of each emitter is found once, whichever techniques are off, and the mean stays."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from pathlib import Path
 
-import mitsuba
 import numpy as np
 import pytest
 
@@ -16,8 +16,9 @@ from photonbeams.render.lights import Findings
 from photonbeams.render.scene_frame import Extras, render
 from photonbeams.render.settings import METHODS as NAMED
 from photonbeams.render.settings import Settings
-from photonbeams.render.techniques import METHODS, SAMPLES, SEGMENTS, WALKS, Kind, Technique, Techniques
+from photonbeams.render.techniques import BEAMS, METHODS, PHOTONS, SAMPLES, SEGMENTS, WALKS, Kind, Technique, Techniques
 from photonbeams.render.worlds import StillWorld
+from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.transport.segments.records import Counts
 from photonbeams.transport.simulation import Simulation
@@ -27,13 +28,14 @@ from photonbeams.world.described import world_of_scene
 from photonbeams.world.emitters.sources import Source
 from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.comparison import box
-from tests.helpers.mitsuba_scenes import cube_of, fog, load, rgb
+from tests.helpers.mitsuba_scenes import T, camera, cube_of, fog, frames, load, rgb
+from tests.helpers.sweep import sweep
+
+mi = mitsuba()
 
 THEORY = Path(__file__).resolve().parents[2] / "docs" / "theory.md"
 FLOOR = box("/floor", (-2, -1.2, -2), (2, -1, 2))
-MIRROR = replace(
-    box("/mirror", (-1, -0.9, -1.2), (1, 0.5, -1.1)), material=scene.Material(metallic=1.0, roughness=0.0)
-)
+MIRROR = replace(box("/mirror", (-1, -0.9, -1.2), (1, 0.5, -1.1)), material=scene.Material(metallic=1.0, roughness=0.0))
 HAZE = scene.Medium(0.1, 0.02, name="/haze", mesh=box("/haze", (-1.5, -0.9, -1.5), (1.5, 1.2, 1.5)))
 SMOKE = scene.Medium(
     300.0, name="/smoke", grid=scene.DensityGrid(np.ones((4, 4, 4), np.float32), np.diag([2.0, 2.0, 0.1, 1.0]))
@@ -176,3 +178,75 @@ def means(frames):
     """Return the mean of pictures, and its standard error."""
     found = np.array([each.mean() for each in frames])
     return found.mean(), found.std(ddof=1) / np.sqrt(len(found))
+
+
+# Three rooms with fog: spots and point lamps around glass, a point lamp over coated balls, and a lamp that is a ball.
+# No pilot chooses: in fog, light is beams unless these are off.
+ROOMS = (18, 30, 48)
+
+
+@cache
+def room_mean(number, off):
+    """Return the mean of pictures of a room without some techniques, and its standard error."""
+    content = mi.load_dict(room(number, 12, 8))
+    given = {"passes": 2, "beams": 1024, "max_depth": 4, "guiding": False, "without": off}
+    extras = Extras(findings=Findings(walked=[]))
+    pictures = (render(content, content.sensors()[0], Settings(seed=each, **given), extras=extras) for each in range(4))
+    return means([each.layers()["rgba"][..., :3] for each in pictures])
+
+
+@pytest.mark.parametrize(
+    "case", sweep(product(ROOMS, Technique), keep=[(30, each) for each in (SAMPLES, WALKS, BEAMS)])
+)
+def test_rooms_keep_their_mean_without_a_technique(case):
+    number, off = case
+    (expected, error), (found, own) = room_mean(number, frozenset()), room_mean(number, frozenset({off}))
+    assert abs(found - expected) < 4 * np.hypot(error, own)
+    assert error < 0.05 * expected
+
+
+def test_walks_find_the_caustics_of_a_wide_lamp_without_photons():
+    # The lamp is so wide that a twentieth of the directions behind the ball meet it: no walk is a firefly.
+    lamp = {"type": "rectangle", "to_world": T().translate([0, 2.5, 0]).rotate([1, 0, 0], 90).scale(1.5)}
+    lamp["emitter"] = {"type": "area", "radiance": rgb(1.0)}
+    floor = {"type": "rectangle", "to_world": T().translate([0, -1.2, 0]).rotate([1, 0, 0], -90).scale(2)}
+    ball = {"type": "sphere", "center": [0, -0.4, 0], "radius": 0.6, "bsdf": {"type": "dielectric"}}
+    content = load(lamp=lamp, floor=floor, ball=ball, sensor=camera(size=12, target=(0, -1, 0)))
+    given = {"passes": 4, "beams": 4096, "max_depth": 5, "guiding": False}
+    (found, own), (expected, error), (dark, _) = (
+        means([frame.layers()["surface"] for frame in frames(content, Settings(**given | more), 4)])
+        for more in ({"without": frozenset({PHOTONS})}, {}, {"without": frozenset({PHOTONS}), "max_depth": 3})
+    )
+    # Photon discs blur, and the parts of them beside the floor count as on the floor: half a per cent.
+    assert abs(found - expected) < 4 * np.hypot(error, own) + 0.005 * expected
+    assert dark < 0.95 * expected
+
+
+def test_walks_of_one_lamp_do_not_meet_photons_of_another():
+    # Of the green lamp, which the block does not stop, photons find all further light: once more behind each bounce
+    # would be a tenth too much. The samples of the lamp are the same in both pictures, so only rounding differs.
+    green = scene.SphereLight(
+        "/green", (0, 20.0, 0), center=np.array([-0.5, 0.5, 0]), radius=0.1, unshadowed=frozenset({"/block"})
+    )
+    red = scene.SphereLight("/red", (20.0, 0, 0), center=np.array([0.5, 0.5, 0]), radius=0.1)
+    shell, block = box("/room", (-1, -1, -1), (1, 1, 1)), box("/block", (-0.2, -1, -0.2), (0.2, -0.6, 0.2))
+    eye = scene.Camera.look_at((0, 0, 0.9), (0, -0.3, 0), fov=80, aspect=1)
+    given = {"passes": 1, "width": 16, "height": 16, "beams": 1024, "guiding": False, "max_depth": 5}
+    alone, both = (
+        Shot(scene.Scene(lights=lights, meshes=(shell, block)), eye).render(**given).layers["surface"]
+        for lights in ((green,), (green, red))
+    )
+    np.testing.assert_allclose(both[..., 1], alone[..., 1], rtol=1e-4, atol=1e-6)
+    assert both[..., 0].mean() > 0
+
+
+def test_beams_take_the_share_of_samples_along_segments_of_a_sky():
+    smoke = scene.Medium(0.3, mesh=box("/smoke", (-0.5,) * 3, (0.5,) * 3), name="/smoke")
+    far = scene.Camera.look_at((0, 0, 4), (0, 0, 0), fov=20, aspect=1)
+    shot, found = Shot(scene.Scene(lights=[SKY], media=[smoke]), far), []
+    for off in (frozenset(), frozenset({SEGMENTS})):
+        given = {"passes": 4, "width": 16, "height": 16, "beams": 8192, "guiding": False, "without": off}
+        found.append(means([shot.render(seed=seed, **given).layers["beams"] for seed in range(4)]))
+    (sampled, error), (traced, own) = found
+    # Beams that stick out of their medium lose up to half a per cent.
+    assert abs(traced - sampled) < 4 * np.hypot(error, own) + 0.005 * sampled

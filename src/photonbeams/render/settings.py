@@ -140,8 +140,8 @@ class Settings:
         None, {"method": {}}, choices=METHODS,
     )  # fmt: skip
     without: frozenset[str] = setting(
-        frozenset(), "Techniques that are not used, such as \"walks\": others that can find their light take their share. "
-        "For tests; see the theory.", kind=frozenset,
+        frozenset(), 'Techniques that are not used, such as "walks"; others that can find their light do. '
+        "For tests: see the theory.", kind=frozenset,
     )  # fmt: skip
     short: bool = _yes_or_no(
         "End beams where their light is scattered, instead of at the next surface.",
