@@ -162,8 +162,7 @@ class ShotLight:
         if not lit:
             return Walks(fog)
         least = bound(world) if any(row.by(VIRTUAL, SELDOM) for row in lit) else None
-        others = any(row.by(PHOTONS, FURTHER) for row in self.rows)
-        return Walks(fog, self._walking(self._met(world, lit, CAUSTICS), bound=least, apart=others))
+        return Walks(fog, self._walking(self._met(world, lit, CAUSTICS), bound=least))
 
     def _walking(self, emitters: Walked, **more: Any) -> Walking:
         return Walking(emitters, self.max_depth, self.simulation.tuning.rr_depth, **more)

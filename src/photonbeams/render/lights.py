@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Any
 
 from ..transport.guiding.guides import UNGUIDED, Guides
@@ -85,13 +85,9 @@ class Lights:
     @cached_property
     def techniques(self) -> Techniques:
         """Which techniques find which light."""
-        settings = self.settings
-        guided = bool(self.cameras) and settings.guiding is not False
-
-        @cache
-        def is_little(number: int) -> bool:
-            return guided and lights_little(self.world, self.cameras[0], number)
-
+        settings, is_little = self.settings, None
+        if self.cameras and settings.guiding is not False:
+            is_little = cache(partial(lights_little, self.world, self.cameras[0]))
         return Techniques(self.world, self.simulation.tuning, METHODS[settings.method] | settings.without, is_little)
 
     @cached_property

@@ -33,6 +33,7 @@ from .paths.photons import PhotonLighting
 from .paths.surface_light import NO_LIGHT, SurfaceLight
 from .paths.virtual_lights import VirtualLights
 from .settings import Settings
+from .techniques import FURTHER, PHOTONS
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class PassRenderer:
             return PhotonLighting(light.world, hits, light.limits, most) if hits else None
 
         photons = caustics = lighting(others)
-        if walks is not None and walks.apart:
+        if walks is not None and any(row.by(PHOTONS, FURTHER) for row in self.light.rows):
             # Camera paths have met all that these emitters light: what lies behind a bounce would count twice.
             caustics = lighting([part for each in others for part in compressed(~each.whole, each)])
         return SurfaceLight(photons, caustics, virtual)

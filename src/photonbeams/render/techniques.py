@@ -120,13 +120,13 @@ class Techniques:
     off
         Techniques that are not to be used.
     is_little
-        Returns whether the emitter of a number lights few of the surfaces in the picture.
+        Returns whether the emitter of a number lights few of the surfaces in the picture; None: it is not known.
     """
 
     world: World
     tuning: Tuning
     off: Set[str]
-    is_little: Callable[[int], bool]
+    is_little: Callable[[int], bool] | None = None
 
     def rows(self, walked: Collection[int], dark: Collection[int] = ()) -> list[Row]:
         """Return the rows of all emitters, by number.
@@ -198,6 +198,8 @@ class Techniques:
         are none. Endless fog dims light from infinity on its way from the bounds, but not direct light on surfaces: see
         `VirtualLights`, which cannot tell if other media are in it.
         """
+        if self.is_little is None:
+            return False
         world, emitter = self.world, self.world.emitters[number]
         mixed = emitter.lamp.infinite and world.media.filling > 0 and world.nested
         able = emitter.lamp.bare.sharp and emitter.portal is None and emitter.links == Links() and not mixed

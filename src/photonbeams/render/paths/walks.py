@@ -61,7 +61,7 @@ class Walking:
     """How walks are followed: the emitters that they meet, and depths as in `CameraTracing`.
 
     `bound` is that of virtual lights; None: no emitter has any. `media` are the numbers of those in which walks begin;
-    None: all. `apart` says whether some photons on surfaces are of emitters that no walk meets, with all their light.
+    None: all.
     """
 
     emitters: Walked
@@ -69,7 +69,6 @@ class Walking:
     rr_depth: int
     bound: Float | None = None
     media: Collection[int] | None = None
-    apart: bool = False
 
     def add_scattered(self, paths: CameraPaths, vertex: CameraVertex, samples: Samples, result: GroupedLight) -> None:
         """Add the radiance of walks that begin in the media of one step of camera paths."""

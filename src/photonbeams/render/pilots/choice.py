@@ -24,7 +24,6 @@ from ...world.shadow_rays import leaving, to_lamp
 from ...world.warp import facing, outward
 from ...world.world import World
 from ..costs import WALK, of_beams
-from ..light import ShotLight
 from ..ray_passes import PassRenderer
 from .coarse_passes import FEWER, Pilot, Pixels, by_blocks, seen_coarsely, with_fewer_paths
 
@@ -105,12 +104,12 @@ def is_room(world: World, camera: View) -> bool:
 def _prefers_walks(lights: Lights, own: Sequence[int], dark: frozenset[int], pixels: Pixels) -> bool:
     """Return whether walks should meet the light of some emitters, while others are `dark`."""
     portal = lights.portal
-    walks = _Trial.of(lights, own, dark)
+    walks = _Trial(lights, own, dark)
     if walks.noise() <= _QUIET:
         return True
-    beams = _Trial.of(lights, (), dark)
+    beams = _Trial(lights, (), dark)
     if lights.portal is not portal:  # the pilot of the light paths has found one
-        walks = _Trial.of(lights, own, dark)
+        walks = _Trial(lights, own, dark)
     ratio = walks.noise() * _cost(walks, beams, pixels) / max(beams.noise(), 1e-30)
     if ratio > _SURE:
         return False
@@ -159,19 +158,17 @@ def noise(found: Array, mean: Array, block: int = _BLOCK) -> float:
 
 
 class _Trial:
-    """A pilot of a scene's light except what comes straight from emitters, and what its passes cost."""
+    """A pilot of a scene's light except what comes straight from emitters, and what its passes cost.
 
-    def __init__(self, light: ShotLight, cameras: Sequence[View]) -> None:
-        fewer, self._portion = with_fewer_paths(light)
+    It begins with the first passes over the rays of the first camera.
+    """
+
+    def __init__(self, lights: Lights, walked: Sequence[int], dark: frozenset[int]) -> None:
+        fewer, self._portion = with_fewer_paths(lights.light(walked, dark))
         self._light = replace(fewer, shines=False)
-        self._pilot = Pilot(PassRenderer(light.settings, self._light, light.max_depth), cameras)
-
-    @classmethod
-    def of(cls, lights: Lights, walked: Sequence[int], dark: frozenset[int]) -> _Trial:
-        """Return the first passes of a light over the rays of the first camera."""
-        result = cls(lights.light(walked, dark), lights.cameras[:1])
-        result.add(_FIRST if result.traces else _UNTRACED)
-        return result
+        self._passes = PassRenderer(fewer.settings, self._light, fewer.max_depth)
+        self._pilot = Pilot(self._passes, lights.cameras[:1])
+        self.add(_FIRST if self.traces else _UNTRACED)
 
     @property
     def traces(self) -> bool:
@@ -190,7 +187,7 @@ class _Trial:
     def cost(self, pixels: int) -> float:
         """Return the cost of a pass over this many pixels, with all of the scene's light paths."""
         scale = 1 / (max(self._portion, 1e-30) * len(self.found))
-        beams, photons = scale * self._pilot.statistics.beams, scale * self._pilot.photons
+        beams, photons = scale * self._passes.statistics.beams, scale * self._pilot.photons
         return (of_beams(beams + photons, beams, pixels) if self.traces else 0.0) + (
             WALK * pixels if self._light.walks(self._light.world).media else 0.0
         )

@@ -16,7 +16,6 @@ from ...world.cameras.cameras import View
 from ...world.cameras.sensors import PrimaryRays
 from ...world.world import World
 from ..light import ShotLight
-from ..passes import Statistics
 from ..ray_passes import PassRenderer, ViewRays
 
 #: Rays of a pilot, across and down.
@@ -72,11 +71,6 @@ class Pilot:
         self._passes, self._rays = passes, _coarse_rays(cameras)
         self.surfaces = self.beams = np.zeros((0, ROWS, COLUMNS), dtype=np.float32)
         self.coarse = self.photons = 0
-
-    @property
-    def statistics(self) -> Statistics:
-        """The statistics of the passes."""
-        return self._passes.statistics
 
     def add(self, count: int, together: int = 1, surfaces: bool = True) -> None:
         """Add passes, with or without surfaces.
