@@ -160,9 +160,9 @@ class Techniques:
         found = {FOG_FURTHER: fog, **({SKIES: {SEGMENTS}} if is_sky else {FOG: fog})}
         shown = wanted(world, emitter, self.tuning)
         if STRAIGHT.traced & shown:
-            found[STRAIGHT] = self._straight(emitter)
+            found[STRAIGHT] = self._straight[number]
         if FURTHER.traced & shown:
-            found[FURTHER] = self._choose(FURTHER, {PHOTONS, WALKS} if self._meets(emitter) else {PHOTONS})
+            found[FURTHER] = self._choose(FURTHER, {PHOTONS, WALKS} if self._meets(number) else {PHOTONS})
             if WALKS in found[FURTHER] and self._is_seldom(number):
                 found[SELDOM] = self._choose(SELDOM, {WALKS, VIRTUAL})
         if world.mirrors and lamp.sharp:
@@ -171,24 +171,29 @@ class Techniques:
                 found[CAUSTICS] = self._choose(CAUSTICS, {PHOTONS} | (found[FURTHER] if lamp.met else set()))
         return Row(number, found, frozenset() if WALKS in fog else thick)
 
-    def _straight(self, emitter: Emitter) -> set[Technique]:
-        """Return what finds light straight from an emitter on surfaces.
+    @cached_property
+    def _straight(self) -> list[set[Technique]]:
+        """What finds light straight from emitters on surfaces, by number.
 
         Photons carry no light of links and none past portals, and endless fog dims what comes from infinity.
         """
-        lamp, dimmed = emitter.lamp, emitter.lamp.infinite and self.world.media.filling > 0
-        cannot = dimmed or emitter.portal or emitter.links != Links() or emitter.beams.beam_count == 0
-        able = {SAMPLES} if lamp.illuminates and cannot else {SAMPLES, PHOTONS}
-        return self._choose(STRAIGHT, able) if lamp.illuminates else {PHOTONS}
+        result = []
+        for emitter in self.world.emitters:
+            dimmed = emitter.lamp.infinite and self.world.media.filling > 0
+            cannot = dimmed or emitter.portal or emitter.links != Links() or emitter.beams.beam_count == 0
+            found = self._choose(STRAIGHT, {SAMPLES} if cannot else {SAMPLES, PHOTONS})
+            result.append(found if emitter.lamp.illuminates else {PHOTONS})
+        return result
 
-    def _meets(self, emitter: Emitter) -> bool:
+    def _meets(self, number: int) -> bool:
         """Return whether walks can find the light of an emitter on surfaces.
 
         They cannot if it shines along one direction, if some surfaces do not block it, or behind images and filters
         before Mitsuba's emitters. What they find of an emitter includes the light straight to their vertices.
         """
+        emitter = self.world.emitters[number]
         behind = self.world.emits and (emitter.lamp.images or emitter.beams.filters)
-        return not (behind or emitter.links.unshadowed) and SAMPLES in self._straight(emitter)
+        return not (behind or emitter.links.unshadowed) and SAMPLES in self._straight[number]
 
     def _is_seldom(self, number: int) -> bool:
         """Return whether the places that an emitter lights become virtual lights.
@@ -203,7 +208,7 @@ class Techniques:
         world, emitter = self.world, self.world.emitters[number]
         mixed = emitter.lamp.infinite and world.media.filling > 0 and world.nested
         able = emitter.lamp.bare.sharp and emitter.portal is None and emitter.links == Links() and not mixed
-        return able and all(SAMPLES in self._straight(each) for each in world.emitters) and self.is_little(number)
+        return able and all(SAMPLES in each for each in self._straight) and self.is_little(number)
 
     @cached_property
     def _plain(self) -> list[int]:
