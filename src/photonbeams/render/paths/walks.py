@@ -2,10 +2,10 @@
 
 Light of large lamps and of the sky comes to every point of a cloud, and of a room, from everywhere: there a walk from
 the camera is more likely to find the light than a beam or a photon is to find the camera. In media, each emitter's
-light is either traced into beams or met by walks, never both; on surfaces walks meet it, except for caustics (see
-`techniques`). For all emitters, `camera_paths` handles what the camera sees of the emitters themselves, and their direct
-light on the first surface. At each vertex a walk takes one sample of an emitter and one of the phase function or BSDF,
-combined by the power heuristic (Veach 1997), as in Mitsuba's `volpath`.
+light is either traced into beams or met by walks, never both; on surfaces walks meet it, except for caustics: see
+`techniques`. For all emitters, `camera_paths` handles what the camera sees of the emitters themselves, and their
+direct light on the first surface. At each vertex a walk takes one sample of an emitter and one of the phase function or
+BSDF, combined by the power heuristic (Veach 1997), as in Mitsuba's `volpath`.
 """
 
 from __future__ import annotations
