@@ -16,7 +16,7 @@ import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ...numerics.arrays import channel_mean, to_float, to_numpy
+from ...numerics.arrays import to_float, to_numpy
 from ...numerics.sampling import pixel_sample
 from ...numerics.structs import Struct
 from ...runtime.device import Array2f, Array3f, Array4f, Bool, Float, UInt32
@@ -131,16 +131,11 @@ class Toward:
         return 0.5 * depth * dr.exp(1 - depth)
 
 
-def even(media: Media, medium: UInt32) -> Bool:
-    """Return which media are homogeneous and scatter light."""
-    return (dr.max(media.scattering(medium)) > 0) & ~media.varying(medium)[0]
-
-
 def aimed(
     media: Media, medium: UInt32, toward: Toward, near: Bool, plain: DirectionSample, pick: Float, u: Array2f,
     evaluate: Callable[[Array3f, Bool], tuple[Array3f, Float]],
 ) -> DirectionSample:  # fmt: skip
-    """Return samples of which some go toward lamps, if homogeneous media scatter light before them.
+    """Return samples of which some go toward lamps, if media scatter light before them.
 
     Parameters
     ----------
@@ -156,7 +151,8 @@ def aimed(
         Function of directions, and of whether they are needed, that returns the phase function or BSDF times cosine,
         and the density of `plain`.
     """
-    part = dr.select(near & even(media, medium), toward.part(channel_mean(media.extinction(medium))), 0)
+    hazy = dr.max(media.scattering(medium)) > 0
+    part = dr.select(near & hazy, toward.part(media.mean_extinction(medium)), 0)
     other, going = toward.sample(u), pick < part
     value, pdf = evaluate(other, going)
     own = (1 - part) * plain.pdf + part * toward.density(plain.direction)

@@ -43,8 +43,6 @@ class Walk(Struct):
         BSDF times cosine for the walk's direction, its largest channel, 0 after ideal lobes and in media; and the
         radiance that a virtual light of unit flux where the walk was last scattered would bring, if the walk now meets
         its lamp, infinite if there cannot be one: see `virtual_lights`.
-    fresh
-        Whether the walk begins a segment; if not, it goes on after a null collision, and lamps ahead have been counted.
     order, pixel, branch
         The pixel's place in the sample sequences, the pixel, and the branch of its camera paths.
     name
@@ -68,7 +66,6 @@ class Walk(Struct):
     lamp: UInt32
     value: Float
     bright: Float
-    fresh: Bool
     order: UInt32
     pixel: UInt32
     branch: UInt32

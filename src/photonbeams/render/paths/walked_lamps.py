@@ -141,7 +141,7 @@ class WalkedLamps:
         # Boundaries of media that the walk has passed since then lie behind it.
         passed = dr.dot(walk.origin - walk.place, walk.direction)
         length = dr.select(hit.is_valid(), hit.t, dr.inf)
-        active, acting = self._acting(walk.lamp, walk.bounces, walk.site, active & walk.fresh & (walk.pdf > 0))
+        active, acting = self._acting(walk.lamp, walk.bounces, walk.site, active & (walk.pdf > 0))
         probability = self._choice.eval_pmf_normalized(walk.lamp, active)
         for group in self._groups:
             own = group.lights(world, walk.lamp, walk.place, walk.inside, active)

@@ -19,7 +19,7 @@ from typing import Any
 import drjit as dr
 
 from ...estimators.estimate import ENDLESS
-from ...numerics.arrays import channel_mean, compressed
+from ...numerics.arrays import compressed
 from ...numerics.grouped import GroupedLight
 from ...numerics.samples import Samples
 from ...numerics.sampling import power_heuristic
@@ -32,7 +32,7 @@ from ...world.shadow_rays import leaving
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import Bounce, CameraVertex
 from .surface_light import NO_LIGHT, SurfaceLight
-from .toward_lamps import Equiangular, Toward, aimed, even
+from .toward_lamps import Equiangular, Toward, aimed
 from .virtual_lights import Point, weight
 from .walk_vertices import DirectionSample, Vertex, Walk, steepness
 from .walked_emitters import EmitterSample, Walked
@@ -105,7 +105,7 @@ class Walking:
         scattered = Walk(
             start, paths.direction, paths.medium, inside, dr.minimum(vertex.end, ENDLESS) - paths.near,
             paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, inside, none, lamp, zeros, zeros,
-            inside, paths.order, paths.pixel, paths.branch, vertex.name,
+            paths.order, paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(inside, scattered)), None)
 
@@ -117,7 +117,7 @@ class Walking:
         reflected = Walk(
             bounce.origin, bounce.direction, bounce.medium, ~going, zeros, bounce.throughput,
             dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.place, zeros, ~going, none,
-            bounce.lamp, bounce.value, zeros, going, paths.order, paths.pixel, paths.branch, vertex.name,
+            bounce.lamp, bounce.value, zeros, paths.order, paths.pixel, paths.branch, vertex.name,
         )  # fmt: skip
         return next(iter(compressed(going, reflected)), None)
 
@@ -147,28 +147,29 @@ class Walking:
         hit = world.intersect(walk.origin, walk.direction, going & ~walk.first, seed)
         beyond = dr.select(hit.is_valid(), hit.t, dr.largest(Float))
         flown = self._flown(walk, dr.select(walk.first, walk.length, beyond), going, samples, name)
-        distance, factor, scattered, tinted = flown
+        distance, factor, scattered = flown
         throughput = walk.throughput * factor
         ahead = going & ~walk.first
-        on = ahead & ~scattered & ~tinted
+        on = ahead & ~scattered
         tracking = samples.bits(walk.order, Stream.PATH_TRACKING, *name)
         kept = None if self.bound is None else 1 - weight(walk.bright, self.bound)
         active = ahead & walk.counts & self.within(walk.depth, 1)
         found = self.emitters.met(walk, hit, factor, on, active, tracking, kept)
         result = (found * walk.throughput).where(dr.max(found.total) > 0)
         vertex = Vertex(world, walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
-        lit = vertex.scattered | vertex.smooth
+        lit, left = vertex.scattered | vertex.smooth, Float(1)
         if self.emitters.balls is not None:
-            fog = going & even(world.media, walk.medium)
+            fog = going & (dr.max(world.media.scattering(walk.medium)) > 0) & self.within(walk.depth, 2)
             span = dr.minimum(dr.select(walk.first, walk.length, beyond), ENDLESS)
-            result = result + self._from_fog(vertex, span, fog & self.within(walk.depth, 2), samples, name)
-            lit &= ~(vertex.scattered & fog)
-        lit &= self.within(walk.depth, 2)
+            light, left = self._from_fog(vertex, distance, span, fog, samples, name)
+            result, left = result + light, dr.select(vertex.scattered, left, 1)
+        lit &= (left > 0) & self.within(walk.depth, 2)
         square = dr.squared_norm(vertex.position - walk.place)
         geometry = walk.value * dr.abs(dr.dot(Array3f(hit.n), walk.direction)) * dr.rcp(dr.maximum(square, 1e-30))
         geometry = dr.select(vertex.smooth & (walk.value > 0), geometry, dr.inf)
         lamp = self.emitters.choose(samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name))
-        light, chosen = self._direct(vertex, lamp, samples, name, lit, geometry)
+        own = dr.select(vertex.scattered, walk.lamp, lamp)
+        light, chosen = self._direct(vertex, own, samples, name, lit, geometry)
         if surfaces.caustics is not None:
             light = light + surfaces.caustics(hit, walk.depth, lit & vertex.smooth)
         if surfaces.virtual is not None:
@@ -176,7 +177,7 @@ class Walking:
                 hit, vertex.opacity, walk.medium, lit & vertex.smooth & self.within(walk.depth, 3),
                 walk.bounces + 2, samples.bits(walk.order, Stream.PATH_VIRTUAL, *name),
             ))  # fmt: skip
-        result = result + light * throughput
+        result = result + light * (throughput * left)
         if self.emitters.balls is not None:
             ball = self.emitters.balls(lamp, (vertex.scattered | vertex.smooth) & self.within(walk.depth, 3))
             pick, u = samples.single(walk.order, Stream.TOWARD, *name), samples.pair(walk.order, Stream.TOWARD, *name)
@@ -186,67 +187,81 @@ class Walking:
             )  # fmt: skip
         following, factor, goes = self._onward(vertex, chosen, lamp, geometry)
         following.throughput = throughput * factor
-        # After a null collision, which only changes the colour, a walk continues straight.
-        same = "direction depth counts pdf place inside site lamp value bright first medium"
-        for each in same.split():
-            setattr(following, each, dr.select(tinted, getattr(walk, each), getattr(following, each)))
-        following.throughput = dr.select(tinted, throughput, following.throughput)
-        following.fresh = ~tinted
-        following.origin = dr.select(tinted, vertex.position, following.origin)
         following.length = walk.length - distance
         for each in ("order", "pixel", "branch", "name", "before"):
             setattr(following, each, getattr(walk, each))
         following.initial = dr.select(walk.first & scattered, dr.max(throughput), walk.initial)
-        goes = (going & tinted) | goes
         return result, following, self._roulette(following, goes, samples, name)
 
     def _flown(
         self, walk: Walk, length: Float, going: Bool, samples: Samples, name: tuple[Any, ...]
     ) -> tuple[Any, ...]:
-        """Return free flights: their distances and weights, and whether they end with scattering or a tint alone."""
+        """Return free flights: their distances and weights, and whether they end with scattering."""
         media = self.emitters.world.media
         if not media.all:
-            return length, Array3f(1), Bool(False), Bool(False)
+            return length, Array3f(1), Bool(False)
         fractions = walk.throughput * dr.rcp(dr.maximum(dr.sum(walk.throughput), 1e-30))
-        varying, colored = media.varying(walk.medium)
+        varying, _ = media.varying(walk.medium)
         branch = dr.select(walk.first & ~varying, UInt32(SCATTERED), UInt32(SAMPLED))
         u = samples.pair(walk.order, Stream.PATH_FLIGHT, *name)
         distance, weight = flight(media, walk.medium, branch, fractions, length, u)
-        scattered, tinted = going & (distance < length), Bool(False)
+        scattered = going & (distance < length)
         if media.any_varying:
             varying &= going
-            other, collided, scatters, color = free_flight(
+            other, _, scatters, color = free_flight(
                 pointers(dr.select(varying, walk.medium, 0)), walk.origin, walk.direction, length, fractions,
-                samples.bits(walk.order, Stream.PATH_FLIGHT, *name), varying, colored,
+                samples.bits(walk.order, Stream.PATH_FLIGHT, *name), varying, Bool(False),
             )  # fmt: skip
             distance, weight = dr.select(varying, other, distance), dr.select(varying, color, weight)
-            scattered, tinted = dr.select(varying, scatters, scattered), varying & collided & ~scatters
-        return dr.minimum(distance, length), weight, scattered, tinted
+            scattered = dr.select(varying, scatters, scattered)
+        return dr.minimum(distance, length), weight, scattered
 
     def _from_fog(
-        self, vertex: Vertex, length: Float, active: Bool, samples: Samples, name: tuple[Any, ...]
-    ) -> GroupedLight:  # fmt: skip
-        """Return the light of the walks' emitters that homogeneous media scatter at one place of each segment."""
+        self, vertex: Vertex, flown: Float, length: Float, active: Bool, samples: Samples, name: tuple[Any, ...]
+    ) -> tuple[GroupedLight, Float]:  # fmt: skip
+        """Return the light of the walks' emitters that media scatter at one place of each segment.
+
+        Where media vary, the density of flights is not known. The place then is at an equiangular distance, and the
+        light has the weight part p_eq / q, with q = part p_eq + (1 − part) p and p about the density of flights. The
+        other result is the weight of the light where the walks' own flights end, at the distance `flown`: the rest, and
+        0 in homogeneous media, where the place has the density q.
+        """
         walk, media, balls = vertex.walk, self.emitters.world.media, self.emitters.balls
         assert balls is not None
         own = (*name, UInt32(Stream.FOG))
-        ball, extinction = balls(walk.lamp, active), channel_mean(media.extinction(walk.medium))
-        near = Equiangular(walk.origin, walk.direction, length, ball)
+        begin, end = media.extent(walk.medium, walk.origin, walk.direction, length, active)
+        origin, length, active = walk.origin + begin * walk.direction, end - begin, active & (end > begin)
+        ball, extinction = balls(walk.lamp, active), media.mean_extinction(walk.medium)
+        near = Equiangular(origin, walk.direction, length, ball)
         fractions = walk.throughput * dr.rcp(dr.maximum(dr.sum(walk.throughput), 1e-30))
+        varying, _ = media.varying(walk.medium)
         # Equiangular distances are dense where the lamp is near, free flights where the fog is still seen.
-        part = dr.select(ball.near, dr.rcp(1 + extinction * near.distance), 0)
+        part = dr.select(varying, 0.5, dr.rcp(1 + extinction * near.distance))
+        part = dr.select(ball.near, part, 0)
+
+        def densities(t: Float, there: Array3f) -> tuple[Float, Float]:
+            """Return about the density of flights, and that of places, at distances with this σt."""
+            even = scattering_density(media, walk.medium, fractions, length, t)
+            about = dr.dot(fractions, there) * dr.exp(-dr.minimum(extinction * t, 40))
+            flights = dr.select(varying, about, even)
+            return flights, dr.maximum(dr.lerp(flights, near.density(t), part), 1e-30)
+
         u = samples.pair(walk.order, Stream.FOG, *name)
         free, _ = flight(media, walk.medium, UInt32(SCATTERED), fractions, length,
                          samples.pair(walk.order, Stream.FOG_FLIGHT, *name))  # fmt: skip
-        distance = dr.select(u.x < part, near.sample(u.y), free)
-        flown = scattering_density(media, walk.medium, fractions, length, distance)
-        density = dr.lerp(flown, near.density(distance), part)
-        throughput = walk.throughput * media.scattering(walk.medium) * media.absorbed(walk.medium, distance)
-        throughput *= dr.rcp(dr.maximum(density, 1e-30))
-        place = vertex.inside(walk.origin + distance * walk.direction, active)
+        distance = dr.select(varying | (u.x < part), near.sample(u.y), free)
+        place = vertex.inside(origin + distance * walk.direction, active)
+        scattering, there = media.coefficients(walk.medium, place.position, active)
+        _, density = densities(distance, there)
+        seed = samples.bits(walk.order, Stream.FOG_FLIGHT, *name)
+        passed = media.transmittance(walk.medium, origin, walk.direction, distance, seed, active)
+        throughput = walk.throughput * scattering * passed * dr.select(varying, part, 1) * dr.rcp(density)
         light = self.emitters.sampled(place, walk.lamp, samples.pair(walk.order, Stream.PATH_EMITTER, *own), active)
         value, pdf = place.phased(light.direction, light.lit)
-        return self._arriving(place, light, value, pdf, samples, own) * throughput
+        found = self._arriving(place, light, value, pdf, samples, own) * throughput
+        _, there = media.coefficients(walk.medium, vertex.position, active & vertex.scattered)
+        flights, density = densities(flown - begin, there)
+        return found, dr.select(varying, (1 - part) * flights * dr.rcp(density), 0)
 
     def _arriving(
         self, vertex: Vertex, light: EmitterSample, value: Array3f, pdf: Float, samples: Samples, name: tuple[Any, ...]

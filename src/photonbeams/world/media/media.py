@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ...numerics.arrays import to_uint, to_vectors
+from ...numerics.arrays import to_float, to_uint, to_vectors
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...scene.media import check_depth
 from ..checks import check_phase
 from ..shadow_rays import leaving, size_of
+from ..spectra import rgb
 from .interfaces import medium_ahead, number, numbers, pointers
 from .parts import boxes, parts
 from .rendered import FAR, extinction_of, rendered
@@ -67,6 +68,11 @@ class Media:
             table[1, each.number] = each.medium.scattering
             table[2, each.number] = each.tracked is not None, each.colored, not each.plugin.is_homogeneous()
         self._extinction, self._scattering, self._kinds = (to_vectors(each) for each in table)
+        mean = np.zeros(size)
+        mean[[each.number for each in self.all]] = [
+            each.fullness * np.mean(each.medium.extinction) for each in self.all
+        ]
+        self._mean = to_float(mean)
         self.any_varying = any(each.tracked is not None for each in self.all)
         self._around, self._size = around, size_of(*([] if around is None else [around]))
         self.filling, self._clear = number(filling), clear
@@ -97,6 +103,34 @@ class Media:
     def scattering(self, medium: UInt32) -> Array3f:
         """Return σs of media by their numbers; 0 in empty space."""
         return dr.gather(Array3f, self._scattering, medium)
+
+    def mean_extinction(self, medium: UInt32) -> Float:
+        """Return the mean of σt of media over channels, and over the grid of those that vary."""
+        return dr.gather(Float, self._mean, medium)
+
+    def coefficients(self, medium: UInt32, place: Array3f, active: Bool) -> tuple[Array3f, Array3f]:
+        """Return σs and σt of media at places, within the extent of those that vary."""
+        scattering, extinction = self.scattering(medium), self.extinction(medium)
+        if not self.any_varying:
+            return scattering, extinction
+        varying = active & self.varying(medium)[0]
+        at = dr.zeros(mi.MediumInteraction3f, dr.width(place))
+        at.p = mi.Point3f(place)
+        here = pointers(dr.select(varying, medium, 0)).get_scattering_coefficients(at, varying)
+        return dr.select(varying, rgb(here[0]), scattering), dr.select(varying, rgb(here[2]), extinction)
+
+    def extent(
+        self, medium: UInt32, origin: Array3f, direction: Array3f, length: Float, active: Bool
+    ) -> tuple[Float, Float]:  # fmt: skip
+        """Return where the parts of segments begin and end that lie in the boxes of media; others have no box."""
+        if not self.any_varying:
+            return Float(0), length
+        varying = active & self.varying(medium)[0]
+        media = pointers(dr.select(varying, medium, 0))
+        inside, enter, leave = media.intersect_aabb(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
+        begin = dr.select(varying & inside, dr.maximum(enter, 0), 0)
+        end = dr.select(varying, dr.select(inside, dr.minimum(leave, length), 0), length)
+        return begin, dr.maximum(end, begin)
 
     def varying(self, medium: UInt32) -> tuple[Bool, Bool]:
         """Return which media have coefficients that vary, and which of these have a coloured extinction."""

@@ -272,7 +272,7 @@ class Tracked(Factor):
 @syntax
 def free_flight(
     media: Any, origin: Array3f, direction: Array3f, length: Float, fractions: Array3f, seed: UInt32, active: Bool,
-    colored: Bool,
+    stops: Bool,
 ) -> tuple[Any, Any, Any, Any]:  # fmt: skip
     """Return free flights of light through heterogeneous media.
 
@@ -282,15 +282,15 @@ def free_flight(
         Pointers to the media.
     fractions
         The fraction of the flux in each channel, by which collisions are sampled.
-    colored
-        Which media have a coloured extinction. There a flight ends at each tentative collision, because the colour of
-        its light changes.
+    stops
+        Which flights end at each tentative collision. In media with a coloured extinction the colour of the light
+        changes there.
 
     Returns
     -------
     distance, collided, scattered, weight
         Distances; whether flights end in the medium; whether light is scattered there, rather than continuing (a null
-        collision); and weights, which are 1 for flights that reach `length`.
+        collision); and weights, with those of the null collisions before.
     """
     ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
     inside, enter, leave = media.intersect_aabb(ray)
@@ -309,13 +309,15 @@ def free_flight(
             place.p = mi.Point3f(dr.fma(direction, t, origin))
             sigma_s, _, sigma_t = media.get_scattering_coefficients(place, going)
             sigma_s, sigma_t = rgb(sigma_s), dr.minimum(rgb(sigma_t), majorant)
-            probability = dr.sum(fractions * sigma_t) * dr.rcp(majorant)
+            left = fractions * weight
+            probability = dr.sum(left * sigma_t) * dr.rcp(majorant * dr.maximum(dr.sum(left), 1e-30))
             real = unit_float(hash32(seed, drawn, UInt32(1))) < probability
             there = dr.select(
                 real, sigma_s * dr.rcp(majorant * dr.maximum(probability, 1e-20)),
                 (majorant - sigma_t) * dr.rcp(majorant * dr.maximum(1 - probability, 1e-20)),
             )  # fmt: skip
-            if real | colored:
-                weight, collided, scattered, going = there, Bool(True), real, Bool(False)
+            weight *= there
+            if real | stops:
+                collided, scattered, going = Bool(True), real, Bool(False)
         drawn += 1
     return dr.select(collided, t, length), collided, scattered, weight
