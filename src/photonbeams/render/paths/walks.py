@@ -25,14 +25,15 @@ from ...numerics.samples import Samples
 from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...transport.interactions import SAMPLED, SCATTERED, flight, scattering_density, survival
+from ...transport.interactions import SAMPLED, SCATTERED, flight, survival
 from ...world.media.interfaces import pointers
 from ...world.media.tracking import free_flight
 from ...world.shadow_rays import leaving
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import Bounce, CameraVertex
+from .fog_segments import FogSegment
 from .surface_light import NO_LIGHT, SurfaceLight
-from .toward_lamps import Equiangular, Toward, aimed
+from .toward_lamps import Toward, aimed
 from .virtual_lights import Point, weight
 from .walk_vertices import DirectionSample, Vertex, Walk, steepness
 from .walked_emitters import EmitterSample, Walked
@@ -161,8 +162,9 @@ class Walking:
         if self.emitters.balls is not None:
             fog = going & (dr.max(world.media.scattering(walk.medium)) > 0) & self.within(walk.depth, 2)
             span = dr.minimum(dr.select(walk.first, walk.length, beyond), ENDLESS)
-            light, left = self._from_fog(vertex, distance, span, fog, samples, name)
-            result, left = result + light, dr.select(vertex.scattered, left, 1)
+            segment = FogSegment(world.media, walk, span, self.emitters.balls(walk.lamp, fog))
+            result = result + self._from_fog(vertex, segment, fog, samples, name)
+            left = dr.select(vertex.scattered, segment.left(distance), 1)
         lit &= (left > 0) & self.within(walk.depth, 2)
         square = dr.squared_norm(vertex.position - walk.place)
         geometry = walk.value * dr.abs(dr.dot(Array3f(hit.n), walk.direction)) * dr.rcp(dr.maximum(square, 1e-30))
@@ -217,51 +219,21 @@ class Walking:
         return dr.minimum(distance, length), weight, scattered
 
     def _from_fog(
-        self, vertex: Vertex, flown: Float, length: Float, active: Bool, samples: Samples, name: tuple[Any, ...]
-    ) -> tuple[GroupedLight, Float]:  # fmt: skip
-        """Return the light of the walks' emitters that media scatter at one place of each segment.
-
-        Where media vary, the density of flights is not known. The place then is at an equiangular distance, and the
-        light has the weight part p_eq / q, with q = part p_eq + (1 − part) p and p about the density of flights. The
-        other result is the weight of the light where the walks' own flights end, at the distance `flown`: the rest, and
-        0 in homogeneous media, where the place has the density q.
-        """
-        walk, media, balls = vertex.walk, self.emitters.world.media, self.emitters.balls
-        assert balls is not None
+        self, vertex: Vertex, segment: FogSegment, active: Bool, samples: Samples, name: tuple[Any, ...]
+    ) -> GroupedLight:  # fmt: skip
+        """Return the light of the walks' emitters that media scatter at one place of each segment."""
+        walk, media = vertex.walk, self.emitters.world.media
         own = (*name, UInt32(Stream.FOG))
-        begin, end = media.extent(walk.medium, walk.origin, walk.direction, length, active)
-        origin, length, active = walk.origin + begin * walk.direction, end - begin, active & (end > begin)
-        ball, extinction = balls(walk.lamp, active), media.mean_extinction(walk.medium)
-        near = Equiangular(origin, walk.direction, length, ball)
-        fractions = walk.throughput * dr.rcp(dr.maximum(dr.sum(walk.throughput), 1e-30))
-        varying, _ = media.varying(walk.medium)
-        # Equiangular distances are dense where the lamp is near, free flights where the fog is still seen.
-        part = dr.select(varying, 0.5, dr.rcp(1 + extinction * near.distance))
-        part = dr.select(ball.near, part, 0)
-
-        def densities(t: Float, there: Array3f) -> tuple[Float, Float]:
-            """Return about the density of flights, and that of places, at distances with this σt."""
-            even = scattering_density(media, walk.medium, fractions, length, t)
-            about = dr.dot(fractions, there) * dr.exp(-dr.minimum(extinction * t, 40))
-            flights = dr.select(varying, about, even)
-            return flights, dr.maximum(dr.lerp(flights, near.density(t), part), 1e-30)
-
-        u = samples.pair(walk.order, Stream.FOG, *name)
-        free, _ = flight(media, walk.medium, UInt32(SCATTERED), fractions, length,
-                         samples.pair(walk.order, Stream.FOG_FLIGHT, *name))  # fmt: skip
-        distance = dr.select(varying | (u.x < part), near.sample(u.y), free)
-        place = vertex.inside(origin + distance * walk.direction, active)
-        scattering, there = media.coefficients(walk.medium, place.position, active)
-        _, density = densities(distance, there)
+        u, flown = (samples.pair(walk.order, each, *name) for each in (Stream.FOG, Stream.FOG_FLIGHT))
+        distance, weight = segment.sample(u, flown)
+        place = vertex.inside(walk.origin + distance * walk.direction, active)
         seed = samples.bits(walk.order, Stream.FOG_FLIGHT, *name)
-        passed = media.transmittance(walk.medium, origin, walk.direction, distance, seed, active)
-        throughput = walk.throughput * scattering * passed * dr.select(varying, part, 1) * dr.rcp(density)
+        passed = media.transmittance(
+            walk.medium, walk.origin, walk.direction, distance, seed=seed, active=active & (dr.max(weight) > 0)
+        )
         light = self.emitters.sampled(place, walk.lamp, samples.pair(walk.order, Stream.PATH_EMITTER, *own), active)
         value, pdf = place.phased(light.direction, light.lit)
-        found = self._arriving(place, light, value, pdf, samples, own) * throughput
-        _, there = media.coefficients(walk.medium, vertex.position, active & vertex.scattered)
-        flights, density = densities(flown - begin, there)
-        return found, dr.select(varying, (1 - part) * flights * dr.rcp(density), 0)
+        return self._arriving(place, light, value, pdf, samples, own) * (walk.throughput * weight * passed)
 
     def _arriving(
         self, vertex: Vertex, light: EmitterSample, value: Array3f, pdf: Float, samples: Samples, name: tuple[Any, ...]

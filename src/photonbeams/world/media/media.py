@@ -108,29 +108,27 @@ class Media:
         """Return the mean of σt of media over channels, and over the grid of those that vary."""
         return dr.gather(Float, self._mean, medium)
 
-    def coefficients(self, medium: UInt32, place: Array3f, active: Bool) -> tuple[Array3f, Array3f]:
-        """Return σs and σt of media at places, within the extent of those that vary."""
+    def coefficients(self, medium: UInt32, place: Array3f) -> tuple[Array3f, Array3f]:
+        """Return σs and σt of media at places; those that vary go on beyond their box as they are at its sides."""
         scattering, extinction = self.scattering(medium), self.extinction(medium)
         if not self.any_varying:
             return scattering, extinction
-        varying = active & self.varying(medium)[0]
+        varying, _ = self.varying(medium)
         at = dr.zeros(mi.MediumInteraction3f, dr.width(place))
         at.p = mi.Point3f(place)
         here = pointers(dr.select(varying, medium, 0)).get_scattering_coefficients(at, varying)
         return dr.select(varying, rgb(here[0]), scattering), dr.select(varying, rgb(here[2]), extinction)
 
-    def extent(
-        self, medium: UInt32, origin: Array3f, direction: Array3f, length: Float, active: Bool
-    ) -> tuple[Float, Float]:  # fmt: skip
-        """Return where the parts of segments begin and end that lie in the boxes of media; others have no box."""
+    def extent(self, medium: UInt32, origin: Array3f, direction: Array3f, length: Float) -> tuple[Float, Float]:
+        """Return where rays enter and leave the boxes of media that vary, up to a length; others have no box."""
         if not self.any_varying:
             return Float(0), length
-        varying = active & self.varying(medium)[0]
+        varying, _ = self.varying(medium)
         media = pointers(dr.select(varying, medium, 0))
         inside, enter, leave = media.intersect_aabb(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
         begin = dr.select(varying & inside, dr.maximum(enter, 0), 0)
-        end = dr.select(varying, dr.select(inside, dr.minimum(leave, length), 0), length)
-        return begin, dr.maximum(end, begin)
+        end = dr.select(inside, dr.maximum(dr.minimum(leave, length), begin), begin)
+        return begin, dr.select(varying, end, length)
 
     def varying(self, medium: UInt32) -> tuple[Bool, Bool]:
         """Return which media have coefficients that vary, and which of these have a coloured extinction."""
@@ -165,16 +163,11 @@ class Media:
             return plain
         varying = active & (dr.gather(Array3f, self._kinds, medium).z > 0)
         media = pointers(dr.select(varying, medium, 0))
-        ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
-        inside, enter, leave = media.intersect_aabb(ray)
         majorant = dr.max(self.extinction(medium))
-
-        segment = MediumSegment(origin, direction, dr.maximum(enter, 0), dr.minimum(leave, distance), majorant, seed)
+        segment = MediumSegment(origin, direction, *self.extent(medium, origin, direction, distance), majorant, seed)
         pieces = dr.ceil((1 if coarse else 4) * majorant * (segment.far - segment.near))
         segment.pieces = UInt32(dr.clip(pieces, 1, SEGMENTS))
-        return dr.select(
-            varying, walk(segment, lambda point: extinction_of(media, point, varying), varying & inside), plain
-        )
+        return dr.select(varying, walk(segment, lambda point: extinction_of(media, point, varying), varying), plain)
 
     def all_felt(self) -> Media:
         """Return the media as beams feel them, all of which dim light."""
