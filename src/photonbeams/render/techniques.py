@@ -17,14 +17,11 @@ from enum import Enum, StrEnum
 from functools import cached_property, reduce
 from operator import or_
 
-import numpy as np
-
 from .. import scene
 from ..transport.segments.records import Counts
 from ..transport.strata import wanted
 from ..transport.tuning import Tuning
 from ..world.emitters.emitter import Emitter, Links
-from ..world.media.rendered import RenderedMedium
 from ..world.world import World
 
 
@@ -225,24 +222,12 @@ class Techniques:
     def _thick(self) -> dict[int, frozenset[str]]:
         """The names of the thick media in which walks find the light of emitters, by the numbers of these.
 
-        Where a medium varies, walks find a lamp in it, or close to it, too seldom. What mirrors and glass turn is
-        always traced, and beams carry the light before and after that.
+        What mirrors and glass turn is always traced, and beams carry the light before and after that.
         """
-        world, result = self.world, {}
+        world = self.world
         thick = [] if world.mirrors or WALKS in self.off else self.tuning.thick(world)
         names = {number: name for name, number in world.numbers.items()}
-        for each in self._plain if thick else ():
-            result[each] = frozenset(names[medium.number] for medium in thick if self._is_far(each, medium))
-        return result
-
-    def _is_far(self, number: int, medium: RenderedMedium) -> bool:
-        """Return whether an emitter is farther from a medium that varies than this is wide; True if it does not."""
-        emitter, (low, high) = self.world.emitters[number], self.world.boxes[medium.number]
-        if medium.tracked is None or emitter.lamp.infinite or not isinstance(emitter.beams, scene.Light):
-            return True
-        points = emitter.beams.points
-        gaps = np.linalg.norm(points - np.clip(points, low, high), axis=1)
-        return bool((gaps > self.world.radius_of(medium)).all())
+        return dict.fromkeys(self._plain, frozenset(names[each.number] for each in thick))
 
 
 def _is_unset(emitter: Emitter) -> bool:

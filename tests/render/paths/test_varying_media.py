@@ -89,9 +89,8 @@ def test_smoke_around_a_lamp_is_as_bright_as_by_quadrature(seed):
     medium = smoke(values, scattering, absorption)
     found = [fog_of((lamp,), medium, each, passes=2, max_depth=2).mean(axis=(0, 1)) for each in range(6)]
     error = np.std(found, axis=0, ddof=1) / np.sqrt(6)
-    # The lattice errs by 0.2 %: with 16 times as many points its sums change by 0.1 to 0.2 %. Rays that graze the lamp
-    # or begin at a boundary lose some 0.3 % more.
-    assert np.mean(found, axis=0) == pytest.approx(right, abs=5 * error.max() + 5e-3 * right.max())
+    # The lattice errs by 0.2 %: so much its sums change with 16 times as many points.
+    assert np.mean(found, axis=0) == pytest.approx(right, abs=5 * error.max() + 3e-3 * right.max())
     assert np.all(error < 0.02 * right)
 
 
