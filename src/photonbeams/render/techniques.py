@@ -17,11 +17,14 @@ from enum import Enum, StrEnum
 from functools import cached_property, reduce
 from operator import or_
 
+import numpy as np
+
 from .. import scene
 from ..transport.segments.records import Counts
 from ..transport.strata import wanted
 from ..transport.tuning import Tuning
 from ..world.emitters.emitter import Emitter, Links
+from ..world.media.rendered import RenderedMedium
 from ..world.world import World
 
 
@@ -224,10 +227,24 @@ class Techniques:
 
         What mirrors and glass turn is always traced, and beams carry the light before and after that.
         """
-        world = self.world
+        world, result = self.world, {}
         thick = [] if world.mirrors or WALKS in self.off else self.tuning.thick(world)
         names = {number: name for name, number in world.numbers.items()}
-        return dict.fromkeys(self._plain, frozenset(names[each.number] for each in thick))
+        for each in self._plain if thick else ():
+            result[each] = frozenset(names[medium.number] for medium in thick if self._finds(each, medium))
+        return result
+
+    def _finds(self, number: int, medium: RenderedMedium) -> bool:
+        """Return whether walks find an emitter's light in a medium.
+
+        They look around a lamp, and not along its cone: beams find that of a lamp with a cone in the medium, or nearer to
+        it than this is wide.
+        """
+        light, (low, high) = self.world.emitters[number].beams, self.world.boxes[medium.number]
+        if not isinstance(light, scene.Light) or light.shaping is None or self.world.emitters[number].lamp.infinite:
+            return True
+        gaps = np.linalg.norm(light.points - np.clip(light.points, low, high), axis=1)
+        return bool((gaps > self.world.radius_of(medium)).all())
 
 
 def _is_unset(emitter: Emitter) -> bool:
