@@ -237,8 +237,8 @@ class Techniques:
     def _finds(self, number: int, medium: RenderedMedium) -> bool:
         """Return whether walks find an emitter's light in a medium.
 
-        They look around a lamp, and not along its cone: beams find that of a lamp with a cone in the medium, or nearer to
-        it than this is wide.
+        They look around a lamp, and not along its cone: beams find that of a lamp with a cone in the medium, or nearer
+        to it than this is wide.
         """
         light, (low, high) = self.world.emitters[number].beams, self.world.boxes[medium.number]
         if not isinstance(light, scene.Light) or light.shaping is None or self.world.emitters[number].lamp.infinite:
