@@ -338,7 +338,7 @@ def test_a_change_of_the_scene_counts_in_a_plug_in_that_has_rendered_it():
     for name, value in (
         (None, None),
         ("fog.interior_medium.sigma_t.value.value", mi.Color3f(0.5, 0.6, 0.7)),
-        ("wall.to_world", mi.Transform4f().translate([0.0, 0.3, 0.0])),
+        ("sensor.to_world", mi.Transform4f().look_at([0.0, 0.4, 3.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])),
     ):
         if name:
             parameters = mi.traverse(changing)

@@ -59,3 +59,8 @@ def test_walks_are_left_thick_smoke_alone_and_files_of_beams_have_all(optical, m
     shown = begin(shutter, WINDOW, settings).light.traced(0, lambda: None).sets
     assert len({each.medium for each in shown}) == media
     assert len({each.medium for each in simulate(shutter, WINDOW, settings)}) == 2
+
+
+def test_thick_media_need_no_names():
+    media = [replace(each, name="") for each in (slab(0.1, 30.0), slab(3.0, 0.1))]
+    assert render(lit(0.5, *media), WINDOW, Settings(passes=1, beams=64)).layers()["beams"].max() > 0

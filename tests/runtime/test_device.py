@@ -1,5 +1,6 @@
 """The choice of libLLVM or CUDA, most of it in child processes, since Dr.Jit can be started only once."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -307,3 +308,12 @@ def test_every_public_name_is_there():
             assert getattr(module, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'Beam'"):
         _ = photonbeams.Beam
+
+
+def test_no_garbage_is_collected_within_contexts_and_it_is_as_before_after_them():
+    assert gc.isenabled()
+    with device.uncollected():
+        with device.uncollected():
+            assert not gc.isenabled()
+        assert not gc.isenabled()
+    assert gc.isenabled()

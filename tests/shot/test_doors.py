@@ -4,6 +4,7 @@ import ast
 import inspect
 import pickle
 from dataclasses import fields
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -108,6 +109,14 @@ LAMP, PAIR = BUILT.lights[0], np.zeros(2)
         (lambda: pb.scene.Mesh.box("/M", to_world=PAIR), "low and high have the shape (3,), to_world (2,): expected"),
         (lambda: pb.scene.Camera("c", np.diag([0, 0, 0, 1])), "expected 4 x 4 finite numbers, a transform that can be"),
         (lambda: pb.scene.Camera.look_at((0, 0, 1), (0, 0, 0), fov="x"), "fov is 'x': expected a number"),
+        (lambda: pb.scene.SphereLight("/L", 1.0, frame=None), "/L: frame"),
+        (lambda: pb.scene.SphereLight("/L", 1.0, frame=np.full((4, 4), np.nan)), "expected 4 x 4 finite numbers"),
+        (lambda: pb.scene.SphereLight("/L", 1.0, radius=Fraction(1, 3)), "radius is Fraction(1, 3): expected a number"),
+        (lambda: pb.scene.Camera("c", np.eye(4), clipping=(1, 0)), "clipping is (1, 0): expected two finite numbers"),
+        (lambda: pb.scene.Camera("c", np.eye(4), clipping=(1,)), "clipping is (1,): expected two finite numbers"),
+        (lambda: pb.scene.Camera("c", np.eye(4), lens_radius=-1.0), "lens_radius is -1.0: expected a finite number"),
+        (lambda: pb.scene.Camera("c", np.eye(4), exposure_scale=np.nan), "exposure_scale is nan: expected a finite"),
+        (lambda: pb.scene.Camera("c", np.eye(4), focal_length=0.0), "focal_length is 0.0: expected a finite number"),
         (lambda: pb.scene.Camera.panorama("c", np.eye(4), field=5), "field is 5: expected several of them, each a num"),
         (lambda: pb.colors_of_medium(5, 1.0), "medium is 5: expected a Medium"),
         (lambda: pb.Beams.load(1.5), "path is 1.5: expected text or a path"),

@@ -313,3 +313,26 @@ def test_a_time_sample_at_nan_is_no_motion(tmp_path):
     path = written(tmp_path, '#usda 1.0\ndef Sphere "A"\n{\n    double radius.timeSamples = { nan: 2 }\n}\n')
     stage = open_stage(path)
     assert sample_times(stage, 8) == [] and len(read_scene(stage, default_time(stage)).meshes) <= 1
+
+
+class Named:
+    """A path of somebody else's kind."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __fspath__(self):
+        return str(self.path)
+
+
+def test_a_relative_name_is_that_of_the_working_directory_when_it_was_opened(tmp_path, monkeypatch):
+    for name in ("A", "B"):
+        (tmp_path / name).mkdir()
+        written(tmp_path / name, f'#usda 1.0\ndef SphereLight "Of{name}" {{\n}}\n', "lamp.usda")
+        written(tmp_path / name, "#usda 1.0\n(subLayers = [@./lamp.usda@])\n")
+    monkeypatch.chdir(tmp_path / "A")
+    first = open_stage("stage.usda")
+    monkeypatch.chdir(tmp_path / "B")
+    again = open_stage(Named("../A/stage.usda"))
+    for stage in (first, again):
+        assert [prim.GetName() for prim in stage.Traverse()] == ["OfA"]

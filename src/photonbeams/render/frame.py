@@ -21,7 +21,7 @@ from ..numerics.arrays import channel_mean, joined, taken, to_uint
 from ..numerics.samples import BITS, Samples
 from ..numerics.sampling import z_order
 from ..numerics.streams import Stream
-from ..runtime.device import Array2f, Float, UInt32
+from ..runtime.device import Array2f, Float, UInt32, uncollected
 from ..scene import SceneError
 from ..world.cameras.cameras import Pinhole
 from ..world.cameras.sensors import PrimaryRays
@@ -199,6 +199,7 @@ class FrameRenderer(PassRenderer):
         """Add pass `number`."""
         self._add(range(number, number + 1))
 
+    @uncollected()
     def _add(self, numbers: range) -> None:
         """Add a pass, or several passes, if walks alone meet their light."""
         if numbers[0] > 0 and not self._counts:

@@ -8,6 +8,7 @@ from typing import Any
 
 from .. import scene
 from ..constants import DEFAULT_PATHS
+from ..runtime.device import uncollected
 from ..world.cameras.cameras import Window
 from ..world.cameras.sensors import Sensor, window_of
 from ..world.shutter import CameraMotion
@@ -26,6 +27,7 @@ from .settings import Settings, as_passes
 from .views import FrameView
 
 
+@uncollected()
 def begin(
     plugin: Any, sensor: Any, settings: Settings = DEFAULTS, warned: set[str] | None = None,
     extras: Extras | None = None,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from ..numerics.arrays import indices
-from ..runtime.device import Array3f, Bool, Float, UInt32
+from ..runtime.device import Array3f, Bool, Float, UInt32, uncollected
 from ..world.cameras.sensors import PrimaryRays, Sensor
 from ..world.media.discovery.surroundings import place_of
 from ..world.media.interfaces import number
@@ -56,6 +56,7 @@ def _radiance(passes: PassRenderer, origin: Array3f, direction: Array3f, far: Fl
     return result
 
 
+@uncollected()
 def radiance(plugin: Any, ray: Any, active: Any, settings: Settings, warned: set[str]) -> RayRadiance:
     """Return what Mitsuba's rays see in a scene; those that are not `active` see nothing."""
     count = max(dr.width(each) for each in (ray.o, ray.d, active))

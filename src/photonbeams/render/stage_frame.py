@@ -12,7 +12,7 @@ import numpy as np
 from .. import scene
 from ..beams.guides import known_guides, pieces_along
 from ..beams.sets import BeamSet
-from ..runtime.device import mitsuba, mitsuba_variant
+from ..runtime.device import mitsuba, mitsuba_variant, uncollected
 from ..world.cameras.cameras import Window
 from ..world.shutter import Moment, Shutter
 from .checkpoint import identity
@@ -81,6 +81,7 @@ def _identity(shutter: Shutter, window: Window, settings: Settings, holdouts: Se
     ]  # fmt: skip
 
 
+@uncollected()
 def simulate(
     shutter: Shutter, window: Window, settings: Settings = DEFAULTS, number: int = 0,
     viewers: Callable[[], Sequence[scene.Camera]] | None = None,
@@ -174,6 +175,7 @@ def groups_of(description: scene.Scene) -> dict[str, str]:
     return group_layers(groups | {drawn.group for drawn in description.drawn} | description.groups)
 
 
+@uncollected()
 def begin(
     shutter: Shutter, window: Window, settings: Settings, holdouts: Sequence[HoldoutDepth] = (),
     viewers: Callable[[], Sequence[scene.Camera]] | None = None, planned: int | None = None,

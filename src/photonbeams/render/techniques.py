@@ -230,6 +230,7 @@ class Techniques:
         world, result = self.world, {}
         thick = [] if world.mirrors or WALKS in self.off else self.tuning.thick(world)
         names = {number: name for name, number in world.numbers.items()}
+        thick = [each for each in thick if each.number in names]  # of media with one name, only the last is known by it
         for each in self._plain if thick else ():
             result[each] = frozenset(names[medium.number] for medium in thick if self._finds(each, medium))
         return result

@@ -11,6 +11,7 @@ are attributes of this module. The first use of one of them starts the backend; 
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Array2f", "Array3f", "Array4f", "Bool", "DeviceError", "Float", "Int32", "UInt32", "UInt64", "backend",
     "check_recording", "kept_variant", "mitsuba", "mitsuba_variant", "prepare", "scene_variants", "select",
-    "set_threads",
+    "set_threads", "uncollected",
 ]  # fmt: skip
 
 _ARRAY_TYPES = ("Array2f", "Array3f", "Array4f", "Bool", "Float", "Int32", "UInt32", "UInt64")
@@ -250,6 +251,22 @@ def check_recording() -> None:
 
     if drjit.flag(drjit.JitFlag.FreezingScope):
         raise DeviceError("a render is within drjit.freeze, which cannot record it: expected a render outside of it")
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Collect no garbage within the context, in which kernels are recorded.
+
+    Dr.Jit calls a method of a single object directly, and of several by a table. If the surfaces of an earlier picture
+    vanish while a kernel is recorded, it has the same function both ways, twice, and libLLVM ends the process.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 @contextmanager

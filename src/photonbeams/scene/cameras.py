@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import Array, SceneError, choice, numbers, shown
+from .checks import Array, SceneError, choice, number, numbers, shown
 from .declared import arguments
 from .vectors import near_one, unit
 
@@ -28,6 +28,19 @@ FISHEYES: Mapping[str, Callable[[float], float]] = {
 EQUIRECTANGULAR = "equirectangular"
 #: All projections.
 PROJECTIONS = ("perspective", "orthographic", EQUIRECTANGULAR, *FISHEYES)
+
+_POSITIVE = 1e-30, np.inf
+# The least and the greatest value of a camera's numbers.
+_RANGES = {
+    "focal_length": _POSITIVE,
+    "horizontal_aperture": _POSITIVE,
+    "vertical_aperture": _POSITIVE,
+    "horizontal_offset": (-np.inf, np.inf),
+    "vertical_offset": (-np.inf, np.inf),
+    "lens_radius": (0.0, np.inf),
+    "exposure_scale": (0.0, np.inf),
+    "angle": (1e-6, 360.0),
+}
 
 
 @dataclass(frozen=True)
@@ -88,6 +101,13 @@ class Camera:
             raise SceneError(f"camera {self.name}: to_world is {shown(matrix)}: {text}")
         object.__setattr__(self, "to_world", matrix)
         choice(self.projection, f"camera {self.name}: projection", PROJECTIONS)
+        for name, (least, most) in _RANGES.items():
+            object.__setattr__(self, name, number(getattr(self, name), f"camera {self.name}: {name}", least, most))
+        clipping = numbers(self.clipping, f"camera {self.name}: clipping", "two numbers").ravel()
+        if clipping.shape != (2,) or not clipping[0] < clipping[1] < np.inf:
+            text = "expected two finite numbers, the nearer one first"
+            raise SceneError(f"camera {self.name}: clipping is {shown(self.clipping)}: {text}")
+        object.__setattr__(self, "clipping", (float(clipping[0]), float(clipping[1])))
 
     @property
     def orthographic(self) -> bool:

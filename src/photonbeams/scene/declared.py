@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import wraps
-from numbers import Integral, Real
+from numbers import Integral
 from types import NoneType, UnionType
 from typing import Any, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_origin
 
@@ -148,8 +148,8 @@ def _all(fits: Callable[[Any], bool], value: object) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    """Return whether a value is a real number, or an array of one."""
-    if isinstance(value, Real):
+    """Return whether a value is a real number as kernels take it, also a NumPy one, or an array of one."""
+    if isinstance(value, float | np.floating | Integral):
         return not isinstance(value, Integral) or np.isfinite(as_float(value))
     return getattr(value, "shape", None) in ((), (1,)) and getattr(getattr(value, "dtype", None), "kind", "f") in "buif"
 

@@ -184,6 +184,9 @@ class Light(BeamSettings):
                 if value.shape != (3,) or not np.all(np.isfinite(value)):
                     raise SceneError(f"{self.name}: {name} is {shown(getattr(self, name))}: expected 3 finite numbers")
                 object.__setattr__(self, name, value)
+        frame = numbers(self.frame, f"{self.name}: frame", "4 x 4 finite numbers").astype(np.float64)
+        if frame.shape != (4, 4) or not np.all(np.isfinite(frame)):
+            raise SceneError(f"{self.name}: frame is {shown(self.frame)}: expected 4 x 4 finite numbers")
         if (shape := getattr(self, "shape", None)) is not None:
             place, expected = f"{self.name}: shape", "3 x 3 numbers with an inverse"
             linear = numbers(shape, place, expected).astype(np.float64)

@@ -150,6 +150,7 @@ class SceneSubject(Subject):
         if name is None:
             return ids[0], sensors[ids[0]]
         by_name = {**{str(index): each for index, each in enumerate(ids)}, **{each: each for each in ids}}
+        name = str(name)
         if name not in by_name:
             numbers = " or its number, 0" + (f" to {len(ids) - 1}" if ids[1:] else "")
             expected = f"{'one of ' if ids[1:] else ''}{', '.join(ids)},{numbers}"

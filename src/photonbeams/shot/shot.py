@@ -183,7 +183,7 @@ class Shot:
         SceneError
             A file, a camera or an argument that cannot be used; the message says which and why.
         """
-        if not isinstance(path, str | os.PathLike) or not os.fspath(path):
+        if not isinstance(path, str | os.PathLike) or not (path := os.fsdecode(path)):
             text = "expected the name of a file; pb.Shot(...) takes what is open, or made in Python"
             raise scene.SceneError(f"path is {scene.shown(path)}: {text}")
         if Path(path).suffix.lower() == ".xml":
@@ -196,6 +196,7 @@ class Shot:
             subject = SceneSubject(path, looks, groups, beams, overridden(several(overrides)), session_layers)
             return cls(subject, camera, stereo=stereo)
         refuse(FOR_SCENES, groups=groups, beams=beams)
+        texture_limit = None if texture_limit is None else scene.whole(texture_limit, "texture_limit", " of pixels")
         if texture_limit is not None and not 1 <= texture_limit <= scene.MOST_PIXELS:
             raise scene.SceneError(f"texture_limit is {texture_limit}: expected 1 to {scene.MOST_PIXELS} pixels")
         selection = stages.Selection.of(mask, purposes, variants, complexity)

@@ -16,7 +16,7 @@ from ..images.numbering import PLACEHOLDER
 from ..scene import MOST_PIXELS, SceneError
 from ..scene.cameras import CONFORM_POLICIES
 from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
-from .common.reading import Reading, Time, file_of, is_relationship, target_paths
+from .common.reading import Reading, Time, file_of, is_relationship, quiet, target_paths
 from .common.warnings import Warnings
 
 SUFFIXES = (".exr", ".png")
@@ -205,7 +205,8 @@ def _settings(reading: Reading, path: str | None) -> UsdRender.Settings | None:
     stage = reading.stage
     if path is None:
         path = str(stage.GetMetadata("renderSettingsPrimPath") or "")
-        settings = UsdRender.Settings.GetStageRenderSettings(stage)
+        with quiet():
+            settings = UsdRender.Settings.GetStageRenderSettings(stage)
         if path and not settings:
             reading.warnings.give(
                 f"renderSettingsPrimPath is {path}, which is not a RenderSettings prim: it is ignored", file_of(stage)

@@ -95,10 +95,11 @@ def open_stage(
     warnings = warnings or Warnings()
     with quiet():  # the errors and warnings below contain what OpenUSD would print
         forget_changes()
-        layer = _layer(str(path))
+        path = os.fspath(path)
+        layer = _layer(path)
         try:
             session = Sdf.Layer.CreateAnonymous("session.usda")
-            session.subLayerPaths = [_layer(str(each)).identifier for each in session_layers]
+            session.subLayerPaths = [_layer(os.fspath(each)).identifier for each in session_layers]
             keep(
                 session, textureLimit=texture_limit, workingSpace=_linear_space("working space", working_space),
                 colorSpace=_linear_space("colour space", color_space),
@@ -106,7 +107,7 @@ def open_stage(
             ready = ready_layers(layer, session, warnings)
             check_count(layer, session, ready.prims, selection.mask)
             stage = selection.open(layer, session)
-            if selection.apply(stage, str(path)):
+            if selection.apply(stage, path):
                 check_count(layer, session, ready.prims, selection.mask)
             del ready  # the stage keeps the layers that it needs
         except Tf.ErrorException as error:
@@ -295,7 +296,8 @@ def _layer(path: str) -> Sdf.Layer:
     if os.path.isdir(resolved) or not Usd.Stage.IsSupportedFile(resolved):
         raise SceneError(f"{path} is not a USD stage: expected a .usd, .usda, .usdc or .usdz file")
     try:
-        layer = read_layer(path)
+        # OpenUSD finds layers by the names that they were opened with, also in another working directory.
+        layer = read_layer(os.path.abspath(path) if os.path.exists(path) else path)
     except Tf.ErrorException as error:
         raise SceneError(f"{path} cannot be read: {_reason(error, path)}") from None
     if not layer:

@@ -41,6 +41,8 @@ class Parameters:
 
     def _variables(self, value: Any) -> list[Any]:
         """Return the numbers of a value's variables, or the value itself where it has none."""
+        if hasattr(value, "matrix"):  # a transform, which is no array
+            return self._variables(value.matrix)
         if dr.is_tensor_v(value):
             return [*value.shape, *self._variables(value.array)]
         if not dr.is_array_v(value):
