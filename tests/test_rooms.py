@@ -21,7 +21,7 @@ ROOMS = (
 
 #: Wings of a package, and modules beside them. Each may import those before it; modules that are not listed, all.
 WINGS = {
-    "render": ("films", "settings", "passes", "costs", "memory", "paths"),
+    "render": ("films", "techniques", "settings", "passes", "costs", "memory", "paths"),
     "transport": ("segments",),
     "usd": ("common", "layers", "materials", "geometry", "media", "looks", "lights", "cameras", "authoring"),
     "world": (

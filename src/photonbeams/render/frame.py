@@ -32,12 +32,12 @@ from .films.film import BeamSamples, Film, PassPicture, SeenSums
 from .films.frame_sums import FrameSums
 from .films.sample_layout import PixelSamples, SampleLayout, SamplePiece, parts
 from .films.sums import PassSums
-from .gaps import sentences
 from .light import ShotLight, TracedLight
 from .memory import release_memory
 from .passes import Statistics
 from .paths.surface_light import SurfaceLight
 from .pilots.coarse_passes import Pixels
+from .pilots.gaps import sentences
 from .pilots.sample_plan import EDGE, SAMPLES, SampleCounts, pilot_pixels, sample_plan
 from .ray_passes import PassRenderer, ViewRays
 from .seen.deep import deep_pass, deep_pictures

@@ -92,8 +92,8 @@ class Survey:
     @cached_property
     def doubts(self) -> list[str]:
         """Sentences about gaps that are finer than the beams of a usual render are wide."""
-        from ..render.gaps import sentences
         from ..render.passes import Statistics
+        from ..render.pilots.gaps import sentences
         from ..render.settings import Settings
         from ..render.stage_light import light_of_stage
         from ..world.cameras.cameras import Window

@@ -7,13 +7,13 @@ from math import ceil, log10
 
 import numpy as np
 
-from ..constants import DEFAULT_BEAMS, DEFAULT_PATHS
-from ..scene import Array
-from ..transport.gaps import Gap, fine_gaps
-from ..transport.tuning import radius_scale
-from ..world.cameras.cameras import View
-from .light import ShotLight
-from .settings import usual_passes
+from ...constants import DEFAULT_BEAMS, DEFAULT_PATHS
+from ...scene import Array
+from ...transport.gaps import Gap, fine_gaps
+from ...transport.tuning import radius_scale
+from ...world.cameras.cameras import View
+from ..light import ShotLight
+from ..settings import usual_passes
 
 # Passes of which radii are averaged, at most; the most beams that are advised; and from how many on a portal is,
 # too.
