@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from ..numerics.arrays import opaque, padded, to_float, to_vectors
 from ..runtime.device import Array3f, Float, UInt32
-from ..scene import Array, SceneError
+from ..scene import Array, SceneError, numbers, shown
 from ..scene.vectors import unit
 from . import Beams
 from .bending import BeamPaths, bent_length, pieces
@@ -44,7 +44,10 @@ class Guide:
     @classmethod
     def through(cls, points: npt.ArrayLike) -> Guide:
         """Return the guide through `points` (M, 3) of a smooth curve; raise SceneError if it has no length."""
-        given = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        given = numbers(points, "a guide", "(M, 3) points").astype(np.float64)
+        if given.size % 3:
+            raise SceneError(f"a guide is {shown(points)}: expected (M, 3) points")
+        given = given.reshape(-1, 3)
         given = given[np.append(True, np.any(np.diff(given, axis=0) != 0, axis=1))]
         if len(given) < 2:
             raise SceneError("a guide has fewer than two different points: expected a curve with a length above 0")

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..constants import is_number
 from ..runtime.files import PathLike, check_kept, write_bytes
-from ..scene import MOST_PIXELS, Array, SceneError, arguments
+from ..scene import MOST_PIXELS, Array, SceneError, arguments, numbers, shown
 from .color_spaces import COLOR_SPACE, REC709
 from .deep import encoded_deep
 from .textures import resized
@@ -236,15 +236,17 @@ def pixels_of(
     """
     if crop is None:
         return (0, 0, width, height)
-    if isinstance(crop, str) or np.shape(crop) != (4,):
-        raise SceneError(f"the crop is {crop!r}: expected four numbers, x0, y0, x1, y1")
-    x0, y0, x1, y1 = crop
+    expected = "four numbers, x0, y0, x1, y1"
+    found = numbers(crop, "the crop", expected)
+    if found.shape != (4,):
+        raise SceneError(f"the crop is {shown(crop)}: expected {expected}")
+    x0, y0, x1, y1 = crop = tuple(float(each) for each in found)
     if overscan:
         if not (x0 < x1 and y0 < y1 and np.all(np.isfinite(crop))):
-            raise SceneError(f"the crop is {tuple(crop)}: expected finite numbers, x0 < x1 and y0 < y1")
+            raise SceneError(f"the crop is {crop}: expected finite numbers, x0 < x1 and y0 < y1")
         _check_overscan(crop, width, height)
     elif not (0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1):
-        raise SceneError(f"the crop is {tuple(crop)}: expected 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1")
+        raise SceneError(f"the crop is {crop}: expected 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1")
     left, top = floor(x0 * width), floor(y0 * height)
     return (left, top, max(left + 1, round(x1 * width)), max(top + 1, round(y1 * height)))
 

@@ -237,4 +237,4 @@ def real(value: object, name: str) -> float:
     """Return a finite number, also a NumPy one, as a float; SceneError for anything else."""
     if isinstance(value, Real) and abs(as_float(value)) < np.inf:
         return float(value)
-    raise SceneError(f"{name} is {value if isinstance(value, Real) else repr(value)}: expected a finite number")
+    raise SceneError(f"{name} is {value if isinstance(value, Real) else shown(value)}: expected a finite number")

@@ -64,7 +64,8 @@ class Scene:
         kinds = {"meshes": Mesh, "lights": Light, "drawn": DrawnBeams, "media": Medium}
         for name, kind in kinds.items():
             given = getattr(self, name)
-            parts = tuple(given) if isinstance(given, Iterable) else (given,)
+            several = isinstance(given, Iterable) and getattr(given, "shape", None) != ()
+            parts = tuple(given) if several else (given,)
             for part in parts:
                 if not isinstance(part, kind):
                     raise SceneError(f"{name} hold a {type(part).__name__}: expected each to be a {kind.__name__}")

@@ -277,7 +277,7 @@ class Shot:
 
         SceneError for a size that is not a whole number from 1 to 65536.
         """
-        return self.subject.resolution(self.viewpoint, frame, width, height, plates, view, pixel_aspect)
+        return self.subject.resolution(self.viewpoint, frame, width, height, tuple(plates), view, pixel_aspect)
 
     @kept_variant()
     def render(

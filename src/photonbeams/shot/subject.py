@@ -172,9 +172,9 @@ def size_of(width: int | None, height: int | None, aspect: float | Fraction, usu
         for name, value in (("width", width), ("height", height))
     )
     if width is None:
-        width = usual if height is None else max(1, round(min(height, MOST_PIXELS + 1) * aspect))
+        width = usual if height is None else max(1, round(min(max(height, 0), MOST_PIXELS + 1) * aspect))
     if height is None:
-        height = max(1, round(min(width, MOST_PIXELS + 1) / aspect))
+        height = max(1, round(min(max(width, 0), MOST_PIXELS + 1) / aspect))
     if not (1 <= width <= MOST_PIXELS and 1 <= height <= MOST_PIXELS):
         raise SceneError(f"the resolution is {width} x {height}: expected 1 to {MOST_PIXELS} pixels each way")
     return width, height

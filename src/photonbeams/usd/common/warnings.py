@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Literal, TypeAlias, Union
 
-from ...scene import SceneError
+from ...scene import SceneError, shown
 from ...scene.checks import LONGEST, brief, shortened
 
 LOG = logging.getLogger("photonbeams")
@@ -49,7 +49,7 @@ class Warnings:
 
     def __init__(self, strict: bool | Literal["missing"] = False, muted: bool = False) -> None:
         if not isinstance(strict, bool) and not (isinstance(strict, str) and strict == "missing"):
-            raise SceneError(f"strict is {strict!r}: expected True, False or 'missing'")
+            raise SceneError(f"strict is {shown(strict)}: expected True, False or 'missing'")
         self.strict = strict
         self.muted = muted
         self.given: set[str] = set()
