@@ -29,7 +29,7 @@ EQUIRECTANGULAR = "equirectangular"
 #: All projections.
 PROJECTIONS = ("perspective", "orthographic", EQUIRECTANGULAR, *FISHEYES)
 
-_POSITIVE = 1e-30, np.inf
+_POSITIVE = 1e-37, np.inf
 # The least and the greatest value of a camera's numbers.
 _RANGES = {
     "focal_length": _POSITIVE,

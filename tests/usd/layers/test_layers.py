@@ -11,7 +11,6 @@ from photonbeams.scene import SceneError
 from photonbeams.usd.common.textures import texture_limit
 from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.stage import open_stage, read_scene
-from photonbeams.usd.unread import warn_of_unread
 
 DOCUMENT = """<?xml version="1.0"?>
 <materialx version="1.38" colorspace="lin_rec709">
@@ -264,10 +263,10 @@ def test_a_damaged_binary_layer_does_not_end_the_process(tmp_path, caplog):
     assert "it lists prims that it does not hold; it is left out" in caplog.text
 
 
-def test_a_type_whose_name_is_no_text_is_a_warning(tmp_path, caplog):
+def test_a_layer_with_a_type_whose_name_is_no_text_is_refused(tmp_path):
     crate = tmp_path / "a.usdc"
     data = binary(crate, '#usda 1.0\ndef Oddities "A" {\n    float photonbeams:x = 1\n}\n')
     assert data.count(b"Oddities") == 1
     crate.write_bytes(data.replace(b"Oddities", b"Odd\xe7ties"))
-    warn_of_unread(open_stage(crate), Warnings())
-    assert "/A cannot be read; it is not checked" in caplog.text
+    with pytest.raises(SceneError, match=r"a\.usdc has the text 'Odd.ties': expected UTF-8"):
+        open_stage(crate)
