@@ -174,9 +174,10 @@ class FrameRenderer(PassRenderer):
         radiance = channel_mean(picture.radiance).numpy().reshape(SAMPLES, -1)
         return self._plan.counts(radiance, picture.reach.numpy().reshape(SAMPLES, -1), whole.window)
 
-    def doubts(self) -> Iterator[str]:
+    @uncollected()
+    def doubts(self) -> list[str]:
         """Return sentences about gaps that are finer than beams are wide."""
-        return self._doubts()
+        return [*self._doubts()]
 
     def together(self, number: int) -> int:
         """Return how many passes from `number` on are best rendered at once."""

@@ -35,7 +35,6 @@ from .paths.walks import Walking, Walks
 from .settings import Settings
 from .techniques import (
     CAUSTICS,
-    FOG,
     FOG_CAUSTICS,
     FURTHER,
     PHOTONS,
@@ -152,7 +151,7 @@ class ShotLight:
         """Return the walks in a world: in media by light groups, and on surfaces."""
         alike: dict[tuple[str, frozenset[str]], list[Row]] = {}
         for row in self.rows:
-            if row.by(WALKS, FOG) or row.thick:
+            if row.walked:
                 alike.setdefault((world.emitters[row.number].beams.group, row.thick), []).append(row)
         fog = []
         for (group, names), own in alike.items():
@@ -187,7 +186,7 @@ class ShotLight:
     @cached_property
     def _power(self) -> dict[int, float]:
         """The power of the emitters that walks meet, by number."""
-        walked = [row.number for row in self.rows if row.by(WALKS, FOG) or row.thick or row.by(WALKS, FURTHER)]
+        walked = [row.number for row in self.rows if row.walked or row.by(WALKS, FURTHER)]
         return {each: float(max(PathEmitter(self.world, each).flux)) for each in walked}
 
     def lighting(self, world: World) -> Lighting:

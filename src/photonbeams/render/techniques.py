@@ -98,6 +98,11 @@ class Row:
         return technique in self.found.get(kind, ())
 
     @property
+    def walked(self) -> bool:
+        """Whether walks find the emitter's light in any media."""
+        return self.by(WALKS, FOG) or bool(self.thick)
+
+    @property
     def counts(self) -> Counts:
         """Which of the emitter's light is traced."""
         traced = {PHOTONS, VIRTUAL, BEAMS}
