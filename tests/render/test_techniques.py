@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -158,7 +159,9 @@ def test_each_kind_of_light_path_is_found_once(seed, seen_through):
     tuning = Tuning(max_bounces=bounces, short=short, visible=visible)
     count, little = len(world.emitters), rng.random(16) < 0.3
     off = METHODS[NAMED[rng.integers(3)]] | {*rng.choice([*Technique], rng.integers(3), replace=False)}
-    rows = Techniques(world, tuning, off, lambda number: bool(little[number])).rows(some(rng, range(count)))
+    fractions = dict(zip(map(id, world.emitters), np.where(little, 0.1, 0.9).tolist(), strict=False))
+    lines = SimpleNamespace(lit=lambda emitter: fractions[id(emitter)])
+    rows = Techniques(world, tuning, off, lines).rows(some(rng, range(count)))
     simulation = Simulation(
         tuning, Allotment(64, past=None, counts={row.number: row.counts for row in rows}),
         walked={world.emitters[row.number].source: row.thick for row in rows},

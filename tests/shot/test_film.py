@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.render import reuse, stage_light, worlds
+from photonbeams.render import reuse, worlds
 from photonbeams.render.light import ShotLight
 from photonbeams.render.passes import PlannedPasses
 from photonbeams.render.reuse import FilmMemory
+from photonbeams.transport.guiding.lines import Lines
 
 FRAMES = (1, 2, 4)
 SETTINGS = {"width": 24, "height": 18, "passes": 3, "beams": 96}
@@ -149,7 +150,7 @@ def Plane "Portal" {
     moving = STAGE.format(**STILL).replace("2: (.3, 0, 6)", "2: (5, 0, 6)")
     shot = pb.Shot(usd(moving + portal))
     monkeypatch.setattr(
-        stage_light, "lights_seen", lambda _, origin, __: frozenset({"/Far"} if float(origin.x[0]) > 2 else ())
+        Lines, "seen_past_portals", lambda own: frozenset({"/Far"} if float(own.views[0].origin.x[0]) > 2 else ())
     )
     alone = rendered(shot)
     with shot.film():

@@ -9,7 +9,8 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, UInt32
-from photonbeams.transport.portal_visibility import lights_seen
+from photonbeams.transport.guiding.lines import Lines
+from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.described import world_of_scene
 from tests.helpers.comparison import HOLE_X, across_x, box, comparison_scene, quad
 from tests.helpers.kernels import compiled
@@ -242,25 +243,21 @@ def test_a_thousand_beams_keep_the_outline_of_the_shaft(room):
     assert 0.01 < np.median(radius) < 0.3
 
 
-def grid(eye, forward):
-    """Return a coarse grid of rays with a field of view of 90 degrees."""
-    forward = np.asarray(forward, dtype=np.float64)
-    right = np.cross(forward, [0, 1, 0])
-    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-1, 1, 32), np.linspace(-0.6, 0.6, 18)))
-    rays = forward + x[:, None] * right + y[:, None] * np.array([0, 1.0, 0])
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return Array3f(*eye), to_vectors(rays)
+def past_portals(world, eye, forward):
+    """Return the lights that a camera with a field of view of 90 degrees sees past their portals."""
+    camera = scene.Camera.look_at(eye, np.add(eye, forward), fov=90)
+    return Lines(world, View(camera, Window.full(32, 18)).projections).seen_past_portals()
 
 
 def test_the_camera_sees_the_light_side_through_the_hole_and_not_from_behind_a_wall(room):
-    assert lights_seen(room, *grid(EYE, [0, 0, -1])) == {"/light"}
+    assert past_portals(room, EYE, [0, 0, -1]) == {"/light"}
     beside = (-1.0, 1.5, 1.0)
-    assert lights_seen(room, *grid(beside, [1, 0, 0])) == {"/light"}  # looks away, but rays are aimed at the hole
+    assert past_portals(room, beside, [1, 0, 0]) == {"/light"}  # looks away, but rays are aimed at the hole
     baffle = across_x("/baffle", -1.2, (0.9, 2.1), (-0.6, 0.6))
     closed = dataclasses.replace(room.parts.content, meshes=(*room.parts.content.meshes, baffle))
-    assert lights_seen(world_of_scene(closed, viewpoints=[EYE]), *grid((1.0, 1.5, 0.0), [-1, 0, 0])) == frozenset()
+    assert past_portals(world_of_scene(closed, viewpoints=[EYE]), (1.0, 1.5, 0.0), [-1, 0, 0]) == frozenset()
     on_light_side = (-1.9, 1.5, 1.9)
-    assert lights_seen(room, *grid(on_light_side, [0, 0, -1])) == {"/light"}
+    assert past_portals(room, on_light_side, [0, 0, -1]) == {"/light"}
 
 
 def test_transparent_to_portals_and_fog_meshes():
@@ -281,7 +278,7 @@ def test_a_second_frame_compiles_nothing():
         )
         world = world_of_scene(dataclasses.replace(comparison_scene(), lights=(light,)), viewpoints=[EYE])
         trace(world, beams_per_light=256, pass_index=number, seed=number, overlap=1 + number, light_side={"/light"})
-        lights_seen(world, *grid(EYE, [0.1 * number, 0, -1]))
+        past_portals(world, EYE, [0.1 * number, 0, -1])
 
     frame(0)
     assert not compiled(frame, 1)

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
+from functools import cached_property
 from typing import Any
 
 from ..transport.guiding.guides import UNGUIDED, Guides
+from ..transport.guiding.lines import Lines
 from ..transport.segments.records import Counts
 from ..transport.simulation import Simulation
 from ..world.cameras.cameras import View
@@ -18,7 +19,7 @@ from ..world.emitters.portal_lamps import EnvironmentPortal
 from ..world.world import World
 from .light import ShotLight
 from .passes import Statistics
-from .pilots.choice import lights_little, preferred
+from .pilots.choice import preferred
 from .pilots.coarse_passes import Pixels
 from .pilots.sample_plan import BeamCost
 from .settings import Settings
@@ -85,10 +86,10 @@ class Lights:
     @cached_property
     def techniques(self) -> Techniques:
         """Which techniques find which light."""
-        settings, is_little = self.settings, None
+        settings, lines = self.settings, None
         if self.cameras and settings.guiding is not False:
-            is_little = cache(partial(lights_little, self.world, self.cameras[0]))
-        return Techniques(self.world, self.simulation.tuning, METHODS[settings.method] | settings.without, is_little)
+            lines = Lines(self.world, self.cameras[0].whole().projections)
+        return Techniques(self.world, self.simulation.tuning, METHODS[settings.method] | settings.without, lines)
 
     @cached_property
     def _placed(self) -> EnvironmentPortal | None:

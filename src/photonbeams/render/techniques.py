@@ -11,8 +11,8 @@ wide emitters, such as skies: their light beside mirrors is of the kinds "furthe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Set
-from dataclasses import dataclass, fields
+from collections.abc import Collection, Mapping, Set
+from dataclasses import dataclass, field, fields
 from enum import Enum, StrEnum
 from functools import cached_property, reduce
 from operator import or_
@@ -20,6 +20,7 @@ from operator import or_
 import numpy as np
 
 from .. import scene
+from ..transport.guiding.lines import Lines
 from ..transport.segments.records import Counts
 from ..transport.strata import wanted
 from ..transport.tuning import Tuning
@@ -40,6 +41,9 @@ class Technique(StrEnum):
 
 
 SAMPLES, WALKS, PHOTONS, VIRTUAL, BEAMS, SEGMENTS = Technique
+
+# An emitter lights little if it lights less than this fraction of the surfaces in the picture.
+_LITTLE = 0.2
 
 #: The techniques that each `Settings.method` switches off.
 METHODS: dict[str, set[str]] = {"auto": set(), "beams": {WALKS}, "paths": {BEAMS}}
@@ -124,14 +128,15 @@ class Techniques:
         The world, and how light paths are traced in it.
     off
         Techniques that are not to be used.
-    is_little
-        Returns whether the emitter of a number lights few of the surfaces in the picture; None: it is not known.
+    lines
+        The lines along which emitters light what the first camera sees; None: they are not known.
     """
 
     world: World
     tuning: Tuning
     off: Set[str]
-    is_little: Callable[[int], bool] | None = None
+    lines: Lines | None = None
+    _lit: dict[int, float] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def rows(self, walked: Collection[int], dark: Collection[int] = ()) -> list[Row]:
         """Return the rows of all emitters, by number.
@@ -208,12 +213,16 @@ class Techniques:
         are none. Endless fog dims light from infinity on its way from the bounds, but not direct light on surfaces: see
         `VirtualLights`, which cannot tell if other media are in it.
         """
-        if self.is_little is None:
-            return False
         world, emitter = self.world, self.world.emitters[number]
         mixed = emitter.lamp.infinite and world.media.filling > 0 and world.nested
         able = emitter.lamp.bare.sharp and emitter.portal is None and emitter.links == Links() and not mixed
-        return able and all(SAMPLES in each for each in self._straight) and self.is_little(number)
+        return able and all(SAMPLES in each for each in self._straight) and self._lights_little(number)
+
+    def _lights_little(self, number: int) -> bool:
+        """Return whether an emitter lights few of the surfaces in the picture."""
+        if number not in self._lit:
+            self._lit[number] = self.lines.lit(self.world.emitters[number]) if self.lines else 1.0
+        return self._lit[number] < _LITTLE
 
     @cached_property
     def _plain(self) -> list[int]:

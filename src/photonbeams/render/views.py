@@ -18,13 +18,13 @@ from ..numerics.arrays import taken, to_numpy, to_uint
 from ..numerics.samples import Samples
 from ..numerics.streams import Stream
 from ..runtime.device import Array2f, Array3f, Float, UInt32
+from ..transport.guiding.eye_points import surfaces_seen
 from ..world.cameras.cameras import CameraRays, Pinhole, View, Window, on_lens
 from ..world.cameras.sensors import PrimaryRays, sampled_rays
 from ..world.shutter import CameraMotion, turn, with_lens
 from ..world.world import World
 from .holdouts import HoldoutDepth
 from .light import TracedLight
-from .pilots.coarse_passes import seen_coarsely
 from .ray_passes import ViewRays
 
 LOG = logging.getLogger("photonbeams")
@@ -109,10 +109,8 @@ class FrameView:
         """Return places, (N, 3), where rays all over the picture end; a holdout's edges stay in their pixels."""
         if self.holdout is not None:
             return np.zeros((0, 3))
-        hit, _, _ = seen_coarsely(world, own)
-        met, place = hit.is_valid(), Array3f(hit.p)
-        dr.eval(met, place)
-        return to_numpy(place).T[met.numpy()].astype(np.float64)
+        points = surfaces_seen(world, own.projections)
+        return np.zeros((0, 3)) if points is None else points.places
 
     @property
     def _panoramic(self) -> bool:

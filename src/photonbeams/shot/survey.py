@@ -18,8 +18,8 @@ from ..scene.places import Origin
 if TYPE_CHECKING:
     from ..estimators.projection import Projection
     from ..scene import Array
+    from ..transport.guiding.lines import Lines
     from ..transport.reach import Reach
-    from ..transport.sight import Sight
     from ..world.emitters.rectangles import Sides
     from ..world.world import World
 
@@ -50,8 +50,8 @@ class Survey:
     @cached_property
     def distance(self) -> float:
         """How far away what the first camera sees is, in scene units; the size of the scene if it sees nothing."""
-        known = [each.distance for each in self.sights.values() if each.distance is not None]
-        return known[0] if known else self._world.extent
+        seen = [lines.surfaces for lines in self._lines.values() if lines.surfaces is not None]
+        return float(np.median(seen[0].distance.numpy())) if seen else self._world.extent
 
     @cached_property
     def scattering(self) -> float:
@@ -59,11 +59,17 @@ class Survey:
         return float(f"{DEPTH / self.distance:.1g}")
 
     @cached_property
-    def sights(self) -> dict[str, Sight]:
-        """What each camera sees of surfaces."""
-        from ..transport.sight import sight_of
+    def paper(self) -> dict[str, dict[str, Array]]:
+        """The radiance of white paper on the surfaces that each camera sees, (N, 3), by the names of lamps."""
+        emitters = self._world.emitters
+        return {name: {each.name: lines.white(each) for each in emitters} for name, lines in self._lines.items()}
 
-        return {name: sight_of(self._world, views) for name, views in self._views.items()}
+    @cached_property
+    def _lines(self) -> dict[str, Lines]:
+        """The lines along which lamps light what each camera sees."""
+        from ..transport.guiding.lines import Lines
+
+        return {name: Lines(self._world, views) for name, views in self._views.items()}
 
     @cached_property
     def reach(self) -> dict[str, Reach]:
@@ -111,18 +117,18 @@ class Survey:
         """Return about which exposure in stops suits the picture of a camera; 0 if no lamp lights it."""
         from ..images.display import exposure_of
 
-        light = sum(self.sights[name].light.values(), np.zeros((1, 3)))
+        light = sum(self.paper[name].values(), np.zeros((1, 3)))
         return exposure_of(_GREY * self.cameras[name].exposure_scale * light)
 
     def white(self, name: str, lamp: str) -> tuple[float, float]:
         """Return which fraction of what a camera sees a lamp lights, and the median radiance of white paper there."""
-        light: Array = self.sights[name].light[lamp].max(axis=1)
+        light: Array = self.paper[name][lamp].max(axis=1)
         lit = light[light > 0]
         return len(lit) / max(len(light), 1), float(np.median(lit)) if len(lit) else 0.0
 
     def lit(self, name: str) -> float:
         """Return which fraction of what a camera sees is lit straight from lamps."""
-        light = sum(self.sights[name].light.values(), np.zeros((1, 3)))
+        light = sum(self.paper[name].values(), np.zeros((1, 3)))
         return float(np.mean(light.max(axis=1) > 0)) if len(light) else 0.0
 
     @property

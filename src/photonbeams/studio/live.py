@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from .. import scene
 from ..render.passes import Statistics
-from ..render.pilots.choice import is_room
 from ..render.reuse import Begun, Reuse
 from ..render.stage_frame import begin
 from ..scene.changes import equal
+from ..transport.guiding.eye_points import is_room, surfaces_seen
 from ..world.cameras.cameras import View
 
 if TYPE_CHECKING:
@@ -72,8 +72,9 @@ class LiveFrame:
 
     @property
     def in_room(self) -> bool:
-        """Whether the camera sees a room: see `choice.is_room`."""
-        return is_room(self._worlds.opened, self.view)
+        """Whether the camera sees a room: see `eye_points.is_room`."""
+        world = self._worlds.opened
+        return is_room(world, surfaces_seen(world, self.view.projections))
 
     @property
     def view(self) -> View:

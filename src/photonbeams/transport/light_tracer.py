@@ -24,8 +24,8 @@ from . import paths
 from .aiming import Openings
 from .emission import Emission, Stratum
 from .fringes import Steps, entering, fringe, unscattered
-from .guiding.connections import Connections
 from .guiding.importance import CameraImportance, Sightings
+from .guiding.lines import Lines
 from .guiding.pilot import Found, guide
 from .segments.beams import Cutting, Moments, moving_sets, sets_of
 from .segments.density import widened
@@ -234,8 +234,8 @@ class LightTracer:
 
         if not self.world.apart:
             return guide(self.emission.strata, seen, self.world)
-        lines, straight = Connections(self.world, views), self.tuning.max_bounces == 0
-        return guide(self.emission.strata, seen, self.world, lambda each: lines(each.emitter), straight)
+        lines, straight = Lines(self.world, views), self.tuning.max_bounces == 0
+        return guide(self.emission.strata, seen, self.world, lambda each: lines.to_fog(each.emitter), straight)
 
     def _endless_by_source(self) -> Any:
         """Return the length at which light in endless media ends, by the numbers of sources; 0: by the bounds.

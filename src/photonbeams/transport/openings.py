@@ -17,9 +17,9 @@ from ..scene import Array
 from ..world.emitters.rectangles import Sides
 from ..world.world import World
 from .emission import Stratum
-from .guiding.connections import Connections, ShadowRays
 from .guiding.fitted_portals import Bundle, FittedRectangle, fitted, stopped_around, walled
 from .guiding.inversion import rays_of, samples_of
+from .guiding.lines import FogLines, Lines
 from .strata import Allotment
 from .tuning import Tuning
 
@@ -45,15 +45,15 @@ def openings_of_lamps(world: World, views: Sequence[Projection], names: Collecti
     """Return the openings of lamps that make beams, by their names, as rectangles; none of lamps that have a portal."""
     if not (views and names):
         return {}
-    strata, lines = Allotment(_PATHS).strata(world, Tuning(max_bounces=0)), Connections(world, views)
+    strata, lines = Allotment(_PATHS).strata(world, Tuning(max_bounces=0)), Lines(world, views)
     return {
-        each.emitter.name: list(_openings(each, lines(each.emitter), world))
+        each.emitter.name: list(_openings(each, lines.to_fog(each.emitter), world))
         for each in strata
         if each.emitter.portal is None and each.emitter.lamp.illuminates and each.emitter.name in names
     }
 
 
-def _openings(stratum: Stratum, lines: ShadowRays, world: World) -> Iterator[Sides]:
+def _openings(stratum: Stratum, lines: FogLines, world: World) -> Iterator[Sides]:
     bundle = _bundle(stratum, lines)
     for part in () if bundle is None else _parts(bundle, world.extent):
         found = fitted(part, world.extent)
@@ -64,7 +64,7 @@ def _openings(stratum: Stratum, lines: ShadowRays, world: World) -> Iterator[Sid
             yield found.corner, found.edges[0], found.edges[1]
 
 
-def _bundle(stratum: Stratum, lines: ShadowRays) -> Bundle | None:
+def _bundle(stratum: Stratum, lines: FogLines) -> Bundle | None:
     """Return free lines, which are seen, and paths in all directions, which are not; None if few lines are free."""
     index = np.flatnonzero(lines.free)
     if len(index) < _FEWEST:
@@ -84,7 +84,7 @@ def _bundle(stratum: Stratum, lines: ShadowRays) -> Bundle | None:
     return Bundle(origin, direction, light, np.concatenate([np.full(count, 1 / count), np.zeros(len(points))]))
 
 
-def _passes(lines: ShadowRays, index: Array) -> Array:
+def _passes(lines: FogLines, index: Array) -> Array:
     """Return which of some free lines pass an opening: most lines beside those are free, however far they lead.
 
     Others lead to what is lit before a wall, which blocks the lines beside them that lead behind it.

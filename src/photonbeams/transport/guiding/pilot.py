@@ -12,10 +12,10 @@ from ...scene import Array
 from ...world.emitters.rays import EmittedRays
 from ...world.world import World
 from ..emission import PathEmitter, Stratum
-from .connections import ShadowRays
 from .fitted_portals import UNIT, Bundle, FittedRectangle, Opening, fitted, parted, walled
 from .importance import Sightings
 from .inversion import rays_of, samples_of
+from .lines import FogLines
 from .maps import BRIGHTEST, ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap, learn
 
 # Light paths in a round, for all strata together; number of rounds; fewest paths of a stratum that is guided.
@@ -53,7 +53,7 @@ class Found:
 
 
 def guide(
-    strata: Sequence[Stratum], seen: Seen, world: World, lines: Callable[[Stratum], ShadowRays] | None = None,
+    strata: Sequence[Stratum], seen: Seen, world: World, lines: Callable[[Stratum], FogLines] | None = None,
     straight: bool = False,
 ) -> list[Found]:  # fmt: skip
     """Guide strata toward visible light, and return what is found out about each.
@@ -135,7 +135,7 @@ class _Learning:
         self._sightings: list[Sightings] = []
         self._known: tuple[Array, Sightings] | None = None  # `_evidence` of the rounds so far
 
-    def follow(self, lines: ShadowRays) -> None:
+    def follow(self, lines: FogLines) -> None:
         """Take the emission samples of lines to points in the picture, in proportion to the lines' weights."""
         free, stopped = lines.chosen(True, _LINES), lines.chosen(False, _STOPPED)
         if not len(free[0]) + len(stopped[0]):
