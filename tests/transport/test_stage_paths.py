@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from photonbeams import scene
-from photonbeams.numerics.arrays import to_vectors
 from photonbeams.runtime.device import Array3f, Bool, UInt32
 from photonbeams.transport.guiding.lines import Lines
 from photonbeams.world.cameras.cameras import View, Window
