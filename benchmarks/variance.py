@@ -17,7 +17,6 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from photonbeams.render.pilots.choice import noise
 from photonbeams.runtime.device import mitsuba
 from tests.helpers.mitsuba_scenes import camera, cloud, comparison, cube_of, fog, load, rgb
 
@@ -26,6 +25,8 @@ T = mi.ScalarTransform4f
 EXAMPLES = Path(__file__).parents[1] / "examples" / "mitsuba"
 PICTURES = Path("out") / "variance"
 SEEDS, BLOCK = 4, 4
+# The fraction of the mean below which a block is too dark to be judged by its own light.
+DARK = 0.01
 # Why some goals are missed.
 REASONS = (
     "Comparison, slits: each pass gathers its beams through every pixel, though the light is smooth over many. "
@@ -129,9 +130,21 @@ def pictures(scene: Any, integrator: dict[str, Any], spp: int) -> tuple[Any, flo
 
 
 def variance(found: Any) -> float:
-    """Return the variance between pictures, (S, H, W, 3), relative to the square of the mean."""
+    """Return the variance between pictures, (S, H, W, 3), relative to the square of the mean.
+
+    That of each block is taken relative to its light, and the mean of blocks is weighted by their light. Dark blocks
+    count little. Pixels at the edges beside whole blocks do not count.
+    """
     grey = found.mean(axis=3)
-    return noise(grey, grey.mean(axis=0), BLOCK)
+    between, light = (_of_blocks(each) for each in (grey.var(axis=0, ddof=1), grey.mean(axis=0)))
+    return float((between / np.maximum(light, DARK * light.mean())).sum() / light.sum())
+
+
+def _of_blocks(picture: Any) -> Any:
+    """Return the means of blocks of a picture, (H, W)."""
+    rows, columns = (each // BLOCK for each in picture.shape)
+    whole = picture[: rows * BLOCK, : columns * BLOCK]
+    return whole.reshape(rows, BLOCK, columns, BLOCK).mean(axis=(1, 3))
 
 
 def shown(ratio: float) -> str:

@@ -243,7 +243,7 @@ class _Renderer:
     def _rendered(self, scene: MiScene, sensor: MiSensor, settings: Settings) -> dict[str, Array]:
         """Return the layers, with what the pilots found in the last render if neither scene nor sensor has changed."""
         from .render.films.denoising import denoised
-        from .render.lights import Findings
+        from .render.pilots.pilot import Findings
         from .render.scene_frame import Extras, render
         from .world.parameters import Parameters
 
@@ -257,7 +257,7 @@ class _Renderer:
                 scene, sensor, settings, run, warned=self._warned, extras=Extras(depth=False, findings=findings)
             )
         # Only now: a render turns parameters that were constants into variables.
-        self._last = Parameters(scene, sensor), findings
+        self._last = Parameters(scene, sensor), frame.light.findings
         layers = frame.layers()
         return denoised(layers, frame.sums().views[0], {}) if settings.denoise else layers
 

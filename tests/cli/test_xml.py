@@ -13,10 +13,10 @@ import pytest
 from photonbeams import cli
 from photonbeams.cli.animation import FrameError
 from photonbeams.images.files import read_image, read_layers
-from photonbeams.render import lights
 from photonbeams.render import scene_frame as frame
 from photonbeams.render.checkpoint import Checkpoint
 from photonbeams.render.frame import FrameRenderer
+from photonbeams.transport.guiding.lines import Lines
 from tests.helpers.commands import fails, untouched
 
 SENSOR = """<sensor type="perspective" id="{name}">
@@ -192,7 +192,7 @@ def test_a_dry_run_says_that_all_is_well_and_writes_nothing(render, scene, out):
 
 
 def test_a_dry_run_runs_no_pilot(render, scene, out, monkeypatch):
-    monkeypatch.setattr(lights, "preferred", lambda *_: pytest.fail("a pilot ran"))
+    monkeypatch.setattr(Lines, "to_fog", lambda *_: pytest.fail("a pilot ran"))
     code, *_ = render(scene('value="beams"', 'value="auto"'), "-o", out / "a.exr", "--dry-run")
     assert code == 0
 

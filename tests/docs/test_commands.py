@@ -22,7 +22,6 @@ import pytest
 from docs.scripts.pages import ROOT, anchors, blocks, commands, links, saved_files
 from photonbeams import Shot, integrator
 from photonbeams.cli import main
-from photonbeams.render import lights
 from tests.helpers.sweep import sweep
 
 PAGES = {
@@ -58,8 +57,6 @@ def clone(tmp_path, monkeypatch):
         shutil.copy(path, tmp_path)
     shutil.copy(ROOT / "examples" / "keyhole" / "keyhole.usda", tmp_path / "shot.usda")
     monkeypatch.chdir(tmp_path)
-    # A pilot that compares beams and paths compiles as much as all the rest. It is tested in tests/render.
-    monkeypatch.setattr(lights, "preferred", lambda *_: [])
     return tmp_path
 
 

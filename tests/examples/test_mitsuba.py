@@ -7,7 +7,6 @@ import pytest
 
 from photonbeams import cli
 from photonbeams.images.files import read_layers
-from photonbeams.render import lights
 from tests.helpers.sweep import sweep
 
 SCENES = sorted((Path(__file__).parents[2] / "examples" / "mitsuba").glob("*.xml"))
@@ -21,10 +20,7 @@ NAMES = [path.stem for path in SCENES]
 
 
 @pytest.mark.parametrize("path", sweep(SCENES, KEPT, NAMES), ids=lambda path: path.stem)
-def test_scenes_render_small(path, tmp_path, monkeypatch, pytestconfig):
-    if not pytestconfig.getoption("--soak"):
-        # A pilot that compares beams and paths compiles as much as all the rest. It is tested in tests/render.
-        monkeypatch.setattr(lights, "preferred", lambda *_: [])
+def test_scenes_render_small(path, tmp_path):
     out = tmp_path / "a.exr"
     with pytest.raises(SystemExit) as stop:
         cli.main(["render", str(path), "-o", str(out), "--res", "32", "0", "--passes", "1", "--beams", "500", "-q"])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from photonbeams.render.lights import Findings
+from photonbeams.render.pilots.pilot import Findings
 from photonbeams.render.scene_frame import Extras, render
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
@@ -21,8 +21,12 @@ def by_beams(**given):
 
 def frames(scene, settings, seeds, extras=None):
     """Return a scene rendered with several seeds, which share the findings of one pilot."""
-    extras = replace(extras or Extras(), findings=Findings())
-    return [render(scene, scene.sensors()[0], replace(settings, seed=seed), extras=extras) for seed in range(seeds)]
+    known, result = Findings(), []
+    for seed in range(seeds):
+        own = replace(extras or Extras(), findings=known)
+        result.append(render(scene, scene.sensors()[0], replace(settings, seed=seed), extras=own))
+        known = result[-1].light.findings
+    return result
 
 
 def rgb(value):

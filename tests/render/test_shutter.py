@@ -10,7 +10,7 @@ from scipy.stats import t as student
 import photonbeams as pb
 from photonbeams import scene
 from photonbeams.render.holdouts import HoldoutDepth
-from photonbeams.render.pilots.coarse_passes import with_fewer_paths
+from photonbeams.render.pilots.beam_noise import with_fewer_paths
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import begin, render
 from photonbeams.runtime.device import Array2f, Float

@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 
 from photonbeams.render import frame as frame_module
-from photonbeams.render import lights
 from photonbeams.render.costs import surface_samples
-from photonbeams.render.lights import Findings
 from photonbeams.render.pilots import sample_plan
+from photonbeams.render.pilots.pilot import Findings
 from photonbeams.render.pilots.sample_plan import BeamCost, SamplePlan
 from photonbeams.render.scene_frame import Extras, begin, render
 from photonbeams.render.settings import Settings
+from photonbeams.render.techniques import Seen
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
+from photonbeams.transport.guiding.lines import Lines
 from photonbeams.world.cameras.cameras import Window
 from photonbeams.world.parameters import Parameters
 from tests.helpers.mitsuba_scenes import by_beams, camera, comparison, cube_of, fog, load, rgb
@@ -83,7 +84,7 @@ def test_samples_of_surfaces_are_means_over_the_pixel():
 
 def plan(scene, **given):
     """Return the frame, if beams carry the light in fog, and its plan."""
-    extras = Extras(findings=Findings(walked=[]))
+    extras = Extras(findings=Findings(seen=Seen()))
     frame = begin(scene, scene.sensors()[0], Settings(max_depth=4, **given), extras=extras)
     return frame, frame._plan
 
@@ -124,7 +125,7 @@ def test_a_small_picture_asks_no_pilot():
 def test_plans_take_the_mean_of_no_block_away(monkeypatch):
     """Each block has the mean that equal numbers give it, and less noise where there is much."""
     scene = room(0.8, width=64, height=40)
-    forced = SamplePlan(4, BeamCost(1e-6, 1e6), 2e5)
+    forced = SamplePlan(4, BeamCost(1e-6, 1e6), 1e6, 2e5)
     found = {}
     for own in (forced, SamplePlan(4)):
         monkeypatch.setattr(frame_module, "sample_plan", lambda *_, own=own: own)
@@ -148,7 +149,7 @@ def test_a_plan_is_as_good_as_the_best_of_all(seed):
     rng = np.random.default_rng(seed)
     noise, cost = 10.0 ** rng.uniform(-6, 0, 2)
     surfaces = 10.0 ** rng.uniform(-4, 1, 6)
-    given = SamplePlan(8, BeamCost(noise, 1e4 * cost), 10.0 ** rng.uniform(2, 5))
+    given = SamplePlan(8, BeamCost(noise, 1e4 * cost), 1e4 * cost, 10.0 ** rng.uniform(2, 5))
     # Two samples that differ by √(2 S) have the variance S; a block has two cells across and two down.
     half = np.tile(np.repeat(np.sqrt(surfaces / 2), 2), (2, 1)).ravel()
     radiance = np.stack([10 - half, 10 + half])
@@ -157,7 +158,7 @@ def test_a_plan_is_as_good_as_the_best_of_all(seed):
 
     def spent(each):
         return np.sqrt(noise + smooth / each).mean(axis=-1) ** 2 * (
-            given.beams.cost + np.mean(each, axis=-1) * given.sample
+            given.cost + np.mean(each, axis=-1) * given.sample
         )
 
     every = np.array(list(product([1, 2, 4, 8, 16, 32], repeat=6)))
@@ -172,7 +173,7 @@ def test_blocks_around_an_edge_have_two_samples():
     reach[:, :, :4] = 1.05  # a slanted surface is no edge
     reach[1, 3, 7] = 2.0
     radiance = np.full((2, 100), 0.5)
-    found = SamplePlan(4, BeamCost(1.0, 1e6), 1e5).counts(radiance, reach.reshape(2, 100), Window.full(40, 40))
+    found = SamplePlan(4, BeamCost(1.0, 1e6), 1e6, 1e5).counts(radiance, reach.reshape(2, 100), Window.full(40, 40))
     expected = np.ones((5, 5))
     expected[0:3, 2:5] = 2
     assert found.blocks.tolist() == expected.tolist() and found.typical == 2
@@ -183,7 +184,7 @@ def test_a_black_picture_and_one_that_overflows_have_a_plan():
     reach = np.full((2, 4), np.inf, np.float32)
     for light in (0.0, np.inf, np.nan):
         radiance = np.full((2, 4), light, np.float32)
-        found = SamplePlan(4, BeamCost(0.0, 1e6), 1e5).counts(radiance, reach, Window.full(7, 5))
+        found = SamplePlan(4, BeamCost(0.0, 1e6), 1e6, 1e5).counts(radiance, reach, Window.full(7, 5))
         assert found.blocks.tolist() == [[1]]
 
 
@@ -199,8 +200,8 @@ def test_parameters_are_equal_until_one_is_set():
 
 
 def test_an_integrator_asks_its_pilot_once_while_nothing_changes(monkeypatch):
-    asked, preferred = [], lights.preferred
-    monkeypatch.setattr(lights, "preferred", lambda *given: asked.append(1) or preferred(*given))
+    asked, lit = [], Lines.free
+    monkeypatch.setattr(Lines, "free", lambda *given: asked.append(1) or lit(*given))
     forward = {"type": "hg", "g": 0.5}  # rendering makes this number a variable
     scene = load(lamp=LAMP, fog=cube_of(fog(0.5, phase=forward)), sensor=camera(size=4))
     integrator = mi.load_dict({"type": "photon_beams", "paths": 256, "max_depth": 3})
@@ -224,7 +225,7 @@ def test_blocks_that_missed_light_that_is_rarely_found_have_samples_like_those_a
     rng = np.random.default_rng(seed)
     radiance = np.where(rng.uniform(size=(2, 60, 80)) < 0.02, 50.0, 0.0) + rng.uniform(0.9, 1.1, (2, 60, 80))
     window = Window.full(320, 240)
-    given = SamplePlan(8, BeamCost(0.0, 1e6), 1e5)
+    given = SamplePlan(8, BeamCost(0.0, 1e6), 1e6, 1e5)
     found = given.counts(radiance.reshape(2, -1), np.ones((2, 4800)), window).blocks
     assert (found >= 4).mean() > 0.98 and found.min() >= 2 and found.max() <= 16
     monkeypatch.setattr(sample_plan, "_PART", 0.0)

@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import cache
 from itertools import product
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,11 +12,22 @@ from benchmarks.compare.random_rooms import room
 from photonbeams import Look, Shot, scene
 from photonbeams.render import light as light_module
 from photonbeams.render.light import ShotLight
-from photonbeams.render.lights import Findings
+from photonbeams.render.pilots.pilot import Findings
 from photonbeams.render.scene_frame import Extras, render
 from photonbeams.render.settings import METHODS as NAMED
 from photonbeams.render.settings import Settings
-from photonbeams.render.techniques import BEAMS, METHODS, PHOTONS, SAMPLES, SEGMENTS, WALKS, Kind, Technique, Techniques
+from photonbeams.render.techniques import (
+    BEAMS,
+    METHODS,
+    PHOTONS,
+    SAMPLES,
+    SEGMENTS,
+    WALKS,
+    Kind,
+    Seen,
+    Technique,
+    Techniques,
+)
 from photonbeams.render.worlds import StillWorld
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
@@ -159,9 +169,8 @@ def test_each_kind_of_light_path_is_found_once(seed, seen_through):
     tuning = Tuning(max_bounces=bounces, short=short, visible=visible)
     count, little = len(world.emitters), rng.random(16) < 0.3
     off = METHODS[NAMED[rng.integers(3)]] | {*rng.choice([*Technique], rng.integers(3), replace=False)}
-    fractions = dict(zip(map(id, world.emitters), np.where(little, 0.1, 0.9).tolist(), strict=False))
-    lines = SimpleNamespace(lit=lambda emitter: fractions[id(emitter)])
-    rows = Techniques(world, tuning, off, lines).rows(some(rng, range(count)))
+    seen = Seen(dict(enumerate(np.where(little, 0.1, 0.9))), dict(enumerate(rng.random(count))))
+    rows = Techniques(world, tuning, off, seen).rows
     simulation = Simulation(
         tuning, Allotment(64, past=None, counts={row.number: row.counts for row in rows}),
         walked={world.emitters[row.number].source: row.thick for row in rows},
@@ -193,7 +202,7 @@ def room_mean(number, off):
     """Return the mean of pictures of a room without some techniques, and its standard error."""
     content = mi.load_dict(room(number, 12, 8))
     given = {"passes": 2, "beams": 1024, "max_depth": 4, "guiding": False, "without": off}
-    extras = Extras(findings=Findings(walked=[]))
+    extras = Extras(findings=Findings(seen=Seen()))
     pictures = (render(content, content.sensors()[0], Settings(seed=each, **given), extras=extras) for each in range(4))
     return means([each.layers()["rgba"][..., :3] for each in pictures])
 

@@ -36,9 +36,8 @@ from .light import ShotLight, TracedLight
 from .memory import release_memory
 from .passes import Statistics
 from .paths.surface_light import SurfaceLight
-from .pilots.coarse_passes import Pixels
 from .pilots.gaps import sentences
-from .pilots.sample_plan import EDGE, SAMPLES, SampleCounts, pilot_pixels, sample_plan
+from .pilots.sample_plan import EDGE, SAMPLES, Pixels, SampleCounts, pilot_pixels, sample_plan
 from .ray_passes import PassRenderer, ViewRays
 from .seen.deep import deep_pass, deep_pictures
 from .seen.first_hits import Later, first_hits
@@ -142,6 +141,8 @@ class FrameRenderer(PassRenderer):
         self._size, self._counts = (window.width, window.height), list[tuple[SampleCounts, list[SamplePiece]]]()
         pixels, seen = Pixels(window.width * window.height, films[0].averaged), views[0].holdout is None
         self._plan = sample_plan(light, pixels, self.statistics, seen)
+        if self._plan.beams is not None:
+            self.light = replace(light, findings=replace(light.findings, beams=self._plan.beams))
         # Sample indices have 32 bits. Those of further samples follow those of the whole picture, in crops, too.
         last = z_order(dr.opaque(UInt32, window.width - 1), dr.opaque(UInt32, window.height - 1))
         self._indices = 1 << int(last[0]).bit_length()

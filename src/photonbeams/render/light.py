@@ -50,7 +50,7 @@ from .techniques import (
 from .worlds import Worlds
 
 if TYPE_CHECKING:
-    from .lights import Findings
+    from .pilots.pilot import Findings
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .frame import FrameRenderer, Lit, Seen
     from .holdouts import HoldoutDepth
     from .light import ShotLight
-    from .lights import Findings
+    from .pilots.pilot import Findings
     from .worlds import ShutterWorlds
 
 # Beams and photons that are kept for the next frame of a film, about 200 bytes each.

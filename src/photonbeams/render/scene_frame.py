@@ -15,13 +15,12 @@ from ..world.shutter import CameraMotion
 from .checkpoint import identity
 from .films.film import Film
 from .films.layers import group_layers
-from .films.pixel_filters import averaged, reconstruction_filter
+from .films.pixel_filters import reconstruction_filter
 from .frame import DEFAULTS, FrameRenderer
 from .holdouts import HoldoutDepth
-from .lights import Findings
 from .memory import check_memory
 from .passes import PLAIN_RUN, RunOptions, Statistics, accumulate
-from .pilots.coarse_passes import Pixels
+from .pilots.pilot import Findings
 from .scene_light import EmitterSettings, light_of
 from .settings import Settings, as_passes
 from .views import FrameView
@@ -60,8 +59,7 @@ def begin(
     reconstruction = reconstruction_filter(settings.filter_name, sensor.film().rfilter())
     light = light_of(
         plugin, sensors[0].start(), settings, extras.beams, cameras if len(cameras) == len(sensors) else (),
-        Pixels(len(sensors) * window.width * window.height, averaged(reconstruction)), warned, statistics,
-        extras.findings,
+        warned, statistics, extras.findings,
     )  # fmt: skip
     films = [Film(window.shape, window.crop[:2], reconstruction, layers, settings.denoise) for _ in sensors]
     views = [view_of(each, holdout) for each, holdout in zip(sensors, holdouts, strict=True)]

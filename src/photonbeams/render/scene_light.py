@@ -21,10 +21,10 @@ from ..world.media.discovery.warnings import warn
 from ..world.plugin import world_of_plugin
 from ..world.world import World
 from .light import ShotLight, tuning_of
-from .lights import Findings, Lights
 from .passes import Statistics
-from .pilots.coarse_passes import Pixels
+from .pilots.pilot import Findings, Pilot
 from .settings import Settings
+from .techniques import FOG, WALKS
 from .worlds import StillWorld
 
 mi = mitsuba()
@@ -74,7 +74,7 @@ class EmitterSettings:
 
 def light_of(
     plugin: Any, eye: Place, settings: Settings, beams: Mapping[str, scene.BeamSettings], cameras: Sequence[View],
-    pixels: Pixels, warned: set[str] | None, statistics: Statistics, findings: Findings | None = None,
+    warned: set[str] | None, statistics: Statistics, findings: Findings | None = None,
 ) -> ShotLight:  # fmt: skip
     """Return the light of a Mitsuba scene.
 
@@ -88,8 +88,6 @@ def light_of(
         As in `scene_frame.Extras`.
     cameras, findings
         As in `Lights`.
-    pixels
-        The camera paths of a pass of the whole picture.
     warned
         Texts of warnings that have been given already.
     statistics
@@ -103,18 +101,18 @@ def light_of(
     warned, findings = set() if warned is None else warned, Findings() if findings is None else findings
     with statistics.phase("build"):
         own = EmitterSettings.of(plugin, beams)
-        if findings.world is None or findings.world.plugin is not plugin:
-            findings.world = world_of_plugin(plugin, eye, own.sources, own.beams, own.numbers, settings.short)
         world = findings.world
+        if world is None or world.plugin is not plugin:
+            world = world_of_plugin(plugin, eye, own.sources, own.beams, own.numbers, settings.short)
+            findings = replace(findings, world=world)
     if world.surroundings is not None:
         warn(plugin, world.surroundings, warned)
     allotment = Allotment(settings.beams or DEFAULT_PATHS, shared=True, past=None)
     simulation = Simulation(tuning_of(settings, settings.depth()), allotment, named=own.named)
-    lights = Lights(StillWorld(world), settings, settings.depth(), simulation, cameras, findings)
-    walked = lights.walked(pixels, statistics)
-    _tell(world, walked, warned)
     with statistics.phase("guide"):
-        return lights.light(walked)
+        light = Pilot(StillWorld(world), settings, settings.depth(), simulation, cameras, findings).light()
+    _tell(world, [row.number for row in light.rows if row.by(WALKS, FOG)], warned)
+    return light
 
 
 def _tell(world: World, walked: Sequence[int], warned: set[str]) -> None:

@@ -16,7 +16,6 @@ from ..world.cameras.sensors import PrimaryRays, Sensor
 from ..world.media.discovery.surroundings import place_of
 from ..world.media.interfaces import number
 from .passes import Statistics
-from .pilots.coarse_passes import Pixels
 from .ray_passes import PassRenderer, ViewRays
 from .scene_light import light_of
 from .settings import Settings
@@ -74,8 +73,8 @@ def radiance(plugin: Any, ray: Any, active: Any, settings: Settings, warned: set
     named = {number(each.get_medium()): each.get_medium() for each in plugin.sensors()}
     eye = place_of("sensor", origin, direction, next(iter(named.values())) if len(named) == 1 else None)
     cameras = [view for each in plugin.sensors() if (view := Sensor(each).view) is not None]
-    statistics, pixels = Statistics(), Pixels(-(-len(lanes) // settings.passes))
-    light = light_of(plugin, eye, settings, {}, cameras, pixels, warned, statistics)
+    statistics = Statistics()
+    light = light_of(plugin, eye, settings, {}, cameras, warned, statistics)
     found = _radiance(PassRenderer(settings, light, settings.depth(), statistics), origin, direction, far)
     for whole, part in zip(result, found, strict=True):
         dr.scatter(whole, part, lanes)

@@ -15,8 +15,8 @@ from ..world.cameras.cameras import View, Window
 from ..world.shutter import Shutter
 from ..world.world import World
 from .light import ShotLight, tuning_of
-from .lights import Findings, Lights
 from .passes import Statistics
+from .pilots.pilot import Findings, Pilot
 from .settings import Settings
 from .techniques import SEGMENTS
 from .worlds import ShutterWorlds
@@ -82,10 +82,8 @@ def light_of_stage(
     known = None if earlier is None else earlier.findings(worlds.opened, light_side)
     findings = Findings() if known is None else known
     cameras = [View(camera, window) for camera in (viewers() if viewers else opened.cameras)]
-    lights = Lights(worlds, settings, max_depth, simulation, cameras, findings, paths)
     with statistics.phase("guide"):
-        # Not by a pilot, which could decide otherwise in the next frame.
-        return lights.light(lights.techniques.unpiloted), worlds
+        return Pilot(worlds, settings, max_depth, simulation, cameras, findings, paths).light(), worlds
 
 
 def _without_skies(content: scene.Scene) -> scene.Scene:

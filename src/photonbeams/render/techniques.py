@@ -11,7 +11,7 @@ wide emitters, such as skies: their light beside mirrors is of the kinds "furthe
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Set
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, fields
 from enum import Enum, StrEnum
 from functools import cached_property, reduce
@@ -20,7 +20,6 @@ from operator import or_
 import numpy as np
 
 from .. import scene
-from ..transport.guiding.lines import Lines
 from ..transport.segments.records import Counts
 from ..transport.strata import wanted
 from ..transport.tuning import Tuning
@@ -42,8 +41,9 @@ class Technique(StrEnum):
 
 SAMPLES, WALKS, PHOTONS, VIRTUAL, BEAMS, SEGMENTS = Technique
 
-# An emitter lights little if it lights less than this fraction of the surfaces in the picture.
-_LITTLE = 0.2
+# An emitter lights little if it lights less than this fraction of the surfaces in the picture; and media openly if
+# nothing is in the way of at least this fraction of the lines to them.
+_LITTLE, _OPEN = 0.2, 0.5
 
 #: The techniques that each `Settings.method` switches off.
 METHODS: dict[str, set[str]] = {"auto": set(), "beams": {WALKS}, "paths": {BEAMS}}
@@ -90,12 +90,14 @@ STRAIGHT, FURTHER, SELDOM, CAUSTICS, FOG, SKIES, FOG_FURTHER, FOG_CAUSTICS = Kin
 class Row:
     """Which techniques find the light of the emitter with a number, by the kinds of light path that it has.
 
-    In the media with the names `thick`, walks find its light instead.
+    In the media with the names `thick`, walks find its light instead. Where its light comes through `narrow` openings,
+    light paths tell where they are, also if they carry no light.
     """
 
     number: int
     found: Mapping[Kind, set[Technique]]
     thick: frozenset[str] = frozenset()
+    narrow: bool = False
 
     def by(self, technique: Technique, kind: Kind) -> bool:
         """Return whether a technique finds a kind of light path."""
@@ -115,7 +117,24 @@ class Row:
     @property
     def guided(self) -> Counts:
         """Which light guides light paths: virtual lights go where photons would be to which they send light."""
-        return self.counts | (FURTHER.traced | SELDOM.traced if SELDOM in self.found else Counts.NOTHING)
+        virtual = FURTHER.traced | SELDOM.traced if SELDOM in self.found else Counts.NOTHING
+        return self.counts | virtual | (FOG.traced if self.narrow else Counts.NOTHING)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the first camera sees of the light of emitters, by their numbers, where the pilot has looked.
+
+    Attributes
+    ----------
+    lit
+        The fraction of the surfaces in the picture that an emitter lights.
+    free
+        The fraction of the lines from an emitter to fog in the picture in whose way nothing is.
+    """
+
+    lit: Mapping[int, float] = field(default_factory=dict)
+    free: Mapping[int, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -128,43 +147,51 @@ class Techniques:
         The world, and how light paths are traced in it.
     off
         Techniques that are not to be used.
-    lines
-        The lines along which emitters light what the first camera sees; None: they are not known.
+    seen
+        What the pilot knows of the emitters' light: see `rare` and `free`.
     """
 
     world: World
     tuning: Tuning
     off: Set[str]
-    lines: Lines | None = None
-    _lit: dict[int, float] = field(default_factory=dict, init=False, repr=False, compare=False)
+    seen: Seen = Seen()
 
-    def rows(self, walked: Collection[int], dark: Collection[int] = ()) -> list[Row]:
-        """Return the rows of all emitters, by number.
-
-        In media, walks are tried first for the emitters with the numbers `walked`. Those that are `dark` have no light.
-        """
-        return [Row(each, {}) if each in dark else self._row(each, walked) for each in range(len(self.world.emitters))]
+    @cached_property
+    def rows(self) -> list[Row]:
+        """The rows of all emitters, by number."""
+        return [self._row(each) for each in range(len(self.world.emitters))]
 
     @cached_property
     def free(self) -> list[int]:
-        """The numbers of the emitters whose light in media either walks or beams may find."""
-        return [] if {WALKS, BEAMS} & self.off else self._plain
+        """The numbers of the emitters whose light in media either walks or beams may find: in fog of a stage, beams."""
+        chosen = {WALKS, BEAMS} & self.off or (self.world.hazy and not self.world.emits)
+        return [] if chosen else self._plain
 
-    @property
-    def unpiloted(self) -> list[int]:
-        """The numbers of those for which walks are tried first where no pilot chooses: in fog, light is beams."""
-        return [] if self.world.hazy or not self.tuning.scatters else self.free
+    def _walks_first(self, number: int) -> bool:
+        """Return whether walks are tried first for the light of an emitter in media.
+
+        Beams have less noise than walks where the light comes through openings, which walks do not know, and where
+        mirrors turn it, since beams are traced there anyway. The beams of skies are wide and bring too much.
+        """
+        world = self.world
+        if number not in self.free:
+            return False
+        if not world.hazy:
+            return world.emits or self.tuning.scatters
+        if not world.emitters[number].lamp.bare.sharp or world.short_of_fog([number]):
+            return True
+        return not world.mirrors and self.seen.free.get(number, 0.0) >= _OPEN
 
     def _choose(self, kind: Kind, able: set[Technique], walked: bool = False) -> set[Technique]:
         """Return the techniques that find a kind of light path, of those that can; walks first where it is `walked`."""
         can = [each for each in kind.found if each <= able][:: -1 if walked else 1]
         return next((each for each in can if not each & self.off), can[0])
 
-    def _row(self, number: int, walked: Collection[int]) -> Row:
+    def _row(self, number: int) -> Row:
         """Return the row of an emitter."""
         world, emitter = self.world, self.world.emitters[number]
         own, lamp, thick = emitter.beams, emitter.lamp.bare, self._thick.get(number, frozenset())
-        everywhere = number in walked or (bool(thick) and thick == world.numbers.keys())
+        everywhere = self._walks_first(number) or (bool(thick) and thick == world.numbers.keys())
         fog = self._choose(FOG_FURTHER, {BEAMS, WALKS} if number in self._plain else {BEAMS}, everywhere)
         is_sky = own.lights_media and not own.emits_beams and own.shines and world.media.all
         found = {FOG_FURTHER: fog, **({SKIES: {SEGMENTS}} if is_sky else {FOG: fog})}
@@ -173,13 +200,15 @@ class Techniques:
             found[STRAIGHT] = self._straight[number]
         if FURTHER.traced & shown:
             found[FURTHER] = self._choose(FURTHER, {PHOTONS, WALKS} if self._meets(number) else {PHOTONS})
-            if WALKS in found[FURTHER] and self._is_seldom(number):
+            little = number in self.rare and self.seen.lit.get(number, 1.0) < _LITTLE
+            if WALKS in found[FURTHER] and little:
                 found[SELDOM] = self._choose(SELDOM, {WALKS, VIRTUAL})
         if world.mirrors and lamp.sharp:
             found[FOG_CAUSTICS] = {BEAMS}
             if FURTHER in found:
                 found[CAUSTICS] = self._choose(CAUSTICS, {PHOTONS} | (found[FURTHER] if lamp.met else set()))
-        return Row(number, found, frozenset() if WALKS in fog else thick)
+        narrow = WALKS in fog and not lamp.sharp and self.seen.free.get(number, 1.0) < _OPEN
+        return Row(number, found, frozenset() if WALKS in fog else thick, narrow)
 
     @cached_property
     def _straight(self) -> list[set[Technique]]:
@@ -205,24 +234,25 @@ class Techniques:
         behind = self.world.emits and (emitter.lamp.images or emitter.beams.filters)
         return not (behind or emitter.links.unshadowed) and SAMPLES in self._straight[number]
 
-    def _is_seldom(self, number: int) -> bool:
-        """Return whether the places that an emitter lights become virtual lights.
+    @cached_property
+    def rare(self) -> list[int]:
+        """The numbers of the emitters whose light on surfaces becomes virtual lights if it is seldom seen: see `_row`.
 
-        They do if it is sharp and lights little of what the first camera sees: walks seldom find it. Paths past a
-        portal may not be traced. Photons that come straight from an emitter are no virtual lights, so if any do there
-        are none. Endless fog dims light from infinity on its way from the bounds, but not direct light on surfaces: see
-        `VirtualLights`, which cannot tell if other media are in it.
+        They are sharp. Paths past a portal may not be traced. Photons that come straight from an emitter are no virtual
+        lights, so if any do there are none. Endless fog dims light from infinity on its way from the bounds, but not
+        direct light on surfaces: see `VirtualLights`, which cannot tell if other media are in it.
         """
-        world, emitter = self.world, self.world.emitters[number]
-        mixed = emitter.lamp.infinite and world.media.filling > 0 and world.nested
-        able = emitter.lamp.bare.sharp and emitter.portal is None and emitter.links == Links() and not mixed
-        return able and all(SAMPLES in each for each in self._straight) and self._lights_little(number)
+        media, result = self.world.media, []
+        for number, each in enumerate(self.world.emitters):
+            mixed = each.lamp.infinite and media.filling > 0 and self.world.nested
+            if each.lamp.bare.sharp and each.portal is None and each.links == Links() and not mixed:
+                result.append(number)
+        return result if all(SAMPLES in each for each in self._straight) else []
 
-    def _lights_little(self, number: int) -> bool:
-        """Return whether an emitter lights few of the surfaces in the picture."""
-        if number not in self._lit:
-            self._lit[number] = self.lines.lit(self.world.emitters[number]) if self.lines else 1.0
-        return self._lit[number] < _LITTLE
+    @property
+    def hidden(self) -> list[int]:
+        """The numbers of the emitters of which it matters what is in the way of their light to fog."""
+        return self.free if self.world.hazy else []
 
     @cached_property
     def _plain(self) -> list[int]:

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photonbeams.render.lights import Findings
 from photonbeams.render.paths.walks import Walks
+from photonbeams.render.pilots.pilot import Findings
 from photonbeams.render.scene_frame import Extras, begin
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import mitsuba
@@ -102,10 +102,11 @@ def parts_of(scene, passes, **settings):
     All of them show the emitters that the camera sees, and direct light.
     """
     found = {"walks": [], "caustics": [], "both": [], "neither": []}
-    known = Extras(findings=Findings())  # found by the pilot of the first seed
+    known = Findings()
     for seed in range(4):
         own = Settings(method="paths", seed=seed, passes=passes, **settings)
-        frame = begin(scene, scene.sensors()[0], own, extras=known)
+        frame = begin(scene, scene.sensors()[0], own, extras=Extras(findings=known))
+        known = frame.light.findings
         light, lights = frame.light, {}
         lights["both"], lights["caustics"] = light, copy(light)
         lights["walks"], lights["neither"] = dark(light), dark(light)

@@ -7,7 +7,7 @@ import pytest
 from photonbeams import scene
 from photonbeams.numerics.arrays import to_vectors
 from photonbeams.numerics.sampling import sobol_block
-from photonbeams.render.lights import Lights
+from photonbeams.render.pilots.pilot import Pilot
 from photonbeams.runtime.device import Array2f, Array3f, UInt32, mitsuba
 from photonbeams.world.described import world_of_scene
 from photonbeams.world.emitters.portal_lamps import ThroughPortal, behind
@@ -163,7 +163,7 @@ def test_a_room_under_the_sky_is_as_a_path_tracer_has_it_with_less_noise(monkeyp
     means = [each.mean(axis=(1, 2)) for each in (own, theirs)]
     errors = [each.std(ddof=1) / len(each) ** 0.5 for each in means]
     assert abs(means[0].mean() - means[1].mean()) < 4 * np.hypot(*errors)
-    monkeypatch.setattr(Lights, "portal", None)
+    monkeypatch.setattr(Pilot, "_fitted", None)
     plain = integrated(plugin, 2, 6, **photon_beams)
     # The window is a hundredth of the sky: half of the samples meet it.
     assert method == "auto" or own.var(axis=0, ddof=1).mean() < plain.var(axis=0, ddof=1).mean() / 10

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -28,11 +27,8 @@ from ..costs import LANES, of_beams, of_sample, of_tracing, power_below, surface
 from ..films.sample_layout import SamplePiece
 from ..light import ShotLight
 from ..passes import Statistics
-from ..ray_passes import PassRenderer
-from .coarse_passes import Pilot, Pixels, with_fewer_paths
+from .beam_noise import PASSES, BeamCost, beam_cost
 
-# Passes of the first pilot. It is asked where it costs less than the usual samples of one pass.
-_PASSES = 2
 #: Where rays of a pixel reach distances with this ratio, it has an edge, and the beams have more samples there. So
 #: blocks near edges have two samples at least.
 EDGE = 1.1
@@ -51,11 +47,15 @@ _BLOCK = 2  # cells across and down that have the same number of samples
 _RARE, _WIDE, _PART = 4.0, 6, 0.125
 
 
-class BeamCost(NamedTuple):
-    """The `noise` of the beams of a pass, (mean √B)², and their cost."""
+@dataclass(frozen=True)
+class Pixels:
+    """How many pixels a pass has, and how many of them the pixel filter averages.
 
-    noise: float
-    cost: float
+    The filter lowers the noise of surfaces and walks by that factor, not that of beams: a stroke is many pixels wide.
+    """
+
+    count: int
+    averaged: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -107,14 +107,15 @@ class SamplePlan:
         The number that follows from counts alone.
     beams
         What the first pilot found; None: pixels have the usual number.
-    sample
-        The cost of a sample of all pixels.
+    cost, sample
+        The costs of the beams of a pass, and of a sample of all pixels.
     averaged
         As in `Pixels`.
     """
 
     usual: int
     beams: BeamCost | None = None
+    cost: float = 0.0
     sample: float = 0.0
     averaged: float = 1.0
 
@@ -131,7 +132,7 @@ class SamplePlan:
             The whole picture.
         """
         assert self.beams is not None
-        beams, cost = self.beams
+        beams, cost = self.beams.noise, self.cost
         # Light that overflows is infinite, and so is the distance of what is not met.
         cell = cell_of(window.width, window.height)
         found, far = (
@@ -181,36 +182,12 @@ def sample_plan(light: ShotLight, pixels: Pixels, statistics: Statistics, seen: 
         return SamplePlan(settings.surface_samples)
     usual, sample = surface_samples(light.paths, pixels.count, walked), of_sample(walked) * pixels.count
     plain = seen and settings.surfaces and settings.program is None and bool(light.cameras) and light.paths > 0
-    if not plain or max(usual, 2) * sample < _PASSES * of_tracing(light.paths):
+    # The first pilot is asked where it costs less than the usual samples of one pass.
+    if not plain or max(usual, 2) * sample < PASSES * of_tracing(light.paths):
         return SamplePlan(usual)
-    return SamplePlan(usual, _beam_cost(light, pixels, statistics), sample, pixels.averaged)
-
-
-def _beam_cost(light: ShotLight, pixels: Pixels, statistics: Statistics) -> BeamCost:
-    """Return what the first pilot finds, or has found for another frame."""
-    if not light.world.hazy:
-        return BeamCost(0.0, of_tracing(light.paths))
-    known = light.findings.beams
-    if pixels.count not in known:
-        own, portion = with_fewer_paths(light.seeded(0))
-        passes = _PilotPasses(own.settings, own, own.max_depth, statistics.fresh())
-        with statistics.phase("plan"):
-            pilot = Pilot(passes, light.cameras)
-            pilot.add(_PASSES, surfaces=False)
-        # The mean of |x₁ − x₂| is 2 / √π standard deviations. Photons, which samples of a pass share, are left out: two
-        # passes tell too little. Radii are taken as bounded: so many times fewer beams have so many times the variance.
-        noise = np.pi / 4 * np.abs(np.diff(np.nan_to_num(pilot.beams).astype(np.float64), axis=0)).mean() ** 2 * portion
-        count, coarse = (each / (_PASSES * portion) for each in (passes.statistics.beams, pilot.coarse))
-        known[pixels.count] = BeamCost(float(noise), of_beams(count, count, pixels.count, coarse))
-    return known[pixels.count]
-
-
-class _PilotPasses(PassRenderer):
-    """Passes in which looks do not change with time: all frames of a film have one plan."""
-
-    def clock(self, number: int) -> tuple[float, float]:
-        """Return (0, 0)."""
-        return 0.0, 0.0
+    beams = light.findings.beams or beam_cost(light, statistics)
+    cost = of_beams(beams.records, beams.tested, pixels.count, beams.coarse)
+    return SamplePlan(usual, beams, cost, sample, pixels.averaged)
 
 
 def cell_of(width: int, height: int) -> int:

@@ -89,6 +89,11 @@ class Lines:
             for points in (self.fog, fog_before(self.world, self.views, emitter.portal))
         )
 
+    def free(self, emitter: PathEmitter) -> float:
+        """Return the fraction of the lines to fog that an emitter would light in whose way nothing is; 1 for none."""
+        free = self.to_fog(emitter).free
+        return float(np.mean(free)) if len(free) else 1.0
+
     def lit(self, emitter: Emitter) -> float:
         """Return which fraction of the surfaces in the picture an emitter lights; 1 if there are none."""
         white = self.white(emitter)

@@ -1,0 +1,161 @@
+"""The pilot of a frame: what is found out about the light of a shot before its passes.
+
+Lines, light paths and coarse passes tell what of each emitter's light is seen, through which openings it comes, and how
+much noise and cost its beams have. That is a value, `Findings`, by which techniques are chosen, light paths guided, and
+samples planned. It is found once for a shot, and not at all where it could change nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+from ...transport.emission import PathEmitter
+from ...transport.guiding.guides import UNGUIDED, Guides
+from ...transport.guiding.lines import Lines
+from ...transport.simulation import Simulation
+from ...world.cameras.cameras import View
+from ...world.emitters.portal_lamps import EnvironmentPortal
+from ...world.world import World
+from ..light import ShotLight
+from ..settings import Settings
+from ..techniques import METHODS, Seen, Techniques
+from ..worlds import Worlds
+from .beam_noise import BeamCost
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a pilot has found out about a shot, for its cameras and settings; None: not yet. It is right for all seeds.
+
+    Attributes
+    ----------
+    world
+        The world of a Mitsuba scene: rays find the media in which its paths begin.
+    seen
+        What the first camera sees of the emitters' light.
+    guides
+        Guides of light paths.
+    portal
+        The portal that was fitted to the light of Mitsuba's environment, if there is one.
+    beams
+        What plans of samples know of the beams of a pass.
+    """
+
+    world: World | None = None
+    seen: Seen | None = None
+    guides: Guides | None = None
+    portal: EnvironmentPortal | None = None
+    beams: BeamCost | None = None
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """The pilot of a shot.
+
+    Attributes
+    ----------
+    worlds, settings, max_depth
+        The world over the shutter interval, how it is rendered, and the longest path in edges.
+    simulation
+        The light paths of all emitters.
+    cameras
+        Cameras toward which light paths are guided; without any they are not guided.
+    known
+        What has been found for another frame or seed, and holds for this one.
+    paths
+        The number of light paths in a pass, and of drawn beams; None: those that emitters share.
+    """
+
+    worlds: Worlds
+    settings: Settings
+    max_depth: int | None
+    simulation: Simulation
+    cameras: Sequence[View]
+    known: Findings = field(default_factory=Findings)
+    paths: int | None = None
+
+    @property
+    def world(self) -> World:
+        """The world when the shutter opens."""
+        return self.worlds.opened
+
+    def light(self) -> ShotLight:
+        """Return the light of the shot."""
+        world, rows, guided = self.world, self.techniques.rows, self._guided
+        simulation = replace(
+            self.simulation, guides=guided, walked={world.emitters[row.number].source: row.thick for row in rows},
+            allotment=replace(self.simulation.allotment, counts={row.number: row.counts for row in rows}),
+        )  # fmt: skip
+        paths = sum(each.count for each in simulation.strata(world)) if self.paths is None else self.paths
+        fitted = self._fitted if self.known.guides is None else self.known.portal
+        findings = replace(self.known, seen=self._seen, guides=guided, portal=fitted)
+        return ShotLight(
+            self.worlds, simulation, self.settings, self.max_depth, paths, paths > 0 or self.worlds.varies, rows,
+            fitted if self._placed is None else self._placed, findings, self.cameras,
+        )  # fmt: skip
+
+    @cached_property
+    def techniques(self) -> Techniques:
+        """Which techniques find which light."""
+        return replace(self._unseeing, seen=self._seen)
+
+    @cached_property
+    def _unseeing(self) -> Techniques:
+        """The techniques as if nothing were known of what is seen."""
+        off = METHODS[self.settings.method] | self.settings.without
+        return Techniques(self.world, self.simulation.tuning, off)
+
+    @cached_property
+    def _seen(self) -> Seen:
+        """What the first camera sees of the emitters' light."""
+        if self.known.seen is not None or not self.cameras:
+            return self.known.seen or Seen()
+        world, lines = self.world, Lines(self.world, self.cameras[0].whole().projections)
+        rare = [] if self.settings.guiding is False else self._unseeing.rare
+        lit = {each: lines.lit(world.emitters[each]) for each in rare}
+        return Seen(lit, {each: lines.free(PathEmitter(world, each)) for each in self._unseeing.hidden})
+
+    @cached_property
+    def _guided(self) -> Guides:
+        """The guides of light paths of which any light is seen, which rounds of them find if they are not known."""
+        counts = {row.number: row.guided for row in self.techniques.rows}
+        if self.known.guides is not None:
+            return self.known.guides
+        if self.settings.guiding is False or not self.cameras or not any(counts.values()):
+            return UNGUIDED
+        # What is found for a scene holds for all seeds. Frames of a stage find their own.
+        seed = 0 if self.world.emits else self.simulation.tuning.seed
+        tuning, allotment = (
+            replace(self.simulation.tuning, seed=seed), replace(self.simulation.allotment, counts=counts)
+        )  # fmt: skip
+        rounds = replace(self.simulation, tuning=tuning, allotment=allotment)
+        # For whole pictures; otherwise a crop would differ from the same part of the whole picture.
+        return rounds.guided(self.world, [own for each in self.cameras for own in each.whole().projections]).guides
+
+    @cached_property
+    def _fitted(self) -> EnvironmentPortal | None:
+        """The portal that the guides have before Mitsuba's environment, or None."""
+        openings = self._guided.openings
+        for stratum in self.simulation.strata(self.world) if openings else ():
+            opening = openings.get(stratum.name)
+            if opening is not None and stratum.emitter.lamp.bare is self._environment:
+                return EnvironmentPortal(self.world.plugin, opening.portal)
+        return None
+
+    @cached_property
+    def _placed(self) -> EnvironmentPortal | None:
+        """The planar portal that the user has placed before Mitsuba's environment, or None."""
+        found = [each.portal for each in self.world.emitters if each.lamp.bare is self._environment]
+        if not found or found[0] is None or found[0].sides is None:
+            return None
+        return EnvironmentPortal(self.world.plugin, found[0])
+
+    @cached_property
+    def _environment(self) -> Any:
+        """The lamp of Mitsuba's environment, or None."""
+        plugin = self.world.plugin
+        environment = plugin.environment() if self.world.emits else None
+        return environment and self.world.emitters[plugin.emitters().index(environment)].lamp.bare
