@@ -4,10 +4,11 @@ import logging
 from pathlib import Path
 
 import pytest
+from pxr import Usd
 
 from photonbeams.scene import SceneError
 from photonbeams.usd.common.warnings import MissingError, Warnings
-from photonbeams.usd.stage import open_stage, read_scene, sample_times
+from photonbeams.usd.stage import files_of, open_stage, read_scene, sample_times
 from tests.helpers.small_stage import LAMP, write_stage
 from tests.helpers.usda import textured
 
@@ -40,6 +41,7 @@ TEMPLATE = """def Sphere "Ball" (
 }
 """
 CLIP = '#usda 1.0\ndef Sphere "Ball" { double radius.timeSamples = {1: 1, 3: 3}\n}\n'
+MANIFEST = CLIPS.replace("gone", "here").replace("string", "asset manifestAssetPath = @gone.usda@\n        string")
 TEXTURE = """def Mesh "Floor" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     rel material:binding = </Paint>
     int[] faceVertexCounts = [3]
@@ -72,7 +74,7 @@ UNNAMED = {
 }  # fmt: skip
 VARYING = {"smoke": SEQUENCE, "clips": CLIPS, "template": TEMPLATE}
 LASTING = {"texture": TEXTURE, "profile": IES, "sky": DOME, "reference": REFERENCE, "material": MATERIAL,
-           "skeleton": SKELETON}  # fmt: skip
+           "skeleton": SKELETON, "manifest": MANIFEST}  # fmt: skip
 
 
 @pytest.fixture
@@ -115,6 +117,18 @@ def test_what_openusd_says_of_a_gap_at_another_time_is_not_printed(tmp_path, cap
     stage = open_stage(write_stage(tmp_path / "stage.usda", clips))
     assert sample_times(stage, 8) == [1, 2, 3]
     assert capfd.readouterr().err == ""
+
+
+def test_what_openusd_says_of_a_template_with_decimals_is_not_printed(tmp_path, capfd):
+    stage = open_stage(write_stage(tmp_path / "stage.usda", TEMPLATE.replace("##", "#.#")))
+    assert str(tmp_path / "stage.usda") in set(files_of(stage))
+    assert capfd.readouterr().err == ""
+
+
+def test_value_clips_of_wrong_types_are_ignored_on_stages_that_somebody_else_opened(tmp_path):
+    wrong = CLIPS.replace("double2[] active = [(1, 0), (2, 1), (3, 2)]", "double3 active = (0, 0, 0)")
+    stage = Usd.Stage.Open(str(write_stage(tmp_path / "stage.usda", wrong)))
+    assert not read_scene(stage, 1).lights
 
 
 @pytest.mark.parametrize("kind", LASTING)

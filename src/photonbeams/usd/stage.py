@@ -293,9 +293,9 @@ def _layer(path: str) -> Sdf.Layer:
     problem = why_no_layer(resolved)
     if problem and not os.path.isdir(resolved):  # reading from a pipe may take for ever
         raise SceneError(f"{path} cannot be read: expected a USD stage, {problem}")
-    if os.path.isdir(resolved) or not Usd.Stage.IsSupportedFile(resolved):
-        raise SceneError(f"{path} is not a USD stage: expected a .usd, .usda, .usdc or .usdz file")
     try:
+        if os.path.isdir(resolved) or not Usd.Stage.IsSupportedFile(resolved):
+            raise SceneError(f"{path} is not a USD stage: expected a .usd, .usda, .usdc or .usdz file")
         # OpenUSD finds layers by the names that they were opened with, also in another working directory.
         layer = read_layer(os.path.abspath(path) if os.path.exists(path) else path)
     except Tf.ErrorException as error:
@@ -313,7 +313,9 @@ def files_of(stage: Usd.Stage) -> Iterator[str]:
     variables = {**root.expressionVariables, **stage.GetSessionLayer().expressionVariables}
     for layer in stage.GetUsedLayers():
         found = [layer.realPath]
-        for name in chain(*UsdUtils.ExtractExternalReferences(layer.identifier)):
+        with quiet():  # it warns of templates of value clips that are valid
+            names = [*chain(*UsdUtils.ExtractExternalReferences(layer.identifier))]
+        for name in names:
             # What `--set` names is relative to the stage's own file.
             for anchor in (layer, root) if layer.anonymous else (layer,):
                 found += [path for path, _ in UsdShade.UdimUtils.ResolveUdimTilePaths(name, anchor)]

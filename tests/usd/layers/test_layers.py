@@ -206,6 +206,7 @@ def clips(tmp_path, text, x="double x"):
 LISTED = 'string primPath = "/A"\nasset[] assetPaths = [@%s@]\ndouble2[] active = [(0, 0)]\n' + (
     "asset manifestAssetPath = @%s@"
 )
+INDEX = 'string primPath = "/A"\nasset[] assetPaths = [@clip.usda@]\ndouble2[] active = [(0, %d)]'
 TEMPLATE = 'string primPath = "/A"\nstring templateAssetPath = "./%s"\ndouble templateStartTime = 1\n' + (
     "double templateEndTime = %g\ndouble templateStride = 1"
 )
@@ -218,10 +219,21 @@ TEMPLATE = 'string primPath = "/A"\nstring templateAssetPath = "./%s"\ndouble te
         (LISTED % ("clip.usda", "pipe.1.usda"), "one of them pipe.1.usda: expected a file, it is a named pipe"),
         (TEMPLATE % ("pipe.##.usda", 1), "one of them pipe.1.usda: expected a file, it is a named pipe"),
         (LISTED % ("empty.usda", "clip.usda"), "one of them empty.usda: expected a file, it is empty"),
-        (TEMPLATE % ("clip.#.usda", 1e9), "from 1 to 1e+09 by 1: expected up to 1,000,000 clips"),
+        (TEMPLATE % ("clip.#.usda", 1e9), "from 1 to 1e+09 by 1: expected 1 to 1,000,000 clips"),
+        (TEMPLATE % ("clip.#.usda", 0), "from 1 to 0 by 1: expected 1 to 1,000,000 clips"),
+        (TEMPLATE[:-1] % ("clip.#.usda", 1) + "0", "from 1 to 1 by 0: expected 1 to 1,000,000 clips"),
+        (TEMPLATE % ("a.usda", 1), "whose templateAssetPath is './a.usda': expected a run of # in the file's name"),
+        (INDEX % -1, "whose active has the index -1: expected one of 1 assetPaths, counted from 0"),
+        (INDEX % 1, "whose active has the index 1: expected one of 1 assetPaths, counted from 0"),
+        ("asset assetPaths = @clip.usda@", "whose assetPaths is of the type asset: expected asset[]"),
+        ("int assetPaths = 3", "whose assetPaths is of the type int: expected asset[]"),
+        ("dictionary assetPaths = {}", "whose assetPaths is of the type dictionary: expected asset[]"),
+        (INDEX % 0 + "\nint times = 3", "whose times is of the type int: expected double2[]"),
+        ("double3 active = (0, 0, 0)", "whose active is of the type double3: expected double2[]"),
+        ("string manifestAssetPath = 'clip.usda'", "whose manifestAssetPath is of the type string: expected asset"),
     ],
 )
-def test_value_clips_that_are_no_files_are_left_out(tmp_path, caplog, text, problem):
+def test_value_clips_that_cannot_be_read_are_left_out(tmp_path, caplog, text, problem):
     os.mkfifo(tmp_path / "pipe.1.usda")
     written(tmp_path / "empty.usda", "")
     stage = open_stage(clips(tmp_path, text))

@@ -15,6 +15,12 @@ from ..common.warnings import Warnings
 _MOST_CLIPS = 1_000_000  # of a template
 _HASHES = re.compile(r"#+(\.#+)?")
 _TIMES = ("templateStartTime", "templateEndTime", "templateStride")
+# OpenUSD ignores values of other types, except that Python does not tell float from double, nor token from string.
+_TYPES = {
+    "assetPaths": "asset[]", "manifestAssetPath": "asset", "primPath": "string", "active": "double2[]",
+    "times": "double2[]", "templateAssetPath": "string", **dict.fromkeys(_TIMES, "double"),
+    "templateActiveOffset": "double", "interpolateMissingClipValues": "bool",
+}  # fmt: skip
 
 
 def leave_out_clips(
@@ -56,9 +62,8 @@ def _problem(layer: Sdf.Layer, clips: object, problem_of: Callable[[str], str]) 
     """Return what is wrong with a clip set of a layer, as a clause, or ""."""
     if not isinstance(clips, Mapping):  # OpenUSD ignores it
         return ""
-    times = [each for each in map(clips.get, _TIMES) if isinstance(each, float)]
-    if len(times) == 3 and times[2] > 0 and not (times[1] - times[0]) / times[2] <= _MOST_CLIPS:
-        return f"from {times[0]:g} to {times[1]:g} by {times[2]:g}: expected up to {_MOST_CLIPS:,} clips"
+    if problem := _misfit(clips):
+        return problem
     for name in _files(layer, clips):
         path = str(Ar.GetResolver().Resolve(name))
         if path and (problem := problem_of(path)):
@@ -66,14 +71,31 @@ def _problem(layer: Sdf.Layer, clips: object, problem_of: Callable[[str], str]) 
     return ""
 
 
-def _files(layer: Sdf.Layer, clips: Mapping[str, object]) -> Iterator[str]:
+def _misfit(clips: Mapping[str, Any]) -> str:
+    """Return which value of a clip set OpenUSD does not take, as a clause, or ""."""
+    for name, kind in _TYPES.items():
+        if name in clips and (given := str(Sdf.GetValueTypeNameForValue(clips[name]) or "dictionary")) != kind:
+            return f"whose {name} is of the type {given}: expected {kind}"
+    template, times = clips.get("templateAssetPath"), [*map(clips.get, _TIMES)]
+    if template is not None and "#" not in os.path.basename(template):
+        return f"whose templateAssetPath is '{template}': expected a run of # in the file's name"
+    if None not in times:
+        start, end, stride = times
+        if not (stride > 0 and 0 <= (end - start) / stride <= _MOST_CLIPS):
+            return f"from {start:g} to {end:g} by {stride:g}: expected 1 to {_MOST_CLIPS:,} clips"
+    count = len(clips.get("assetPaths", ()))
+    for _, index in clips.get("active", ()) if "assetPaths" in clips else ():
+        if not 0 <= index < count:  # OpenUSD then ignores all of the set
+            return f"whose active has the index {index:g}: expected one of {count:,} assetPaths, counted from 0"
+    return ""
+
+
+def _files(layer: Sdf.Layer, clips: Mapping[str, Any]) -> Iterator[str]:
     """Yield the names of the files that a clip set may open."""
-    listed = clips.get("assetPaths")
-    for asset in (*(listed if isinstance(listed, Iterable) else ()), clips.get("manifestAssetPath")):
-        if isinstance(asset, Sdf.AssetPath) and asset.path:
-            yield str(layer.ComputeAbsolutePath(asset.path))
-    template = clips.get("templateAssetPath")
-    if isinstance(template, str) and template:
+    for name in (*(asset.path for asset in clips.get("assetPaths", ())), _manifest(clips)):
+        if name:
+            yield str(layer.ComputeAbsolutePath(name))
+    if template := clips.get("templateAssetPath"):
         # Not by the resolver, which looks for the template as a file.
         folder, pattern = os.path.split(os.path.join(os.path.dirname(layer.realPath), template))
         matches = re.compile(r"-?\d+".join(map(re.escape, re.split("#+", pattern)))).fullmatch
@@ -82,18 +104,21 @@ def _files(layer: Sdf.Layer, clips: Mapping[str, object]) -> Iterator[str]:
 
 
 def warn_of_gaps(reading: Reading) -> None:
-    """Warn about value clips of which the file for the time that is read is missing; OpenUSD goes on without it."""
+    """Warn about missing files of value clips, which OpenUSD goes on without.
+
+    These are the file for the time that is read and, at all times, the manifest, without which no value is used.
+    """
     key = ("clips",)
     if key not in reading.lasting:
         prims = prims_under(reading.stage.GetPseudoRoot())
         reading.lasting[key] = [prim for prim in prims if prim.HasMetadata("clips")]
     for prim in reading.lasting[key]:
         for layer, time, clips in _sets(prim, float(reading.time.GetValue())):
-            name = _active(clips, time)
-            path = name and str(Ar.GetResolver().Resolve(layer.ComputeAbsolutePath(name)))
-            if name and not (path and _opens(path)):
-                text = f"{prim.GetPath()} has value clips, of which {name} is not there or cannot be read"
-                reading.warnings.lack(text, file_of(reading.stage), "its values are not used", reading.frame)
+            for name, frame in ((_active(clips, time), reading.frame), (_manifest(clips), None)):
+                path = name and str(Ar.GetResolver().Resolve(layer.ComputeAbsolutePath(name)))
+                if name and not (path and _opens(path)):
+                    text = f"{prim.GetPath()} has value clips, of which {name} is not there or cannot be read"
+                    reading.warnings.lack(text, file_of(reading.stage), "its values are not used", frame)
 
 
 def _sets(prim: Usd.Prim, time: float) -> Iterator[tuple[Sdf.Layer, float, Mapping[str, Any]]]:
@@ -102,9 +127,14 @@ def _sets(prim: Usd.Prim, time: float) -> Iterator[tuple[Sdf.Layer, float, Mappi
     for spec, offset in prim.GetPrimStackWithLayerOffsets():
         for name, clips in (spec.GetInfo("clips") if spec.HasInfo("clips") else {}).items():
             named = isinstance(clips, Mapping) and ("assetPaths" in clips or "templateAssetPath" in clips)
-            if named and name not in found:
+            if named and name not in found and not _misfit(clips):
                 found.add(name)
                 yield spec.layer, offset.GetInverse() * time, clips
+
+
+def _manifest(clips: Mapping[str, Any]) -> str:
+    """Return the name of the file that lists what a clip set has values of, "" if it names none."""
+    return str(clips["manifestAssetPath"].path) if "manifestAssetPath" in clips else ""
 
 
 def _active(clips: Mapping[str, Any], time: float) -> str:
@@ -112,18 +142,14 @@ def _active(clips: Mapping[str, Any], time: float) -> str:
     paths, active = clips.get("assetPaths"), clips.get("active")
     if paths and active:
         begun = [index for start, index in sorted(map(tuple, active)) if start <= time]
-        index = int(begun[-1] if begun else min(map(tuple, active))[1])
-        return str(paths[index].path) if 0 <= index < len(paths) else ""
-    template, times = (
-        clips.get("templateAssetPath"),
-        [each for each in map(clips.get, _TIMES) if isinstance(each, float)],
-    )
-    if not (isinstance(template, str) and len(times) == len(_TIMES) and times[2] > 0):
+        return str(paths[int(begun[-1] if begun else min(map(tuple, active))[1])].path)
+    times = [*map(clips.get, _TIMES)]
+    if "templateAssetPath" not in clips or None in times:
         return ""
     start, end, stride = times
     last = (end - start) // stride
     step = min(max((time - start - clips.get("templateActiveOffset", 0.0)) // stride, 0), last)
-    return _HASHES.sub(lambda found: _numbered(found[0], start + step * stride), template)
+    return _HASHES.sub(lambda found: _numbered(found[0], start + step * stride), clips["templateAssetPath"])
 
 
 def _numbered(hashes: str, number: float) -> str:
