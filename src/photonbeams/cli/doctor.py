@@ -84,6 +84,7 @@ def trial() -> tuple[str | None, bool]:
 def rows() -> Iterator[tuple[str, str]]:
     """Yield the rows of the table, each a name and a value."""
     from ..runtime import device, libllvm, limits
+    from ..usd.common.openusd import plugin_problem
 
     yield "Python", f"{platform.python_version()} ({sys.executable})"
     yield "Platform", platform.platform()
@@ -94,6 +95,7 @@ def rows() -> Iterator[tuple[str, str]]:
             yield package, version(package)
         except PackageNotFoundError:
             yield package, "not installed"
+    yield "OpenUSD plug-ins", plugin_problem() or "usable"
     yield "", ""
     yield from device.running().items()
     yield "libLLVM", device.library()

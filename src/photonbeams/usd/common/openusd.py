@@ -7,11 +7,15 @@ that says what is missing.
 
 from __future__ import annotations
 
+import logging
+import os
 import re
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
+from ...scene.checks import shortened
 from ...scene.extras import needs
 
 #: Whether OpenUSD is installed.
@@ -29,6 +33,34 @@ def text_of(error: BaseException) -> str:
 def sentences_of(error: BaseException) -> list[str]:
     """Return what an error of OpenUSD says, without the places in its source."""
     return re.findall(r" : '(.*?)\s*'(?=\s*\n\tError|\s*$)", text_of(error), re.DOTALL)
+
+
+@cache
+def plugin_problem() -> str:
+    """Return which plug-ins OpenUSD cannot load, and goes on without, as a sentence; "" if it loads all.
+
+    It finds plug-ins and chooses its asset resolver when these are first asked for, and raises errors about them once.
+    """
+    if not INSTALLED:
+        return ""
+    from pxr import Ar, Plug, Tf
+
+    found: list[str] = []
+    for load in (Plug.Registry().GetAllPlugins, Ar.GetResolver):
+        try:
+            load()
+        except Tf.ErrorException as error:
+            found += sentences_of(error)
+    named = os.environ.get("PXR_PLUGINPATH_NAME", "")
+    reasons = "; ".join(each.rstrip(".") for each in found)
+    return reasons and f"OpenUSD goes on without plug-ins of PXR_PLUGINPATH_NAME ('{named}'): {reasons}"
+
+
+@cache
+def _warn_of_plugins() -> None:
+    """Warn about plug-ins that OpenUSD cannot load, once."""
+    if problem := plugin_problem():
+        logging.getLogger("photonbeams").warning("%s", shortened(problem))
 
 
 class _Missing(type):
@@ -57,6 +89,7 @@ def __getattr__(name: str) -> Any:
     """Return a module of OpenUSD."""
     if name.startswith("__"):
         raise AttributeError(name)
+    _warn_of_plugins()  # otherwise whatever needs plug-ins first would raise their errors
     result = import_module(f"pxr.{name}") if INSTALLED else _stand_in(name)
     globals()[name] = result
     return result
