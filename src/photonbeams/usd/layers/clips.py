@@ -76,10 +76,10 @@ def _misfit(clips: Mapping[str, Any]) -> str:
     for name, kind in _TYPES.items():
         if name in clips and (given := str(Sdf.GetValueTypeNameForValue(clips[name]) or "dictionary")) != kind:
             return f"whose {name} is of the type {given}: expected {kind}"
-    template, times = clips.get("templateAssetPath"), [*map(clips.get, _TIMES)]
+    template, times = clips.get("templateAssetPath"), _times(clips)
     if template is not None and "#" not in os.path.basename(template):
         return f"whose templateAssetPath is '{template}': expected a run of # in the file's name"
-    if None not in times:
+    if times:
         start, end, stride = times
         if not (stride > 0 and 0 <= (end - start) / stride <= _MOST_CLIPS):
             return f"from {start:g} to {end:g} by {stride:g}: expected 1 to {_MOST_CLIPS:,} clips"
@@ -137,14 +137,20 @@ def _manifest(clips: Mapping[str, Any]) -> str:
     return str(clips["manifestAssetPath"].path) if "manifestAssetPath" in clips else ""
 
 
+def _times(clips: Mapping[str, Any]) -> list[float]:
+    """Return a template's start, end and stride, nothing if it lacks one."""
+    times = [clips[name] for name in _TIMES if name in clips]
+    return times if len(times) == len(_TIMES) else []
+
+
 def _active(clips: Mapping[str, Any], time: float) -> str:
     """Return the name of the file that a clip set uses at a time, "" if it names none."""
     paths, active = clips.get("assetPaths"), clips.get("active")
     if paths and active:
         begun = [index for start, index in sorted(map(tuple, active)) if start <= time]
         return str(paths[int(begun[-1] if begun else min(map(tuple, active))[1])].path)
-    times = [*map(clips.get, _TIMES)]
-    if "templateAssetPath" not in clips or None in times:
+    times = _times(clips)
+    if "templateAssetPath" not in clips or not times:
         return ""
     start, end, stride = times
     last = (end - start) // stride
