@@ -62,13 +62,13 @@ class Setting:
     def checked(self, value: object, name: str) -> Any:
         """Return a value as Python's own int, float, bool or str; raise SceneError, with the `name`, for any other."""
         from .scene import SceneError, whole
-        from .scene.checks import as_float, choice, shown
+        from .scene.checks import as_float, choice, plain, shown
 
         if self.choices:
             return choice(value, name, self.choices)
-        found: Any = whole(value, name) if self.kind is int else value
-        if self.kind is float and isinstance(value, Real):
-            found = as_float(value)
+        found = whole(value, name) if self.kind is int else plain(value)
+        if self.kind is float and isinstance(found, Real):
+            found = as_float(found)
         if not (self._fits(found) and self._within(found)):
             raise SceneError(f"{name} is {shown(value)}: expected {self.expected or self._expected()}")
         return self.kind(found) if self.kind in (float, bool) else found
@@ -76,8 +76,7 @@ class Setting:
     def _fits(self, value: Any) -> bool:
         """Return whether a value is of the setting's kind."""
         if self.kind is bool:
-            single = type(value).__module__ == "numpy" and value.ndim == 0
-            return isinstance(value, bool) or (single and value in (0, 1))
+            return isinstance(value, Real) and value in (0, 1)
         return isinstance(value, Real) and isfinite(value) if self.kind is float else isinstance(value, self.kind)
 
     def _within(self, value: Any) -> bool:

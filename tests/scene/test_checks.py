@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
+from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Float
 from photonbeams.scene import Camera, DensityGrid, Gobo, Mesh, Profile, SphereLight, UVTexture, VertexValues
 
@@ -79,3 +80,23 @@ def test_a_mask_of_nothing_is_an_array():
 def test_a_rule_refuses_a_mask():
     with pytest.raises(TypeError, match="expected a number, a NumPy array without a mask"):
         pb.gauss_legendre(3).integrate(lambda x: x, ROW, 2.0)
+
+
+@pytest.mark.parametrize("four", [np.array(4), np.int64(4), np.array(4, np.uint8)])
+def test_a_number_of_numpy_is_the_number_that_it_is(four):
+    assert Settings(passes=four, beams=four, error=None) == Settings(passes=4, beams=4)
+    lamp = SphereLight("/Lamp", 1.0, radius=four, seed=four)
+    assert (lamp.radius, lamp.seed) == (4, 4) and not isinstance(lamp.radius, np.ndarray)
+
+
+@pytest.mark.parametrize("yes", [np.bool_(True), np.array(True), np.array(1), 1])
+def test_true_of_numpy_is_true(yes):
+    assert Settings(denoise=yes, passes=yes).denoise is True
+    assert SphereLight("/Lamp", 1.0, seen=yes).seen == 1
+
+
+def test_a_row_of_one_number_is_no_number():
+    with pytest.raises(pb.SceneError, match=r"radius is \[0\.1\]: expected a number"):
+        SphereLight("/Lamp", 1.0, radius=np.array([0.1]))
+    with pytest.raises(pb.SceneError, match=r"passes is \[4\]: expected a whole number"):
+        Settings(passes=np.array([4]))

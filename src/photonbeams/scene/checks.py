@@ -218,8 +218,16 @@ def number(value: float, name: str, minimum: float = -np.inf, maximum: float = n
     return float(found[0])
 
 
+def plain(value: Any) -> Any:
+    """Return the number in an array without axes, and NumPy's True and False as Python's; other values as they are."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]  # it keeps its precision, which `at_bounds` needs
+    return bool(value) if isinstance(value, np.bool_) else value
+
+
 def whole(value: object, name: str, of: str = "") -> int:
     """Return a whole number, also a NumPy one, as an int; SceneError for anything else, such as 64.0 and "4"."""
+    value = plain(value)
     if not isinstance(value, Integral):
         raise SceneError(f"{name} is {shown(value)}: expected a whole number{of}")
     return int(value)
@@ -235,6 +243,7 @@ def as_float(value: Real) -> float:
 
 def real(value: object, name: str) -> float:
     """Return a finite number, also a NumPy one, as a float; SceneError for anything else."""
+    value = plain(value)
     if isinstance(value, Real) and abs(as_float(value)) < np.inf:
         return float(value)
     raise SceneError(f"{name} is {value if isinstance(value, Real) else shown(value)}: expected a finite number")

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_ori
 
 import numpy as np
 
-from .checks import LONGEST, SceneError, as_float, shortened, shown
+from .checks import LONGEST, SceneError, as_float, plain, shortened, shown
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -57,19 +57,19 @@ def arguments(function: Callable[P, R]) -> Callable[P, R]:
     @wraps(function)
     def checked(*given: P.args, **named: P.kwargs) -> R:
         try:
-            bound = signature.bind(*given, **named).arguments
+            taken = signature.bind(*map(plain, given), **{key: plain(value) for key, value in named.items()})
         except TypeError as error:
             name = type(given[0]).__name__ if makes else function.__name__
             raise SceneError(_misuse(name, signature, len(given), named, error)) from None
         try:
-            result = function(*given, **named)
+            result = function(*taken.args, **taken.kwargs)
         except (SceneError, OSError):
             raise
         except Exception:
-            check(bound, type(given[0]).__mro__ if makes else (function,))
+            check(taken.arguments, type(given[0]).__mro__ if makes else (function,))
             raise
         if makes:
-            check(bound, type(given[0]).__mro__)
+            check(taken.arguments, type(given[0]).__mro__)
         return result
 
     return checked
@@ -151,14 +151,15 @@ def _is_number(value: Any) -> bool:
     """Return whether a value is a real number as kernels take it, also a NumPy one, or an array of one."""
     if isinstance(value, float | np.floating | Integral):
         return not isinstance(value, Integral) or np.isfinite(as_float(value))
-    return getattr(value, "shape", None) in ((), (1,)) and getattr(getattr(value, "dtype", None), "kind", "f") in "buif"
+    shapes = ((),) if isinstance(value, np.ndarray) else ((), (1,))  # a number of Dr.Jit's is a row of one entry
+    return getattr(value, "shape", None) in shapes and getattr(getattr(value, "dtype", None), "kind", "f") in "buif"
 
 
 _NONE = Declared(lambda value: value is None, "None")
 _KNOWN = {
     NoneType: _NONE,
     str: Declared(lambda value: isinstance(value, str), "text"),
-    bool: Declared(lambda value: isinstance(value, bool | np.bool_ | Integral) and value in (0, 1), "True or False"),
+    bool: Declared(lambda value: isinstance(value, Integral) and value in (0, 1), "True or False"),
     int: Declared(lambda value: isinstance(value, Integral), "a whole number"),
     float: Declared(_is_number, "a number"),
     os.PathLike: Declared(lambda value: isinstance(value, os.PathLike), "a path"),
