@@ -6,10 +6,12 @@ import subprocess
 import sys
 import time
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from photonbeams.cli.outputs import Output, snapshots_of
 from photonbeams.cli.progress import held_signals
 from photonbeams.render.checkpoint import Checkpoint
 from photonbeams.render.films.frame_sums import FrameSums
@@ -64,3 +66,15 @@ def test_a_checkpoint_of_whole_passes_is_rescued(tmp_path):
         ADDING.release()  # it is held until the process ends
         assert checkpoint.passes == passes
     assert len(FrameSums.load(tmp_path / "3.checkpoint")) == 3
+
+
+def test_a_snapshot_asked_for_before_the_command_has_begun_does_not_end_it():
+    ask = "import os, signal\nfrom photonbeams import cli\ncli.app = lambda **_: os.kill(os.getpid(), signal.SIGUSR1)\n"
+    assert subprocess.run([sys.executable, "-c", f"{ask}cli.main(['doctor'])"], check=False).returncode == 0
+
+
+def test_snapshots_of_long_names_are_as_long_as_names_may_be():
+    for stem in ("é" * 120 + ".0007", "b" * 251, "short"):
+        (snapshot,) = snapshots_of([Output(Path(f"out/{stem}.exr"))])
+        assert len(os.fsencode(snapshot.path.name)) <= 255
+        assert snapshot.path.name.endswith(f"{stem[-5:]}.snapshot.exr")

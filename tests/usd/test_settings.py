@@ -140,9 +140,11 @@ def test_an_empty_window_is_an_error_though_warnings_are_not(usd, body):
         read_settings(usd(settings(body), METADATA))
 
 
-def test_too_much_overscan_names_the_window():
-    with pytest.raises(SceneError, match=r"^/S\.dataWindowNDC: the crop is .*"):
-        RenderSettings("/S", data_window=(-1000, 0, 1000, 1)).crop(64, 36)
+def test_too_much_overscan_names_the_window(usd):
+    window = "uniform float4 dataWindowNDC = (-1000, 0, 1000, 1)"
+    expected = r"stage\.usda: /S\.dataWindowNDC is \(-1000, 0, 1000, 1\): 64,000 pixels beyond an edge of 64, expected "
+    with pytest.raises(SceneError, match=expected):
+        read_settings(usd(settings(window), METADATA)).crop(64, 36)
 
 
 def test_metadata_that_names_no_settings_is_ignored_with_a_warning(usd, warnings):
@@ -248,6 +250,7 @@ def test_a_product_names_its_file_at_each_time(usd):
         ("", "a name that ends in .exr or .png"),
         ("a.tif", "a name that ends in .exr or .png"),
         ("a.#.##_#.exr", "one run of #"),
+        ("d.##/a.##.exr", "one run of #"),
     ],
 )
 def test_a_product_without_a_picture_is_refused(usd, name, expected):

@@ -9,14 +9,15 @@ command (130 for Ctrl-C). Messages go to standard error.
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from io import BufferedWriter, FileIO, TextIOWrapper
 from itertools import pairwise
-from signal import SIGINT
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -28,7 +29,7 @@ __all__ = ["app", "main"]
 _COMMANDS = (
     "render", "merge", "steady", "beams", "export", "dress", "swatch", "studio", "info", "quadrature", "doctor",
 )  # fmt: skip
-_INTERRUPTED = 128 + SIGINT
+_INTERRUPTED = 128 + signal.SIGINT
 _LONGEST = 300  # characters of a message
 _TEMPORARY = 75  # EX_TEMPFAIL of sysexits.h
 
@@ -99,6 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     given = sys.argv[1:] if arguments is None else list(arguments)
     _ready_streams()
+    _ignore_snapshots()
     try:
         # In its standalone mode Typer would draw a box around the message and break its lines.
         code = app(args=given or ["--help"], prog_name="photonbeams", standalone_mode=False)
@@ -114,8 +116,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise
         _fail(f"Error: {sentence}", _TEMPORARY if _of_farm(error) else 1, given)
     if code == _INTERRUPTED:  # before the command was called
-        _end(SIGINT, None, given)
+        _end(signal.SIGINT, None, given)
     raise SystemExit(code or (0 if given else 2))  # without a command, the help is a usage error
+
+
+def _ignore_snapshots() -> None:
+    """Ignore SIGUSR1 until `progress.snapshots` handles it: it asks for a picture that is not begun, or is written."""
+    if sys.platform != "win32" and threading.current_thread() is threading.main_thread():
+        if signal.getsignal(signal.SIGUSR1) == signal.SIG_DFL:  # which would end the process
+            signal.signal(signal.SIGUSR1, signal.SIG_IGN)
 
 
 def _ready_streams() -> None:
@@ -160,7 +169,7 @@ def _signal(error: BaseException | None) -> int | None:
     found = None
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
-            found = getattr(error, "number", found or int(SIGINT))
+            found = getattr(error, "number", found or int(signal.SIGINT))
         error = error.__cause__ or error.__context__
     return found
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from ..constants import is_number, layers_named
-from ..images.numbering import PLACEHOLDER, numbered
+from ..images.numbering import PLACEHOLDER, numbered, numbering_problem
 
 if TYPE_CHECKING:
     from ..scene import Array
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .request import RenderRequest
 
 
+_LONGEST_NAME = 255  # bytes, on most file systems
 _PICTURES = (b"\x76\x2f\x31\x01", b"\x89PNG")  # what an .exr and a .png begin with
 
 
@@ -104,13 +105,13 @@ def part_outputs(files: Iterable[Path]) -> list[Output]:
 
 
 def checked_path(flag: str, path: Path, suffixes: Sequence[str]) -> Path:
-    """Return the path that a flag gives; refuse other suffixes, names not in UTF-8, and two runs of #."""
+    """Return the path that a flag gives; refuse other suffixes, names not in UTF-8, and several runs of #."""
     if path.suffix.lower() not in suffixes:
         raise typer.BadParameter(f"{flag} is {path}: expected a name that ends in {' or '.join(suffixes)}")
     if os.fsencode(path).decode("utf-8", "ignore") != str(path):  # OpenEXR takes no other names
         raise typer.BadParameter(f"{flag} is {str(path)!r}: expected a name in UTF-8")
-    if len(PLACEHOLDER.findall(path.name)) > 1:
-        raise typer.BadParameter(f"{flag} is {path}: expected one run of # for the frame number")
+    if problem := numbering_problem(path):
+        raise typer.BadParameter(f"{flag} is {path}: {problem}")
     return path
 
 
@@ -287,5 +288,11 @@ def snapshots_of(outputs: Sequence[Output]) -> list[Output]:
 
     Deep pictures have none: their samples are those of one of the last passes.
     """
-    flat = [each for each in outputs if not each.deep]
-    return [replace(each, path=each.path.with_name(f"{each.path.stem}.snapshot{each.path.suffix}")) for each in flat]
+    return [replace(each, path=_snapshot_of(each.path)) for each in outputs if not each.deep]
+
+
+def _snapshot_of(path: Path) -> Path:
+    """Return the path of an output's snapshot; of a long name it has the end, in which frames differ."""
+    end = f".snapshot{path.suffix}"
+    stem = os.fsencode(path.stem)[len(end) - _LONGEST_NAME :].decode(errors="ignore")
+    return path.with_name(stem + end)

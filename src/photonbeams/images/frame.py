@@ -244,17 +244,19 @@ def pixels_of(
     if overscan:
         if not (x0 < x1 and y0 < y1 and np.all(np.isfinite(crop))):
             raise SceneError(f"the crop is {crop}: expected finite numbers, x0 < x1 and y0 < y1")
-        _check_overscan(crop, width, height)
+        if problem := overscan_problem(crop, width, height):
+            raise SceneError(f"the crop is {crop}: {problem}")
     elif not (0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1):
         raise SceneError(f"the crop is {crop}: expected 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1")
     left, top = floor(x0 * width), floor(y0 * height)
     return (left, top, max(left + 1, round(x1 * width)), max(top + 1, round(y1 * height)))
 
 
-def _check_overscan(crop: Sequence[float], width: int, height: int) -> None:
-    """Raise SceneError for more pixels beyond the picture than samples have numbers for (`render.films.film.Film`)."""
+def overscan_problem(crop: Sequence[float], width: int, height: int) -> str:
+    """Return which edge has more pixels beyond it than samples have numbers for (`render.films.film.Film`), or ""."""
     x0, y0, x1, y1 = crop
     for size, most in ((width, max(-x0, x1 - 1)), (height, max(-y0, y1 - 1))):
         if size * (1 + 2 * most) > MOST_PIXELS:
-            text = f"the crop is {tuple(crop)}: {size * most:.10g} pixels beyond an edge of {size}"
-            raise SceneError(f"{text}: expected no more than {(MOST_PIXELS - size) // 2:,}")
+            expected = f"expected no more than {(MOST_PIXELS - size) // 2:,}"
+            return f"{size * most:,.0f} pixels beyond an edge of {size}, {expected}"
+    return ""

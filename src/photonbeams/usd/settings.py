@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from math import ceil, isfinite
@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from ..constants import CRYPTO, FILTERS, REQUESTED, layers_named
-from ..images.frame import fractions_of, pixels_of
-from ..images.numbering import PLACEHOLDER
+from ..images.frame import fractions_of, overscan_problem
+from ..images.numbering import numbering_problem
 from ..scene import MOST_PIXELS, SceneError
 from ..scene.cameras import CONFORM_POLICIES
 from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
@@ -82,6 +82,8 @@ class RenderSettings:
         One of `constants.FILTERS`, from photonbeams:pixelFilter.
     products
         The raster products.
+    file
+        The stage's file, for messages.
     """
 
     path: str | None = None
@@ -94,6 +96,7 @@ class RenderSettings:
     disable_depth_of_field: bool | None = None
     pixel_filter: str | None = None
     products: tuple[RenderProduct, ...] = ()
+    file: str = field(default="the stage", compare=False)
 
     def crop(self, width: int, height: int) -> Window | None:
         """Return the data window from the top left, snapped to the pixels whose centres it contains; at least one.
@@ -109,10 +112,8 @@ class RenderSettings:
         left, right = _pixels(x0, x1, width)
         top, bottom = _pixels(1 - y1, 1 - y0, height)
         found = (left, top, right, bottom)
-        try:
-            pixels_of(found, width, height, overscan=True)
-        except SceneError as error:
-            raise SceneError(f"{self.path}.dataWindowNDC: {error}") from None
+        if problem := overscan_problem(found, width, height):
+            raise SceneError(f"{self.file}: {self.path}.dataWindowNDC is {_shown(self.data_window)}: {problem}")
         return found
 
 
@@ -174,6 +175,7 @@ def read_settings(
         disable_depth_of_field=values["disableDepthOfField"],
         pixel_filter=values[PIXEL_FILTER],
         products=tuple(_product(reading, raster) for raster in rasters),
+        file=file_of(stage),
     )
 
 
@@ -196,8 +198,8 @@ def product_file(stage: Usd.Stage, product: RenderProduct, time: Time = None) ->
     name = str(reading.value(prim, "productName", ""))
     if not name.lower().endswith(SUFFIXES):
         raise reading.fail(prim, "productName", f"is '{name}': expected a name that ends in {' or '.join(SUFFIXES)}")
-    if len(PLACEHOLDER.findall(Path(name).name)) > 1:
-        raise reading.fail(prim, "productName", f"is '{name}': expected one run of # for the frame number")
+    if problem := numbering_problem(Path(name)):
+        raise reading.fail(prim, "productName", f"is '{name}': {problem}")
     return Path(name)
 
 
@@ -280,10 +282,15 @@ def _pixel_aspect_ratio(reading: Reading, prim: Usd.Prim) -> float:
 
 def _data_window(reading: Reading, prim: Usd.Prim) -> Window:
     x0, y0, x1, y1 = window = reading.vector(prim, "dataWindowNDC", (0.0, 0.0, 1.0, 1.0))
-    text = f"is ({', '.join(f'{each:g}' for each in window)})"
     if not (all(map(isfinite, window)) and max(x0, 0) < min(x1, 1) and max(y0, 0) < min(y1, 1)):
-        raise reading.fail(prim, "dataWindowNDC", f"{text}: expected x0 < x1 and y0 < y1, overlapping the picture")
+        text = f"is {_shown(window)}: expected x0 < x1 and y0 < y1, overlapping the picture"
+        raise reading.fail(prim, "dataWindowNDC", text)
     return x0, y0, x1, y1
+
+
+def _shown(window: Sequence[float]) -> str:
+    """Return a window as a stage writes it."""
+    return f"({', '.join(f'{each:g}' for each in window)})"
 
 
 def _choice(name: str, choices: Collection[str]) -> Callable[[Reading, Usd.Prim], str]:
