@@ -67,7 +67,10 @@ class Rule:
 
     def __post_init__(self) -> None:
         for name in ("points", "weights"):
-            values = np.array(getattr(self, name), dtype=np.float64)
+            try:
+                values = np.array(getattr(self, name), dtype=np.float64)
+            except (TypeError, ValueError):
+                values = np.empty(0)
             if values.ndim != 1 or not values.size or not np.all(np.isfinite(values)):
                 raise ValueError(f"{name} of the rule {self.name}: expected one row of finite numbers")
             values.setflags(write=False)

@@ -304,6 +304,7 @@ def test_layers_choose_what_the_exr_holds_and_groups_have_theirs(render, stage, 
         (("--bogus",), ("No such option: --bogus",)),
         (("-o", "a.jpg"), ("a.jpg", ".exr or .png")),
         (("-o", "a.##.b##.exr"), ("a.##.b##.exr", "one run of #")),
+        (("-o", "a.####/b.####.exr"), ("a.####/b.####.exr", "one run of #", "in the file's own name")),
         (("-o", "./a.exr"), ("a.exr is named twice",)),
         (("-o", "a\udcff.exr"), ("udcff", "UTF-8")),
         (("--picture", "b.png"), ("b.png", "expected LAYER=FILE.png")),
@@ -644,6 +645,7 @@ def test_a_texture_that_is_cut_off_is_named(render, stage, out, tmp_path):
         (["mine.py:words"], 1, "the look's function words returns a str: expected a Float, an Array3f or a number"),
         (["mine.py:nothing"], 1, "the look's factor along is not finite everywhere"),
         (["broken.py:green"], 1, "broken.py, line 1: "),
+        (["binary.py:green"], 1, "binary.py: source code "),
     ],
 )
 def test_a_look_in_python_is_taken_or_told_in_a_sentence(render, stage, out, monkeypatch, flags, code, message):
@@ -657,6 +659,7 @@ def test_a_look_in_python_is_taken_or_told_in_a_sentence(render, stage, out, mon
         "nothing = pb.Look(along=lambda s: s / 0)\n"
     )
     (out / "broken.py").write_text("green = = 1\n")
+    (out / "binary.py").write_bytes(b"\xff\xfe\0green")
     given = [word for flag in flags for word in ("--look", flag)]
     result = render(stage(), "-o", "a.exr", "--progress", "none", "-q", *given)
     if code:

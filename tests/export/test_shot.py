@@ -287,6 +287,18 @@ def BasisCurves "Drawn" (prepend apiSchemas = ["PhotonBeamsCurvesAPI"])
 # -- files -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("shot", "path", "message"),
+    [
+        ("stage.usda", "a.xml", "shot is 'stage.usda': expected a Shot"),
+        (None, b"a", "path is b'a': expected text or a"),
+    ],
+)
+def test_what_is_no_shot_and_no_path_is_refused(folder, shot, path, message):
+    with pytest.raises(SceneError, match=message):
+        export(shot or shot_of(folder, camera()), path)
+
+
 def test_all_files_are_whole_or_none_is_there(folder, monkeypatch):
     shot = shot_of(folder, ROOM, fog(), camera(), LIGHTS["distant, dome"])
     before = sorted(each.name for each in folder.iterdir())

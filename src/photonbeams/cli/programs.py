@@ -97,7 +97,8 @@ def _told(function: Callable[..., object], path: Path) -> Callable[..., Any]:
 def _sentence(error: BaseException, path: Path) -> str:
     """Return an exception's file, line and message; the line is the last one in the user's file."""
     if isinstance(error, SyntaxError):
-        return f"{path}, line {error.lineno}: {error.msg}"
+        line = f", line {error.lineno}" if error.lineno else ""  # a binary file has no lines
+        return f"{path}{line}: {error.msg}"
     own = [entry for entry in traceback.extract_tb(error.__traceback__) if Path(entry.filename) == path]
     own = own or [each for each in traceback.extract_tb(error.__traceback__) if Path(each.filename).name == path.name]
     place = f"{path}, line {own[-1].lineno}" if own else str(path)

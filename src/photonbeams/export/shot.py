@@ -12,14 +12,15 @@ from ..images.color_spaces import REC709
 from ..images.frame import pixels_of
 from ..runtime.device import kept_variant
 from ..runtime.files import PathLike, atomic_path, write_bytes
-from ..scene import SceneError
+from ..scene import SceneError, arguments
+from ..shot.shot import Shot
 from ..usd.common.reading import LOG, file_of, frame_number
 
 if TYPE_CHECKING:
-    from ..shot.shot import Shot
     from .scene import Twin
 
 
+@arguments
 @kept_variant()
 def export(
     shot: Shot,

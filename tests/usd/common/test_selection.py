@@ -107,6 +107,7 @@ def test_a_selection_is_a_part_of_the_stages_digest(file, given):
     ("given", "message"),
     [
         ({"mask": "World"}, "the mask names 'World'"),
+        ({"mask": iter([1])}, "the mask names '1'"),
         ({"mask": "/Gone"}, "the mask names /Gone"),
         ({"purposes": "final"}, r"purposes name 'final': expected some of default, render, proxy, guide"),
         ({"complexity": "huge"}, "complexity is 'huge'"),

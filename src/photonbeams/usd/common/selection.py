@@ -50,8 +50,8 @@ class Selection:
 
     def __post_init__(self) -> None:
         for path in self.mask or ():
-            valid = path.isprintable() and Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsolutePath()
-            if not (valid and Sdf.Path(path).IsAbsoluteRootOrPrimPath()):
+            valid = isinstance(path, str) and path.isprintable() and Sdf.Path.IsValidPathString(path)
+            if not (valid and Sdf.Path(path).IsAbsolutePath() and Sdf.Path(path).IsAbsoluteRootOrPrimPath()):
                 raise SceneError(f"the mask names '{path}': expected the path of a prim, such as /World/Lamp")
         for purpose in self.purposes or ():
             if purpose not in _PURPOSES:
