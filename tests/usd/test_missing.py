@@ -119,8 +119,8 @@ def test_what_openusd_says_of_a_gap_at_another_time_is_not_printed(tmp_path, cap
     assert capfd.readouterr().err == ""
 
 
-def test_what_openusd_says_of_a_template_with_decimals_is_not_printed(tmp_path, capfd):
-    stage = open_stage(write_stage(tmp_path / "stage.usda", TEMPLATE.replace("##", "#.#")))
+def test_what_openusd_says_of_a_template_without_a_folder_is_not_printed(tmp_path, capfd):
+    stage = open_stage(write_stage(tmp_path / "stage.usda", TEMPLATE.replace("./", "")))
     assert str(tmp_path / "stage.usda") in set(files_of(stage))
     assert capfd.readouterr().err == ""
 

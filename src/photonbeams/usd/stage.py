@@ -313,7 +313,7 @@ def files_of(stage: Usd.Stage) -> Iterator[str]:
     variables = {**root.expressionVariables, **stage.GetSessionLayer().expressionVariables}
     for layer in stage.GetUsedLayers():
         found = [layer.realPath]
-        with quiet():  # it warns of templates of value clips that are valid
+        with quiet():  # it warns of templates of value clips without a folder
             names = [*chain(*UsdUtils.ExtractExternalReferences(layer.identifier))]
         for name in names:
             # What `--set` names is relative to the stage's own file.
