@@ -289,7 +289,11 @@ def test_pictures_within_other_integrators_are_not_denoised(parameters):
     assert "denoise and error need the whole picture" in str(refused.value.__cause__)
 
 
-@pytest.mark.parametrize("bsdf", [{"type": "diffuse"}, {"type": "null"}], ids=["diffuse", "null"])
+@pytest.mark.parametrize(
+    "bsdf",
+    [{"type": "diffuse"}, {"type": "null"}, {"type": "mask", "opacity": 1.0, "nested": {"type": "diffuse"}}],
+    ids=lambda bsdf: bsdf["type"],
+)
 def test_lamps_on_surfaces_that_let_light_pass_light_as_others_do(bsdf):
     """A square lamp of radiance 1 and half width 1, at half its width above a white floor: its form factor."""
     down = mi.ScalarTransform4f().translate([0, 0, 0.5]).rotate([1, 0, 0], 180)

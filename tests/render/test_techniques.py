@@ -12,6 +12,7 @@ from benchmarks.compare.random_rooms import room
 from photonbeams import Look, Shot, scene
 from photonbeams.render import light as light_module
 from photonbeams.render.light import ShotLight
+from photonbeams.render.paths.emitters import Chosen
 from photonbeams.render.pilots.pilot import Findings
 from photonbeams.render.scene_frame import Extras, render
 from photonbeams.render.settings import METHODS as NAMED
@@ -125,7 +126,7 @@ def finders(light, number):
     virtual = on_surfaces and walks.surfaces.bound is not None and number in walks.surfaces.emitters.connected
     skies = light.single_scattering(world, 1, None) or ()
     turned = on_surfaces and number not in walks.surfaces.emitters.sharp
-    sampled = emitter.lamp.illuminates and number not in light.lighting(world)
+    sampled = number in light.lighting(world).numbers
     result = {
         "straight": [sampled, traced & Counts.DIRECT_PHOTONS and not virtual],
         "further": [on_surfaces, traced & Counts.PHOTONS],
@@ -153,9 +154,13 @@ def finders(light, number):
 @pytest.fixture
 def seen_through(monkeypatch):
     """Walks, lighting and samples along segments are replaced by what they were made for."""
-    for name in ("WalkedEmitters", "WalkedLamps"):
+    for name in ("MitsubaEmitters", "WalkedLamps"):
         monkeypatch.setattr(light_module, name, lambda world, chosen, *portal: chosen)
-    monkeypatch.setattr(light_module, "EmitterLighting", lambda world, portal, unsampled: unsampled)
+    monkeypatch.setattr(
+        light_module,
+        "EmitterLighting",
+        lambda world, others: Chosen([each for each in range(len(world.emitters)) if each not in others], ()),
+    )
     monkeypatch.setattr(light_module, "SingleScattering", lambda world, skies, *rest: skies)
     monkeypatch.setattr(light_module.PathEmitter, "flux", np.ones(3))
 

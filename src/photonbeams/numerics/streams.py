@@ -34,7 +34,6 @@ class Stream(IntEnum):
     EMITTER_LOBE = 212
     EMITTER_TURN = 213
     EMITTER_SHADOW = 214
-    EMITTER_PORTAL = 215
     # Camera paths.
     BRANCH_LOBE = 301
     BRANCH_TURN = 302

@@ -26,10 +26,11 @@ from ..world.emitters.portal_lamps import EnvironmentPortal
 from ..world.world import World
 from .paths import camera_paths
 from .paths.camera_paths import Lighting
+from .paths.emitters import Chosen, Emitters
 from .paths.lighting import EmitterLighting
+from .paths.mitsuba_emitters import MitsubaEmitters, sampled_first
 from .paths.single_scattering import SingleScattering
 from .paths.virtual_lights import bound
-from .paths.walked_emitters import Chosen, Walked, WalkedEmitters
 from .paths.walked_lamps import WalkedLamps
 from .paths.walks import Walking, Walks
 from .settings import Settings
@@ -163,10 +164,10 @@ class ShotLight:
         least = bound(world) if any(row.by(VIRTUAL, SELDOM) for row in lit) else None
         return Walks(fog, self._walking(self._met(world, lit, CAUSTICS), bound=least))
 
-    def _walking(self, emitters: Walked, **more: Any) -> Walking:
+    def _walking(self, emitters: Emitters, **more: Any) -> Walking:
         return Walking(emitters, self.max_depth, self.simulation.tuning.rr_depth, **more)
 
-    def _met(self, world: World, rows: Sequence[Row], mirrors: Kind) -> Walked:
+    def _met(self, world: World, rows: Sequence[Row], mirrors: Kind) -> Emitters:
         """Return the emitters of rows, by `mirrors` only where walks find such paths, too."""
         bounces = own_bounces(world.sources, self.simulation.tuning)
         numbers = [row.number for row in rows]
@@ -176,11 +177,16 @@ class ShotLight:
             sharp=[row.number for row in rows if mirrors in row.found and not row.by(WALKS, mirrors)],
             connected=[row.number for row in rows if row.by(VIRTUAL, SELDOM)], grouped=mirrors is CAUSTICS,
         )  # fmt: skip
-        return WalkedEmitters(world, chosen, self.portal) if world.emits else WalkedLamps(world, chosen)
+        return MitsubaEmitters(world, chosen, self.portal) if world.emits else WalkedLamps(world, chosen)
 
     @cached_property
     def _walks(self) -> list[Any]:
         """The last world with walks, and these."""
+        return []
+
+    @cached_property
+    def _lighting(self) -> list[Any]:
+        """The last world with lighting, and this."""
         return []
 
     @cached_property
@@ -191,10 +197,17 @@ class ShotLight:
 
     def lighting(self, world: World) -> Lighting:
         """Return the lighting of a world."""
+        if not self._lighting or self._lighting[0] is not world:
+            self._lighting[:] = world, self._lighting_of(world)
+        return self._lighting[1]
+
+    def _lighting_of(self, world: World) -> Lighting:
         if not self.shines:
             return NoLighting(world)
         photons = [row.number for row in self.rows if row.by(PHOTONS, STRAIGHT)]
-        return EmitterLighting(world, self.portal, [each for each in photons if world.emitters[each].lamp.illuminates])
+        if world.emits:
+            return MitsubaEmitters(world, sampled_first(world, photons), self.portal)
+        return EmitterLighting(world, photons)
 
     def single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
         """Return the light that media scatter toward `count` pixels without beams, or None."""

@@ -6,8 +6,9 @@ import pytest
 from scipy.ndimage import maximum_filter
 
 from photonbeams.numerics.sampling import pixel_sample
+from photonbeams.render.paths.emitters import Chosen, chances
+from photonbeams.render.paths.mitsuba_emitters import MitsubaEmitters
 from photonbeams.render.paths.toward_lamps import Ball, Equiangular, Toward
-from photonbeams.render.paths.walked_emitters import Chosen, WalkedEmitters, chances
 from photonbeams.render.settings import Settings
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from photonbeams.world.plugin import world_of_plugin
@@ -50,7 +51,7 @@ def test_spheres_are_around_what_shines():
         fog=cube_of(fog(1.0, 0.5)), sensor=camera(size=4),
     )  # fmt: skip
     world, order = world_of_plugin(scene), [each.class_name() for each in scene.emitters()]
-    balls = WalkedEmitters(world, Chosen([0, 1, 2], [1.0, 1.0, 1.0])).balls(dr.arange(UInt32, 3), Bool(True))
+    balls = MitsubaEmitters(world, Chosen([0, 1, 2], [1.0, 1.0, 1.0])).balls(dr.arange(UInt32, 3), Bool(True))
     near, radius, center = balls.near.numpy(), balls.radius.numpy(), balls.center.numpy().T
     found = {name: (near[number], radius[number], center[number]) for number, name in enumerate(order)}
     assert not found["ConstantBackgroundEmitter"][0]
@@ -104,7 +105,7 @@ def test_light_is_the_same_whatever_powers_emitters_state(monkeypatch, seed):
     right, error = mean()
     rng = np.random.default_rng(seed)
     powers = rng.choice([0.0, 1.0], 3, p=[0.3, 0.7]) * 10 ** rng.uniform(-3, 6, 3)
-    monkeypatch.setattr("photonbeams.render.paths.walked_emitters.chances", lambda _: chances(powers))
+    monkeypatch.setattr("photonbeams.render.paths.mitsuba_emitters.chances", lambda _: chances(powers))
     found, other = mean()
     assert abs(found - right) < 5 * np.hypot(error, other)
     assert np.hypot(error, other) < 0.03 * right

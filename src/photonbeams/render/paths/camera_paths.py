@@ -20,18 +20,18 @@ from ...numerics.streams import Stream
 from ...numerics.structs import Struct
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.cameras.sensors import PrimaryRays
-from ...world.shadow_rays import leaving, rounding
+from ...world.shadow_rays import rounding
 from ...world.spectra import rgb
 from ...world.warp import outward
 from ...world.world import World
-from .branches import IDEAL, STEPS, CameraPaths, onward, several
+from .branches import STEPS, CameraPaths, onward, several
 from .toward_lamps import Toward, aimed
 from .virtual_lights import Point
-from .walk_vertices import DirectionSample
+from .walk_vertices import Vertex
 
 if TYPE_CHECKING:
+    from .emitters import Emitters
     from .surface_light import SurfaceLight
-    from .walked_emitters import Walked
 
 mi = mitsuba()
 
@@ -184,7 +184,7 @@ class CameraTracing:
     surfaces: bool = True
     sharp: bool = True
     normals: bool = False
-    walked: Walked | None = None
+    walked: Emitters | None = None
     shining: bool = True
     albedo: bool = False
     splits: bool = True
@@ -359,32 +359,23 @@ def _with_reflected(
 
 
 def _bounce(
-    walked: Walked, hit: Any, paths: CameraPaths, throughput: Array3f, smooth: Bool, samples: Samples, name: UInt32
+    walked: Emitters, hit: Any, paths: CameraPaths, throughput: Array3f, smooth: Bool, samples: Samples, name: UInt32
 ) -> Bounce:
     """Return a sample of the smooth lobes of BSDFs."""
-    # Sample all lobes: with a mask, Mitsuba's cut-out surfaces sample only the light that passes them. On stages a
-    # cut-out surface was already sampled as opaque.
-    world, order = walked.world, paths.order
-    context, opacity = mi.BSDFContext(), world.opacity(hit, smooth)
-    lobe, turn = samples.single(paths.order, Stream.BOUNCE, name), samples.pair(paths.order, Stream.BOUNCE_TURN, name)
-    sample, weight = hit.bsdf().sample(context, hit, lobe * opacity, mi.Point2f(turn), smooth)
-    pdf, ideal = sample.pdf / opacity, (sample.sampled_type & IDEAL) != 0
-    chosen = DirectionSample(Array3f(hit.to_world(sample.wo)), rgb(weight) * pdf, rgb(weight), pdf, ideal, Bool(False))
-    lamp = walked.choose(samples.single(order, Stream.BOUNCE_WHICH_EMITTER, name))
+    order, lobe = paths.order, samples.single(paths.order, Stream.BOUNCE, name)
+    vertex = Vertex.of_surfaces(walked.world, hit, paths.medium, smooth)
+    chosen = vertex.directed(lobe, samples.pair(order, Stream.BOUNCE_TURN, name))
+    lamp, _ = walked.choose(samples.single(order, Stream.BOUNCE_WHICH_EMITTER, name))
     if walked.balls is not None:
-
-        def evaluate(direction: Array3f, active: Bool) -> tuple[Array3f, Float]:
-            value, density = hit.bsdf().eval_pdf(context, hit, hit.to_local(mi.Vector3f(direction)), active)
-            return rgb(value) / opacity, density / opacity
-
         ball = walked.balls(lamp, smooth)
         pick, u = samples.single(order, Stream.BOUNCE_TOWARD, name), samples.pair(order, Stream.BOUNCE_TOWARD, name)
-        toward = Toward(Array3f(hit.p), ball)
-        chosen = aimed(world.media, paths.medium, toward, ball.near, plain=chosen, pick=pick, u=u, evaluate=evaluate)
+        toward = Toward(vertex.position, ball)
+        chosen = aimed(
+            walked.world.media, paths.medium, toward, ball.near, plain=chosen, pick=pick, u=u, evaluate=vertex.evaluate
+        )  # fmt: skip
     good = smooth & (chosen.pdf > 0) & ~chosen.ideal
-    result = Bounce()
-    result.origin, result.direction = leaving(hit, chosen.direction, world.size), chosen.direction
-    result.medium = world.media.beyond(hit, chosen.direction, paths.medium, good)
+    ray, result = vertex.ahead(chosen.direction, chosen.pdf, lamp), Bounce()
+    result.origin, result.direction, result.medium = ray.origin, ray.direction, ray.medium
     result.throughput = dr.select(good, throughput * chosen.weight, 0)
-    result.place, result.value, result.lamp = Array3f(hit.p), dr.max(chosen.value), lamp
+    result.place, result.value, result.lamp = ray.place, dr.max(chosen.value), lamp
     return result

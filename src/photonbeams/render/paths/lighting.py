@@ -20,25 +20,22 @@ from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.groups import gathered_group
 from ...world.emitters.linking import shape_number
 from ...world.emitters.packed import LampGroups, Lamps, LinkedSurfaces
-from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.shadow_rays import ShadowRay, to_lamp
 from ...world.world import World
 from .camera_paths import NearestLamp, ShadingPoint
-from .mitsuba_lighting import MitsubaLighting
 
 mi = mitsuba()
 
 
 class EmitterLighting:
-    """The light of a world's emitters: lamps, environments, surfaces that glow, and Mitsuba's own emitters.
+    """The light of a stage's emitters: lamps, environments, and surfaces that glow.
 
-    `portal` is the portal before Mitsuba's environment, or None. The emitters with numbers `unsampled` are not sampled.
+    The emitters with numbers `unsampled` are not sampled.
     """
 
-    def __init__(self, world: World, portal: EnvironmentPortal | None = None, unsampled: Collection[int] = ()) -> None:
+    def __init__(self, world: World, unsampled: Collection[int] = ()) -> None:
         self._world, self._lamps = world, world.lamps
         self._sampled = LampGroups.of(world, unsampled) if unsampled else world.lamps
-        self._mitsuba = MitsubaLighting(world, portal, unsampled) if world.emits else None
 
     def lamp(self, origin: Array3f, direction: Array3f, flown: Float) -> NearestLamp | None:
         """Return the nearest lamp that emits toward rays which have come the distance `flown`."""
@@ -71,8 +68,6 @@ class EmitterLighting:
 
     def emission(self, hit: Any, origin: Array3f, direction: Array3f, active: Bool) -> GroupedLight:
         """Return the radiance that surfaces emit, on both sides, or of the background where rays meet nothing."""
-        if self._mitsuba is not None:
-            return self._mitsuba.emission(hit, origin, direction, active)
         met = hit.is_valid()
         return self._glow(hit, active & met) + self._background(origin, direction).where(active & ~met)
 
@@ -106,8 +101,6 @@ class EmitterLighting:
 
     def direct(self, point: ShadingPoint, active: Bool) -> GroupedLight:
         """Return the direct light that surfaces reflect along the path, by one sample of each lamp."""
-        if self._mitsuba is not None:
-            return self._mitsuba.direct(point, active)
         world, lights = self._world, self._sampled
         radiance = GroupedLight.dark(len(world.groups), dr.width(point.hit.t))
         if not lights.packed and not lights.domes and not lights.meshes:

@@ -27,8 +27,8 @@ from ...transport.segments.records import PhotonHits
 from ...world.shadow_rays import gap_at, rounding, to_point
 from ...world.spectra import rgb
 from ...world.world import World
+from .emitters import Emitters
 from .walk_vertices import steepness
-from .walked_emitters import Walked
 
 mi = mitsuba()
 
@@ -127,7 +127,7 @@ class VirtualLights:
             (found.flux, world.groups.of_sources(found.source)),
         )
 
-    def radiance(self, walked: Walked, point: Point) -> GroupedLight:
+    def radiance(self, walked: Emitters, point: Point) -> GroupedLight:
         """Return the radiance that points reflect of these lights, whose emitters are among those that walks meet."""
         photon, factor = self._chosen(point)
         hit, active = point.hit, point.active & (factor > 0)

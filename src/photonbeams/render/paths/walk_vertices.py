@@ -1,4 +1,4 @@
-"""Walks and their vertices: see `walks`."""
+"""Points that scatter light toward the camera, and walks, which go on from them: see `walks`."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import drjit as dr
 from ...numerics.structs import Struct
 from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ...world.media.interfaces import pointers
+from ...world.shadow_rays import leaving
 from ...world.spectra import rgb
 from ...world.world import World
 
@@ -79,6 +80,28 @@ class Walk(Struct):
         """
         return self.depth - self.before - 1
 
+    @property
+    def ray(self) -> ScatteredRay:
+        """The current rays."""
+        result = ScatteredRay()
+        for each in result.DRJIT_STRUCT:
+            setattr(result, each, getattr(self, each))
+        return result
+
+
+class ScatteredRay(Struct):
+    """Rays in directions in which vertices scatter light toward the camera, as in `Walk`."""
+
+    origin: Array3f
+    direction: Array3f
+    medium: UInt32
+    place: Array3f
+    pdf: Float
+    inside: Bool
+    site: UInt32
+    lamp: UInt32
+    bounces: UInt32
+
 
 class DirectionSample(Struct):
     """A sample of a direction at a vertex.
@@ -103,17 +126,37 @@ class DirectionSample(Struct):
 
 
 class Vertex:
-    """The vertices of a step: scattered in a medium, or on a surface."""
+    """Points that scatter light toward the camera, `scattered` in a medium or `on_surface`.
+
+    Attributes
+    ----------
+    hit, medium, incident
+        Mitsuba's interactions with surfaces, the media before these, and the directions of the rays that arrive.
+    position, opacity, site
+        Where the points are, the opacity of surfaces as in `World.opacity`, and the sites of `Linking`.
+    bounces
+        How often light that arrives here is scattered before it is scattered toward the camera.
+    """
 
     def __init__(
-        self, world: World, walk: Walk, hit: Any, position: Array3f, scattered: Bool, on_surface: Bool
+        self, world: World, hit: Any, *, medium: UInt32, incident: Array3f, bounces: UInt32, position: Array3f,
+        scattered: Bool, on_surface: Bool,
     ) -> None:  # fmt: skip
-        self.walk, self.hit, self.scattered, self.on_surface = walk, hit, scattered, on_surface
+        self._world, self.hit, self.medium, self.incident, self.bounces = world, hit, medium, incident, bounces
+        self.scattered, self.on_surface = scattered, on_surface
         self.position = dr.select(on_surface, Array3f(hit.p), position)
         # A cut-out surface was already sampled as opaque: undo the opacity factor of Mitsuba's `mask`.
         self.opacity = world.opacity(hit, on_surface)
-        self._hazy = bool(world.media.all)
-        self.site = dr.select(on_surface, world.linking.of_surfaces(hit), walk.medium)
+        self.site = dr.select(on_surface, world.linking.of_surfaces(hit), medium)
+
+    @classmethod
+    def of_surfaces(cls, world: World, hit: Any, medium: UInt32, active: Bool) -> Vertex:
+        """Return the first surfaces of camera paths, where they are active."""
+        place, incident = Array3f(hit.p), -Array3f(hit.to_world(hit.wi))
+        return cls(
+            world, hit, medium=medium, incident=incident, bounces=UInt32(0), position=place, scattered=Bool(False),
+            on_surface=active,
+        )  # fmt: skip
 
     @cached_property
     def smooth(self) -> Bool:
@@ -126,14 +169,14 @@ class Vertex:
 
     def phase(self) -> Any:
         """Return pointers to the phase functions of the media in which light is scattered."""
-        return pointers(dr.select(self.scattered, self.walk.medium, 0)).phase_function()
+        return pointers(dr.select(self.scattered, self.medium, 0)).phase_function()
 
     def place(self) -> Any:
         """Return Mitsuba's interactions with media."""
-        result = dr.zeros(mi.MediumInteraction3f, dr.width(self.walk.order))
-        result.p, result.wi = mi.Point3f(self.position), mi.Vector3f(-self.walk.direction)
+        result = dr.zeros(mi.MediumInteraction3f, dr.width(self.position))
+        result.p, result.wi = mi.Point3f(self.position), mi.Vector3f(-self.incident)
         result.sh_frame = mi.Frame3f(result.wi)
-        result.medium = pointers(dr.select(self.scattered, self.walk.medium, 0))
+        result.medium = pointers(dr.select(self.scattered, self.medium, 0))
         return result
 
     def inside(self, position: Array3f, scattered: Bool) -> Vertex:
@@ -141,7 +184,17 @@ class Vertex:
         result = copy(self)
         result.__dict__.pop("smooth", None)
         result.position, result.scattered, result.on_surface = position, scattered, Bool(False)
-        result.site = self.walk.medium
+        result.site = self.medium
+        return result
+
+    def ahead(self, direction: Array3f, pdf: Float, lamp: UInt32) -> ScatteredRay:
+        """Return the rays that leave in directions of a density; of emitters that are no surfaces they meet `lamp`."""
+        world, result = self._world, ScatteredRay()
+        result.origin = dr.select(self.on_surface, leaving(self.hit, direction, world.size), self.position)
+        beyond = world.media.beyond(self.hit, direction, self.medium, self.on_surface)
+        result.medium = dr.select(self.on_surface, beyond, self.medium)
+        result.direction, result.pdf, result.place = direction, pdf, self.position
+        result.inside, result.site, result.lamp, result.bounces = self.scattered, self.site, lamp, self.bounces
         return result
 
     def evaluate(self, direction: Array3f, active: Bool) -> tuple[Array3f, Float]:
@@ -159,32 +212,23 @@ class Vertex:
         value, pdf = self.phase().eval_pdf(mi.PhaseFunctionContext(), self.place(), mi.Vector3f(direction), active)
         return rgb(value), Float(pdf)
 
-    def scattering(
-        self, direction: Array3f, active: Bool, lobe: Float, turn: Array2f
-    ) -> tuple[Array3f, Float, DirectionSample]:  # fmt: skip
-        """Return the phase function, or BSDF times cosine, for a direction, its density, and a sample of it."""
-        towards, u, own = mi.Vector3f(direction), mi.Point2f(turn), self.on_surface
-        # Where a vertex is not active, the value is not needed; the sample is needed at all vertices.
-        value, pdf, sample, weight = self.hit.bsdf().eval_pdf_sample(
-            mi.BSDFContext(), self.hit, self.hit.to_local(towards), lobe * self.opacity, u, own
-        )
-        value, pdf = rgb(value) / self.opacity, pdf / self.opacity
+    def directed(self, lobe: Float, turn: Array2f) -> DirectionSample:
+        """Return samples of the phase functions or BSDFs, by a number that chooses the lobe and a point."""
+        u, own = mi.Point2f(turn), self.on_surface
+        # Sample all lobes: with a mask, Mitsuba's cut-out surfaces sample only the light that passes them.
+        sample, weight = self.hit.bsdf().sample(mi.BSDFContext(), self.hit, lobe * self.opacity, u, own)
         chosen: list[Any] = [Array3f(self.hit.to_world(sample.wo)), rgb(weight), sample.pdf / self.opacity]
         kind = sample.sampled_type
         # Mitsuba's `Delta` includes `Null`.
         ideal, null = (own & mi.has_flag(kind, flag) for flag in (mi.BSDFFlags.Delta, mi.BSDFFlags.Null))
-        if self._hazy:
-            context, place, phase = mi.PhaseFunctionContext(), self.place(), self.phase()
-            other = phase.eval_pdf(context, place, towards, active & self.scattered)
-            turned, factor, density = phase.sample(context, place, lobe, u, self.scattered)
-            value, pdf, *chosen = (
-                dr.select(self.scattered, one, another)
-                for one, another in zip(
-                    (rgb(other[0]), other[1], Array3f(turned), rgb(factor), density), (value, pdf, *chosen), strict=True
-                )
+        if self._world.media.all:
+            turned, factor, density = self.phase().sample(
+                mi.PhaseFunctionContext(), self.place(), lobe, u, self.scattered
             )
+            others = Array3f(turned), rgb(factor), density
+            chosen = [dr.select(self.scattered, *each) for each in zip(others, chosen, strict=True)]
         direction, factor, density = chosen
-        return value, pdf, DirectionSample(direction, factor * density, factor, density, ideal, null)
+        return DirectionSample(direction, factor * density, factor, density, ideal, null)
 
 
 def steepness(hit: Any, direction: Array3f) -> Float:

@@ -17,9 +17,9 @@ from ...world.emitters.packed import Lamps
 from ...world.emitters.portal_lamps import behind
 from ...world.shadow_rays import ShadowRay, rounding, to_lamp
 from ...world.world import World
+from .emitters import Chosen, EmitterSample, chances
 from .toward_lamps import Balls, around
-from .walk_vertices import Vertex, Walk
-from .walked_emitters import Chosen, EmitterSample, chances
+from .walk_vertices import ScatteredRay, Vertex
 
 mi = mitsuba()
 
@@ -84,15 +84,16 @@ class WalkedLamps:
             found = dr.select(own, place + light.distance * light.direction, found)
         return Balls.of(found, self._size)
 
-    def choose(self, which: Float) -> UInt32:
-        """Return the lamp that a number in [0, 1) chooses."""
-        return UInt32(self._choice.sample(mi.Float(which)))
+    def choose(self, which: Float) -> tuple[UInt32, Float]:
+        """Return the lamp that a number in [0, 1) chooses, and what is left of that number, in [0, 1) again."""
+        lamp, rest = self._choice.sample_reuse(mi.Float(which))
+        return UInt32(lamp), Float(rest)
 
     def sampled(self, vertex: Vertex, lamp: UInt32, aim: Array2f, active: Bool) -> EmitterSample:
         """Return a sample of chosen lamps from active vertices."""
         place, inside, number = vertex.position, vertex.scattered, lamp
         probability: Any = self._choice.eval_pmf_normalized(lamp, active)
-        active, acting = self._acting(lamp, vertex.walk.bounces + 1, vertex.site, active)
+        active, acting = self._acting(lamp, vertex.bounces, vertex.site, active)
         lit: Any = Bool(False)
         found: Any = (Array3f(0, 0, 1), Float(0), Float(0), Array3f(0), Float(0))
         for group in self._groups:
@@ -122,11 +123,11 @@ class WalkedLamps:
         """Return the fraction of the light of a sample that arrives at active vertices."""
         world, ray = self.world, to_lamp(vertex.reference(), light.direction, light.distance, self.world.size)
         tint = dr.select(active, world.solids.passed(ray.origin, ray.direction, ray.length, active, seed), 0)
-        dimming = world.dimming(ray.origin, light.direction, light.over, vertex.walk.medium, seed, dr.max(tint) > 0)
+        dimming = world.dimming(ray.origin, light.direction, light.over, vertex.medium, seed, dr.max(tint) > 0)
         return tint * dimming
 
     def met(
-        self, walk: Walk, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32,
+        self, ray: ScatteredRay, hit: Any, weight: Array3f, arrives: Bool, active: Bool, seed: UInt32,
         kept: Float | None,
     ) -> GroupedLight:  # fmt: skip
         """Return the radiance of the lamp that was sampled where walks were last scattered, if they meet it now.
@@ -134,28 +135,28 @@ class WalkedLamps:
         Behind mirrors and glass, that of all environments.
         """
         world, groups, result = self.world, self.groups, Array3f(0)
-        away = active & arrives & (walk.pdf <= 0) & ~hit.is_valid()
+        away = active & arrives & (ray.pdf <= 0) & ~hit.is_valid()
         seen = GroupedLight.dark(len(groups))
         for each in self._environments:
-            seen = seen + groups.grouped(each.lamp.see(walk.origin, walk.direction).radiance, each.beams.group)
+            seen = seen + groups.grouped(each.lamp.see(ray.origin, ray.direction).radiance, each.beams.group)
         # Boundaries of media that the walk has passed since then lie behind it.
-        passed = dr.dot(walk.origin - walk.place, walk.direction)
+        passed = dr.dot(ray.origin - ray.place, ray.direction)
         length = dr.select(hit.is_valid(), hit.t, dr.inf)
-        active, acting = self._acting(walk.lamp, walk.bounces, walk.site, active & (walk.pdf > 0))
-        probability = self._choice.eval_pmf_normalized(walk.lamp, active)
+        active, acting = self._acting(ray.lamp, ray.bounces, ray.site, active & (ray.pdf > 0))
+        probability = self._choice.eval_pmf_normalized(ray.lamp, active)
         for group in self._groups:
-            own = group.lights(world, walk.lamp, walk.place, walk.inside, active)
-            found = group.lamp(walk.lamp, own).at(acting).see(walk.place, walk.direction)
+            own = group.lights(world, ray.lamp, ray.place, ray.inside, active)
+            found = group.lamp(ray.lamp, own).at(acting).see(ray.place, ray.direction)
             distance = dr.maximum(found.distance - passed, 0)
-            slack = rounding(dr.select(dr.isfinite(distance), distance, 0) + dr.max(dr.abs(walk.origin)) + world.size)
+            slack = rounding(dr.select(dr.isfinite(distance), distance, 0) + dr.max(dr.abs(ray.origin)) + world.size)
             there = own & found.hit & (found.distance > passed) & (distance - slack <= length)
-            over = group.dimmed_over(world, walk.place, walk.inside, walk.direction, found.distance) - passed
-            dimming = world.dimming(walk.origin, walk.direction, over, walk.medium, seed, there)
-            share = power_heuristic(walk.pdf, found.pdf) * dr.rcp(dr.maximum(Float(probability), 1e-30))
+            over = group.dimmed_over(world, ray.place, ray.inside, ray.direction, found.distance) - passed
+            dimming = world.dimming(ray.origin, ray.direction, over, ray.medium, seed, there)
+            share = power_heuristic(ray.pdf, found.pdf) * dr.rcp(dr.maximum(Float(probability), 1e-30))
             if kept is not None:
-                share *= dr.select(self._is_connected(walk.lamp, there), kept, 1)
+                share *= dr.select(self._is_connected(ray.lamp, there), kept, 1)
             result += dr.select(there, found.radiance * dimming * share, 0)
-        sampled = GroupedLight.of(result, gathered_group(self._group_of, walk.lamp), len(groups))
+        sampled = GroupedLight.of(result, gathered_group(self._group_of, ray.lamp), len(groups))
         return (seen * weight).where(away) + sampled
 
     def _acting(self, number: UInt32, bounces: UInt32, site: UInt32, active: Bool) -> tuple[Bool, UInt32 | None]:

@@ -22,21 +22,19 @@ from ...estimators.estimate import ENDLESS
 from ...numerics.arrays import compressed
 from ...numerics.grouped import GroupedLight
 from ...numerics.samples import Samples
-from ...numerics.sampling import power_heuristic
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...transport.interactions import SAMPLED, SCATTERED, flight, survival
 from ...world.media.interfaces import pointers
 from ...world.media.tracking import free_flight
-from ...world.shadow_rays import leaving
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import Bounce, CameraVertex
+from .emitters import Emitters, arriving
 from .fog_segments import FogSegment
 from .surface_light import NO_LIGHT, SurfaceLight
 from .toward_lamps import Toward, aimed
 from .virtual_lights import Point, weight
 from .walk_vertices import DirectionSample, Vertex, Walk, steepness
-from .walked_emitters import EmitterSample, Walked
 
 mi = mitsuba()
 
@@ -52,7 +50,7 @@ class Walks:
     surfaces: Walking | None = None
 
     @property
-    def walked(self) -> Walked | None:
+    def walked(self) -> Emitters | None:
         """The emitters that walks from surfaces meet; None: there are no such walks."""
         return None if self.surfaces is None else self.surfaces.emitters
 
@@ -65,7 +63,7 @@ class Walking:
     None: all.
     """
 
-    emitters: Walked
+    emitters: Emitters
     max_depth: int | None
     rr_depth: int
     bound: Float | None = None
@@ -97,7 +95,7 @@ class Walking:
         """Return the walks that begin in the media of a step of camera paths; None if there are none."""
         media, width = self.emitters.world.media, dr.width(paths.pixel)
         zeros, none = dr.zeros(Float, width), dr.zeros(UInt32, width)
-        lamp = self.emitters.choose(samples.single(paths.order, Stream.FOG_FIRST_EMITTER, vertex.name))
+        lamp, _ = self.emitters.choose(samples.single(paths.order, Stream.FOG_FIRST_EMITTER, vertex.name))
         inside = paths.alive & (dr.max(media.scattering(paths.medium)) > 0) & (vertex.end > paths.near)
         inside &= self.within(paths.depth, 2)
         if self.media is not None:
@@ -133,7 +131,7 @@ class Walking:
             brought, following, goes = self._step(walk, going, samples, (walk.name, number), surfaces)
             return following, goes, number + 1, found + brought
 
-        width = dr.width(walks.order)
+        width, _ = dr.width(walks.order), self.emitters.balls  # which are not to be found in the loop
         dark = GroupedLight.dark(len(self.emitters.groups), width)
         state = (walks, dr.full(Bool, True, width), dr.zeros(UInt32, width), dark)
         return dr.while_loop(
@@ -155,23 +153,26 @@ class Walking:
         tracking = samples.bits(walk.order, Stream.PATH_TRACKING, *name)
         kept = None if self.bound is None else 1 - weight(walk.bright, self.bound)
         active = ahead & walk.counts & self.within(walk.depth, 1)
-        found = self.emitters.met(walk, hit, factor, on, active, tracking, kept)
+        found = self.emitters.met(walk.ray, hit, factor, on, active, tracking, kept)
         result = (found * walk.throughput).where(dr.max(found.total) > 0)
-        vertex = Vertex(world, walk, hit, walk.origin + distance * walk.direction, scattered, on & hit.is_valid())
+        vertex = Vertex(
+            world, hit, medium=walk.medium, incident=walk.direction, bounces=walk.bounces + 1,
+            position=walk.origin + distance * walk.direction, scattered=scattered, on_surface=on & hit.is_valid(),
+        )  # fmt: skip
         lit, left = vertex.scattered | vertex.smooth, Float(1)
         if self.emitters.balls is not None:
             fog = going & (dr.max(world.media.scattering(walk.medium)) > 0) & self.within(walk.depth, 2)
             span = dr.minimum(dr.select(walk.first, walk.length, beyond), ENDLESS)
             segment = FogSegment(world.media, walk, span, self.emitters.balls(walk.lamp, fog))
-            result = result + self._from_fog(vertex, segment, fog, samples, name)
+            result = result + self._from_fog(walk, vertex, segment, fog, samples, name)
             left = dr.select(vertex.scattered, segment.left(distance), 1)
         lit &= (left > 0) & self.within(walk.depth, 2)
         square = dr.squared_norm(vertex.position - walk.place)
         geometry = walk.value * dr.abs(dr.dot(Array3f(hit.n), walk.direction)) * dr.rcp(dr.maximum(square, 1e-30))
         geometry = dr.select(vertex.smooth & (walk.value > 0), geometry, dr.inf)
-        lamp = self.emitters.choose(samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name))
+        lamp, _ = self.emitters.choose(samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name))
         own = dr.select(vertex.scattered, walk.lamp, lamp)
-        light, chosen = self._direct(vertex, own, samples, name, lit, geometry)
+        light, chosen = self._direct(walk, vertex, own, samples, name, lit, geometry)
         if surfaces.caustics is not None:
             light = light + surfaces.caustics(hit, walk.depth, lit & vertex.smooth)
         if surfaces.virtual is not None:
@@ -187,7 +188,7 @@ class Walking:
             chosen = aimed(
                 world.media, walk.medium, toward, ball.near, plain=chosen, pick=pick, u=u, evaluate=vertex.evaluate
             )  # fmt: skip
-        following, factor, goes = self._onward(vertex, chosen, lamp, geometry)
+        following, factor, goes = self._onward(walk, vertex, chosen, lamp, geometry)
         following.throughput = throughput * factor
         following.length = walk.length - distance
         for each in ("order", "pixel", "branch", "name", "before"):
@@ -219,11 +220,10 @@ class Walking:
         return dr.minimum(distance, length), weight, scattered
 
     def _from_fog(
-        self, vertex: Vertex, segment: FogSegment, active: Bool, samples: Samples, name: tuple[Any, ...]
+        self, walk: Walk, vertex: Vertex, segment: FogSegment, active: Bool, samples: Samples, name: tuple[Any, ...]
     ) -> GroupedLight:  # fmt: skip
         """Return the light of the walks' emitters that media scatter at one place of each segment."""
-        walk, media = vertex.walk, self.emitters.world.media
-        own = (*name, UInt32(Stream.FOG))
+        media, own = self.emitters.world.media, (*name, UInt32(Stream.FOG))
         u, flown = (samples.pair(walk.order, each, *name) for each in (Stream.FOG, Stream.FOG_FLIGHT))
         distance, weight = segment.sample(u, flown)
         place = vertex.inside(walk.origin + distance * walk.direction, active)
@@ -233,56 +233,40 @@ class Walking:
         )
         light = self.emitters.sampled(place, walk.lamp, samples.pair(walk.order, Stream.PATH_EMITTER, *own), active)
         value, pdf = place.phased(light.direction, light.lit)
-        return self._arriving(place, light, value, pdf, samples, own) * (walk.throughput * weight * passed)
-
-    def _arriving(
-        self, vertex: Vertex, light: EmitterSample, value: Array3f, pdf: Float, samples: Samples, name: tuple[Any, ...]
-    ) -> GroupedLight:  # fmt: skip
-        """Return what arrives of samples of emitters, times `value`; directions to them have the density `pdf`."""
-        value = value * light.radiance * dr.select(light.pdf > 0, power_heuristic(light.pdf, pdf), 1)
-        useful = light.lit & (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
-        seed = samples.bits(vertex.walk.order, Stream.PATH_SHADOW, *name)
-        passed = self.emitters.passed(vertex, light, seed, useful)
-        return GroupedLight.of(dr.select(useful, value * passed, 0), light.group, len(self.emitters.groups))
+        seed = samples.bits(walk.order, Stream.PATH_SHADOW, *own)
+        return arriving(self.emitters, place, light, value, pdf, seed) * (walk.throughput * weight * passed)
 
     def _direct(
-        self, vertex: Vertex, lamp: UInt32, samples: Samples, name: tuple[Any, ...], lit: Bool, geometry: Float
+        self, walk: Walk, vertex: Vertex, lamp: UInt32, samples: Samples, name: tuple[Any, ...], lit: Bool,
+        geometry: Float,
     ) -> tuple[GroupedLight, DirectionSample]:  # fmt: skip
         """Return the light of one sample of emitters that vertices scatter, and a sample of a new direction."""
-        order = vertex.walk.order
+        order = walk.order
         light = self.emitters.sampled(vertex, lamp, samples.pair(order, Stream.PATH_EMITTER, *name), lit)
         lobe, turn = samples.single(order, Stream.PATH_LOBE, *name), samples.pair(order, Stream.PATH_TURN, *name)
-        value, pdf, chosen = vertex.scattering(light.direction, light.lit, lobe, turn)
+        (value, pdf), chosen = vertex.evaluate(light.direction, light.lit), vertex.directed(lobe, turn)
         if self.bound is not None:
             bright = geometry * dr.max(value) * dr.rcp(steepness(vertex.hit, light.direction))
             value *= dr.select(light.connected, 1 - weight(bright, self.bound), 1)
-        return self._arriving(vertex, light, value, pdf, samples, name), chosen
+        seed = samples.bits(order, Stream.PATH_SHADOW, *name)
+        return arriving(self.emitters, vertex, light, value, pdf, seed), chosen
 
     def _onward(
-        self, vertex: Vertex, chosen: DirectionSample, lamp: UInt32, geometry: Float
+        self, walk: Walk, vertex: Vertex, chosen: DirectionSample, lamp: UInt32, geometry: Float
     ) -> tuple[Walk, Array3f, Bool]:  # fmt: skip
         """Return the walks after their vertices, the weights of their new directions, and which walks continue."""
-        walk, hit, media = vertex.walk, vertex.hit, self.emitters.world.media
-        direction, null = chosen.direction, chosen.null
-        following = Walk()
-        following.direction = direction
-        origin = leaving(hit, direction, self.emitters.world.size)
-        following.origin = dr.select(vertex.on_surface, origin, vertex.position)
-        following.medium = dr.select(
-            vertex.on_surface, media.beyond(hit, direction, walk.medium, vertex.on_surface), walk.medium
-        )
+        hit, null, following = vertex.hit, chosen.null, Walk()
+        ray = vertex.ahead(chosen.direction, dr.select(chosen.ideal, 0, chosen.pdf), lamp)
+        following.origin, following.direction, following.medium = ray.origin, ray.direction, ray.medium
         following.first = Bool(False)
         following.depth = walk.depth + dr.select(null, 0, 1)
         following.counts = walk.counts | ~null
-        following.place = dr.select(null, walk.place, vertex.position)
-        following.pdf = dr.select(null, walk.pdf, dr.select(chosen.ideal, 0, chosen.pdf))
-        following.inside = dr.select(null, walk.inside, vertex.scattered)
-        following.site = dr.select(null, walk.site, vertex.site)
+        for each in ("place", "pdf", "inside", "site", "lamp"):  # those of the last vertex that was no boundary
+            setattr(following, each, dr.select(null, getattr(walk, each), getattr(ray, each)))
         own = dr.select(vertex.smooth & (following.pdf > 0), dr.max(chosen.value), 0)
         following.value = dr.select(null, walk.value, own)
         bright = dr.select(own > 0, geometry * own * dr.rcp(steepness(hit, chosen.direction)), dr.inf)
         following.bright = dr.select(null, walk.bright, bright)
-        following.lamp = dr.select(null, walk.lamp, lamp)
         factor = chosen.weight
         good = vertex.scattered | (vertex.on_surface & (chosen.pdf > 0))
         good &= dr.isfinite(dr.sum(factor)) & self.within(following.depth, 1)

@@ -75,18 +75,11 @@ def behind(lamp: Lamp, portal: Portal | None) -> Any:
 
 
 class EnvironmentPortal:
-    """The planar portal before the environment of a Mitsuba scene, for samples of all the scene's emitters.
-
-    Attributes
-    ----------
-    chosen
-        The probability with which the scene's emitter sampling chooses the environment.
-    """
+    """The planar portal before the environment of a Mitsuba scene, for samples of all the scene's emitters."""
 
     def __init__(self, plugin: Any, portal: Portal) -> None:
         environment = plugin.environment()
         self._lamp = ThroughPortal(MitsubaEmitter(environment), portal)
-        self.chosen = dr.opaque(Float, float(plugin.pdf_emitter(plugin.emitters().index(environment))[0]))
         self._number = dr.opaque(UInt32, int(UInt32(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(environment)))[0]))
 
     def _is_environment(self, emitter: EmitterPtr) -> Bool:
