@@ -6,7 +6,7 @@ import drjit as dr
 
 from photonbeams.numerics.samples import Samples
 from photonbeams.render.paths import camera_paths
-from photonbeams.render.paths.lighting import EmitterLighting
+from photonbeams.render.paths.stage_lighting import StageLighting
 from photonbeams.render.paths.surface_light import NO_LIGHT
 from photonbeams.runtime.device import Array3f, Bool, Float, UInt32
 from photonbeams.world.cameras.sensors import PrimaryRays
@@ -26,7 +26,7 @@ def shade(world, origin, direction, index, seed=1, active=None, max_depth=2):
     count = dr.width(direction)
     ones = dr.ones(Array3f, count)
     primary = PrimaryRays(origin, direction, dr.zeros(Float, count), dr.full(Float, dr.largest(Float), count), ones)
-    tracing = camera_paths.CameraTracing(world, EmitterLighting(world), max_depth, 5, False, sharp=world.sharp)
+    tracing = camera_paths.CameraTracing(world, StageLighting(world), max_depth, 5, False, sharp=world.sharp)
     paths = camera_paths.begin(tracing, primary, UInt32(index))
     if active is not None:
         paths.alive = Bool(active)

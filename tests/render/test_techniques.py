@@ -154,11 +154,11 @@ def finders(light, number):
 @pytest.fixture
 def seen_through(monkeypatch):
     """Walks, lighting and samples along segments are replaced by what they were made for."""
-    for name in ("MitsubaEmitters", "WalkedLamps"):
+    for name in ("MitsubaEmitters", "StageEmitters"):
         monkeypatch.setattr(light_module, name, lambda world, chosen, *portal: chosen)
     monkeypatch.setattr(
         light_module,
-        "EmitterLighting",
+        "StageLighting",
         lambda world, others: Chosen([each for each in range(len(world.emitters)) if each not in others], ()),
     )
     monkeypatch.setattr(light_module, "SingleScattering", lambda world, skies, *rest: skies)

@@ -25,10 +25,9 @@ class Stream(IntEnum):
     PIXEL = 104
     LATTICE = 105
     HOLDOUT = 106
-    # Direct light on surfaces from packed lamps and from single ones: the number of the kind or the lamp follows.
+    # Direct light on surfaces from the lamps of a stage: the number of their group follows, and that of the lamp in it.
     REFLECTION = 201
     LAMP = 202
-    SINGLE_LAMP = 203
     # Direct light on surfaces from Mitsuba's emitters.
     EMITTER = 211
     EMITTER_LOBE = 212

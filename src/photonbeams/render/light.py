@@ -27,11 +27,11 @@ from ..world.world import World
 from .paths import camera_paths
 from .paths.camera_paths import Lighting
 from .paths.emitters import Chosen, Emitters
-from .paths.lighting import EmitterLighting
 from .paths.mitsuba_emitters import MitsubaEmitters, sampled_first
 from .paths.single_scattering import SingleScattering
+from .paths.stage_emitters import StageEmitters
+from .paths.stage_lighting import StageLighting
 from .paths.virtual_lights import bound
-from .paths.walked_lamps import WalkedLamps
 from .paths.walks import Walking, Walks
 from .settings import Settings
 from .techniques import (
@@ -177,7 +177,9 @@ class ShotLight:
             sharp=[row.number for row in rows if mirrors in row.found and not row.by(WALKS, mirrors)],
             connected=[row.number for row in rows if row.by(VIRTUAL, SELDOM)], grouped=mirrors is CAUSTICS,
         )  # fmt: skip
-        return MitsubaEmitters(world, chosen, self.portal) if world.emits else WalkedLamps(world, chosen)
+        if world.emits:
+            return MitsubaEmitters(world, chosen, self.portal)
+        return StageEmitters(world.feeling_all(), chosen)
 
     @cached_property
     def _walks(self) -> list[Any]:
@@ -207,7 +209,7 @@ class ShotLight:
         photons = [row.number for row in self.rows if row.by(PHOTONS, STRAIGHT)]
         if world.emits:
             return MitsubaEmitters(world, sampled_first(world, photons), self.portal)
-        return EmitterLighting(world, photons)
+        return StageLighting(world, photons)
 
     def single_scattering(self, world: World, count: int, samples: Samples) -> SingleScattering | None:
         """Return the light that media scatter toward `count` pixels without beams, or None."""

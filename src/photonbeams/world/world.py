@@ -23,7 +23,7 @@ from .emitters.emitter import Emitter, Links
 from .emitters.filters import PathFilters
 from .emitters.groups import LightGroups
 from .emitters.linking import Linking
-from .emitters.packed import LampGroups
+from .emitters.packed import PackedLamps
 from .emitters.rays import EmittedRays
 from .emitters.sources import Source
 from .media.interfaces import is_boundary, medium_at, transmits
@@ -161,9 +161,9 @@ class World:
         return Linking(self)
 
     @cached_property
-    def lamps(self) -> LampGroups:
+    def lamps(self) -> PackedLamps:
         """The lamps that are no part of `plugin`, as kernels need them."""
-        return LampGroups.of(self)
+        return PackedLamps(self.emitters)
 
     @cached_property
     def filters(self) -> PathFilters | None:

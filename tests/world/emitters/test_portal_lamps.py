@@ -44,7 +44,8 @@ def irradiance(point, corners):
 
 def sky(image=None):
     light = scene.DomeLight("/sky", (1.0, 1.0, 1.0), image=image, portal=WINDOW)
-    return world_of_scene(scene.Scene(lights=(light,)), viewpoints=[(-4, 0, 0), (4, 3, 0)]).lamps.domes[0][0]
+    (dome,) = world_of_scene(scene.Scene(lights=(light,)), viewpoints=[(-4, 0, 0), (4, 3, 0)]).emitters
+    return behind(dome.lamp, dome.portal)
 
 
 def points(place):

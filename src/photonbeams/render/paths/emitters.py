@@ -6,7 +6,7 @@ phase function, which may meet an emitter. The power heuristic combines both (Ve
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import drjit as dr
@@ -140,14 +140,14 @@ def chances(power: Sequence[float]) -> np.ndarray:
 
 
 def arriving(
-    emitters: Emitters, vertex: Vertex, light: EmitterSample, value: Array3f, pdf: Float, seed: UInt32
-) -> GroupedLight:  # fmt: skip
+    passed: Callable[[Vertex, EmitterSample, UInt32, Bool], Array3f], vertex: Vertex, light: EmitterSample,
+    value: Array3f, pdf: Float, seed: UInt32,
+) -> Array3f:  # fmt: skip
     """Return the light of samples of emitters that vertices scatter toward the camera, value · L / p_L · T · w.
 
-    The BSDF times cosine, or the phase function, has that `value` there, and its samples the density `pdf` = p, so that
-    w = p_L² / (p_L² + p²).
+    `passed` is that of the emitters: it returns T. The BSDF times cosine, or the phase function, has that `value`
+    there, and its samples the density `pdf` = p, so that w = p_L² / (p_L² + p²).
     """
     value = value * light.radiance * dr.select(light.pdf > 0, power_heuristic(light.pdf, pdf), 1)
     useful = light.lit & (dr.max(value) > 0) & dr.isfinite(dr.sum(value))
-    passed = emitters.passed(vertex, light, seed, useful)
-    return GroupedLight.of(dr.select(useful, value * passed, 0), light.group, len(emitters.groups))
+    return dr.select(useful, value * passed(vertex, light, seed, useful), 0)

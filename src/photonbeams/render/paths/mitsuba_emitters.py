@@ -199,7 +199,7 @@ class MitsubaEmitters:
         lobe, turn = samples.single(order, Stream.EMITTER_LOBE, step), samples.pair(order, Stream.EMITTER_TURN, step)
         (value, pdf), chosen = vertex.evaluate(light.direction, light.lit), vertex.directed(lobe, turn)
         seed = samples.bits(order, Stream.EMITTER_SHADOW, step)
-        result = arriving(self, vertex, light, value, pdf, seed)
+        result = GroupedLight.of(arriving(self.passed, vertex, light, value, pdf, seed), light.group, len(self.groups))
         if not self._visible:
             return result
         going = active & ~chosen.ideal & (chosen.pdf > 0) & (dr.max(chosen.weight) > 0)

@@ -16,12 +16,13 @@ from ...numerics.hashing import hash32
 from ...numerics.samples import Samples
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...world.emitters.packed import LinkedSurfaces, single
-from ...world.media.interfaces import pointers
+from ...world.emitters.groups import ONE_GROUP
 from ...world.world import World
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex, ShadingPoint
-from .lighting import LitPoints, scattered
+from .stage_emitters import lamp_groups
+from .stage_lighting import LitVertex
+from .walk_vertices import Vertex
 
 mi = mitsuba()
 
@@ -42,8 +43,8 @@ class SingleScattering:
     def __init__(self, world: World, skies: Sequence[int], count: int, samples: Samples, max_depth: int | None) -> None:
         self._world = world.feeling_all()
         self._samples, self._max_depth = samples, max_depth
-        self._domes = [(world.emitters[each].beams, single(self._world, world.emitters[each])) for each in skies]
-        self.radiance: dict[str, Any] = {light.group: dr.zeros(Array3f, count) for light, _ in self._domes}
+        self._domes = lamp_groups(self._world, skies, ONE_GROUP, linked=True)
+        self.radiance: dict[str, Any] = {world.emitters[each].beams.group: dr.zeros(Array3f, count) for each in skies}
 
     def add(self, paths: CameraPaths, vertex: CameraVertex) -> None:
         """Add the segments of one step of camera paths."""
@@ -67,56 +68,14 @@ class SingleScattering:
         point = ShadingPoint(None, paths.medium, paths.order, vertex.name, self._samples)
         place = start + distance * paths.direction
         lit = inside & bounds.holds(place) & (dr.max(dr.abs(weight)) > 0)
-        linking = self._world.linking
-        for number, (light, (lamp, links, _, source)) in enumerate(self._domes):
-            world = self._world if links is None else links.world
-            points = _ScatteringPoints(world, point, place, paths.direction, lit, links)
-            lamp = lamp.at(linking.acting(source, paths.medium))
-            incident = scattered(world, points, lamp, (UInt32(Stream.DOME), UInt32(number)))
+        scattering = Vertex(
+            self._world, dr.zeros(mi.SurfaceInteraction3f), medium=paths.medium, incident=paths.direction,
+            bounces=UInt32(0), position=place, scattered=lit, on_surface=Bool(False),
+        )  # fmt: skip
+        points = LitVertex(point, scattering, lit, Stream.PHASE_LOBE, Stream.PHASE_TURN)
+        for number, (dome, (emitter,)) in enumerate(self._domes):
+            light = self._world.emitters[emitter].beams
+            incident = points.scattered(dome, points.open(dome), (UInt32(Stream.DOME), UInt32(number)), dome.first)
             value = weight * incident * dr.opaque(Float, light.beam_scale)
-            value = dr.select(linking.lights(source, paths.medium, lit), value, 0)
             dr.eval(value)
             add_to_pixels(self.radiance[light.group], value, paths.pixel, paths.branch, lit)
-
-
-class _ScatteringPoints(LitPoints):
-    """Points in media that scatter light toward the camera, and a sample of the phase function at each."""
-
-    def __init__(
-        self,
-        world: World,
-        point: ShadingPoint,
-        place: Array3f,
-        ray: Array3f,
-        active: Bool,
-        links: LinkedSurfaces | None,
-    ) -> None:
-        self.point, self.place, self.reference, self.size, self.active = point, place, place, None, active
-        self.shadow_reach: Any = Float(dr.inf) if links is None else links.reach
-        self.shadow = None if links is None else links.shadow
-        self._interaction = dr.zeros(mi.MediumInteraction3f, dr.width(place))
-        self._interaction.p, self._interaction.wi = mi.Point3f(place), mi.Vector3f(-ray)
-        self._interaction.sh_frame = mi.Frame3f(self._interaction.wi)
-        self._phase = pointers(dr.select(active, point.medium, 0)).phase_function()
-        lobe = point.samples.single(point.order, Stream.PHASE_LOBE, point.step)
-        u = mi.Point2f(point.samples.pair(point.order, Stream.PHASE_TURN, point.step))
-        sample = self._phase.sample(mi.PhaseFunctionContext(), self._interaction, lobe, u, active)
-        self.direction, self.pdf = Array3f(sample[0]), Float(sample[2])
-        self.weight = dr.select(active, Array3f(sample[1]), 0)
-        self._bounds, self.seed = world.bounds, point.samples.bits(point.order, Stream.PHASE_LOBE, point.step)
-        self.open = self.unblocked(world)
-
-    def dimmed_over(self, direction: Array3f, distance: Float) -> Float:
-        """Return the distance to the bounds, where the light begins."""
-        return self._bounds.behind(self.place, -direction)
-
-    def sees(self, world: World, met: Bool, distance: Float) -> Array3f:
-        """Return what surfaces let through to samples that meet a dome."""
-        return dr.select(met, self.open, 0)
-
-    def evaluate(self, direction: Array3f) -> tuple[Array3f, Float]:
-        """Return the phase function, and the pdf of sampling that direction."""
-        value, pdf = self._phase.eval_pdf(
-            mi.PhaseFunctionContext(), self._interaction, mi.Vector3f(direction), self.active
-        )
-        return Array3f(value), Float(pdf)

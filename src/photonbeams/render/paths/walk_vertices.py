@@ -130,8 +130,9 @@ class Vertex:
 
     Attributes
     ----------
-    hit, medium, incident
-        Mitsuba's interactions with surfaces, the media before these, and the directions of the rays that arrive.
+    world, hit, medium, incident
+        The world, Mitsuba's interactions with surfaces, the media before these, and the directions in which rays
+        arrive.
     position, opacity, site
         Where the points are, the opacity of surfaces as in `World.opacity`, and the sites of `Linking`.
     bounces
@@ -142,7 +143,7 @@ class Vertex:
         self, world: World, hit: Any, *, medium: UInt32, incident: Array3f, bounces: UInt32, position: Array3f,
         scattered: Bool, on_surface: Bool,
     ) -> None:  # fmt: skip
-        self._world, self.hit, self.medium, self.incident, self.bounces = world, hit, medium, incident, bounces
+        self.world, self.hit, self.medium, self.incident, self.bounces = world, hit, medium, incident, bounces
         self.scattered, self.on_surface = scattered, on_surface
         self.position = dr.select(on_surface, Array3f(hit.p), position)
         # A cut-out surface was already sampled as opaque: undo the opacity factor of Mitsuba's `mask`.
@@ -151,12 +152,14 @@ class Vertex:
 
     @classmethod
     def of_surfaces(cls, world: World, hit: Any, medium: UInt32, active: Bool) -> Vertex:
-        """Return the first surfaces of camera paths, where they are active."""
+        """Return the first smooth surfaces of camera paths, where they are active."""
         place, incident = Array3f(hit.p), -Array3f(hit.to_world(hit.wi))
-        return cls(
+        result = cls(
             world, hit, medium=medium, incident=incident, bounces=UInt32(0), position=place, scattered=Bool(False),
             on_surface=active,
         )  # fmt: skip
+        result.smooth = active
+        return result
 
     @cached_property
     def smooth(self) -> Bool:
@@ -187,11 +190,14 @@ class Vertex:
         result.site = self.medium
         return result
 
+    def leaving(self, direction: Array3f) -> Array3f:
+        """Return the origins of rays that leave in directions."""
+        return dr.select(self.on_surface, leaving(self.hit, direction, self.world.size), self.position)
+
     def ahead(self, direction: Array3f, pdf: Float, lamp: UInt32) -> ScatteredRay:
         """Return the rays that leave in directions of a density; of emitters that are no surfaces they meet `lamp`."""
-        world, result = self._world, ScatteredRay()
-        result.origin = dr.select(self.on_surface, leaving(self.hit, direction, world.size), self.position)
-        beyond = world.media.beyond(self.hit, direction, self.medium, self.on_surface)
+        result, beyond = ScatteredRay(), self.world.media.beyond(self.hit, direction, self.medium, self.on_surface)
+        result.origin = self.leaving(direction)
         result.medium = dr.select(self.on_surface, beyond, self.medium)
         result.direction, result.pdf, result.place = direction, pdf, self.position
         result.inside, result.site, result.lamp, result.bounces = self.scattered, self.site, lamp, self.bounces
@@ -221,7 +227,7 @@ class Vertex:
         kind = sample.sampled_type
         # Mitsuba's `Delta` includes `Null`.
         ideal, null = (own & mi.has_flag(kind, flag) for flag in (mi.BSDFFlags.Delta, mi.BSDFFlags.Null))
-        if self._world.media.all:
+        if self.world.media.all:
             turned, factor, density = self.phase().sample(
                 mi.PhaseFunctionContext(), self.place(), lobe, u, self.scattered
             )

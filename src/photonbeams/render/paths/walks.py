@@ -29,7 +29,7 @@ from ...world.media.interfaces import pointers
 from ...world.media.tracking import free_flight
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import Bounce, CameraVertex
-from .emitters import Emitters, arriving
+from .emitters import Emitters, EmitterSample, arriving
 from .fog_segments import FogSegment
 from .surface_light import NO_LIGHT, SurfaceLight
 from .toward_lamps import Toward, aimed
@@ -234,7 +234,14 @@ class Walking:
         light = self.emitters.sampled(place, walk.lamp, samples.pair(walk.order, Stream.PATH_EMITTER, *own), active)
         value, pdf = place.phased(light.direction, light.lit)
         seed = samples.bits(walk.order, Stream.PATH_SHADOW, *own)
-        return arriving(self.emitters, place, light, value, pdf, seed) * (walk.throughput * weight * passed)
+        return self._arriving(place, light, value, pdf, seed) * (walk.throughput * weight * passed)
+
+    def _arriving(
+        self, vertex: Vertex, light: EmitterSample, value: Array3f, pdf: Float, seed: UInt32
+    ) -> GroupedLight:  # fmt: skip
+        """Return what `arriving` does, by light groups."""
+        result = arriving(self.emitters.passed, vertex, light, value, pdf, seed)
+        return GroupedLight.of(result, light.group, len(self.emitters.groups))
 
     def _direct(
         self, walk: Walk, vertex: Vertex, lamp: UInt32, samples: Samples, name: tuple[Any, ...], lit: Bool,
@@ -249,7 +256,7 @@ class Walking:
             bright = geometry * dr.max(value) * dr.rcp(steepness(vertex.hit, light.direction))
             value *= dr.select(light.connected, 1 - weight(bright, self.bound), 1)
         seed = samples.bits(order, Stream.PATH_SHADOW, *name)
-        return arriving(self.emitters, vertex, light, value, pdf, seed), chosen
+        return self._arriving(vertex, light, value, pdf, seed), chosen
 
     def _onward(
         self, walk: Walk, vertex: Vertex, chosen: DirectionSample, lamp: UInt32, geometry: Float
