@@ -227,12 +227,10 @@ class Techniques:
     def _meets(self, number: int) -> bool:
         """Return whether walks can find the light of an emitter on surfaces.
 
-        They cannot if it shines along one direction, if some surfaces do not block it, or behind images and filters
-        before Mitsuba's emitters. What they find of an emitter includes the light straight to their vertices.
+        They cannot if it shines along one direction, or if some surfaces do not block it. What they find of an emitter
+        includes the light straight to their vertices.
         """
-        emitter = self.world.emitters[number]
-        behind = self.world.emits and (emitter.lamp.images or emitter.beams.filters)
-        return not (behind or emitter.links.unshadowed) and SAMPLES in self._straight[number]
+        return not self.world.emitters[number].links.unshadowed and SAMPLES in self._straight[number]
 
     @cached_property
     def rare(self) -> list[int]:

@@ -6,7 +6,8 @@ import pytest
 from scipy.ndimage import maximum_filter
 
 from photonbeams.numerics.sampling import pixel_sample
-from photonbeams.render.paths.emitters import Chosen, chances
+from photonbeams.render.light import ShotLight
+from photonbeams.render.paths.emitters import Chosen
 from photonbeams.render.paths.mitsuba_emitters import MitsubaEmitters
 from photonbeams.render.paths.toward_lamps import Ball, Equiangular, Toward
 from photonbeams.render.settings import Settings
@@ -105,7 +106,7 @@ def test_light_is_the_same_whatever_powers_emitters_state(monkeypatch, seed):
     right, error = mean()
     rng = np.random.default_rng(seed)
     powers = rng.choice([0.0, 1.0], 3, p=[0.3, 0.7]) * 10 ** rng.uniform(-3, 6, 3)
-    monkeypatch.setattr("photonbeams.render.paths.mitsuba_emitters.chances", lambda _: chances(powers))
+    monkeypatch.setattr(ShotLight, "_power", dict(enumerate(powers)))
     found, other = mean()
     assert abs(found - right) < 5 * np.hypot(error, other)
     assert np.hypot(error, other) < 0.03 * right

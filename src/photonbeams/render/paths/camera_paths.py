@@ -365,7 +365,7 @@ def _bounce(
     order, lobe = paths.order, samples.single(paths.order, Stream.BOUNCE, name)
     vertex = Vertex.of_surfaces(walked.world, hit, paths.medium, smooth)
     chosen = vertex.directed(lobe, samples.pair(order, Stream.BOUNCE_TURN, name))
-    lamp, _ = walked.choose(samples.single(order, Stream.BOUNCE_WHICH_EMITTER, name))
+    lamp, _ = walked.choice(samples.single(order, Stream.BOUNCE_WHICH_EMITTER, name))
     if walked.balls is not None:
         ball = walked.balls(lamp, smooth)
         pick, u = samples.single(order, Stream.BOUNCE_TOWARD, name), samples.pair(order, Stream.BOUNCE_TOWARD, name)

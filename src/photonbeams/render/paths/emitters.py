@@ -12,14 +12,17 @@ from typing import Any, NamedTuple, Protocol
 import drjit as dr
 import numpy as np
 
+from ...numerics.arrays import to_float
 from ...numerics.grouped import GroupedLight
 from ...numerics.sampling import power_heuristic
-from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32
+from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.groups import ONE_GROUP, LightGroups
 from ...world.shadow_rays import ShadowRay
 from ...world.world import World
 from .toward_lamps import Balls
 from .walk_vertices import ScatteredRay, Vertex
+
+mi = mitsuba()
 
 # The fraction of samples that is spread evenly over all emitters: a weak one may be near.
 _EVENLY = 0.25
@@ -82,21 +85,35 @@ class EmitterSample(NamedTuple):
     group: UInt32
 
 
+class EmitterChoice:
+    """The choice of one of some emitters of these powers, with the `probabilities` (N,)."""
+
+    def __init__(self, power: Sequence[float]) -> None:
+        part = np.asarray(power) / sum(power) if sum(power) > 0 else np.zeros(len(power))
+        part = _EVENLY / len(power) + (1 - _EVENLY) * part
+        self.probabilities = part / part.sum()
+        self._distribution = mi.DiscreteDistribution(mi.Float(to_float([*self.probabilities, 0.0])))
+
+    def __call__(self, which: Float) -> tuple[UInt32, Float]:
+        """Return the emitter that a number in [0, 1) chooses, and what is left of that number, in [0, 1) again."""
+        number, rest = self._distribution.sample_reuse(mi.Float(which))
+        return UInt32(number), Float(rest)
+
+    def probability(self, number: UInt32, active: Bool) -> Float:
+        """Return the probabilities of emitters."""
+        return Float(self._distribution.eval_pmf_normalized(number, active))
+
+
 class Emitters(Protocol):
     """The emitters that light vertices, of which one is chosen for each sample."""
 
     world: World
     groups: LightGroups
+    choice: EmitterChoice
 
     @property
     def balls(self) -> Balls | None:
         """The spheres around the emitters, by their numbers; None: no medium scatters light."""
-
-    def __len__(self) -> int:
-        """Return how many emitters there are."""
-
-    def choose(self, which: Float) -> tuple[UInt32, Float]:
-        """Return the emitter that a number in [0, 1) chooses, and what is left of that number, in [0, 1) again."""
 
     def sampled(self, vertex: Vertex, lamp: UInt32, aim: Array2f, active: Bool) -> EmitterSample:
         """Return a sample of chosen emitters from active vertices, as if nothing were between."""
@@ -129,14 +146,6 @@ class Emitters(Protocol):
         kept
             Factors on the light of emitters that have virtual lights; None: no emitter has any.
         """
-
-
-def chances(power: Sequence[float]) -> np.ndarray:
-    """Return the probabilities with which emitters of these powers are sampled."""
-    part = np.asarray(power) / sum(power) if sum(power) > 0 else np.zeros(len(power))
-    part = _EVENLY / max(len(power), 1) + (1 - _EVENLY) * part
-    result: np.ndarray = part / part.sum() if len(part) else part
-    return result
 
 
 def arriving(

@@ -25,7 +25,7 @@ from ...world.shadow_rays import ShadowRay, to_point
 from ...world.spectra import rgb
 from ...world.world import World, passes
 from .camera_paths import ShadingPoint
-from .emitters import Chosen, EmitterSample, arriving, chances
+from .emitters import Chosen, EmitterChoice, EmitterSample, arriving
 from .toward_lamps import Balls, around
 from .walk_vertices import ScatteredRay, Vertex, interaction
 
@@ -48,9 +48,9 @@ class MitsubaEmitters:
 
     def __init__(self, world: World, chosen: Chosen, portal: EnvironmentPortal | None = None) -> None:
         numbers = chosen.numbers
-        emitters, part = world.plugin.emitters(), chances(chosen.power)
+        emitters = world.plugin.emitters()
         table = partial(by_emitter, world.plugin)
-        self.world, self.groups, self._table = world, chosen.groups(world), to_float(table(numbers, part))
+        self.world, self.groups = world, chosen.groups(world)
         self._grouped = GroupedEmitters(world, self.groups)
         self._size, self._coarse = len(numbers), chosen.coarse
         self._portal = portal
@@ -65,12 +65,9 @@ class MitsubaEmitters:
         ]
         if numbers:
             self._own = dr.gather(mi.EmitterPtr, world.plugin.emitters_dr(), to_uint(padded(numbers)))
-            self._choice = mi.DiscreteDistribution(mi.Float(to_float([*part, 0.0])))
+            self.choice = EmitterChoice(chosen.power)
+            self._table = to_float(table(numbers, self.choice.probabilities))
         self._visible = any(not mi.has_flag(emitters[each].flags(), mi.EmitterFlags.Delta) for each in numbers)
-
-    def __len__(self) -> int:
-        """Return how many emitters there are."""
-        return self._size
 
     @cached_property
     def balls(self) -> Balls | None:
@@ -84,15 +81,10 @@ class MitsubaEmitters:
         infinite = mi.has_flag(dr.gather(mi.EmitterPtr, self._own, number).flags(), mi.EmitterFlags.Infinite)
         return Balls.of(dr.select(infinite, dr.inf, Array3f(light.p)), self._size)
 
-    def choose(self, which: Float) -> tuple[UInt32, Float]:
-        """Return the emitter that a number in [0, 1) chooses, and what is left of that number, in [0, 1) again."""
-        lamp, rest = self._choice.sample_reuse(mi.Float(which))
-        return UInt32(lamp), Float(rest)
-
     def sampled(self, vertex: Vertex, lamp: UInt32, aim: Array2f, active: Bool) -> EmitterSample:
         """Return a sample of chosen emitters from active vertices."""
         reference = vertex.reference()
-        probability: Any = self._choice.eval_pmf_normalized(lamp, active)
+        probability = self.choice.probability(lamp, active)
         emitter = dr.gather(mi.EmitterPtr, self._own, lamp, active)
         light, radiance = emitter.sample_direction(reference, mi.Point2f(aim), active)
         light.pdf *= probability
@@ -189,12 +181,12 @@ class MitsubaEmitters:
 
     def direct(self, point: ShadingPoint, active: Bool) -> GroupedLight:
         """Return the direct light that smooth BSDFs reflect along the path."""
-        if not len(self):
+        if not self._size:
             return GroupedLight.dark(len(self.groups), dr.width(point.hit.t))
         samples, order, step = point.samples, point.order, point.step
         vertex = Vertex.of_surfaces(self.world, point.hit, point.medium, active)
         aim = samples.pair(order, Stream.EMITTER, step)
-        lamp, aim.x = self.choose(aim.x)
+        lamp, aim.x = self.choice(aim.x)
         light = self.sampled(vertex, lamp, aim, active)
         lobe, turn = samples.single(order, Stream.EMITTER_LOBE, step), samples.pair(order, Stream.EMITTER_TURN, step)
         (value, pdf), chosen = vertex.evaluate(light.direction, light.lit), vertex.directed(lobe, turn)

@@ -20,7 +20,7 @@ from ...world.emitters.groups import ONE_GROUP
 from ...world.world import World
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import CameraVertex, ShadingPoint
-from .stage_emitters import lamp_groups
+from .stage_emitters import LampGroup
 from .stage_lighting import LitVertex
 from .walk_vertices import Vertex
 
@@ -43,7 +43,7 @@ class SingleScattering:
     def __init__(self, world: World, skies: Sequence[int], count: int, samples: Samples, max_depth: int | None) -> None:
         self._world = world.feeling_all()
         self._samples, self._max_depth = samples, max_depth
-        self._domes = lamp_groups(self._world, skies, ONE_GROUP, linked=True)
+        self._domes = [LampGroup(self._world, [each], ONE_GROUP, 0, linked=True) for each in skies]
         self.radiance: dict[str, Any] = {world.emitters[each].beams.group: dr.zeros(Array3f, count) for each in skies}
 
     def add(self, paths: CameraPaths, vertex: CameraVertex) -> None:
@@ -73,8 +73,8 @@ class SingleScattering:
             bounces=UInt32(0), position=place, scattered=lit, on_surface=Bool(False),
         )  # fmt: skip
         points = LitVertex(point, scattering, lit, Stream.PHASE_LOBE, Stream.PHASE_TURN)
-        for number, (dome, (emitter,)) in enumerate(self._domes):
-            light = self._world.emitters[emitter].beams
+        for number, dome in enumerate(self._domes):
+            light = self._world.emitters[dome.numbers[0]].beams
             incident = points.scattered(dome, points.open(dome), (UInt32(Stream.DOME), UInt32(number)), dome.first)
             value = weight * incident * dr.opaque(Float, light.beam_scale)
             dr.eval(value)

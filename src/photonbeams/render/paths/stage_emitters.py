@@ -8,7 +8,7 @@ from typing import Any
 
 import drjit as dr
 
-from ...numerics.arrays import padded, to_float, to_uint
+from ...numerics.arrays import padded, to_uint
 from ...numerics.grouped import GroupedLight
 from ...numerics.sampling import power_heuristic
 from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
@@ -19,7 +19,7 @@ from ...world.emitters.packed import LinkedSurfaces
 from ...world.emitters.portal_lamps import behind
 from ...world.shadow_rays import ShadowRay, rounding, to_lamp
 from ...world.world import World
-from .emitters import Chosen, EmitterSample, chances
+from .emitters import Chosen, EmitterChoice, EmitterSample
 from .toward_lamps import Balls, around
 from .walk_vertices import ScatteredRay, Vertex
 
@@ -31,15 +31,15 @@ class LampGroup:
 
     Attributes
     ----------
-    first, stop
-        The numbers of the lamps go from `first` to before `stop`.
+    numbers, first, stop
+        Their numbers in the world; in kernels they are those from `first` to before `stop`.
     bare, seen
         One of the lamps without its images, and whether pictures show them.
     """
 
     def __init__(self, world: World, numbers: Sequence[int], groups: LightGroups, first: int, linked: bool) -> None:
         emitters = [world.emitters[each] for each in numbers]
-        own = emitters[0]
+        own, self.numbers = emitters[0], numbers
         self._world, self._linking = world, world.linking  # built before it is used in a loop
         self._links = LinkedSurfaces.of(world, own.links) if linked else None
         self.bare, self._looped = own.lamp.bare, bool(own.lamp.bare.DRJIT_STRUCT)
@@ -138,21 +138,15 @@ class LampGroup:
         return passed if self._links is None else dr.select(lit, passed + (1 - passed) * self._links.shadow, 0)
 
 
-def lamp_groups(
-    world: World, numbers: Iterable[int], groups: LightGroups, linked: bool
-) -> list[tuple[LampGroup, list[int]]]:  # fmt: skip
-    """Return the lamps with these numbers in groups, and the numbers of each.
-
-    With `linked` lamps, groups differ by the surfaces that cast no shadow, and by colours of shadows.
-    """
+def lamp_groups(world: World, numbers: Iterable[int], groups: LightGroups, linked: bool) -> list[LampGroup]:
+    """Return the lamps with these numbers in groups; those of `linked` lamps have the same links each."""
     alike: dict[Any, list[int]] = {(kind, Links()): [] for kind in KINDS}
     for number in numbers:
         lamp, links = world.emitters[number].lamp, world.emitters[number].links if linked else Links()
         alike.setdefault((type(lamp) if lamp.bare.DRJIT_STRUCT else number, links), []).append(number)
-    result: list[tuple[LampGroup, list[int]]] = []
+    result: list[LampGroup] = []
     for own in filter(None, alike.values()):
-        first = sum(len(others) for _, others in result)
-        result.append((LampGroup(world, own, groups, first, linked), own))
+        result.append(LampGroup(world, own, groups, sum(len(each.numbers) for each in result), linked))
     return result
 
 
@@ -169,12 +163,10 @@ class StageEmitters:
 
     def __init__(self, world: World, chosen: Chosen) -> None:
         self.world, self.groups = world, chosen.groups(world)
-        grouped = lamp_groups(world, chosen.numbers, self.groups, linked=False)
-        self._lamps, order = [each for each, _ in grouped], [number for _, own in grouped for number in own]
+        self._lamps = lamp_groups(world, chosen.numbers, self.groups, linked=False)
+        order = [number for lamps in self._lamps for number in lamps.numbers]
         known = {number: place for place, number in enumerate(chosen.numbers)}
-        self._choice = mi.DiscreteDistribution(
-            mi.Float(to_float([*(chances(chosen.power)[known[each]] for each in order), 0.0]))
-        )
+        self.choice = EmitterChoice([chosen.power[known[each]] for each in order])
         self._connected = self._bounces = None
         if chosen.connected:
             self._connected = to_uint(padded([int(each in chosen.connected) for each in order]))
@@ -183,10 +175,6 @@ class StageEmitters:
         emitters = [world.emitters[each] for each in order if each not in chosen.sharp]
         self._environments = [each for each in emitters if each.lamp.environment]
         self._size = len(order)
-
-    def __len__(self) -> int:
-        """Return how many lamps there are."""
-        return self._size
 
     @cached_property
     def balls(self) -> Balls | None:
@@ -200,14 +188,9 @@ class StageEmitters:
             found = dr.select(lamps.holds(number), place + light.distance * light.direction, found)
         return Balls.of(found, self._size)
 
-    def choose(self, which: Float) -> tuple[UInt32, Float]:
-        """Return the lamp that a number in [0, 1) chooses, and what is left of that number, in [0, 1) again."""
-        lamp, rest = self._choice.sample_reuse(mi.Float(which))
-        return UInt32(lamp), Float(rest)
-
     def sampled(self, vertex: Vertex, lamp: UInt32, aim: Array2f, active: Bool) -> EmitterSample:
         """Return a sample of chosen lamps from active vertices."""
-        probability: Any = self._choice.eval_pmf_normalized(lamp, active)
+        probability = self.choice.probability(lamp, active)
         active = self._within(lamp, vertex.bounces, active)
         result: Any = None
         for lamps in self._lamps:
@@ -217,7 +200,7 @@ class StageEmitters:
             light = lamps.sampled(own, lamp, vertex, aim, lit)
             chosen = lit if result is None else (dr.select(lit, *each) for each in zip(light, result, strict=True))
             result = light if result is None else EmitterSample(*chosen)
-        radiance = result.radiance * dr.rcp(dr.maximum(Float(probability), 1e-30))
+        radiance = result.radiance * dr.rcp(dr.maximum(probability, 1e-30))
         return result._replace(radiance=radiance, connected=self._is_connected(lamp, result.lit))
 
     def _is_connected(self, number: UInt32, active: Bool) -> Bool:
@@ -257,7 +240,7 @@ class StageEmitters:
         # Boundaries of media that the ray has passed since then lie behind it.
         passed = dr.dot(ray.origin - ray.place, ray.direction)
         length = dr.select(hit.is_valid(), hit.t, dr.inf)
-        probability = self._choice.eval_pmf_normalized(ray.lamp, active)
+        probability = self.choice.probability(ray.lamp, active)
         active = self._within(ray.lamp, ray.bounces, active & (ray.pdf > 0))
         for lamps in self._lamps:
             lamp, own = lamps.lighting(ray.lamp, active, place=ray.place, inside=ray.inside, site=ray.site)
@@ -267,7 +250,7 @@ class StageEmitters:
             there = own & found.hit & (found.distance > passed) & (distance - slack <= length)
             over = lamps.dimmed_over(ray.place, ray.inside, ray.direction, found.distance) - passed
             dimming = world.dimming(ray.origin, ray.direction, over, ray.medium, seed, there)
-            share = power_heuristic(ray.pdf, found.pdf) * dr.rcp(dr.maximum(Float(probability), 1e-30))
+            share = power_heuristic(ray.pdf, found.pdf) * dr.rcp(dr.maximum(probability, 1e-30))
             if kept is not None:
                 share *= dr.select(self._is_connected(ray.lamp, there), kept, 1)
             result += dr.select(there, found.radiance * dimming * share, 0)

@@ -42,8 +42,7 @@ class StageLighting:
         lighting = [number for number, shines in enumerate(shining) if shines]
         sampled = [each for each in lighting if each not in unsampled]
         self._all, self._sampled = (
-            [lamps for lamps, _ in lamp_groups(world, numbers, world.groups, linked=True)]
-            for numbers in (lighting, sampled)
+            lamp_groups(world, numbers, world.groups, linked=True) for numbers in (lighting, sampled)
         )
         glow = {name: world.groups.number(world.glow.get(name, "")) for name, _ in world.shapes}
         self._glowing = by_shape(world, glow) if len(world.groups) > 1 else None

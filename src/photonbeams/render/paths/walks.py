@@ -95,7 +95,7 @@ class Walking:
         """Return the walks that begin in the media of a step of camera paths; None if there are none."""
         media, width = self.emitters.world.media, dr.width(paths.pixel)
         zeros, none = dr.zeros(Float, width), dr.zeros(UInt32, width)
-        lamp, _ = self.emitters.choose(samples.single(paths.order, Stream.FOG_FIRST_EMITTER, vertex.name))
+        lamp, _ = self.emitters.choice(samples.single(paths.order, Stream.FOG_FIRST_EMITTER, vertex.name))
         inside = paths.alive & (dr.max(media.scattering(paths.medium)) > 0) & (vertex.end > paths.near)
         inside &= self.within(paths.depth, 2)
         if self.media is not None:
@@ -170,7 +170,7 @@ class Walking:
         square = dr.squared_norm(vertex.position - walk.place)
         geometry = walk.value * dr.abs(dr.dot(Array3f(hit.n), walk.direction)) * dr.rcp(dr.maximum(square, 1e-30))
         geometry = dr.select(vertex.smooth & (walk.value > 0), geometry, dr.inf)
-        lamp, _ = self.emitters.choose(samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name))
+        lamp, _ = self.emitters.choice(samples.single(walk.order, Stream.PATH_WHICH_EMITTER, *name))
         own = dr.select(vertex.scattered, walk.lamp, lamp)
         light, chosen = self._direct(walk, vertex, own, samples, name, lit, geometry)
         if surfaces.caustics is not None:
