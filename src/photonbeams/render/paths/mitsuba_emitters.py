@@ -205,7 +205,8 @@ class MitsubaEmitters:
 def sampled_first(world: World, others: Collection[int]) -> Chosen:
     """Return all emitters but some `others`, as the first surfaces of camera paths sample them, by Mitsuba's weights.
 
-    The ray along a sample of their BSDFs goes on past surfaces with null lobes, so it meets no emitters there.
+    The ray along a sample of their BSDFs goes on past surfaces with null lobes, so it meets no emitters there. Its
+    noise is seen, so its transmittance is not coarse.
     """
     plugins = world.plugin.emitters()
     shapes = {number: each.get_shape() for number, each in enumerate(plugins) if number not in others}
