@@ -15,7 +15,7 @@ def walked(scene, **settings):
     """Return the number of emitters that walks meet, and the names of those that emit light paths."""
     light = begin(scene, scene.sensors()[0], Settings(beams=1024, **settings)).light
     known = [each.emitter.name for each in light.simulation.strata(light.world)]
-    return sum(len(each.emitters) for _, each in light.walks(light.world).media), known
+    return sum(len(each.emitters.choice.probabilities) for _, each in light.walks(light.world).media), known
 
 
 def test_shafts_have_beams_and_a_sky_over_fog_has_walks():

@@ -157,9 +157,7 @@ def test_a_plan_is_as_good_as_the_best_of_all(seed):
     smooth = np.maximum(surfaces, np.convolve(np.pad(surfaces, 1, mode="edge"), np.ones(3) / 3, mode="valid"))
 
     def spent(each):
-        return np.sqrt(noise + smooth / each).mean(axis=-1) ** 2 * (
-            given.cost + np.mean(each, axis=-1) * given.sample
-        )
+        return np.sqrt(noise + smooth / each).mean(axis=-1) ** 2 * (given.cost + np.mean(each, axis=-1) * given.sample)
 
     every = np.array(list(product([1, 2, 4, 8, 16, 32], repeat=6)))
     every = every[every.mean(axis=1) <= 8]
