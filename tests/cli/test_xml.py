@@ -16,7 +16,7 @@ from photonbeams.images.files import read_image, read_layers
 from photonbeams.render import scene_frame as frame
 from photonbeams.render.checkpoint import Checkpoint
 from photonbeams.render.frame import FrameRenderer
-from photonbeams.transport.guiding.lines import Lines
+from photonbeams.transport.guiding.lines import LightLines
 from tests.helpers.commands import fails, untouched
 
 SENSOR = """<sensor type="perspective" id="{name}">
@@ -192,7 +192,7 @@ def test_a_dry_run_says_that_all_is_well_and_writes_nothing(render, scene, out):
 
 
 def test_a_dry_run_runs_no_pilot(render, scene, out, monkeypatch):
-    monkeypatch.setattr(Lines, "to_fog", lambda *_: pytest.fail("a pilot ran"))
+    monkeypatch.setattr(LightLines, "to_fog", lambda *_: pytest.fail("a pilot ran"))
     code, *_ = render(scene('value="beams"', 'value="auto"'), "-o", out / "a.exr", "--dry-run")
     assert code == 0
 

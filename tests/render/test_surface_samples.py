@@ -16,7 +16,7 @@ from photonbeams.render.settings import Settings
 from photonbeams.render.techniques import Seen
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
-from photonbeams.transport.guiding.lines import Lines
+from photonbeams.transport.guiding.lines import LightLines
 from photonbeams.world.cameras.cameras import Window
 from photonbeams.world.parameters import Parameters
 from tests.helpers.mitsuba_scenes import by_beams, camera, comparison, cube_of, fog, load, rgb
@@ -198,8 +198,8 @@ def test_parameters_are_equal_until_one_is_set():
 
 
 def test_an_integrator_asks_its_pilot_once_while_nothing_changes(monkeypatch):
-    asked, lit = [], Lines.free
-    monkeypatch.setattr(Lines, "free", lambda *given: asked.append(1) or lit(*given))
+    asked, lit = [], LightLines.free
+    monkeypatch.setattr(LightLines, "free", lambda *given: asked.append(1) or lit(*given))
     forward = {"type": "hg", "g": 0.5}  # rendering makes this number a variable
     scene = load(lamp=LAMP, fog=cube_of(fog(0.5, phase=forward)), sensor=camera(size=4))
     integrator = mi.load_dict({"type": "photon_beams", "paths": 256, "max_depth": 3})

@@ -11,7 +11,7 @@ from photonbeams.render import reuse, worlds
 from photonbeams.render.light import ShotLight
 from photonbeams.render.passes import PlannedPasses
 from photonbeams.render.reuse import FilmMemory
-from photonbeams.transport.guiding.lines import Lines
+from photonbeams.transport.guiding.lines import LightLines
 
 FRAMES = (1, 2, 4)
 SETTINGS = {"width": 24, "height": 18, "passes": 3, "beams": 96}
@@ -150,7 +150,7 @@ def Plane "Portal" {
     moving = STAGE.format(**STILL).replace("2: (.3, 0, 6)", "2: (5, 0, 6)")
     shot = pb.Shot(usd(moving + portal))
     monkeypatch.setattr(
-        Lines, "seen_past_portals", lambda own: frozenset({"/Far"} if float(own.views[0].origin.x[0]) > 2 else ())
+        LightLines, "seen_past_portals", lambda own: frozenset({"/Far"} if float(own.views[0].origin.x[0]) > 2 else ())
     )
     alone = rendered(shot)
     with shot.film():

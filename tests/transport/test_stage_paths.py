@@ -8,7 +8,7 @@ import pytest
 
 from photonbeams import scene
 from photonbeams.runtime.device import Array3f, Bool, UInt32
-from photonbeams.transport.guiding.lines import Lines
+from photonbeams.transport.guiding.lines import LightLines
 from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.described import world_of_scene
 from tests.helpers.comparison import HOLE_X, across_x, box, comparison_scene, quad
@@ -245,7 +245,7 @@ def test_a_thousand_beams_keep_the_outline_of_the_shaft(room):
 def past_portals(world, eye, forward):
     """Return the lights that a camera with a field of view of 90 degrees sees past their portals."""
     camera = scene.Camera.look_at(eye, np.add(eye, forward), fov=90)
-    return Lines(world, View(camera, Window.full(32, 18)).projections).seen_past_portals()
+    return LightLines(world, View(camera, Window.full(32, 18)).projections).seen_past_portals()
 
 
 def test_the_camera_sees_the_light_side_through_the_hole_and_not_from_behind_a_wall(room):

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from .. import scene
-from ..transport.guiding.lines import Lines
+from ..transport.guiding.lines import LightLines
 from ..transport.simulation import Simulation
 from ..transport.strata import Allotment
 from ..world.cameras.cameras import View, Window
@@ -100,9 +100,9 @@ def _seen_past_portals(worlds: ShutterWorlds, window: Window, known: frozenset[s
         for camera in moment.cameras:
             view = View(camera, window)
             if known is None:
-                result |= Lines(world, view.whole().projections).seen_past_portals()
+                result |= LightLines(world, view.whole().projections).seen_past_portals()
             if inside != (0, 0, *window.shape[::-1]):
-                beyond |= Lines(world, view.projections).seen_past_portals()
+                beyond |= LightLines(world, view.projections).seen_past_portals()
     for name in sorted(beyond - result):
         LOG.warning("%s is seen before its portal in overscan alone, where its beams are left out", name)
     return result

@@ -18,7 +18,7 @@ from ..scene.places import Origin
 if TYPE_CHECKING:
     from ..estimators.projection import Projection
     from ..scene import Array
-    from ..transport.guiding.lines import Lines
+    from ..transport.guiding.lines import LightLines
     from ..transport.reach import Reach
     from ..world.emitters.rectangles import Sides
     from ..world.world import World
@@ -65,11 +65,11 @@ class Survey:
         return {name: {each.name: lines.white(each) for each in emitters} for name, lines in self._lines.items()}
 
     @cached_property
-    def _lines(self) -> dict[str, Lines]:
+    def _lines(self) -> dict[str, LightLines]:
         """The lines along which lamps light what each camera sees."""
-        from ..transport.guiding.lines import Lines
+        from ..transport.guiding.lines import LightLines
 
-        return {name: Lines(self._world, views) for name, views in self._views.items()}
+        return {name: LightLines(self._world, views) for name, views in self._views.items()}
 
     @cached_property
     def reach(self) -> dict[str, Reach]:

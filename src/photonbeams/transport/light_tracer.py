@@ -25,7 +25,7 @@ from .aiming import Openings
 from .emission import Emission, Stratum
 from .fringes import Steps, entering, fringe, unscattered
 from .guiding.importance import CameraImportance, Sightings
-from .guiding.lines import Lines
+from .guiding.lines import LightLines
 from .guiding.pilot import Found, guide
 from .segments.beams import Cutting, Moments, moving_sets, sets_of
 from .segments.density import widened
@@ -234,7 +234,7 @@ class LightTracer:
 
         if not self.world.apart:
             return guide(self.emission.strata, seen, self.world)
-        lines, straight = Lines(self.world, views), self.tuning.max_bounces == 0
+        lines, straight = LightLines(self.world, views), self.tuning.max_bounces == 0
         return guide(self.emission.strata, seen, self.world, lambda each: lines.to_fog(each.emitter), straight)
 
     def _endless_by_source(self) -> Any:

@@ -19,7 +19,7 @@ from ..world.world import World
 from .emission import Stratum
 from .guiding.fitted_portals import Bundle, FittedRectangle, fitted, stopped_around, walled
 from .guiding.inversion import rays_of, samples_of
-from .guiding.lines import FogLines, Lines
+from .guiding.lines import FogLines, LightLines
 from .strata import Allotment
 from .tuning import Tuning
 
@@ -45,7 +45,7 @@ def openings_of_lamps(world: World, views: Sequence[Projection], names: Collecti
     """Return the openings of lamps that make beams, by their names, as rectangles; none of lamps that have a portal."""
     if not (views and names):
         return {}
-    strata, lines = Allotment(_PATHS).strata(world, Tuning(max_bounces=0)), Lines(world, views)
+    strata, lines = Allotment(_PATHS).strata(world, Tuning(max_bounces=0)), LightLines(world, views)
     return {
         each.emitter.name: list(_openings(each, lines.to_fog(each.emitter), world))
         for each in strata

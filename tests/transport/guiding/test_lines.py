@@ -5,7 +5,7 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.scene import Medium, Mesh, Scene
-from photonbeams.transport.guiding.lines import Lines
+from photonbeams.transport.guiding.lines import LightLines
 from photonbeams.world.cameras.cameras import View, Window
 from photonbeams.world.described import world_of_scene
 
@@ -17,7 +17,7 @@ def test_fog_that_is_thin_beside_the_rest_of_its_rays_is_found():
     lamp = pb.scene.SphereLight("/Lamp", 1.0, center=(0, 1, 0))
     camera = pb.scene.Camera.look_at((0, 0, 0.4), (0, 0, 0))
     world = world_of_scene(Scene(far, lamp, media=fog), [np.array([0, 0, 0.4])])
-    points = Lines(world, View(camera, Window.full(16, 9)).projections).fog
+    points = LightLines(world, View(camera, Window.full(16, 9)).projections).fog
     assert points is not None
     assert len(np.ravel(points.light.numpy())) > 1000
     assert np.abs(points.position.numpy()).max() < 0.051

@@ -14,7 +14,7 @@ from typing import Any
 
 from ...transport.emission import PathEmitter
 from ...transport.guiding.guides import UNGUIDED, Guides
-from ...transport.guiding.lines import Lines
+from ...transport.guiding.lines import LightLines
 from ...transport.simulation import Simulation
 from ...world.cameras.cameras import View
 from ...world.emitters.portal_lamps import EnvironmentPortal
@@ -113,7 +113,7 @@ class Pilot:
         """What the first camera sees of the emitters' light."""
         if self.known.seen is not None or not self.cameras:
             return self.known.seen or Seen()
-        world, lines = self.world, Lines(self.world, self.cameras[0].whole().projections)
+        world, lines = self.world, LightLines(self.world, self.cameras[0].whole().projections)
         rare = [] if self.settings.guiding is False else self._unseeing.rare
         lit = {each: lines.lit(world.emitters[each]) for each in rare}
         return Seen(lit, {each: lines.free(PathEmitter(world, each)) for each in self._unseeing.hidden})

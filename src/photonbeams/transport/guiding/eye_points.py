@@ -64,7 +64,7 @@ class SurfacePoints(Struct):
 
 
 @dataclass(frozen=True)
-class _Rays:
+class _EyeRays:
     """Rays from cameras, with the parts of the picture that they pass and numbers from which samples follow."""
 
     origin: Array3f
@@ -110,7 +110,7 @@ def fog_seen(world: World, views: Sequence[Projection]) -> FogPoints | None:
     number = dr.arange(UInt32, _IN_FOG) + dr.opaque(UInt32, 0)
     packed = Views(views)
     view, place = packed(hash32(number, UInt32(4)) % packed.count), pixel_sample(number, dr.opaque(UInt32, 5))
-    return _fog_along(world, _Rays(*view.ray(place), view.part_at(place), number))
+    return _fog_along(world, _EyeRays(*view.ray(place), view.part_at(place), number))
 
 
 def fog_before(world: World, views: Sequence[Projection], portal: Portal) -> FogPoints | None:
@@ -129,7 +129,7 @@ def fog_before(world: World, views: Sequence[Projection], portal: Portal) -> Fog
         return None
     (aim,) = kept
     part = dr.zeros(UInt32, dr.width(aim.number))
-    return _fog_along(world, _Rays(aim.origin, dr.normalize(aim.target - aim.origin), part, aim.number))
+    return _fog_along(world, _EyeRays(aim.origin, dr.normalize(aim.target - aim.origin), part, aim.number))
 
 
 class _Aim(Struct):
@@ -140,14 +140,14 @@ class _Aim(Struct):
     number: UInt32
 
 
-def _fog_along(world: World, rays: _Rays) -> FogPoints | None:
+def _fog_along(world: World, rays: _EyeRays) -> FogPoints | None:
     """Return a point in fog on each ray before the first surface, where there is any.
 
     What lies between two boundaries of fog gets as many points as the rest of a ray, however thin it is and far away.
     """
     hit = world.ahead(rays.origin, rays.direction, rays.number, panes=False)
     far = dr.norm(Array3f(hit.p) - rays.origin)
-    parts = _parts(world, rays, dr.select(hit.is_valid(), far, world.bounds.exit(rays.origin, rays.direction)))
+    parts = _stretches(world, rays, dr.select(hit.is_valid(), far, world.bounds.exit(rays.origin, rays.direction)))
     result, distance, weight = FogPoints(), Float(0), Float(0)
     result.medium = dr.zeros(UInt32, dr.width(rays.number))
     count = sum((dr.select(each.holds, 1.0, 0.0) for each in parts), Float(0))
@@ -172,7 +172,7 @@ def _fog_along(world: World, rays: _Rays) -> FogPoints | None:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _Stretch:
     """The parts of rays from a boundary of media to the next one, and whether there is a medium."""
 
     first: Float
@@ -185,7 +185,7 @@ class _Part:
         return (self.last > self.first) & (self.medium > 0)
 
 
-def _parts(world: World, rays: _Rays, far: Float) -> list[_Part]:
+def _stretches(world: World, rays: _EyeRays, far: Float) -> list[_Stretch]:
     """Return the parts of rays in one medium each, up to a distance."""
     here, first, medium = Array3f(rays.origin), Float(0) * far, world.medium_of_view(rays.origin, rays.direction)
     result = []
@@ -193,7 +193,7 @@ def _parts(world: World, rays: _Rays, far: Float) -> list[_Part]:
         hit = world.around.ray_intersect(mi.Ray3f(mi.Point3f(here), mi.Vector3f(rays.direction)), first < far)
         along = dr.dot(Array3f(hit.p) - rays.origin, rays.direction)
         last = dr.select(hit.is_valid(), dr.minimum(dr.maximum(along, first), far), far)
-        result.append(_Part(first, last, medium))
+        result.append(_Stretch(first, last, medium))
         medium = world.media.beyond(hit, rays.direction, medium, hit.is_valid())
         here, first = leaving(hit, rays.direction, world.size), last
-    return [*result, _Part(first, far, medium)]
+    return [*result, _Stretch(first, far, medium)]

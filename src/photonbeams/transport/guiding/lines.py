@@ -54,7 +54,7 @@ class FogLines:
 
 
 @dataclass(frozen=True)
-class Lines:
+class LightLines:
     """The lines along which the emitters of a world light what cameras with these views see."""
 
     world: World
