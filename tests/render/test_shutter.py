@@ -10,7 +10,7 @@ from scipy.stats import t as student
 import photonbeams as pb
 from photonbeams import scene
 from photonbeams.render.holdouts import HoldoutDepth
-from photonbeams.render.pilots.beam_noise import with_fewer_paths
+from photonbeams.render.pilots.beam_noise import beam_cost
 from photonbeams.render.settings import Settings
 from photonbeams.render.stage_frame import begin, render
 from photonbeams.runtime.device import Array2f, Float
@@ -170,9 +170,9 @@ def test_a_holdout_out_of_focus_does_not_decide_how_a_crop_is_seen():
         assert frame._instant(0, frame.lit(0)[0]) is not None
 
 
-def test_a_pilot_has_all_drawn_beams():
-    light = begin(Shutter.still(shot(), CAMERA), WINDOW, Settings(passes=1)).light
-    assert with_fewer_paths(light)[1] == 1
+def test_drawn_beams_have_no_noise():
+    frame = begin(Shutter.still(shot(), CAMERA), WINDOW, Settings(passes=1))
+    assert beam_cost(frame, frame.lit(0)[0], WIDTH * HEIGHT).noise == 0
 
 
 def test_a_pinhole_on_the_lens_has_the_rays_of_the_lens_there():

@@ -9,8 +9,9 @@ import pytest
 from photonbeams.render import frame as frame_module
 from photonbeams.render.costs import surface_samples
 from photonbeams.render.pilots import sample_plan
+from photonbeams.render.pilots.beam_noise import BeamCost, beam_cost, gathered
 from photonbeams.render.pilots.pilot import Findings
-from photonbeams.render.pilots.sample_plan import BeamCost, SamplePlan
+from photonbeams.render.pilots.sample_plan import SamplePlan
 from photonbeams.render.scene_frame import Extras, begin, render
 from photonbeams.render.settings import Settings
 from photonbeams.render.techniques import Seen
@@ -118,14 +119,15 @@ def test_a_plan_depends_on_neither_crop_nor_overscan_and_a_pass_on_no_other_pass
 
 
 def test_a_small_picture_asks_no_pilot():
-    assert plan(room(0.8, width=64, height=36))[1].beams is None
+    assert plan(room(0.8, width=64, height=36))[1].sample == 0
     assert plan(room(0.8), surface_samples=4)[1] == SamplePlan(4)
 
 
 def test_plans_take_the_mean_of_no_block_away(monkeypatch):
     """Each block has the mean that equal numbers give it, and less noise where there is much."""
     scene = room(0.8, width=64, height=40)
-    forced = SamplePlan(4, BeamCost(1e-6, 1e6), 1e6, 2e5)
+    forced = SamplePlan(4, 2e5)
+    monkeypatch.setattr(frame_module, "beam_cost", lambda *_: BeamCost(1e-6, 1e6))
     found = {}
     for own in (forced, SamplePlan(4)):
         monkeypatch.setattr(frame_module, "sample_plan", lambda *_, own=own: own)
@@ -135,12 +137,20 @@ def test_plans_take_the_mean_of_no_block_away(monkeypatch):
             frame.add_pass(0)
             pictures.append(frame.layers()["surface"].mean(axis=2).reshape(5, 8, 8, 8).mean(axis=(1, 3)))
             blocks = frame._counts[0][0].blocks
-        found[own.beams is None] = np.array(pictures)
-        assert (len(np.unique(blocks)) > 1) == (own.beams is not None)
+        found[own.sample == 0] = np.array(pictures)
+        assert (len(np.unique(blocks)) > 1) == (own.sample > 0)
     means = [each.mean(axis=0) for each in found.values()]
     error = np.hypot(*(each.std(axis=0, ddof=1) / np.sqrt(len(each)) for each in found.values()))
     # The greatest of 40 differences, of 12 seeds each: 5 errors are exceeded twice in a thousand times.
     assert (abs(means[0] - means[1]) < 5 * error + 1e-7).all()
+
+
+def test_halves_of_a_pass_tell_the_noise_of_its_beams():
+    frame, _ = plan(room(0.8), beams=1024)
+    passes = np.array([gathered(frame, frame.lit(number)[0]) for number in range(16)])
+    between = np.sqrt(passes.var(axis=0, ddof=1)).mean() ** 2
+    # Beams are stratified, and so are halves of them, which have up to twice their share of the variance.
+    assert 0.7 < beam_cost(frame, frame.lit(0)[0], 1).noise / between < 2
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -149,15 +159,15 @@ def test_a_plan_is_as_good_as_the_best_of_all(seed):
     rng = np.random.default_rng(seed)
     noise, cost = 10.0 ** rng.uniform(-6, 0, 2)
     surfaces = 10.0 ** rng.uniform(-4, 1, 6)
-    given = SamplePlan(8, BeamCost(noise, 1e4 * cost), 1e4 * cost, 10.0 ** rng.uniform(2, 5))
+    given = SamplePlan(8, 10.0 ** rng.uniform(2, 5))
     # Two samples that differ by √(2 S) have the variance S; a block has two cells across and two down.
     half = np.tile(np.repeat(np.sqrt(surfaces / 2), 2), (2, 1)).ravel()
     radiance = np.stack([10 - half, 10 + half])
-    chosen = given.counts(radiance, np.ones_like(radiance), Window.full(48, 8)).blocks[0]
+    chosen = given.counts(BeamCost(noise, 1e4 * cost), radiance, np.ones_like(radiance), Window.full(48, 8)).blocks[0]
     smooth = np.maximum(surfaces, np.convolve(np.pad(surfaces, 1, mode="edge"), np.ones(3) / 3, mode="valid"))
 
     def spent(each):
-        return np.sqrt(noise + smooth / each).mean(axis=-1) ** 2 * (given.cost + np.mean(each, axis=-1) * given.sample)
+        return np.sqrt(noise + smooth / each).mean(axis=-1) ** 2 * (1e4 * cost + np.mean(each, axis=-1) * given.sample)
 
     every = np.array(list(product([1, 2, 4, 8, 16, 32], repeat=6)))
     every = every[every.mean(axis=1) <= 8]
@@ -171,7 +181,7 @@ def test_blocks_around_an_edge_have_two_samples():
     reach[:, :, :4] = 1.05  # a slanted surface is no edge
     reach[1, 3, 7] = 2.0
     radiance = np.full((2, 100), 0.5)
-    found = SamplePlan(4, BeamCost(1.0, 1e6), 1e6, 1e5).counts(radiance, reach.reshape(2, 100), Window.full(40, 40))
+    found = SamplePlan(4, 1e5).counts(BeamCost(1.0, 1e6), radiance, reach.reshape(2, 100), Window.full(40, 40))
     expected = np.ones((5, 5))
     expected[0:3, 2:5] = 2
     assert found.blocks.tolist() == expected.tolist() and found.typical == 2
@@ -182,7 +192,7 @@ def test_a_black_picture_and_one_that_overflows_have_a_plan():
     reach = np.full((2, 4), np.inf, np.float32)
     for light in (0.0, np.inf, np.nan):
         radiance = np.full((2, 4), light, np.float32)
-        found = SamplePlan(4, BeamCost(0.0, 1e6), 1e6, 1e5).counts(radiance, reach, Window.full(7, 5))
+        found = SamplePlan(4, 1e5).counts(BeamCost(0.0, 1e6), radiance, reach, Window.full(7, 5))
         assert found.blocks.tolist() == [[1]]
 
 
@@ -223,9 +233,9 @@ def test_blocks_that_missed_light_that_is_rarely_found_have_samples_like_those_a
     rng = np.random.default_rng(seed)
     radiance = np.where(rng.uniform(size=(2, 60, 80)) < 0.02, 50.0, 0.0) + rng.uniform(0.9, 1.1, (2, 60, 80))
     window = Window.full(320, 240)
-    given = SamplePlan(8, BeamCost(0.0, 1e6), 1e6, 1e5)
-    found = given.counts(radiance.reshape(2, -1), np.ones((2, 4800)), window).blocks
+    given = SamplePlan(8, 1e5)
+    found = given.counts(BeamCost(0.0, 1e6), radiance.reshape(2, -1), np.ones((2, 4800)), window).blocks
     assert (found >= 4).mean() > 0.98 and found.min() >= 2 and found.max() <= 16
     monkeypatch.setattr(sample_plan, "_PART", 0.0)
-    patchy = given.counts(radiance.reshape(2, -1), np.ones((2, 4800)), window).blocks
+    patchy = given.counts(BeamCost(0.0, 1e6), radiance.reshape(2, -1), np.ones((2, 4800)), window).blocks
     assert (patchy == 1).mean() > 0.1

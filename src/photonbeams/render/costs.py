@@ -21,12 +21,7 @@ LANES = 1 << 19
 
 def of_tracing(paths: int) -> float:
     """Return the cost of so many light paths, whose beams are not tested."""
-    return of_beams(records_of(paths), 0, 0)
-
-
-def records_of(paths: int) -> float:
-    """Return the usual number of beams and photons of so many light paths."""
-    return _RECORDS * paths
+    return of_beams(_RECORDS * paths, 0, 0)
 
 
 def of_sample(walked: bool) -> float:

@@ -36,6 +36,7 @@ from .light import ShotLight, TracedLight
 from .memory import release_memory
 from .passes import Statistics
 from .paths.surface_light import SurfaceLight
+from .pilots.beam_noise import BeamCost, beam_cost
 from .pilots.gaps import sentences
 from .pilots.sample_plan import EDGE, SAMPLES, Pixels, SampleCounts, pilot_pixels, sample_plan
 from .ray_passes import PassRenderer, ViewRays
@@ -140,9 +141,7 @@ class FrameRenderer(PassRenderer):
         window, order = views[0].window, films[0].order
         self._size, self._counts = (window.width, window.height), list[tuple[SampleCounts, list[SamplePiece]]]()
         pixels, seen = Pixels(window.width * window.height, films[0].averaged), views[0].holdout is None
-        self._plan = sample_plan(light, pixels, self.statistics, seen)
-        if self._plan.beams is not None:
-            self.light = replace(light, findings=replace(light.findings, beams=self._plan.beams))
+        self._plan = sample_plan(light, pixels, seen)
         # Sample indices have 32 bits. Those of further samples follow those of the whole picture, in crops, too.
         last = z_order(dr.opaque(UInt32, window.width - 1), dr.opaque(UInt32, window.height - 1))
         self._indices = 1 << int(last[0]).bit_length()
@@ -153,16 +152,25 @@ class FrameRenderer(PassRenderer):
 
         They are planned by the light of the `first` pass: all passes add samples that no plan has seen.
         """
-        if self._plan.beams is None:
+        if not self._plan.sample:
             counts = [SampleCounts.of(self._plan.usual)] * len(self._views)
         else:
             lit = first()
-            counts = [self._planned(view, lit) for view in self._views]
+            counts = [self._planned(view, lit, self._beam_cost(lit[0])) for view in self._views]
         self._counts = [
             (own, [] if own.uniform else own.pieces(view.window)) for own, view in zip(counts, self._views, strict=True)
         ]
 
-    def _planned(self, view: FrameView, first: Lit) -> SampleCounts:
+    def _beam_cost(self, first: TracedLight) -> BeamCost:
+        """Return the noise and cost of the beams of the first pass; an earlier frame may have found them."""
+        known, pixels = self.light.findings.beams, self._size[0] * self._size[1]
+        if pixels not in known:
+            with self.statistics.phase("plan"):
+                known = {**known, pixels: beam_cost(self, first, pixels)}
+            self.light = replace(self.light, findings=replace(self.light.findings, beams=known))
+        return known[pixels]
+
+    def _planned(self, view: FrameView, first: Lit, beams: BeamCost) -> SampleCounts:
         """Return the plan of a view."""
         with self.statistics.phase("plan"):
             whole, pixels = view.whole(), pilot_pixels(*self._size)
@@ -173,7 +181,7 @@ class FrameRenderer(PassRenderer):
             index = samples.index(order, lanes.each, lanes.sample)
         picture, _ = self._looked(whole, WidePicture(0, samples, index, lanes.pixel), first)
         radiance = channel_mean(picture.radiance).numpy().reshape(SAMPLES, -1)
-        return self._plan.counts(radiance, picture.reach.numpy().reshape(SAMPLES, -1), whole.window)
+        return self._plan.counts(beams, radiance, picture.reach.numpy().reshape(SAMPLES, -1), whole.window)
 
     @uncollected()
     def doubts(self) -> list[str]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,6 @@ from ..numerics.samples import Samples
 from ..runtime.device import Array3f, Bool, Float
 from ..scene.places import moved
 from ..transport.emission import PathEmitter
-from ..transport.guiding.guides import Name
 from ..transport.segments.radii import Limits
 from ..transport.segments.records import PhotonHits
 from ..transport.simulation import Simulation, renumbering
@@ -106,17 +105,6 @@ class ShotLight:
     def world(self) -> World:
         """The world when the shutter opens."""
         return self.worlds.opened
-
-    def with_counts(self, counts: Mapping[Name, int]) -> ShotLight:
-        """Return the same light with other numbers of light paths, by the names of strata."""
-        guides = self.simulation.guides
-        guides = replace(guides, counts={**guides.counts, **counts})
-        return replace(self, simulation=replace(self.simulation, guides=guides))
-
-    def seeded(self, seed: int) -> ShotLight:
-        """Return the same light with another seed."""
-        simulation = replace(self.simulation, tuning=replace(self.simulation.tuning, seed=seed))
-        return replace(self, settings=replace(self.settings, seed=seed), simulation=simulation)
 
     def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
         """Return the beams and photons of pass `number`; `step` is called between parts of the pass."""

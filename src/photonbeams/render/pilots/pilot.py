@@ -7,7 +7,7 @@ samples planned. It is found once for a shot, and not at all where it could chan
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -41,14 +41,14 @@ class Findings:
     portal
         The portal that was fitted to the light of Mitsuba's environment, if there is one.
     beams
-        What plans of samples know of the beams of a pass.
+        The noise and cost of the beams of a pass, by the number of pixels.
     """
 
     world: World | None = None
     seen: Seen | None = None
     guides: Guides | None = None
     portal: EnvironmentPortal | None = None
-    beams: BeamCost | None = None
+    beams: Mapping[int, BeamCost] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

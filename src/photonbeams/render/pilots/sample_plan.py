@@ -3,11 +3,11 @@
 A pass with n samples of a pixel has the variance V = B + S / n there, of which B is that of its beams, and it costs
 C = b + Σ n · s. Eyes and displays see errors in proportion to about 1 / √L of the light L, here that of all but beams.
 After equal cost, the mean of these is in proportion to Σ √(V / L) · √C, a sum over the picture. Two pilots tell what
-that takes, where they cost less than they may save. The first one traces some of the light paths and asks few rays for
-B, which is one number, (mean √B)², for all frames of a shot. S differs more: a hundredth of the pixels, where lamps
-shine on surfaces or edges cross, may have most of it. So a second pilot sends rays through all blocks of the frame's
-whole picture, and each block has its own number of samples, n = argmin √((B + S / n) / L) + λ n, of all λ with the one
-of the least error. Costs are computed from counts and no clock, and crops have the plan of the whole picture.
+that takes, where they cost less than they may save. The first one gathers the beams of the first pass along few rays
+for B, which is one number, (mean √B)². S differs more: a hundredth of the pixels, where lamps shine on surfaces or
+edges cross, may have most of it. So a second pilot sends rays through all blocks of the frame's whole picture, and each
+block has its own number of samples, n = argmin √((B + S / n) / L) + λ n, of all λ with the one of the least error.
+Costs are computed from counts and no clock, and crops have the plan of the whole picture.
 """
 
 from __future__ import annotations
@@ -23,11 +23,10 @@ from ...numerics.hashing import hash32
 from ...runtime.device import UInt32
 from ...scene import Array
 from ...world.cameras.cameras import Window
-from ..costs import LANES, of_beams, of_sample, of_tracing, power_below, surface_samples
+from ..costs import LANES, of_sample, of_tracing, power_below, surface_samples
 from ..films.sample_layout import SamplePiece
 from ..light import ShotLight
-from ..passes import Statistics
-from .beam_noise import PASSES, BeamCost, beam_cost
+from .beam_noise import BeamCost
 
 #: Where rays of a pixel reach distances with this ratio, it has an edge, and the beams have more samples there. So
 #: blocks near edges have two samples at least.
@@ -105,34 +104,30 @@ class SamplePlan:
     ----------
     usual
         The number that follows from counts alone.
-    beams
-        What the first pilot found; None: pixels have the usual number.
-    cost, sample
-        The costs of the beams of a pass, and of a sample of all pixels.
+    sample
+        The cost of a sample of all pixels; 0: pixels have the usual number.
     averaged
         As in `Pixels`.
     """
 
     usual: int
-    beams: BeamCost | None = None
-    cost: float = 0.0
     sample: float = 0.0
     averaged: float = 1.0
 
-    def counts(self, radiance: Array, reach: Array, window: Window) -> SampleCounts:
+    def counts(self, beams: BeamCost, radiance: Array, reach: Array, window: Window) -> SampleCounts:
         """Return the numbers of samples with the least error at equal cost.
 
         Their mean is at most the usual number, or a few, so that passes cost about what is usual.
 
         Parameters
         ----------
+        beams
+            The noise and cost of the beams of a pass.
         radiance, reach
             The radiance, the mean of the channels, and the distances of the second pilot's rays, (SAMPLES, cells).
         window
             The whole picture.
         """
-        assert self.beams is not None
-        beams, cost = self.beams.noise, self.cost
         # Light that overflows is infinite, and so is the distance of what is not met.
         cell = cell_of(window.width, window.height)
         found, far = (
@@ -151,19 +146,20 @@ class SamplePlan:
         seen = 1 / np.sqrt(np.maximum(shining + _DARK * shining.mean(), 1e-30))
         free = _BITS - 2 * (max(window.width, window.height) - 1).bit_length()
         choices = np.array([each for each in _CHOICES if each.bit_length() <= max(free, 2)], dtype=np.uint8)
-        errors = seen * np.sqrt(beams + surfaces / choices[:, None, None])
+        errors = seen * np.sqrt(beams.noise + surfaces / choices[:, None, None])
         unit, errors[0][edges] = max(errors[0].mean(), 1e-30), np.inf
         most = max(self.usual, _FEW)
         plans = (choices[(errors / unit + own * choices[:, None, None]).argmin(axis=0)] for own in _WEIGHTS[::-1])
         fit = [each for each in plans if each.mean() <= most]  # the fewest samples first
         spent = [
-            (seen * np.sqrt(beams + surfaces / each)).mean() ** 2 * (cost + each.mean() * self.sample) for each in fit
+            (seen * np.sqrt(beams.noise + surfaces / each)).mean() ** 2 * (beams.cost + each.mean() * self.sample)
+            for each in fit
         ]
         best = next(each for each, own in zip(fit, spent, strict=True) if own <= _NEARLY * min(spent))
         return SampleCounts(best, cell * _BLOCK)
 
 
-def sample_plan(light: ShotLight, pixels: Pixels, statistics: Statistics, seen: bool = True) -> SamplePlan:
+def sample_plan(light: ShotLight, pixels: Pixels, seen: bool = True) -> SamplePlan:
     """Return the plan of a frame.
 
     Parameters
@@ -172,8 +168,6 @@ def sample_plan(light: ShotLight, pixels: Pixels, statistics: Statistics, seen: 
         The light of the frame.
     pixels
         The pixels of the whole picture.
-    statistics
-        Statistics of the frame: the time of the pilot is added, and they may interrupt it.
     seen
         Whether rays see surfaces, which are not held out.
     """
@@ -182,12 +176,10 @@ def sample_plan(light: ShotLight, pixels: Pixels, statistics: Statistics, seen: 
         return SamplePlan(settings.surface_samples)
     usual, sample = surface_samples(light.paths, pixels.count, walked), of_sample(walked) * pixels.count
     plain = seen and settings.surfaces and settings.program is None and bool(light.cameras) and light.paths > 0
-    # The first pilot is asked where it costs less than the usual samples of one pass.
-    if not plain or max(usual, 2) * sample < PASSES * of_tracing(light.paths):
+    # The pilots are asked where they cost less than the usual samples of one pass.
+    if not plain or max(usual, 2) * sample < of_tracing(light.paths):
         return SamplePlan(usual)
-    beams = light.findings.beams or beam_cost(light, statistics)
-    cost = of_beams(beams.records, beams.tested, pixels.count, beams.coarse)
-    return SamplePlan(usual, beams, cost, sample, pixels.averaged)
+    return SamplePlan(usual, sample, pixels.averaged)
 
 
 def cell_of(width: int, height: int) -> int:
