@@ -24,10 +24,11 @@ def test_shafts_have_beams_and_a_sky_over_fog_has_walks():
     assert walked(scene) == (1, [])
 
 
-def test_lamps_over_fog_have_walks_and_beside_glass_beams():
-    lamp, glass = load(fog=cube_of(fog(1.0)), lamp=LAMP, sensor=camera()), GLASS | {"center": [1.5, 0, 0]}
-    assert walked(lamp) == (1, [])
-    assert walked(load(fog=cube_of(fog(1.0)), lamp=LAMP, glass=glass, sensor=camera()))[0] == 0
+def test_suns_over_fog_have_walks_and_beams_beside_glass_as_lamps_have():
+    sun, glass = {"type": "directional", "direction": [0, -1, -0.2]}, GLASS | {"center": [1.5, 0, 0]}
+    assert walked(load(fog=cube_of(fog(1.0)), sun=sun, sensor=camera())) == (1, [])
+    assert walked(load(fog=cube_of(fog(1.0)), sun=sun, glass=glass, sensor=camera()))[0] == 0
+    assert walked(load(fog=cube_of(fog(1.0)), lamp=LAMP, sensor=camera()))[0] == 0
 
 
 def test_without_fog_all_light_is_met_by_walks():

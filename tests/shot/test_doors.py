@@ -113,7 +113,7 @@ LAMP, PAIR = BUILT.lights[0], np.zeros(2)
         (lambda: BUILT_SHOT.render(crop=[[1], [1, 2]]), "the crop is [[1], [1, 2]]: expected four numbers"),
         (lambda: BUILT_SHOT.resolution(width=-(10**400)), "expected 1 to"),
         (lambda: pb.bend([1, 2]), "a guide is 1: expected (M, 3) points"),
-        (lambda: pb.scene.Scene(lights=np.array(None)), "lights hold a ndarray: expected each to be a Light"),
+        (lambda: pb.scene.Scene(lights=np.array(None)), "lights hold a NoneType: expected each to be a Light"),
         (lambda: pb.scene.SphereLight("/L", 1.0, frame=np.full((4, 4), np.nan)), "expected 4 x 4 finite numbers"),
         (lambda: pb.scene.SphereLight("/L", 1.0, radius=Fraction(1, 3)), "radius is 1/3: expected a number"),
         (lambda: pb.scene.Camera("c", np.eye(4), clipping=(1, 0)), "clipping is (1, 0): expected two finite numbers"),

@@ -170,8 +170,9 @@ class Techniques:
     def _walks_first(self, number: int) -> bool:
         """Return whether walks are tried first for the light of an emitter in media.
 
-        Beams have less noise than walks where the light comes through openings, which walks do not know, and where
-        mirrors turn it, since beams are traced there anyway. The beams of skies are wide and bring too much.
+        Near a lamp in fog beams have far less noise than walks, as where the light comes through openings, which walks
+        do not know, and where mirrors turn it. The beams of skies are wide and bring too much; those of suns do not
+        begin in all endless fog.
         """
         world = self.world
         if number not in self.free:
@@ -180,7 +181,8 @@ class Techniques:
             return world.emits or self.tuning.scatters
         if not world.emitters[number].lamp.bare.sharp or world.short_of_fog([number]):
             return True
-        return not world.mirrors and self.seen.free.get(number, 0.0) >= _OPEN
+        open_sun = world.emitters[number].lamp.infinite and self.seen.free.get(number, 0.0) >= _OPEN
+        return open_sun and not world.mirrors
 
     def _choose(self, kind: Kind, able: set[Technique], walked: bool = False) -> set[Technique]:
         """Return the techniques that find a kind of light path, of those that can; walks first where it is `walked`."""

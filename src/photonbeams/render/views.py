@@ -109,7 +109,7 @@ class FrameView:
         """Return places, (N, 3), where rays all over the picture end; a holdout's edges stay in their pixels."""
         if self.holdout is not None:
             return np.zeros((0, 3))
-        points = surfaces_seen(world, own.projections)
+        points = surfaces_seen(world, own.whole().projections)
         return np.zeros((0, 3)) if points is None else points.places
 
     @property

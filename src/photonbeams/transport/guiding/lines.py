@@ -132,7 +132,9 @@ def _to_fog(world: World, emitter: PathEmitter, points: FogPoints | None) -> Fog
     direction = sample.direction + dr.zeros(Array3f, dr.width(points.number))
     active = dr.max(sample.weight) > 0
     dr.eval(sample, direction, active)
-    ray = to_lamp(points.position, direction, sample.distance)
+    # Endless fog would take all light from infinity.
+    ends = world.bounds.exit(points.position, direction)
+    ray = to_lamp(points.position, direction, dr.minimum(sample.distance, ends))
     if emitter.portal is not None:
         passes = emitter.portal.crosses(points.position, direction, dr.minimum(ray.length, dr.largest(Float)))
         active &= passes if emitter.through else ~passes
