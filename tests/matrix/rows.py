@@ -276,7 +276,7 @@ SMOKE = prim(
 #: The stage and the Mitsuba scene of each row are compared to `volpath`, and to each other.
 MATRIX = (
     Row("single scattering, isotropic", stage(lamp(), box(0.4, 0.1))),
-    Row("single scattering, Henyey-Greenstein 0.8", stage(lamp(), box(0.4, 0.1, 0.8))),
+    Row("single scattering, Henyey-Greenstein 0.8", stage(lamp(), box(0.4, 0.1, 0.8)), passes=6),
     Row("single scattering, coloured", stage(lamp(), box(*COLORED))),
     Row("a hole without a portal", stage(OPEN, SHUTTER, box(0.4, 0.1)), beams=65536, plugin=FINE, samples=4096,
         passes=9),
