@@ -131,6 +131,109 @@ def test_value_clips_of_wrong_types_are_ignored_on_stages_that_somebody_else_ope
     assert not read_scene(stage, 1).lights
 
 
+def clip_stage(folder, weak, strong=""):
+    """Return a stage whose prim /Ball has these value clips in a layer, and others of their set in a stronger one."""
+    ball = 'Sphere "Ball" (clips = {{ dictionary default = {{\n{}\n}} }}) {{\n{}\n}}\n'
+    (folder / "weak.usda").write_text("#usda 1.0\ndef " + ball.format(weak, "double radius"))
+    path = folder / "strong.usda"
+    path.write_text("#usda 1.0\n(subLayers = [@weak.usda@])\nover " + ball.format(strong, ""))
+    return path
+
+
+def frames_missing(path):
+    """Return at which of the frames 1 to 3 a stage lacks something, and all warnings about it."""
+    warnings = Warnings()
+    stage = open_stage(path, warnings=warnings)
+    for frame in (1, 2, 3):
+        read_scene(stage, frame, warnings)
+    return [frame for frame in (1, 2, 3) if warnings.missing_at(frame)], "\n".join(warnings.given)
+
+
+NAMED = 'string primPath = "/Ball"\n'
+PATHS = "asset[] assetPaths = [@here.usda@, @here.usda@]\n"
+GAP = "asset[] assetPaths = [@here.usda@, @gone.usda@]\n"
+ACTIVE = "double2[] active = [(1, 0), (2, 1)]\n"
+LISTED = NAMED + PATHS + ACTIVE
+NUMBERED = NAMED + "".join(
+    f"{kind} template{name}\n"
+    for kind, name in (
+        ("string", 'AssetPath = "./clip.##.usda"'),
+        ("double", "StartTime = 1"),
+        ("double", "Stride = 1"),
+    )
+)
+END = "double templateEndTime = %g\n"
+TENTHS = (
+    NAMED
+    + 'string templateAssetPath = "./#/t.#.#.usda"\n'
+    + ("double templateStartTime = 0\ndouble templateEndTime = 30\ndouble templateStride = 0.1")
+)
+MERGED = {
+    "gap": (NAMED + GAP, ACTIVE, [2, 3]), "strong gap": (LISTED, GAP, [2, 3]),
+    "active gap": (NAMED + GAP + "double2[] active = [(0, 0)]", "double2[] active = [(0, 1)]", [1, 2, 3]),
+    "template": (NUMBERED, END % 3, [2]), "manifest": (LISTED, "asset manifestAssetPath = @gone.usda@", [1, 2, 3]),
+    "weak gap": (NAMED + GAP + ACTIVE, "double2[] active = [(0, 0)]", []),
+    "weak paths": (NAMED + GAP + ACTIVE, PATHS, []),
+    "weak end": (NUMBERED + END % 3, END % 1, []),
+    "weak index": (NAMED + "asset[] assetPaths = [@here.usda@]\n" + ACTIVE, "double2[] active = [(0, 0)]", []),
+    "stray key": (LISTED, "int templateStartTime = 1", []), "stray file": (NUMBERED + END % 1, "", []),
+    "folder": (TENTHS, "", [2]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", MERGED)
+def test_value_clips_are_merged_over_layers_before_gaps_are_told(read, tmp_path, kind):
+    (tmp_path / "clip.09.usda").write_text("")  # beside the template's numbers, and empty
+    (tmp_path / "#").mkdir()
+    for number in ("1.0", "3.0"):
+        (tmp_path / "#" / f"t.{number}.usda").write_text(CLIP)
+    weak, strong, missing = MERGED[kind]
+    assert frames_missing(clip_stage(tmp_path, weak, strong))[0] == missing
+
+
+def test_a_set_of_value_clips_that_clip_sets_do_not_name_lacks_nothing(read, tmp_path):
+    path = clip_stage(tmp_path, NAMED + GAP + ACTIVE)
+    path.write_text(path.read_text().replace('"Ball" (', '"Ball" (delete clipSets = ["default"]\n'))
+    weak = tmp_path / "weak.usda"
+    weak.write_text(weak.read_text().replace('"Ball" (', '"Ball" (clipSets = []\n'))
+    assert frames_missing(path) == ([], "")
+
+
+def numbered(name, more=""):
+    return (NUMBERED + END % 3 + more).replace("clip.##", name)
+
+
+IGNORED = {
+    "number without a dot": (numbered("clip##"), "whose templateAssetPath is './clip##.usda': expected NAME.###.usd"),
+    "number after a line": (numbered("clip_#"), "whose templateAssetPath is './clip_#.usda': expected NAME.###.usd"),
+    "numbers apart": (numbered("a.#.x.#"), "whose templateAssetPath is './a.#.x.#.usda': expected NAME.###.usd"),
+    "no number": (numbered("a"), "whose templateAssetPath is './a.usda': expected NAME.###.usd"),
+    "far": (numbered("clip.##", "double templateActiveOffset = 2"), "is 2: expected no more than the stride, 1"),
+    "one time": (NAMED + PATHS + "double2[] active = [(1, 0), (1, 1)]", "active has two clips from 1 on: expected one"),
+    "no path": (PATHS + ACTIVE, "without primPath: expected assetPaths, active, primPath"),
+    "no prim": (LISTED.replace("/Ball", "/Box"), "whose primPath is '/Box': expected a prim in the clips"),
+    "blank": (LISTED.replace("here", "", 1).replace("@.usda@", "@@"), "one of whose assetPaths is empty"),
+    "not active": (NAMED + PATHS + "double2[] active = []", "without active: expected"),
+    "never active": (NAMED + PATHS, "without active: expected"),
+    "index": (LISTED.replace("(2, 1)", "(2, 2)"), "active has the index 2: expected one of 2 assetPaths"),
+    "below 0": (LISTED.replace("(2, 1)", "(2, -1)"), "active has the index -1: expected one of 2 assetPaths"),
+    "asset": (NAMED + "asset assetPaths = @here.usda@", "assetPaths is of the type asset: expected asset[]"),
+    "dictionary": ("dictionary assetPaths = {}", "assetPaths is of the type dictionary: expected asset[]"),
+    "times": (LISTED + "int times = 3", "times is of the type int: expected double2[]"),
+    "triple": (NAMED + PATHS + "double3 active = (0, 0, 0)", "active is of the type double3: expected double2[]"),
+    "text": (LISTED + "string manifestAssetPath = 'a'", "manifestAssetPath is of the type string: expected asset"),
+    "expression": (LISTED.replace("@here.usda@", "@`\"here.usda\"`@"), "is an expression: expected a path"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", IGNORED)
+def test_value_clips_that_openusd_ignores_are_told_and_count_as_missing(read, tmp_path, kind):
+    text, problem = IGNORED[kind]
+    missing, told = frames_missing(clip_stage(tmp_path, text))
+    assert missing == [1, 2, 3]
+    assert "/Ball has the value clips 'default', " in told and problem in told
+
+
 @pytest.mark.parametrize("kind", LASTING)
 def test_a_missing_file_counts_for_every_frame_and_can_be_made_to_fail(read, kind, caplog):
     caplog.set_level(logging.WARNING)

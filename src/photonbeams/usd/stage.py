@@ -31,7 +31,7 @@ from .layers.composition import warn_of_composition
 from .layers.counting import check_count
 from .layers.frames import time_range
 from .layers.metadata import complete_metadata, correct_metadata
-from .layers.writing import forget_changes, read_layer, ready_layers, resolved_name, why_no_layer
+from .layers.writing import read_layer, ready_layers, resolved_name, why_no_layer
 from .lights.light import is_dome, is_light
 
 T = TypeVar("T")
@@ -94,7 +94,6 @@ def open_stage(
     """
     warnings = warnings or Warnings()
     with quiet():  # the errors and warnings below contain what OpenUSD would print
-        forget_changes()
         path = os.fspath(path)
         layer = _layer(path)
         try:

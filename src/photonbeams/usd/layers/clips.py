@@ -1,37 +1,59 @@
-"""Value clips: checked before a stage is composed, because OpenUSD opens their files; and again at each frame."""
+"""Value clips: what OpenUSD hangs on is left out before a stage is composed; what it ignores is told afterwards."""
 
 from __future__ import annotations
 
 import os
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from typing import Any
+from functools import partial
+from math import isfinite
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from ...scene import Array
 from ..common.openusd import Ar, Sdf, Tf, Usd
-from ..common.reading import Reading, file_of, prims_under
+from ..common.reading import Reading, file_of, prims_under, quiet
 from ..common.warnings import Warnings
 
 _MOST_CLIPS = 1_000_000  # of a template
-_HASHES = re.compile(r"#+(\.#+)?")
+_MOST_STRIDES = (
+    1e12  # from 0 to a template's times: OpenUSD adds strides until the end, and must not lose one to rounding
+)
+_PROMOTED = 10_000  # OpenUSD counts a template's times in these parts of a time code
 _TIMES = ("templateStartTime", "templateEndTime", "templateStride")
+_LISTED = ("assetPaths", "active", "primPath")  # what a set needs that lists its files
+_NUMBERED = ("templateAssetPath", *_TIMES, "primPath")
 # OpenUSD ignores values of other types, except that Python does not tell float from double, nor token from string.
 _TYPES = {
     "assetPaths": "asset[]", "manifestAssetPath": "asset", "primPath": "string", "active": "double2[]",
     "times": "double2[]", "templateAssetPath": "string", **dict.fromkeys(_TIMES, "double"),
     "templateActiveOffset": "double", "interpolateMissingClipValues": "bool",
 }  # fmt: skip
+_PAIRS = {"active", "times"}
+
+
+class _ClipSet(NamedTuple):
+    """A clip set as OpenUSD merges it over layers, and the clip that it uses from each time on."""
+
+    title: str  # the prim and the set, as the beginning of a sentence
+    problem: str = ""  # why none of its values are used, as a clause
+    starts: Array = np.zeros(0)  # (N,) time codes, in order
+    names: Callable[[int], str] = str  # of the file that is used from one of these on
+    files: Mapping[str, str] = {}  # the path of each name, "" if there is no such file
 
 
 def leave_out_clips(
-    layer: Sdf.Layer, prims: Iterable[Sdf.Path], problem_of: Callable[[str], str], warnings: Warnings
-) -> bool:
-    """Remove clip sets that name unreadable files from a layer, in memory only, and return whether there are any.
+    listed: Iterable[tuple[Sdf.Layer, list[Sdf.Path]]], problem_of: Callable[[str], str], warnings: Warnings
+) -> Iterator[str]:
+    """Remove clip sets on which OpenUSD would hang or crash from layers, in memory only; yield these layers' names.
 
     Parameters
     ----------
-    layer, prims
-        A layer, and the paths of its prims, whose metadata clip sets are.
+    listed
+        All layers of a stage, each with the paths of its prims, whose metadata clip sets are.
     problem_of
         Returns why a path cannot be read as a layer; "" if it may be one.
     warnings
@@ -42,131 +64,235 @@ def leave_out_clips(
     SceneError
         There are some, and warnings are errors.
     """
-    changed = False
-    for path in prims:
-        spec = layer.GetObjectAtPath(path)
-        if not spec.HasInfo("clips"):
-            continue
+    specs = [(layer, spec) for layer, prims in listed for spec in map(layer.GetObjectAtPath, prims)]
+    specs = [(layer, spec) for layer, spec in specs if spec.HasInfo("clips")]
+    widest = _widest(spec.GetInfo("clips") for _, spec in specs)
+    left_out = []
+    for layer, spec in specs:
         sets = spec.GetInfo("clips")
-        problems = {name: _problem(layer, clips, problem_of) for name, clips in sets.items()}
-        for name in filter(problems.get, problems):
-            text = f"{path} has the value clips '{name}', {problems[name]}"
-            warnings.lack(text, layer.realPath or layer.identifier, "they are left out")
+        problems = {name: _danger(layer, _typed(clips), widest[name], problem_of) for name, clips in sets.items()}
         if any(problems.values()):
             spec.SetInfo("clips", {name: clips for name, clips in sets.items() if not problems[name]})
-            changed = True
-    return changed
+            yield layer.identifier
+        for name in filter(problems.get, problems):
+            file = layer.realPath or layer.identifier
+            left_out.append((f"{spec.path} has the value clips '{name}', {problems[name]}", file))
+    for text, file in left_out:  # after all are removed: other stages of these layers may be open, also after an error
+        warnings.lack(text, file, "they are left out")
 
 
-def _problem(layer: Sdf.Layer, clips: object, problem_of: Callable[[str], str]) -> str:
-    """Return what is wrong with a clip set of a layer, as a clause, or ""."""
-    if not isinstance(clips, Mapping):  # OpenUSD ignores it
-        return ""
-    if problem := _misfit(clips):
+def _widest(every: Iterable[Mapping[str, object]]) -> dict[str, dict[str, float]]:
+    """Return the first start, the last end and the least stride of templates by the names of their sets.
+
+    OpenUSD merges sets of a name over layers, so that one layer's end may meet another one's start. No merged template
+    has more clips than these together.
+    """
+    widest: dict[str, dict[str, float]] = defaultdict(dict)
+    for name, clips in ((name, _typed(clips)) for sets in every for name, clips in sets.items()):
+        for key in _TIMES:
+            if key in clips and clips[key] == clips[key]:  # OpenUSD ends at once at NaN
+                least = max if key == "templateEndTime" else min
+                widest[name][key] = least(clips[key], widest[name].get(key, clips[key]))
+    return widest
+
+
+def _typed(clips: object) -> dict[str, Any]:
+    """Return what OpenUSD may use of a clip set: nothing if it is no dictionary, and no values of other types."""
+    pairs = clips.items() if isinstance(clips, Mapping) else ()
+    return {name: value for name, value in pairs if _type_of(value) == _TYPES.get(name)}
+
+
+def _type_of(value: object) -> str:
+    return str(Sdf.GetValueTypeNameForValue(value) or "dictionary")
+
+
+def _danger(
+    layer: Sdf.Layer, clips: Mapping[str, Any], widest: Mapping[str, float], problem_of: Callable[[str], str]
+) -> str:
+    """Return why a clip set of a layer must not be composed, as a clause, or ""."""
+    for key in _PAIRS & clips.keys():
+        if wrong := [number for pair in clips[key] for number in pair if not isfinite(number)]:
+            return f"whose {key} has {wrong[0]:g}: expected finite numbers"
+    own = {key: clips[key] for key in _TIMES if key in clips}
+    times = {**widest, **own}
+    if own and len(times) == len(_TIMES) and (problem := _endless(*(times[key] for key in _TIMES))):
         return problem
-    for name in _files(layer, clips):
+    for name in _files(layer, clips, widest):
         path = str(Ar.GetResolver().Resolve(name))
         if path and (problem := problem_of(path)):
             return f"one of them {os.path.basename(name)}: expected a file, {problem}"
     return ""
 
 
-def _misfit(clips: Mapping[str, Any]) -> str:
-    """Return which value of a clip set OpenUSD does not take, as a clause, or ""."""
-    for name, kind in _TYPES.items():
-        if name in clips and (given := str(Sdf.GetValueTypeNameForValue(clips[name]) or "dictionary")) != kind:
-            return f"whose {name} is of the type {given}: expected {kind}"
-    template, times = clips.get("templateAssetPath"), _times(clips)
-    if template is not None and "#" not in os.path.basename(template):
-        return f"whose templateAssetPath is '{template}': expected a run of # in the file's name"
-    if times:
-        start, end, stride = times
-        if not (stride > 0 and 0 <= (end - start) / stride <= _MOST_CLIPS):
-            return f"from {start:g} to {end:g} by {stride:g}: expected 1 to {_MOST_CLIPS:,} clips"
-    count = len(clips.get("assetPaths", ()))
-    for _, index in clips.get("active", ()) if "assetPaths" in clips else ():
-        if not 0 <= index < count:  # OpenUSD then ignores all of the set
-            return f"whose active has the index {index:g}: expected one of {count:,} assetPaths, counted from 0"
-    return ""
+def _endless(start: float, end: float, stride: float) -> str:
+    """Return that a template does not have a number of clips that OpenUSD can count, as a clause, or ""."""
+    few = stride > 0 and 0 <= (end - start) / stride <= _MOST_CLIPS
+    if few and max(abs(start), abs(end)) <= _MOST_STRIDES * stride:
+        return ""
+    return f"from {start:g} to {end:g} by {stride:g}: expected 1 to {_MOST_CLIPS:,} clips"
 
 
-def _files(layer: Sdf.Layer, clips: Mapping[str, Any]) -> Iterator[str]:
+def _files(layer: Sdf.Layer, clips: Mapping[str, Any], widest: Mapping[str, float]) -> Iterator[str]:
     """Yield the names of the files that a clip set may open."""
-    for name in (*(asset.path for asset in clips.get("assetPaths", ())), _manifest(clips)):
-        if name:
-            yield str(layer.ComputeAbsolutePath(name))
-    if template := clips.get("templateAssetPath"):
+    manifest = [clips["manifestAssetPath"]] if "manifestAssetPath" in clips else []
+    for asset in (*clips.get("assetPaths", ()), *manifest):
+        if asset.path:
+            yield str(layer.ComputeAbsolutePath(asset.path))
+    if "#" in os.path.basename(clips.get("templateAssetPath", "")) and len(widest) == len(_TIMES):
         # Not by the resolver, which looks for the template as a file.
-        folder, pattern = os.path.split(os.path.join(os.path.dirname(layer.realPath), template))
-        matches = re.compile(r"-?\d+".join(map(re.escape, re.split("#+", pattern)))).fullmatch
-        names = sorted(os.listdir(folder)) if os.path.isdir(folder) else ()
-        yield from (os.path.join(folder, name) for name in names if matches(name))
+        folder, pattern = os.path.split(os.path.join(os.path.dirname(layer.realPath), clips["templateAssetPath"]))
+        matching = re.compile(r"(-?\d+)".join(map(re.escape, re.split("#+", pattern)))).fullmatch
+        for name in sorted(os.listdir(folder)) if os.path.isdir(folder) else ():
+            # The number may lack decimals, or the sign of -0.5.
+            if (found := matching(name)) and any(
+                widest["templateStartTime"] - 1 <= sign * float(found[1]) <= widest["templateEndTime"] + 1
+                for sign in (-1, 1)
+            ):
+                yield os.path.join(folder, name)
 
 
 def warn_of_gaps(reading: Reading) -> None:
-    """Warn about missing files of value clips, which OpenUSD goes on without.
+    """Warn about value clips that OpenUSD goes on without.
 
-    These are the file for the time that is read and, at all times, the manifest, without which no value is used.
+    These are sets that it ignores, at all times, and the file for the time that is read, if it is missing.
     """
     key = ("clips",)
     if key not in reading.lasting:
         prims = prims_under(reading.stage.GetPseudoRoot())
-        reading.lasting[key] = [prim for prim in prims if prim.HasMetadata("clips")]
-    for prim in reading.lasting[key]:
-        for layer, time, clips in _sets(prim, float(reading.time.GetValue())):
-            for name, frame in ((_active(clips, time), reading.frame), (_manifest(clips), None)):
-                path = name and str(Ar.GetResolver().Resolve(layer.ComputeAbsolutePath(name)))
-                if name and not (path and _opens(path)):
-                    text = f"{prim.GetPath()} has value clips, of which {name} is not there or cannot be read"
-                    reading.warnings.lack(text, file_of(reading.stage), "its values are not used", frame)
+        with quiet():
+            reading.lasting[key] = [each for prim in prims if prim.HasMetadata("clips") for each in _sets(prim)]
+    for each in reading.lasting[key]:
+        problem, frame = each.problem, None
+        if not problem:
+            before = np.searchsorted(each.starts, float(reading.time.GetValue()), side="right")
+            name = each.names(max(int(before) - 1, 0))
+            problem, frame = _unread(name, each.files.get(name, "")), reading.frame
+            problem = problem and f"of which {name} {problem}"
+        if problem:
+            reading.warnings.lack(f"{each.title}, {problem}", file_of(reading.stage), "its values are not used", frame)
 
 
-def _sets(prim: Usd.Prim, time: float) -> Iterator[tuple[Sdf.Layer, float, Mapping[str, Any]]]:
-    """Yield the clip sets of a prim, each with the layer that names its files, and the time in that layer."""
-    found = set()
-    for spec, offset in prim.GetPrimStackWithLayerOffsets():
-        for name, clips in (spec.GetInfo("clips") if spec.HasInfo("clips") else {}).items():
-            named = isinstance(clips, Mapping) and ("assetPaths" in clips or "templateAssetPath" in clips)
-            if named and name not in found and not _misfit(clips):
-                found.add(name)
-                yield spec.layer, offset.GetInverse() * time, clips
+def _sets(prim: Usd.Prim) -> Iterator[_ClipSet]:
+    """Yield the clip sets of a prim."""
+    clips = Usd.ClipsAPI(prim)
+    for name, values in clips.GetClips().items():
+        if not isinstance(values, Mapping):  # OpenUSD ignores it
+            continue
+        title = f"{prim.GetPath()} has the value clips '{name}'"
+        try:
+            assets = clips.ComputeClipAssetPaths(name)
+        except Tf.ErrorException:
+            if prim.HasMetadata("clipSets"):  # which does not name it
+                continue
+            assets = []
+        if problem := _misfit(values) or _unnamed(values, assets):
+            yield _ClipSet(title, problem)
+        elif "assetPaths" in values:
+            offset = _offset(prim, name, "active")
+            starts, indices = np.array(sorted(map(tuple, values["active"]))).T
+            listed = [assets[int(index)].authoredPath for index in indices]
+            files = {asset.authoredPath: asset.resolvedPath for asset in assets}
+            yield _ClipSet(title, "", offset.offset + offset.scale * starts, listed.__getitem__, files)
+        else:
+            offset = _offset(prim, name, "templateAssetPath")
+            numbers = _numbers(*(values[key] for key in _TIMES))
+            starts = numbers + values.get("templateActiveOffset", 0.0)
+            files = {os.path.basename(asset.resolvedPath): asset.resolvedPath for asset in assets}
+            names = partial(_numbered, values["templateAssetPath"], numbers)
+            yield _ClipSet(title, "", offset.offset + offset.scale * starts, names, files)
 
 
-def _manifest(clips: Mapping[str, Any]) -> str:
-    """Return the name of the file that lists what a clip set has values of, "" if it names none."""
-    return str(clips["manifestAssetPath"].path) if "manifestAssetPath" in clips else ""
+def _misfit(clips: Mapping[str, Any]) -> str:
+    """Return why OpenUSD ignores a clip set, merged over layers, or a value of it; as a clause, or ""."""
+    needed = _LISTED if "assetPaths" in clips else _NUMBERED
+    others = _PAIRS if "assetPaths" in clips else {"templateActiveOffset"}
+    for name in (*needed, *others, "manifestAssetPath", "interpolateMissingClipValues"):
+        if name in clips and (given := _type_of(clips[name])) != _TYPES[name]:
+            return f"whose {name} is of the type {given}: expected {_TYPES[name]}"
+        if name in needed and (name not in clips or not (_TYPES[name] == "double" or len(clips[name]))):
+            return f"without {name}: expected {', '.join(needed)}"
+    return _unlisted(clips) if "assetPaths" in clips else _unnumbered(clips)
 
 
-def _times(clips: Mapping[str, Any]) -> list[float]:
-    """Return a template's start, end and stride, nothing if it lacks one."""
-    times = [clips[name] for name in _TIMES if name in clips]
-    return times if len(times) == len(_TIMES) else []
+def _unlisted(clips: Mapping[str, Any]) -> str:
+    """Return what is wrong with a set that lists its files, as a clause, or ""."""
+    if not all(asset.path for asset in clips["assetPaths"]):
+        return "one of whose assetPaths is empty: expected the name of a file"
+    count, begun = len(clips["assetPaths"]), set[float]()
+    for start, index in clips["active"]:
+        if not 0 <= index < count:
+            return f"whose active has the index {index:g}: expected one of {count:,} assetPaths, counted from 0"
+        if start in begun:
+            return f"whose active has two clips from {start:g} on: expected one"
+        begun.add(start)
+    return ""
 
 
-def _active(clips: Mapping[str, Any], time: float) -> str:
-    """Return the name of the file that a clip set uses at a time, "" if it names none."""
-    paths, active = clips.get("assetPaths"), clips.get("active")
-    if paths and active:
-        begun = [index for start, index in sorted(map(tuple, active)) if start <= time]
-        return str(paths[int(begun[-1] if begun else min(map(tuple, active))[1])].path)
-    times = _times(clips)
-    if "templateAssetPath" not in clips or not times:
-        return ""
-    start, end, stride = times
-    last = (end - start) // stride
-    step = min(max((time - start - clips.get("templateActiveOffset", 0.0)) // stride, 0), last)
-    return _HASHES.sub(lambda found: _numbered(found[0], start + step * stride), clips["templateAssetPath"])
+def _unnumbered(clips: Mapping[str, Any]) -> str:
+    """Return what is wrong with a set that numbers its files, as a clause, or ""."""
+    groups = [index for index, part in enumerate(_parts(clips["templateAssetPath"])) if not part.strip("#")]
+    if len(groups) not in (1, 2) or groups[-1] - groups[0] != len(groups) - 1:
+        form = "NAME.###.usd or NAME.###.##.usd"
+        return f"whose templateAssetPath is '{clips['templateAssetPath']}': expected {form}, of any number of #"
+    offset, stride = clips.get("templateActiveOffset", 0.0), clips["templateStride"]
+    if abs(offset) > stride > 0:
+        return f"whose templateActiveOffset is {offset:g}: expected no more than the stride, {stride:g}"
+    return _endless(*(clips[name] for name in _TIMES))
 
 
-def _numbered(hashes: str, number: float) -> str:
-    """Return a number as OpenUSD writes it in place of a template's ###.##."""
-    whole, _, decimals = hashes.partition(".")
-    width = len(whole) + bool(decimals) + len(decimals)
-    return f"{number:0{width}.{len(decimals)}f}"
+def _unnamed(clips: Mapping[str, Any], assets: Iterable[Sdf.AssetPath]) -> str:
+    """Return why OpenUSD finds no values in a set's manifest or, without one, in any of its files, or ""."""
+    if manifest := clips.get("manifestAssetPath"):
+        if problem := _unread(manifest.authoredPath, manifest.resolvedPath):
+            return f"of which {manifest.authoredPath} {problem}"
+        assets = [manifest]
+    path, opened = clips["primPath"], False
+    for layer in filter(None, (_opened(asset.resolvedPath) for asset in assets)):
+        if Sdf.Path.IsValidPathString(path) and layer.GetPrimAtPath(path):
+            return ""
+        opened = True
+    return f"whose primPath is '{path}': expected a prim in the clips" if opened else ""
 
 
-def _opens(path: str) -> bool:
-    """Return whether a file is a layer; OpenUSD, which needs it next, keeps it open."""
+def _unread(name: str, path: str) -> str:
+    """Return why OpenUSD does not read a file of value clips, as a clause, or ""; if it does, it keeps it open."""
+    if Sdf.VariableExpression.IsExpression(name):
+        return "is an expression: expected a path, because OpenUSD evaluates none in value clips"
+    return "" if _opened(path) else "is not there or cannot be read"
+
+
+def _opened(path: str) -> Sdf.Layer | None:
     with suppress(Tf.ErrorException):
-        return bool(Sdf.Layer.FindOrOpen(path))
-    return False
+        return Sdf.Layer.FindOrOpen(path) if path else None
+    return None
+
+
+def _offset(prim: Usd.Prim, name: str, key: str) -> Sdf.LayerOffset:
+    """Return what turns the times of a clip set's value into those of the stage."""
+    for spec, offset in prim.GetPrimStackWithLayerOffsets():
+        if key in _typed(spec.GetInfo("clips").get(name) if spec.HasInfo("clips") else None):
+            return offset
+    return Sdf.LayerOffset()
+
+
+def _numbers(start: float, end: float, stride: float) -> Array:
+    """Return the times that stand in the names of a template's files, rounded as OpenUSD's are."""
+    parts = np.full(int((end - start) / stride) + 2, stride * _PROMOTED)
+    parts[0] = start * _PROMOTED
+    sums = np.cumsum(parts)
+    return np.asarray(sums[sums <= end * _PROMOTED] / _PROMOTED)
+
+
+def _parts(template: str) -> list[str]:
+    """Return the parts of a template's name between dots, as OpenUSD joins them again: without empty ones."""
+    return [part for part in os.path.basename(Sdf.Layer.SplitIdentifier(template)[0]).split(".") if part]
+
+
+def _numbered(template: str, numbers: Array, index: int) -> str:
+    """Return the name of a template's file, without its folder."""
+    parts, number = _parts(template), float(numbers[index])
+    whole, *decimals = (index for index, part in enumerate(parts) if not part.strip("#"))
+    for at in decimals:
+        parts[at] = f"{number:.{len(parts[at])}f}".partition(".")[2]
+    parts[whole] = f"{int(number):0{len(parts[whole])}d}"
+    return ".".join(parts)

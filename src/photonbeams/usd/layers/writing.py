@@ -42,7 +42,7 @@ class Ready(NamedTuple):
 
 
 def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> Ready:
-    """Return two layers and all layers that they refer to, and the prims in them.
+    """Return two layers and all layers that they refer to, as their files are, and the prims in them.
 
     OpenUSD opens whatever a layer names, and would wait for ever on a named pipe; such references and value clips are
     removed in memory, with a warning. OpenUSD's wheels know the nodes of MaterialX, but have no plug-in for its
@@ -54,15 +54,28 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> Rea
         One of the two is damaged; or a layer names something that cannot be read, or has metadata that make no sense,
         and warnings are errors.
     """
-    found = {root.identifier: root, session.identifier: session}
+    documents: list[tuple[Sdf.Layer, str, str]] = []
+    with Sdf.ChangeBlock():  # else other stages of these layers are composed of what is then left out again
+        ready = _read_all(root, session, documents, warnings)
+        listed = [(layer, ready.prims[layer.identifier]) for layer in ready.layers]
+        _CHANGED.update(leave_out_clips(listed, why_no_layer, warnings))
+    for layer, name, path in documents:  # whose translation is composed
+        _change(layer, name, _translated(path, warnings))
+    return ready
+
+
+def _read_all(
+    root: Sdf.Layer, session: Sdf.Layer, documents: list[tuple[Sdf.Layer, str, str]], warnings: Warnings
+) -> Ready:
+    """Return two layers and all layers that they refer to; list MaterialX documents, and the layers that name them."""
+    found = {layer.identifier: _as_in_file(layer) for layer in (root, session)}
     waiting = [(layer, _prims(layer), root.expressionVariables) for layer in found.values()]
     listed: dict[str, list[Sdf.Path]] = {}
     while waiting:
         layer, prims, variables = waiting.pop()
         listed[layer.identifier] = prims
         variables = {**layer.expressionVariables, **variables}
-        changed = correct_metadata(layer, warnings) | leave_out_clips(layer, prims, why_no_layer, warnings)
-        if changed | _leave_out_claims(layer, warnings):
+        if correct_metadata(layer, warnings) | _leave_out_claims(layer, warnings):
             _CHANGED.add(layer.identifier)
         for name in layer.GetCompositionAssetDependencies():
             path, arguments = resolved_name(layer, name, variables)
@@ -76,7 +89,7 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> Rea
                 _change(layer, name, "")
                 continue
             if _is_document(path):
-                _change(layer, name, _translated(path, warnings))
+                documents.append((layer, name, path))
                 continue
             try:
                 other = read_layer(identifier)
@@ -85,7 +98,7 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> Rea
             if not other:
                 continue
             try:
-                waiting.append((other, _prims(other), variables))
+                waiting.append((other, _prims(_as_in_file(other)), variables))
             except SceneError as error:
                 warnings.lack(f"{layer.realPath or layer.identifier} refers to {name}: {error}; it is left out")
                 _change(layer, name, "")
@@ -207,13 +220,12 @@ def _texts(path: str) -> Iterator[bytes]:
         yield from (data for name in names if (data := package.GetFile(name))[:1] == b"#")
 
 
-def forget_changes() -> None:
-    """Read those layers again from their files that were changed for an earlier stage."""
-    for identifier in list(_CHANGED):
-        layer = Sdf.Layer.Find(identifier)
-        if layer:
-            layer.Reload(force=True)
-    _CHANGED.clear()
+def _as_in_file(layer: Sdf.Layer) -> Sdf.Layer:
+    """Return a layer, read again from its file if it was changed for an earlier stage."""
+    if layer.identifier in _CHANGED:
+        layer.Reload(force=True)
+        _CHANGED.remove(layer.identifier)
+    return layer
 
 
 def _is_document(path: str) -> bool:
