@@ -240,6 +240,8 @@ def test_a_rule_wants_a_positive_whole_number_of_points(make, n):
         ("", [2.0], "points of the rule mine: expected one row of finite numbers"),
         ([0.0], len, "weights of the rule mine: expected one row of finite numbers"),
         ([0.0], [np.nan], "weights of the rule mine"),
+        (np.array([0.5j]), [2.0], "points of the rule mine: expected one row of finite numbers"),
+        ([0.0], np.ma.array([2.0], mask=True), "weights of the rule mine: expected one row of finite numbers"),
         ([0.0], [1.0, 1.0], "1 points and 2 weights"),
         ([1.5], [2.0], "between -1 and 1"),
         ([0.0], [1.0], "sum to 1: expected 2"),

@@ -67,8 +67,10 @@ class Rule:
 
     def __post_init__(self) -> None:
         for name in ("points", "weights"):
+            given = getattr(self, name)
+            partly = np.iscomplexobj(given) or np.ma.is_masked(given)  # NumPy takes real parts, and what is masked
             try:
-                values = np.array(getattr(self, name), dtype=np.float64)
+                values = np.empty(0) if partly else np.array(given, dtype=np.float64)
             except (TypeError, ValueError):
                 values = np.empty(0)
             if values.ndim != 1 or not values.size or not np.all(np.isfinite(values)):

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photonbeams.cli.outputs import Output, snapshots_of
+from photonbeams.cli.outputs import Output, checkpoint_of, snapshots_of
 from photonbeams.cli.progress import held_signals
 from photonbeams.render.checkpoint import Checkpoint
 from photonbeams.render.films.frame_sums import FrameSums
@@ -73,8 +73,10 @@ def test_a_snapshot_asked_for_before_the_command_has_begun_does_not_end_it():
     assert subprocess.run([sys.executable, "-c", f"{ask}cli.main(['doctor'])"], check=False).returncode == 0
 
 
-def test_snapshots_of_long_names_are_as_long_as_names_may_be():
+def test_files_beside_outputs_of_long_names_have_names_as_long_as_names_may_be():
     for stem in ("é" * 120 + ".0007", "b" * 251, "short"):
-        (snapshot,) = snapshots_of([Output(Path(f"out/{stem}.exr"))])
-        assert len(os.fsencode(snapshot.path.name)) <= 255
-        assert snapshot.path.name.endswith(f"{stem[-5:]}.snapshot.exr")
+        outputs = [Output(Path(f"out/{stem}.exr"))]
+        (snapshot,) = snapshots_of(outputs)
+        for path, end in ((snapshot.path, ".snapshot.exr"), (checkpoint_of(outputs), ".checkpoint")):
+            assert len(os.fsencode(path.name)) <= 255
+            assert path.name.endswith(stem[-5:] + end)

@@ -230,3 +230,28 @@ def test_grids_that_would_end_the_process_are_refused(tmp_path, counts, size, me
         SceneError, match=rf"a\.xml: names .*smoke\.vol: expected a file that can be read, but {message}"
     ):
         pb.Shot.open(tmp_path / "a.xml")
+
+
+@pytest.mark.parametrize("size", ["0 x 18", "32 x 0", "99999999 x 18"])
+def test_a_film_without_pixels_or_of_too_many_is_refused_by_its_own_size(tmp_path, size):
+    width, height = size.split(" x ")
+    film = (
+        f'<film type="hdrfilm"><integer name="width" value="{width}"/><integer name="height" value="{height}"/></film>'
+    )
+    view = '<float name="fov" value="40"/>'
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<scene version="3.0.0"><sensor type="perspective">{view}{film}</sensor></scene>')
+    with pytest.raises(SceneError, match=f"the resolution is {size}: expected 1 to"):
+        pb.Shot.open(path).cameras()
+
+
+@pytest.mark.parametrize("name", ["photon_beam", "photon_beams", "path"])
+def test_an_integrator_that_is_not_there_is_named_once(tmp_path, caplog, name):
+    path = tmp_path / "scene.xml"
+    path.write_text(
+        f'<scene version="3.0.0"><integrator type="{name}"/><sensor type="perspective"/><emitter type="point"/></scene>'
+    )
+    shot = pb.Shot.open(path)
+    assert len(shot.cameras()) == 1 and shot.settings().passes == 4
+    told = [each.message for each in caplog.records if each.levelname == "WARNING" and "integrator" in each.message]
+    assert [f"there is no integrator '{name}'" in each for each in told] == [True] * (name == "photon_beam")

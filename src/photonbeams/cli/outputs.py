@@ -279,8 +279,7 @@ def _beside(outputs: Sequence[Output], passes: PassFlags) -> list[Path]:
 
 def checkpoint_of(outputs: Sequence[Output]) -> Path:
     """Return the path of a frame's checkpoint, beside its first output."""
-    first = outputs[0].path
-    return first.with_name(f"{first.stem}.checkpoint")
+    return _named(outputs[0].path, ".checkpoint")
 
 
 def snapshots_of(outputs: Sequence[Output]) -> list[Output]:
@@ -288,11 +287,10 @@ def snapshots_of(outputs: Sequence[Output]) -> list[Output]:
 
     Deep pictures have none: their samples are those of one of the last passes.
     """
-    return [replace(each, path=_snapshot_of(each.path)) for each in outputs if not each.deep]
+    return [replace(each, path=_named(each.path, f".snapshot{each.path.suffix}")) for each in outputs if not each.deep]
 
 
-def _snapshot_of(path: Path) -> Path:
-    """Return the path of an output's snapshot; of a long name it has the end, in which frames differ."""
-    end = f".snapshot{path.suffix}"
+def _named(path: Path, end: str) -> Path:
+    """Return the path of a file beside an output; of a long name it has the last part, in which frames differ."""
     stem = os.fsencode(path.stem)[len(end) - _LONGEST_NAME :].decode(errors="ignore")
     return path.with_name(stem + end)

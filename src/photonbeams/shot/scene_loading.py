@@ -120,6 +120,11 @@ def _load_file(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
                 if found is None or found[2] in missing:
                     raise
                 missing.add(found[2])
+                if found[1] == "integrator":  # its name may be a mistake
+                    text = (
+                        "%s: there is no integrator '%s', such as photon_beams: only the depths of its paths are used"
+                    )
+                    logging.getLogger("photonbeams").warning(text, path, found[2])
 
 
 def _replace(node: Any) -> None:

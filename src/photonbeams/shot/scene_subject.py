@@ -148,14 +148,16 @@ class SceneSubject(Subject):
         sensors, name = self.sensors(frame), viewpoint.camera
         ids = [*sensors]
         if name is None:
-            return ids[0], sensors[ids[0]]
+            name = ids[0]
         by_name = {**{str(index): each for index, each in enumerate(ids)}, **{each: each for each in ids}}
         name = str(name)
         if name not in by_name:
             numbers = " or its number, 0" + (f" to {len(ids) - 1}" if ids[1:] else "")
             expected = f"{'one of ' if ids[1:] else ''}{', '.join(ids)},{numbers}"
             raise SceneError(f"{self.name}: has no sensor '{name}': expected {expected}")
-        return by_name[name], sensors[by_name[name]]
+        sensor = sensors[by_name[name]]
+        size_of(*sensor.film().size(), 1, 1)  # refuses a film without pixels, of which there is no camera
+        return by_name[name], sensor
 
     def check_viewpoint(self, viewpoint: Viewpoint) -> None:
         """Load the scene, unless its file depends on the frame, and find the sensor."""

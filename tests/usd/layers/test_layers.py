@@ -2,6 +2,7 @@
 
 import os
 import re
+import zipfile
 
 import numpy as np
 import pytest
@@ -192,6 +193,19 @@ def test_a_text_that_is_too_long_is_left_out(tmp_path, caplog):
     stage = written(tmp_path / "stage.usda", '#usda 1.0\n(subLayers = [@huge.usda@])\ndef "A" {\n}\n')
     assert open_stage(stage).GetPrimAtPath("/A")
     assert "huge.usda: expected a file, it has 1,024 GiB: expected up to 4 GiB; it is left out" in caplog.text
+
+
+@pytest.mark.parametrize("inner", ["a\xf5.usda", "\xf5\xff.png"])
+def test_a_package_with_names_that_are_no_text_is_left_out(tmp_path, caplog, inner):
+    with zipfile.ZipFile(tmp_path / "p.usdz", "w") as package:
+        package.writestr("x" * len(inner.encode("latin-1")), "#usda 1.0\n")
+    data = (tmp_path / "p.usdz").read_bytes()
+    (tmp_path / "p.usdz").write_bytes(data.replace(b"x" * len(inner), inner.encode("latin-1")))
+    stage = written(tmp_path / "stage.usda", '#usda 1.0\ndef "A" (references = @p.usdz@) {\n}\n')
+    assert open_stage(stage).GetPrimAtPath("/A")
+    assert "stage.usda refers to p.usdz: expected a file, it holds " in caplog.text
+    with pytest.raises(SceneError, match=r"p\.usdz cannot be read: expected a USD stage, it holds .* names in UTF-8"):
+        open_stage(str(tmp_path / "p.usdz"))
 
 
 def clips(tmp_path, text, x="double x"):

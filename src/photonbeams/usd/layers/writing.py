@@ -204,8 +204,11 @@ def why_no_layer(path: str) -> str:
     most = _MOST_TEXT if path.endswith(".usda") else None  # OpenUSD reads all of a text; binary layers, what it needs
     outer = Ar.SplitPackageRelativePathOuter(path)[0]
     problem = why_unreadable(outer, most)
-    if not problem and any(map(is_deep, _texts(outer))):
-        return f"it nests braces more than {DEEPEST:,} deep"
+    try:
+        if not problem and any(map(is_deep, _texts(outer))):
+            return f"it nests braces more than {DEEPEST:,} deep"
+    except UnicodeDecodeError as error:
+        return f"it holds {error.object[:60].decode(errors='replace')!r}: expected names in UTF-8"
     return problem
 
 
