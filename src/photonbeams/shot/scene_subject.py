@@ -156,7 +156,8 @@ class SceneSubject(Subject):
             expected = f"{'one of ' if ids[1:] else ''}{', '.join(ids)},{numbers}"
             raise SceneError(f"{self.name}: has no sensor '{name}': expected {expected}")
         sensor = sensors[by_name[name]]
-        size_of(*sensor.film().size(), 1, 1)  # refuses a film without pixels, of which there is no camera
+        width, height = sensor.film().size()
+        size_of(int(width), int(height), 1, 1)  # refuses a film without pixels, of which there is no camera
         return by_name[name], sensor
 
     def check_viewpoint(self, viewpoint: Viewpoint) -> None:
