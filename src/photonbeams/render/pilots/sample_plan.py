@@ -28,6 +28,9 @@ from ..films.sample_layout import SamplePiece
 from ..light import ShotLight
 from .beam_noise import BeamCost
 
+# Pilots are asked where the usual samples of a pass cost this many times what it costs to trace its light paths: they
+# help less where samples are cheap.
+_WORTH = 2.0
 #: Where rays of a pixel reach distances with this ratio, it has an edge, and the beams have more samples there. So
 #: blocks near edges have two samples at least.
 EDGE = 1.1
@@ -176,8 +179,7 @@ def sample_plan(light: ShotLight, pixels: Pixels, seen: bool = True) -> SamplePl
         return SamplePlan(settings.surface_samples)
     usual, sample = surface_samples(light.paths, pixels.count, walked), of_sample(walked) * pixels.count
     plain = seen and settings.surfaces and settings.program is None and bool(light.cameras) and light.paths > 0
-    # The pilots are asked where they cost less than the usual samples of one pass.
-    if not plain or max(usual, 2) * sample < of_tracing(light.paths):
+    if not plain or max(usual, 2) * sample < _WORTH * of_tracing(light.paths):
         return SamplePlan(usual)
     return SamplePlan(usual, sample, pixels.averaged)
 
