@@ -76,7 +76,8 @@ class Setting:
     def _fits(self, value: Any) -> bool:
         """Return whether a value is of the setting's kind."""
         if self.kind is bool:
-            return isinstance(value, Real) and value in (0, 1)
+            single = type(value).__module__ == "numpy" and value.ndim == 0
+            return isinstance(value, bool) or (single and value in (0, 1))
         return isinstance(value, Real) and isfinite(value) if self.kind is float else isinstance(value, self.kind)
 
     def _within(self, value: Any) -> bool:

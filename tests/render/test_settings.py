@@ -25,7 +25,7 @@ from photonbeams.scene import SceneError
         ({"max_depth": -2}, "max_depth is -2: expected -1 (any) or 0 to 2147483647"),
         ({"max_depth": 2.0}, "max_depth is 2.0: expected a whole number"),
         ({"rr_depth": 0}, "rr_depth is 0: expected 1 to 2147483647"),
-        ({"hide_emitters": 2}, "hide_emitters is 2: expected True or False"),
+        ({"hide_emitters": 1}, "hide_emitters is 1: expected True or False"),
         ({"guiding": "yes"}, "guiding is 'yes': expected True or False"),
         ({"radius": 0.0}, "radius is 0.0: expected a number above 0"),
         ({"max_radius": "1"}, "max_radius is '1': expected a number above 0"),

@@ -61,7 +61,10 @@ class _Uncached(SourceFileLoader):
 
     def get_code(self, fullname: str) -> CodeType:
         """Return the code of the source."""
-        code: CodeType = self.source_to_code(self.get_data(self.path), self.path)
+        try:
+            code: CodeType = self.source_to_code(self.get_data(self.path), self.path)
+        except ValueError as error:  # of a binary file, in some versions of Python
+            raise SyntaxError(str(error)) from None
         return code
 
 
