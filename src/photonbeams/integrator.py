@@ -257,7 +257,7 @@ class _Renderer:
                 scene, sensor, settings, run, warned=self._warned, extras=Extras(depth=False, findings=findings)
             )
         # Only now: a render turns parameters that were constants into variables.
-        self._last = Parameters(scene, sensor), frame.light.findings
+        self._last = Parameters(scene, sensor), frame.findings
         layers = frame.layers()
         return denoised(layers, frame.sums().views[0], {}) if settings.denoise else layers
 

@@ -25,7 +25,7 @@ def frames(scene, settings, seeds, extras=None):
     for seed in range(seeds):
         own = replace(extras or Extras(), findings=known)
         result.append(render(scene, scene.sensors()[0], replace(settings, seed=seed), extras=own))
-        known = result[-1].light.findings
+        known = result[-1].findings
     return result
 
 

@@ -9,12 +9,12 @@ import pytest
 from photonbeams.render import frame as frame_module
 from photonbeams.render.costs import surface_samples
 from photonbeams.render.pilots import sample_plan
-from photonbeams.render.pilots.beam_noise import BeamCost, beam_cost, gathered
+from photonbeams.render.pilots.beam_noise import BeamCost, _coarse_rays, beam_cost, gathered
 from photonbeams.render.pilots.pilot import Findings
 from photonbeams.render.pilots.sample_plan import SamplePlan
 from photonbeams.render.scene_frame import Extras, begin, render
 from photonbeams.render.settings import Settings
-from photonbeams.render.techniques import Seen
+from photonbeams.render.techniques import SeenLight
 from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import SceneError
 from photonbeams.transport.guiding.lines import LightLines
@@ -85,7 +85,7 @@ def test_samples_of_surfaces_are_means_over_the_pixel():
 
 def plan(scene, **given):
     """Return the frame, if beams carry the light in fog, and its plan."""
-    extras = Extras(findings=Findings(seen=Seen()))
+    extras = Extras(findings=Findings(seen=SeenLight()))
     frame = begin(scene, scene.sensors()[0], Settings(max_depth=4, **given), extras=extras)
     return frame, frame._plan
 
@@ -147,7 +147,8 @@ def test_plans_take_the_mean_of_no_block_away(monkeypatch):
 
 def test_halves_of_a_pass_tell_the_noise_of_its_beams():
     frame, _ = plan(room(0.8), beams=1024)
-    passes = np.array([gathered(frame, frame.lit(number)[0]) for number in range(16)])
+    rays = _coarse_rays(frame.light.cameras)
+    passes = np.array([gathered(frame, frame.lit(number)[0], rays) for number in range(16)])
     between = np.sqrt(passes.var(axis=0, ddof=1)).mean() ** 2
     # Beams are stratified, and so are halves of them, which have up to twice their share of the variance.
     assert 0.7 < beam_cost(frame, frame.lit(0)[0], 1).noise / between < 2
@@ -211,7 +212,8 @@ def test_an_integrator_asks_its_pilot_once_while_nothing_changes(monkeypatch):
     asked, lit = [], LightLines.free
     monkeypatch.setattr(LightLines, "free", lambda *given: asked.append(1) or lit(*given))
     forward = {"type": "hg", "g": 0.5}  # rendering makes this number a variable
-    scene = load(lamp=LAMP, fog=cube_of(fog(0.5, phase=forward)), sensor=camera(size=4))
+    sky = {"type": "constant", "radiance": rgb(0.1)}  # what is in its way is asked
+    scene = load(lamp=LAMP, sky=sky, fog=cube_of(fog(0.5, phase=forward)), sensor=camera(size=4))
     integrator = mi.load_dict({"type": "photon_beams", "paths": 256, "max_depth": 3})
     pictures = [np.array(mi.render(scene, integrator=integrator, spp=1, seed=seed)) for seed in (0, 1, 0)]
     assert len(asked) == 1

@@ -25,7 +25,7 @@ from photonbeams.render.techniques import (
     SEGMENTS,
     WALKS,
     Kind,
-    Seen,
+    SeenLight,
     Technique,
     Techniques,
 )
@@ -174,7 +174,7 @@ def test_each_kind_of_light_path_is_found_once(seed, seen_through):
     tuning = Tuning(max_bounces=bounces, short=short, visible=visible)
     count, little = len(world.emitters), rng.random(16) < 0.3
     off = METHODS[NAMED[rng.integers(3)]] | {*rng.choice([*Technique], rng.integers(3), replace=False)}
-    seen = Seen(dict(enumerate(np.where(little, 0.1, 0.9))), dict(enumerate(rng.random(count))))
+    seen = SeenLight(dict(enumerate(np.where(little, 0.1, 0.9))), dict(enumerate(rng.random(count))))
     rows = Techniques(world, tuning, off, seen).rows
     simulation = Simulation(
         tuning, Allotment(64, past=None, counts={row.number: row.counts for row in rows}),
@@ -207,7 +207,7 @@ def room_mean(number, off):
     """Return the mean of pictures of a room without some techniques, and its standard error."""
     content = mi.load_dict(room(number, 12, 8))
     given = {"passes": 2, "beams": 1024, "max_depth": 4, "guiding": False, "without": off}
-    extras = Extras(findings=Findings(seen=Seen()))
+    extras = Extras(findings=Findings(seen=SeenLight()))
     pictures = (render(content, content.sensors()[0], Settings(seed=each, **given), extras=extras) for each in range(4))
     return means([each.layers()["rgba"][..., :3] for each in pictures])
 

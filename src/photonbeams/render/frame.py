@@ -126,6 +126,8 @@ class FrameRenderer(PassRenderer):
         Hash of the passes' content, as in `FrameSums`.
     worlds
         The world over the shutter interval.
+    findings
+        What the pilot has found out so far.
     """
 
     def __init__(
@@ -141,7 +143,7 @@ class FrameRenderer(PassRenderer):
         window, order = views[0].window, films[0].order
         self._size, self._counts = (window.width, window.height), list[tuple[SampleCounts, list[SamplePiece]]]()
         pixels, seen = Pixels(window.width * window.height, films[0].averaged), views[0].holdout is None
-        self._plan = sample_plan(light, pixels, seen)
+        self._plan, self.findings = sample_plan(light, pixels, seen), light.findings
         # Sample indices have 32 bits. Those of further samples follow those of the whole picture, in crops, too.
         last = z_order(dr.opaque(UInt32, window.width - 1), dr.opaque(UInt32, window.height - 1))
         self._indices = 1 << int(last[0]).bit_length()
@@ -156,18 +158,19 @@ class FrameRenderer(PassRenderer):
             counts = [SampleCounts.of(self._plan.usual)] * len(self._views)
         else:
             lit = first()
-            counts = [self._planned(view, lit, self._beam_cost(lit[0])) for view in self._views]
+            beams = self._beam_cost(lit[0])
+            counts = [self._planned(view, lit, beams) for view in self._views]
         self._counts = [
             (own, [] if own.uniform else own.pieces(view.window)) for own, view in zip(counts, self._views, strict=True)
         ]
 
     def _beam_cost(self, first: TracedLight) -> BeamCost:
-        """Return the noise and cost of the beams of the first pass; an earlier frame may have found them."""
-        known, pixels = self.light.findings.beams, self._size[0] * self._size[1]
+        """Return the noise and cost of the beams of the first pass; an earlier render may have found them."""
+        known, pixels = self.findings.beams, self._size[0] * self._size[1]
         if pixels not in known:
             with self.statistics.phase("plan"):
                 known = {**known, pixels: beam_cost(self, first, pixels)}
-            self.light = replace(self.light, findings=replace(self.light.findings, beams=known))
+            self.findings = replace(self.findings, beams=known)
         return known[pixels]
 
     def _planned(self, view: FrameView, first: Lit, beams: BeamCost) -> SampleCounts:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import drjit as dr
 import numpy as np
@@ -52,6 +52,8 @@ from .worlds import Worlds
 if TYPE_CHECKING:
     from .pilots.pilot import Findings
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True)
 class TracedLight:
@@ -85,8 +87,6 @@ class ShotLight:
         The portal before Mitsuba's environment, or None; and the results of its pilots.
     cameras
         The cameras that see it, of all frames of a shot; none if there is a sensor that is no camera.
-    shines
-        Whether surfaces show emitters, their direct light, and the light of walks.
     """
 
     worlds: Worlds
@@ -99,7 +99,6 @@ class ShotLight:
     portal: EnvironmentPortal | None
     findings: Findings
     cameras: Sequence[View]
-    shines: bool = True
 
     @property
     def world(self) -> World:
@@ -132,9 +131,7 @@ class ShotLight:
 
     def walks(self, world: World) -> Walks:
         """Return the walks in a world."""
-        if not self._walks or self._walks[0] is not world:
-            self._walks[:] = world, self._walks_in(world)
-        return self._walks[1]
+        return self._kept("walks", world, self._walks_in)
 
     def _walks_in(self, world: World) -> Walks:
         """Return the walks in a world: in media by light groups, and on surfaces."""
@@ -146,7 +143,7 @@ class ShotLight:
         for (group, names), own in alike.items():
             media = [world.numbers[name] for name in names] or None
             fog.append((group, self._walking(self._met(world, own, FOG_CAUSTICS), media=media)))
-        lit = [row for row in self.rows if self.shines and row.by(WALKS, FURTHER)]
+        lit = [row for row in self.rows if row.by(WALKS, FURTHER)]
         if not lit:
             return Walks(fog)
         least = bound(world) if any(row.by(VIRTUAL, SELDOM) for row in lit) else None
@@ -169,15 +166,17 @@ class ShotLight:
             return MitsubaEmitters(world, chosen, self.portal)
         return StageEmitters(world.feeling_all(), chosen)
 
-    @cached_property
-    def _walks(self) -> list[Any]:
-        """The last world with walks, and these."""
-        return []
+    def _kept(self, name: str, world: World, make: Callable[[World], T]) -> T:
+        """Return what is made of a world, or was when it was last asked for by this name."""
+        if name not in self._known or self._known[name][0] is not world:
+            self._known[name] = world, make(world)
+        result: T = self._known[name][1]
+        return result
 
     @cached_property
-    def _lighting(self) -> list[Any]:
-        """The last world with lighting, and this."""
-        return []
+    def _known(self) -> dict[str, tuple[World, Any]]:
+        """The last worlds, and what was made of them, by name."""
+        return {}
 
     @cached_property
     def _power(self) -> dict[int, float]:
@@ -187,13 +186,9 @@ class ShotLight:
 
     def lighting(self, world: World) -> Lighting:
         """Return the lighting of a world."""
-        if not self._lighting or self._lighting[0] is not world:
-            self._lighting[:] = world, self._lighting_of(world)
-        return self._lighting[1]
+        return self._kept("lighting", world, self._lighting_of)
 
     def _lighting_of(self, world: World) -> Lighting:
-        if not self.shines:
-            return NoLighting(world)
         photons = [row.number for row in self.rows if row.by(PHOTONS, STRAIGHT)]
         if world.emits:
             return MitsubaEmitters(world, sampled_first(world, photons), self.portal)

@@ -122,7 +122,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenLight:
     """What the first camera sees of the light of emitters, by their numbers, where the pilot has looked.
 
     Attributes
@@ -154,7 +154,7 @@ class Techniques:
     world: World
     tuning: Tuning
     off: Set[str]
-    seen: Seen = Seen()
+    seen: SeenLight = SeenLight()
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -201,9 +201,8 @@ class Techniques:
         if STRAIGHT.traced & shown:
             found[STRAIGHT] = self._straight[number]
         if FURTHER.traced & shown:
-            found[FURTHER] = self._choose(FURTHER, {PHOTONS, WALKS} if self._meets(number) else {PHOTONS})
-            little = number in self.rare and self.seen.lit.get(number, 1.0) < _LITTLE
-            if WALKS in found[FURTHER] and little:
+            found[FURTHER] = self._further(number)
+            if number in self.rare and self.seen.lit.get(number, 1.0) < _LITTLE:
                 found[SELDOM] = self._choose(SELDOM, {WALKS, VIRTUAL})
         if world.mirrors and lamp.sharp:
             found[FOG_CAUSTICS] = {BEAMS}
@@ -226,33 +225,41 @@ class Techniques:
             result.append(found if emitter.lamp.illuminates else {PHOTONS})
         return result
 
-    def _meets(self, number: int) -> bool:
-        """Return whether walks can find the light of an emitter on surfaces.
+    def _further(self, number: int) -> set[Technique]:
+        """Return what finds the light of an emitter further on surfaces.
 
-        They cannot if it shines along one direction, or if some surfaces do not block it. What they find of an emitter
+        Walks cannot if it shines along one direction, or if some surfaces do not block it. What they find of an emitter
         includes the light straight to their vertices.
         """
-        return not self.world.emitters[number].links.unshadowed and SAMPLES in self._straight[number]
+        meets = not self.world.emitters[number].links.unshadowed and SAMPLES in self._straight[number]
+        return self._choose(FURTHER, {PHOTONS, WALKS} if meets else {PHOTONS})
 
     @cached_property
     def rare(self) -> list[int]:
         """The numbers of the emitters whose light on surfaces becomes virtual lights if it is seldom seen: see `_row`.
 
-        They are sharp. Paths past a portal may not be traced. Photons that come straight from an emitter are no virtual
-        lights, so if any do there are none. Endless fog dims light from infinity on its way from the bounds, but not
-        direct light on surfaces: see `VirtualLights`, which cannot tell if other media are in it.
+        They are sharp, and found by walks. Paths past a portal may not be traced. Photons that come straight from an
+        emitter are no virtual lights, so if any do there are none. Endless fog dims light from infinity on its way from
+        the bounds, but not direct light on surfaces: see `VirtualLights`, which cannot tell if other media are in it.
         """
         media, result = self.world.media, []
         for number, each in enumerate(self.world.emitters):
             mixed = each.lamp.infinite and media.filling > 0 and self.world.nested
-            if each.lamp.bare.sharp and each.portal is None and each.links == Links() and not mixed:
+            able = each.lamp.bare.sharp and each.portal is None and each.links == Links() and not mixed
+            shown = FURTHER.traced & wanted(self.world, each, self.tuning)
+            if able and shown and WALKS in self._further(number):
                 result.append(number)
         return result if all(SAMPLES in each for each in self._straight) else []
 
     @property
     def hidden(self) -> list[int]:
-        """The numbers of the emitters of which it matters what is in the way of their light to fog."""
-        return self.free if self.world.hazy else []
+        """The numbers of the emitters of which it matters what is in the way of their light to fog.
+
+        They are skies, and suns where no mirror turns their light: see `_walks_first`.
+        """
+        world = self.world
+        lamps = {each: world.emitters[each].lamp.bare for each in (self.free if world.hazy else ())}
+        return [each for each, lamp in lamps.items() if not lamp.sharp or (lamp.infinite and not world.mirrors)]
 
     @cached_property
     def _plain(self) -> list[int]:

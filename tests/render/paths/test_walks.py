@@ -107,7 +107,7 @@ def parts_of(scene, passes, **settings):
     for seed in range(4):
         own = Settings(method="paths", seed=seed, passes=passes, **settings)
         frame = begin(scene, scene.sensors()[0], own, extras=Extras(findings=known))
-        known = frame.light.findings
+        known = frame.findings
         light, lights = frame.light, {}
         lights["both"], lights["caustics"] = light, copy(light)
         lights["walks"], lights["neither"] = dark(light), dark(light)

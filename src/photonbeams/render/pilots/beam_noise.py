@@ -55,7 +55,8 @@ def beam_cost(frame: PassRenderer, light: TracedLight, pixels: int) -> BeamCost:
     cost = of_beams(count + photons, count, pixels, coarse)
     if not traced:
         return BeamCost(0.0, cost)
-    halves = [gathered(passes, replace(light, sets=[_half(each, own) for each in traced])) for own in (0, 1)]
+    rays = _coarse_rays(frame.light.cameras)
+    halves = [gathered(passes, replace(light, sets=[_half(each, own) for each in traced]), rays) for own in (0, 1)]
     noise = np.pi / 2 * np.abs(halves[0] - halves[1]).mean() ** 2
     return BeamCost(float(np.nan_to_num(noise)), cost)
 
@@ -67,10 +68,10 @@ def _half(beams: BeamSet, first: int) -> BeamSet:
     return beams._replace(beams=taken(beams.beams, index), depth=taken(beams.depth, index), close=None)
 
 
-def gathered(passes: PassRenderer, light: TracedLight) -> Array:
+def gathered(passes: PassRenderer, light: TracedLight, rays: PrimaryRays) -> Array:
     """Return the radiance of beams along coarse rays, the mean of the channels, (N,)."""
-    rays, pixels = ViewRays(_coarse_rays(passes.light.cameras), None), dr.arange(UInt32, _COLUMNS * _ROWS)
-    groups = passes.gathered(0, light, rays, pixels, passes.samples(0))
+    pixels = dr.arange(UInt32, _COLUMNS * _ROWS)
+    groups = passes.gathered(0, light, ViewRays(rays, None), pixels, passes.samples(0))
     radiance = channel_mean(sum(groups.values(), dr.zeros(Array3f, _COLUMNS * _ROWS))).numpy()
     return np.nan_to_num(radiance).astype(np.float64)
 

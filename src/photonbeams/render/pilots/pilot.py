@@ -21,7 +21,7 @@ from ...world.emitters.portal_lamps import EnvironmentPortal
 from ...world.world import World
 from ..light import ShotLight
 from ..settings import Settings
-from ..techniques import METHODS, Seen, Techniques
+from ..techniques import METHODS, SeenLight, Techniques
 from ..worlds import Worlds
 from .beam_noise import BeamCost
 
@@ -45,7 +45,7 @@ class Findings:
     """
 
     world: World | None = None
-    seen: Seen | None = None
+    seen: SeenLight | None = None
     guides: Guides | None = None
     portal: EnvironmentPortal | None = None
     beams: Mapping[int, BeamCost] = field(default_factory=dict)
@@ -109,29 +109,27 @@ class Pilot:
         return Techniques(self.world, self.simulation.tuning, off)
 
     @cached_property
-    def _seen(self) -> Seen:
+    def _seen(self) -> SeenLight:
         """What the first camera sees of the emitters' light."""
         if self.known.seen is not None or not self.cameras:
-            return self.known.seen or Seen()
+            return self.known.seen or SeenLight()
         world, lines = self.world, LightLines(self.world, self.cameras[0].whole().projections)
         rare = [] if self.settings.guiding is False else self._unseeing.rare
         lit = {each: lines.lit(world.emitters[each]) for each in rare}
-        return Seen(lit, {each: lines.free(PathEmitter(world, each)) for each in self._unseeing.hidden})
+        return SeenLight(lit, {each: lines.free(PathEmitter(world, each)) for each in self._unseeing.hidden})
 
     @cached_property
     def _guided(self) -> Guides:
         """The guides of light paths of which any light is seen, which rounds of them find if they are not known."""
-        counts = {row.number: row.guided for row in self.techniques.rows}
         if self.known.guides is not None:
             return self.known.guides
+        counts = {row.number: row.guided for row in self.techniques.rows}
         if self.settings.guiding is False or not self.cameras or not any(counts.values()):
             return UNGUIDED
         # What is found for a scene holds for all seeds. Frames of a stage find their own.
         seed = 0 if self.world.emits else self.simulation.tuning.seed
-        tuning, allotment = (
-            replace(self.simulation.tuning, seed=seed), replace(self.simulation.allotment, counts=counts)
-        )  # fmt: skip
-        rounds = replace(self.simulation, tuning=tuning, allotment=allotment)
+        tuning = replace(self.simulation.tuning, seed=seed)
+        rounds = replace(self.simulation, tuning=tuning, allotment=replace(self.simulation.allotment, counts=counts))
         # For whole pictures; otherwise a crop would differ from the same part of the whole picture.
         return rounds.guided(self.world, [own for each in self.cameras for own in each.whole().projections]).guides
 

@@ -265,12 +265,9 @@ class View:
         across, down = (dr.opaque(Float, each) if isinstance(each, float) else each for each in places)
         return Float(Int32(column) + left) + across, Float(Int32(row) + top) + down
 
-    def coarse_rays(self, columns: int, rows: int, overscan: bool = False) -> tuple[Array3f, Array3f]:
-        """Return a coarse grid of rays over the whole picture; crop windows have the same one, so the same beams.
-
-        With `overscan`, the grid is over the window.
-        """
-        left, top, right, bottom = (self.window if overscan else self.window.whole()).crop
+    def coarse_rays(self, columns: int, rows: int) -> tuple[Array3f, Array3f]:
+        """Return a coarse grid of rays over the whole picture; crop windows have the same one, so the same beams."""
+        left, top, right, bottom = self.window.whole().crop
         index, across = dr.arange(UInt32, columns * rows), dr.opaque(UInt32, columns)
         x = (Float(index % across) + 0.5) * dr.opaque(Float, (right - left) / columns) + dr.opaque(Float, left)
         y = (Float(index // across) + 0.5) * dr.opaque(Float, (bottom - top) / rows) + dr.opaque(Float, top)
