@@ -234,6 +234,75 @@ def test_value_clips_that_openusd_ignores_are_told_and_count_as_missing(read, tm
     assert "/Ball has the value clips 'default', " in told and problem in told
 
 
+CALLED = 'string primPath = "/Ball"\n'
+KEYS = "asset[] assetPaths = [@./k.1.usda@, @./k.2.usda@, @./k.4.usda@]\n"
+BEGUN = "double2[] active = [(1, 0), (2, 1), (4, 2)]\n"
+SHIFTED = "double2[] times = [(0, 1), (9, 10)]\n"
+ACROSS = "bool interpolateMissingClipValues = true\n"
+BY_TWO = CALLED + (
+    'string templateAssetPath = "./k.#.usda"\ndouble templateStartTime = 0\n'
+    "double templateEndTime = 4\ndouble templateStride = 2\n"
+)
+NAMING = "asset manifestAssetPath = @./names.usda@\n"
+# The values of a weak layer, whose times are shifted by 1, and of a strong one; and the clip that is not there, or the
+# folder without a manifest.
+DIFFERENT = {
+    "active": (CALLED + KEYS, BEGUN, 2), "times": (CALLED + KEYS + BEGUN, SHIFTED, 2),
+    "paths": (CALLED + BEGUN, KEYS, 4), "first": (CALLED + KEYS + BEGUN, "", 1),
+    "last across": (CALLED + KEYS + BEGUN + ACROSS, "", 4), "across": (CALLED + KEYS + BEGUN + ACROSS, "", 2),
+    "template": (BY_TWO, "", 2), "strong template": (BY_TWO, 'string templateAssetPath = "./k.#.usda"', 4),
+    "manifest": (CALLED + KEYS + BEGUN, NAMING, "weak"), "weak manifest": (CALLED + NAMING + BEGUN, KEYS, "strong"),
+    "known manifest": (CALLED + KEYS + NAMING, BEGUN, 2), "referred": (CALLED + KEYS, BEGUN, 2),
+}  # fmt: skip
+
+
+def write_clip_stage(folder, kind, times, attribute, whole):
+    """Write a stage and its clips, each with samples at these times after its number; return the stage's path."""
+    weak, strong, gone = DIFFERENT[kind]
+    ball = 'Sphere "Ball" (clips = {{ dictionary default = {{\n{}\n}} }}\n{}) {{\n{}\n}}\n'
+    (folder / "weak").mkdir(parents=True)
+    (folder / "weak" / "weak.usda").write_text("#usda 1.0\ndef " + ball.format(weak, "", attribute))
+    layer, arc = "\n(subLayers = [@weak/weak.usda@ (offset = 1)])", ""
+    if kind == "referred":
+        layer, arc = "", "references = @weak/weak.usda@</Ball> (offset = 1)"
+    path = folder / "strong.usda"
+    path.write_text(f"#usda 1.0{layer}\ndef " + ball.format(strong, arc, ""))
+    for place in (folder, folder / "weak"):
+        for number in (0, 1, 2, 4):
+            samples = ", ".join(f"{number + time}: {100 * 2**number + time}" for time in times)
+            if whole or number != gone:
+                clip = f'#usda 1.0\ndef "Ball" {{ {attribute}.timeSamples = {{{samples}}}\n}}\n'
+                (place / f"k.{number}.usda").write_text(clip)
+        if whole or place.name != gone:
+            (place / "names.usda").write_text(f'#usda 1.0\ndef "Ball" {{ {attribute}\n}}\n')
+    return path
+
+
+DENSE = (-1, 0, 1, 2, 3, 4, 5)
+NEEDED = [
+    *((kind, DENSE, "double radius") for kind in DIFFERENT),
+    *((kind, (0,), "double radius") for kind in ("first", "across", "last across", "template")),
+    *((kind, DENSE, "int count") for kind in ("times", "strong template")),  # which is held between samples
+]
+
+
+@pytest.mark.parametrize("kind, times, attribute", NEEDED)
+def test_clips_are_missing_at_the_times_whose_values_need_them(tmp_path, kind, times, attribute):
+    frames = (0, 1, 2, 3, 3.5, 4.5, 5, 7)
+    values, missing = {}, {}
+    for whole in (True, False):
+        warnings = Warnings()
+        path = write_clip_stage(tmp_path / str(whole) / "strong", kind, times, attribute, whole)
+        stage = open_stage(path, warnings=warnings)
+        for frame in frames:
+            read_scene(stage, frame, warnings)
+        own = stage.GetPrimAtPath("/Ball").GetAttribute(attribute.split()[1])
+        values[whole] = [own.Get(frame) for frame in frames]
+        missing[whole] = {frame for frame in frames if warnings.missing_at(frame)}
+    different = {frame for frame, *pair in zip(frames, *values.values(), strict=True) if pair[0] != pair[1]}
+    assert not missing[True] and different and missing[False] == different
+
+
 @pytest.mark.parametrize("kind", LASTING)
 def test_a_missing_file_counts_for_every_frame_and_can_be_made_to_fail(read, kind, caplog):
     caplog.set_level(logging.WARNING)

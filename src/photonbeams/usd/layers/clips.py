@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +33,9 @@ _TYPES = {
     "templateActiveOffset": "double", "interpolateMissingClipValues": "bool",
 }  # fmt: skip
 _PAIRS = {"active", "times"}
+# What makes a layer the one by which OpenUSD finds the files of a set, its manifest too, and shifts its times.
+_ANCHORS = {"assetPaths", "templateAssetPath"}
+_INTERPOLATED = re.compile(r"(VtArray<)?(float|double|SdfTimeCode|Gf\w+[dfh])>?")  # values in C++; others are held
 
 
 class _ClipSet(NamedTuple):
@@ -43,6 +46,7 @@ class _ClipSet(NamedTuple):
     starts: Array = np.zeros(0)  # (N,) time codes, in order
     names: Callable[[int], str] = str  # of the file that is used from one of these on
     files: Mapping[str, str] = {}  # the path of each name, "" if there is no such file
+    attributes: Sequence[Usd.Attribute] = ()  # whose values are from clips, if files are missing
 
 
 def leave_out_clips(
@@ -67,10 +71,18 @@ def leave_out_clips(
     specs = [(layer, spec) for layer, prims in listed for spec in map(layer.GetObjectAtPath, prims)]
     specs = [(layer, spec) for layer, spec in specs if spec.HasInfo("clips")]
     widest = _widest(spec.GetInfo("clips") for _, spec in specs)
+    anchors: dict[str, list[Sdf.Layer]] = defaultdict(list)
+    for layer, spec in specs:
+        for name in (name for name, clips in spec.GetInfo("clips").items() if _ANCHORS & _typed(clips).keys()):
+            anchors[name].append(layer)
     left_out = []
     for layer, spec in specs:
         sets = spec.GetInfo("clips")
-        problems = {name: _danger(layer, _typed(clips), widest[name], problem_of) for name, clips in sets.items()}
+        problems = {}
+        for name, clips in sets.items():
+            typed = _typed(clips)
+            files = (*_files(layer, typed, widest[name]), *_manifests(typed, anchors[name]))
+            problems[name] = _danger(typed, widest[name], files, problem_of)
         if any(problems.values()):
             spec.SetInfo("clips", {name: clips for name, clips in sets.items() if not problems[name]})
             yield layer.identifier
@@ -107,9 +119,9 @@ def _type_of(value: object) -> str:
 
 
 def _danger(
-    layer: Sdf.Layer, clips: Mapping[str, Any], widest: Mapping[str, float], problem_of: Callable[[str], str]
+    clips: Mapping[str, Any], widest: Mapping[str, float], files: Iterable[str], problem_of: Callable[[str], str]
 ) -> str:
-    """Return why a clip set of a layer must not be composed, as a clause, or ""."""
+    """Return why a clip set of a layer, which may open `files`, must not be composed, as a clause, or ""."""
     for key in _PAIRS & clips.keys():
         if wrong := [number for pair in clips[key] for number in pair if not isfinite(number)]:
             return f"whose {key} has {wrong[0]:g}: expected finite numbers"
@@ -117,7 +129,7 @@ def _danger(
     times = {**widest, **own}
     if own and len(times) == len(_TIMES) and (problem := _endless(*(times[key] for key in _TIMES))):
         return problem
-    for name in _files(layer, clips, widest):
+    for name in files:
         path = str(Ar.GetResolver().Resolve(name))
         if path and (problem := problem_of(path)):
             return f"one of them {os.path.basename(name)}: expected a file, {problem}"
@@ -132,10 +144,15 @@ def _endless(start: float, end: float, stride: float) -> str:
     return f"from {start:g} to {end:g} by {stride:g}: expected 1 to {_MOST_CLIPS:,} clips"
 
 
+def _manifests(clips: Mapping[str, Any], layers: Iterable[Sdf.Layer]) -> list[str]:
+    """Return the names of the files that may be a clip set's manifest, whose other files these layers name."""
+    manifest = clips.get("manifestAssetPath", Sdf.AssetPath())
+    return [str(layer.ComputeAbsolutePath(manifest.path)) for layer in layers if manifest.path]
+
+
 def _files(layer: Sdf.Layer, clips: Mapping[str, Any], widest: Mapping[str, float]) -> Iterator[str]:
-    """Yield the names of the files that a clip set may open."""
-    manifest = [clips["manifestAssetPath"]] if "manifestAssetPath" in clips else []
-    for asset in (*clips.get("assetPaths", ()), *manifest):
+    """Yield the names of the files that a clip set may open for some time."""
+    for asset in clips.get("assetPaths", ()):
         if asset.path:
             yield str(layer.ComputeAbsolutePath(asset.path))
     if "#" in os.path.basename(clips.get("templateAssetPath", "")) and len(widest) == len(_TIMES):
@@ -154,7 +171,9 @@ def _files(layer: Sdf.Layer, clips: Mapping[str, Any], widest: Mapping[str, floa
 def warn_of_gaps(reading: Reading) -> None:
     """Warn about value clips that OpenUSD goes on without.
 
-    These are sets that it ignores, at all times, and the file for the time that is read, if it is missing.
+    These are sets that it ignores, at all times, and the files for the time that is read, if they are missing. They
+    cannot be asked for: OpenUSD warns of a file once for each stage, without a manifest before the first value, and
+    says of a value from a file that is missing, too, that it is from clips.
     """
     key = ("clips",)
     if key not in reading.lasting:
@@ -164,12 +183,30 @@ def warn_of_gaps(reading: Reading) -> None:
     for each in reading.lasting[key]:
         problem, frame = each.problem, None
         if not problem:
-            before = np.searchsorted(each.starts, float(reading.time.GetValue()), side="right")
-            name = each.names(max(int(before) - 1, 0))
-            problem, frame = _unread(name, each.files.get(name, "")), reading.frame
-            problem = problem and f"of which {name} {problem}"
+            frame = reading.frame
+            names = _names_at(each, float(reading.time.GetValue()))
+            unread = ((name, _unread(name, each.files.get(name, ""))) for name in names)
+            problem = next((f"of which {name} {why}" for name, why in unread if why), "")
         if problem:
             reading.warnings.lack(f"{each.title}, {problem}", file_of(reading.stage), "its values are not used", frame)
+
+
+def _names_at(clips: _ClipSet, time: float) -> Iterator[str]:
+    """Yield the files that OpenUSD needs at a time: of the active clip, then of those up to the samples around it.
+
+    It interpolates between the last sample of a clip and the first of the next one, which is at its start, unless the
+    next one is missing. If there is no sample after a time, any clip after it may be the one that would have it, and
+    the active clip of a template stands still.
+    """
+    low = high = time
+    for attribute in clips.attributes:
+        before, after = attribute.GetBracketingTimeSamples(time) or (time, time)
+        if after < time:
+            high = inf
+        elif _INTERPOLATED.fullmatch(attribute.GetTypeName().cppTypeName):
+            low, high = min(low, before), max(high, after)
+    first, active, last = (max(int(n), 1) - 1 for n in np.searchsorted(clips.starts, (low, time, high), side="right"))
+    yield from map(clips.names, (*range(active, last + 1), *range(active - 1, first - 1, -1)))
 
 
 def _sets(prim: Usd.Prim) -> Iterator[_ClipSet]:
@@ -185,21 +222,31 @@ def _sets(prim: Usd.Prim) -> Iterator[_ClipSet]:
             if prim.HasMetadata("clipSets"):  # which does not name it
                 continue
             assets = []
-        if problem := _misfit(values) or _unnamed(values, assets):
+        layer, offset = _anchor(prim, name, "active" if "assetPaths" in values else "templateAssetPath")
+        if problem := _misfit(values) or _unnamed(values, layer, assets):
             yield _ClipSet(title, problem)
-        elif "assetPaths" in values:
-            offset = _offset(prim, name, "active")
+            continue
+        names: Callable[[int], str]
+        if "assetPaths" in values:
             starts, indices = np.array(sorted(map(tuple, values["active"]))).T
-            listed = [assets[int(index)].authoredPath for index in indices]
+            names = [assets[int(index)].authoredPath for index in indices].__getitem__
             files = {asset.authoredPath: asset.resolvedPath for asset in assets}
-            yield _ClipSet(title, "", offset.offset + offset.scale * starts, listed.__getitem__, files)
+            whole = all(files.values())
         else:
-            offset = _offset(prim, name, "templateAssetPath")
             numbers = _numbers(*(values[key] for key in _TIMES))
             starts = numbers + values.get("templateActiveOffset", 0.0)
-            files = {os.path.basename(asset.resolvedPath): asset.resolvedPath for asset in assets}
             names = partial(_numbered, values["templateAssetPath"], numbers)
-            yield _ClipSet(title, "", offset.offset + offset.scale * starts, names, files)
+            files = {os.path.basename(asset.resolvedPath): asset.resolvedPath for asset in assets}
+            whole = len(files) == len(numbers)
+        attributes = () if whole else tuple(_attributes(prim))
+        yield _ClipSet(title, "", offset.offset + offset.scale * starts, names, files, attributes)
+
+
+def _attributes(prim: Usd.Prim) -> Iterator[Usd.Attribute]:
+    """Yield the attributes at and below a prim whose values are from value clips."""
+    for attribute in (attribute for each in prims_under(prim) for attribute in each.GetAttributes()):
+        if attribute.GetResolveInfo().GetSource() == Usd.ResolveInfoSourceValueClips:
+            yield attribute
 
 
 def _misfit(clips: Mapping[str, Any]) -> str:
@@ -240,14 +287,16 @@ def _unnumbered(clips: Mapping[str, Any]) -> str:
     return _endless(*(clips[name] for name in _TIMES))
 
 
-def _unnamed(clips: Mapping[str, Any], assets: Iterable[Sdf.AssetPath]) -> str:
+def _unnamed(clips: Mapping[str, Any], anchor: Sdf.Layer, assets: Iterable[Sdf.AssetPath]) -> str:
     """Return why OpenUSD finds no values in a set's manifest or, without one, in any of its files, or ""."""
+    paths = [asset.resolvedPath for asset in assets]
     if manifest := clips.get("manifestAssetPath"):
-        if problem := _unread(manifest.authoredPath, manifest.resolvedPath):
-            return f"of which {manifest.authoredPath} {problem}"
-        assets = [manifest]
+        name = manifest.authoredPath
+        paths = [str(Ar.GetResolver().Resolve(anchor.ComputeAbsolutePath(name)))]
+        if problem := _unread(name, *paths):
+            return f"of which {name} {problem}"
     path, opened = clips["primPath"], False
-    for layer in filter(None, (_opened(asset.resolvedPath) for asset in assets)):
+    for layer in filter(None, map(_opened, paths)):
         if Sdf.Path.IsValidPathString(path) and layer.GetPrimAtPath(path):
             return ""
         opened = True
@@ -267,12 +316,22 @@ def _opened(path: str) -> Sdf.Layer | None:
     return None
 
 
-def _offset(prim: Usd.Prim, name: str, key: str) -> Sdf.LayerOffset:
-    """Return what turns the times of a clip set's value into those of the stage."""
-    for spec, offset in prim.GetPrimStackWithLayerOffsets():
-        if key in _typed(spec.GetInfo("clips").get(name) if spec.HasInfo("clips") else None):
-            return offset
-    return Sdf.LayerOffset()
+def _anchor(prim: Usd.Prim, name: str, timed: str) -> tuple[Sdf.Layer, Sdf.LayerOffset]:
+    """Return the layer by which OpenUSD finds a clip set's files, and what turns its starts into times of the stage.
+
+    Both are those of the strongest layer that names the files, also for a manifest and times of other layers; except
+    that a stronger layer of the same layer stack has its own times, if it has the value `timed`.
+    """
+    for node in (arc.GetTargetNode() for arc in Usd.PrimCompositionQuery(prim).GetCompositionArcs()):
+        start = None
+        for layer, offset in zip(node.layerStack.layers, node.layerStack.layerOffsets, strict=True):
+            spec = layer.GetPrimAtPath(node.path)
+            clips = _typed(spec.GetInfo("clips").get(name)) if spec and spec.HasInfo("clips") else {}
+            if start is None and (_ANCHORS | {timed}) & clips.keys():
+                start = node.mapToRoot.timeOffset * offset
+            if _ANCHORS & clips.keys():
+                return layer, start
+    return prim.GetStage().GetRootLayer(), Sdf.LayerOffset()
 
 
 def _numbers(start: float, end: float, stride: float) -> Array:
