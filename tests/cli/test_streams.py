@@ -68,3 +68,17 @@ def test_no_file_takes_the_place_of_a_closed_stream():
         "sys.exit(not all(os.path.sameopenfile(each, os.open(os.devnull, os.O_WRONLY)) for each in (1, 2)))"
     )
     subprocess.run(["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows keeps a folder that is used")
+@pytest.mark.parametrize("command", ["render", "info", "dress", "doctor"])
+def test_a_working_folder_that_was_deleted_gives_a_sentence(command, tmp_path, monkeypatch, capsys):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(SystemExit) as ended:
+        cli.main([command] if command == "doctor" else [command, str(tmp_path / "a.usda")])
+    assert (ended.value.code, capsys.readouterr().err) == (
+        1,
+        "Error: the working folder is not there: expected one that exists\n",
+    )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from photonbeams.runtime import limits
-from photonbeams.runtime.limits import check_address_space
+from photonbeams.runtime.limits import check_address_space, check_working_folder
 
 
 @pytest.mark.parametrize(
@@ -94,3 +94,12 @@ def test_what_is_read_within_a_bound_takes_no_more():
         assert resource.getrlimit(resource.RLIMIT_DATA) != before  # until all have left
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
     assert len(np.empty(1 << 29, np.uint8)) == 1 << 29
+
+
+def test_a_working_folder_that_was_deleted_is_told(tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    check_working_folder()
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(FileNotFoundError, match="the working folder is not there: expected one that exists"):
+        check_working_folder()

@@ -49,8 +49,9 @@ class _Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         """Call the command; raise `_Ended` for a signal that ends it, because Typer would take any for Ctrl-C."""
-        from ..runtime.limits import LEAST, check_address_space
+        from ..runtime.limits import LEAST, check_address_space, check_working_folder
 
+        check_working_folder()
         check_address_space(libraries=LEAST)  # before NumPy is imported, which would end the process
         try:
             return super().invoke(ctx)

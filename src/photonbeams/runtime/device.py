@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import libllvm
-from .limits import processors
+from .limits import check_working_folder, processors
 
 if TYPE_CHECKING:
     from drjit.auto.ad import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32, UInt64
@@ -130,6 +130,7 @@ def select(name: str | None = None) -> None:
 
 def _start(name: str) -> None:
     """Import Dr.Jit with the backend `name` and keep its array types."""
+    check_working_folder()
     prepare()
     if name == "cuda" and (problem := cuda_problem()):
         raise DeviceError(f"device is cuda, but {problem}")

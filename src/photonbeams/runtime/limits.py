@@ -55,6 +55,14 @@ def check_address_space(more: int = 0, libraries: int = _LIBRARIES) -> None:
         raise OSError(errno.ENOMEM, text)
 
 
+def check_working_folder() -> None:
+    """Raise OSError if the working folder was deleted: Mitsuba asks for it while it is imported, and crashes."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise OSError(error.errno, "the working folder is not there: expected one that exists") from None
+
+
 @contextmanager
 def bounded(more: int) -> Iterator[None]:
     """Let this process take at most so many bytes more within the context; libraries then raise errors of their own.
