@@ -127,7 +127,7 @@ def test_one_eye_needs_its_own_depth_alone(call, files):
     ("flags", "code", "sentence"),
     [
         (("--holdout", "z.exr", "--res", 20, 10), 1, "z.exr is 16 x 9 pixels, and the picture 20 x 10: expected one"),
-        (("--holdout", "nothing.exr"), 1, "nothing.exr: No such file or directory"),
+        (("--holdout", "nothing.exr"), 1, "nothing.exr cannot be read: expected an image (there is no such file)"),
         (("--holdout", "look.usda"), 1, "look.usda cannot be read: expected an image"),
         (("--holdout", "z.exr", "--holdout-channel", "depth.Z"), 1, "has no channel 'depth.Z': expected one of Z"),
         (("--holdout", "z.exr", "--stereo"), 1, "z.exr has no views, and the frame has two"),
@@ -140,7 +140,11 @@ def test_one_eye_needs_its_own_depth_alone(call, files):
         (("--holdout", "z.exr", "--holdout-scale", 0), 2, "--holdout-scale is 0.0: expected more than 0"),
         (("--holdout", "z.exr", "--holdout-depth", "z"), 2, "--holdout-depth is z: expected one of"),
         (("--over-fog",), 2, "--over-fog needs a plate: expected --over, too"),
-        (("-q", "-f", "1:3", "-o", "a.#.exr", "--holdout", "y.#.exr"), 1, "y.3.exr: No such file or directory"),
+        (
+            ("-q", "-f", "1:3", "-o", "a.#.exr", "--holdout", "y.#.exr"),
+            1,
+            "y.3.exr cannot be read: expected an image (there",
+        ),
     ],
 )
 def test_bad_plates_are_one_sentence_before_anything_is_rendered(call, files, monkeypatch, flags, code, sentence):

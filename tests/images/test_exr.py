@@ -56,6 +56,20 @@ def test_a_tile_whose_end_is_missing_is_refused_wherever_it_stands(tmp_path, cap
     assert capfd.readouterr() == ("", "")  # OpenEXR's own lines
 
 
+@pytest.mark.parametrize("layer", ["", "rgba.", "ViewLayer.Combined."])
+@pytest.mark.parametrize("letters", ["RGB", "RGBA", "RGBAZ", "RG"])
+def test_channels_in_named_layers_are_whole(tmp_path, layer, letters):
+    """Single-part files of other programs have them; OpenEXR returns colours as one array, by the layer's name."""
+    values = {f"{layer}{letter}": RAMP[..., 0] + number for number, letter in enumerate(letters)}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, dict(values)).write(str(tmp_path / "a.exr"))
+    join_tiles([tmp_path / "a.exr"], tmp_path / "b.exr")
+    (found,) = exr_parts(tmp_path / "b.exr", deep=True)  # deep: each channel by itself
+    assert {name: channel.pixels.tolist() for name, channel in found.channels.items()} == {
+        name: pixels.tolist() for name, pixels in values.items()
+    }
+
+
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")  # of damaged matrices
 def test_what_is_read_of_a_damaged_exr_is_whole_or_refused(tmp_path):
     """PHOTONBEAMS_DAMAGES is the number of damages: a longer run finds more."""

@@ -14,7 +14,7 @@ from scipy.ndimage import binary_dilation
 
 import photonbeams as pb
 from photonbeams.images.color_spaces import ColorSpaces
-from photonbeams.images.files import read_layers
+from photonbeams.images.files import UnreadableImageError, read_layers
 from photonbeams.images.plates import Holdout, Plate
 from photonbeams.render.holdouts import HoldoutDepth
 from photonbeams.scene import Camera
@@ -327,7 +327,7 @@ def test_names_have_the_frame_and_the_view(tmp_path):
         exr(tmp_path / f"z.{frame:04d}.{eye}.exr", {"Z": value * DEPTH})
     found, _ = read(Holdout(tmp_path / "z.####.%V.exr"), views=("left", "right"), frame=7.0)
     assert [each.values[0, 0] for each in found] == [1, 2]
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(UnreadableImageError, match=r"z\.0008\.right\.exr .*\(there is no such file\)"):
         read(Holdout(tmp_path / "z.####.%V.exr"), views=("left", "right"), frame=8.0)
 
 

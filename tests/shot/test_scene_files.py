@@ -67,12 +67,17 @@ PLY = (
 
 def test_meshes_are_as_long_as_they_say(tmp_path):
     packed = zlib.compress(struct.pack("<I", 0) + b"name\0" + struct.pack("<2Q", 1 << 40, 1))
+    cut = zlib.compress(struct.pack("<I", 0x1000) + b"m\0" + struct.pack("<2Q", 3, 1))
     meshes = {
         "png.ply": (b"\x89PNG\r\n\x1a\n" + bytes(99), "it is no PLY file"),
         "long.ply": (PLY % 4_000_000_000, "its header is of 20,000,000,000 bytes or more, but it has"),
         "text.ply": (b"ply\nformat ascii 1.0\nelement vertex 99999\nend_header\n", "its header is of 199,998 bytes"),
         "long.serialized": (struct.pack("<HH", 0x041C, 4) + packed, "its mesh of 1,099,511,627,776 vertices"),
         "png.serialized": (b"\x89PNG", "it is no serialized mesh"),
+        "cut.serialized": (
+            struct.pack("<HH", 0x041C, 4) + cut,
+            "its mesh of 3 vertices and 1 triangles needs 70 bytes, but it has 22",
+        ),
         "empty.obj": (b"", "it is empty"),
     }
     for name, (data, problem) in meshes.items():

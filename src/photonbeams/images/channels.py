@@ -16,11 +16,12 @@ import numpy as np
 import OpenImageIO
 
 from ..runtime.files import PathLike
+from ..runtime.inputs import why_unreadable
 from ..scene import Array, SceneError
 from .color_spaces import COLOR_SPACE, named, primaries, space_of
 from .deep import read_deep
 from .exr import deep_sizes
-from .files import check_decoded, check_image, opened, pixels_of, read_pixels
+from .files import UnreadableImageError, check_decoded, check_image, opened, pixels_of, read_pixels
 from .numbering import numbered
 
 Warn = Callable[[str], None]
@@ -149,6 +150,8 @@ class ImageFile:
     def __init__(self, path: Path, apart: bool) -> None:
         self._path, self._apart = path, apart
         self._specs: list[Any] = []
+        if problem := why_unreadable(path):
+            raise UnreadableImageError(path, problem)
         with opened(path) as file:
             while file.seek_subimage(len(self._specs), 0):
                 self._specs.append(file.spec())

@@ -65,9 +65,10 @@ class _Header:
         left = dict(self.channels)
         for key, channel in part.channels.items():
             pixels = channel.pixels
-            # Several channels in one array are called RGB or RGBA, after the name of their layer.
-            count = pixels.shape[2] if np.ndim(pixels) == 3 else 0
-            for name in [key[:-count] + each for each in key[-count:]] if count else [key]:
+            # Several channels in one array have the name of their layer; without a layer, RGB or RGBA.
+            layer = f"{key}." if f"{key}.R" in left else ""
+            letters = "RGBA"[: pixels.shape[2]] if np.ndim(pixels) == 3 else ""
+            for name in [layer + letter for letter in letters] or [key]:
                 stored = left.pop(name, None)
                 if stored is None or str(pixels.dtype) != ("object" if self.deep else stored.kind):
                     return False

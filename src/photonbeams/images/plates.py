@@ -147,11 +147,9 @@ class Holdout(_Picture):
 
         Raises
         ------
-        OSError
-            A file that does not exist or may not be read.
         SceneError
-            No image; no depth in it, no such channel, or no such view; a size that is neither the picture's nor a whole
-            multiple of it.
+            No file, or one that may not be read; no image; no depth in it, no such channel, or no such view; a size
+            that is neither the picture's nor a whole multiple of it.
         """
         if isinstance(self.file, np.ndarray):
             depths = _arrays(self.file, 2, views, "the holdout", "(H, W)")

@@ -52,6 +52,9 @@ _TYPES = {
 _CORNERS = ("vertex_index", "vertex_indices")
 _SERIALIZED = struct.Struct("<HH")  # the magic number and the version
 _COUNTS = struct.Struct("<2Q")  # of vertices and of triangles
+# Numbers of a vertex by the flags of a serialized mesh: its position, a normal, a texture coordinate, a colour.
+_OF_VERTEX = {0: 3, 0x0001: 3, 0x0002: 2, 0x0008: 3}
+_DOUBLE = 0x2000  # the flag of numbers of 8 bytes, not 4
 _MOST_ZIPPED = 1032  # how much smaller zlib makes data at most
 
 
@@ -277,16 +280,32 @@ def _check_serialized(data: BinaryIO, index: int) -> None:
     version = _SERIALIZED.unpack(start)[1]
     if index > 0:
         data.seek(_offset(data, index, "<Q" if version >= 4 else "<I") + _SERIALIZED.size)
-    try:
-        plain = zlib.decompressobj().decompress(data.read(_MOST_HEADER), _MOST_HEADER)
-    except zlib.error:
-        raise SceneError("it cannot be decompressed") from None
+    stream = _decompressed(data)
+    plain = next(stream, b"")
     first = 4 + (plain.find(b"\0", 4) - 3 if version >= 4 else 0)
     if len(plain) < first + _COUNTS.size:
         raise SceneError("it ends too early")
     vertices, triangles = _COUNTS.unpack_from(plain, first)
     what = f"its mesh of {vertices:,} vertices and {triangles:,} triangles"
     check_size(12.0 * (vertices + triangles), float(_MOST_ZIPPED * size), what)
+    (flags,) = struct.unpack_from("<I", plain)
+    numbers = sum(count for flag, count in _OF_VERTEX.items() if flags & flag == flag)
+    needed = first + _COUNTS.size + vertices * numbers * (8 if flags & _DOUBLE else 4) + 12 * triangles
+    found = len(plain)
+    while found < needed:
+        if not (more := len(next(stream, b""))):
+            raise SceneError(f"{what} needs {needed:,} bytes, but it has {found:,}")
+        found += more
+
+
+def _decompressed(data: BinaryIO) -> Iterator[bytes]:
+    """Yield the bytes that begin here and were compressed by zlib, some at a time; SceneError if they were not."""
+    decompressor = zlib.decompressobj()
+    try:
+        while not decompressor.eof and (packed := decompressor.unconsumed_tail or data.read(_MOST_HEADER)):
+            yield decompressor.decompress(packed, _MOST_HEADER)
+    except zlib.error:
+        raise SceneError("it cannot be decompressed") from None
 
 
 def _offset(data: BinaryIO, index: int, kind: str) -> int:

@@ -327,10 +327,8 @@ class Shot:
         ------
         SceneError
             Something that cannot be read or rendered at this frame: a stage without anything that makes beams; an
-            argument out of range, or no setting; a holdout or a plate without a depth or a picture, or of another size;
-            a checkpoint of another render.
-        OSError
-            A holdout or a plate that does not exist or may not be read.
+            argument out of range, or no setting; a holdout or a plate that cannot be read, is without a depth or a
+            picture, or of another size; a checkpoint of another render.
         """
         return self._prepared(
             frame, passes, settings, width=width, height=height, crop=crop, pixel_aspect=pixel_aspect, conform=conform,

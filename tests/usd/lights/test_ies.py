@@ -50,6 +50,12 @@ def test_tilt_is_read_past_and_words_may_be_separated_by_commas():
     assert at(parse(tilted.replace("\n0\n", ", 0,\n")), 45, 0) == 2
 
 
+@pytest.mark.parametrize("end", ["\r", "\r\n", "\n\r"])
+def test_lines_end_as_on_any_system(end):
+    text = file([0], [[4, 2, 0]], head="IESNA91\n[TEST] none\nTILT=INCLUDE\n1\n3\n0 45 90\n1.0 0.9 0.8\n", factor=2.5)
+    assert np.array_equal(parse(text.replace("\n", end)).intensity, parse(text).intensity)
+
+
 @pytest.mark.parametrize("factor", [1.0, 2.5])
 def test_decimal_commas_are_read_and_told_from_commas_between_numbers(factor):
     text = file([0, 90.5], [[4.5, 2, 0], [4, 1.25, 0.5]], vertical=(0, 22.5, 90), factor=factor)

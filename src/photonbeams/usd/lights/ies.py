@@ -62,7 +62,7 @@ def parse(text: str) -> Profile:
     ValueError
         The text is not that of an IES file; the message is one clause.
     """
-    text = text.removeprefix(_MARK)
+    text = text.removeprefix(_MARK).replace("\r", "\n")  # which may end lines alone
     found = re.search(r"^\s*TILT\s*=(.*)$", text, re.IGNORECASE | re.MULTILINE)
     if found is None:
         raise ValueError("it has no line TILT=")
