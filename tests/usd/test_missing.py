@@ -209,6 +209,11 @@ IGNORED = {
     "numbers apart": (numbered("a.#.x.#"), "whose templateAssetPath is './a.#.x.#.usda': expected NAME.###.usd"),
     "no number": (numbered("a"), "whose templateAssetPath is './a.usda': expected NAME.###.usd"),
     "far": (numbered("clip.##", "double templateActiveOffset = 2"), "is 2: expected no more than the stride, 1"),
+    "not far": (
+        (NUMBERED + END % 1).replace("StartTime = 1", "StartTime = 1\ndouble templateActiveOffset = 0"),
+        "whose templateActiveOffset is 0 for a single clip",
+    ),
+    "thrice": (LISTED + "double2[] times = [(0, 0), (1, 1), (1, 2), (1, 3)]", "whose times has 1 more than twice"),
     "one time": (NAMED + PATHS + "double2[] active = [(1, 0), (1, 1)]", "active has two clips from 1 on: expected one"),
     "no path": (PATHS + ACTIVE, "without primPath: expected assetPaths, active, primPath"),
     "no prim": (LISTED.replace("/Ball", "/Box"), "whose primPath is '/Box': expected a prim in the clips"),
@@ -253,6 +258,7 @@ DIFFERENT = {
     "template": (BY_TWO, "", 2), "strong template": (BY_TWO, 'string templateAssetPath = "./k.#.usda"', 4),
     "manifest": (CALLED + KEYS + BEGUN, NAMING, "weak"), "weak manifest": (CALLED + NAMING + BEGUN, KEYS, "strong"),
     "known manifest": (CALLED + KEYS + NAMING, BEGUN, 2), "referred": (CALLED + KEYS, BEGUN, 2),
+    "both": (CALLED + KEYS + 'string templateAssetPath = "./k.#.usda"', BEGUN, 2),
 }  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
@@ -222,7 +222,7 @@ def _sets(prim: Usd.Prim) -> Iterator[_ClipSet]:
             if prim.HasMetadata("clipSets"):  # which does not name it
                 continue
             assets = []
-        layer, offset = _anchor(prim, name, "active" if "assetPaths" in values else "templateAssetPath")
+        layer, offset = _anchor(prim, name)
         if problem := _misfit(values) or _unnamed(values, layer, assets):
             yield _ClipSet(title, problem)
             continue
@@ -272,7 +272,8 @@ def _unlisted(clips: Mapping[str, Any]) -> str:
         if start in begun:
             return f"whose active has two clips from {start:g} on: expected one"
         begun.add(start)
-    return ""
+    thrice = [time for time, count in Counter(time for time, _ in clips.get("times", ())).items() if count > 2]
+    return f"whose times has {thrice[0]:g} more than twice: expected a jump of two" if thrice else ""
 
 
 def _unnumbered(clips: Mapping[str, Any]) -> str:
@@ -284,6 +285,8 @@ def _unnumbered(clips: Mapping[str, Any]) -> str:
     offset, stride = clips.get("templateActiveOffset", 0.0), clips["templateStride"]
     if abs(offset) > stride > 0:
         return f"whose templateActiveOffset is {offset:g}: expected no more than the stride, {stride:g}"
+    if offset == 0 and "templateActiveOffset" in clips and clips["templateStartTime"] == clips["templateEndTime"]:
+        return "whose templateActiveOffset is 0 for a single clip: expected another one, or none"
     return _endless(*(clips[name] for name in _TIMES))
 
 
@@ -316,21 +319,22 @@ def _opened(path: str) -> Sdf.Layer | None:
     return None
 
 
-def _anchor(prim: Usd.Prim, name: str, timed: str) -> tuple[Sdf.Layer, Sdf.LayerOffset]:
+def _anchor(prim: Usd.Prim, name: str) -> tuple[Sdf.Layer, Sdf.LayerOffset]:
     """Return the layer by which OpenUSD finds a clip set's files, and what turns its starts into times of the stage.
 
     Both are those of the strongest layer that names the files, also for a manifest and times of other layers; except
-    that a stronger layer of the same layer stack has its own times, if it has the value `timed`.
+    that `active` of a stronger layer of the same layer stack has the times of that one, unless there is a template.
     """
     for node in (arc.GetTargetNode() for arc in Usd.PrimCompositionQuery(prim).GetCompositionArcs()):
-        start = None
+        active = None
         for layer, offset in zip(node.layerStack.layers, node.layerStack.layerOffsets, strict=True):
             spec = layer.GetPrimAtPath(node.path)
             clips = _typed(spec.GetInfo("clips").get(name)) if spec and spec.HasInfo("clips") else {}
-            if start is None and (_ANCHORS | {timed}) & clips.keys():
-                start = node.mapToRoot.timeOffset * offset
+            to_stage = node.mapToRoot.timeOffset * offset
+            if active is None and "active" in clips:
+                active = to_stage
             if _ANCHORS & clips.keys():
-                return layer, start
+                return layer, to_stage if active is None or "templateAssetPath" in clips else active
     return prim.GetStage().GetRootLayer(), Sdf.LayerOffset()
 
 
