@@ -233,8 +233,8 @@ def _sets(prim: Usd.Prim) -> Iterator[_ClipSet]:
             files = {asset.authoredPath: asset.resolvedPath for asset in assets}
             whole = all(files.values())
         else:
-            numbers = _numbers(*(values[key] for key in _TIMES))
-            starts = numbers + values.get("templateActiveOffset", 0.0)
+            times = [values[key] for key in _TIMES]
+            numbers, starts = _numbers(*times), _numbers(*times, later=values.get("templateActiveOffset", 0.0))
             names = partial(_numbered, values["templateAssetPath"], numbers)
             files = {os.path.basename(asset.resolvedPath): asset.resolvedPath for asset in assets}
             whole = len(files) == len(numbers)
@@ -338,12 +338,12 @@ def _anchor(prim: Usd.Prim, name: str) -> tuple[Sdf.Layer, Sdf.LayerOffset]:
     return prim.GetStage().GetRootLayer(), Sdf.LayerOffset()
 
 
-def _numbers(start: float, end: float, stride: float) -> Array:
-    """Return the times that stand in the names of a template's files, rounded as OpenUSD's are."""
+def _numbers(start: float, end: float, stride: float, *, later: float = 0.0) -> Array:
+    """Return the times that stand in the names of a template's files, or `later` ones, rounded as OpenUSD's are."""
     parts = np.full(int((end - start) / stride) + 2, stride * _PROMOTED)
     parts[0] = start * _PROMOTED
     sums = np.cumsum(parts)
-    return np.asarray(sums[sums <= end * _PROMOTED] / _PROMOTED)
+    return np.asarray((sums[sums <= end * _PROMOTED] + later * _PROMOTED) / _PROMOTED)
 
 
 def _parts(template: str) -> list[str]:
