@@ -37,7 +37,7 @@ from .memory import release_memory
 from .passes import Statistics
 from .paths.surface_light import SurfaceLight
 from .pilots.beam_noise import BeamCost, beam_cost
-from .pilots.gaps import sentences
+from .pilots.beam_widths import sentences
 from .pilots.sample_plan import EDGE, SAMPLES, Pixels, SampleCounts, pilot_pixels, sample_plan
 from .ray_passes import PassRenderer, ViewRays
 from .seen.deep import deep_pass, deep_pictures

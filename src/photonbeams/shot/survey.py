@@ -99,7 +99,7 @@ class Survey:
     def doubts(self) -> list[str]:
         """Sentences about gaps that are finer than the beams of a usual render are wide."""
         from ..render.passes import Statistics
-        from ..render.pilots.gaps import sentences
+        from ..render.pilots.beam_widths import sentences
         from ..render.settings import Settings
         from ..render.stage_light import light_of_stage
         from ..world.cameras.cameras import Window

@@ -75,7 +75,7 @@ class Simulation:
         ]
         if not strata or not views:
             return self
-        return replace(self, guides=Guides.of(strata, self._tracer(world, strata).guide(views)))
+        return replace(self, guides=Guides.of(strata, self.tracer(world, strata).guide(views)))
 
     def simulated(
         self, worlds: Sequence[World], number: int, looks: Mapping[str, Look | None] | None = None,
@@ -98,7 +98,7 @@ class Simulation:
         strata, changed, scatters = self.strata(first), _changed(first, last), self.tuning.scatters
         # Light of a lamp that changes, and is not scattered, is traced at both times alone.
         traced = [each for each in strata if scatters or each.emitter.number not in changed]
-        whole = self._tracer(first, traced, looks, step)
+        whole = self.tracer(first, traced, looks, step)
         still = last.surfaces is first.surfaces and last.media is first.media
         tried = [each for each in strata if not still or each.emitter.number in changed]
         sets: list[BeamSet] = []
@@ -116,10 +116,11 @@ class Simulation:
         dark = {each.number for each in first.media.all if self.tuning.visible and max(each.medium.scattering) <= 0}
         return [each for each in sets if each.look is not None or each.medium not in dark], hits
 
-    def _tracer(
+    def tracer(
         self, world: World, strata: Sequence[Stratum], looks: Mapping[str, Look | None] | None = None,
         step: Callable[[], None] = nothing,
     ) -> LightTracer:  # fmt: skip
+        """Return what traces strata in a world; `looks` and `step` are those of `simulated`."""
         sources = [
             replace(
                 each, look=each.look if looks is None else looks.get(each.name, each.look),
