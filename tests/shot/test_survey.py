@@ -5,7 +5,6 @@ import pytest
 
 from photonbeams import scene
 from photonbeams.shot.survey import DEPTH, Survey
-from photonbeams.transport.openings import openings_of_lamps
 from tests.helpers.comparison import box, quad
 from tests.helpers.windows import WINDOWS, camera, room
 
@@ -36,9 +35,7 @@ def test_light_in_the_open_comes_through_no_opening():
         "/Lamp", 50.0, center=(2.5, 2.9, 2), axis=(0, -1, 0), radius=0.02, shaping=scene.Shaping(cone_angle=25)
     )
     found = survey(room(lamp))
-    assert openings_of_lamps(found._foggy, [view for views in found._views.values() for view in views], ["/Lamp"]) == {
-        "/Lamp": []
-    }
+    assert found._pilot.openings(["/Lamp"]) == {"/Lamp": []}
     assert found.openings == {}  # not looked for, because all of the light is seen
     assert found.shafts == ["/Lamp"]
     assert found.reach["/Lamp"].in_fog == pytest.approx(1, abs=1e-3)

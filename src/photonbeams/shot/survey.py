@@ -16,10 +16,11 @@ from ..scene import Camera, Medium, Scene
 from ..scene.places import Origin
 
 if TYPE_CHECKING:
-    from ..estimators.projection import Projection
+    from ..render.pilots.pilot import Pilot
     from ..scene import Array
     from ..transport.guiding.lines import LightLines
-    from ..transport.reach import Reach
+    from ..transport.light_tracer import Reach
+    from ..world.cameras.cameras import View
     from ..world.emitters.rectangles import Sides
     from ..world.world import World
 
@@ -27,9 +28,8 @@ if TYPE_CHECKING:
 DEPTH = 0.25
 # From this fraction on, all of a lamp's light is seen: no opening keeps the rest away.
 _WHOLE = 0.95
-# The reflectance that surfaces are taken to have, and the width of the picture of which rays are traced.
-_GREY, _WIDTH = 0.5, 128
-_FULL = 1280  # pixels of a render's usual width
+# The reflectance that surfaces are taken to have, and the pixels of a render's usual width.
+_GREY, _WIDTH = 0.5, 1280
 
 
 @dataclass(frozen=True)
@@ -69,23 +69,20 @@ class Survey:
         """The lines along which lamps light what each camera sees."""
         from ..transport.guiding.lines import LightLines
 
-        return {name: LightLines(self._world, views) for name, views in self._views.items()}
+        return {name: LightLines(self._world, view.projections) for name, view in self._views.items()}
 
     @cached_property
     def reach(self) -> dict[str, Reach]:
         """What part of each lamp's light gets into fog and is seen, by the names of lamps that make beams."""
-        from ..transport.reach import reach_of_lamps
-
-        return reach_of_lamps(self._foggy, [*self._views.values()]) if self._makes_beams else {}
+        return self._pilot.reach if self._makes_beams else {}
 
     @cached_property
     def openings(self) -> dict[str, list[Sides]]:
         """The openings through which lamps light what cameras see; none of lamps with portals, or that are all seen."""
-        from ..transport.openings import openings_of_lamps
-
+        zero = self._pilot.world.zero
         hidden = [name for name, each in self.reach.items() if max(each.seen, default=0) < _WHOLE]
-        found = openings_of_lamps(self._foggy, [view for views in self._views.values() for view in views], hidden)
-        return {name: [(corner - self._foggy.zero, x, y) for corner, x, y in sides] for name, sides in found.items()}
+        found = self._pilot.openings(hidden)
+        return {name: [(corner - zero, x, y) for corner, x, y in sides] for name, sides in found.items()}
 
     @cached_property
     def shafts(self) -> list[str]:
@@ -98,20 +95,9 @@ class Survey:
     @cached_property
     def doubts(self) -> list[str]:
         """Sentences about gaps that are finer than the beams of a usual render are wide."""
-        from ..render.passes import Statistics
         from ..render.pilots.beam_widths import sentences
-        from ..render.settings import Settings
-        from ..render.stage_light import light_of_stage
-        from ..world.cameras.cameras import Window
-        from ..world.shutter import Shutter
 
-        if not (self._makes_beams and self.cameras):
-            return []
-        camera, settings = next(iter(self.cameras.values())), Settings()
-        seen = replace(self._origin.local(camera), lens_radius=0.0)
-        shutter = Shutter.still(self._origin.local(self._in_fog), seen)
-        window = Window.full(_FULL, max(1, round(_FULL * camera.vertical_aperture / camera.horizontal_aperture)))
-        return [*sentences(light_of_stage(shutter, window, settings, Statistics(), planned=settings.passes)[0])]
+        return [*sentences(self._pilot.light())] if self._makes_beams and self.cameras else []
 
     def exposure(self, name: str) -> float:
         """Return about which exposure in stops suits the picture of a camera; 0 if no lamp lights it."""
@@ -140,9 +126,21 @@ class Survey:
         return self._built(self.scene)
 
     @cached_property
-    def _foggy(self) -> World:
-        """The world with fog."""
-        return self._world if self.scene.media else self._built(self._in_fog)
+    def _pilot(self) -> Pilot:
+        """The pilot of a usual render of the scene with fog."""
+        from ..render.light import tuning_of
+        from ..render.pilots.pilot import Pilot
+        from ..render.settings import Settings
+        from ..render.worlds import StillWorld
+        from ..transport.simulation import Simulation
+
+        settings, content = Settings(), self._in_fog
+        world, depth = (
+            self._world if content is self.scene else self._built(content),
+            settings.depth(2 + content.bounces),
+        )
+        simulation = Simulation(tuning_of(settings, depth))
+        return Pilot(StillWorld(world), settings, depth, simulation, [*self._views.values()])
 
     @cached_property
     def _in_fog(self) -> Scene:
@@ -165,13 +163,13 @@ class Survey:
         return Origin(origin_of([self.scene], [np.asarray(each.to_world)[:3, 3] for each in self.cameras.values()]))
 
     @cached_property
-    def _views(self) -> dict[str, list[Projection]]:
-        """The projections that together show what each camera sees."""
+    def _views(self) -> dict[str, View]:
+        """What each camera sees."""
         from ..world.cameras.cameras import View, Window
 
         result = {}
         for name, camera in self.cameras.items():
             height = max(1, round(_WIDTH * camera.vertical_aperture / camera.horizontal_aperture))
             local = replace(self._origin.local(camera), lens_radius=0.0)
-            result[name] = View(local, Window.full(_WIDTH, height)).projections
+            result[name] = View(local, Window.full(_WIDTH, height))
         return result

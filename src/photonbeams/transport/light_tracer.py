@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import drjit as dr
 import numpy as np
 
 from .. import scene
 from ..beams.sets import BeamSet
-from ..numerics.arrays import compressed, equal_entries, to_float, to_uint
+from ..numerics.arrays import compressed, equal_entries, to_float, to_numpy, to_uint
 from ..runtime.device import Bool, Float, UInt32
 from ..runtime.digest import equal
 from ..world.emitters.rays import EmittedRays
@@ -44,6 +44,13 @@ Key = tuple[int, int]
 
 #: For each step, whether light straight from its lamp moves, by the numbers of paths.
 Moving = dict[Key, Bool]
+
+
+class Reach(NamedTuple):
+    """Which part of the light straight from an emitter gets into fog, and which part each camera sees."""
+
+    in_fog: float
+    seen: Sequence[float]
 
 
 def nothing() -> None:
@@ -221,8 +228,26 @@ class LightTracer:
         reentrant = there in tracing.world.reentrant
         return fringe(tracing, begun, straight, there, tracing.world.boxes[there], limits, reentrant)
 
-    def guide(self, views: Sequence[Projection]) -> list[Found]:
-        """Guide emission toward what the views see, and return what is found out about each stratum."""
+    def reach(self, cameras: Sequence[Sequence[Projection]]) -> Reach:
+        """Return which part of the light straight from its emitters gets into fog, and is seen by the views of each."""
+        tracing, emitted = self.tracing(0), [replace(each, halvings=0) for each in self.emission.emit(0)]
+        flux = np.concatenate([to_numpy(each.flux).max(axis=0) for each in emitted])
+        seen = [[CameraImportance(self.world, [view]) for view in views] for views in cameras]
+        reached = np.zeros((1 + len(cameras), len(flux)), dtype=bool)
+        for segments, _ in paths.trace(tracing, paths.begin(tracing, emitted)):
+            if segments is not None:
+                reached[0, segments.number.numpy()] = True
+                for own, views in zip(reached[1:], seen, strict=True):
+                    for view in views:
+                        own[view.seen(segments, None).path] = True
+        in_fog, *by = (reached @ flux / max(flux.sum(), 1e-30)).tolist()
+        return Reach(in_fog, by)
+
+    def guide(self, views: Sequence[Projection], thorough: bool = False) -> list[Found]:
+        """Guide emission toward what the views see, and return what is found out about each stratum.
+
+        If it is `thorough`, that is also asked where light straight from its emitter needs no guide.
+        """
         camera, tracing = CameraImportance(self.world, views), self.tracing(0)
 
         def seen(emitted: list[EmittedRays]) -> Sightings:
@@ -234,7 +259,7 @@ class LightTracer:
 
         if not self.world.apart:
             return guide(self.emission.strata, seen, self.world)
-        lines, straight = LightLines(self.world, views), self.tuning.max_bounces == 0
+        lines, straight = LightLines(self.world, views), self.tuning.max_bounces == 0 and not thorough
         return guide(self.emission.strata, seen, self.world, lambda each: lines.to_fog(each.emitter), straight)
 
     def _endless_by_source(self) -> Any:

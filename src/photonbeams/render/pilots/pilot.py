@@ -7,7 +7,7 @@ samples planned. It is found once for a shot, and not at all where it could chan
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -15,15 +15,23 @@ from typing import Any
 from ...transport.emission import PathEmitter
 from ...transport.guiding.guides import UNGUIDED, Guides
 from ...transport.guiding.lines import LightLines
+from ...transport.guiding.openings import openings
+from ...transport.light_tracer import LightTracer, Reach
 from ...transport.simulation import Simulation
+from ...transport.strata import Allotment
+from ...transport.tuning import Tuning
 from ...world.cameras.cameras import View
 from ...world.emitters.portal_lamps import EnvironmentPortal
+from ...world.emitters.rectangles import Sides
 from ...world.world import World
 from ..light import ShotLight
 from ..settings import Settings
 from ..techniques import METHODS, SeenLight, Techniques
 from ..worlds import Worlds
 from .beam_noise import BeamCost
+
+# Number of light paths of each emitter that tell what part of its light is seen.
+_PATHS = 1 << 13
 
 
 @dataclass(frozen=True)
@@ -96,6 +104,28 @@ class Pilot:
             self.worlds, simulation, self.settings, self.max_depth, paths, paths > 0 or self.worlds.varies, rows,
             fitted if self._placed is None else self._placed, findings, self.cameras,
         )  # fmt: skip
+
+    @cached_property
+    def reach(self) -> dict[str, Reach]:
+        """Which part of each emitter's light gets into fog, and which part each camera sees, by the emitters' names.
+
+        With a portal, it is that of the light through it.
+        """
+        views = [each.projections for each in self.cameras]
+        return {name: tracer.reach(views) for name, tracer in self._straight.items()}
+
+    def openings(self, names: Collection[str]) -> dict[str, list[Sides]]:
+        """Return through which openings emitters with these names light what cameras see; none if one has a portal."""
+        views = [own for each in self.cameras for own in each.projections]
+        found = {name: self._straight[name].guide(views, thorough=True)[0].bundle for name in names if views}
+        return {name: [] if bundle is None else [*openings(bundle)] for name, bundle in found.items()}
+
+    @cached_property
+    def _straight(self) -> dict[str, LightTracer]:
+        """What traces some light straight from each emitter, by names."""
+        alone = Simulation(Tuning(max_bounces=0), Allotment(_PATHS))
+        strata = alone.strata(self.world)
+        return {each.emitter.name: alone.tracer(self.world, [replace(each)]) for each in strata}
 
     @cached_property
     def techniques(self) -> Techniques:

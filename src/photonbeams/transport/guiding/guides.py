@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 from ..emission import Stratum
 from ..strata import guided_count, redistributed
-from .fitted_portals import Opening, parted
 from .maps import GuidingMap
+from .openings import Opening, parted
 from .pilot import Found
 
 #: The name of a stratum: see `Stratum.name`.

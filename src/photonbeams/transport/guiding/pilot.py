@@ -12,11 +12,11 @@ from ...scene import Array
 from ...world.emitters.rays import EmittedRays
 from ...world.world import World
 from ..emission import PathEmitter, Stratum
-from .fitted_portals import UNIT, Bundle, FittedRectangle, Opening, fitted, parted, walled
 from .importance import Sightings
-from .inversion import rays_of, samples_of
+from .inversion import samples_of
 from .lines import FogLines
 from .maps import BRIGHTEST, ENOUGH, ENOUGH_PORTAL, ENOUGH_STRAIGHT, GuidingMap, learn
+from .openings import UNIT, Bundle, FittedRectangle, Opening, TracedRays, fitted, parted
 
 # Light paths in a round, for all strata together; number of rounds; fewest paths of a stratum that is guided.
 _ROUND, _ROUNDS, _FEWEST = 1 << 13, 2, 1 << 9
@@ -45,11 +45,14 @@ class Found:
         The fitted portal, or None.
     light
         How much light of each of the strata is in the picture.
+    bundle
+        The pilot's light paths, and what is seen of them; None if nothing is, or no opening is looked for.
     """
 
     strata: list[Stratum]
     opening: Opening | None
     light: list[float]
+    bundle: Bundle | None = None
 
 
 def guide(
@@ -93,8 +96,7 @@ def guide(
         _round(learning, number, seen)
         for each in learning:
             each.stratum.guide = each.learned()
-    fitted_ones = [each.rectangle(world) for each in found.values()]
-    known = [each for each in fitted_ones if each is not None]
+    known = [each.rectangle for each in found.values() if each.rectangle is not None]
     result = []
     for stratum in strata:
         own = found.get(id(stratum))
@@ -178,35 +180,28 @@ class _Learning:
         points, weights = (np.concatenate(each) for each in zip(*found, strict=True))
         return learn(points, weights, self._stopped, enough)
 
-    def rectangle(self, world: World) -> FittedRectangle | None:
-        """Return a rectangle whose portal serves better than the guide; None if there is none."""
-        if self._bundle is None:
-            return None
-        result = fitted(self._bundle, world.extent)
-        if not self._serves(result):
-            return None
-        assert result is not None
-        result = walled(result, self._bundle, self.stratum.emitter, world)
-        return result if self._serves(result) else None
+    @cached_property
+    def rectangle(self) -> FittedRectangle | None:
+        """A rectangle whose portal serves better than the guide; None if there is none."""
+        return None if self._bundle is None else fitted(self._bundle, self._most(self._bundle))
 
     def one_of(self, rectangles: Sequence[FittedRectangle]) -> FittedRectangle | None:
         """Return the best of the given rectangles; None if none serves better than the guide."""
         if self._bundle is None or not rectangles:
             return None
         own = [each.cut(UNIT, self._bundle) for each in rectangles]
-        result = min(own, key=lambda each: sum(each.rooms))
-        return result if self._serves(result) else None
+        result = min(own, key=lambda each: each.variance)
+        return result if result.variance < self._most(self._bundle) else None
 
-    def _serves(self, rectangle: FittedRectangle | None) -> bool:
-        assert self._bundle is not None
-        return rectangle is not None and sum(rectangle.rooms) < min(_WORTH, _BETTER * self._bundle.room)
+    def _most(self, bundle: Bundle) -> float:
+        return min(_WORTH, _BETTER * bundle.room)
 
     def found(self, rectangle: FittedRectangle | None, world: World) -> Found:
         """Return what was found, with a portal if there is a rectangle."""
         light = self._light()
         if rectangle is None or self._bundle is None:
-            return Found([self.stratum], None, [light])
-        origin, direction = self._bundle.origin, self._bundle.direction
+            return Found([self.stratum], None, [light], self._bundle)
+        origin, direction = self._bundle.rays.origin, self._bundle.rays.direction
         density, sightings = self._evidence()
         weights = sightings.importance(density) / density
         through = min(float(weights[rectangle.inside].sum() / weights.sum()), 1.0)
@@ -218,7 +213,7 @@ class _Learning:
                 samples, valid = samples_of(stratum.emitter, origin[own], direction[own])
                 enough = _enough(stratum.emitter, self._straight)
                 stratum.guide = learn(samples[valid], weights[own][valid], enough=enough)
-        return Found(strata, opening, [light * through, light * (1 - through)])
+        return Found(strata, opening, [light * through, light * (1 - through)], self._bundle)
 
     @cached_property
     def _bundle(self) -> Bundle | None:
@@ -242,9 +237,9 @@ class _Learning:
         seen /= seen.sum()
         points = np.concatenate(self._points)
         room = 1.0 if guide is None else float(seen @ (1 / guide.density(points)))
-        origin, direction, flux = rays_of(emitter, points)
-        light = flux / density
-        return Bundle(origin, direction, light / max(light.sum(), 1e-30), seen, room)
+        rays = TracedRays.of(emitter, points)
+        light = rays.flux / density
+        return Bundle(emitter, rays, light / max(light.sum(), 1e-30), seen, room)
 
     def _light(self) -> float:
         """Return how much of the stratum's light is in the picture."""

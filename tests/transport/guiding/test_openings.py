@@ -1,11 +1,11 @@
-"""Fitted portals: holes that visible light passes, and only those, are found in stages and in Mitsuba scenes."""
+"""Openings: holes that visible light passes, and only those, are found in stages and in Mitsuba scenes."""
 
 import numpy as np
 import pytest
 
+from photonbeams import scene
 from photonbeams.render.scene_frame import begin
 from photonbeams.transport.guiding import pilot
-from photonbeams.transport.guiding.fitted_portals import Bundle, fitted
 from photonbeams.transport.simulation import Simulation
 from photonbeams.transport.strata import Allotment
 from photonbeams.transport.tuning import Tuning
@@ -79,7 +79,7 @@ def test_a_lamp_within_the_picture_has_no_portal():
 
 
 def test_a_fitted_portal_keeps_the_mean_and_has_less_noise(monkeypatch):
-    """Sunlight in a room keeps its mean, with any number of bounces; guiding alone has four times the variance."""
+    """Sunlight in a room keeps its mean, with any number of bounces; guiding alone has twice the variance."""
     means, variances, scene = [], [], room("sun")
     for portal in (True, False):
         if not portal:
@@ -89,22 +89,29 @@ def test_a_fitted_portal_keeps_the_mean_and_has_less_noise(monkeypatch):
         variances.append(np.mean(found.var(axis=0, ddof=1) / found.mean(axis=0) ** 2))
     (own, own_error), (other, other_error) = means
     assert abs(own - other) < 4 * np.hypot(own_error, other_error)
-    # 8 × 576 values that are smooth over about ten pixels give a variance to about ten per cent.
-    assert variances[0] < 0.5 * variances[1]
+    # 8 × 576 values that are smooth over about ten pixels give a variance to about ten per cent, and a ratio to 14 %.
+    # It is 0.48, and three deviations are 0.2.
+    assert variances[0] < 0.7 * variances[1]
 
 
-def test_the_rectangle_of_a_bundle_is_that_which_its_visible_light_passes():
-    """The slanted rectangle that all visible rays pass is found without a scene, to the distance between rays."""
-    rng = np.random.default_rng(1)
-    x, y = np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0])
-    count = 1 << 14
-    through = np.array([2.0, 0, 0]) + (rng.random((count, 2)) * 6 - 3) @ np.array([x, 0.5 * y])
-    origin = np.column_stack([np.zeros(count), rng.random((count, 2)) - 0.5])
-    direction = through - origin
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    place = (through - [2.0, 0, 0]) @ np.array([x, 2 * y]).T
-    seen = (np.abs(place) < 0.5).all(axis=1).astype(float)
-    found = fitted(Bundle(origin, direction, np.full(count, 1 / count), seen / seen.sum()), 5.0)
-    assert found is not None and found.seen > 0.98
-    # 450 rays pass a thirty-sixth of the area; margins are 2 % per side, and planes fit to a 64th of the scene's size.
-    assert found.light == pytest.approx(1 / 36, rel=0.35)
+@pytest.mark.parametrize("wide", [1, 4])
+def test_a_hole_in_a_bent_wall_is_a_rectangle_between_its_edges(wide):
+    """A drum of 48 sides around a lamp has a hole, `wide` sides wide and 0.3 high."""
+    turn, corners = 2 * np.pi / 48, [[(-2, -2, z), (2, -2, z), (2, 2, z), (-2, 2, z)] for z in (-1, 1)]
+    for side in range(48):
+        edges = [(np.cos(each * turn), np.sin(each * turn)) for each in (side, side + 1)]
+        for low, high in [(-1, -0.15), (0.15, 1)] if side < wide else [(-1, 1)]:
+            corners.append([(*edges[0], low), (*edges[1], low), (*edges[1], high), (*edges[0], high)])
+    faces = np.array([[4 * each + a for a in (0, b, b + 1)] for each in range(len(corners)) for b in (1, 2)])
+    drum = scene.Mesh("/Drum", np.reshape(corners, (-1, 3)).astype(float), faces)
+    lamp, mist = scene.SphereLight("/Lamp", 50.0, center=(0, 0, 0), radius=0.02), scene.Medium(scattering=0.1)
+    eye, target = np.array([4, 0.26 * wide / 2, 5]), np.array([4, 0.26 * wide / 2, 0])
+    own = scene.Camera.look_at(origin=eye, target=target, up=(0, 1, 0), name="/C", fov=50)
+    world = world_of_scene(scene.Scene(meshes=(drum,), lights=(lamp,), media=(mist,)), viewpoints=[eye])
+    simulation = Simulation(Tuning(0, max_bounces=0), Allotment(4096))
+    (opening,) = simulation.guided(world, [View(own, Window.full(48, 27)).projection]).guides.openings.values()
+    corner, *sides = opening.portal.sides
+    ends = np.sort([corner, corner + sum(sides)], axis=0)
+    known = np.sort([(1, 0, -0.15), (np.cos(wide * turn), np.sin(wide * turn), 0.15)], axis=0)
+    # The wall is up to 1 - cos(15 degrees) = 0.034 beside the plane of the edges, and margins are 2 % per side.
+    assert np.abs(ends - known).max() < 0.05
