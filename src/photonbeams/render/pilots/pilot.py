@@ -118,7 +118,7 @@ class Pilot:
         """Return through which openings emitters with these names light what cameras see; none if one has a portal."""
         views = [own for each in self.cameras for own in each.projections]
         found = {name: self._straight[name].guide(views, thorough=True)[0].bundle for name in names if views}
-        return {name: [] if bundle is None else [*openings(bundle)] for name, bundle in found.items()}
+        return {name: [each.sides for each in openings(own)] if own else [] for name, own in found.items()}
 
     @cached_property
     def _straight(self) -> dict[str, LightTracer]:

@@ -9,7 +9,6 @@ environments, see Bitterli, Novák and Jarosz 2015.)
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -61,7 +60,7 @@ _STOPPED, _ROUNDS = 0.5, 3
 
 @dataclass(frozen=True)
 class TracedRays:
-    """TracedRays of an emitter, (N, 3), their flux in the brightest channel, (N,), and how far they get.
+    """Rays of an emitter, (N, 3), their flux in the brightest channel, (N,), and how far they get.
 
     `normal`, (N, 3), is that of the surface that stops a ray; NaN if none does.
     """
@@ -89,8 +88,9 @@ class TracedRays:
         known = np.nan_to_num(flux.numpy().astype(np.float64), posinf=0)
         return cls(origin, direction, known, length.numpy().astype(np.float64), upward)
 
-    def crossed(self, point: Array, normal: Array, axes: Array) -> tuple[Array, Array]:
+    def crossed(self, point: Array, axes: Array) -> tuple[Array, Array]:
         """Return where rays cross a plane, (2, N) along `axes` from `point`, and how far away; infinite if nowhere."""
+        normal = np.cross(*axes)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = ((point - self.origin) @ normal) / (self.direction @ normal)
         crosses = np.isfinite(distance) & (distance > 0)
@@ -172,15 +172,19 @@ class FittedRectangle:
         through, aside = self.seen * self.light / share, (1 - self.seen) * (1 - self.light) * self.aside / (1 - share)
         return through + aside
 
+    @property
+    def sides(self) -> Sides:
+        """The corner, and each of the edges."""
+        return self.corner, self.edges[0], self.edges[1]
+
     def portal(self, host: MiScene, wider: float = 0.0) -> Portal:
         """Return the rectangle as a portal (see `scene_of` for `host`), wider by a fraction `wider` on each side."""
-        mesh = mesh_of("fitted portal", widened((self.corner, self.edges[0], self.edges[1]), wider))
+        mesh = mesh_of("fitted portal", widened(self.sides, wider))
         return Portal(mesh, shape_of(mesh), host)
 
     def crossed(self, rays: TracedRays) -> tuple[Array, Array]:
         """Return where rays cross its plane, (2, N) in units of its edges, and the distances to there, (N,)."""
-        axes = self.edges / (self.edges**2).sum(axis=1, keepdims=True)
-        return rays.crossed(self.corner, np.cross(*self.edges), axes)
+        return rays.crossed(self.corner, self.edges / (self.edges**2).sum(axis=1, keepdims=True))
 
     def cut(self, box: Array, bundle: Bundle) -> FittedRectangle:
         """Return the part of its plane in a box, (2, 2) by axis and end in units of its edges."""
@@ -216,50 +220,52 @@ def fitted(bundle: Bundle, most: float) -> FittedRectangle | None:
 
     None if there is no hole in a wall whose rectangle leaves less than `most` of the variance by uniform samples.
     """
-    found = _best(bundle, most)
-    result = None if found is None else _grown(found, bundle)
+    around = _best(bundle, most)
+    result = None if around is None else _grown(around, bundle)
     return result if result is not None and result.variance < most else None
 
 
-def openings(bundle: Bundle) -> Iterator[Sides]:
-    """Yield all openings: one for each part of the visible light with dark strips around it, as behind windows."""
+def openings(bundle: Bundle) -> list[FittedRectangle]:
+    """Return all openings: one for each part of the visible light with dark strips around it, as behind windows."""
     around = _best(bundle, np.inf)
     if around is None:
-        return
+        return []
     local, distance = around.rectangle.crossed(bundle.rays)
     passes = bundle.rays.length > (1 + _END) * distance
     index, others = (np.flatnonzero((bundle.seen > 0) & (passes == each)) for each in (True, False))
     parts = _cut((local * np.linalg.norm(around.rectangle.edges, axis=1)[:, None])[:, index].T, index)
+    whole = _grown(around, bundle) if len(parts) == 1 else None
+    result = [] if whole is None else [whole]
     for part in (*(parts if len(parts) > 1 else ()), others):
         seen = np.zeros(len(bundle.seen))
-        seen[part] = bundle.seen[part] / max(bundle.seen[part].sum(), 1e-30)
-        yield from openings(replace(bundle, seen=seen)) if len(part) >= _FEWEST else ()
-    result = _grown(around, bundle, _ROUNDS) if len(parts) == 1 else None
-    if result is None or np.linalg.norm(result.edges, axis=1).max() > bundle.emitter.world.extent:
-        return  # no hole in anything: a floor, too, is in the way of light
-    if _Around.of(result, bundle.emitter).stopped > _STOPPED:
-        yield result.corner, result.edges[0], result.edges[1]
+        seen[part] = bundle.seen[part]
+        for each in result:
+            seen[each.inside] = 0
+        if np.count_nonzero(seen) >= _FEWEST:
+            result += openings(replace(bundle, seen=seen / seen.sum()))
+    return result
 
 
-def _best(bundle: Bundle, most: float) -> _Around | None:
+def _best(bundle: Bundle, most: float) -> _ProbeRays | None:
     """Return what is around the rectangle in whose plane most of the light beside it is stopped; None without any."""
     fits = (_fitted_in(bundle, *each) for each in bundle.planes())
-    tried = [_Around.of(each, bundle.emitter) for each in fits if each is not None and each.variance < most]
+    tried = [_ProbeRays.of(each, bundle.emitter) for each in fits if each is not None and each.variance < most]
     return max(tried, key=lambda each: each.stopped, default=None)
 
 
-def _grown(around: _Around, bundle: Bundle, rounds: int = 1) -> FittedRectangle | None:
-    """Return a rectangle with its sides moved outward to the wall's edges; None if nothing stops the light around it.
+def _grown(around: _ProbeRays, bundle: Bundle) -> FittedRectangle | None:
+    """Return a rectangle with its sides moved outward to the wall's edges; None if it is no hole in anything.
 
-    In each of several `rounds` it may become three times as wide.
+    In each of several rounds it may become three times as wide. A floor, too, is in the way of light.
     """
-    for left in reversed(range(rounds)):
-        box, ends = around.box()
-        result = around.rectangle.cut(box, bundle)
-        if ends:
-            return result
-        around = _Around.of(result, bundle.emitter) if left else around
-    return None
+    for _ in range(_ROUNDS):
+        box, dark = around.box()
+        around = _ProbeRays.of(around.rectangle.cut(box, bundle), bundle.emitter)
+        if dark:
+            break
+    sizes = np.linalg.norm(around.rectangle.edges, axis=1)
+    hole = dark and around.stopped > _STOPPED and sizes.max() <= bundle.emitter.world.extent
+    return around.rectangle if hole else None
 
 
 def _fitted_in(bundle: Bundle, normal: Array, point: Array) -> FittedRectangle | None:
@@ -267,7 +273,7 @@ def _fitted_in(bundle: Bundle, normal: Array, point: Array) -> FittedRectangle |
     x = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     x /= np.linalg.norm(x)
     axes = np.array([x, np.cross(normal, x)])
-    local, distance = bundle.rays.crossed(point, normal, axes)
+    local, distance = bundle.rays.crossed(point, axes)
     passes = bundle.rays.length > (1 + _END) * distance
     known = passes & (bundle.seen > 0)
     if bundle.seen[known].sum() < 0.5 or np.count_nonzero(known) < _FEWEST:
@@ -287,8 +293,8 @@ def _fitted_in(bundle: Bundle, normal: Array, point: Array) -> FittedRectangle |
 
 
 @dataclass(frozen=True)
-class _Around:
-    """TracedRays of an emitter through a rectangle and around it, with their `flux`, (N,).
+class _ProbeRays:
+    """Rays of an emitter through a rectangle and around it, with their `flux`, (N,).
 
     `local` is where they cross its plane, (2, N) in units of its edges; `beyond` is how far they get from there, (N,),
     relative to what is usual inside.
@@ -300,7 +306,7 @@ class _Around:
     beyond: Array
 
     @classmethod
-    def of(cls, rectangle: FittedRectangle, emitter: PathEmitter) -> _Around:
+    def of(cls, rectangle: FittedRectangle, emitter: PathEmitter) -> _ProbeRays:
         """Trace rays."""
         portal = rectangle.portal(emitter.world.host, wider=1.0)
         rays = TracedRays.of(emitter.at(portal, True), sobol_points(_PROBES, 0, (_PROBES,)))
