@@ -39,8 +39,8 @@ def test_the_number_that_is_named_resolves_a_blind_and_half_of_it_does_not(tmp_p
     assert len(sentence) <= 300
     surface, size, lamp, wide, number = re.search(WORDS, sentence).groups()
     assert (surface, lamp) == ("/Room/Blind", "/Room/Lamp")
-    # Rings are 2^(1/2) apart, but elsewhere for each beam, of which the median counts; directions are up to 22.5 degrees
-    # off.
+    # Rings are 2^(1/2) apart, but elsewhere for each beam, of which the median counts; directions are 22.5 degrees
+    # apart at most from that across the gap.
     assert 2 ** (-1 / 8) < float(size) / blind.gap < 2 ** (1 / 8) / np.cos(np.pi / 8)
     assert float(wide) > float(size)
     (_, fine), both = said(caplog, shot, passes=2, beams=32 * int(number)), []

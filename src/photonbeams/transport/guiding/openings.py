@@ -38,9 +38,9 @@ _ANGLES, _TRIMS = 6, (0.0, 0.005, 0.02, 0.05, 0.1, 0.2)
 # Rectangles are wider on each side than the known paths through them, by this fraction, or by that of so many paths.
 _MARGIN, _MARGIN_PATHS = 0.02, 2.0
 # Paths are beside visible ones up to so many times as far as these are from their middle. Numbers of walls that are
-# tried, and of points that may define one. Points belong to one wall if the cosine between their normals is more than
+# tried, and of points that tell of walls. Points belong to one wall if the cosine between their normals is more than
 # _FLAT, and their distance from its plane is less than _THICK of their spread.
-_BESIDE, _WALLS, _TRIED, _FLAT, _THICK = 3.0, 4, 32, 0.99, 0.003
+_BESIDE, _WALLS, _TRIED, _FLAT, _THICK = 3.0, 4, 64, 0.99, 0.003
 # Number of rays that measure how far light gets around a rectangle, in one three times as long and wide; the fraction
 # of the usual distance that they must get beyond it; the number of strips along that, and how bright a strip is at
 # least, relative to those of the rectangle.
@@ -53,6 +53,8 @@ _SHARES = (0.75, 0.9)
 # A dark strip parts a bundle if it is wider than this fraction of the narrower of both parts, so that the bars of a
 # window do not part it; and than so many times the widest gap that is usual among as many uniform points.
 _WIDE, _SURE = 0.5, 3.0
+# Parts of a bundle with fewer of its visible paths are no openings.
+_PART = 0.02
 # The least fraction of the light around an opening that its wall stops; and in so many rounds it becomes wider, because
 # cameras may see only a part of the light through it.
 _STOPPED, _ROUNDS = 0.5, 3
@@ -118,29 +120,28 @@ class Bundle:
         The last one is as far away as most of these surfaces, which may be bent.
         """
         rays, seen = self.rays, self.seen
-        ends = rays.origin + np.minimum(rays.length, np.median(rays.length[seen > 0]))[:, None] * rays.direction
-        mean, to = seen @ rays.direction, seen @ ends - rays.origin
+        middle = np.median(rays.length[seen > 0])
+        ends = rays.origin + np.minimum(rays.length, middle)[:, None] * rays.direction
+        mean, place = (np.average(each, axis=0, weights=seen) for each in (rays.direction, ends))
+        to = place - rays.origin
         aside = np.linalg.norm(to - (to * rays.direction).sum(axis=1, keepdims=True) * rays.direction, axis=1)
         turn = np.linalg.norm(rays.direction - mean, axis=1)
-        beside = np.isfinite(rays.normal).all(axis=1)
+        beside = np.isfinite(rays.normal).all(axis=1) & (rays.length <= middle)
         for each in (aside, turn):
             beside &= each <= _BESIDE * np.sqrt(seen @ each**2)
-        points, normals = ends[beside], rays.normal[beside]
         blocked = beside & (seen == 0)
-        result = (
-            [] if not blocked.any() else [(mean / max(np.linalg.norm(mean), 1e-30), np.median(ends[blocked], axis=0))]
-        )
-        least = max(_FEWEST, len(points) // 20)
-        size = np.ptp(points, axis=0).max() if len(points) else 0.0
-        while len(points) >= least and len(result) <= _WALLS:
-            tried = np.linspace(0, len(points) - 1, _TRIED).astype(int)
-            near = np.abs((points[tried, None] - points) @ normals[tried][:, :, None])[:, :, 0] < _THICK * size
-            same = near & (np.abs(normals[tried] @ normals.T) > _FLAT)
-            best = np.argmax(same.sum(axis=1))
-            if np.count_nonzero(same[best]) < least:
-                break
-            result.insert(-1, (normals[tried[best]], points[tried[best]]))
-            points, normals = points[~same[best]], normals[~same[best]]
+        across = mean / max(float(np.linalg.norm(mean)), 1e-30)
+        result = [(across, np.median(ends[blocked], axis=0))] if blocked.any() else []
+        some = np.flatnonzero(beside)[:: max(np.count_nonzero(beside) // _TRIED, 1)]
+        points, normals = ends[some], rays.normal[some]
+        size = np.ptp(points, axis=0).max() if len(some) else 0.0
+        same = np.abs(normals @ normals.T) > _FLAT
+        same &= np.abs(((points[:, None] - points) * normals[:, None]).sum(axis=2)) < _THICK * size
+        for _ in range(_WALLS if len(some) else 0):
+            best = int(same.sum(axis=1).argmax())
+            if np.count_nonzero(same[best]) > 1:
+                result.insert(-1, (normals[best], points[best]))
+            same[:, same[best].copy()] = False
         return result
 
 
@@ -241,7 +242,7 @@ def openings(bundle: Bundle) -> list[FittedRectangle]:
         seen[part] = bundle.seen[part]
         for each in result:
             seen[each.inside] = 0
-        if np.count_nonzero(seen) >= _FEWEST:
+        if np.count_nonzero(seen) >= max(_FEWEST, _PART * np.count_nonzero(bundle.seen)):
             result += openings(replace(bundle, seen=seen / seen.sum()))
     return result
 
