@@ -141,10 +141,9 @@ def finders(light, number):
         own = [each for each in own if each.media is None or medium.number in each.media]
         names = light.simulation.walked.get(emitter.source, ())
         hidden = medium.number in {world.numbers[name] for name in names}
-        beams = traced & Counts.BEAMS and not hidden
-        straight = beams and (world.sources[emitter.source].beams)
+        straight = traced & Counts.DIRECT_BEAMS and not hidden and world.sources[emitter.source].beams
         result["fog", medium.number] = [*own, straight, number in skies]
-        result["fog further", medium.number] = [*own, beams]
+        result["fog further", medium.number] = [*own, traced & Counts.BEAMS and not hidden, traced & Counts.TALLIED]
         if sharp and small:
             away = [each for each in own if number not in each.emitters.sharp]
             result["fog caustics", medium.number] = [*away, traced & (Counts.BEAMS | Counts.CAUSTIC_BEAMS)]

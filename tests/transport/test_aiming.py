@@ -137,7 +137,7 @@ def test_as_much_scattered_light_gets_into_the_room_and_more_evenly(monkeypatch)
         """Return the mean light of scattered beams on the camera's side of the wall, over passes, and its error."""
         result = []
         for number in range(passes):
-            sets, _ = Simulation(tuning, Allotment(512, past={"/light"})).simulated([world], number)
+            sets, *_ = Simulation(tuning, Allotment(512, past={"/light"})).simulated([world], number)
             total = 0.0
             for each in sets:
                 start, end = (to_numpy(getattr(each.beams, name)) for name in ("start", "end"))

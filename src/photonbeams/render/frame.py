@@ -39,10 +39,11 @@ from .paths.surface_light import SurfaceLight
 from .pilots.beam_noise import BeamCost, beam_cost
 from .pilots.beam_widths import sentences
 from .pilots.sample_plan import EDGE, SAMPLES, Pixels, SampleCounts, pilot_pixels, sample_plan
-from .ray_passes import PassRenderer, ViewRays
+from .ray_passes import PassRenderer, ViewRays, unshaded
 from .seen.deep import deep_pass, deep_pictures
 from .seen.first_hits import Later, first_hits
 from .settings import Settings
+from .tallied import PinholeRays, TalliedView, tallied_view
 from .views import FrameView
 
 DEFAULTS = Settings()
@@ -236,7 +237,7 @@ class FrameRenderer(PassRenderer):
             for own, number in zip(seen, numbers, strict=True):
                 samples = self.samples(number)
                 beams = BeamSamples({}, film.centers())
-                if light.sets:
+                if light.sets or light.tally is not None:
                     with self.statistics.phase("surfaces"):
                         # Rays with their own origins are not evenly spaced.
                         lattice = film.lattice(samples, *self._size) if shared or pinhole else None
@@ -247,7 +248,9 @@ class FrameRenderer(PassRenderer):
                             inside = eye.inside(number, rays, places, samples, moving, pinhole)
                             rays = replace(rays, inside=inside)
                     edge = _edges(own, film.order) if shared else ()
-                    beams = self._beams(number, view, film, there, rays, places, edge, min(own.typical, _AT_EDGES))
+                    beams = self._beams(
+                        number, view, film, there, rays, places, edge, min(own.typical, _AT_EDGES), pinhole
+                    )
                     release_memory(self._size)
                 first = first_hits(self, eye, film, partial(self._later, view)) if number == 0 and self._depth else {}
                 if self.settings.deep and number == deep_pass(self.planned):
@@ -322,7 +325,7 @@ class FrameRenderer(PassRenderer):
         as that of each pixel; if beams were blurred far, it would show as copies.
         """
         moving = any(each.close is not None for each in light.sets)
-        if not light.sets or not (moving or any(each.blurs(number) for each in self._views)):
+        if not (light.sets or light.tally) or not (moving or any(each.blurs(number) for each in self._views)):
             return None
         samples, first = self.samples(number), dr.opaque(UInt32, 0)
         time = float(samples.pair(first, Stream.TIME).x[0])
@@ -334,7 +337,7 @@ class FrameRenderer(PassRenderer):
 
     def _beams(
         self, number: int, view: int, film: Film, light: TracedLight, rays: ViewRays, places: Array2f, edge: Any,
-        each: int,
+        each: int, pinhole: Pinhole | None,
     ) -> BeamSamples:  # fmt: skip
         """Return the light of the beams of pass `number`, with `each` extra samples of the pixels `edge`.
 
@@ -342,8 +345,10 @@ class FrameRenderer(PassRenderer):
         these pixels; otherwise light that is rarely found would count too much.
         """
         samples, pixels = self.samples(number), dr.width(film.order)
+        tallied = self.tallied(number, light, self._views[view], pinhole)
         if not len(edge):
-            return BeamSamples(self.gathered(number, light, rays, film.order, samples), places)
+            found = self.gathered(number, light, rays, film.order, samples, tallied=tallied)
+            return BeamSamples(found, places)
         with self.statistics.phase("surfaces"):
             lanes = PixelSamples.of(pixels, [SamplePiece(edge, each, range(each))])
             own_order, further = taken(film.order, lanes.pixel), self.counted_samples(number, each, _EDGES)
@@ -354,13 +359,30 @@ class FrameRenderer(PassRenderer):
             order = joined([film.order, own_order + (lanes.sample + 1) * dr.opaque(UInt32, self._indices)])
             both = replace(rays, primary=rays.primary.with_more(PrimaryRays.joined([more_rays.primary])))
         more = MoreSamples(edge, each)
-        found = self.gathered(number, light, both, order, samples, more)
+        found = self.gathered(number, light, both, order, samples, more, tallied)
         # All samples of these pixels, with those that all pixels have, follow those of all pixels.
         own = dr.arange(UInt32, each * dr.width(edge)) + dr.opaque(UInt32, pixels)
         index = joined([dr.arange(UInt32, pixels), edge, own])
         layout = SampleLayout.of(pixels, [SamplePiece(None, 1, range(1)), SamplePiece(edge, each + 1, range(each + 1))])
         groups = {group: taken(radiance, index) for group, radiance in found.items()}
         return BeamSamples(groups, taken(joined([places, beside]), index), taken(more.shares(pixels), index), layout)
+
+    def tallied(
+        self, number: int, light: TracedLight, eye: FrameView, pinhole: Pinhole | None
+    ) -> TalliedView | None:  # fmt: skip
+        """Return the light of the tally of a pass toward a view; None if there is none."""
+        if light.tally is None:
+            return None
+        samples = self.samples(number)
+        with self.statistics.phase("beams"):
+            if pinhole is None and eye.blurs(number):
+                first = dr.opaque(UInt32, 0)
+                place = [float(each[0]) for each in disk(samples.pair(first, Stream.LENS))]
+                pinhole = eye.on_lens(number, float(samples.pair(first, Stream.TIME).x[0]), place)
+            rays = eye.pinhole_rays(number, pinhole)
+            tracing = unshaded(self.camera_tracing(light.world, rays))
+            assert rays.view is not None, "the techniques choose the tally for cameras alone"
+            return tallied_view(PinholeRays(rays.view, rays.primary, tracing, samples), light.tally, number)
 
     def _later(self, view: int) -> Later | None:
         """Return the scene and the camera of a view one frame later; None: nothing moves."""

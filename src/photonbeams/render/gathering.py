@@ -31,6 +31,7 @@ from ..world.media.rendered import RenderedMedium
 from .passes import Statistics
 from .paths.branches import CameraPaths, add_to_pixels
 from .paths.camera_paths import CameraVertex
+from .tallied import TalliedView
 
 # Segments that are collected for one query of the grid; building the grid takes as long as the query.
 _MOST = 1 << 22
@@ -101,13 +102,14 @@ class Gathering:
     def __init__(
         self, view: Projection | None, primary: PrimaryRays, media: Media, sets: Sequence[BeamSet],
         options: EstimatorOptions, statistics: Statistics, more: MoreSamples | None = None,
-        lattice: Lattice | None = None,
+        lattice: Lattice | None = None, tallied: TalliedView | None = None,
     ) -> None:  # fmt: skip
         self._view, self._primary, self._options, self._statistics = view, primary, options, statistics
+        self._all = media.all
         self._media = [
             (medium, own) for medium in media.all if (own := [each for each in sets if each.medium == medium.number])
         ]
-        self._lattice = lattice
+        self._lattice, self._tallied, self._step = lattice, tallied, 0
         self._more, self._count = more, dr.width(primary.direction)
         further = 0 if more is None else more.each * dr.width(more.pixels)
         self._pixels = self._count - further
@@ -125,6 +127,12 @@ class Gathering:
             own = tiled & (paths.medium == dr.opaque(UInt32, medium.number))
             if self._view is not None and bool(dr.any(own)):
                 self._add_tiled(medium, sets, paths, vertex, own)
+        if self._tallied is not None:
+            for each in self._all:
+                own = tiled & (paths.medium == dr.opaque(UInt32, each.number))
+                key = self._step, each.number
+                self._tallied.add(self.radiance, key, paths=paths, end=vertex.end, share=self._share, own=own)
+        self._step += 1
         self._steps += compressed(others, PathSegments.of(paths, vertex))
         if sum(dr.width(each.pixel) for each in self._steps) > _MOST:
             self.finish()

@@ -19,6 +19,7 @@ from ..transport.emission import PathEmitter
 from ..transport.segments.radii import Limits
 from ..transport.segments.records import PhotonHits
 from ..transport.simulation import Simulation, renumbering
+from ..transport.tally import Tally
 from ..transport.tuning import Tuning, own_bounces
 from ..world.cameras.cameras import View
 from ..world.emitters.portal_lamps import EnvironmentPortal
@@ -67,6 +68,7 @@ class TracedLight:
     hits: list[PhotonHits]
     limits: Limits
     bounces: Sequence[int] | None = None
+    tally: Tally | None = None
 
 
 @dataclass(eq=False)
@@ -108,9 +110,9 @@ class ShotLight:
     def traced(self, number: int, step: Callable[[], None]) -> TracedLight:
         """Return the beams and photons of pass `number`; `step` is called between parts of the pass."""
         ends, between = self.worlds.ends(number), self.worlds.middle(number)
-        sets, hits = self.simulation.simulated(ends, number, self.worlds.looks(number), step)
+        found = self.simulation.simulated(ends, number, self.worlds.looks(number), step)
         media = renumbering(ends[0], between)
-        sets = [each._replace(medium=media.get(each.medium, each.medium)) for each in sets]
+        sets = [each._replace(medium=media.get(each.medium, each.medium)) for each in found.sets]
         if self.settings.program is not None:
             zero, medium = ends[0].zero, self.worlds.medium(number)
             medium = None if medium is None else moved(medium, -np.array(zero))
@@ -123,7 +125,7 @@ class ShotLight:
         dr.eval([(each.beams, each.close) for each in sets])
         tuning = self.simulation.tuning
         limits, bounces = tuning.limits(number, ends[0].radius), own_bounces(between.sources, tuning)
-        return TracedLight(between, sets, hits, limits, bounces)
+        return TracedLight(between, sets, found.hits, limits, bounces, found.tally)
 
     def clock(self, number: int) -> tuple[float, float]:
         """Return the frame number and the time in seconds of a pass, for looks that change with time."""

@@ -33,6 +33,7 @@ from .paths.photons import PhotonLighting
 from .paths.surface_light import NO_LIGHT, SurfaceLight
 from .paths.virtual_lights import VirtualLights
 from .settings import Settings
+from .tallied import TalliedView
 from .techniques import FURTHER, PHOTONS
 
 
@@ -157,19 +158,23 @@ class PassRenderer:
 
     def gathered(
         self, number: int, light: TracedLight, rays: ViewRays, order: UInt32, samples: Samples,
-        more: MoreSamples | None = None,
+        more: MoreSamples | None = None, tallied: TalliedView | None = None,
     ) -> Groups:  # fmt: skip
-        """Return the light of the beams of pass `number` along camera rays; with `more`, some pixels have several."""
-        if not light.sets:
+        """Return the light of the beams of pass `number` along camera rays; with `more`, some pixels have several.
+
+        With `tallied`, that of the pass's tally is added.
+        """
+        if not light.sets and tallied is None:
             return {}
         if rays.inside is not None:
-            return self._gathered_apart(number, light, rays, rays.inside, order, samples, more)
+            return self._gathered_apart(number, light, rays, rays.inside, order, samples, more, tallied)
         statistics, options = self.statistics, self.options(number)
         tracing = unshaded(self.camera_tracing(light.world, rays))
         with statistics.phase("beams"):
             gathering = Gathering(
-                rays.view, rays.primary, light.world.media, light.sets, options, statistics, more, rays.lattice
-            )
+                rays.view, rays.primary, light.world.media, light.sets, options, statistics, more, rays.lattice,
+                tallied,
+            )  # fmt: skip
             begun = camera_paths.begin(tracing, rays.primary, order)
             for step in camera_paths.follow(tracing, begun, samples, NO_LIGHT):
                 gathering.add(*step)
@@ -194,7 +199,7 @@ class PassRenderer:
 
     def _gathered_apart(
         self, number: int, light: TracedLight, rays: ViewRays, inside: tuple[UInt32, ViewRays], order: UInt32,
-        samples: Samples, more: MoreSamples | None,
+        samples: Samples, more: MoreSamples | None, tallied: TalliedView | None,
     ) -> Groups:  # fmt: skip
         """Return what `_gathered` returns, gathered apart for the picture and for overscan.
 
@@ -210,8 +215,9 @@ class PassRenderer:
         far = dr.select(beyond, rays.primary.far, 0)
         dr.eval(far)
         rest = replace(rays, primary=replace(rays.primary, far=far), lattice=None, inside=None)
-        result = dict(self.gathered(number, light, rest, order, samples, more))
-        for group, radiance in self.gathered(number, light, own, taken(order, index), samples, own_more).items():
+        result = dict(self.gathered(number, light, rest, order, samples, more, tallied))
+        inside_picture = self.gathered(number, light, own, taken(order, index), samples, own_more, tallied)
+        for group, radiance in inside_picture.items():
             dr.scatter(result[group], radiance, index)
         return result
 

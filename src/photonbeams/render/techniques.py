@@ -37,16 +37,17 @@ class Technique(StrEnum):
     VIRTUAL = "virtual lights"
     BEAMS = "beams"
     SEGMENTS = "samples along the camera's segment"
+    TALLY = "tally"
 
 
-SAMPLES, WALKS, PHOTONS, VIRTUAL, BEAMS, SEGMENTS = Technique
+SAMPLES, WALKS, PHOTONS, VIRTUAL, BEAMS, SEGMENTS, TALLY = Technique
 
 # An emitter lights little if it lights less than this fraction of the surfaces in the picture; and media openly if
 # nothing is in the way of at least this fraction of the lines to them.
 _LITTLE, _OPEN = 0.2, 0.5
 
 #: The techniques that each `Settings.method` switches off.
-METHODS: dict[str, set[str]] = {"auto": set(), "beams": {WALKS}, "paths": {BEAMS}}
+METHODS: dict[str, set[str]] = {"auto": set(), "beams": {WALKS, TALLY}, "paths": {BEAMS}}
 
 
 class Kind(Enum):
@@ -70,12 +71,12 @@ class Kind(Enum):
         Counts.DIRECT_PHOTONS,
     )  # fmt: skip
     CAUSTICS = "caustics on surfaces", "E S* D … S L, L small", "photons, else walks", Counts.CAUSTIC_PHOTONS
-    FOG = "straight to media", "E S* M L", "beams, else walks", Counts.BEAMS
+    FOG = "straight to media", "E S* M L", "beams, else walks", Counts.DIRECT_BEAMS
     SKIES = (
         "skies, straight to media", "E S* M L, L a sky",
-        "samples along the camera's segment, else beams, else walks", Counts.BEAMS,
+        "samples along the camera's segment, else beams, else walks", Counts.DIRECT_BEAMS,
     )  # fmt: skip
-    FOG_FURTHER = "further to media", "E S* M … L", "beams, else walks", Counts.BEAMS
+    FOG_FURTHER = "further to media", "E S* M … L", "tally, else beams, else walks", Counts.BEAMS
     FOG_CAUSTICS = "by mirrors to media", "E S* M … S L, L small", "beams", Counts.CAUSTIC_BEAMS
 
     def __init__(self, title: str, path: str, said: str, traced: Counts) -> None:
@@ -112,13 +113,18 @@ class Row:
     def counts(self) -> Counts:
         """Which of the emitter's light is traced."""
         traced = {PHOTONS, VIRTUAL, BEAMS}
-        return reduce(or_, (kind.traced for kind, own in self.found.items() if own & traced), Counts.NOTHING)
+        found = reduce(or_, (kind.traced for kind, own in self.found.items() if own & traced), Counts.NOTHING)
+        return found | (Counts.TALLIED if self.by(TALLY, FOG_FURTHER) else Counts.NOTHING)
 
     @property
     def guided(self) -> Counts:
-        """Which light guides light paths: virtual lights go where photons would be to which they send light."""
+        """Which light guides light paths.
+
+        Virtual lights go where photons would be to which they send light, and walks of the tally where beams would be.
+        """
         virtual = FURTHER.traced | SELDOM.traced if SELDOM in self.found else Counts.NOTHING
-        return self.counts | virtual | (FOG.traced if self.narrow else Counts.NOTHING)
+        tallied = FOG_FURTHER.traced if self.by(TALLY, FOG_FURTHER) else Counts.NOTHING
+        return self.counts | virtual | tallied | (FOG.traced if self.narrow else Counts.NOTHING)
 
 
 @dataclass(frozen=True)
@@ -196,7 +202,8 @@ class Techniques:
         everywhere = self._walks_first(number) or (bool(thick) and thick == world.numbers.keys())
         fog = self._choose(FOG_FURTHER, {BEAMS, WALKS} if number in self._plain else {BEAMS}, everywhere)
         is_sky = own.lights_media and not own.emits_beams and own.shines and world.media.all
-        found = {FOG_FURTHER: fog, **({SKIES: {SEGMENTS}} if is_sky else {FOG: fog})}
+        further = self._choose(FOG_FURTHER, fog | ({TALLY} if BEAMS in fog and self._tallied(number) else set()))
+        found = {FOG_FURTHER: further, **({SKIES: {SEGMENTS}} if is_sky else {FOG: fog})}
         shown = wanted(world, emitter, self.tuning)
         if STRAIGHT.traced & shown:
             found[STRAIGHT] = self._straight[number]
@@ -210,6 +217,17 @@ class Techniques:
                 found[CAUSTICS] = self._choose(CAUSTICS, {PHOTONS} | (found[FURTHER] if lamp.met else set()))
         narrow = WALKS in fog and not lamp.sharp and self.seen.free.get(number, 1.0) < _OPEN
         return Row(number, found, frozenset() if WALKS in fog else thick, narrow)
+
+    def _tallied(self, number: int) -> bool:
+        """Return whether the tally can find the light of an emitter further in media.
+
+        It is seen by the camera's own rays alone, and follows walks in homogeneous media.
+        """
+        world, own = self.world, self.world.sources[self.world.emitters[number].source]
+        physical = own.scattered == "physical" or (own.look is None and own.scattered != "off")
+        if TALLY in self.off or world.mirrors or world.media.any_varying or not self.tuning.visible:
+            return False
+        return physical and not self.tuning.short and not self._thick.get(number)
 
     @cached_property
     def _straight(self) -> list[set[Technique]]:

@@ -185,6 +185,21 @@ class FrameView:
             return ViewRays(sampled_rays(self._sensor, self.window, places, order, samples), None, holdout=holdout)
         return ViewRays(self._primary(own, own.rays(places)), own.tiled, holdout=holdout)
 
+    def on_lens(self, number: int, time: float, place: Sequence[float]) -> Pinhole:
+        """Return the pinhole at a time in a pass, from 0 to 1, and at a place on the lens, in the unit disc."""
+        assert self._camera is not None
+        return on_lens(self._camera(number).at(time), place)
+
+    def pinhole_rays(self, number: int, pinhole: Pinhole | None) -> ViewRays:
+        """Return the rays through the middles of all pixels of the whole picture, of a pinhole or of a still camera.
+
+        Where a holdout ends beams, the scene's surfaces are not seen.
+        """
+        own = self._view(number, self.window.whole(), pinhole)
+        count = own.window.width * own.window.height
+        primary = self._primary(own, own.rays(dr.full(Array2f, 0.5, count)))
+        return ViewRays(primary, own.projection, holdout=None if self.holdout is None else primary.far)
+
     def _view(self, number: int, window: Window, pinhole: Pinhole | None = None) -> View:
         """Return the camera of a pass, or a pinhole, in a window of the picture."""
         if pinhole is not None:

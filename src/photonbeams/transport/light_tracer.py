@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import scene
 from ..beams.sets import BeamSet
-from ..numerics.arrays import compressed, equal_entries, to_float, to_numpy, to_uint
+from ..numerics.arrays import compressed, equal_entries, joined, to_float, to_numpy, to_uint
 from ..runtime.device import Bool, Float, UInt32
 from ..runtime.digest import equal
 from ..world.emitters.rays import EmittedRays
@@ -32,6 +32,7 @@ from .segments.density import widened
 from .segments.radii import Limits
 from .segments.records import LightPaths, PhotonHits, Segments
 from .strata import with_surrounds
+from .tally import Tally, TallyStarts
 from .tuning import FREE_PATHS, Tuning, own_bounces, radius_scale
 
 if TYPE_CHECKING:
@@ -51,6 +52,14 @@ class Reach(NamedTuple):
 
     in_fog: float
     seen: Sequence[float]
+
+
+class PassLight(NamedTuple):
+    """The light of a pass: beams, photons on surfaces, and the walks of its tally, or None."""
+
+    sets: list[BeamSet]
+    hits: list[PhotonHits]
+    tally: Tally | None
 
 
 def nothing() -> None:
@@ -87,15 +96,15 @@ class LightTracer:
     named: bool = False
     step: Callable[[], None] = nothing
 
-    def simulated(self, number: int, moving: Moving | None = None) -> tuple[list[BeamSet], list[PhotonHits]]:
-        """Return the beams of pass `number`, and its photons on surfaces.
+    def simulated(self, number: int, moving: Moving | None = None) -> PassLight:
+        """Return the light of pass `number`.
 
         `moving` says whose light straight from its lamp is left out.
         """
         # Keep only segments and hits, not the paths: a million of these take a gigabyte.
-        moving = moving or {}
+        moving, starts = moving or {}, list[TallyStarts]()
         tracing, begun = self._begun(number)
-        steps = enumerate(stepping(self.step, paths.trace(tracing, copy(begun))))
+        steps = enumerate(stepping(self.step, paths.trace(tracing, copy(begun), starts)))
         traced = [((0, step), segments, hits) for step, (segments, hits) in steps]
         found = [(key, segments) for key, segments, _ in traced] + list(self._fringes(number, begun))
         segments = [part for key, each in found for part in _resting(each, moving.get(key))]
@@ -106,7 +115,8 @@ class LightTracer:
             lights = to_uint([*(each.surfaces for each in self.sources), False])
             parts = (compressed(dr.gather(UInt32, lights, each.source) > 0, each) for each in hits)
             hits = [each for part in parts for each in part]
-        return sets_of(self.world, stepping(self.step, self.cuttings(number)), segments), hits
+        sets = sets_of(self.world, stepping(self.step, self.cuttings(number)), segments)
+        return PassLight(sets, hits, Tally(tracing, joined(starts), self.tuning.alpha) if starts else None)
 
     def _begun(self, number: int) -> tuple[paths.Tracing, LightPaths | None]:
         """Return how the light paths of a pass are traced, and the paths as they leave their emitters."""

@@ -41,6 +41,7 @@ from .segments.narrowing import narrow
 from .segments.radii import Width, width
 from .segments.records import Counts, LightPaths, PhotonHits, Segments, tangent
 from .splitting import continued, divisible, split
+from .tally import TallyStarts, tally_starts
 from .tracing import Tracing
 
 mi = mitsuba()
@@ -109,14 +110,22 @@ def leaving(tracing: Tracing, emitted: Sequence[EmittedRays]) -> LightPaths | No
     return result
 
 
-def trace(tracing: Tracing, paths: LightPaths | None) -> Iterator[tuple[Segments | None, PhotonHits | None]]:
-    """Yield segments in media and photons on surfaces, step by step; either is None if a step has none."""
+def trace(
+    tracing: Tracing, paths: LightPaths | None, starts: list[TallyStarts] | None = None
+) -> Iterator[tuple[Segments | None, PhotonHits | None]]:
+    """Yield segments in media and photons on surfaces, step by step; either is None if a step has none.
+
+    Where walks of the tally begin is added to `starts`.
+    """
     step = 0
     while paths is not None:
         if step >= _LATE and dr.width(paths.number) <= _LAST and not bool(dr.any(paths.coherent)):
             segments, in_medium, hits, on_surface, following, going = _several_steps(tracing, paths, step)
             step += _TOGETHER
         else:
+            own = None if starts is None else tally_starts(tracing, paths, step)
+            if starts is not None and own is not None:
+                starts.append(own)
             paths = split(tracing, paths, step)
             segments, in_medium, hits, on_surface, following, going = _step(tracing, paths, step)
             step += 1
@@ -134,7 +143,7 @@ def straight(tracing: Tracing, paths: LightPaths, last: Last | None = None) -> I
     while True:
         paths.branch = continued(divisible(tracing, paths)) + dr.zeros(UInt32, dr.width(paths.branch))
         segments, _, _, _, following, going = _step(tracing, paths, step)
-        yield segments, alive & (dr.max(paths.flux) > 0) & paths.counting(Counts.BEAMS, Counts.CAUSTIC_BEAMS)
+        yield segments, alive & (dr.max(paths.flux) > 0) & paths.beaming
         alive = alive & going
         if last is not None:
             alive &= ~last(segments, following)
@@ -224,7 +233,7 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     shown |= paths.straight & ((paths.counts & int(Counts.DIRECT_PHOTONS)) > 0)
     on_surface = interaction.on_surface & interaction.smooth & whole & shown
     in_medium &= tracing.within(paths.depth, paths.source)
-    in_medium &= paths.counting(Counts.BEAMS, Counts.CAUSTIC_BEAMS)
+    in_medium &= paths.beaming
     bent = interaction.going & interaction.on_surface & following.coherent & ~scatter.null
     width_there = segments.width(interaction.distance)
     return segments, in_medium, hits, on_surface, following, interaction.going, bent, width_there
@@ -302,7 +311,8 @@ def _counts(paths: LightPaths, interaction: Interaction, passes: Bool, ideal: Bo
     """
     lost = dr.select(interaction.on_surface, UInt32(int(Counts.CAUSTIC_PHOTONS)), UInt32(0))
     lost = dr.select(paths.straight, UInt32(int(Counts.CAUSTICS)), lost)
-    lost = dr.select(ideal, UInt32(0), lost) | UInt32(int(Counts.DIRECT_PHOTONS))
+    lost |= UInt32(int(Counts.TALLIED))
+    lost = dr.select(ideal, UInt32(0), lost) | UInt32(int(Counts.DIRECT_PHOTONS | Counts.DIRECT_BEAMS))
     return paths.counts & ~dr.select(passes, UInt32(0), lost)
 
 

@@ -17,8 +17,7 @@ from ..runtime.device import Bool, UInt32
 from ..world.world import World
 from .emission import Emission, PathEmitter, Stratum
 from .guiding.guides import UNGUIDED, Guides
-from .light_tracer import LightTracer, Moving, nothing
-from .segments.records import PhotonHits
+from .light_tracer import LightTracer, Moving, PassLight, nothing
 from .strata import ALLOTMENT, Allotment, with_surrounds
 from .tuning import Tuning
 
@@ -80,8 +79,8 @@ class Simulation:
     def simulated(
         self, worlds: Sequence[World], number: int, looks: Mapping[str, Look | None] | None = None,
         step: Callable[[], None] = nothing,
-    ) -> tuple[list[BeamSet], list[PhotonHits]]:  # fmt: skip
-        """Return the beams of pass `number` and its photons on surfaces.
+    ) -> PassLight:  # fmt: skip
+        """Return the light of pass `number`.
 
         Parameters
         ----------
@@ -111,10 +110,10 @@ class Simulation:
             part = replace(whole, emission=Emission(opened), tuning=replace(self.tuning, max_bounces=0))
             numbers, media = _numbers(opened, known), renumbering(last, first)
             sets, moving = part.moved(last, closed, number, media, numbers, whole.emission.count)
-        resting, hits = whole.simulated(number, moving)
-        sets = sorted(resting + sets, key=lambda each: each.light) + _drawn(first, last, looks or {})
+        resting = whole.simulated(number, moving)
+        sets = sorted(resting.sets + sets, key=lambda each: each.light) + _drawn(first, last, looks or {})
         dark = {each.number for each in first.media.all if self.tuning.visible and max(each.medium.scattering) <= 0}
-        return [each for each in sets if each.look is not None or each.medium not in dark], hits
+        return resting._replace(sets=[each for each in sets if each.look is not None or each.medium not in dark])
 
     def tracer(
         self, world: World, strata: Sequence[Stratum], looks: Mapping[str, Look | None] | None = None,

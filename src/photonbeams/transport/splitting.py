@@ -22,7 +22,7 @@ from .interactions import IDEAL, REFLECTED, SAMPLED, SCATTERED
 from .segments.records import Counts, LightPaths
 
 if TYPE_CHECKING:
-    from .paths import Tracing
+    from .tracing import Tracing
 
 mi = mitsuba()
 
@@ -39,10 +39,10 @@ def split(tracing: Tracing, paths: LightPaths, step: int) -> LightPaths:
         paths.branch = goes_on
         return paths
     # What is scattered or reflected counts only if more than caustics does.
-    able &= paths.counting(Counts.ALL, Counts.CAUSTICS)
+    able &= paths.counting(Counts.FURTHER, Counts.CAUSTICS)
     able &= tracing.within(paths.depth + 1, paths.source)  # no part that would exceed the depth
     seed = hash32(paths.key, dr.opaque(UInt32, step), paths.index)
-    light = _scattered_and_reflected(tracing, paths, able, seed)
+    light = scattered_and_reflected(tracing, paths, able, seed)
     chance = [unit_float(hash32(seed, UInt32(Stream.ROUNDING), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
     dr.eval(goes_on, light, chance)
     found = np.nan_to_num(to_numpy(light).astype(np.float64), posinf=0.0)
@@ -79,7 +79,7 @@ def continued(able: Bool) -> UInt32:
     return dr.select(able, UInt32(IDEAL), UInt32(SAMPLED))
 
 
-def _scattered_and_reflected(
+def scattered_and_reflected(
     tracing: Tracing, paths: LightPaths, able: Bool, seed: UInt32
 ) -> tuple[Float, Float]:  # fmt: skip
     """Return about how much of the paths' light the medium scatters, and the next surface reflects."""

@@ -120,7 +120,9 @@ def wanted(world: World, emitter: Emitter, tuning: Tuning) -> Counts:
     scattered = scatters and own.lights_media and own.shines and world.hazy
     result = Counts.NOTHING
     if visible or scattered:
-        result |= Counts.BEAMS | Counts.CAUSTIC_BEAMS
+        result |= Counts.DIRECT_BEAMS | Counts.BEAMS | Counts.CAUSTIC_BEAMS
+    if scatters and (visible or scattered):
+        result |= Counts.TALLIED
     if lighting:
         result |= Counts.DIRECT_PHOTONS
     if lighting and scatters:

@@ -122,7 +122,7 @@ def test_wide_beams_lose_no_light_at_the_boundary_of_a_ball():
     scene = load(ball=ball, sky={"type": "constant", "radiance": rgb(1.0)}, sensor=camera())
     settings = by_beams(max_depth=2, max_radius=0.2, guiding=False)
     light = begin(scene, scene.sensors()[0], settings).light
-    sets, _ = light.simulation.simulated([light.world], 0)
+    sets, *_ = light.simulation.simulated([light.world], 0)
     found = sum(scattered(each.beams, 1.0, np.random.default_rng(0)) for each in sets)
     a = 2.0
     # 5,500 of 16,384 stratified paths meet the ball, which gives the sum to 0.1 %. Eight lines give the fraction of a

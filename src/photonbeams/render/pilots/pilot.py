@@ -26,7 +26,7 @@ from ...world.emitters.rectangles import Sides
 from ...world.world import World
 from ..light import ShotLight
 from ..settings import Settings
-from ..techniques import METHODS, SeenLight, Techniques
+from ..techniques import METHODS, TALLY, SeenLight, Techniques
 from ..worlds import Worlds
 from .beam_noise import BeamCost
 
@@ -136,7 +136,9 @@ class Pilot:
     def _unseeing(self) -> Techniques:
         """The techniques as if nothing were known of what is seen."""
         off = METHODS[self.settings.method] | self.settings.without
-        return Techniques(self.world, self.simulation.tuning, off)
+        # The tally is in froxels of a picture that has straight lines.
+        flat = self.cameras and not any(each.camera.panoramic for each in self.cameras)
+        return Techniques(self.world, self.simulation.tuning, off if flat else off | {TALLY})
 
     @cached_property
     def _seen(self) -> SeenLight:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..light import TracedLight
     from ..paths.branches import CameraPaths
     from ..ray_passes import ViewRays
+    from ..tallied import TalliedView
     from ..views import FrameView
 
 # The pass whose beams tell it is the last one of so many: later passes have narrower beams.
@@ -65,7 +66,8 @@ def deep_pictures(
         return eye.rays(number, places, film.order, samples, moving, pinhole)
 
     with renderer.statistics.phase("deep"):
-        return _bins(renderer, _LightAlong(renderer, film, light, number, seen))
+        tallied = renderer.tallied(number, light, eye, pinhole)
+        return _bins(renderer, _LightAlong(renderer, film, light, tallied, number, seen))
 
 
 def _bins(renderer: FrameRenderer, lit: _LightAlong) -> dict[str, np.ndarray]:
@@ -105,14 +107,14 @@ class _LightAlong:
     """
 
     def __init__(
-        self, renderer: FrameRenderer, film: Film, light: TracedLight, number: int,
+        self, renderer: FrameRenderer, film: Film, light: TracedLight, tallied: TalliedView | None, number: int,
         seen: Callable[[Samples, Array2f], ViewRays],
     ) -> None:  # fmt: skip
         self.count, self._rays = dr.width(film.order), list[_Rays]()
         for sample in range(_SAMPLES):
             samples = Samples(renderer.settings.seed ^ _SEED, _SAMPLES * number + sample)
             rays = seen(samples, film.places(samples))
-            self._rays.append(_Rays(renderer, film.order, light, rays, renderer.options(number), samples))
+            self._rays.append(_Rays(renderer, film.order, light, tallied, rays, renderer.options(number), samples))
         self.far = np.maximum.reduce([each.far for each in self._rays])
         self.near = np.minimum(np.minimum.reduce([each.near for each in self._rays]), self.far)
 
@@ -134,12 +136,12 @@ class _Rays:
     """A ray of each pixel; methods and attributes are those of `_LightAlong`."""
 
     def __init__(
-        self, renderer: FrameRenderer, order: UInt32, light: TracedLight, rays: ViewRays, options: EstimatorOptions,
-        samples: Samples,
+        self, renderer: FrameRenderer, order: UInt32, light: TracedLight, tallied: TalliedView | None, rays: ViewRays,
+        options: EstimatorOptions, samples: Samples,
     ) -> None:  # fmt: skip
         if rays.view is None:
             raise SceneError("deep files are of perspective or orthographic cameras: expected one of these")
-        self._renderer, self._light, self._rays = renderer, light, rays
+        self._renderer, self._light, self._tallied, self._rays = renderer, light, tallied, rays
         self._options = replace(options, tolerance=0.0)
         tracing = unshaded(renderer.camera_tracing(light.world, rays))
         begun = camera_paths.begin(tracing, rays.primary, order)
@@ -170,14 +172,15 @@ class _Rays:
         ends = to_float(depth) / self._facing
         rays, world = self._rays, self._light.world
         gathering = Gathering(
-            rays.view, rays.primary, world.media, self._light.sets, self._options, self._renderer.statistics
-        )
+            rays.view, rays.primary, world.media, self._light.sets, self._options, self._renderer.statistics,
+            tallied=self._tallied,
+        )  # fmt: skip
         clear = dr.ones(Array3f, self._count)
         for paths, vertex in self._steps:
             shorter = copy(vertex)
             shorter.end = vertex.end if whole else dr.minimum(vertex.end, ends)
             dr.eval(shorter.end)
-            if self._light.sets:
+            if self._light.sets or self._tallied is not None:
                 gathering.add(paths, shorter)
             clear = dr.select(paths.alive & (ends > paths.near), self._clear(paths, vertex, ends), clear)
         passed = channel_mean(clear)

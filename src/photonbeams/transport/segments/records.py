@@ -28,7 +28,10 @@ class Counts(IntFlag):
     CAUSTIC_BEAMS = 4
     CAUSTIC_PHOTONS = 8
     DIRECT_PHOTONS = 16
-    ALL = BEAMS | PHOTONS
+    DIRECT_BEAMS = 32
+    TALLIED = 64
+    FURTHER = BEAMS | PHOTONS
+    ALL = FURTHER | DIRECT_BEAMS | TALLIED
     CAUSTICS = CAUSTIC_BEAMS | CAUSTIC_PHOTONS
 
 
@@ -103,6 +106,12 @@ class LightPaths(Struct):
     clear: Float
     width: Width
     slant: Float
+
+    @property
+    def beaming(self) -> Bool:
+        """Whose segments in media count."""
+        further = self.counting(Counts.BEAMS, Counts.CAUSTIC_BEAMS) & ~self.straight
+        return further | (self.straight & ((self.counts & int(Counts.DIRECT_BEAMS)) > 0))
 
     def counting(self, always: Counts, caustics: Counts) -> Bool:
         """Return whose light counts: with a flag of `always`, or with one of `caustics` if mirrors or glass turned it.

@@ -1,0 +1,303 @@
+"""Froxels, cells of a camera's frustum, in which the fluence of scattered light is tallied.
+
+Deposits a add up in the cell in which they lie, if its pixel sees that far. Divided by the volume V that the rays of
+the cell's pixels see of it, that is the fluence, F = Σ a / V. The ratio leaves out light behind walls and silhouettes
+without any test of visibility. Both are blurred alike before. The radiance along a ray is the integral of
+
+    L = ∫ σs F / 4π exp(−σt t) dt,
+
+a running sum over the cells of a column, from where the ray enters the medium: distances t begin there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
+
+from ..numerics.arrays import to_float
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
+from ..scene import Array, Medium
+from .projection import Projection
+
+mi = mitsuba()
+
+# The most columns of cells, 160 × 90 for all of a picture, and cells in a column. More change nothing that is seen
+# (tried: half and twice as many of each). With many light groups there are fewer: see `_BYTES`.
+_COLUMNS, _SLABS = 160 * 90, 64
+_BYTES = 1 << 28  # of all sums together, at most
+# The width of a cell, as a part of the blur, at this part of the length of rays in the medium; but there are so many
+# cells across at least.
+_FINE, _MIDDLE, _FEWEST = 0.5, 0.25, 80
+# Cells are thin near the camera and thicker by this factor at the far end, and end at this optical depth.
+_THICKER, _DEEPEST = 20.0, 12.0
+# A blur in cells, across a column: the least, without which the nearest cells are noise, and the most.
+_LEAST, _MOST = 0.6, 12.0
+_SEEN = 1e-6  # of the largest volume in a slab: cells of which less is seen are dark
+
+#: Returns 4π times the phase function for light that goes on toward the camera in these directions.
+Phase = Callable[[Array3f, Bool], Array3f]
+
+
+@dataclass(frozen=True)
+class Froxels:
+    """The cells of a view, (columns, rows, slabs), and what was deposited in them by light groups.
+
+    Attributes
+    ----------
+    view
+        The projection of a pinhole that sees the whole picture.
+    corner, side, shape
+        The pixel (x, y) at the cells' upper left, pixels across a cell, and numbers of cells: (slabs, rows, columns).
+    near, far
+        Where the medium begins and ends on the ray of each pixel, (W · H,) in scene units.
+    keys
+        The same as `_key`, with whether a ray meets the medium.
+    longest, first
+        The greatest length in the medium that counts, and the scale of the thinnest cells, in scene units.
+    volume
+        The volume that rays see of each cell, in cubic scene units.
+    unit, groups, sums
+        The least deposit, the number of light groups, and the deposits by groups and channels, in units: whole numbers
+        have the same sum in any order.
+    """
+
+    view: Projection
+    corner: tuple[int, int]
+    side: int
+    shape: tuple[int, int, int]
+    near: Float
+    far: Float
+    keys: Array3f
+    longest: Float
+    first: Float
+    volume: Array
+    unit: float
+    groups: int
+    sums: Any
+
+    @classmethod
+    def of(
+        cls, view: Projection, facing: Float, near: Float, far: Float, medium: Medium, groups: int, unit: float,
+        blur: float,
+    ) -> Froxels:  # fmt: skip
+        """Return empty cells, no wider than `blur` where that takes no more columns than there may be.
+
+        Parameters
+        ----------
+        view
+            A pinhole's projection.
+        facing, near, far
+            Of the rays of all pixels, row by row: the cosine to the view's axis, and where the medium begins and ends;
+            these do not meet it where `far` is not beyond `near`.
+        medium, groups, unit, blur
+            The medium, the number of light groups, the least deposit, and the length in scene units.
+        """
+        length = np.maximum((far - near).numpy(), 0).reshape(view.height, view.width)
+        rows, columns = (np.flatnonzero((length > 0).any(axis=axis)) for axis in (1, 0))
+        top, left, height, width = rows[0], columns[0], np.ptp(rows) + 1, np.ptp(columns) + 1
+        seen = length.ravel() > 0
+        away = 1.0 if view.orthographic else float(np.median(near.numpy()[seen] + _MIDDLE * length.ravel()[seen]))
+        side = int(np.clip(_FINE * blur / (_pixel(view) * away), 1, max(height, width) // _FEWEST + 1))
+        most = min(_COLUMNS, _BYTES // (24 * groups * _SLABS))
+        while -(-height // side) * -(-width // side) > most:
+            side += 1
+        shape = _SLABS, int(-(-height // side)), int(-(-width // side))
+        deepest = _DEEPEST / max(min(medium.extinction), 1e-30)
+        longest = dr.opaque(Float, max(min(float(length.max()), deepest), 1e-30) * (1 + 1e-6))
+        meets = far > near
+        least = dr.maximum(near, 1e-6 * longest)
+        keys = Array3f(_key(view, least * facing), _key(view, far * facing), dr.select(meets, Float(1), Float(0)))
+        dr.eval(keys)
+        corner = int(left), int(top)
+        sums = dr.zeros(mi.UInt64, 3 * groups * int(np.prod(shape)))
+        empty = cls(
+            view=view, corner=corner, side=side, shape=shape, near=near, far=far, keys=keys, longest=longest,
+            first=longest / _THICKER, volume=np.zeros(0), unit=unit, groups=groups, sums=sums,
+        )  # fmt: skip
+        return replace(empty, volume=empty._volumes(facing))
+
+    # -- places ------------------------------------------------------------------------------------------------------
+
+    def seen(self, place: Array3f) -> tuple[Array2f, Float, Array3f, Bool]:
+        """Return where places are in the picture, in pixels, how far, the way to the camera, and whether before it."""
+        pose, (sx, sy), (cx, cy) = self.view.poses[0], self.view.scale, self.view.center
+        q, offset = pose.to_camera(place), place - pose.origin
+        if self.view.orthographic:
+            return Array2f(cx + sx * q.x, cy - sy * q.y), q.z, -pose.forward + 0 * offset, q.z > 0
+        inverse, distance = dr.rcp(dr.maximum(q.z, 1e-30)), dr.norm(offset)
+        toward = -offset * dr.rcp(dr.maximum(distance, 1e-30))
+        return Array2f(cx + sx * q.x * inverse, cy - sy * q.y * inverse), distance, toward, q.z > 0
+
+    def _slab(self, length: Float) -> Float:
+        """Return the number of slabs up to lengths in the medium, in proportion to log(1 + t / first)."""
+        return dr.log(1 + dr.maximum(length, 0) / self.first) * dr.rcp(dr.log(1 + self.longest / self.first)) * _SLABS
+
+    @property
+    def _ends(self) -> Array:
+        """The lengths in the medium at which slabs begin, and the last one ends."""
+        first = float(self.first[0])
+        return first * np.expm1(np.arange(_SLABS + 1) / _SLABS * np.log1p(float(self.longest[0]) / first))
+
+    def _volumes(self, facing: Float) -> Array:
+        """Return the volumes that rays see of cells.
+
+        A ray stands for the solid angle Ω of its pixel, and sees Ω ∫ (n + t)² dt of a slab, with the distance n to the
+        medium: for the slabs before the one in which it ends, sums of Ω n², 2 Ω n and Ω over rays are enough.
+        """
+        near, length, cosine = (each.numpy().astype(np.float64) for each in (self.near, self.far - self.near, facing))
+        slab = self._slab(self.far - self.near).numpy()
+        index = np.arange(len(length))
+        across = index % self.view.width, index // self.view.width
+        row, column = (across[1] - self.corner[1]) // self.side, (across[0] - self.corner[0]) // self.side
+        column = row * self.shape[2] + column
+        there = length > 0
+        near, slab, column, cosine = near[there], slab[there], column[there], cosine[there]
+        length, ends = np.minimum(length[there], self._ends[-1]), self._ends
+        area = float(dr.rcp(self.view.scale[0] * self.view.scale[1])[0])
+        last = np.minimum(slab.astype(np.int64), _SLABS - 1)
+        if self.view.orthographic:
+            weights, powers = [area + 0 * near], [1]
+        else:
+            angle = area * cosine**3
+            weights, powers = [angle * near**2, 2 * angle * near, angle], [1, 2, 3]
+        columns = self.shape[1] * self.shape[2]
+        result = np.zeros((_SLABS, columns))
+        for weight, power in zip(weights, powers, strict=True):
+            here = np.bincount(last * columns + column, weight, _SLABS * columns).reshape(_SLABS, columns)
+            beyond = np.flip(np.cumsum(np.flip(here, 0), 0), 0) - here
+            part = weight * (length**power - ends[last] ** power) / power
+            result += np.bincount(last * columns + column, part, _SLABS * columns).reshape(_SLABS, columns)
+            result += beyond * (np.diff(ends**power) / power)[:, None]
+        return np.maximum(result, 0).reshape(self.shape)
+
+    # -- deposits ----------------------------------------------------------------------------------------------------
+
+    def add(self, place: Array3f, value: Array3f, group: UInt32, phase: Phase, active: Bool) -> None:
+        """Deposit light at places, each of a light group, where the camera sees them."""
+        at, distance, toward, before = self.seen(place)
+        width, height = (dr.opaque(UInt32, each) for each in (self.view.width, self.view.height))
+        inside = active & before & (at.x >= 0) & (at.y >= 0) & (at.x < Float(width)) & (at.y < Float(height))
+        key = _key(self.view, self.view.poses[0].to_camera(place).z)
+        near, far, meets = self._keys(at, inside)
+        inside &= (meets > 0) & (key < near) & (key > far)
+        # Along a line of sight, distances are in proportion to depths.
+        begin = -near if self.view.orthographic else distance * key * dr.rcp(near)
+        slab = self._slab(distance - begin)
+        inside &= slab < _SLABS
+        rows, columns = (dr.opaque(UInt32, each) for each in self.shape[1:])
+        x, y = (
+            UInt32(dr.select(inside, each - dr.opaque(Float, begin), 0)) // dr.opaque(UInt32, self.side)
+            for each, begin in zip((at.x, at.y), self.corner, strict=True)
+        )
+        cell = (UInt32(dr.select(inside, slab, 0)) * rows + y) * columns + x
+        deposit = value * phase(toward, inside) * dr.opaque(Float, 1 / self.unit)
+        inside &= (x < columns) & (y < rows)
+        for channel in range(3):
+            place_of_sum = (group * 3 + channel) * (rows * columns * _SLABS) + cell
+            dr.scatter_reduce(dr.ReduceOp.Add, self.sums, mi.UInt64(deposit[channel]), place_of_sum, inside)
+
+    def _keys(self, at: Array2f, active: Bool) -> Array3f:
+        """Return keys at places in the picture: those of planes are linear there.
+
+        Beside a ray that does not meet the medium they are those of the place's own pixel.
+        """
+        width, height = (dr.opaque(UInt32, each) for each in (self.view.width, self.view.height))
+        own = dr.gather(Array3f, self.keys, UInt32(at.y) * width + UInt32(at.x), active)
+        # Beyond the middles of the outermost pixels planes go on.
+        ends = [dr.maximum(size, 2) - 2 for size in (width, height)]
+        begins = [
+            dr.minimum(UInt32(dr.maximum(each - 0.5, 0)), end) for each, end in zip((at.x, at.y), ends, strict=True)
+        ]
+        parts = [each - 0.5 - Float(begin) for each, begin in zip((at.x, at.y), begins, strict=True)]
+        result = Array3f(0)
+        for corner in range(4):
+            steps = corner & 1, corner >> 1
+            x, y = (
+                dr.minimum(begin + step, size - 1)
+                for begin, step, size in zip(begins, steps, (width, height), strict=True)
+            )
+            weight = Float(1)
+            for part, step in zip(parts, steps, strict=True):
+                weight *= part if step else 1 - part
+            result += weight * dr.gather(Array3f, self.keys, y * width + x, active)
+        return dr.select(result.z > 1 - 1e-4, result, own)
+
+    # -- radiance ----------------------------------------------------------------------------------------------------
+
+    def tables(self, medium: Medium, blur: float) -> list[Float]:
+        """Return, for each light group, the radiance up to the ends of cells, by slabs, rows, columns and channels.
+
+        `blur` is the standard deviation of the fluence's blur, in scene units.
+        """
+        ends = self._ends
+        middle = 0.5 * (ends[1:] + ends[:-1])
+        pixel = _pixel(self.view)
+        there = (self.far - self.near).numpy() > 0
+        nearest = float(np.median(self.near.numpy()[there])) if there.any() else 0.0
+        size = self.side * pixel * (1 + 0 * middle if self.view.orthographic else nearest + middle)
+        across, along = np.clip(blur / size, _LEAST, _MOST), float(np.median(blur / np.diff(ends)))
+
+        def blurred(cells: Array) -> Array:
+            wide = [
+                gaussian_filter(each, own, mode="constant", truncate=3) for each, own in zip(cells, across, strict=True)
+            ]
+            result: Array = np.stack(wide)
+            return (
+                result if along < _LEAST / 2 else gaussian_filter1d(result, along, axis=0, mode="constant", truncate=3)
+            )
+
+        volume = blurred(self.volume)
+        least = _SEEN * volume.max(axis=(1, 2), keepdims=True)
+        inverse = np.where(volume > least, 1 / np.maximum(volume, np.maximum(least, 1e-300)), 0)
+        sums = self.sums.numpy().astype(np.float64).reshape(self.groups, 3, *self.shape) * self.unit
+        result = []
+        for own in sums:
+            table = np.zeros((_SLABS + 1, *self.shape[1:], 3))
+            for channel, (scattering, extinction) in enumerate(zip(medium.scattering, medium.extinction, strict=True)):
+                passed = np.exp(-extinction * ends)
+                seen = (passed[:-1] - passed[1:]) / extinction if extinction > 0 else np.diff(ends)
+                light = blurred(own[channel]) * inverse * (scattering / (4 * np.pi) * seen)[:, None, None]
+                np.cumsum(light, axis=0, out=table[1:, ..., channel])
+            result.append(to_float(table.ravel()))
+        return result
+
+    def radiance(self, table: Float, at: Array2f, length: Float) -> Array3f:
+        """Return the radiance along rays at places in the picture, in pixels, after a length in the medium."""
+        side, columns = dr.opaque(Float, self.side), dr.opaque(UInt32, self.shape[2])
+        cells = columns * dr.opaque(UInt32, self.shape[1])
+        left, top = (dr.opaque(Float, each) for each in self.corner)
+        places = (at.x - left) / side - 0.5, (at.y - top) / side - 0.5, self._slab(length)
+        counts = self.shape[2], self.shape[1], _SLABS + 1
+        begins, parts = [], []
+        for place, count in zip(places, counts, strict=True):
+            bounded = dr.clip(place, 0, dr.opaque(Float, count - 1))
+            begin = dr.minimum(UInt32(bounded), dr.opaque(UInt32, max(count - 2, 0)))
+            begins.append(begin)
+            parts.append(bounded - Float(begin))
+        result = dr.zeros(Array3f, dr.width(length))
+        for corner in range(8):
+            steps = [corner >> axis & 1 for axis in range(3)]
+            weight = Float(1)
+            for part, step in zip(parts, steps, strict=True):
+                weight *= part if step else 1 - part
+            x, y = (
+                dr.minimum(begin + step, dr.opaque(UInt32, count - 1))
+                for begin, step, count in zip(begins, steps, counts[:2], strict=False)
+            )
+            result += weight * dr.gather(Array3f, table, (begins[2] + steps[2]) * cells + y * columns + x)
+        return result
+
+
+def _key(view: Projection, depth: Float) -> Float:
+    """Return a number that falls with planar depths, and is linear in the picture on each plane."""
+    return -depth if view.orthographic else dr.rcp(dr.maximum(depth, 1e-30))
+
+
+def _pixel(view: Projection) -> float:
+    """Return how large pixels are at unit depth, or of a parallel projection at any, in scene units."""
+    return float(dr.sqrt(dr.rcp(view.scale[0] * view.scale[1]))[0])

@@ -1,0 +1,137 @@
+"""Light that media scatter again, or after a surface, toward the pixels of a view: the pass's tally in froxels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+
+from ..estimators.estimate import ENDLESS
+from ..estimators.froxels import Froxels
+from ..numerics.arrays import to_float, to_uint
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..transport.tally import Deposit, Tally
+from ..transport.tuning import FREE_PATHS, radius_scale
+from ..world.media.interfaces import pointers
+from ..world.spectra import rgb
+from .paths import camera_paths
+from .paths.camera_paths import CameraTracing
+from .paths.surface_light import NO_LIGHT
+
+if TYPE_CHECKING:
+    from ..estimators.projection import Projection
+    from ..numerics.samples import Samples
+    from ..world.cameras.sensors import PrimaryRays
+    from .paths.branches import CameraPaths
+
+mi = mitsuba()
+
+# The blur of the fluence in the first pass, a standard deviation, as a part of a medium's radius.
+_BLUR = 0.0125
+# A deposit of the usual power over the region's radius is so many units: 2^17 walks cannot exceed 64 bits.
+_UNITS = 2.0**34
+
+
+@dataclass(frozen=True)
+class TalliedView:
+    """The light of a tally toward a view.
+
+    Attributes
+    ----------
+    groups
+        The names of the light groups.
+    froxels, tables
+        The cells of each medium that the rays of the view meet, by their steps and the media's numbers, with the
+        radiance of each group.
+    """
+
+    groups: Sequence[str]
+    froxels: Mapping[tuple[int, int], tuple[Froxels, Sequence[Float]]]
+
+    def add(
+        self, radiance: dict[str, Any], key: tuple[int, int], *, paths: CameraPaths, end: Float, share: Float, own: Bool
+    ) -> None:  # fmt: skip
+        """Add the light of a medium along camera rays, up to their `end` in one step: see `froxels` for the key."""
+        if key not in self.froxels:
+            return
+        froxels, tables = self.froxels[key]
+        lens = froxels.view.lens
+        at, *_ = froxels.seen(paths.origin + (1 if lens is None else lens[1]) * paths.direction)
+        length = dr.select(own, dr.minimum(end, ENDLESS) - paths.near, 0)
+        for group, table in zip(self.groups, tables, strict=True):
+            light = froxels.radiance(table, at, length) * paths.throughput * share
+            radiance[group] = radiance.get(group, 0) + dr.select(own, light, 0)
+            dr.eval(radiance[group])
+
+
+@dataclass(frozen=True)
+class PinholeRays:
+    """The rays through the middles of all pixels of a whole picture, how they are followed, and their samples."""
+
+    view: Projection
+    primary: PrimaryRays
+    tracing: CameraTracing
+    samples: Samples
+
+
+def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
+    """Return the light of the tally of pass `number` toward a pinhole."""
+    world, sources = tally.tracing.world, tally.tracing.world.sources
+    media = [each for each in world.media.all if max(each.medium.scattering) > 0]
+    groups = sorted({each.group for each in sources})
+    shrunk = radius_scale(tally.alpha, number)
+    blur = {
+        each.number: shrunk * min(_BLUR * world.radius_of(each), FREE_PATHS / max(*each.medium.extinction, 1e-30))
+        for each in media
+    }
+    unit = float(dr.max(tally.starts.initial)[0]) * tally.tracing.region / _UNITS
+    froxels: dict[tuple[int, int], Froxels] = {}
+    pixels = dr.width(rays.primary.direction)
+    begun = camera_paths.begin(rays.tracing, rays.primary, dr.arange(UInt32, pixels))
+    for step, (paths, vertex) in enumerate(camera_paths.follow(rays.tracing, begun, rays.samples, NO_LIGHT)):
+        for each in media:
+            own = paths.alive & paths.primary & (paths.medium == dr.opaque(UInt32, each.number))
+            if bool(dr.any(own)):
+                near, far = dr.zeros(Float, pixels), dr.zeros(Float, pixels)
+                dr.scatter(near, paths.near, paths.pixel, own)
+                dr.scatter(far, dr.minimum(vertex.end, ENDLESS), paths.pixel, own)
+                dr.eval(near, far)
+                froxels[step, each.number] = Froxels.of(
+                    rays.view,
+                    facing=rays.primary.facing,
+                    near=near,
+                    far=far,
+                    medium=each.medium,
+                    groups=len(groups),
+                    unit=unit,
+                    blur=blur[each.number],
+                )
+    group_of = to_uint([*(groups.index(each.group) for each in sources), 0])
+    scale_of = to_float([*(each.beam_scale for each in sources), 0])
+
+    def deposit(own: Deposit, active: Bool) -> None:
+        group, light = dr.gather(UInt32, group_of, own.source), own.light * dr.gather(Float, scale_of, own.source)
+        for (_, number), cells in froxels.items():
+            here = active & (own.medium == dr.opaque(UInt32, number))
+            cells.add(own.place, light, group, partial(_phase, own), here)
+
+    tally.fill(deposit)
+    dr.eval([each.sums for each in froxels.values()])
+    result = {}
+    for (step, number), cells in froxels.items():
+        medium = next(each.medium for each in media if each.number == number)
+        result[step, number] = cells, cells.tables(medium, blur[number])
+    return TalliedView(groups, result)
+
+
+def _phase(deposit: Deposit, toward: Array3f, active: Bool) -> Array3f:
+    """Return 4π times the phase function for light that goes on in other directions."""
+    at = dr.zeros(mi.MediumInteraction3f, dr.width(deposit.place))
+    at.p, at.wi = mi.Point3f(deposit.place), mi.Vector3f(-deposit.direction)
+    at.sh_frame = mi.Frame3f(at.wi)
+    at.medium = pointers(dr.select(active, deposit.medium, 0))
+    value, _ = at.medium.phase_function().eval_pdf(mi.PhaseFunctionContext(), at, mi.Vector3f(toward), active)
+    return 4 * dr.pi * rgb(value)

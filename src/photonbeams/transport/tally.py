@@ -1,0 +1,238 @@
+"""Light that was scattered before, in media: walks of light whose fluence is tallied in cells.
+
+The beams of a pass carry what comes straight from lamps, or by mirrors and glass alone. On each of these light paths
+walks begin, where the medium scatters its light, or at the surface at its end: as many as are needed for each to carry
+about the same power w. On every further segment, of length l, some stratified points at distances s tell the fluence:
+a = w exp(−σt s) l / J each. Then the walk goes on as light does, by free flights, phase functions and BSDFs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..numerics.arrays import taken, to_float, to_numpy, to_uint
+from ..numerics.hashing import hash32, unit_float
+from ..numerics.sampling import pixel_sample
+from ..numerics.streams import Stream
+from ..numerics.structs import Struct
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
+from ..scene import Array
+from ..world.media.interfaces import pointers
+from ..world.spectra import rgb
+from .interactions import REFLECTED, SAMPLED, SCATTERED, flight, reflect, survival
+from .segments.records import Counts, LightPaths
+from .splitting import scattered_and_reflected
+from .tracing import Tracing
+
+mi = mitsuba()
+
+# Walks of a pass, points on each segment, and most steps of a walk.
+_WALKS, _POINTS, _STEPS = 1 << 18, 16, 1024
+# No light gets farther than so many free paths.
+_DARK = 20.0
+
+
+class Deposit(Struct):
+    """The light of walks at points: directions of the light, its medium, the source, and the fluence times a volume."""
+
+    place: Array3f
+    direction: Array3f
+    medium: UInt32
+    source: UInt32
+    light: Array3f
+
+
+class TallyStarts(Struct):
+    """Where walks begin: light paths as in `LightPaths`, each with the kind of its next interaction, `branch`.
+
+    `seed` is the seed of a walk's samples, `initial` its power once it begins, and `low` and `high` bound its stratum
+    among those that begin on the same path.
+    """
+
+    origin: Array3f
+    direction: Array3f
+    flux: Array3f
+    medium: UInt32
+    source: UInt32
+    link: UInt32
+    depth: UInt32
+    straight: Bool
+    offset: Float
+    reach: Float
+    seed: UInt32
+    branch: UInt32
+    low: Float
+    high: Float
+    initial: Float
+
+
+class LightWalk(Struct):
+    """Walks of light: rays, their power, the media in which they begin, and how often the light was scattered."""
+
+    origin: Array3f
+    direction: Array3f
+    flux: Array3f
+    medium: UInt32
+    depth: UInt32
+
+
+@dataclass(frozen=True)
+class Tally:
+    """The walks of a pass: how they go on, and where they begin.
+
+    `alpha` is that of `radius_scale`, by which the blur of the fluence shrinks from pass to pass.
+    """
+
+    tracing: Tracing
+    starts: TallyStarts
+    alpha: float
+
+    def fill(self, deposit: Callable[[Deposit, Bool], None]) -> None:
+        """Follow all walks, and call `deposit` with their light, and whether there is any, within a kernel."""
+        start, walk = self.starts, LightWalk()
+        for name in ("origin", "direction", "flux", "medium", "depth"):
+            setattr(walk, name, getattr(start, name))
+
+        def further(walk: LightWalk, going: Bool, number: UInt32) -> tuple[Any, ...]:
+            following, goes = self._step(walk, going, number, deposit)
+            return following, goes, number + 1
+
+        width = dr.width(start.seed)
+        state = walk, dr.full(Bool, True, width), dr.zeros(UInt32, width)
+        last = dr.while_loop(state, lambda _, going, number: going & (number < _STEPS), further, label="tally")
+        dr.eval(last[2])
+
+    def _step(
+        self, walk: LightWalk, going: Bool, number: UInt32, deposit: Callable[[Deposit, Bool], None]
+    ) -> tuple[LightWalk, Bool]:  # fmt: skip
+        """Return the walks after their next interaction, and which of them go on."""
+        tracing, start, first = self.tracing, self.starts, number == 0
+        world, seed = tracing.world, hash32(start.seed, number)
+        hit = world.intersect(
+            walk.origin, walk.direction, going, hash32(seed, UInt32(Stream.FOG)), dr.select(first, start.link, 0)
+        )
+        met = going & hit.is_valid()
+        reach = dr.minimum(dr.select(first, start.reach, world.escape(walk.origin, walk.direction)), 1e30)
+        length = dr.select(met, hit.t, dr.select(walk.medium > 0, reach, 0))
+        tallied = going & ~first & (walk.medium > 0) & (length > 0) & tracing.within(walk.depth, start.source)
+        self._deposit(walk, length, seed, tallied, deposit)
+        u = pixel_sample(seed, UInt32(Stream.FLIGHT))
+        u.y = dr.select(first & (start.branch == SCATTERED), dr.lerp(start.low, start.high, u.y), u.y)
+        fractions = walk.flux * dr.rcp(dr.maximum(dr.sum(walk.flux), 1e-30))
+        branch = dr.select(first, start.branch, UInt32(SAMPLED))
+        distance, weight = flight(world.media, walk.medium, branch, fractions, length, u)
+        scatters = going & (distance < length)
+        on_surface = met & ~scatters & (~first | (start.branch == REFLECTED))
+        position = walk.origin + dr.minimum(distance, length) * walk.direction
+        site = dr.select(on_surface, world.linking.of_surfaces(hit), walk.medium)
+        weight *= self._straight(walk, position, site, seed, first)
+        turned, factor = _turned(walk, position, seed, scatters)
+        scatter = reflect(world, hit, on_surface, walk.medium, seed, number)
+        following = LightWalk()
+        following.origin = dr.select(scatters, position, scatter.origin)
+        following.direction = dr.select(scatters, turned, scatter.direction)
+        following.medium = dr.select(scatters, walk.medium, scatter.medium)
+        following.flux = walk.flux * weight * dr.select(scatters, factor, scatter.weight)
+        following.depth = walk.depth + dr.select(on_surface & scatter.null, 0, 1)
+        # What mirrors and glass turn straight from lamps goes on as a light path of its own.
+        goes = scatters | (on_surface & ~(first & scatter.delta))
+        goes &= (dr.max(following.flux) > 0) & tracing.within(following.depth, start.source)
+        left = survival(dr.max(following.flux) * dr.rcp(dr.maximum(start.initial, 1e-30)), following.depth)
+        following.flux *= dr.rcp(dr.maximum(left, 1e-30))
+        return following, goes & (unit_float(hash32(seed, UInt32(Stream.ROULETTE))) < left)
+
+    def _straight(self, walk: LightWalk, position: Array3f, site: UInt32, seed: UInt32, first: Bool) -> Array3f:
+        """Return what filters and links of lamps leave of light straight from these where it is first scattered."""
+        world, start, result = self.tracing.world, self.starts, Array3f(1)
+        if world.filters is not None:
+            away = start.offset + dr.norm(position - walk.origin)
+            acting = world.linking.acting(start.source, site)
+            result = world.filters.factor(
+                start.source, position, -walk.direction, away, hash32(seed, UInt32(Stream.FILTER)),
+                first & start.straight, acting,
+            )  # fmt: skip
+        straight = first & (start.depth == 0)
+        lit = world.linking.lights(start.source, site, straight)
+        return dr.select(straight & ~lit, 0, result)
+
+    def _deposit(
+        self, walk: LightWalk, length: Float, seed: UInt32, active: Bool, deposit: Callable[[Deposit, Bool], None]
+    ) -> None:  # fmt: skip
+        """Deposit the light of walks' segments at stratified points."""
+        extinction = self.tracing.world.media.extinction(walk.medium)
+        end = dr.minimum(length, _DARK * dr.rcp(dr.maximum(dr.min(extinction), 1e-30)))
+
+        def point(number: UInt32) -> tuple[UInt32]:
+            distance = (Float(number) + unit_float(hash32(seed, number, UInt32(Stream.FOG)))) * (1 / _POINTS) * end
+            own = Deposit()
+            own.place, own.direction = walk.origin + distance * walk.direction, walk.direction
+            own.medium, own.source = walk.medium, self.starts.source
+            own.light = walk.flux * dr.exp(-extinction * distance) * (end / _POINTS)
+            deposit(own, active)
+            return (number + 1,)
+
+        dr.while_loop((UInt32(0),), lambda number: active & (number < _POINTS), point, label="deposits")
+
+
+def _turned(walk: LightWalk, position: Array3f, seed: UInt32, scatters: Bool) -> tuple[Array3f, Array3f]:
+    """Return directions in which media scatter walks, and their weights."""
+    place = dr.zeros(mi.MediumInteraction3f, dr.width(position))
+    place.p, place.wi = mi.Point3f(position), mi.Vector3f(-walk.direction)
+    place.sh_frame = mi.Frame3f(place.wi)
+    place.medium = pointers(dr.select(scatters, walk.medium, 0))
+    lobe, u = unit_float(hash32(seed, UInt32(Stream.LOBE))), Array2f(pixel_sample(seed, UInt32(Stream.TURN)))
+    turned, weight, _ = place.medium.phase_function().sample(
+        mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), scatters
+    )
+    return Array3f(turned), rgb(weight)
+
+
+def tally_starts(tracing: Tracing, paths: LightPaths, step: int) -> TallyStarts | None:
+    """Return where walks begin on light paths whose further light is tallied, before step number `step`; or None."""
+    able = ((paths.counts & int(Counts.TALLIED)) > 0) & tracing.within(paths.depth + 1, paths.source)
+    if not bool(dr.any(able)):
+        return None
+    seed = hash32(paths.key, dr.opaque(UInt32, step), paths.index)
+    light = scattered_and_reflected(tracing, paths, able, seed)
+    chance = [unit_float(hash32(seed, UInt32(Stream.FOG_FLIGHT), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
+    dr.eval(light, chance, seed)
+    found = np.nan_to_num(to_numpy(light).astype(np.float64), posinf=0.0)
+    power = found.sum() / _WALKS
+    if not power:
+        return None
+    chosen = _strata(found / power, np.stack([each.numpy() for each in chance]))
+    if not len(chosen.index):
+        return None
+    kind, path = np.divmod(chosen.index, found.shape[1])
+    result, own = TallyStarts(), to_uint(path)
+    for name in ("origin", "direction", "flux", "medium", "source", "link", "depth", "straight", "offset", "reach"):
+        setattr(result, name, taken(getattr(paths, name), own))
+    result.flux = result.flux * to_float(power / found.ravel()[chosen.index])
+    result.branch = to_uint(np.where(kind == 0, SCATTERED, REFLECTED))
+    result.seed = hash32(taken(seed, own), result.branch, to_uint(chosen.number))
+    result.low, result.high = to_float(chosen.number / chosen.count), to_float((chosen.number + 1) / chosen.count)
+    result.initial = dr.full(Float, power, len(chosen.index))
+    dr.eval(result)
+    return result
+
+
+@dataclass(frozen=True)
+class _Strata:
+    """Entries, each as often as it is chosen, with its number among its own and how often it is in all."""
+
+    index: Array
+    number: Array
+    count: Array
+
+
+def _strata(expected: Array, chance: Array) -> _Strata:
+    """Return the entries as often as is expected on average."""
+    count = (expected + chance).astype(np.int64).ravel()
+    index = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+    return _Strata(index, number, count[index])

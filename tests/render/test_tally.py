@@ -1,0 +1,74 @@
+"""Light that fog scatters again, tallied in froxels: its mean, walls, crops and bits, through the public doors."""
+
+import numpy as np
+import pytest
+
+from photonbeams.render.scene_frame import render
+from photonbeams.render.settings import Settings
+from photonbeams.render.techniques import FOG_FURTHER, TALLY
+from photonbeams.runtime.device import mitsuba
+from tests.helpers.mitsuba_scenes import T, camera, cube_of, fog, load, rgb
+
+mi = mitsuba()
+
+GREY = {"type": "twosided", "side": {"type": "diffuse", "reflectance": rgb(0.6)}}
+
+
+def box_of_fog(extinction=0.8, g=0.0, **film):
+    """Return a scene with a floor and a lamp in a box of fog."""
+    medium = mi.load_dict(fog(extinction, (0.9, 0.8, 0.7), phase={"type": "hg", "g": g}))
+    place = T().translate([0, -0.9, 0]).rotate([1, 0, 0], -90)
+    return load(
+        box=cube_of(medium), floor={"type": "rectangle", "to_world": place.scale(0.95), "bsdf": GREY},
+        lamp={"type": "sphere", "center": [0.3, 0.2, 0.1], "radius": 0.2, "exterior": medium,
+              "bsdf": {"type": "diffuse", "reflectance": rgb(0.0)}, "emitter": {"type": "area", "radiance": rgb(3.0)}},
+        sensor=camera((0, 0.3, 4), size=16, fov=34, **film),
+    )  # fmt: skip
+
+
+def picture(scene, seed=0, passes=2, **given):
+    """Return a picture of a scene, and its frame."""
+    frame = render(
+        scene, scene.sensors()[0], Settings(seed=seed, passes=passes, beams=1024, max_depth=6, guiding=False, **given)
+    )
+    return np.asarray(frame.layers()["rgba"])[..., :3], frame
+
+
+def by_tally(frame):
+    """Return whether the tally finds light in a frame."""
+    return any(row.by(TALLY, FOG_FURTHER) for row in frame.light.rows)
+
+
+@pytest.mark.parametrize(("extinction", "g"), [(0.4, 0.8), (3.0, -0.6)])
+def test_the_tally_has_the_mean_of_volpath(extinction, g):
+    scene = box_of_fog(extinction, g)
+    seen = [picture(scene, seed) for seed in range(4)]
+    assert by_tally(seen[0][1])
+    volpath = mi.load_dict({"type": "volpath", "max_depth": 6, "rr_depth": 64})
+    pictures = [[each for each, _ in seen], [mi.render(scene, spp=256, integrator=volpath, seed=k) for k in range(4)]]
+    means = np.array([[np.array(each).mean(axis=(0, 1)) for each in own] for own in pictures])
+    (found, expected), (own, other) = means.mean(axis=1), means.var(axis=1, ddof=1) / 4
+    # Of each colour, whose albedos differ. A blur of a quarter of a free path moves a hundredth at the box's sides.
+    assert np.all(abs(found - expected) < 4 * np.sqrt(own + other) + 0.015 * expected)
+
+
+def test_no_light_comes_through_a_thin_wall():
+    medium = mi.load_dict(fog(0.6, 0.9))
+    wall = {"type": "cube", "bsdf": GREY, "to_world": T().scale([0.004, 1.0, 1.0])}
+    scene = load(
+        room={"type": "cube", "bsdf": GREY, "interior": medium}, wall=wall,
+        lamp={"type": "point", "position": [0.5, 0.2, -0.2], "intensity": rgb(5.0), "medium": medium},
+        sensor=camera((-0.4, 0, 0.9), (-0.4, 0, -1), size=24, fov=80, medium=medium),
+    )  # fmt: skip
+    seen, frame = picture(scene)
+    assert by_tally(frame)
+    # Of the fog on the other side, which is as bright as 1; what is left is rounding.
+    assert seen.max() < 1e-5
+
+
+def test_a_crop_has_the_pixels_of_the_whole_picture():
+    whole, _ = picture(box_of_fog())
+    crop = {"crop_offset_x": 3, "crop_offset_y": 6, "crop_width": 9, "crop_height": 5}
+    part, frame = picture(box_of_fog(**crop))
+    assert by_tally(frame)
+    assert (part == whole[6:11, 3:12]).all()
