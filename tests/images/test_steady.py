@@ -1,11 +1,12 @@
 """Frames averaged with their neighbours, in films whose light is known, with noise as denoising leaves it."""
 
 import numpy as np
+import OpenEXR
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from photonbeams.images.steady import FilmView, steadied
-from photonbeams.scene import Camera
+from photonbeams.images.steady import FilmFrame, FilmView, steadied
+from photonbeams.scene import Camera, SceneError
 from photonbeams.world.cameras.cameras import View, Window
 
 WIDTH, HEIGHT, NOISE, OWN = 160, 90, 0.04, 2
@@ -102,3 +103,52 @@ def test_light_that_rises_evenly_is_not_delayed():
     depth, points = wall(seen, 4.0, 0.2)
     frames = [view(seen, depth, pattern(points, 0.5) * (1 + 0.03 * number), 0 * points) for number in range(5)]
     np.testing.assert_allclose(steadied(frames, OWN)["surface"], frames[OWN].layers["surface"], rtol=1e-5)
+
+
+NAMES = {
+    "photonbeams": ("R", "G", "B", "A", "Z"),
+    "layers": ("surface.R", "surface.G", "surface.B", "surface.A", "depth.Z"),
+    "Nuke": ("surface.red", "surface.green", "surface.blue", "surface.alpha", "depth.Z"),
+    "small": ("r", "g", "b", "a", "z"),
+}
+
+
+def film_file(path, rng, names, channels=4):
+    """Write a frame of a film whose `surface` has an alpha, too, and return its values by parts and letters."""
+    header = View(Camera.look_at((0, 0, 3), (0, 0, 0), fov=50), Window.full(20, 12)).header()
+    window = (np.array((0, 0), np.int32), np.array((19, 11), np.int32))
+    shared = {"worldToCamera": header["worldToCamera"].astype(np.float32), "dataWindow": window,
+              "worldToNDC": header["worldToNDC"].astype(np.float32), "displayWindow": window}  # fmt: skip
+    parts, values = [], {}
+    for layer, count in (("rgba", 4), ("surface", channels), ("beams", 3), ("depth", 1)):
+        own = rng.uniform(1, 2, (count, 12, 20)).astype(np.float32)
+        chosen = names[4:] if layer == "depth" else names[:count]
+        values[layer] = own
+        found = {name.replace("surface", layer): OpenEXR.Channel(name.replace("surface", layer), each, 1, 1)
+                 for name, each in zip(chosen, own, strict=True)}  # fmt: skip
+        parts.append(OpenEXR.Part({**shared, "type": OpenEXR.scanlineimage}, found, layer))
+    OpenEXR.File(parts).write(str(path))
+    return values
+
+
+@pytest.mark.parametrize("names", NAMES)
+def test_channels_keep_their_colours_whatever_they_are_called(tmp_path, rng, names):
+    first, second = tmp_path / "a.exr", tmp_path / "b.exr"
+    values = film_file(first, rng, NAMES[names])
+    FilmFrame.read(first).averaged([], []).write(second)
+    for own in OpenEXR.File(str(second), separate_channels=True).parts:
+        layer = own.name()
+        chosen = NAMES[names][4:] if layer == "depth" else NAMES[names][: len(values[layer])]
+        for name, expected in zip(chosen, values[layer], strict=True):
+            # Alone, a frame is its own mean; what it shows is the sum of its surfaces and beams.
+            index = chosen.index(name)
+            right = values["surface"][index] + values["beams"][index] if layer == "rgba" and index < 3 else expected
+            found = own.channels[name.replace("surface", layer)].pixels
+            np.testing.assert_allclose(found, right, rtol=1e-6, err_msg=f"{layer} {name}")
+
+
+def test_a_layer_without_colours_is_told(tmp_path, rng):
+    path = tmp_path / "grey.exr"
+    film_file(path, rng, NAMES["photonbeams"], channels=1)
+    with pytest.raises(SceneError, match="its layer surface has 1 channels: expected red, green and blue"):
+        FilmFrame.read(path)

@@ -249,6 +249,7 @@ def test_a_product_names_its_file_at_each_time(usd):
     [
         ("", "a name that ends in .exr or .png"),
         ("a.tif", "a name that ends in .exr or .png"),
+        (".exr", "a name that ends in .exr or .png"),
         ("a.#.##_#.exr", "one run of #"),
         ("d.##/a.##.exr", "one run of #"),
     ],

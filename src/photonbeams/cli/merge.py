@@ -71,6 +71,9 @@ def merge(
             prepare_outputs(files)
             paths = _found(checkpoints, number)
             if paths[0].suffix.lower() == ".exr":
+                if layers is not None or remove or pictures.single_part or pictures.exposure:
+                    text = "tiles are joined as they are: expected no --layers, --single-part, --exposure or --remove"
+                    raise typer.BadParameter(text)
                 _join_tiles(paths, files, partial=partial, quiet=quiet)
                 continue
             sums = joined(paths)

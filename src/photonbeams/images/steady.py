@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -37,6 +38,8 @@ _AROUND, _DARK = 7, 0.02
 _PLACES = (1.0, 0.7, 0.5, 0.35, 0.25)
 # Nothing is seen of beams that are farther than this, in medians of depths.
 _FARTHEST = 10.0
+# The places of colours, by the names of channels without their layers: other programs' too.
+_KINDS = {"r": 0, "red": 0, "g": 1, "green": 1, "b": 2, "blue": 2, "a": 3, "alpha": 3}
 _FAR = 1e6  # the depth of what is infinitely far, in medians of depths
 
 
@@ -71,7 +74,7 @@ class FilmView:
     @cached_property
     def depth(self) -> Array:
         """Depths, (H, W) float64; what is infinitely far has a finite one."""
-        depth = self.layers["depth"].reshape(self.layers["depth"].shape[:2]).astype(np.float64)
+        depth = self.layers["depth"][..., 0].astype(np.float64)
         return np.where(np.isfinite(depth) & (depth > 0), depth, _FAR * self.usual_depth)
 
     def light(self, names: Sequence[str]) -> Array:
@@ -261,11 +264,11 @@ class FilmFrame:
 
     def _part(self, part: OpenEXR.Part) -> OpenEXR.Part:
         """Return a part with the present pixels of its layer."""
-        pixels, channels, start = self.views[_view(part)].layers[_layer(part)], {}, 0
-        for name, channel in part.channels.items():
-            like = channel.pixels
-            own = pixels[..., start : start + like[0, 0].size].reshape(like.shape)
-            channels[name], start = np.ascontiguousarray(own, like.dtype), start + like[0, 0].size
+        layer, columns = self.views[_view(part)].layers[_layer(part)], _columns(part)
+        channels = {name: np.array(each.pixels) for name, each in part.channels.items()}
+        # A compositor may have added channels that nothing averages, such as an alpha: they stay as they are.
+        for (name, place), own in zip(columns, np.moveaxis(layer, 2, 0), strict=False):
+            channels[name][(..., *place)] = own
         return OpenEXR.Part(part.header, channels, part.name())
 
 
@@ -285,7 +288,12 @@ def _film_view(path: Path, parts: Sequence[OpenEXR.Part]) -> FilmView:
     lacking += [name for name in ("worldToCamera", "worldToNDC") if name not in header]
     if lacking:
         expected = "expected a frame by `photonbeams render` from a perspective or orthographic camera"
+        if any(name.split(".")[0] in lacking for each in parts for name in each.channels):
+            expected = "expected each layer in a part of its own, as without --single-part"
         raise SceneError(f"{path}: has no {' and no '.join(lacking)}: {expected}")
+    for name, each in layers.items():
+        if name.split("_")[0] in ("rgba", "surface", "beams") and each.shape[2] < 3:
+            raise SceneError(f"{path}: its layer {name} has {each.shape[2]} channels: expected red, green and blue")
     (x0, y0), (x1, y1) = header["dataWindow"]
     (left, top), (right, bottom) = header["displayWindow"]
     across, down = right + 1 - left, bottom + 1 - top
@@ -303,7 +311,19 @@ def _film_view(path: Path, parts: Sequence[OpenEXR.Part]) -> FilmView:
     return FilmView(layers, world, film, place)
 
 
+def _columns(part: OpenEXR.Part) -> list[tuple[str, Any]]:
+    """Return the channels of a part, with where each is in the array of that name: red, green, blue, alpha, others."""
+    found = list[tuple[int, str, tuple[int, ...]]]()
+    for name, channel in part.channels.items():
+        if channel.pixels.ndim == 2:
+            found.append((_KINDS.get(name.lower().rpartition(".")[2], len(_KINDS)), name, ()))
+        else:  # OpenEXR has put them together
+            found += [(place, name, (place,)) for place in range(channel.pixels.shape[2])]
+    return [(name, place) for _, name, place in sorted(found)]
+
+
 def _pixels(part: OpenEXR.Part) -> Array:
-    """Return the pixels of a part, (H, W, C) float32, its channels side by side."""
-    channels = [np.asarray(each.pixels, np.float32) for each in part.channels.values()]
-    return np.concatenate([each.reshape(*each.shape[:2], -1) for each in channels], axis=2)
+    """Return the pixels of a part, (H, W, C) float32, its channels side by side as `_columns`."""
+    return np.stack(
+        [part.channels[name].pixels[(..., *place)] for name, place in _columns(part)], axis=2, dtype=np.float32
+    )

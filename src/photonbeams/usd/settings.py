@@ -196,7 +196,7 @@ def product_file(stage: Usd.Stage, product: RenderProduct, time: Time = None) ->
     reading = Reading(stage, time)
     prim = stage.GetPrimAtPath(product.path)
     name = str(reading.value(prim, "productName", ""))
-    if not name.lower().endswith(SUFFIXES):
+    if Path(name.lower()).suffix not in SUFFIXES:
         raise reading.fail(prim, "productName", f"is '{name}': expected a name that ends in {' or '.join(SUFFIXES)}")
     if problem := numbering_problem(Path(name)):
         raise reading.fail(prim, "productName", f"is '{name}': {problem}")
