@@ -118,7 +118,7 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
             here = active & (own.medium == dr.opaque(UInt32, number))
             cells.add(own.place, light, group, partial(_phase, own), here)
 
-    tally.fill(deposit)
+    tally.fill(deposit, None if rays.view.orthographic else rays.view.origin)
     dr.eval([each.sums for each in froxels.values()])
     result = {}
     for (step, number), cells in froxels.items():

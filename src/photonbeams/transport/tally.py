@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -92,14 +93,17 @@ class Tally:
     starts: TallyStarts
     alpha: float
 
-    def fill(self, deposit: Callable[[Deposit, Bool], None]) -> None:
-        """Follow all walks, and call `deposit` with their light, and whether there is any, within a kernel."""
+    def fill(self, deposit: Callable[[Deposit, Bool], None], eye: Array3f | None) -> None:
+        """Follow all walks, and call `deposit` with their light, and whether there is any, within a kernel.
+
+        Half of the points are there for an `eye`, near to which little volume is seen; None: it is far away.
+        """
         start, walk = self.starts, LightWalk()
         for name in ("origin", "direction", "flux", "medium", "depth"):
             setattr(walk, name, getattr(start, name))
 
         def further(walk: LightWalk, going: Bool, number: UInt32) -> tuple[Any, ...]:
-            following, goes = self._step(walk, going, number, deposit)
+            following, goes = self._step(walk, going, number, partial(self._deposit, deposit, eye))
             return following, goes, number + 1
 
         width = dr.width(start.seed)
@@ -108,7 +112,7 @@ class Tally:
         dr.eval(last[2])
 
     def _step(
-        self, walk: LightWalk, going: Bool, number: UInt32, deposit: Callable[[Deposit, Bool], None]
+        self, walk: LightWalk, going: Bool, number: UInt32, deposit: Callable[[LightWalk, Float, UInt32, Bool], None]
     ) -> tuple[LightWalk, Bool]:  # fmt: skip
         """Return the walks after their next interaction, and which of them go on."""
         tracing, start, first = self.tracing, self.starts, number == 0
@@ -120,7 +124,7 @@ class Tally:
         reach = dr.minimum(dr.select(first, start.reach, world.escape(walk.origin, walk.direction)), 1e30)
         length = dr.select(met, hit.t, dr.select(walk.medium > 0, reach, 0))
         tallied = going & ~first & (walk.medium > 0) & (length > 0) & tracing.within(walk.depth, start.source)
-        self._deposit(walk, length, seed, tallied, deposit)
+        deposit(walk, length, seed, tallied)
         u = pixel_sample(seed, UInt32(Stream.FLIGHT))
         u.y = dr.select(first & (start.branch == SCATTERED), dr.lerp(start.low, start.high, u.y), u.y)
         fractions = walk.flux * dr.rcp(dr.maximum(dr.sum(walk.flux), 1e-30))
@@ -161,18 +165,34 @@ class Tally:
         return dr.select(straight & ~lit, 0, result)
 
     def _deposit(
-        self, walk: LightWalk, length: Float, seed: UInt32, active: Bool, deposit: Callable[[Deposit, Bool], None]
+        self, deposit: Callable[[Deposit, Bool], None], eye: Array3f | None, walk: LightWalk, length: Float,
+        seed: UInt32, active: Bool,
     ) -> None:  # fmt: skip
-        """Deposit the light of walks' segments at stratified points."""
+        """Deposit the light of walks' segments at stratified points.
+
+        With an eye, every second point is equiangular around it (Kulla and Fajardo 2012): with its distance D from the
+        ray, which is least at c, its density is D / ((b − a) (D² + (s − c)²)), with the angles a and b to both ends.
+        Each counts with the density of both kinds together (balance heuristic).
+        """
         extinction = self.tracing.world.media.extinction(walk.medium)
         end = dr.minimum(length, _DARK * dr.rcp(dr.maximum(dr.min(extinction), 1e-30)))
+        kinds = 1 if eye is None else 2
+        center = dr.dot((walk.origin if eye is None else eye) - walk.origin, walk.direction)
+        apart = dr.norm((walk.origin if eye is None else eye) - walk.origin - center * walk.direction)
+        apart = dr.maximum(apart, 1e-4 * end)
+        first, last = dr.atan2(-center, apart), dr.atan2(end - center, apart)
 
         def point(number: UInt32) -> tuple[UInt32]:
-            distance = (Float(number) + unit_float(hash32(seed, number, UInt32(Stream.FOG)))) * (1 / _POINTS) * end
+            u = (Float(number // kinds) + unit_float(hash32(seed, number, UInt32(Stream.FOG)))) * (kinds / _POINTS)
+            distance, density = u * end, dr.rcp(end)
+            if eye is not None:
+                aside = center + apart * dr.tan(dr.lerp(first, last, u))
+                distance = dr.select(number % 2 == 0, distance, dr.clip(aside, 0, end))
+                density += apart * dr.rcp((last - first) * (apart * apart + dr.square(distance - center)))
             own = Deposit()
             own.place, own.direction = walk.origin + distance * walk.direction, walk.direction
             own.medium, own.source = walk.medium, self.starts.source
-            own.light = walk.flux * dr.exp(-extinction * distance) * (end / _POINTS)
+            own.light = walk.flux * dr.exp(-extinction * distance) * dr.rcp(density * (_POINTS / kinds))
             deposit(own, active)
             return (number + 1,)
 
