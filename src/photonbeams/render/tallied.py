@@ -8,9 +8,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
+import numpy as np
 
 from ..estimators.estimate import ENDLESS
-from ..estimators.froxels import Froxels
 from ..numerics.arrays import to_float, to_uint
 from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..transport.tally import Deposit, Tally
@@ -19,6 +19,7 @@ from ..world.media.interfaces import pointers
 from ..world.spectra import rgb
 from .paths import camera_paths
 from .paths.camera_paths import CameraTracing
+from .paths.froxels import Froxels
 from .paths.surface_light import NO_LIGHT
 
 if TYPE_CHECKING:
@@ -87,7 +88,11 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
         each.number: shrunk * min(_BLUR * world.radius_of(each), FREE_PATHS / max(*each.medium.extinction, 1e-30))
         for each in media
     }
-    unit = float(dr.max(tally.starts.initial)[0]) * tally.tracing.region / _UNITS
+    # Of each group by itself: the light of a still lamp does not change when another one begins to shine.
+    group_of_walk = np.array([groups.index(each.group) for each in sources])[tally.starts.source.numpy()]
+    power = np.zeros(len(groups))
+    np.maximum.at(power, group_of_walk, tally.starts.initial.numpy())
+    units = np.where(power > 0, power, 1.0) * (tally.tracing.region / _UNITS)
     froxels: dict[tuple[int, int], Froxels] = {}
     pixels = dr.width(rays.primary.direction)
     begun = camera_paths.begin(rays.tracing, rays.primary, dr.arange(UInt32, pixels))
@@ -105,8 +110,7 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
                     near=near,
                     far=far,
                     medium=each.medium,
-                    groups=len(groups),
-                    unit=unit,
+                    units=units.tolist(),
                     blur=blur[each.number],
                 )
     group_of = to_uint([*(groups.index(each.group) for each in sources), 0])

@@ -222,21 +222,22 @@ def tally_starts(tracing: Tracing, paths: LightPaths, step: int) -> TallyStarts 
     chance = [unit_float(hash32(seed, UInt32(Stream.FOG_FLIGHT), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
     dr.eval(light, chance, seed)
     found = np.nan_to_num(to_numpy(light).astype(np.float64), posinf=0.0)
-    power = found.sum() / _WALKS
-    if not power:
-        return None
-    chosen = _strata(found / power, np.stack([each.numpy() for each in chance]))
+    # Each lamp has its own share of the walks, whatever others do.
+    source = paths.source.numpy()
+    power = np.bincount(source, found.sum(axis=0), len(tracing.paths)) * (len(tracing.paths) / _WALKS)
+    share = np.maximum(power[source], 1e-30)
+    chosen = _strata(found / share, np.stack([each.numpy() for each in chance]))
     if not len(chosen.index):
         return None
     kind, path = np.divmod(chosen.index, found.shape[1])
     result, own = TallyStarts(), to_uint(path)
     for name in ("origin", "direction", "flux", "medium", "source", "link", "depth", "straight", "offset", "reach"):
         setattr(result, name, taken(getattr(paths, name), own))
-    result.flux = result.flux * to_float(power / found.ravel()[chosen.index])
+    result.flux = result.flux * to_float(share[path] / found.ravel()[chosen.index])
     result.branch = to_uint(np.where(kind == 0, SCATTERED, REFLECTED))
     result.seed = hash32(taken(seed, own), result.branch, to_uint(chosen.number))
     result.low, result.high = to_float(chosen.number / chosen.count), to_float((chosen.number + 1) / chosen.count)
-    result.initial = dr.full(Float, power, len(chosen.index))
+    result.initial = to_float(share[path])
     dr.eval(result)
     return result
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import photonbeams as pb
-from photonbeams.estimators.froxels import Froxels
 from photonbeams.numerics.arrays import to_float
+from photonbeams.render.paths.froxels import Froxels
 from photonbeams.runtime.device import Array3f, Bool, UInt32
 from photonbeams.scene import Camera
 from photonbeams.world.cameras.cameras import View, Window
@@ -32,7 +32,7 @@ def even(camera, medium, near, far, rng):
     shorter = (x >= WIDTH // 2) & (y >= HEIGHT // 2)
     length = np.where(shorter, 0.5, 1.0) * (far - near)
     begin = to_float(np.full(WIDTH * HEIGHT, near))
-    cells = Froxels.of(view.projection, rays.facing, begin, begin + to_float(length), medium, 1, 1e-15, 0.01 * far)
+    cells = Froxels.of(view.projection, rays.facing, begin, begin + to_float(length), medium, [1e-15], 0.01 * far)
     # The volume element is z² dz for even slopes x / z and y / z; beyond the sides of the picture there is light, too.
     parallel = camera.projection == "orthographic"
     last = min(far, near + 8 / max(min(medium.extinction), 1e-30))  # deeper light is not seen
@@ -72,7 +72,7 @@ def test_sums_do_not_depend_on_the_order_of_deposits(rng):
     value = rng.uniform(0, 1, (1 << 16, 3)).astype(np.float32)
 
     def sums(order):
-        cells = Froxels.of(view.projection, rays.facing, 0 * end, end, medium, 1, 1e-9, 0.04)
+        cells = Froxels.of(view.projection, rays.facing, 0 * end, end, medium, [1e-9], 0.04)
         light = Array3f(value[order].T.copy())
         everywhere = dr.full(Bool, True, len(order))
         cells.add(

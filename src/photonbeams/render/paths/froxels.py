@@ -11,7 +11,7 @@ a running sum over the cells of a column, from where the ray enters the medium: 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,12 +19,10 @@ import drjit as dr
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
-from ..numerics.arrays import to_float
-from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
-from ..scene import Array, Medium
-from .projection import Projection
-
-mi = mitsuba()
+from ...estimators.projection import Projection
+from ...numerics.arrays import to_float
+from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, UInt64
+from ...scene import Array, Medium
 
 # The most columns of cells, 160 × 90 for all of a picture, and cells in a column. More change nothing that is seen
 # (tried: half and twice as many of each). With many light groups there are fewer: see `_BYTES`.
@@ -61,8 +59,8 @@ class Froxels:
         The greatest length in the medium that counts, and the scale of the thinnest cells, in scene units.
     volume
         The volume that rays see of each cell, in cubic scene units.
-    unit, groups, sums
-        The least deposit, the number of light groups, and the deposits by groups and channels, in units: whole numbers
+    units, sums
+        The least deposit of each light group, and the deposits by groups and channels, in these units: whole numbers
         have the same sum in any order.
     """
 
@@ -76,13 +74,12 @@ class Froxels:
     longest: Float
     first: Float
     volume: Array
-    unit: float
-    groups: int
+    units: Sequence[float]
     sums: Any
 
     @classmethod
     def of(
-        cls, view: Projection, facing: Float, near: Float, far: Float, medium: Medium, groups: int, unit: float,
+        cls, view: Projection, facing: Float, near: Float, far: Float, medium: Medium, units: Sequence[float],
         blur: float,
     ) -> Froxels:  # fmt: skip
         """Return empty cells, no wider than `blur` where that takes no more columns than there may be.
@@ -94,8 +91,8 @@ class Froxels:
         facing, near, far
             Of the rays of all pixels, row by row: the cosine to the view's axis, and where the medium begins and ends;
             these do not meet it where `far` is not beyond `near`.
-        medium, groups, unit, blur
-            The medium, the number of light groups, the least deposit, and the length in scene units.
+        medium, units, blur
+            The medium, the least deposit of each light group, and the length in scene units.
         """
         length = np.maximum((far - near).numpy(), 0).reshape(view.height, view.width)
         rows, columns = (np.flatnonzero((length > 0).any(axis=axis)) for axis in (1, 0))
@@ -103,7 +100,7 @@ class Froxels:
         seen = length.ravel() > 0
         away = 1.0 if view.orthographic else float(np.median(near.numpy()[seen] + _MIDDLE * length.ravel()[seen]))
         side = int(np.clip(_FINE * blur / (_pixel(view) * away), 1, max(height, width) // _FEWEST + 1))
-        most = min(_COLUMNS, _BYTES // (24 * groups * _SLABS))
+        most = min(_COLUMNS, _BYTES // (24 * len(units) * _SLABS))
         while -(-height // side) * -(-width // side) > most:
             side += 1
         shape = _SLABS, int(-(-height // side)), int(-(-width // side))
@@ -114,10 +111,10 @@ class Froxels:
         keys = Array3f(_key(view, least * facing), _key(view, far * facing), dr.select(meets, Float(1), Float(0)))
         dr.eval(keys)
         corner = int(left), int(top)
-        sums = dr.zeros(mi.UInt64, 3 * groups * int(np.prod(shape)))
+        sums = dr.zeros(UInt64, 3 * len(units) * int(np.prod(shape)))
         empty = cls(
             view=view, corner=corner, side=side, shape=shape, near=near, far=far, keys=keys, longest=longest,
-            first=longest / _THICKER, volume=np.zeros(0), unit=unit, groups=groups, sums=sums,
+            first=longest / _THICKER, volume=np.zeros(0), units=units, sums=sums,
         )  # fmt: skip
         return replace(empty, volume=empty._volumes(facing))
 
@@ -195,11 +192,12 @@ class Froxels:
             for each, begin in zip((at.x, at.y), self.corner, strict=True)
         )
         cell = (UInt32(dr.select(inside, slab, 0)) * rows + y) * columns + x
-        deposit = value * phase(toward, inside) * dr.opaque(Float, 1 / self.unit)
+        inverse = dr.gather(Float, to_float([*(1 / each for each in self.units), 0]), group)
+        deposit = value * phase(toward, inside) * inverse
         inside &= (x < columns) & (y < rows)
         for channel in range(3):
             place_of_sum = (group * 3 + channel) * (rows * columns * _SLABS) + cell
-            dr.scatter_reduce(dr.ReduceOp.Add, self.sums, mi.UInt64(deposit[channel]), place_of_sum, inside)
+            dr.scatter_reduce(dr.ReduceOp.Add, self.sums, UInt64(deposit[channel]), place_of_sum, inside)
 
     def _keys(self, at: Array2f, active: Bool) -> Array3f:
         """Return keys at places in the picture: those of planes are linear there.
@@ -254,14 +252,14 @@ class Froxels:
         volume = blurred(self.volume)
         least = _SEEN * volume.max(axis=(1, 2), keepdims=True)
         inverse = np.where(volume > least, 1 / np.maximum(volume, np.maximum(least, 1e-300)), 0)
-        sums = self.sums.numpy().astype(np.float64).reshape(self.groups, 3, *self.shape) * self.unit
+        sums = self.sums.numpy().astype(np.float64).reshape(len(self.units), 3, *self.shape)
         result = []
-        for own in sums:
+        for own, unit in zip(sums, self.units, strict=True):
             table = np.zeros((_SLABS + 1, *self.shape[1:], 3))
             for channel, (scattering, extinction) in enumerate(zip(medium.scattering, medium.extinction, strict=True)):
                 passed = np.exp(-extinction * ends)
                 seen = (passed[:-1] - passed[1:]) / extinction if extinction > 0 else np.diff(ends)
-                light = blurred(own[channel]) * inverse * (scattering / (4 * np.pi) * seen)[:, None, None]
+                light = blurred(unit * own[channel]) * inverse * (scattering / (4 * np.pi) * seen)[:, None, None]
                 np.cumsum(light, axis=0, out=table[1:, ..., channel])
             result.append(to_float(table.ravel()))
         return result
