@@ -136,6 +136,8 @@ def test_tiles_that_do_not_belong_together_are_refused(call, render, stage, out)
     fails(call(*gap), 1, "640 of 1,920 pixels are in no tile: expected all tiles, or --partial")
     code, _, stderr = call(*gap, "--partial")
     assert code == 0 and "640 of 1,920 pixels are in no tile and stay black" in stderr
+    code, _, stderr = call("merge", out / "b.exr", "-o", out / "x.exr")
+    assert code == 0 and "of 1,920 pixels of the picture are beyond these tiles: expected all tiles" in stderr
     for flag in (("--layers", "beams"), ("--single-part",), ("--exposure", "1"), ("--remove",)):
         fails(call(*gap, "--partial", *flag), 2, "tiles are joined as they are: expected no --layers")
     for text in ("0/2", "3/2", "1", "a/b"):

@@ -23,11 +23,11 @@ RAMP = np.linspace(0, 16, WIDTH * HEIGHT // 2, dtype=np.float32).reshape(HEIGHT 
 LAYERS = {"rgba": RAMP * np.ones(4), "surface": RAMP * np.ones(3), "beams": RAMP * np.zeros(3), "depth": 1 + RAMP}
 
 
-def tile(path, number):
-    """Write the upper half of a picture, 0, or the lower one, 1."""
+def tile(path, number, **more):
+    """Write the upper half of a picture, 0, or the lower one, 1, with more attributes."""
     top = number * HEIGHT // 2
     header = View(Camera.look_at((0, 0, 5), (0, 0, 0)), Window.full(WIDTH, HEIGHT)).header()
-    header |= {"dataWindow": (0, top, WIDTH - 1, top + HEIGHT // 2 - 1)}
+    header |= {"dataWindow": (0, top, WIDTH - 1, top + HEIGHT // 2 - 1)} | more
     write_frame(path, LAYERS, header)
     return path
 
@@ -40,6 +40,14 @@ def cut(data):
 def pixels(path):
     """Return the bytes of all channels: a damaged header with another name cannot be told from a whole one."""
     return sorted(each.pixels.tobytes() for part in exr_parts(path, deep=True) for each in part.channels.values())
+
+
+@pytest.mark.parametrize("lacking", [0, 1])
+def test_a_picture_says_what_any_of_its_tiles_lacked(tmp_path, lacking):
+    lacked = ["leaves.png", "smoke.0003.vdb"]
+    paths = [tile(tmp_path / f"{k}.exr", k, **({"missing": lacked} if k == lacking else {})) for k in (0, 1)]
+    join_tiles(paths, tmp_path / "whole.exr")
+    assert all([*part.header["missing"]] == lacked for part in exr_parts(tmp_path / "whole.exr", header_only=True))
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])

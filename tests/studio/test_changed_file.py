@@ -48,6 +48,9 @@ def test_a_file_that_another_program_wrote_is_not_replaced(begin, look):
     look.write_text(THEIRS)  # there was none before
     with pytest.raises(ChangedError, match=r"look\.usda"):
         edits.save()
+    look.with_name("beside").mkdir()
+    with pytest.raises(ChangedError):
+        edits.save(look.with_name("beside") / ".." / look.name)
     assert look.read_text() == THEIRS
     assert not edits.is_saved
     edits, _ = begin()  # the autosave is older than the file; what the studio reads now, it may write

@@ -93,6 +93,7 @@ def merge(
 
 def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, partial: bool, quiet: bool) -> None:
     """Write the picture that the tiles make up."""
+    from ..images.exr import exr_parts
     from ..images.tiles import join_tiles
 
     if len(outputs) != 1 or outputs[0].path.suffix.lower() != ".exr":
@@ -102,6 +103,14 @@ def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, partial: bo
         logging.getLogger("photonbeams").warning(
             "%s: %s of %s pixels are in no tile and stay black", outputs[0].path, f"{pixels - covered:,}", f"{pixels:,}"
         )
+    header = exr_parts(outputs[0].path, header_only=True)[0].header
+    (left, top), (right, bottom) = header["displayWindow"]
+    whole = int((right + 1 - left) * (bottom + 1 - top))
+    if pixels < whole:
+        logging.getLogger("photonbeams").warning(
+            "%s: %s of %s pixels of the picture are beyond these tiles: expected all tiles, unless it is a crop",
+            outputs[0].path, f"{whole - pixels:,}", f"{whole:,}",
+        )  # fmt: skip
     if not quiet:
         print(f"{counted(len(paths), 'tile')} joined, wrote {outputs[0].path}", file=sys.stderr)
 

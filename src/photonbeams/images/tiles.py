@@ -21,7 +21,8 @@ Box = tuple[int, int, int, int]  # x0, y0, x1, y1, the last pixel not included
 def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False) -> tuple[int, int]:
     """Join tiles into one picture and write it; return how many of its pixels they cover, and how many it has.
 
-    The header is that of the first tile, with a data window around all of them. Pixels that no tile covers are black.
+    The header is that of the first tile, with a data window around all of them, and with what any of them lacks, which
+    is `missing`. Pixels that no tile covers are black.
 
     Raises
     ------
@@ -66,8 +67,10 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
         text = f"{covered.size - int(covered.sum()):,} of {covered.size:,} pixels are in no tile"
         raise SceneError(f"{output}: {text}: expected all tiles, or --partial")
     window = (np.array(whole[:2], dtype=np.int32), np.array(whole[2:], dtype=np.int32) - 1)
+    lacked = dict.fromkeys(str(each) for parts in headers for each in parts[0].header.get("missing", ()))
+    about = {"dataWindow": window, **({"missing": [*lacked]} if lacked else {})}
     files = [
-        OpenEXR.Part({**part.header, "dataWindow": window}, channels, part.name())
+        OpenEXR.Part({**part.header, **about}, channels, part.name())
         for part, channels in zip(headers[0], joined, strict=True)
     ]
     write_bytes(output, encoded_parts(output, files))

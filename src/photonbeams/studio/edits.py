@@ -12,7 +12,7 @@ from itertools import count, takewhile
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypeVar
 
-from ..runtime.files import PathLike, write_bytes
+from ..runtime.files import PathLike, place_of, write_bytes
 from ..runtime.inputs import content
 from ..scene import SceneError
 from ..usd.authoring.editing import EMPTY, EditLayer
@@ -324,7 +324,8 @@ class Edits:
         if target is None:
             raise SceneError("the edits have no file: expected the path of a .usda layer")
         with self._autosave.files, self._lock:
-            if target == self.path and _version(target) not in ("", self._version):
+            own = self.path is not None and place_of(target) == place_of(self.path)
+            if own and _version(target) not in ("", self._version):
                 if changed == "ask":
                     text = "another program has changed it since: expected changed='merge' or 'copy', or another file"
                     raise ChangedError(f"{target}: {text}")
