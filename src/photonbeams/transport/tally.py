@@ -33,7 +33,7 @@ from .tracing import Tracing
 mi = mitsuba()
 
 # Walks of a pass, points on each segment, and most steps of a walk.
-_WALKS, _POINTS, _STEPS = 1 << 18, 16, 1024
+_WALKS, _POINTS, _STEPS = 1 << 17, 16, 1024
 # No light gets farther than so many free paths.
 _DARK = 20.0
 
