@@ -235,7 +235,7 @@ class FrameRenderer(PassRenderer):
             eye = self._views[view]
             shared = eye.shares_origin(numbers[0])
             for own, number in zip(seen, numbers, strict=True):
-                samples = self.samples(number)
+                samples, tallied = self.samples(number), self._tallied(number, light, eye, pinhole)
                 beams = BeamSamples({}, film.centers())
                 if light.sets or light.tally is not None:
                     with self.statistics.phase("surfaces"):
@@ -249,12 +249,12 @@ class FrameRenderer(PassRenderer):
                             rays = replace(rays, inside=inside)
                     edge = _edges(own, film.order) if shared else ()
                     beams = self._beams(
-                        number, view, film, there, rays, places, edge, min(own.typical, _AT_EDGES), pinhole
+                        number, view, film, there, rays, places, edge, min(own.typical, _AT_EDGES), tallied
                     )
                     release_memory(self._size)
                 first = first_hits(self, eye, film, partial(self._later, view)) if number == 0 and self._depth else {}
                 if self.settings.deep and number == deep_pass(self.planned):
-                    first |= deep_pictures(self, eye, film, there, number, moving, pinhole)
+                    first |= deep_pictures(self, eye, film, there, tallied, number, moving, pinhole)
                 with self.statistics.phase("surfaces"):
                     film.add(number, own, beams, own.exposure, first)
                 release_memory(self._size)
@@ -327,17 +327,21 @@ class FrameRenderer(PassRenderer):
         moving = any(each.close is not None for each in light.sets)
         if not (light.sets or light.tally) or not (moving or any(each.blurs(number) for each in self._views)):
             return None
-        samples, first = self.samples(number), dr.opaque(UInt32, 0)
-        time = float(samples.pair(first, Stream.TIME).x[0])
-        place = [float(each[0]) for each in disk(samples.pair(first, Stream.LENS))]
+        time, place = self._drawn(number)
         passes = number + 1 if self.planned is None else self.planned
         pinholes = [each.instant(number, light, place, time, passes) for each in self._views]
         known = [each for each in pinholes if each is not None]
         return Instant(time, known) if len(known) == len(pinholes) else None
 
+    def _drawn(self, number: int) -> tuple[float, list[float]]:
+        """Return a time in a pass, from 0 to 1, and a place on the lens, in the unit disc, drawn for all pixels."""
+        samples, first = self.samples(number), dr.opaque(UInt32, 0)
+        time = float(samples.pair(first, Stream.TIME).x[0])
+        return time, [float(each[0]) for each in disk(samples.pair(first, Stream.LENS))]
+
     def _beams(
         self, number: int, view: int, film: Film, light: TracedLight, rays: ViewRays, places: Array2f, edge: Any,
-        each: int, pinhole: Pinhole | None,
+        each: int, tallied: TalliedView | None,
     ) -> BeamSamples:  # fmt: skip
         """Return the light of the beams of pass `number`, with `each` extra samples of the pixels `edge`.
 
@@ -345,7 +349,6 @@ class FrameRenderer(PassRenderer):
         these pixels; otherwise light that is rarely found would count too much.
         """
         samples, pixels = self.samples(number), dr.width(film.order)
-        tallied = self.tallied(number, light, self._views[view], pinhole)
         if not len(edge):
             found = self.gathered(number, light, rays, film.order, samples, tallied=tallied)
             return BeamSamples(found, places)
@@ -367,7 +370,7 @@ class FrameRenderer(PassRenderer):
         groups = {group: taken(radiance, index) for group, radiance in found.items()}
         return BeamSamples(groups, taken(joined([places, beside]), index), taken(more.shares(pixels), index), layout)
 
-    def tallied(
+    def _tallied(
         self, number: int, light: TracedLight, eye: FrameView, pinhole: Pinhole | None
     ) -> TalliedView | None:  # fmt: skip
         """Return the light of the tally of a pass toward a view; None if there is none."""
@@ -376,9 +379,7 @@ class FrameRenderer(PassRenderer):
         samples = self.samples(number)
         with self.statistics.phase("beams"):
             if pinhole is None and eye.blurs(number):
-                first = dr.opaque(UInt32, 0)
-                place = [float(each[0]) for each in disk(samples.pair(first, Stream.LENS))]
-                pinhole = eye.on_lens(number, float(samples.pair(first, Stream.TIME).x[0]), place)
+                pinhole = eye.on_lens(number, *self._drawn(number))
             rays = eye.pinhole_rays(number, pinhole)
             tracing = unshaded(self.camera_tracing(light.world, rays))
             assert rays.view is not None, "the techniques choose the tally for cameras alone"

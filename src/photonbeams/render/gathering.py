@@ -105,7 +105,6 @@ class Gathering:
         lattice: Lattice | None = None, tallied: TalliedView | None = None,
     ) -> None:  # fmt: skip
         self._view, self._primary, self._options, self._statistics = view, primary, options, statistics
-        self._all = media.all
         self._media = [
             (medium, own) for medium in media.all if (own := [each for each in sets if each.medium == medium.number])
         ]
@@ -128,10 +127,8 @@ class Gathering:
             if self._view is not None and bool(dr.any(own)):
                 self._add_tiled(medium, sets, paths, vertex, own)
         if self._tallied is not None:
-            for each in self._all:
-                own = tiled & (paths.medium == dr.opaque(UInt32, each.number))
-                key = self._step, each.number
-                self._tallied.add(self.radiance, key, paths=paths, end=vertex.end, share=self._share, own=own)
+            focus = None if self._view is None or self._view.lens is None else self._view.lens[1]
+            self._tallied.add(self.radiance, self._step, paths, vertex.end, share=self._share, tiled=tiled, focus=focus)
         self._step += 1
         self._steps += compressed(others, PathSegments.of(paths, vertex))
         if sum(dr.width(each.pixel) for each in self._steps) > _MOST:

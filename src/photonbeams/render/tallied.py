@@ -44,28 +44,33 @@ class TalliedView:
     ----------
     groups
         The names of the light groups.
-    froxels, tables
+    froxels
         The cells of each medium that the rays of the view meet, by their steps and the media's numbers, with the
-        radiance of each group.
+        radiance of each group: see `Froxels.tables`.
     """
 
     groups: Sequence[str]
     froxels: Mapping[tuple[int, int], tuple[Froxels, Sequence[Float]]]
 
     def add(
-        self, radiance: dict[str, Any], key: tuple[int, int], *, paths: CameraPaths, end: Float, share: Float, own: Bool
+        self, radiance: dict[str, Any], step: int, paths: CameraPaths, end: Float, *, share: Float, tiled: Bool,
+        focus: Float | None,
     ) -> None:  # fmt: skip
-        """Add the light of a medium along camera rays, up to their `end` in one step: see `froxels` for the key."""
-        if key not in self.froxels:
-            return
-        froxels, tables = self.froxels[key]
-        lens = froxels.view.lens
-        at, *_ = froxels.seen(paths.origin + (1 if lens is None else lens[1]) * paths.direction)
-        length = dr.select(own, dr.minimum(end, ENDLESS) - paths.near, 0)
-        for group, table in zip(self.groups, tables, strict=True):
-            light = froxels.radiance(table, at, length) * paths.throughput * share
-            radiance[group] = radiance.get(group, 0) + dr.select(own, light, 0)
-            dr.eval(radiance[group])
+        """Add the light along the camera rays that are `tiled`, up to their `end` in one step.
+
+        `focus` is the planar distance at which their lens is in focus; None: it is a pinhole.
+        """
+        for (number, medium), (froxels, tables) in self.froxels.items():
+            own = tiled & (paths.medium == dr.opaque(UInt32, medium))
+            if number != step or not bool(dr.any(own)):
+                continue
+            away = 1 if focus is None else focus / dr.dot(paths.direction, froxels.view.poses[0].forward)
+            at = froxels.seen(paths.origin + away * paths.direction).at
+            length = dr.select(own, dr.minimum(end, ENDLESS) - paths.near, 0)
+            for group, table in zip(self.groups, tables, strict=True):
+                light = froxels.radiance(table, at, length) * paths.throughput * share
+                radiance[group] = radiance.get(group, 0) + dr.select(own, light, 0)
+                dr.eval(radiance[group])
 
 
 @dataclass(frozen=True)
@@ -89,9 +94,8 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
         for each in media
     }
     # Of each group by itself: the light of a still lamp does not change when another one begins to shine.
-    group_of_walk = np.array([groups.index(each.group) for each in sources])[tally.starts.source.numpy()]
-    power = np.zeros(len(groups))
-    np.maximum.at(power, group_of_walk, tally.starts.initial.numpy())
+    numbers, power = np.array([groups.index(each.group) for each in sources]), np.zeros(len(groups))
+    np.maximum.at(power, numbers[tally.starts.source.numpy()], tally.starts.initial.numpy())
     units = np.where(power > 0, power, 1.0) * (tally.tracing.region / _UNITS)
     froxels: dict[tuple[int, int], Froxels] = {}
     pixels = dr.width(rays.primary.direction)
@@ -113,7 +117,7 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
                     units=units.tolist(),
                     blur=blur[each.number],
                 )
-    group_of = to_uint([*(groups.index(each.group) for each in sources), 0])
+    group_of = to_uint([*numbers, 0])
     scale_of = to_float([*(each.beam_scale for each in sources), 0])
 
     def deposit(own: Deposit, active: Bool) -> None:

@@ -2,8 +2,8 @@
 
 The beams of a pass carry what comes straight from lamps, or by mirrors and glass alone. On each of these light paths
 walks begin, where the medium scatters its light, or at the surface at its end: as many as are needed for each to carry
-about the same power w. On every further segment, of length l, some stratified points at distances s tell the fluence:
-a = w exp(−σt s) l / J each. Then the walk goes on as light does, by free flights, phase functions and BSDFs.
+about the same power w. On every further segment some stratified points at distances s, of the density q together, tell
+the fluence: a = w exp(−σt s) / q each. Then the walk goes on as light does, by free flights, phase functions and BSDFs.
 """
 
 from __future__ import annotations

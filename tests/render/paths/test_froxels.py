@@ -44,7 +44,7 @@ def even(camera, medium, near, far, rng):
     ones = dr.full(Bool, True, COUNT)
     cells.add(Array3f(places), Array3f(to_float(value)), dr.zeros(UInt32, COUNT), lambda toward, _: Array3f(1), ones)
     (table,) = cells.tables(medium, 0.01 * far)
-    at, *_ = cells.seen(Array3f(rays.origin) + 2.0 * Array3f(rays.direction))
+    at = cells.seen(Array3f(rays.origin) + 2.0 * Array3f(rays.direction)).at
     return cells.radiance(table, at, to_float(length)).numpy(), length
 
 

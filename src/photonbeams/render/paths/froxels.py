@@ -11,7 +11,7 @@ a running sum over the cells of a column, from where the ray enters the medium: 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,6 +42,19 @@ Phase = Callable[[Array3f, Bool], Array3f]
 
 
 @dataclass(frozen=True)
+class SeenPlace:
+    """How a view sees places: where in the picture, in pixels, how deep and how far, and the way to the camera.
+
+    Places behind the camera have no positive depth.
+    """
+
+    at: Array2f
+    depth: Float
+    distance: Float
+    toward: Array3f
+
+
+@dataclass(frozen=True)
 class Froxels:
     """The cells of a view, (columns, rows, slabs), and what was deposited in them by light groups.
 
@@ -55,8 +68,8 @@ class Froxels:
         Where the medium begins and ends on the ray of each pixel, (W · H,) in scene units.
     keys
         The same as `_key`, with whether a ray meets the medium.
-    longest, first
-        The greatest length in the medium that counts, and the scale of the thinnest cells, in scene units.
+    longest
+        The greatest length in the medium that counts, in scene units.
     volume
         The volume that rays see of each cell, in cubic scene units.
     units, sums
@@ -72,7 +85,6 @@ class Froxels:
     far: Float
     keys: Array3f
     longest: Float
-    first: Float
     volume: Array
     units: Sequence[float]
     sums: Any
@@ -114,21 +126,26 @@ class Froxels:
         sums = dr.zeros(UInt64, 3 * len(units) * int(np.prod(shape)))
         empty = cls(
             view=view, corner=corner, side=side, shape=shape, near=near, far=far, keys=keys, longest=longest,
-            first=longest / _THICKER, volume=np.zeros(0), units=units, sums=sums,
+            volume=np.zeros(0), units=units, sums=sums,
         )  # fmt: skip
         return replace(empty, volume=empty._volumes(facing))
 
     # -- places ------------------------------------------------------------------------------------------------------
 
-    def seen(self, place: Array3f) -> tuple[Array2f, Float, Array3f, Bool]:
-        """Return where places are in the picture, in pixels, how far, the way to the camera, and whether before it."""
+    def seen(self, place: Array3f) -> SeenPlace:
+        """Return how the view sees places."""
         pose, (sx, sy), (cx, cy) = self.view.poses[0], self.view.scale, self.view.center
         q, offset = pose.to_camera(place), place - pose.origin
         if self.view.orthographic:
-            return Array2f(cx + sx * q.x, cy - sy * q.y), q.z, -pose.forward + 0 * offset, q.z > 0
+            return SeenPlace(Array2f(cx + sx * q.x, cy - sy * q.y), q.z, q.z, -pose.forward + 0 * offset)
         inverse, distance = dr.rcp(dr.maximum(q.z, 1e-30)), dr.norm(offset)
         toward = -offset * dr.rcp(dr.maximum(distance, 1e-30))
-        return Array2f(cx + sx * q.x * inverse, cy - sy * q.y * inverse), distance, toward, q.z > 0
+        return SeenPlace(Array2f(cx + sx * q.x * inverse, cy - sy * q.y * inverse), q.z, distance, toward)
+
+    @property
+    def first(self) -> Float:
+        """The scale of the thinnest cells, in scene units."""
+        return self.longest / _THICKER
 
     def _slab(self, length: Float) -> Float:
         """Return the number of slabs up to lengths in the medium, in proportion to log(1 + t / first)."""
@@ -176,15 +193,16 @@ class Froxels:
 
     def add(self, place: Array3f, value: Array3f, group: UInt32, phase: Phase, active: Bool) -> None:
         """Deposit light at places, each of a light group, where the camera sees them."""
-        at, distance, toward, before = self.seen(place)
+        seen = self.seen(place)
+        at = seen.at
         width, height = (dr.opaque(UInt32, each) for each in (self.view.width, self.view.height))
-        inside = active & before & (at.x >= 0) & (at.y >= 0) & (at.x < Float(width)) & (at.y < Float(height))
-        key = _key(self.view, self.view.poses[0].to_camera(place).z)
+        inside = active & (seen.depth > 0) & (at.x >= 0) & (at.y >= 0) & (at.x < Float(width)) & (at.y < Float(height))
+        key = _key(self.view, seen.depth)
         near, far, meets = self._keys(at, inside)
         inside &= (meets > 0) & (key < near) & (key > far)
         # Along a line of sight, distances are in proportion to depths.
-        begin = -near if self.view.orthographic else distance * key * dr.rcp(near)
-        slab = self._slab(distance - begin)
+        begin = -near if self.view.orthographic else seen.distance * key * dr.rcp(near)
+        slab = self._slab(seen.distance - begin)
         inside &= slab < _SLABS
         rows, columns = (dr.opaque(UInt32, each) for each in self.shape[1:])
         x, y = (
@@ -193,7 +211,7 @@ class Froxels:
         )
         cell = (UInt32(dr.select(inside, slab, 0)) * rows + y) * columns + x
         inverse = dr.gather(Float, to_float([*(1 / each for each in self.units), 0]), group)
-        deposit = value * phase(toward, inside) * inverse
+        deposit = value * phase(seen.toward, inside) * inverse
         inside &= (x < columns) & (y < rows)
         for channel in range(3):
             place_of_sum = (group * 3 + channel) * (rows * columns * _SLABS) + cell
@@ -213,15 +231,8 @@ class Froxels:
         ]
         parts = [each - 0.5 - Float(begin) for each, begin in zip((at.x, at.y), begins, strict=True)]
         result = Array3f(0)
-        for corner in range(4):
-            steps = corner & 1, corner >> 1
-            x, y = (
-                dr.minimum(begin + step, size - 1)
-                for begin, step, size in zip(begins, steps, (width, height), strict=True)
-            )
-            weight = Float(1)
-            for part, step in zip(parts, steps, strict=True):
-                weight *= part if step else 1 - part
+        for (x, y), weight in _corners(begins, parts):
+            x, y = dr.minimum(x, width - 1), dr.minimum(y, height - 1)
             result += weight * dr.gather(Array3f, self.keys, y * width + x, active)
         return dr.select(result.z > 1 - 1e-4, result, own)
 
@@ -278,17 +289,19 @@ class Froxels:
             begins.append(begin)
             parts.append(bounded - Float(begin))
         result = dr.zeros(Array3f, dr.width(length))
-        for corner in range(8):
-            steps = [corner >> axis & 1 for axis in range(3)]
-            weight = Float(1)
-            for part, step in zip(parts, steps, strict=True):
-                weight *= part if step else 1 - part
-            x, y = (
-                dr.minimum(begin + step, dr.opaque(UInt32, count - 1))
-                for begin, step, count in zip(begins, steps, counts[:2], strict=False)
-            )
-            result += weight * dr.gather(Array3f, table, (begins[2] + steps[2]) * cells + y * columns + x)
+        for (x, y, z), weight in _corners(begins, parts):
+            x, y = (dr.minimum(each, dr.opaque(UInt32, most - 1)) for each, most in ((x, counts[0]), (y, counts[1])))
+            result += weight * dr.gather(Array3f, table, z * cells + y * columns + x)
         return result
+
+
+def _corners(begins: Sequence[UInt32], parts: Sequence[Float]) -> Iterator[tuple[list[UInt32], Float]]:
+    """Yield the corners of cells that begin at integers along axes, and their weights at a part of each axis."""
+    for corner in range(1 << len(begins)):
+        steps, weight = [corner >> axis & 1 for axis in range(len(begins))], Float(1)
+        for part, step in zip(parts, steps, strict=True):
+            weight *= part if step else 1 - part
+        yield [begin + step for begin, step in zip(begins, steps, strict=True)], weight
 
 
 def _key(view: Projection, depth: Float) -> Float:

@@ -49,12 +49,12 @@ def deep_pass(planned: int | None) -> int:
 
 
 def deep_pictures(
-    renderer: FrameRenderer, eye: FrameView, film: Film, light: TracedLight, number: int, moving: bool,
-    pinhole: Pinhole | None,
+    renderer: FrameRenderer, eye: FrameView, film: Film, light: TracedLight, tallied: TalliedView | None, number: int,
+    moving: bool, pinhole: Pinhole | None,
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """Return bins along the rays of pass `number`, with their parts of the light, by the names of their sums.
 
-    `moving` and `pinhole` are as for `FrameView.rays`.
+    `tallied` is the light of the pass's tally toward the view; `moving` and `pinhole` are as for `FrameView.rays`.
 
     Raises
     ------
@@ -66,7 +66,6 @@ def deep_pictures(
         return eye.rays(number, places, film.order, samples, moving, pinhole)
 
     with renderer.statistics.phase("deep"):
-        tallied = renderer.tallied(number, light, eye, pinhole)
         return _bins(renderer, _LightAlong(renderer, film, light, tallied, number, seen))
 
 
