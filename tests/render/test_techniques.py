@@ -143,7 +143,10 @@ def finders(light, number):
         hidden = medium.number in {world.numbers[name] for name in names}
         straight = traced & Counts.DIRECT_BEAMS and not hidden and world.sources[emitter.source].beams
         result["fog", medium.number] = [*own, straight, number in skies]
-        result["fog further", medium.number] = [*own, traced & Counts.BEAMS and not hidden, traced & Counts.TALLIED]
+        tallied, scattered = traced & Counts.TALLIED, traced & Counts.BEAMS and not hidden
+        result["fog further", medium.number] = [*own, scattered and not tallied, tallied]
+        if sharp:
+            result["mirrored", medium.number] = [*own, scattered]
         if sharp and small:
             away = [each for each in own if number not in each.emitters.sharp]
             result["fog caustics", medium.number] = [*away, traced & (Counts.BEAMS | Counts.CAUSTIC_BEAMS)]

@@ -28,6 +28,7 @@ class BeamSet(NamedTuple):
     to_world: Any = None  # (4, 4) transform from the light's space to world space, for looks
     medium: int = 0  # index of the medium that the beams are in
     depth: Any = None  # (N,) number of times that each beam's light was scattered before, or None if none was
+    tallied: bool = False  # whether a tally has this light straight ahead: only mirrors and glass show these beams
     zero: Point = ZERO  # where the user's coordinates begin in those of the beams: see `scene.places`
 
     def at(self, time: float) -> BeamSet:

@@ -341,7 +341,7 @@ class FrameRenderer(PassRenderer):
 
     def _beams(
         self, number: int, view: int, film: Film, light: TracedLight, rays: ViewRays, places: Array2f, edge: Any,
-        each: int, tallied: TalliedView | None,
+        each: int, tallied: Sequence[TalliedView],
     ) -> BeamSamples:  # fmt: skip
         """Return the light of the beams of pass `number`, with `each` extra samples of the pixels `edge`.
 
@@ -372,18 +372,20 @@ class FrameRenderer(PassRenderer):
 
     def _tallied(
         self, number: int, light: TracedLight, eye: FrameView, pinhole: Pinhole | None
-    ) -> TalliedView | None:  # fmt: skip
-        """Return the light of the tally of a pass toward a view; None if there is none."""
+    ) -> list[TalliedView]:  # fmt: skip
+        """Return the light of the tally of a pass toward a view, or toward its faces; none if there is no tally."""
+        samples, result = self.samples(number), list[TalliedView]()
         if light.tally is None:
-            return None
-        samples = self.samples(number)
+            return result
         with self.statistics.phase("beams"):
             if pinhole is None and eye.blurs(number):
                 pinhole = eye.on_lens(number, *self._drawn(number))
-            rays = eye.pinhole_rays(number, pinhole)
-            tracing = unshaded(self.camera_tracing(light.world, rays))
-            assert rays.view is not None, "the techniques choose the tally for cameras alone"
-            return tallied_view(PinholeRays(rays.view, rays.primary, tracing, samples), light.tally, number)
+            for rays in eye.pinhole_rays(number, pinhole):
+                tracing = unshaded(self.camera_tracing(light.world, rays))
+                assert rays.view is not None, "the techniques choose the tally for cameras alone"
+                own = PinholeRays(rays.view, rays.primary, tracing, samples)
+                result.append(tallied_view(own, light.tally, number))
+        return result
 
     def _later(self, view: int) -> Later | None:
         """Return the scene and the camera of a view one frame later; None: nothing moves."""

@@ -38,7 +38,7 @@ _MOST = 1 << 22
 
 
 class PathSegments(Struct):
-    """Segments of camera paths in media behind mirrors and glass."""
+    """Segments of camera paths in media behind mirrors and glass, or those of panoramic cameras (`primary`)."""
 
     origin: Array3f
     direction: Array3f
@@ -49,6 +49,7 @@ class PathSegments(Struct):
     branch: UInt32
     depth: UInt32
     seed: UInt32
+    primary: Bool
 
     @classmethod
     def of(cls, paths: CameraPaths, vertex: CameraVertex) -> PathSegments:
@@ -58,7 +59,7 @@ class PathSegments(Struct):
         result.far = dr.minimum(vertex.end, ENDLESS) - paths.near
         result.throughput, result.medium = paths.throughput, paths.medium
         result.pixel, result.branch = paths.pixel, paths.branch
-        result.depth, result.seed = paths.depth, vertex.seed
+        result.depth, result.seed, result.primary = paths.depth, vertex.seed, paths.primary
         return result
 
 
@@ -102,7 +103,7 @@ class Gathering:
     def __init__(
         self, view: Projection | None, primary: PrimaryRays, media: Media, sets: Sequence[BeamSet],
         options: EstimatorOptions, statistics: Statistics, more: MoreSamples | None = None,
-        lattice: Lattice | None = None, tallied: TalliedView | None = None,
+        lattice: Lattice | None = None, tallied: Sequence[TalliedView] = (),
     ) -> None:  # fmt: skip
         self._view, self._primary, self._options, self._statistics = view, primary, options, statistics
         self._media = [
@@ -123,12 +124,16 @@ class Gathering:
         others = inside & ~tiled & (paths.pixel < dr.opaque(UInt32, self._pixels))
         dr.eval(tiled, others)
         for medium, sets in self._media:
+            sets = [each for each in sets if not each.tallied]
             own = tiled & (paths.medium == dr.opaque(UInt32, medium.number))
             if self._view is not None and bool(dr.any(own)):
                 self._add_tiled(medium, sets, paths, vertex, own)
-        if self._tallied is not None:
-            focus = None if self._view is None or self._view.lens is None else self._view.lens[1]
-            self._tallied.add(self.radiance, self._step, paths, vertex.end, share=self._share, tiled=tiled, focus=focus)
+        focus = None if self._view is None or self._view.lens is None else self._view.lens[1]
+        left = inside & paths.primary
+        for number, each in enumerate(self._tallied):
+            own = left & each.holds(paths) if number + 1 < len(self._tallied) else left
+            each.add(self.radiance, self._step, paths, vertex, share=self._share, active=own, focus=focus)
+            left &= ~own
         self._step += 1
         self._steps += compressed(others, PathSegments.of(paths, vertex))
         if sum(dr.width(each.pixel) for each in self._steps) > _MOST:
@@ -172,10 +177,11 @@ class Gathering:
             own = segments.medium == dr.opaque(UInt32, medium.number)
             for each in sets:
                 self._statistics.step()
+                shown = own & ~segments.primary if each.tallied else own
                 found = dr.zeros(Array3f, sum(widths))
                 if images is not None:
                     images = replace(images, least=self._brought(each.group, segments))
-                for lanes, beams in self._pairs(each, segments, own):
+                for lanes, beams in self._pairs(each, segments, shown):
                     part = None if images is None else images.taken(lanes)
                     dr.scatter(found, self._grid(medium, each, beams, segments, lanes, part), lanes)
                 self._add_found(each.group, found, widths)

@@ -158,13 +158,13 @@ class PassRenderer:
 
     def gathered(
         self, number: int, light: TracedLight, rays: ViewRays, order: UInt32, samples: Samples,
-        more: MoreSamples | None = None, tallied: TalliedView | None = None,
+        more: MoreSamples | None = None, tallied: Sequence[TalliedView] = (),
     ) -> Groups:  # fmt: skip
         """Return the light of the beams of pass `number` along camera rays; with `more`, some pixels have several.
 
-        With `tallied`, that of the pass's tally is added.
+        That of the pass's tally is added, `tallied` toward views that together show all.
         """
-        if not light.sets and tallied is None:
+        if not light.sets and not tallied:
             return {}
         if rays.inside is not None:
             return self._gathered_apart(number, light, rays, rays.inside, order, samples, more, tallied)
@@ -199,7 +199,7 @@ class PassRenderer:
 
     def _gathered_apart(
         self, number: int, light: TracedLight, rays: ViewRays, inside: tuple[UInt32, ViewRays], order: UInt32,
-        samples: Samples, more: MoreSamples | None, tallied: TalliedView | None,
+        samples: Samples, more: MoreSamples | None, tallied: Sequence[TalliedView],
     ) -> Groups:  # fmt: skip
         """Return what `_gathered` returns, gathered apart for the picture and for overscan.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..estimators.estimate import ENDLESS
 from ..numerics.arrays import to_float, to_uint
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ..transport.tally import Deposit, Tally
 from ..transport.tuning import FREE_PATHS, radius_scale
 from ..world.media.interfaces import pointers
@@ -26,14 +26,22 @@ if TYPE_CHECKING:
     from ..estimators.projection import Projection
     from ..numerics.samples import Samples
     from ..world.cameras.sensors import PrimaryRays
+    from ..world.media.media import Media
     from .paths.branches import CameraPaths
+    from .paths.camera_paths import CameraVertex
 
 mi = mitsuba()
 
 # The blur of the fluence in the first pass, a standard deviation, as a part of a medium's radius.
 _BLUR = 0.0125
-# A deposit of the usual power over the region's radius is so many units: 2^17 walks cannot exceed 64 bits.
-_UNITS = 2.0**34
+# A deposit of the usual power over the region's radius is so many units: 2^17 walks cannot exceed 63 bits.
+_UNITS = 2.0**33
+# Rays so near to the rim of a picture, in pixels, are in it.
+_RIM = 1e-2
+# Light in homogeneous media ends at this optical depth.
+_DEEPEST = 12.0
+# The least blur along rays through media that vary, in cells: so light is known beyond where a cell's rays end.
+_ALONG = 0.6
 
 
 @dataclass(frozen=True)
@@ -42,35 +50,61 @@ class TalliedView:
 
     Attributes
     ----------
-    groups
-        The names of the light groups.
+    media, groups
+        The media, and the names of the light groups.
     froxels
         The cells of each medium that the rays of the view meet, by their steps and the media's numbers, with the
-        radiance of each group: see `Froxels.tables`.
+        radiance of each group, or in media that vary the fluence: see `Froxels`.
     """
 
+    media: Media
     groups: Sequence[str]
     froxels: Mapping[tuple[int, int], tuple[Froxels, Sequence[Float]]]
 
+    def holds(self, paths: CameraPaths) -> Bool:
+        """Return which camera rays are in the view's picture."""
+        held = Bool(False)
+        for froxels, _ in list(self.froxels.values())[:1]:
+            seen, view = froxels.seen(paths.origin + paths.direction), froxels.view
+            width, height = (dr.opaque(Float, each) for each in (view.width, view.height))
+            inside = [(dr.abs(2 * at - size) <= size + _RIM) for at, size in ((seen.at.x, width), (seen.at.y, height))]
+            held = (seen.depth > 0) & inside[0] & inside[1]
+        return held
+
     def add(
-        self, radiance: dict[str, Any], step: int, paths: CameraPaths, end: Float, *, share: Float, tiled: Bool,
-        focus: Float | None,
+        self, radiance: dict[str, Any], step: int, paths: CameraPaths, vertex: CameraVertex, *, share: Float,
+        active: Bool, focus: Float | None,
     ) -> None:  # fmt: skip
-        """Add the light along the camera rays that are `tiled`, up to their `end` in one step.
+        """Add the light along the camera rays that are `active`, up to their ends in one step.
 
         `focus` is the planar distance at which their lens is in focus; None: it is a pinhole.
         """
         for (number, medium), (froxels, tables) in self.froxels.items():
-            own = tiled & (paths.medium == dr.opaque(UInt32, medium))
+            own = active & (paths.medium == dr.opaque(UInt32, medium))
             if number != step or not bool(dr.any(own)):
                 continue
             away = 1 if focus is None else focus / dr.dot(paths.direction, froxels.view.poses[0].forward)
             at = froxels.seen(paths.origin + away * paths.direction).at
-            length = dr.select(own, dr.minimum(end, ENDLESS) - paths.near, 0)
+            length = dr.select(own, dr.minimum(vertex.end, ENDLESS) - paths.near, 0)
             for group, table in zip(self.groups, tables, strict=True):
-                light = froxels.radiance(table, at, length) * paths.throughput * share
+                light = self._along(medium, froxels, table, paths, at, length, vertex.seed, own)
+                light *= paths.throughput * share
                 radiance[group] = radiance.get(group, 0) + dr.select(own, light, 0)
                 dr.eval(radiance[group])
+
+    def _along(
+        self, medium: int, froxels: Froxels, table: Float, paths: CameraPaths, at: Array2f, length: Float,
+        seed: UInt32, active: Bool,
+    ) -> Array3f:  # fmt: skip
+        """Return the light along rays over lengths in a medium, at places in the picture."""
+        if not self.media.varies(medium):
+            return froxels.radiance(table, at, length)
+        start = paths.origin + paths.near * paths.direction
+
+        def source(place: Array3f) -> Array3f:
+            return froxels.source(table, at, dr.dot(place - start, paths.direction))
+
+        return self.media.gathered(paths.medium, start, paths.direction, length, seed, active, source)
 
 
 @dataclass(frozen=True)
@@ -113,7 +147,7 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
                     facing=rays.primary.facing,
                     near=near,
                     far=far,
-                    medium=each.medium,
+                    deepest=np.inf if each.tracked else _DEEPEST / max(min(each.medium.extinction), 1e-30),
                     units=units.tolist(),
                     blur=blur[each.number],
                 )
@@ -130,9 +164,12 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
     dr.eval([each.sums for each in froxels.values()])
     result = {}
     for (step, number), cells in froxels.items():
-        medium = next(each.medium for each in media if each.number == number)
-        result[step, number] = cells, cells.tables(medium, blur[number])
-    return TalliedView(groups, result)
+        if world.media.varies(number):
+            tables = [to_float(each.ravel()) for each in cells.fluence(blur[number], _ALONG)]
+        else:
+            tables = cells.tables(next(each.medium for each in media if each.number == number), blur[number])
+        result[step, number] = cells, tables
+    return TalliedView(world.media, groups, result)
 
 
 def _phase(deposit: Deposit, toward: Array3f, active: Bool) -> Array3f:

@@ -76,7 +76,8 @@ class Kind(Enum):
         "skies, straight to media", "E S* M L, L a sky",
         "samples along the camera's segment, else beams, else walks", Counts.DIRECT_BEAMS,
     )  # fmt: skip
-    FOG_FURTHER = "further to media", "E S* M … L", "tally, else beams, else walks", Counts.BEAMS
+    FOG_FURTHER = "further to media", "E M … L", "tally, else beams, else walks", Counts.BEAMS
+    MIRRORED = "further to media, in mirrors", "E S S* M … L", "beams, else walks", Counts.BEAMS
     FOG_CAUSTICS = "by mirrors to media", "E S* M … S L, L small", "beams", Counts.CAUSTIC_BEAMS
 
     def __init__(self, title: str, path: str, said: str, traced: Counts) -> None:
@@ -84,7 +85,7 @@ class Kind(Enum):
         self.found = [{Technique(each) for each in part.split(" and ")} for part in said.split(", else ")]
 
 
-STRAIGHT, FURTHER, SELDOM, CAUSTICS, FOG, SKIES, FOG_FURTHER, FOG_CAUSTICS = Kind
+STRAIGHT, FURTHER, SELDOM, CAUSTICS, FOG, SKIES, FOG_FURTHER, MIRRORED, FOG_CAUSTICS = Kind
 
 
 @dataclass(frozen=True)
@@ -211,6 +212,8 @@ class Techniques:
             found[FURTHER] = self._further(number)
             if number in self.rare and self.seen.lit.get(number, 1.0) < _LITTLE:
                 found[SELDOM] = self._choose(SELDOM, {WALKS, VIRTUAL})
+        if world.mirrors:
+            found[MIRRORED] = fog
         if world.mirrors and lamp.sharp:
             found[FOG_CAUSTICS] = {BEAMS}
             if FURTHER in found:
@@ -221,11 +224,11 @@ class Techniques:
     def _tallied(self, number: int) -> bool:
         """Return whether the tally can find the light of an emitter further in media.
 
-        It is seen by the camera's own rays alone, and follows walks in homogeneous media.
+        It is seen by the camera's own rays alone.
         """
-        world, own = self.world, self.world.sources[self.world.emitters[number].source]
+        own = self.world.sources[self.world.emitters[number].source]
         physical = own.scattered == "physical" or (own.look is None and own.scattered != "off")
-        if TALLY in self.off or world.mirrors or world.media.any_varying or not self.tuning.visible:
+        if TALLY in self.off or not self.tuning.visible:
             return False
         return physical and not self.tuning.short and not self._thick.get(number)
 

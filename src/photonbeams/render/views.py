@@ -190,15 +190,18 @@ class FrameView:
         assert self._camera is not None
         return on_lens(self._camera(number).at(time), place)
 
-    def pinhole_rays(self, number: int, pinhole: Pinhole | None) -> ViewRays:
+    def pinhole_rays(self, number: int, pinhole: Pinhole | None) -> list[ViewRays]:
         """Return the rays through the middles of all pixels of the whole picture, of a pinhole or of a still camera.
 
-        Where a holdout ends beams, the scene's surfaces are not seen.
+        Those of a panoramic camera are in the faces of a cube. Where a holdout ends beams, the scene's surfaces are not
+        seen.
         """
-        own = self._view(number, self.window.whole(), pinhole)
-        count = own.window.width * own.window.height
-        primary = self._primary(own, own.rays(dr.full(Array2f, 0.5, count)))
-        return ViewRays(primary, own.projection, holdout=None if self.holdout is None else primary.far)
+        result = []
+        for own in self._view(number, self.window.whole(), pinhole).flat():
+            count = own.window.width * own.window.height
+            primary = self._primary(own, own.rays(dr.full(Array2f, 0.5, count)))
+            result.append(ViewRays(primary, own.projection, holdout=None if self.holdout is None else primary.far))
+        return result
 
     def _view(self, number: int, window: Window, pinhole: Pinhole | None = None) -> View:
         """Return the camera of a pass, or a pinhole, in a window of the picture."""

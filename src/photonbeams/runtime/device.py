@@ -4,7 +4,7 @@ Dr.Jit loads libLLVM while it is imported, and takes the library that it finds. 
 and 16 abort the process on AVX-512 machines ("Cannot select: fmaximum"). So `prepare`, which `import photonbeams`
 calls, looks for a working library and sets DRJIT_LIBLLVM_PATH to it. A value that the user has set is kept.
 
-The array types `Float`, `UInt32`, `Int32`, `UInt64`, `Bool`, `Array2f`, `Array3f` and `Array4f` of the chosen backend
+The array types `Float`, `UInt32`, `Int32`, `Int64`, `Bool`, `Array2f`, `Array3f` and `Array4f` of the chosen backend
 are attributes of this module. The first use of one of them starts the backend; call `select` earlier to choose it.
 """
 
@@ -27,15 +27,15 @@ from . import libllvm
 from .limits import check_working_folder, processors
 
 if TYPE_CHECKING:
-    from drjit.auto.ad import Array2f, Array3f, Array4f, Bool, Float, Int32, UInt32, UInt64
+    from drjit.auto.ad import Array2f, Array3f, Array4f, Bool, Float, Int32, Int64, UInt32, UInt64
 
 __all__ = [
-    "Array2f", "Array3f", "Array4f", "Bool", "DeviceError", "Float", "Int32", "UInt32", "UInt64", "backend",
+    "Array2f", "Array3f", "Array4f", "Bool", "DeviceError", "Float", "Int32", "Int64", "UInt32", "UInt64", "backend",
     "check_recording", "kept_variant", "mitsuba", "mitsuba_variant", "prepare", "scene_variants", "select",
     "set_threads", "uncollected",
 ]  # fmt: skip
 
-_ARRAY_TYPES = ("Array2f", "Array3f", "Array4f", "Bool", "Float", "Int32", "UInt32", "UInt64")
+_ARRAY_TYPES = ("Array2f", "Array3f", "Array4f", "Bool", "Float", "Int32", "Int64", "UInt32", "UInt64")
 
 
 class DeviceError(RuntimeError):

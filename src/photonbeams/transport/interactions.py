@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
 
 import drjit as dr
 
@@ -29,9 +30,10 @@ mi = mitsuba()
 # Number of scattering events after which even paths that lose no flux end by Russian roulette.
 _LONG = 256
 
-#: Kinds of a path's next interaction. SAMPLED: as it comes. SCATTERED: in the medium. Others are on the next surface,
-#: from which the path goes on by ideal lobes alone (IDEAL), or by all others (REFLECTED).
-SAMPLED, SCATTERED, IDEAL, REFLECTED = 0, 1, 3, 4
+#: Kinds of a path's next interaction. SAMPLED: as it comes, or so after a null collision (TINTED). SCATTERED: in the
+#: medium. Others are on the next surface, from which the path goes on by ideal lobes alone (IDEAL), or by all others
+#: (REFLECTED).
+SAMPLED, SCATTERED, TINTED, IDEAL, REFLECTED = 0, 1, 2, 3, 4
 
 
 class Interaction:
@@ -66,26 +68,66 @@ class Interaction:
         self.valid = hit.is_valid()
         self.length = dr.select(self.valid, hit.t, dr.select(paths.medium > 0, paths.reach, 0))
         self.fractions = paths.flux * dr.rcp(dr.maximum(dr.sum(paths.flux), 1e-30))
-        u = pixel_sample(index, hash32(stream, UInt32(Stream.FLIGHT)))
-        distance, weight = flight(media, paths.medium, paths.branch, self.fractions, self.length, u)
-        self.scatters = distance < self.length
-        self.tinted = self.varying = dr.zeros(Bool, dr.width(distance))
-        if media.any_varying:
-            self.varying, colored = media.varying(paths.medium)
-            other, collided, scatters, color = free_flight(
-                pointers(dr.select(self.varying, paths.medium, 0)), paths.origin, paths.direction, self.length,
-                self.fractions, hash32(index, stream, UInt32(Stream.FLIGHT)), self.varying, colored,
-            )  # fmt: skip
-            distance, weight = dr.select(self.varying, other, distance), dr.select(self.varying, color, weight)
-            self.scatters = dr.select(self.varying, scatters, self.scatters)
-            self.tinted = self.varying & collided & ~scatters
+        own = flown(
+            media, paths, self.length, branch=paths.branch, fractions=self.fractions, active=Bool(True), stops=True,
+            u=pixel_sample(index, hash32(stream, UInt32(Stream.FLIGHT))),
+            seed=hash32(index, stream, UInt32(Stream.FLIGHT)),
+        )  # fmt: skip
+        self.scatters, self.tinted, self.varying, self.weight = own.scatters, own.tinted, own.varying, own.weight
         self.on_surface = self.valid & ~self.scatters & ~self.tinted
-        self.distance = dr.minimum(distance, self.length)
-        self.weight = weight
+        self.distance = dr.minimum(own.distance, self.length)
         self.position = paths.origin + self.distance * paths.direction
         self.site = dr.select(self.on_surface, tracing.world.linking.of_surfaces(hit), paths.medium)
         self.smooth = self.valid & mi.has_flag(hit.bsdf().flags(), mi.BSDFFlags.Smooth)
         self.going = self.scatters | self.tinted | self.on_surface
+
+
+class MediumRays(Protocol):
+    """Rays, and the numbers of the media in which they begin."""
+
+    origin: Array3f
+    direction: Array3f
+    medium: UInt32
+
+
+@dataclass(frozen=True)
+class Flown:
+    """Free flights: distances, weights, and how they end; `varying` says whose media vary."""
+
+    distance: Float
+    weight: Array3f
+    scatters: Bool
+    tinted: Bool
+    varying: Bool
+
+
+def flown(
+    media: Media, rays: MediumRays, length: Float, *, branch: UInt32, fractions: Array3f,
+    active: Bool, u: Array2f, seed: UInt32, stops: bool = False,
+) -> Flown:  # fmt: skip
+    """Return the free flights of rays in their media, up to a length.
+
+    Parameters
+    ----------
+    branch, fractions, u
+        As for `flight`, in homogeneous media; in those that vary, flights are sampled with the `seed` where `active`.
+    stops
+        Whether flights end at each tentative collision in media whose extinction varies and has a colour.
+    """
+    distance, weight = flight(media, rays.medium, branch, fractions, length, u)
+    scatters, nowhere = distance < length, dr.zeros(Bool, dr.width(distance))
+    if not media.any_varying:
+        return Flown(distance, weight, scatters, tinted=nowhere, varying=nowhere)
+    varying, colored = media.varying(rays.medium)
+    varying &= active
+    other, collided, scattered, color = free_flight(
+        pointers(dr.select(varying, rays.medium, 0)), rays.origin, rays.direction, length, fractions, seed, varying,
+        colored & Bool(stops),
+    )  # fmt: skip
+    return Flown(
+        dr.select(varying, other, distance), dr.select(varying, color, weight),
+        dr.select(varying, scattered, scatters), tinted=varying & collided & ~scattered, varying=varying,
+    )  # fmt: skip
 
 
 def flight(

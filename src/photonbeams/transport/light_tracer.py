@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import scene
 from ..beams.sets import BeamSet
-from ..numerics.arrays import compressed, equal_entries, joined, to_float, to_numpy, to_uint
+from ..numerics.arrays import compressed, equal_entries, to_float, to_numpy, to_uint
 from ..runtime.device import Bool, Float, UInt32
 from ..runtime.digest import equal
 from ..world.emitters.rays import EmittedRays
@@ -32,7 +32,7 @@ from .segments.density import widened
 from .segments.radii import Limits
 from .segments.records import LightPaths, PhotonHits, Segments
 from .strata import with_surrounds
-from .tally import Tally, TallyStarts
+from .tally import Tally, TallyBeginnings
 from .tuning import FREE_PATHS, Tuning, own_bounces, radius_scale
 
 if TYPE_CHECKING:
@@ -83,8 +83,8 @@ class LightTracer:
         The world that light meets, the light paths, and how they are traced.
     sources
         What the beams of each emitter have in common.
-    named
-        Whether beams carry what looks and programs may read.
+    named, walks
+        Whether beams carry what looks and programs may read; and about how many walks a tally has.
     step
         Called between parts of a pass; an exception from it ends the pass.
     """
@@ -94,6 +94,7 @@ class LightTracer:
     tuning: Tuning
     sources: Sequence[Source]
     named: bool = False
+    walks: int = 0
     step: Callable[[], None] = nothing
 
     def simulated(self, number: int, moving: Moving | None = None) -> PassLight:
@@ -102,9 +103,9 @@ class LightTracer:
         `moving` says whose light straight from its lamp is left out.
         """
         # Keep only segments and hits, not the paths: a million of these take a gigabyte.
-        moving, starts = moving or {}, list[TallyStarts]()
-        tracing, begun = self._begun(number)
-        steps = enumerate(stepping(self.step, paths.trace(tracing, copy(begun), starts)))
+        moving, (tracing, begun) = moving or {}, self._begun(number)
+        beginnings = TallyBeginnings(tracing)
+        steps = enumerate(stepping(self.step, paths.trace(tracing, copy(begun), beginnings)))
         traced = [((0, step), segments, hits) for step, (segments, hits) in steps]
         found = [(key, segments) for key, segments, _ in traced] + list(self._fringes(number, begun))
         segments = [part for key, each in found for part in _resting(each, moving.get(key))]
@@ -116,7 +117,7 @@ class LightTracer:
             parts = (compressed(dr.gather(UInt32, lights, each.source) > 0, each) for each in hits)
             hits = [each for part in parts for each in part]
         sets = sets_of(self.world, stepping(self.step, self.cuttings(number)), segments)
-        return PassLight(sets, hits, Tally(tracing, joined(starts), self.tuning.alpha) if starts else None)
+        return PassLight(sets, hits, beginnings.tally(self.tuning.alpha))
 
     def _begun(self, number: int) -> tuple[paths.Tracing, LightPaths | None]:
         """Return how the light paths of a pass are traced, and the paths as they leave their emitters."""
@@ -194,7 +195,7 @@ class LightTracer:
             self.world, tuning.max_bounces, tuning.rr_depth, tuning.overlap, region,
             self.emission.counts(count), self.emission.powers(count) if tuning.scatters else [0.0] * count,
             tuning.short, radius_scale(tuning.alpha, number),
-            None if bounces is None else to_uint([*bounces, 0]), endless=self._endless_by_source(),
+            None if bounces is None else to_uint([*bounces, 0]), endless=self._endless_by_source(), walks=self.walks,
         )  # fmt: skip
 
     def _pairs(

@@ -32,6 +32,7 @@ from .interactions import (
     REFLECTED,
     SAMPLED,
     SCATTERED,
+    TINTED,
     Interaction,
     Scatter,
     reflect,
@@ -41,7 +42,7 @@ from .segments.narrowing import narrow
 from .segments.radii import Width, width
 from .segments.records import Counts, LightPaths, PhotonHits, Segments, tangent
 from .splitting import continued, divisible, split
-from .tally import TallyStarts, tally_starts
+from .tally import TallyBeginnings
 from .tracing import Tracing
 
 mi = mitsuba()
@@ -111,11 +112,11 @@ def leaving(tracing: Tracing, emitted: Sequence[EmittedRays]) -> LightPaths | No
 
 
 def trace(
-    tracing: Tracing, paths: LightPaths | None, starts: list[TallyStarts] | None = None
+    tracing: Tracing, paths: LightPaths | None, beginnings: TallyBeginnings | None = None
 ) -> Iterator[tuple[Segments | None, PhotonHits | None]]:
     """Yield segments in media and photons on surfaces, step by step; either is None if a step has none.
 
-    Where walks of the tally begin is added to `starts`.
+    Where walks of the tally begin is added to `beginnings`.
     """
     step = 0
     while paths is not None:
@@ -123,9 +124,8 @@ def trace(
             segments, in_medium, hits, on_surface, following, going = _several_steps(tracing, paths, step)
             step += _TOGETHER
         else:
-            own = None if starts is None else tally_starts(tracing, paths, step)
-            if starts is not None and own is not None:
-                starts.append(own)
+            if beginnings is not None:
+                beginnings.add(paths, step)
             paths = split(tracing, paths, step)
             segments, in_medium, hits, on_surface, following, going = _step(tracing, paths, step)
             step += 1
@@ -285,7 +285,7 @@ def _following(
         tracing.escape(paths, tracing.world.escape(following.origin, following.direction)),
     )  # fmt: skip
     following.width = paths.width.later(interaction.distance)
-    following.branch = dr.zeros(UInt32, dr.width(paths.number))
+    following.branch = dr.select(interaction.tinted, UInt32(TINTED), UInt32(SAMPLED))
     following.fraction = paths.fraction * dr.select(interaction.on_surface, scatter.probability, 1)
     # Along a segment, the derivative of the origin grows with the distance; `bending.carry` handles mirrors and lenses.
     following.differentials = RayDifferentials.of(

@@ -18,6 +18,7 @@ from ..world.world import World
 from .emission import Emission, PathEmitter, Stratum
 from .guiding.guides import UNGUIDED, Guides
 from .light_tracer import LightTracer, Moving, PassLight, nothing
+from .segments.records import Counts
 from .strata import ALLOTMENT, Allotment, with_surrounds
 from .tuning import Tuning
 
@@ -120,14 +121,20 @@ class Simulation:
         step: Callable[[], None] = nothing,
     ) -> LightTracer:  # fmt: skip
         """Return what traces strata in a world; `looks` and `step` are those of `simulated`."""
+        tallied = {
+            world.emitters[number].source for number, counts in self.allotment.counts.items() if counts & Counts.TALLIED
+        }
         sources = [
             replace(
                 each, look=each.look if looks is None else looks.get(each.name, each.look),
+                tallied=each.number in tallied,
                 unseen=frozenset(world.numbers[name] for name in self.walked.get(each.number, ())),
             )
             for each in world.sources
         ]  # fmt: skip
-        return LightTracer(world, Emission(strata, self.allotment.shared), self.tuning, sources, self.named, step)
+        return LightTracer(
+            world, Emission(strata, self.allotment.shared), self.tuning, sources, self.named, self.allotment.walks, step
+        )
 
 
 def _numbers(some: Sequence[Stratum], strata: Sequence[Stratum]) -> UInt32:

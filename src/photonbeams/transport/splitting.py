@@ -87,14 +87,18 @@ def scattered_and_reflected(
     hit = world.intersect(paths.origin, paths.direction, able, seed, paths.link)
     valid = able & hit.is_valid()
     length = dr.minimum(dr.select(valid, hit.t, paths.reach), 1e30)
-    extinction = media.extinction(paths.medium)
-    albedo = media.scattering(paths.medium) * dr.rcp(dr.maximum(extinction, 1e-30))
-    scattered = paths.flux * albedo * (1 - dr.exp(-extinction * length))
+    albedo = media.scattering(paths.medium) * dr.rcp(dr.maximum(media.extinction(paths.medium), 1e-30))
+    passed = media.absorbed(paths.medium, length)
+    if media.any_varying:  # an estimate, which may be 0 where some light passes, or 1 where some is scattered
+        varying, _ = media.varying(paths.medium)
+        found = media.transmittance(paths.medium, paths.origin, paths.direction, length, seed, able)
+        passed = dr.select(varying, dr.clip(found, _LEAST, 1 - _LEAST), passed)
+    scattered = paths.flux * albedo * (1 - passed)
     bsdf = hit.bsdf()
     smooth = valid & (mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) | Bool(bool(world.cutouts)))
     # Too many dark parts are better than few bright ones: what has glossy lobes may be metal, so it counts as 1.
     reflectance = dr.clip(rgb(bsdf.eval_diffuse_reflectance(hit, smooth)), _LEAST, 1)
     reflectance = dr.select(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Glossy), 1, reflectance)
-    reflected = paths.flux * media.absorbed(paths.medium, length) * reflectance
+    reflected = paths.flux * passed * reflectance
     inside = able & (paths.medium > 0)
     return dr.select(inside, dr.max(Array3f(scattered)), 0), dr.select(smooth, dr.max(Array3f(reflected)), 0)

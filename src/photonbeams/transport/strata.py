@@ -44,6 +44,8 @@ class Allotment:
     ----------
     count, shared
         The number of each emitter or, if it is `shared`, of all together, which divide it by their power.
+    walks
+        About how many walks of the tally there are, those of all emitters together.
     past
         Names of emitters whose paths past their portal are wanted, too (see `guiding.lines`); None: of all.
     counts
@@ -52,6 +54,7 @@ class Allotment:
 
     count: int = DEFAULT_BEAMS
     shared: bool = False
+    walks: int = 1 << 17
     past: Collection[str] | None = frozenset()
     counts: Mapping[int, Counts] = field(default_factory=dict)
 

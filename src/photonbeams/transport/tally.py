@@ -3,12 +3,14 @@
 The beams of a pass carry what comes straight from lamps, or by mirrors and glass alone. On each of these light paths
 walks begin, where the medium scatters its light, or at the surface at its end: as many as are needed for each to carry
 about the same power w. On every further segment some stratified points at distances s, of the density q together, tell
-the fluence: a = w exp(−σt s) / q each. Then the walk goes on as light does, by free flights, phase functions and BSDFs.
+the fluence: a = w T(s) / q each, where the transmittance T is exp(−σt s), or its estimate in media that vary. Then the
+walk goes on as light does, by free flights, phase functions and BSDFs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,7 +18,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..numerics.arrays import taken, to_float, to_numpy, to_uint
+from ..numerics.arrays import joined, taken, to_float, to_numpy, to_uint
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..numerics.streams import Stream
@@ -25,15 +27,15 @@ from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
 from ..world.media.interfaces import pointers
 from ..world.spectra import rgb
-from .interactions import REFLECTED, SAMPLED, SCATTERED, flight, reflect, survival
+from .interactions import REFLECTED, SAMPLED, SCATTERED, TINTED, flown, reflect, survival
 from .segments.records import Counts, LightPaths
 from .splitting import scattered_and_reflected
 from .tracing import Tracing
 
 mi = mitsuba()
 
-# Walks of a pass, points on each segment, and most steps of a walk.
-_WALKS, _POINTS, _STEPS = 1 << 17, 16, 1024
+# Points on each segment, and most steps of a walk.
+_POINTS, _STEPS = 16, 1024
 # No light gets farther than so many free paths.
 _DARK = 20.0
 
@@ -82,6 +84,13 @@ class LightWalk(Struct):
     depth: UInt32
 
 
+class _Passed(Struct):
+    """Points on walks' segments: their distances, and the transmittance up to there."""
+
+    distance: Float
+    transmittance: Array3f
+
+
 @dataclass(frozen=True)
 class Tally:
     """The walks of a pass: how they go on, and where they begin.
@@ -125,11 +134,7 @@ class Tally:
         length = dr.select(met, hit.t, dr.select(walk.medium > 0, reach, 0))
         tallied = going & ~first & (walk.medium > 0) & (length > 0) & tracing.within(walk.depth, start.source)
         deposit(walk, length, seed, tallied)
-        u = pixel_sample(seed, UInt32(Stream.FLIGHT))
-        u.y = dr.select(first & (start.branch == SCATTERED), dr.lerp(start.low, start.high, u.y), u.y)
-        fractions = walk.flux * dr.rcp(dr.maximum(dr.sum(walk.flux), 1e-30))
-        branch = dr.select(first, start.branch, UInt32(SAMPLED))
-        distance, weight = flight(world.media, walk.medium, branch, fractions, length, u)
+        distance, weight = self._flown(walk, length, going, first, seed)
         scatters = going & (distance < length)
         on_surface = met & ~scatters & (~first | (start.branch == REFLECTED))
         position = walk.origin + dr.minimum(distance, length) * walk.direction
@@ -149,6 +154,30 @@ class Tally:
         left = survival(dr.max(following.flux) * dr.rcp(dr.maximum(start.initial, 1e-30)), following.depth)
         following.flux *= dr.rcp(dr.maximum(left, 1e-30))
         return following, goes & (unit_float(hash32(seed, UInt32(Stream.ROULETTE))) < left)
+
+    def _flown(
+        self, walk: LightWalk, length: Float, going: Bool, first: Bool, seed: UInt32
+    ) -> tuple[Float, Array3f]:  # fmt: skip
+        """Return the distances of walks' free flights, and their weights; the first ones end as `branch` says."""
+        media, start = self.tracing.world.media, self.starts
+        u, own = pixel_sample(seed, UInt32(Stream.FLIGHT)), hash32(seed, UInt32(Stream.FLIGHT))
+        u.y = dr.select(first & (start.branch == SCATTERED), dr.lerp(start.low, start.high, u.y), u.y)
+        fractions = walk.flux * dr.rcp(dr.maximum(dr.sum(walk.flux), 1e-30))
+        flight = flown(
+            media, walk, length, branch=dr.select(first, start.branch, UInt32(SAMPLED)), fractions=fractions,
+            active=going & ~first, u=u, seed=own,
+        )  # fmt: skip
+        distance, weight = flight.distance, flight.weight
+        if media.any_varying:
+            varying, _ = media.varying(walk.medium)
+            ray, begins = (walk.medium, walk.origin, walk.direction), going & first & varying
+            inside = start.branch == SCATTERED
+            point, factor = media.scattering_point(*ray, length, seed=own, sample=u.y, active=begins & inside, fine=1)
+            place: Any = dr.select(inside, dr.minimum(point, length * (1 - 1e-6)), dr.inf)
+            passed = media.transmittance(*ray, length, own, begins & ~inside)
+            distance = dr.select(begins, place, distance)
+            weight = dr.select(begins, dr.select(inside, factor, passed), weight)
+        return distance, weight
 
     def _straight(self, walk: LightWalk, position: Array3f, site: UInt32, seed: UInt32, first: Bool) -> Array3f:
         """Return what filters and links of lamps leave of light straight from these where it is first scattered."""
@@ -172,18 +201,23 @@ class Tally:
 
         With an eye, every second point is equiangular around it (Kulla and Fajardo 2012): with its distance D from the
         ray, which is least at c, its density is D / ((b − a) (D² + (s − c)²)), with the angles a and b to both ends.
-        Each counts with the density of both kinds together (balance heuristic).
+        Each counts with the density of both kinds together (balance heuristic). Points of a kind are in order, so that
+        the transmittance up to each is that up to the one before it, times that between them.
         """
-        extinction = self.tracing.world.media.extinction(walk.medium)
-        end = dr.minimum(length, _DARK * dr.rcp(dr.maximum(dr.min(extinction), 1e-30)))
+        media = self.tracing.world.media
+        varying, _ = media.varying(walk.medium)
+        dark = _DARK * dr.rcp(dr.maximum(dr.min(media.extinction(walk.medium)), 1e-30))
+        end = dr.minimum(length, dr.select(varying, dr.inf, dark))
+        _, end = media.extent(walk.medium, walk.origin, walk.direction, end)
         kinds = 1 if eye is None else 2
         center = dr.dot((walk.origin if eye is None else eye) - walk.origin, walk.direction)
         apart = dr.norm((walk.origin if eye is None else eye) - walk.origin - center * walk.direction)
         apart = dr.maximum(apart, 1e-4 * end)
         first, last = dr.atan2(-center, apart), dr.atan2(end - center, apart)
 
-        def point(number: UInt32) -> tuple[UInt32]:
-            u = (Float(number // kinds) + unit_float(hash32(seed, number, UInt32(Stream.FOG)))) * (kinds / _POINTS)
+        def point(number: UInt32, before: _Passed, other: _Passed) -> tuple[Any, ...]:
+            random = hash32(seed, number, UInt32(Stream.FOG))
+            u = (Float(number // kinds) + unit_float(random)) * (kinds / _POINTS)
             distance, density = u * end, dr.rcp(end)
             if eye is not None:
                 aside = center + apart * dr.tan(dr.lerp(first, last, u))
@@ -192,11 +226,19 @@ class Tally:
             own = Deposit()
             own.place, own.direction = walk.origin + distance * walk.direction, walk.direction
             own.medium, own.source = walk.medium, self.starts.source
-            own.light = walk.flux * dr.exp(-extinction * distance) * dr.rcp(density * (_POINTS / kinds))
+            here = _Passed()
+            here.distance, here.transmittance = distance, before.transmittance * media.transmittance(
+                walk.medium, walk.origin + before.distance * walk.direction, walk.direction,
+                dr.maximum(distance - before.distance, 0), random, active, coarse=True,
+            )  # fmt: skip
+            own.light = walk.flux * here.transmittance * dr.rcp(density * (_POINTS / kinds))
             deposit(own, active)
-            return (number + 1,)
+            return (number + 1, other, here) if kinds == 2 else (number + 1, here, other)
 
-        dr.while_loop((UInt32(0),), lambda number: active & (number < _POINTS), point, label="deposits")
+        begun = _Passed()
+        begun.distance, begun.transmittance = dr.zeros(Float, dr.width(end)), dr.ones(Array3f, dr.width(end))
+        state = UInt32(0), begun, copy(begun)
+        dr.while_loop(state, lambda number, *_: active & (number < _POINTS), point, label="deposits")
 
 
 def _turned(walk: LightWalk, position: Array3f, seed: UInt32, scatters: Bool) -> tuple[Array3f, Array3f]:
@@ -212,34 +254,50 @@ def _turned(walk: LightWalk, position: Array3f, seed: UInt32, scatters: Bool) ->
     return Array3f(turned), rgb(weight)
 
 
-def tally_starts(tracing: Tracing, paths: LightPaths, step: int) -> TallyStarts | None:
-    """Return where walks begin on light paths whose further light is tallied, before step number `step`; or None."""
-    able = ((paths.counts & int(Counts.TALLIED)) > 0) & tracing.within(paths.depth + 1, paths.source)
-    if not bool(dr.any(able)):
-        return None
-    seed = hash32(paths.key, dr.opaque(UInt32, step), paths.index)
-    light = scattered_and_reflected(tracing, paths, able, seed)
-    chance = [unit_float(hash32(seed, UInt32(Stream.FOG_FLIGHT), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
-    dr.eval(light, chance, seed)
-    found = np.nan_to_num(to_numpy(light).astype(np.float64), posinf=0.0)
-    # Each lamp has its own share of the walks, whatever others do.
-    source = paths.source.numpy()
-    power = np.bincount(source, found.sum(axis=0), len(tracing.paths)) * (len(tracing.paths) / _WALKS)
-    share = np.maximum(power[source], 1e-30)
-    chosen = _strata(found / share, np.stack([each.numpy() for each in chance]))
-    if not len(chosen.index):
-        return None
-    kind, path = np.divmod(chosen.index, found.shape[1])
-    result, own = TallyStarts(), to_uint(path)
-    for name in ("origin", "direction", "flux", "medium", "source", "link", "depth", "straight", "offset", "reach"):
-        setattr(result, name, taken(getattr(paths, name), own))
-    result.flux = result.flux * to_float(share[path] / found.ravel()[chosen.index])
-    result.branch = to_uint(np.where(kind == 0, SCATTERED, REFLECTED))
-    result.seed = hash32(taken(seed, own), result.branch, to_uint(chosen.number))
-    result.low, result.high = to_float(chosen.number / chosen.count), to_float((chosen.number + 1) / chosen.count)
-    result.initial = to_float(share[path])
-    dr.eval(result)
-    return result
+class TallyBeginnings:
+    """Where walks begin on the light paths of a pass, which are followed step by step."""
+
+    def __init__(self, tracing: Tracing) -> None:
+        self._tracing, self._parts = tracing, list[TallyStarts]()
+        self._share = np.zeros(len(tracing.paths))
+
+    def tally(self, alpha: float) -> Tally | None:
+        """Return the walks; None if there are none."""
+        return Tally(self._tracing, joined(self._parts), alpha) if self._parts else None
+
+    def add(self, paths: LightPaths, step: int) -> None:
+        """Add the walks that begin on light paths before step number `step`."""
+        tracing = self._tracing
+        # After a null collision, walks of the same segment have begun before it.
+        able = ((paths.counts & int(Counts.TALLIED)) > 0) & (paths.branch != TINTED)
+        able &= tracing.within(paths.depth + 1, paths.source)
+        if not bool(dr.any(able)):
+            return
+        seed = hash32(paths.key, dr.opaque(UInt32, step), paths.index)
+        light = scattered_and_reflected(tracing, paths, able, seed)
+        chance = [unit_float(hash32(seed, UInt32(Stream.FOG_FLIGHT), UInt32(kind))) for kind in (SCATTERED, REFLECTED)]
+        dr.eval(light, chance, seed)
+        found = np.nan_to_num(to_numpy(light).astype(np.float64), posinf=0.0)
+        # Each lamp has its own share of the walks, whatever others do; those behind boundaries and mirrors carry as
+        # much as those before.
+        source = paths.source.numpy()
+        power = np.bincount(source, found.sum(axis=0), len(self._share)) * (len(self._share) / tracing.walks)
+        self._share = np.maximum(self._share, power)
+        share = np.maximum(self._share[source], 1e-30)
+        chosen = _strata(found / share, np.stack([each.numpy() for each in chance]))
+        if not len(chosen.index):
+            return
+        kind, path = np.divmod(chosen.index, found.shape[1])
+        result, own = TallyStarts(), to_uint(path)
+        for name in ("origin", "direction", "flux", "medium", "source", "link", "depth", "straight", "offset", "reach"):
+            setattr(result, name, taken(getattr(paths, name), own))
+        result.flux = result.flux * to_float(share[path] / found.ravel()[chosen.index])
+        result.branch = to_uint(np.where(kind == 0, SCATTERED, REFLECTED))
+        result.seed = hash32(taken(seed, own), result.branch, to_uint(chosen.number))
+        result.low, result.high = to_float(chosen.number / chosen.count), to_float((chosen.number + 1) / chosen.count)
+        result.initial = to_float(share[path])
+        dr.eval(result)
+        self._parts.append(result)
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,8 @@ class Tracing:
         Portals through which scattered light is sent; None if there are none.
     endless
         Least lengths of paths that meet nothing, by the numbers of sources; None: 0.
+    walks
+        About how many walks a tally has, those of all lamps together.
     """
 
     world: World
@@ -58,6 +60,7 @@ class Tracing:
     bounces_by_source: Any = None
     openings: Openings | None = None
     endless: Any = None
+    walks: int = 0
 
     def within(self, depth: UInt32, source: UInt32) -> Bool:
         """Return whether a depth is allowed on the paths of a source."""

@@ -6,7 +6,8 @@ without any test of visibility. Both are blurred alike before. The radiance alon
 
     L = ∫ σs F / 4π exp(−σt t) dt,
 
-a running sum over the cells of a column, from where the ray enters the medium: distances t begin there.
+a running sum over the cells of a column, from where the ray enters the medium: distances t begin there. In media that
+vary, rays look up F, and meet σs and σt as they are.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from ...estimators.projection import Projection
 from ...numerics.arrays import to_float
-from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, UInt64
+from ...runtime.device import Array2f, Array3f, Bool, Float, Int64, UInt32
 from ...scene import Array, Medium
 
 # The most columns of cells, 160 × 90 for all of a picture, and cells in a column. More change nothing that is seen
@@ -31,8 +32,8 @@ _BYTES = 1 << 28  # of all sums together, at most
 # The width of a cell, as a part of the blur, at this part of the length of rays in the medium; but there are so many
 # cells across at least.
 _FINE, _MIDDLE, _FEWEST = 0.5, 0.25, 80
-# Cells are thin near the camera and thicker by this factor at the far end, and end at this optical depth.
-_THICKER, _DEEPEST = 20.0, 12.0
+# Cells are thin near the camera and thicker by this factor at the far end.
+_THICKER = 20.0
 # A blur in cells, across a column: the least, without which the nearest cells are noise, and the most.
 _LEAST, _MOST = 0.6, 12.0
 _SEEN = 1e-6  # of the largest volume in a slab: cells of which less is seen are dark
@@ -91,7 +92,7 @@ class Froxels:
 
     @classmethod
     def of(
-        cls, view: Projection, facing: Float, near: Float, far: Float, medium: Medium, units: Sequence[float],
+        cls, view: Projection, facing: Float, near: Float, far: Float, deepest: float, units: Sequence[float],
         blur: float,
     ) -> Froxels:  # fmt: skip
         """Return empty cells, no wider than `blur` where that takes no more columns than there may be.
@@ -103,8 +104,8 @@ class Froxels:
         facing, near, far
             Of the rays of all pixels, row by row: the cosine to the view's axis, and where the medium begins and ends;
             these do not meet it where `far` is not beyond `near`.
-        medium, units, blur
-            The medium, the least deposit of each light group, and the length in scene units.
+        deepest, units, blur
+            The length in the medium that counts at most, the least deposit of each light group, and the blur's length.
         """
         length = np.maximum((far - near).numpy(), 0).reshape(view.height, view.width)
         rows, columns = (np.flatnonzero((length > 0).any(axis=axis)) for axis in (1, 0))
@@ -116,14 +117,13 @@ class Froxels:
         while -(-height // side) * -(-width // side) > most:
             side += 1
         shape = _SLABS, int(-(-height // side)), int(-(-width // side))
-        deepest = _DEEPEST / max(min(medium.extinction), 1e-30)
         longest = dr.opaque(Float, max(min(float(length.max()), deepest), 1e-30) * (1 + 1e-6))
         meets = far > near
         least = dr.maximum(near, 1e-6 * longest)
         keys = Array3f(_key(view, least * facing), _key(view, far * facing), dr.select(meets, Float(1), Float(0)))
         dr.eval(keys)
         corner = int(left), int(top)
-        sums = dr.zeros(UInt64, 3 * len(units) * int(np.prod(shape)))
+        sums = dr.zeros(Int64, 3 * len(units) * int(np.prod(shape)))
         empty = cls(
             view=view, corner=corner, side=side, shape=shape, near=near, far=far, keys=keys, longest=longest,
             volume=np.zeros(0), units=units, sums=sums,
@@ -215,7 +215,7 @@ class Froxels:
         inside &= (x < columns) & (y < rows)
         for channel in range(3):
             place_of_sum = (group * 3 + channel) * (rows * columns * _SLABS) + cell
-            dr.scatter_reduce(dr.ReduceOp.Add, self.sums, UInt64(deposit[channel]), place_of_sum, inside)
+            dr.scatter_reduce(dr.ReduceOp.Add, self.sums, Int64(deposit[channel]), place_of_sum, inside)
 
     def _keys(self, at: Array2f, active: Bool) -> Array3f:
         """Return keys at places in the picture: those of planes are linear there.
@@ -243,13 +243,30 @@ class Froxels:
 
         `blur` is the standard deviation of the fluence's blur, in scene units.
         """
+        ends, result = self._ends, []
+        for fluence in self.fluence(blur):
+            table = np.zeros((_SLABS + 1, *self.shape[1:], 3))
+            for channel, (scattering, extinction) in enumerate(zip(medium.scattering, medium.extinction, strict=True)):
+                passed = np.exp(-extinction * ends)
+                seen = (passed[:-1] - passed[1:]) / extinction if extinction > 0 else np.diff(ends)
+                light = fluence[..., channel] * (scattering / (4 * np.pi) * seen)[:, None, None]
+                np.cumsum(light, axis=0, out=table[1:, ..., channel])
+            result.append(to_float(table.ravel()))
+        return result
+
+    def fluence(self, blur: float, along_least: float = 0.0) -> list[Array]:
+        """Return, for each light group, 4π times the mean of phase function times radiance in cells, (…, channels).
+
+        `blur` is the standard deviation of the blur, in scene units; along rays it is `along_least` cells at least.
+        """
         ends = self._ends
         middle = 0.5 * (ends[1:] + ends[:-1])
         pixel = _pixel(self.view)
         there = (self.far - self.near).numpy() > 0
         nearest = float(np.median(self.near.numpy()[there])) if there.any() else 0.0
         size = self.side * pixel * (1 + 0 * middle if self.view.orthographic else nearest + middle)
-        across, along = np.clip(blur / size, _LEAST, _MOST), float(np.median(blur / np.diff(ends)))
+        across = np.clip(blur / size, _LEAST, _MOST)
+        along = max(float(np.median(blur / np.diff(ends))), along_least)
 
         def blurred(cells: Array) -> Array:
             wide = [
@@ -264,31 +281,33 @@ class Froxels:
         least = _SEEN * volume.max(axis=(1, 2), keepdims=True)
         inverse = np.where(volume > least, 1 / np.maximum(volume, np.maximum(least, 1e-300)), 0)
         sums = self.sums.numpy().astype(np.float64).reshape(len(self.units), 3, *self.shape)
-        result = []
-        for own, unit in zip(sums, self.units, strict=True):
-            table = np.zeros((_SLABS + 1, *self.shape[1:], 3))
-            for channel, (scattering, extinction) in enumerate(zip(medium.scattering, medium.extinction, strict=True)):
-                passed = np.exp(-extinction * ends)
-                seen = (passed[:-1] - passed[1:]) / extinction if extinction > 0 else np.diff(ends)
-                light = blurred(unit * own[channel]) * inverse * (scattering / (4 * np.pi) * seen)[:, None, None]
-                np.cumsum(light, axis=0, out=table[1:, ..., channel])
-            result.append(to_float(table.ravel()))
-        return result
+        return [
+            np.stack([blurred(unit * each) * inverse for each in own], axis=-1)
+            for own, unit in zip(sums, self.units, strict=True)
+        ]
 
     def radiance(self, table: Float, at: Array2f, length: Float) -> Array3f:
         """Return the radiance along rays at places in the picture, in pixels, after a length in the medium."""
+        return self._between(table, at, self._slab(length), _SLABS + 1)
+
+    def source(self, table: Float, at: Array2f, length: Float) -> Array3f:
+        """Return the mean of phase function times radiance there: `table` is of the `fluence`."""
+        return self._between(table, at, self._slab(length) - 0.5, _SLABS) * dr.inv_four_pi
+
+    def _between(self, table: Float, at: Array2f, slab: Float, slabs: int) -> Array3f:
+        """Return entries of a table of so many slabs at places in the picture, interpolated."""
         side, columns = dr.opaque(Float, self.side), dr.opaque(UInt32, self.shape[2])
         cells = columns * dr.opaque(UInt32, self.shape[1])
         left, top = (dr.opaque(Float, each) for each in self.corner)
-        places = (at.x - left) / side - 0.5, (at.y - top) / side - 0.5, self._slab(length)
-        counts = self.shape[2], self.shape[1], _SLABS + 1
+        places = (at.x - left) / side - 0.5, (at.y - top) / side - 0.5, slab
+        counts = self.shape[2], self.shape[1], slabs
         begins, parts = [], []
         for place, count in zip(places, counts, strict=True):
             bounded = dr.clip(place, 0, dr.opaque(Float, count - 1))
             begin = dr.minimum(UInt32(bounded), dr.opaque(UInt32, max(count - 2, 0)))
             begins.append(begin)
             parts.append(bounded - Float(begin))
-        result = dr.zeros(Array3f, dr.width(length))
+        result = dr.zeros(Array3f, dr.width(slab))
         for (x, y, z), weight in _corners(begins, parts):
             x, y = (dr.minimum(each, dr.opaque(UInt32, most - 1)) for each, most in ((x, counts[0]), (y, counts[1])))
             result += weight * dr.gather(Array3f, table, z * cells + y * columns + x)

@@ -58,12 +58,10 @@ class SingleScattering:
         # As beams do, the light begins at the bounds.
         far = dr.minimum(vertex.end - paths.near, bounds.exit(start, paths.direction))
         sample = self._samples.pair(paths.order, Stream.SCATTERING_POINT, vertex.name).x
-        seed = hash32(vertex.seed, UInt32(Stream.SCATTERING_POINT))
-        distance, weight = dr.zeros(Float, dr.width(far)), dr.zeros(Array3f, dr.width(far))
-        for medium in self._world.media.all:
-            own = inside & (paths.medium == dr.opaque(UInt32, medium.number))
-            there, part = medium.scattering_point(start, paths.direction, far, seed, sample, own)
-            distance, weight = dr.select(own, there, distance), dr.select(own, part, weight)
+        distance, weight = self._world.media.scattering_point(
+            paths.medium, start, paths.direction, far, sample=sample, active=inside,
+            seed=hash32(vertex.seed, UInt32(Stream.SCATTERING_POINT)),
+        )  # fmt: skip
         weight *= paths.throughput
         point = ShadingPoint(None, paths.medium, paths.order, vertex.name, self._samples)
         place = start + distance * paths.direction

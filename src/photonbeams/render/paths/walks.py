@@ -24,9 +24,7 @@ from ...numerics.grouped import GroupedLight
 from ...numerics.samples import Samples
 from ...numerics.streams import Stream
 from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
-from ...transport.interactions import SAMPLED, SCATTERED, flight, survival
-from ...world.media.interfaces import pointers
-from ...world.media.tracking import free_flight
+from ...transport.interactions import SAMPLED, SCATTERED, flown, survival
 from .branches import CameraPaths, add_to_pixels
 from .camera_paths import Bounce, CameraVertex
 from .emitters import Emitters, EmitterSample, arriving
@@ -145,8 +143,8 @@ class Walking:
         seed = samples.bits(walk.order, Stream.PATH_CUTOUT, *name)
         hit = world.intersect(walk.origin, walk.direction, going & ~walk.first, seed)
         beyond = dr.select(hit.is_valid(), hit.t, dr.largest(Float))
-        flown = self._flown(walk, dr.select(walk.first, walk.length, beyond), going, samples, name)
-        distance, factor, scattered = flown
+        length = dr.select(walk.first, walk.length, beyond)
+        distance, factor, scattered = self._flown(walk, length, going, samples, name)
         throughput = walk.throughput * factor
         ahead = going & ~walk.first
         on = ahead & ~scattered
@@ -206,18 +204,12 @@ class Walking:
         fractions = walk.throughput * dr.rcp(dr.maximum(dr.sum(walk.throughput), 1e-30))
         varying, _ = media.varying(walk.medium)
         branch = dr.select(walk.first & ~varying, UInt32(SCATTERED), UInt32(SAMPLED))
-        u = samples.pair(walk.order, Stream.PATH_FLIGHT, *name)
-        distance, weight = flight(media, walk.medium, branch, fractions, length, u)
-        scattered = going & (distance < length)
-        if media.any_varying:
-            varying &= going
-            other, _, scatters, color = free_flight(
-                pointers(dr.select(varying, walk.medium, 0)), walk.origin, walk.direction, length, fractions,
-                samples.bits(walk.order, Stream.PATH_FLIGHT, *name), varying, Bool(False),
-            )  # fmt: skip
-            distance, weight = dr.select(varying, other, distance), dr.select(varying, color, weight)
-            scattered = dr.select(varying, scatters, scattered)
-        return dr.minimum(distance, length), weight, scattered
+        own = flown(
+            media, walk, length, branch=branch, fractions=fractions, active=going,
+            u=samples.pair(walk.order, Stream.PATH_FLIGHT, *name),
+            seed=samples.bits(walk.order, Stream.PATH_FLIGHT, *name),
+        )  # fmt: skip
+        return dr.minimum(own.distance, length), own.weight, going & own.scatters
 
     def _from_fog(
         self, walk: Walk, vertex: Vertex, segment: FogSegment, active: Bool, samples: Samples, name: tuple[Any, ...]

@@ -47,8 +47,9 @@ def beam_cost(frame: PassRenderer, light: TracedLight, pixels: int) -> BeamCost:
     x₁ − x₂ has the variance of the sum, and the mean of |x₁ − x₂| is √(2 / π) standard deviations.
     """
     passes = _StillPasses(frame.settings, frame.light, frame.light.max_depth, frame.statistics.fresh())
-    # Drawn beams are the same in all passes.
-    traced = [each for each in light.sets if len(each.beams) and each.light < len(light.world.emitters)]
+    # Drawn beams are the same in all passes, and few rays meet those that only mirrors show.
+    sets = [each for each in light.sets if len(each.beams) and not each.tallied]
+    traced = [each for each in sets if each.light < len(light.world.emitters)]
     count = sum(len(each.beams) for each in light.sets)
     photons = sum(dr.width(each.number) for each in light.hits)
     coarse = sum(len(each.beams) for each in light.sets if passes.coarse(0, light, each))

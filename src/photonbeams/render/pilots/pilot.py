@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import sqrt
 from typing import Any
 
 from ...transport.emission import PathEmitter
@@ -32,6 +33,8 @@ from .beam_noise import BeamCost
 
 # Number of light paths of each emitter that tell what part of its light is seen.
 _PATHS = 1 << 13
+# Walks of a tally for a picture of one pixel.
+_WALKS = 512
 
 
 @dataclass(frozen=True)
@@ -93,9 +96,10 @@ class Pilot:
     def light(self) -> ShotLight:
         """Return the light of the shot."""
         world, rows, guided = self.world, self.techniques.rows, self._guided
+        counts = {row.number: row.counts for row in rows}
         simulation = replace(
             self.simulation, guides=guided, walked={world.emitters[row.number].source: row.thick for row in rows},
-            allotment=replace(self.simulation.allotment, counts={row.number: row.counts for row in rows}),
+            allotment=replace(self.simulation.allotment, counts=counts, walks=self._walks),
         )  # fmt: skip
         paths = sum(each.count for each in simulation.strata(world)) if self.paths is None else self.paths
         fitted = self._fitted if self.known.guides is None else self.known.portal
@@ -104,6 +108,16 @@ class Pilot:
             self.worlds, simulation, self.settings, self.max_depth, paths, paths > 0 or self.worlds.varies, rows,
             fitted if self._placed is None else self._placed, findings, self.cameras,
         )  # fmt: skip
+
+    @property
+    def _walks(self) -> int:
+        """How many walks the tally has: with the root of the number of pixels, noise costs the least.
+
+        In media that vary, each costs several times as much.
+        """
+        views = [own for each in self.cameras for own in each.whole().projections]
+        walks = int(_WALKS * sqrt(max((each.width * each.height for each in views), default=1)))
+        return walks // 4 if self.world.media.any_varying else walks
 
     @cached_property
     def reach(self) -> dict[str, Reach]:
@@ -136,9 +150,8 @@ class Pilot:
     def _unseeing(self) -> Techniques:
         """The techniques as if nothing were known of what is seen."""
         off = METHODS[self.settings.method] | self.settings.without
-        # The tally is in froxels of a picture that has straight lines.
-        flat = self.cameras and not any(each.camera.panoramic for each in self.cameras)
-        return Techniques(self.world, self.simulation.tuning, off if flat else off | {TALLY})
+        # The tally is in froxels of a camera's picture.
+        return Techniques(self.world, self.simulation.tuning, off if self.cameras else off | {TALLY})
 
     @cached_property
     def _seen(self) -> SeenLight:

@@ -7,7 +7,7 @@ shaft is found in a wide room, and the light of the brightest bin bounds the err
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -49,8 +49,8 @@ def deep_pass(planned: int | None) -> int:
 
 
 def deep_pictures(
-    renderer: FrameRenderer, eye: FrameView, film: Film, light: TracedLight, tallied: TalliedView | None, number: int,
-    moving: bool, pinhole: Pinhole | None,
+    renderer: FrameRenderer, eye: FrameView, film: Film, light: TracedLight, tallied: Sequence[TalliedView],
+    number: int, moving: bool, pinhole: Pinhole | None,
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """Return bins along the rays of pass `number`, with their parts of the light, by the names of their sums.
 
@@ -106,7 +106,7 @@ class _LightAlong:
     """
 
     def __init__(
-        self, renderer: FrameRenderer, film: Film, light: TracedLight, tallied: TalliedView | None, number: int,
+        self, renderer: FrameRenderer, film: Film, light: TracedLight, tallied: Sequence[TalliedView], number: int,
         seen: Callable[[Samples, Array2f], ViewRays],
     ) -> None:  # fmt: skip
         self.count, self._rays = dr.width(film.order), list[_Rays]()
@@ -135,8 +135,8 @@ class _Rays:
     """A ray of each pixel; methods and attributes are those of `_LightAlong`."""
 
     def __init__(
-        self, renderer: FrameRenderer, order: UInt32, light: TracedLight, tallied: TalliedView | None, rays: ViewRays,
-        options: EstimatorOptions, samples: Samples,
+        self, renderer: FrameRenderer, order: UInt32, light: TracedLight, tallied: Sequence[TalliedView],
+        rays: ViewRays, options: EstimatorOptions, samples: Samples,
     ) -> None:  # fmt: skip
         if rays.view is None:
             raise SceneError("deep files are of perspective or orthographic cameras: expected one of these")
@@ -179,7 +179,7 @@ class _Rays:
             shorter = copy(vertex)
             shorter.end = vertex.end if whole else dr.minimum(vertex.end, ends)
             dr.eval(shorter.end)
-            if self._light.sets or self._tallied is not None:
+            if self._light.sets or self._tallied:
                 gathering.add(paths, shorter)
             clear = dr.select(paths.alive & (ends > paths.near), self._clear(paths, vertex, ends), clear)
         passed = channel_mean(clear)

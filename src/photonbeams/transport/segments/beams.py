@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -47,11 +47,15 @@ _DENSITIES = (0.0, 0.5, 1.0)
 
 
 class Piece(Struct):
-    """One piece of each segment as a beam, at one time; `there` says which segments have that piece."""
+    """One piece of each segment as a beam, at one time; `there` says which segments have that piece.
+
+    `scattered` says whose light something other than mirrors and glass has turned.
+    """
 
     there: Bool
     beams: Beams
     depth: UInt32
+    scattered: Bool
 
 
 @dataclass(frozen=True)
@@ -184,7 +188,7 @@ class Cutting:
             if light:
                 beams.power_end = beams.power * light[1] if len(light) > 1 else None
                 beams.power = beams.power * light[0]
-            result.append(Piece(present, beams, segments.depth))
+            result.append(Piece(present, beams, segments.depth, segments.scattered))
         return result
 
     def _reach(self, segments: Segments) -> tuple[Any, Any, Any]:
@@ -339,8 +343,17 @@ def _set(
 
 
 def _sets(cutting: Cutting, found: Piece) -> list[BeamSet]:
-    """Return an emitter's beams in a medium: two sets if its straight and its scattered light differ in look."""
+    """Return an emitter's beams in a medium: two sets if its straight and its scattered light differ in look.
+
+    What a tally has straight ahead of cameras is another one.
+    """
     source = cutting.source
+    if source.tallied:
+        apart = [_set(cutting, None, each.beams, None, each.depth) for each in compressed(found.scattered, found)]
+        alone = replace(cutting, source=replace(source, tallied=False))
+        return [own for each in compressed(~found.scattered, found) for own in _sets(alone, each)] + [
+            each._replace(tallied=True) for each in apart
+        ]
     like = source.look is None or source.scattered == "look"
     if like and source.scattered != "off" and not source.guides:
         return [_set(cutting, source.look, found.beams, None, found.depth)]

@@ -148,10 +148,14 @@ class View:
     @property
     def projections(self) -> list[Projection]:
         """Projections that together show all that the camera sees at shutter open: its own, or faces of a cube."""
+        return [each.projection for each in self.flat()]
+
+    def flat(self) -> list[View]:
+        """Return views that keep lines straight and together show all that this one does at shutter open."""
         if not self.camera.panoramic:
-            return [self.projection]
+            return [self]
         window = Window.full(self.window.height, self.window.height)
-        return [View(each, window).projection for each in panoramas.faces(self.camera)]
+        return [View(each, window) for each in panoramas.faces(self.camera)]
 
     def whole(self) -> View:
         """Return the same camera with a window of the whole picture."""

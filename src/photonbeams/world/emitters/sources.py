@@ -44,6 +44,8 @@ class Source:
         Numbers of the media that its light passes unseen, straight from the emitter.
     unseen
         Numbers of the media in which it makes no beams.
+    tallied
+        Whether a tally has its light, once scattered, straight ahead of cameras.
     """
 
     number: int = 0
@@ -60,5 +62,6 @@ class Source:
     scattered_beams: bool = False
     unlit: frozenset[int] = frozenset()
     unseen: frozenset[int] = frozenset()
+    tallied: bool = False
     endless: bool = True
     filters: Any = None

@@ -6,7 +6,7 @@ the medium that the sensor names. Light paths begin at emitters, which seldom na
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +21,8 @@ from ..shadow_rays import leaving, size_of
 from ..spectra import rgb
 from .interfaces import medium_ahead, number, numbers, pointers
 from .parts import boxes, parts
-from .rendered import FAR, extinction_of, rendered
-from .tracking import SEGMENTS, MediumSegment, glow, walk
+from .rendered import FAR, extinction_of, rendered, scattering_of
+from .tracking import SEGMENTS, MediumSegment, glow, scattering_point, walk
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import MiMedium, MiScene, MiShape, MiVolume
@@ -135,6 +135,10 @@ class Media:
         kind = dr.gather(Array3f, self._kinds, medium)
         return kind.x > 0, kind.y > 0
 
+    def varies(self, medium: int) -> bool:
+        """Return whether the medium with a number has coefficients that vary."""
+        return any(each.number == medium and each.tracked is not None for each in self.all)
+
     def absorbed(self, medium: UInt32, distance: Float) -> Array3f:
         """Return exp(−σt x) of homogeneous media; in empty space it is 1, even at an infinite distance."""
         extinction = self.extinction(medium)
@@ -163,11 +167,49 @@ class Media:
             return plain
         varying = active & (dr.gather(Array3f, self._kinds, medium).z > 0)
         media = pointers(dr.select(varying, medium, 0))
-        majorant = dr.max(self.extinction(medium))
-        segment = MediumSegment(origin, direction, *self.extent(medium, origin, direction, distance), majorant, seed)
-        pieces = dr.ceil((1 if coarse else 4) * majorant * (segment.far - segment.near))
-        segment.pieces = UInt32(dr.clip(pieces, 1, SEGMENTS))
+        segment = self._segment(medium, origin, direction, distance, seed, 1 if coarse else 4)
         return dr.select(varying, walk(segment, lambda point: extinction_of(media, point, varying), varying), plain)
+
+    def scattering_point(
+        self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, *, seed: UInt32, sample: Float,
+        active: Bool, fine: int = 0,
+    ) -> tuple[Float, Array3f]:  # fmt: skip
+        """Return a point on each ray at which a medium scatters light toward its origin, and its weight.
+
+        See `tracking.scattering_point`, and for `fine` `_segment`.
+        """
+        media = pointers(dr.select(active, medium, 0))
+        place, weight = scattering_point(
+            self._segment(medium, origin, direction, distance, seed, fine),
+            lambda point: extinction_of(media, point, active), lambda point: scattering_of(media, point, active),
+            sample, active,
+        )  # fmt: skip
+        return dr.select(active, place, 0), dr.select(active, weight, 0)
+
+    def gathered(
+        self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, active: Bool,
+        source: Callable[[Array3f], Array3f],
+    ) -> Array3f:  # fmt: skip
+        """Return the radiance along rays of light that media scatter toward their origins, an unbiased estimate.
+
+        That is ∫ T(t) σs(t) S dt, with the `source` S, the phase function's mean of the radiance, at points.
+        """
+        media = pointers(dr.select(active, medium, 0))
+        segment = self._segment(medium, origin, direction, distance, seed)
+        return glow(
+            segment, lambda point: extinction_of(media, point, active),
+            lambda point: scattering_of(media, point, active) * source(point), active,
+        )  # fmt: skip
+
+    def _segment(
+        self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, fine: int = 0
+    ) -> MediumSegment:
+        """Return rays' segments in media; with `fine`, a free path at the greatest extinction has so many pieces."""
+        majorant = dr.max(self.extinction(medium))
+        result = MediumSegment(origin, direction, *self.extent(medium, origin, direction, distance), majorant, seed)
+        if fine:
+            result.pieces = UInt32(dr.clip(dr.ceil(fine * majorant * (result.far - result.near)), 1, SEGMENTS))
+        return result
 
     def all_felt(self) -> Media:
         """Return the media as beams feel them, all of which dim light."""

@@ -18,7 +18,7 @@ from ..checks import check_numbers
 from ..spectra import rgb
 from .interfaces import number, pointers
 from .parts import is_constant, parts, varies
-from .tracking import MediumSegment, Track, Tracked, scattering_point
+from .tracking import MediumSegment, Track, Tracked
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import MediumPtr, MiMedium
@@ -155,25 +155,21 @@ class RenderedMedium:
         majorant = dr.opaque(Float, max(self.medium.extinction))
         return MediumSegment(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
 
-    def scattering_point(
-        self, origin: Array3f, direction: Array3f, far: Float, seed: UInt32, sample: Float, active: Bool
-    ) -> tuple[Any, Any]:
-        """Return a point on each ray, up to `far`, at which the medium scatters light toward it, and its weight."""
-
-        def scattering(point: Array3f) -> Array3f:
-            place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
-            place.p = mi.Point3f(point)
-            return rgb(self.calls.get_scattering_coefficients(place, Bool(True))[0])
-
-        segment = self.segment(origin, direction, Float(0), far, seed)
-        return scattering_point(segment, self.extinction, scattering, sample, active)
-
 
 def extinction_of(media: MiMedium | MediumPtr, point: Array3f, active: Bool) -> Array3f:
     """Return σt of a medium, or of media, at points."""
+    return rgb(_coefficients(media, point, active)[2])
+
+
+def scattering_of(media: MiMedium | MediumPtr, point: Array3f, active: Bool) -> Array3f:
+    """Return σs of a medium, or of media, at points."""
+    return rgb(_coefficients(media, point, active)[0])
+
+
+def _coefficients(media: MiMedium | MediumPtr, point: Array3f, active: Bool) -> Any:
     place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
     place.p = mi.Point3f(point)
-    return rgb(media.get_scattering_coefficients(place, active)[2])
+    return media.get_scattering_coefficients(place, active)
 
 
 def rendered(own: int, plugin: MiMedium) -> RenderedMedium:

@@ -142,9 +142,10 @@ def scattering_point(
     piece, drawn = UInt32(0), UInt32(0)
     depth, product, weight = Array3f(0), Array3f(1), Array3f(0)
     total, chosen, left = Float(0), Float(0), Float(sample)
-    step = dr.maximum(segment.far - segment.near, 0) * (1 / SEGMENTS)
+    pieces = UInt32(segment.pieces)
+    step = dr.maximum(segment.far - segment.near, 0) * dr.rcp(Float(pieces))
     going = active & (step > 0)
-    while going & (piece < SEGMENTS):
+    while going & (piece < pieces):
         begin = dr.fma(Float(piece), step, segment.near)
         control, rate = _control(segment, extinction, begin, step)
         # Where both probes find nothing, the control is 0 and the density even.
