@@ -49,6 +49,10 @@ TEXTURE = """def Mesh "Floor" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     point3f[] points = [(-2, -1, 2), (2, -1, 2), (2, -1, -2)]
 }
 """ + textured("Paint", "asset inputs:file = @gone.png@")
+CONNECTION = TEXTURE.replace("</Paint/Image.outputs:rgb>", "</gone.outputs:rgb>")
+INTERFACE = TEXTURE.replace("</Paint/Image.outputs:rgb>", "</Paint.inputs:color>").replace(
+    'Material "Paint"\n{', 'Material "Paint"\n{ color3f inputs:color.connect = </gone.outputs:rgb>'
+)
 IES = LAMP.replace("inputs:radius", "inputs:radius = 0.1\n    asset inputs:shaping:ies:file = @gone.ies@\n    float x")
 DOME = 'def DomeLight "Sky" { asset inputs:texture:file = @gone.hdr@\n}\n'
 REFERENCE = 'def Xform "Props" (prepend references = @gone.usda@) {\n}\n'
@@ -74,7 +78,8 @@ UNNAMED = {
 }  # fmt: skip
 VARYING = {"smoke": SEQUENCE, "clips": CLIPS, "template": TEMPLATE}
 LASTING = {"texture": TEXTURE, "profile": IES, "sky": DOME, "reference": REFERENCE, "material": MATERIAL,
-           "skeleton": SKELETON, "manifest": MANIFEST}  # fmt: skip
+           "skeleton": SKELETON, "manifest": MANIFEST, "connection": CONNECTION,
+           "interface": INTERFACE, "terminal": CONNECTION.replace("</Paint/Surface.", "</gone.")}  # fmt: skip
 
 
 @pytest.fixture

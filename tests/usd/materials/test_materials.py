@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from photonbeams.scene import Material, SceneError, UVTexture
+from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.stage import open_stage, read_scene
 
 # Two rows: the upper is red and half transparent, the lower is a grey, 0.5 in sRGB and 0.214 in linear light.
@@ -283,6 +284,29 @@ def test_udim_tiles_lie_side_by_side(usd, image):
     found = read_scene(usd(text)).meshes[0].material.diffuse
     assert np.allclose(found.pixels, np.array([[[0.8, 1, 0], [0, 0, 0]], [[0, 1, 0], [0.4, 1, 0]]]), atol=0.01)
     assert np.allclose(found.uv_transform @ [2, 1, 1], [1, 0.5, 1])
+
+
+@pytest.mark.parametrize(
+    ("there", "first", "last", "missing"),
+    [
+        ((1001, 1003), (0, 0), (1, 1), []),  # a gap, but where no mesh is
+        ((1001, 1003), (1, 0), (2, 1), [1002]),
+        ((1001,), (0, 0), (2, 1), [1002]),
+        ((1001,), (0, 0), (1.00001, 1), []),
+        ((1001,), (1, 1), (1, 1), []),  # a point, on the edge
+        ((1001, 1011), (0, 0), (2, 2), [1002, 1012]),
+        ((1001,), (-1, 0), (0, 1), []),  # no tile has such coordinates
+    ],
+)
+def test_udim_tiles_that_a_mesh_uses_and_are_not_there_are_missing(usd, image, there, first, last, missing):
+    for number in there:
+        path = image(f"a.{number}.png", [[[0, 1, 0]]])
+    text = material(DIFFUSE, texture(file=str(path).replace(str(there[-1]), "<UDIM>")))
+    corners = [first, (last[0], first[1]), last, (first[0], last[1])]
+    warnings = Warnings()
+    read_scene(usd(text.replace("[(0, 0), (1, 0), (1, 1), (0, 1)]", str(corners))), warnings=warnings)
+    expected = "/Mat/T.inputs:file names tiles without {}: expected it, as a mesh uses it; black or the nearest is used"
+    assert warnings.missing_at(1) == [expected.format(number) for number in missing]
 
 
 def test_tiles_that_are_not_there_are_named_and_the_fallback_used(scene, caplog):

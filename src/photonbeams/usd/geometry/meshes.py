@@ -115,7 +115,7 @@ def _surfaces(reading: Reading, prim: Usd.Prim, instances: Sequence[Instance]) -
         triangles, lasting = _triangles(reading, prim, bound.uv_name, varying)
         if faces is not None:
             triangles = _chosen(reading, (prim.GetPath(), suffix), triangles, faces)
-        material = on_mesh(reading, prim, bound, triangles.values.get("uvs"), {**triangles.values, **constants})
+        material = on_mesh(reading, prim, bound, triangles, constants)
         result.append(_MeshPart(suffix, triangles, material, lasting))
     return result, alike
 

@@ -14,6 +14,7 @@ from ..common.reading import Reading
 from ..materials.bound import COLORS, TEXTURED, Bound, plain, texture_of
 from ..materials.kept import kept
 from ..materials.values import Image, constant
+from .polygons import Triangles
 from .primvars import find_primvar, flattened
 
 _MOST_COPIES = 16  # of an image side by side, if it repeats in only one direction
@@ -37,17 +38,19 @@ def primvars_of(reading: Reading, prim: Usd.Prim, bound: Bound) -> tuple[dict[st
 
 
 def on_mesh(
-    reading: Reading, prim: Usd.Prim, bound: Bound, uvs: Array | None, primvars: Mapping[str, Array]
+    reading: Reading, prim: Usd.Prim, bound: Bound, triangles: Triangles, constants: Mapping[str, Array]
 ) -> Material:
     """Return a bound material, completed with what depends on the mesh.
 
     Parameters
     ----------
-    uvs
-        (V, 2), or None: images are then replaced by their means.
-    primvars
-        Values by fields of the material: one value, (1, C), or one for each vertex, (V, C).
+    triangles
+        Their values are the texture coordinates, without which images are replaced by their means, and primvars that
+        vary, by fields of the material.
+    constants
+        Primvars of one value, (1, C), by fields of the material.
     """
+    primvars, uvs = {**triangles.values, **constants}, triangles.values.get("uvs")
     changes: dict[str, Any] = {}
     for name, primvar in bound.primvars.items():
         if name in primvars:
@@ -67,11 +70,31 @@ def on_mesh(
         reading.warn(prim, f"has no primvar '{bound.uv_name}' for its textures: their mean colour is used")
     for name, image in bound.images.items():
         if uvs is not None:
+            _lack_tiles(reading, image, uvs[triangles.vertices])
             changes[name] = _texture(reading, prim, name, image, uvs)
     for name in TEXTURED:
         if isinstance(changes.get(name), UVTexture) and _is_constant(reading, changes[name]):
             changes[name] = plain(name, constant(bound.images[name]))
     return replace(bound.material, **changes) if changes else bound.material
+
+
+_WITHIN = np.full((3, 3), 1 / 6) + np.eye(3) / 2  # points of a triangle, by weights of its corners
+_EDGE = 1e-4  # of a tile, within which a triangle without area need not be in it
+
+
+def _lack_tiles(reading: Reading, image: Image, corners: Array) -> None:
+    """Warn about tiles of a UDIM texture that are missing, and on which triangles have corners, (T, 3, 2)."""
+    tiles = image.tiles
+    if tiles is None:
+        return
+    inside = np.c_[(_WITHIN @ corners).reshape(-1, 2), np.ones(3 * len(corners))] @ image.transform[:2].T
+    places = inside * tiles.size + tiles.corner
+    whole = np.floor(places)
+    numbered = np.all((whole >= 0) & (places - whole > _EDGE), axis=1) & (whole[:, 0] < 10)
+    used = {(int(column), int(row)) for column, row in np.unique(whole[numbered], axis=0)}
+    for column, row in sorted(used - tiles.there, key=lambda place: place[::-1]):
+        text = f"names tiles without {1001 + column + 10 * row}: expected it, as a mesh uses it; black or the nearest"
+        reading.lack(tiles.attribute.GetPrim(), f"{text} is used", str(tiles.attribute.GetName()))
 
 
 def _is_constant(reading: Reading, texture: UVTexture) -> bool:

@@ -16,7 +16,7 @@ from ..common.reading import Reading, is_relationship, target_paths
 from .bumps import BUMPS
 from .images import IMAGES
 from .kept import kept
-from .network import Network, Surface, shader_id
+from .network import Network, Surface, broken, shader_id
 from .nodes import NODES
 from .ramps import RAMPS
 from .surfaces import SURFACES, category, surface_of
@@ -54,6 +54,9 @@ class Bound:
     images: dict[str, Image] = field(default_factory=dict)
     primvars: dict[str, PrimvarValue] = field(default_factory=dict)
     uv_name: str = ""
+
+
+_GREY = "displayColor or grey is used"
 
 
 def _unbound() -> Bound:
@@ -98,8 +101,7 @@ def bound_material(reading: Reading, prim: Usd.Prim) -> Bound:
     key = ("material", (own.GetPrimInPrototype() if own.IsInstanceProxy() else own).GetPath())
     known = kept(reading)
     if key not in known:
-        text = "displayColor or grey is used"
-        known[key] = reading.attempt(own, partial(_read, reading, material), _UNBOUND, text)
+        known[key] = reading.attempt(own, partial(_read, reading, material), _UNBOUND, _GREY)
     found: Bound = known[key]
     return found
 
@@ -108,12 +110,12 @@ def _warn_of_missing(reading: Reading, prim: Usd.Prim) -> None:
     """Warn if the binding of a prim, or of its nearest ancestor with one, names a missing material."""
     while prim:
         if not is_relationship(prim, "material:binding"):
-            text = "is an attribute: expected a relationship, rel; displayColor or grey is used"
+            text = f"is an attribute: expected a relationship, rel; {_GREY}"
             reading.warn(prim, text, "material:binding")
             return
         targets = target_paths(prim, "material:binding")
         if targets:
-            text = f"names {targets[0]}: expected a material on the stage; displayColor or grey is used"
+            text = f"names {targets[0]}: expected a material on the stage; {_GREY}"
             reading.lack(prim, text, "material:binding")
             return
         prim = prim.GetParent()
@@ -133,13 +135,17 @@ def _read(reading: Reading, material: UsdShade.Material) -> Bound:
         if not network.losses:
             break
     if not found:
+        problems = (each for output in material.GetSurfaceOutputs() for each in broken(output.GetAttr(), _GREY))
+        if (problem := next(problems, None)) is not None:
+            reading.lack(*problem)
+            return _UNBOUND
         name = unknown[0] if unknown else "none"
         text = f"has a surface shader '{name}': expected UsdPreviewSurface, standard_surface or open_pbr_surface"
-        reading.warn(material.GetPrim(), f"{text}; displayColor or grey is used")
+        reading.warn(material.GetPrim(), f"{text}; {_GREY}")
         return _UNBOUND
     _, network, surface = min(found, key=lambda each: each[0])
-    for place, text, name in network.losses:
-        reading.warn(place, text, name)
+    for tell in network.losses:
+        tell()
     bound = _bound(reading, material, surface)
     if wrote_prim(material.GetPrim()) and "glass" in material.GetPrim().GetName().lower():
         _warn_of_glass(reading, material, bound.material)

@@ -13,7 +13,7 @@ from ..common.openusd import Ar, Sdf, Usd, UsdShade
 from ..common.reading import Reading
 from ..common.textures import find_image, image_at, known_space, resolved, texture_limit
 from .network import Network, Node, category, is_output
-from .values import Image, Value, mapped
+from .values import Image, Tiles, Value, mapped
 
 _WRAPS = {
     "repeat": "repeat", "clamp": "clamp", "mirror": "mirror", "black": "black", "useMetadata": "",
@@ -137,8 +137,8 @@ def image_input(network: Network, node: UsdShade.Shader, name: str, space: str =
 
 def _pixels(
     network: Network, node: UsdShade.Shader, name: str, space: str, fallback: Value | None
-) -> tuple[Array, Array] | None:
-    """Return pixels with four channels, and the transform of UVs to their square; or None, with a warning."""
+) -> tuple[Array, Tiles | None] | None:
+    """Return pixels with four channels, and how they are tiles, if they are; or None, with a warning."""
     attribute = network.source(node, name)
     asset = None if attribute is None else attribute.Get(network.reading.time)
     if attribute is None or asset is None or is_output(attribute):
@@ -149,15 +149,17 @@ def _pixels(
         found, problem = _tiles(network.reading, attribute, _UDIM.sub("<UDIM>", path), space)
     else:
         pixels, problem = find_image(network.reading, prim, own, space)
-        found = None if pixels is None else (pixels, np.eye(3))
+        found = None if pixels is None else (pixels, None)
     if problem:
         instead = "the default" if fallback is None else "its fallback"
         network.reading.lack(prim, f"{problem}; {instead} is used", own)
     return None if found is None else (_four_channels(found[0]), found[1])
 
 
-def _tiles(reading: Reading, attribute: Usd.Attribute, path: str, space: str) -> tuple[tuple[Array, Array] | None, str]:
-    """Return the tiles of a UDIM texture in one image, and the transform of UVs to its square."""
+def _tiles(
+    reading: Reading, attribute: Usd.Attribute, path: str, space: str
+) -> tuple[tuple[Array, Tiles | None] | None, str]:
+    """Return the tiles of a UDIM texture in one image, and how they lie; or None, and why there is none."""
     prim, name = attribute.GetPrim(), str(attribute.GetName())
     layer = next((spec.layer for spec in attribute.GetPropertyStack(reading.time) if spec.layer), None)
     files = UsdShade.UdimUtils.ResolveUdimTilePaths(path, layer or reading.stage.GetRootLayer())
@@ -166,7 +168,7 @@ def _tiles(reading: Reading, attribute: Usd.Attribute, path: str, space: str) ->
     places = {divmod(int(number) - 1001, 10)[::-1]: str(Ar.GetResolver().Resolve(file) or file)
               for file, number in files}  # fmt: skip
     corner = np.min(list(places), axis=0)
-    columns, rows = np.max(list(places), axis=0) - corner + 1
+    columns, rows = size = np.max(list(places), axis=0) - corner + 1
     known = known_space(reading, prim, name, space)
     limit = max(1, int(texture_limit(reading.stage) / np.sqrt(columns * rows)))
     tiles = {}
@@ -184,8 +186,7 @@ def _tiles(reading: Reading, attribute: Usd.Attribute, path: str, space: str) ->
         top, left = (rows - 1 - (row - corner[1])) * height, (column - corner[0]) * width
         lines, places_across = (np.arange(n) * own // n for n, own in zip((height, width), pixels.shape, strict=False))
         atlas[top : top + height, left : left + width] = pixels[np.ix_(lines, places_across)]
-    size = np.array([1 / columns, 1 / rows])
-    return (atlas, affine(np.diag(size), -corner * size)), ""
+    return (atlas, Tiles(attribute, frozenset(places), corner, size)), ""
 
 
 def _four_channels(pixels: Array) -> Array:
@@ -198,14 +199,14 @@ def _four_channels(pixels: Array) -> Array:
 
 
 def _placed(
-    network: Network, node: UsdShade.Shader, found: tuple[Array, Array], wrap: tuple[str, str],
+    network: Network, node: UsdShade.Shader, found: tuple[Array, Tiles | None], wrap: tuple[str, str],
     coordinates: tuple[str, Array],
 ) -> Image:  # fmt: skip
     pixels, tiles = found
     uv_name, transform = coordinates
-    if not np.allclose(tiles, np.eye(3)):
-        wrap = ("clamp", "clamp")
-    return Image(pixels, wrap, tiles @ transform, uv_name or "st")
+    if tiles is not None:
+        wrap, transform = ("clamp", "clamp"), affine(np.diag(1 / tiles.size), -tiles.corner / tiles.size) @ transform
+    return Image(pixels, wrap, transform, uv_name or "st", tiles=tiles)
 
 
 def _wraps(network: Network, node: UsdShade.Shader, names: tuple[str, str], default: str, file: str) -> tuple[str, str]:

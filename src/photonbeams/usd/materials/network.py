@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,18 +52,18 @@ class Network:
     Attributes
     ----------
     losses
-        Warnings about what is not rendered as the network defines it: prim, text, attribute.
+        Warnings about what is not rendered as the network defines it, which are given if it is rendered.
     """
 
     def __init__(self, reading: Reading, nodes: dict[str, Node]) -> None:
         self.reading = reading
-        self.losses: list[tuple[Usd.Prim, str, str]] = []
+        self.losses: list[Callable[[], None]] = []
         self._nodes, self._known = nodes, dict[Any, Value | None]()
         self._depth = 0
 
     def lose(self, node: UsdShade.Shader, text: str, name: str = "") -> None:
         """Note a loss: something that is not rendered."""
-        self.losses.append((node.GetPrim(), text, f"inputs:{name}" if name else ""))
+        self.losses.append(partial(self.reading.warn, node.GetPrim(), text, f"inputs:{name}" if name else ""))
 
     def combined(self, node: UsdShade.Shader, function: Callable[..., Array], *values: Value) -> Value:
         """Apply a function to values, and note a loss if they cannot be combined."""
@@ -120,9 +121,7 @@ class Network:
         own = node.GetInput(name)
         if not own:
             return None
-        _, missing = own.GetConnectedSources()
-        if missing:
-            self.lose(node, f"is connected to {missing[0]}: expected an output on the stage; it is ignored", name)
+        self.losses += [partial(self.reading.lack, *each) for each in broken(own.GetAttr(), "it is ignored")]
         attributes = UsdShade.Utils.GetValueProducingAttributes(own)
         return attributes[0] if attributes else own.GetAttr()
 
@@ -179,6 +178,19 @@ class Network:
             return value
         letter = output.removeprefix("out").removeprefix("result").lower()
         return channels(value, [_LETTERS[letter]]) if letter in _LETTERS else value
+
+
+def broken(attribute: Usd.Attribute, instead: str) -> Iterator[tuple[Usd.Prim, str, str]]:
+    """Yield warnings about connections, also of interfaces, to what is not on the stage: prim, text, attribute."""
+    chain = [attribute]
+    for each in chain:  # which grows meanwhile
+        for path in each.GetConnections():
+            source = each.GetStage().GetAttributeAtPath(path)
+            if not source:
+                text = f"is connected to {path}: expected an output on the stage; {instead}"
+                yield each.GetPrim(), text, str(each.GetName())
+            elif source not in chain:
+                chain.append(source)
 
 
 def shader_id(node: UsdShade.Shader) -> str:

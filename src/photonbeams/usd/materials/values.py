@@ -8,11 +8,25 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...scene import Array, rgb
+from ..common.openusd import Usd
 
 
 def identity(values: Array) -> Array:
     """Return values unchanged."""
     return values
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """The tiles of a UDIM texture that an attribute names: those that are there, (column, row), and how they lie.
+
+    Tiles lie in an image of `size` columns and rows, which begins at `corner`.
+    """
+
+    attribute: Usd.Attribute
+    there: frozenset[tuple[int, int]]
+    corner: Array
+    size: Array
 
 
 @dataclass(frozen=True)
@@ -29,6 +43,8 @@ class Image:
         Primvar of the UVs.
     beyond
         The value beyond the square of an image that wraps to black, (C,).
+    tiles
+        The tiles of a UDIM texture, or None.
     """
 
     pixels: Array
@@ -36,6 +52,7 @@ class Image:
     transform: Array
     uv_name: str
     beyond: Array = field(default_factory=lambda: np.zeros(4))
+    tiles: Tiles | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beyond", self.beyond[: self.pixels.shape[-1]])
