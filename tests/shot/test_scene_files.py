@@ -54,6 +54,37 @@ def test_an_included_file_is_looked_into(tmp_path):
     assert "includes" in refusal(tmp_path, '<include filename="scene.xml"/>')
 
 
+def loop():
+    """Return the dictionary of a scene that holds itself."""
+    scene = {"type": "scene"}
+    scene["own"] = scene
+    return scene
+
+
+BALL = {"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": {"type": "bitmap"}}}
+
+
+@pytest.mark.parametrize(
+    ("scene", "problem"),
+    [
+        ({"type": "scene", "ball": {**BALL, "bsdf": None}}, "ball.bsdf is None: expected a value, or leave it out"),
+        ({"type": "scene", "ball": BALL}, "a bitmap reflectance names no file: expected a filename"),
+        (loop(), "holds objects in objects, more than 200 deep: expected fewer"),
+        ({"type": "scene", "m": {"type": "obj", "filename": "/dev/zero"}}, "but it is a device"),
+    ],
+)
+def test_dictionaries_that_mitsuba_would_crash_on_are_refused(scene, problem):
+    with pytest.raises(SceneError) as error:
+        pb.Shot(scene)
+    assert str(error.value).startswith("a scene's dictionary: ") and str(error.value).endswith(problem)
+
+
+def test_a_mark_before_a_comment_hides_nothing(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text("# a triangle\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8-sig")
+    assert pb.Shot({"type": "scene", "mesh": {"type": "obj", "filename": str(path)}, "eye": {"type": "perspective"}})
+
+
 def test_what_is_commented_out_is_not_named(tmp_path):
     (tmp_path / "scene.xml").write_text(SCENE % "<!-- <include filename='/dev/zero'/> -->")
     assert len(pb.Shot.open(tmp_path / "scene.xml").cameras()) == 1
@@ -149,6 +180,7 @@ def test_no_face_names_a_vertex_below_0_or_is_left_out(tmp_path):
         "big.ply": (ply((0, -7, 2), b"binary_big_endian", ">"), "a face names vertex -7"),
         "text.ply": (ply((0, 1, -1), b"ascii"), "a face names vertex -1"),
         "name.obj": (corners + b"f x 1 2\nf 1 2 3\n", "Mitsuba finds 1 of its 2 triangles: expected corners such as"),
+        "mark.obj": (b"\xef\xbb\xbf" + corners + b"f 1 2 3\n", "its first line begins with a byte order mark"),
         "lines.obj": (corners + b"f 1 2 3 \\\n4\n", "Mitsuba finds 1 of its 2 triangles"),
     }
     for name, (data, problem) in meshes.items():

@@ -10,6 +10,7 @@ import os
 import re
 import struct
 import zlib
+from codecs import BOM_UTF8
 from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from graphlib import CycleError, TopologicalSorter
@@ -25,6 +26,9 @@ from ..runtime.inputs import MOST_TEXT, check_size, content, is_special, opened
 from ..scene import SceneError
 from ..volumes.vol import vol_shape
 from .old_scenes import parse
+
+#: What messages about a scene that is a dictionary begin with.
+OF_DICTIONARIES = "a scene's dictionary"
 
 _Key = TypeVar("_Key", bound=Hashable)
 
@@ -64,9 +68,33 @@ def check_files(path: Path, parameters: Mapping[str, str]) -> None:
     SceneError for one that cannot be read, or that claims to hold more than there is, or more than can be read.
     """
     folders = [path.parent, *named_files(path, parameters).folders]
-    own = parse(path, parameters)
-    _check_nesting(path, own.state)
-    for node in own.state.nodes:
+    _check_parsed(path, parse(path, parameters).state, folders)
+
+
+def check_dictionary(description: Mapping[str, Any]) -> None:
+    """Check the values of a scene's dictionary for `mi.load_dict`, and its files as `check_files` does."""
+    _check_values(description)
+    mi = mitsuba()
+    state = mi.parser.parse_dict(mi.parser.ParserConfig(mi.variant()), dict(description))
+    _check_parsed(OF_DICTIONARIES, state, [Path(str(each)) for each in mi.file_resolver()])
+
+
+def _check_values(values: Mapping[str, Any], names: tuple[str, ...] = ()) -> None:
+    """Check that no value in a dictionary is None, and that it does not nest without end: Mitsuba would crash."""
+    if len(names) > _DEEPEST:
+        raise SceneError(f"{OF_DICTIONARIES}: holds objects in objects, more than {_DEEPEST} deep: expected fewer")
+    for name, value in values.items():
+        if value is None:
+            place = ".".join((*names, str(name)))
+            raise SceneError(f"{OF_DICTIONARIES}: {place} is None: expected a value, or leave it out")
+        if isinstance(value, Mapping):
+            _check_values(value, (*names, str(name)))
+
+
+def _check_parsed(path: Path | str, state: Any, folders: Sequence[Path]) -> None:
+    """Check the objects of a parsed scene, and their files, which are in folders."""
+    _check_nesting(path, state)
+    for node in state.nodes:
         properties = node.props
         if properties.plugin_name() == "bitmap" and not any(each in properties for each in _OF_BITMAPS):
             raise SceneError(f"{path}: a bitmap {properties.id()} names no file: expected a filename")
@@ -128,7 +156,7 @@ def named_files(path: Path, parameters: Mapping[str, str]) -> NamedFiles:
     return NamedFiles(files.keys(), folders)
 
 
-def _check_nesting(path: Path, state: Any) -> None:
+def _check_nesting(path: Path | str, state: Any) -> None:
     """Check how deep the objects of a scene are in others, also by references, and how many lobes its BSDFs have.
 
     A BSDF has the lobes of those in it, and one that is two-sided has them twice, so that their number may explode.
@@ -144,7 +172,7 @@ def _check_nesting(path: Path, state: Any) -> None:
         raise SceneError(f"{path}: a bsdf holds others, {max(lobes):.3g} in all: expected up to {_MOST_LOBES:,}")
 
 
-def _check_depth(path: Path, within: Mapping[_Key, Sequence[_Key]]) -> list[_Key]:
+def _check_depth(path: Path | str, within: Mapping[_Key, Sequence[_Key]]) -> list[_Key]:
     """Return objects, each after those that it holds; SceneError if these are too deep in each other.
 
     There are none if an object holds itself, which Mitsuba reports.
@@ -266,7 +294,11 @@ def _least_corner(lines: Sequence[Sequence[str]], body: bytes) -> int:
 
 
 def _triangles(data: BinaryIO) -> int:
-    """Return the number of triangles that the faces of an OBJ file make."""
+    """Return the number of triangles that the faces of an OBJ file make; SceneError if a mark hides its first line."""
+    first = data.readline().partition(b"#")[0].strip()
+    if first.startswith(BOM_UTF8) and first != BOM_UTF8:
+        raise SceneError("its first line begins with a byte order mark, which hides it: expected UTF-8 without one")
+    data.seek(0)
     faces = (line.partition(b"#")[0].split() for line in data if line.lstrip()[:1] == b"f")
     return sum(max(len(words) - 3, 0) for words in faces if words[0] == b"f")
 
