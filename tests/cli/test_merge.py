@@ -128,10 +128,14 @@ def test_overscan_leaves_the_bits_of_the_picture_and_of_its_tiles(stage):
 def test_tiles_that_do_not_belong_together_are_refused(call, render, stage, out):
     flags = (*SMALL, "--passes", 1)
     for name, more in (("a", ("--tile", "1/3")), ("b", ("--tile", "1/2")), ("c", ("--tile", "3/3", "--res", 40, 64)),
-                       ("d", ("--tile", "3/3"))):  # fmt: skip
+                       ("d", ("--tile", "3/3")), ("e", ("--tile", "3/3", "--seed", 1)),
+                       ("f", ("--tile", "3/3", "--passes", 2))):  # fmt: skip
         assert render(stage, "-o", out / f"{name}.exr", *flags, *more)[0] == 0
     fails(call("merge", out / "a.exr", out / "b.exr", "-o", out / "x.exr"), 1, "b.exr: covers what another tile covers")
     fails(call("merge", out / "a.exr", out / "c.exr", "-o", out / "x.exr"), 1, "c.exr: has other layers or another")
+    fails(call("merge", out / "a.exr", out / "e.exr", "-o", out / "x.exr"), 1, "e.exr: has another seed than")
+    code, _, stderr = call("merge", out / "a.exr", out / "f.exr", "-o", out / "x.exr", "--partial")
+    assert code == 0 and "x.exr: its tiles have different numbers of passes, so that their noise differs" in stderr
     gap = ("merge", out / "a.exr", out / "d.exr", "-o", out / "x.exr")
     fails(call(*gap), 1, "640 of 1,920 pixels are in no tile: expected all tiles, or --partial")
     code, _, stderr = call(*gap, "--partial")
