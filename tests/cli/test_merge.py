@@ -50,6 +50,8 @@ def test_passes_of_two_machines_are_those_of_one(call, render, stage, out):
     gap = ("merge", out / "0_1.checkpoint", out / "4_5.checkpoint", "-o", out / "gap.exr", "--remove")
     fails(call(*gap), 1, f"{out / 'gap.exr'}: passes 2 to 3 are missing; expected all, or --partial")
     assert (out / "0_1.checkpoint").exists() and not (out / "gap.exr").exists()
+    text = "the frame has no deep picture: expected one rendered with --deep, or deep=True"
+    fails(call(*gap, "--partial", "--deep", out / "deep.exr"), 1, text, warnings=1)
     code, _, stderr = call(*gap, "--partial")
     assert code == 0 and stderr.startswith(f"Warning: {out / 'gap.exr'}: passes 2 to 3 are missing")
     assert not (out / "0_1.checkpoint").exists() and (out / "2_3.checkpoint").exists()
@@ -149,7 +151,7 @@ def test_tiles_that_do_not_belong_together_are_refused(call, render, stage, out)
     fails(
         render(stage, "-o", out / "y.exr", *flags, "--tile", "1/4"),
         1,
-        "the tile is 1/4: 48 rows make 3 tiles of 16 rows at most",
+        "the tile is 1/4: 48 rows make up to 3, of 16 rows each",
     )
 
 

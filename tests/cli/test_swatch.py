@@ -96,6 +96,7 @@ def test_the_library_is_drawn(capsys, tmp_path):
             1,
             "along:expression is wrong: ",
         ),
+        (("STAGE", "-o", "a.png", "-f", "nan"), 1, "Error: frame is nan: expected a finite number"),
         (("nothing.usda", "-o", "a.png"), 1, "nothing.usda: expected a USD stage, but there is no such file"),
     ],
 )

@@ -7,6 +7,7 @@ import pytest
 
 from photonbeams.images.frame import pixels_of
 from photonbeams.scene import SceneError
+from photonbeams.usd.cameras.camera import chosen_camera
 from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.settings import RenderProduct, RenderSettings, product_file, read_settings
 
@@ -147,10 +148,13 @@ def test_too_much_overscan_names_the_window(usd):
         read_settings(usd(settings(window), METADATA)).crop(64, 36)
 
 
-def test_metadata_that_names_no_settings_is_ignored_with_a_warning(usd, warnings):
-    assert read_settings(usd(CAMERAS, 'renderSettingsPrimPath = "/A"')) == RenderSettings()
+@pytest.mark.parametrize("path", ["/A", "/Gone", "A", "no path"])
+def test_metadata_that_names_no_settings_is_ignored_with_a_warning(usd, warnings, capfd, path):
+    stage = usd(CAMERAS, f'renderSettingsPrimPath = "{path}"')
+    assert read_settings(stage) == RenderSettings() and chosen_camera(stage, None)
     assert len(warnings.messages) == 1
-    assert "renderSettingsPrimPath is /A, which is not a RenderSettings prim" in warnings.messages[0]
+    assert f"renderSettingsPrimPath is {path}, which is not a RenderSettings prim" in warnings.messages[0]
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("path", ["/A", "/Gone", "S", "/S.camera", "no path", "/"])

@@ -195,7 +195,7 @@ def test_session_layers_are_stronger_than_the_stage_and_the_first_the_strongest(
         written(tmp_path, f'#usda 1.0\nover "Lamp" {{\n    float inputs:intensity = {value}\n}}\n', f"over{value}.usda")
         for value in (7, 8)
     ]
-    stage = open_stage(written(tmp_path, LAMP), session_layers=layers)
+    stage = open_stage(written(tmp_path, LAMP), session_layers=[*layers, layers[0]])  # one twice, too
     assert read_scene(stage).lights[0].radiance == (7, 7, 7)
     with pytest.raises(SceneError, match=r"gone\.usda"):
         open_stage(written(tmp_path, LAMP), session_layers=[tmp_path / "gone.usda"])

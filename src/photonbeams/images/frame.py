@@ -154,7 +154,7 @@ class Frame:
             raise SceneError(f"cannot write {path}: expected a name that ends in .exr for a deep picture")
         if not self.deep:
             raise SceneError(
-                f"cannot write {path}: the frame has no deep picture: expected deep=True when it is rendered"
+                f"cannot write {path}: the frame has no deep picture: expected one rendered with --deep, or deep=True"
             )
         metadata = {view: about for view, (_, about) in self.views.items()} or dict.fromkeys(self.deep, self.metadata)
         return encoded_deep(path, {view: (each, metadata[view]) for view, each in self.deep.items()})
@@ -204,7 +204,7 @@ def tile_of(
     number, count = tile
     first, last = top // TILE, -(-bottom // TILE)
     if count > last - first:
-        most = f"{bottom - top} rows make {last - first} tiles of {TILE} rows at most"
+        most = f"{bottom - top} rows make up to {last - first}, of {TILE} rows each"
         raise SceneError(f"the tile is {number}/{count}: {most}")
     edges = [first + (last - first) * each // count for each in (number - 1, number)]
     x0, x1 = fractions_of(left, right, width)

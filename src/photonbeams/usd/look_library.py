@@ -9,7 +9,7 @@ from ..scene import Medium, SceneError
 from .common.openusd import Usd
 from .common.reading import Reading, file_of, frame_number
 from .looks.look import LookSpec, read_look
-from .stage import default_time, read_scene
+from .stage import default_time, read_scene, time_code
 
 
 def find_looks(
@@ -27,7 +27,7 @@ def find_looks(
     SceneError
         A look does not exist or cannot be read.
     """
-    time = default_time(stage) if frame is None else Usd.TimeCode(frame)
+    time = default_time(stage) if frame is None else time_code(frame)
     reading = Reading(stage, time)
     prims = [prim for prim in stage.Traverse() if prim.GetTypeName() == "PhotonBeamsLook"]
     known = ", ".join(str(prim.GetPath()) for prim in prims) or "none"

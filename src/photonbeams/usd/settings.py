@@ -15,8 +15,9 @@ from ..images.frame import fractions_of, overscan_problem
 from ..images.numbering import numbering_problem
 from ..scene import MOST_PIXELS, SceneError
 from ..scene.cameras import CONFORM_POLICIES
-from .common.openusd import Sdf, Usd, UsdGeom, UsdRender
-from .common.reading import Reading, Time, file_of, is_relationship, quiet, target_paths
+from .common.openusd import Usd, UsdGeom, UsdRender
+from .common.reading import Reading, Time, file_of, is_relationship, target_paths
+from .common.selection import settings_at
 from .common.warnings import Warnings
 
 SUFFIXES = (".exr", ".png")
@@ -205,18 +206,12 @@ def product_file(stage: Usd.Stage, product: RenderProduct, time: Time = None) ->
 
 def _settings(reading: Reading, path: str | None) -> UsdRender.Settings | None:
     stage = reading.stage
+    settings = settings_at(stage, path)
     if path is None:
-        path = str(stage.GetMetadata("renderSettingsPrimPath") or "")
-        with quiet():
-            settings = UsdRender.Settings.GetStageRenderSettings(stage)
-        if path and not settings:
-            reading.warnings.give(
-                f"renderSettingsPrimPath is {path}, which is not a RenderSettings prim: it is ignored", file_of(stage)
-            )
-        return settings if settings else None
-    valid = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
-    settings = UsdRender.Settings(stage.GetPrimAtPath(path)) if valid else None
-    if not settings:
+        if settings is None and (named := stage.GetMetadata("renderSettingsPrimPath")):
+            text = f"renderSettingsPrimPath is {named}, which is not a RenderSettings prim: it is ignored"
+            reading.warnings.give(text, file_of(stage))
+    elif settings is None:
         names = [str(prim.GetPath()) for prim in stage.Traverse() if prim.IsA(UsdRender.Settings)]
         expected = f"one of {', '.join(names)}" if names else "a RenderSettings prim"
         raise SceneError(f"{file_of(stage)} has no render settings '{path}': expected {expected}")

@@ -98,7 +98,7 @@ def open_stage(
         layer = _layer(path)
         try:
             session = Sdf.Layer.CreateAnonymous("session.usda")
-            session.subLayerPaths = [_layer(os.fspath(each)).identifier for each in session_layers]
+            session.subLayerPaths = [*dict.fromkeys(_layer(os.fspath(each)).identifier for each in session_layers)]
             keep(
                 session, textureLimit=texture_limit, workingSpace=_linear_space("working space", working_space),
                 colorSpace=_linear_space("colour space", color_space),

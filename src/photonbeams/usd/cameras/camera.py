@@ -9,8 +9,9 @@ import numpy as np
 
 from ...scene import FARTHEST, Array, Camera, SceneError
 from ...scene.vectors import unit
-from ..common.openusd import Usd, UsdGeom, UsdRender
+from ..common.openusd import Usd, UsdGeom
 from ..common.reading import LOG, Reading, Time, file_of, prims_under, quiet, target_paths
+from ..common.selection import settings_at
 from ..common.warnings import Warnings
 from .panoramas import Panorama, read_panorama
 
@@ -77,7 +78,7 @@ def chosen_camera(stage: Usd.Stage, name: str | None, warnings: Warnings | None 
 
 
 def _settings_camera(stage: Usd.Stage) -> str:
-    settings = UsdRender.Settings.GetStageRenderSettings(stage)
+    settings = settings_at(stage)
     targets = target_paths(settings.GetPrim(), "camera") if settings else []
     return str(targets[0]) if targets else ""
 

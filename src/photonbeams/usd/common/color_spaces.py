@@ -9,8 +9,8 @@ import numpy as np
 
 from ...images.color_spaces import REC709, ColorSpaces, converted, named, plain, working_space
 from ...scene import Array, SceneError
-from .openusd import Gf, Sdf, Usd, UsdRender
-from .selection import kept
+from .openusd import Gf, Usd
+from .selection import kept, settings_at
 
 AUTO, RAW = "auto", "raw"
 #: Without a curve, in the space of colours that name none.
@@ -43,9 +43,7 @@ def spaces_of(stage: Usd.Stage, warn: Callable[[Usd.Prim, str, str], None] | Non
 
 def _rendering_space(stage: Usd.Stage) -> Usd.Attribute | None:
     """Return the attribute of the render settings in use that names the working space, if it has a value."""
-    path = kept(stage, "renderSettings")
-    own = UsdRender.Settings.GetStageRenderSettings(stage)
-    settings = own if path is None else UsdRender.Settings(stage.GetPrimAtPath(Sdf.Path(path)))
+    settings = settings_at(stage, kept(stage, "renderSettings"))
     attribute = settings.GetRenderingColorSpaceAttr() if settings else None
     return attribute if attribute and attribute.Get() else None
 

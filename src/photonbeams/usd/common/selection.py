@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...scene import SceneError
-from .openusd import Sdf, Usd
+from .openusd import Sdf, Usd, UsdRender
 
 #: Levels of subdivision, by their names in usdrecord.
 COMPLEXITIES = {"low": 0, "medium": 1, "high": 2, "veryhigh": 3}
@@ -146,6 +146,14 @@ def kept(stage: Usd.Stage, name: str) -> Any:
     """Return a value that is kept in a stage's session layer, or None."""
     session = stage.GetSessionLayer()
     return None if session is None else session.customLayerData.get(_KEY, {}).get(name)
+
+
+def settings_at(stage: Usd.Stage, path: str | None = None) -> UsdRender.Settings | None:
+    """Return the render settings at a path, without it at that in the stage's metadata; None if there are none."""
+    path = str(stage.GetMetadata("renderSettingsPrimPath") or "") if path is None else path
+    # OpenUSD's own function prints that a path is not one.
+    valid = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
+    return (UsdRender.Settings(stage.GetPrimAtPath(path)) or None) if valid else None
 
 
 def rendered_purposes(stage: Usd.Stage) -> tuple[str, ...]:
