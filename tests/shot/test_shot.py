@@ -227,6 +227,7 @@ def test_numbers_of_numpy_are_numbers(shot):
     ("arguments", "sentence"),
     [
         ({"looks": [1]}, "looks is [1]: expected a Look, or a dict of Looks by the names of lights"),
+        ({"looks": {"/Lamp": 1.0}}, "looks is 1.0 for /Lamp: expected a Look"),
         ({"medium": "x"}, "medium is 'x': expected a Medium, or a function of the stage's Medium"),
         ({"emit": "a.py:x"}, "emit is 'a.py:x': expected a function"),
         ({"simulate": 1}, "simulate is 1: expected a function"),
@@ -307,7 +308,7 @@ GREEN = pb.Look(along=pb.looks.Constant([0, 1, 0]) * pb.looks.Attenuation())
     [
         (GREEN, {"red", "blue"}),
         ({"Red": GREEN}, {"red"}),
-        ({"/World/Blue": GREEN}, {"blue"}),
+        ({Sdf.Path("/World/Blue"): GREEN}, {"blue"}),
         ({"Look": GREEN}, {"red"}),
         ({"/World/Look": GREEN, "Blue": GREEN}, {"red", "blue"}),
         (None, set()),

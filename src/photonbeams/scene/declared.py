@@ -130,6 +130,8 @@ def _of(kind: Any) -> Declared | None:
         known = [each for each in parts if each is not None]
         words = " or ".join(dict.fromkeys(each.expected for each in known if each is not _NONE))
         return Declared(lambda value: any(each.fits(value) for each in known), words) if known == parts else None
+    if origin is Callable and get_args(kind) and get_args(kind)[0] is not ...:
+        return _function_of(len(get_args(kind)[0]))
     if origin in _KNOWN:
         return _KNOWN[origin]
     if origin in (Iterable, Sequence):
@@ -138,6 +140,21 @@ def _of(kind: Any) -> Declared | None:
     if not isinstance(origin, type) or origin in _LOOSE or getattr(origin, "_is_protocol", False):
         return None
     return Declared(lambda value: isinstance(value, origin), f"a {origin.__name__}")
+
+
+def _function_of(count: int) -> Declared:
+    """Return what a type of functions takes, which are called with so many arguments."""
+
+    def fits(value: Any) -> bool:
+        try:
+            inspect.signature(value).bind(*range(count))
+        except TypeError:
+            return False
+        except ValueError:  # a built-in function does not say; such a class, as int, is no function of a user's
+            return not isinstance(value, type)
+        return True
+
+    return Declared(fits, f"a function of {count} argument{'s' * (count != 1)}")
 
 
 def _all(fits: Callable[[Any], bool], value: object) -> bool:

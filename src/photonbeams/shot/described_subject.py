@@ -22,7 +22,7 @@ from ..usd.common.motion import Exposure
 from ..usd.common.warnings import Strictness, Warnings
 from ..usd.layers.header import origin
 from ..usd.looks.look import LookSpec
-from .subject import FrameContent, Subject, Viewpoint, size_of
+from .subject import FrameContent, Subject, Viewpoint, looks_by_name, size_of
 
 if TYPE_CHECKING:
     from ..beams.programs import Emitter, Modifier, Program
@@ -69,14 +69,14 @@ class DescribedSubject(Subject):
         self, medium: scene.Medium | MediumOverride | None, simulate: Modifier | None, emit: Emitter | None,
         looks: Look | Mapping[str, Look] | None, strict: Strictness,
     ) -> None:  # fmt: skip
-        if not (looks is None or isinstance(looks, Mapping) or hasattr(looks, "bind")):
-            raise scene.SceneError(f"looks is {looks!r}: expected a Look, or a dict of Looks by the names of lights")
+        by_name = looks_by_name(looks)
         if not (medium is None or callable(medium) or isinstance(medium, scene.Medium)):
             raise scene.SceneError(f"medium is {medium!r}: expected a Medium, or a function of the stage's Medium")
         for name, function in (("simulate", simulate), ("emit", emit)):
             if function is not None and not callable(function):
                 raise scene.SceneError(f"{name} is {function!r}: expected a function")
-        self.medium, self.simulate, self.emit, self.looks = medium, simulate, emit, looks or {}
+        self.medium, self.simulate, self.emit = medium, simulate, emit
+        self.looks = by_name if looks is None or isinstance(looks, Mapping) else looks
         self.warnings = Warnings.of(strict)
         self._looks: dict[str, Any] = {}  # (spec, look) by the names of owners or of looks
 

@@ -30,7 +30,7 @@ from ..usd.stage import files_of
 from .lent import lent_view
 from .scene_files import named_files
 from .scene_loading import check_scene, load
-from .subject import FrameContent, Subject, Viewpoint, several, size_of
+from .subject import FrameContent, Subject, Viewpoint, looks_by_name, several, size_of
 
 if TYPE_CHECKING:
     from ..beams.sets import BeamSet
@@ -344,10 +344,7 @@ def _beams(
     layers: Mapping[str, scene.BeamSettings] | None = None,
 ) -> dict[str, scene.BeamSettings]:
     """Return the beam settings by the ids of emitters; those given in Python are stronger than those of layers."""
-    by_name = looks if isinstance(looks, Mapping) else {} if looks is None else {"": looks}
-    for name, look in by_name.items():
-        if not hasattr(look, "bind"):
-            raise SceneError(f"looks is {look!r}{f' for {name}' if name else ''}: expected a Look")
+    by_name = looks_by_name(looks)
     for name, said in beams.items():
         if not isinstance(said, scene.BeamSettings):
             raise SceneError(f"beams of {name or 'all'} are {said!r}: expected BeamSettings")
