@@ -179,7 +179,7 @@ MERGED = {
     "template": (NUMBERED, END % 3, [2]), "manifest": (LISTED, "asset manifestAssetPath = @gone.usda@", [1, 2, 3]),
     "weak gap": (NAMED + GAP + ACTIVE, "double2[] active = [(0, 0)]", []),
     "weak paths": (NAMED + GAP + ACTIVE, PATHS, []),
-    "weak end": (NUMBERED + END % 3, END % 1, []),
+    "early end": (NUMBERED + END % 0, END % 3, [2]), "weak end": (NUMBERED + END % 3, END % 1, []),
     "weak index": (NAMED + "asset[] assetPaths = [@here.usda@]\n" + ACTIVE, "double2[] active = [(0, 0)]", []),
     "stray key": (LISTED, "int templateStartTime = 1", []), "stray file": (NUMBERED + END % 1, "", []),
     "folder": (TENTHS, "", [2]),
@@ -213,6 +213,7 @@ IGNORED = {
     "number after a line": (numbered("clip_#"), "whose templateAssetPath is './clip_#.usda': expected NAME.###.usd"),
     "numbers apart": (numbered("a.#.x.#"), "whose templateAssetPath is './a.#.x.#.usda': expected NAME.###.usd"),
     "no number": (numbered("a"), "whose templateAssetPath is './a.usda': expected NAME.###.usd"),
+    "early end": (NUMBERED + END % 0, "from 1 to 0 by 1: expected 1 to 1,000,000 clips"),
     "far": (numbered("clip.##", "double templateActiveOffset = 2"), "is 2: expected no more than the stride, 1"),
     "not far": (
         (NUMBERED + END % 1).replace("StartTime = 1", "StartTime = 1\ndouble templateActiveOffset = 0"),

@@ -234,7 +234,6 @@ TEMPLATE = 'string primPath = "/A"\nstring templateAssetPath = "./%s"\ndouble te
         (TEMPLATE % ("pipe.##.usda", 1), "one of them pipe.1.usda: expected a file, it is a named pipe"),
         (LISTED % ("empty.usda", "clip.usda"), "one of them empty.usda: expected a file, it is empty"),
         (TEMPLATE % ("clip.#.usda", 1e9), "from 1 to 1e+09 by 1: expected 1 to 1,000,000 clips"),
-        (TEMPLATE % ("clip.#.usda", 0), "from 1 to 0 by 1: expected 1 to 1,000,000 clips"),
         (TEMPLATE[:-1] % ("clip.#.usda", 1) + "0", "from 1 to 1 by 0: expected 1 to 1,000,000 clips"),
         (TEMPLATE % ("clip.#.usda", float("inf")), "from 1 to inf by 1: expected 1 to 1,000,000 clips"),
         (ACTIVE % "(0, nan)", "whose active has nan: expected finite numbers"),

@@ -127,8 +127,11 @@ def _danger(
             return f"whose {key} has {wrong[0]:g}: expected finite numbers"
     own = {key: clips[key] for key in _TIMES if key in clips}
     times = {**widest, **own}
-    if own and len(times) == len(_TIMES) and (problem := _endless(*(times[key] for key in _TIMES))):
-        return problem
+    if own and len(times) == len(_TIMES):
+        start, end, stride = (times[key] for key in _TIMES)
+        # OpenUSD only ignores an end before the start, and another layer may have another one.
+        if not end < start and (problem := _endless(start, end, stride)):
+            return problem
     for name in files:
         path = str(Ar.GetResolver().Resolve(name))
         if path and (problem := problem_of(path)):
