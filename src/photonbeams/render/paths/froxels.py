@@ -36,6 +36,7 @@ _FINE, _MIDDLE, _FEWEST = 0.5, 0.25, 80
 _THICKER = 20.0
 # A blur in cells, across a column: the least, without which the nearest cells are noise, and the most.
 _LEAST, _MOST = 0.6, 12.0
+_WHOLE = 2.0**48  # of the least volumes make up the largest one of a ray
 _SEEN = 1e-6  # of the largest volume in a slab: cells of which less is seen are dark
 
 #: Returns 4π times the phase function for light that goes on toward the camera in these directions.
@@ -163,30 +164,35 @@ class Froxels:
         A ray stands for the solid angle Ω of its pixel, and sees Ω ∫ (n + t)² dt of a slab, with the distance n to the
         medium: for the slabs before the one in which it ends, sums of Ω n², 2 Ω n and Ω over rays are enough.
         """
-        near, length, cosine = (each.numpy().astype(np.float64) for each in (self.near, self.far - self.near, facing))
-        slab = self._slab(self.far - self.near).numpy()
-        index = np.arange(len(length))
-        across = index % self.view.width, index // self.view.width
-        row, column = (across[1] - self.corner[1]) // self.side, (across[0] - self.corner[0]) // self.side
-        column = row * self.shape[2] + column
-        there = length > 0
-        near, slab, column, cosine = near[there], slab[there], column[there], cosine[there]
-        length, ends = np.minimum(length[there], self._ends[-1]), self._ends
-        area = float(dr.rcp(self.view.scale[0] * self.view.scale[1])[0])
-        last = np.minimum(slab.astype(np.int64), _SLABS - 1)
-        if self.view.orthographic:
-            weights, powers = [area + 0 * near], [1]
-        else:
-            angle = area * cosine**3
-            weights, powers = [angle * near**2, 2 * angle * near, angle], [1, 2, 3]
-        columns = self.shape[1] * self.shape[2]
-        result = np.zeros((_SLABS, columns))
-        for weight, power in zip(weights, powers, strict=True):
-            here = np.bincount(last * columns + column, weight, _SLABS * columns).reshape(_SLABS, columns)
+        index, there, ends = dr.arange(UInt32, dr.width(facing)), self.far > self.near, self._ends
+        length = dr.minimum(self.far - self.near, self.longest)
+        width, columns = (dr.opaque(UInt32, each) for each in (self.view.width, self.shape[2]))
+        left, top, side = (dr.opaque(UInt32, each) for each in (*self.corner, self.side))
+        column = (index // width - top) // side * columns + (index % width - left) // side
+        last = dr.minimum(UInt32(self._slab(length)), _SLABS - 1)
+        begin = dr.gather(Float, to_float(ends), last)
+        area, most = (float(each[0]) for each in (dr.rcp(self.view.scale[0] * self.view.scale[1]), dr.max(self.near)))
+        weights, bounds = [dr.opaque(Float, area) + 0 * facing], [area]
+        if not self.view.orthographic:
+            angle = area * facing**3
+            weights, bounds = (
+                [angle * self.near**2, 2 * angle * self.near, angle],
+                [area * most**2, 2 * area * most, area],
+            )
+        cells = _SLABS * self.shape[1] * self.shape[2]
+        sums, units = dr.zeros(Int64, 2 * len(weights) * cells), []
+        place = last * dr.opaque(UInt32, cells // _SLABS) + column
+        for power, (weight, bound) in enumerate(zip(weights, bounds, strict=True), 1):
+            parts = weight, weight * (length**power - begin**power)
+            for part, largest in zip(parts, (bound, bound * float(ends[-1]) ** power), strict=True):
+                units.append(max(largest, 1e-30) / _WHOLE)
+                own = place + dr.opaque(UInt32, (len(units) - 1) * cells)
+                dr.scatter_reduce(dr.ReduceOp.Add, sums, Int64(part / dr.opaque(Float, units[-1])), own, there)
+        found = sums.numpy().reshape(len(weights), 2, _SLABS, -1) * np.reshape(units, (-1, 2, 1, 1))
+        result = np.zeros(found.shape[2:])
+        for power, (here, part) in enumerate(found, 1):
             beyond = np.flip(np.cumsum(np.flip(here, 0), 0), 0) - here
-            part = weight * (length**power - ends[last] ** power) / power
-            result += np.bincount(last * columns + column, part, _SLABS * columns).reshape(_SLABS, columns)
-            result += beyond * (np.diff(ends**power) / power)[:, None]
+            result += (part + beyond * np.diff(ends**power)[:, None]) / power
         return np.maximum(result, 0).reshape(self.shape)
 
     # -- deposits ----------------------------------------------------------------------------------------------------
@@ -280,7 +286,7 @@ class Froxels:
         volume = blurred(self.volume)
         least = _SEEN * volume.max(axis=(1, 2), keepdims=True)
         inverse = np.where(volume > least, 1 / np.maximum(volume, np.maximum(least, 1e-300)), 0)
-        sums = self.sums.numpy().astype(np.float64).reshape(len(self.units), 3, *self.shape)
+        sums = self.sums.numpy().reshape(len(self.units), 3, *self.shape)
         return [
             np.stack([blurred(unit * each) * inverse for each in own], axis=-1)
             for own, unit in zip(sums, self.units, strict=True)
