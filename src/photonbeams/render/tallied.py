@@ -19,7 +19,7 @@ from ..world.media.interfaces import pointers
 from ..world.spectra import rgb
 from .paths import camera_paths
 from .paths.camera_paths import CameraTracing
-from .paths.froxels import Froxels
+from .paths.froxels import Froxels, FroxelSums, most_columns
 from .paths.surface_light import NO_LIGHT
 
 if TYPE_CHECKING:
@@ -148,26 +148,27 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
                     near=near,
                     far=far,
                     deepest=np.inf if each.tracked else _DEEPEST / max(min(each.medium.extinction), 1e-30),
-                    units=units.tolist(),
                     blur=blur[each.number],
+                    most=most_columns(3 * len(groups) * len(media)),
                 )
     group_of = to_uint([*numbers, 0])
     scale_of = to_float([*(each.beam_scale for each in sources), 0])
 
     def deposit(own: Deposit, active: Bool) -> None:
         group, light = dr.gather(UInt32, group_of, own.source), own.light * dr.gather(Float, scale_of, own.source)
-        for (_, number), cells in froxels.items():
-            here = active & (own.medium == dr.opaque(UInt32, number))
-            cells.add(own.place, light, group, partial(_phase, own), here)
+        sums.add(own.place, light, own.medium, group, partial(_phase, own), active)
 
+    result: dict[tuple[int, int], tuple[Froxels, Sequence[Float]]] = {}
+    if not froxels:
+        return TalliedView(world.media, groups, result)
+    sums = FroxelSums([*froxels.values()], [number for _, number in froxels], units.tolist())
     tally.fill(deposit, None if rays.view.orthographic else rays.view.origin)
-    dr.eval([each.sums for each in froxels.values()])
-    result = {}
-    for (step, number), cells in froxels.items():
+    for index, ((step, number), cells) in enumerate(froxels.items()):
         if world.media.varies(number):
-            tables = [to_float(each.ravel()) for each in cells.fluence(blur[number], _ALONG)]
+            tables = [to_float(each.ravel()) for each in cells.fluence(blur[number], sums.of(index), _ALONG)]
         else:
-            tables = cells.tables(next(each.medium for each in media if each.number == number), blur[number])
+            medium = next(each.medium for each in media if each.number == number)
+            tables = cells.tables(medium, blur[number], sums.of(index))
         result[step, number] = cells, tables
     return TalliedView(world.media, groups, result)
 

@@ -8,7 +8,7 @@ import pytest
 
 import photonbeams as pb
 from photonbeams.numerics.arrays import to_float
-from photonbeams.render.paths.froxels import Froxels
+from photonbeams.render.paths.froxels import Froxels, FroxelSums
 from photonbeams.runtime.device import Array3f, Bool, UInt32
 from photonbeams.scene import Camera
 from photonbeams.world.cameras.cameras import View, Window
@@ -33,7 +33,8 @@ def even(camera, medium, near, far, rng):
     length = np.where(shorter, 0.5, 1.0) * (far - near)
     begin = to_float(np.full(WIDTH * HEIGHT, near))
     deepest = 12 / max(min(medium.extinction), 1e-30)
-    cells = Froxels.of(view.projection, rays.facing, begin, begin + to_float(length), deepest, [1e-15], 0.01 * far)
+    cells = Froxels.of(view.projection, rays.facing, begin, begin + to_float(length), deepest=deepest, blur=0.01 * far)
+    sums = FroxelSums([cells], [1], [1e-15])
     # The volume element is z² dz for even slopes x / z and y / z; beyond the sides of the picture there is light, too.
     parallel = camera.projection == "orthographic"
     last = min(far, near + 8 / max(min(medium.extinction), 1e-30))  # deeper light is not seen
@@ -43,8 +44,9 @@ def even(camera, medium, near, far, rng):
     value = np.prod(size) * volume / COUNT + 0 * depth
     places = np.stack([across * scale, down * scale, -depth]).astype(np.float32)
     ones = dr.full(Bool, True, COUNT)
-    cells.add(Array3f(places), Array3f(to_float(value)), dr.zeros(UInt32, COUNT), lambda toward, _: Array3f(1), ones)
-    (table,) = cells.tables(medium, 0.01 * far)
+    group = dr.zeros(UInt32, COUNT)
+    sums.add(Array3f(places), Array3f(to_float(value)), group + 1, group, lambda toward, _: Array3f(1), ones)
+    (table,) = cells.tables(medium, 0.01 * far, sums.of(0))
     at = cells.seen(Array3f(rays.origin) + 2.0 * Array3f(rays.direction)).at
     return cells.radiance(table, at, to_float(length)).numpy(), length
 
@@ -73,13 +75,14 @@ def test_sums_do_not_depend_on_the_order_of_deposits(rng):
     value = rng.uniform(0, 1, (1 << 16, 3)).astype(np.float32)
 
     def sums(order):
-        cells = Froxels.of(view.projection, rays.facing, 0 * end, end, np.inf, [1e-9], 0.04)
+        cells = Froxels.of(view.projection, rays.facing, 0 * end, end, deepest=np.inf, blur=0.04)
+        found = FroxelSums([cells, cells], [1, 1], [1e-9])
         light = Array3f(value[order].T.copy())
         everywhere = dr.full(Bool, True, len(order))
-        cells.add(
-            Array3f(places[order].T.copy()), light, dr.zeros(UInt32, len(order)), lambda *_: Array3f(1), everywhere
-        )
-        return cells.sums.numpy()
+        group = dr.zeros(UInt32, len(order))
+        found.add(Array3f(places[order].T.copy()), light, group + 1, group, lambda *_: Array3f(1), everywhere)
+        assert (found.of(0) == found.of(1)).all()
+        return found.of(0)
 
     first = sums(np.arange(1 << 16))
     assert first.max() > 0

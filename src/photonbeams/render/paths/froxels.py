@@ -14,14 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import drjit as dr
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from ...estimators.projection import Projection
-from ...numerics.arrays import to_float
+from ...numerics.arrays import joined, to_float, to_uint
+from ...numerics.structs import Struct, pack
 from ...runtime.device import Array2f, Array3f, Bool, Float, Int64, UInt32
 from ...scene import Array, Medium
 
@@ -58,7 +58,7 @@ class SeenPlace:
 
 @dataclass(frozen=True)
 class Froxels:
-    """The cells of a view, (columns, rows, slabs), and what was deposited in them by light groups.
+    """The cells of a view, (columns, rows, slabs), in one medium.
 
     Attributes
     ----------
@@ -74,9 +74,6 @@ class Froxels:
         The greatest length in the medium that counts, in scene units.
     volume
         The volume that rays see of each cell, in cubic scene units.
-    units, sums
-        The least deposit of each light group, and the deposits by groups and channels, in these units: whole numbers
-        have the same sum in any order.
     """
 
     view: Projection
@@ -88,15 +85,13 @@ class Froxels:
     keys: Array3f
     longest: Float
     volume: Array
-    units: Sequence[float]
-    sums: Any
 
     @classmethod
     def of(
-        cls, view: Projection, facing: Float, near: Float, far: Float, deepest: float, units: Sequence[float],
-        blur: float,
+        cls, view: Projection, facing: Float, near: Float, far: Float, *, deepest: float, blur: float,
+        most: int = _COLUMNS,
     ) -> Froxels:  # fmt: skip
-        """Return empty cells, no wider than `blur` where that takes no more columns than there may be.
+        """Return cells, no wider than `blur` where that takes no more columns than there may be.
 
         Parameters
         ----------
@@ -105,8 +100,8 @@ class Froxels:
         facing, near, far
             Of the rays of all pixels, row by row: the cosine to the view's axis, and where the medium begins and ends;
             these do not meet it where `far` is not beyond `near`.
-        deepest, units, blur
-            The length in the medium that counts at most, the least deposit of each light group, and the blur's length.
+        deepest, blur, most
+            The length in the medium that counts at most, the blur's length, and the most columns.
         """
         length = np.maximum((far - near).numpy(), 0).reshape(view.height, view.width)
         rows, columns = (np.flatnonzero((length > 0).any(axis=axis)) for axis in (1, 0))
@@ -114,7 +109,6 @@ class Froxels:
         seen = length.ravel() > 0
         away = 1.0 if view.orthographic else float(np.median(near.numpy()[seen] + _MIDDLE * length.ravel()[seen]))
         side = int(np.clip(_FINE * blur / (_pixel(view) * away), 1, max(height, width) // _FEWEST + 1))
-        most = min(_COLUMNS, _BYTES // (24 * len(units) * _SLABS))
         while -(-height // side) * -(-width // side) > most:
             side += 1
         shape = _SLABS, int(-(-height // side)), int(-(-width // side))
@@ -124,10 +118,9 @@ class Froxels:
         keys = Array3f(_key(view, least * facing), _key(view, far * facing), dr.select(meets, Float(1), Float(0)))
         dr.eval(keys)
         corner = int(left), int(top)
-        sums = dr.zeros(Int64, 3 * len(units) * int(np.prod(shape)))
         empty = cls(
             view=view, corner=corner, side=side, shape=shape, near=near, far=far, keys=keys, longest=longest,
-            volume=np.zeros(0), units=units, sums=sums,
+            volume=np.zeros(0),
         )  # fmt: skip
         return replace(empty, volume=empty._volumes(facing))
 
@@ -144,18 +137,9 @@ class Froxels:
         return SeenPlace(Array2f(cx + sx * q.x * inverse, cy - sy * q.y * inverse), q.z, distance, toward)
 
     @property
-    def first(self) -> Float:
-        """The scale of the thinnest cells, in scene units."""
-        return self.longest / _THICKER
-
-    def _slab(self, length: Float) -> Float:
-        """Return the number of slabs up to lengths in the medium, in proportion to log(1 + t / first)."""
-        return dr.log(1 + dr.maximum(length, 0) / self.first) * dr.rcp(dr.log(1 + self.longest / self.first)) * _SLABS
-
-    @property
     def _ends(self) -> Array:
         """The lengths in the medium at which slabs begin, and the last one ends."""
-        first = float(self.first[0])
+        first = float(self.longest[0]) / _THICKER
         return first * np.expm1(np.arange(_SLABS + 1) / _SLABS * np.log1p(float(self.longest[0]) / first))
 
     def _volumes(self, facing: Float) -> Array:
@@ -169,7 +153,7 @@ class Froxels:
         width, columns = (dr.opaque(UInt32, each) for each in (self.view.width, self.shape[2]))
         left, top, side = (dr.opaque(UInt32, each) for each in (*self.corner, self.side))
         column = (index // width - top) // side * columns + (index % width - left) // side
-        last = dr.minimum(UInt32(self._slab(length)), _SLABS - 1)
+        last = dr.minimum(UInt32(_slab(length, self.longest)), _SLABS - 1)
         begin = dr.gather(Float, to_float(ends), last)
         area, most = (float(each[0]) for each in (dr.rcp(self.view.scale[0] * self.view.scale[1]), dr.max(self.near)))
         weights, bounds = [dr.opaque(Float, area) + 0 * facing], [area]
@@ -195,62 +179,15 @@ class Froxels:
             result += (part + beyond * np.diff(ends**power)[:, None]) / power
         return np.maximum(result, 0).reshape(self.shape)
 
-    # -- deposits ----------------------------------------------------------------------------------------------------
-
-    def add(self, place: Array3f, value: Array3f, group: UInt32, phase: Phase, active: Bool) -> None:
-        """Deposit light at places, each of a light group, where the camera sees them."""
-        seen = self.seen(place)
-        at = seen.at
-        width, height = (dr.opaque(UInt32, each) for each in (self.view.width, self.view.height))
-        inside = active & (seen.depth > 0) & (at.x >= 0) & (at.y >= 0) & (at.x < Float(width)) & (at.y < Float(height))
-        key = _key(self.view, seen.depth)
-        near, far, meets = self._keys(at, inside)
-        inside &= (meets > 0) & (key < near) & (key > far)
-        # Along a line of sight, distances are in proportion to depths.
-        begin = -near if self.view.orthographic else seen.distance * key * dr.rcp(near)
-        slab = self._slab(seen.distance - begin)
-        inside &= slab < _SLABS
-        rows, columns = (dr.opaque(UInt32, each) for each in self.shape[1:])
-        x, y = (
-            UInt32(dr.select(inside, each - dr.opaque(Float, begin), 0)) // dr.opaque(UInt32, self.side)
-            for each, begin in zip((at.x, at.y), self.corner, strict=True)
-        )
-        cell = (UInt32(dr.select(inside, slab, 0)) * rows + y) * columns + x
-        inverse = dr.gather(Float, to_float([*(1 / each for each in self.units), 0]), group)
-        deposit = value * phase(seen.toward, inside) * inverse
-        inside &= (x < columns) & (y < rows)
-        for channel in range(3):
-            place_of_sum = (group * 3 + channel) * (rows * columns * _SLABS) + cell
-            dr.scatter_reduce(dr.ReduceOp.Add, self.sums, Int64(deposit[channel]), place_of_sum, inside)
-
-    def _keys(self, at: Array2f, active: Bool) -> Array3f:
-        """Return keys at places in the picture: those of planes are linear there.
-
-        Beside a ray that does not meet the medium they are those of the place's own pixel.
-        """
-        width, height = (dr.opaque(UInt32, each) for each in (self.view.width, self.view.height))
-        own = dr.gather(Array3f, self.keys, UInt32(at.y) * width + UInt32(at.x), active)
-        # Beyond the middles of the outermost pixels planes go on.
-        ends = [dr.maximum(size, 2) - 2 for size in (width, height)]
-        begins = [
-            dr.minimum(UInt32(dr.maximum(each - 0.5, 0)), end) for each, end in zip((at.x, at.y), ends, strict=True)
-        ]
-        parts = [each - 0.5 - Float(begin) for each, begin in zip((at.x, at.y), begins, strict=True)]
-        result = Array3f(0)
-        for (x, y), weight in _corners(begins, parts):
-            x, y = dr.minimum(x, width - 1), dr.minimum(y, height - 1)
-            result += weight * dr.gather(Array3f, self.keys, y * width + x, active)
-        return dr.select(result.z > 1 - 1e-4, result, own)
-
     # -- radiance ----------------------------------------------------------------------------------------------------
 
-    def tables(self, medium: Medium, blur: float) -> list[Float]:
+    def tables(self, medium: Medium, blur: float, sums: Array) -> list[Float]:
         """Return, for each light group, the radiance up to the ends of cells, by slabs, rows, columns and channels.
 
-        `blur` is the standard deviation of the fluence's blur, in scene units.
+        `blur` is the standard deviation of the fluence's blur, in scene units, and `sums` what was deposited.
         """
         ends, result = self._ends, []
-        for fluence in self.fluence(blur):
+        for fluence in self.fluence(blur, sums):
             table = np.zeros((_SLABS + 1, *self.shape[1:], 3))
             for channel, (scattering, extinction) in enumerate(zip(medium.scattering, medium.extinction, strict=True)):
                 passed = np.exp(-extinction * ends)
@@ -260,10 +197,11 @@ class Froxels:
             result.append(to_float(table.ravel()))
         return result
 
-    def fluence(self, blur: float, along_least: float = 0.0) -> list[Array]:
+    def fluence(self, blur: float, sums: Array, along_least: float = 0.0) -> list[Array]:
         """Return, for each light group, 4π times the mean of phase function times radiance in cells, (…, channels).
 
-        `blur` is the standard deviation of the blur, in scene units; along rays it is `along_least` cells at least.
+        `blur` is the standard deviation of the blur, in scene units, and `sums` what was deposited, by groups; along
+        rays the blur is `along_least` cells at least.
         """
         ends = self._ends
         middle = 0.5 * (ends[1:] + ends[:-1])
@@ -286,19 +224,16 @@ class Froxels:
         volume = blurred(self.volume)
         least = _SEEN * volume.max(axis=(1, 2), keepdims=True)
         inverse = np.where(volume > least, 1 / np.maximum(volume, np.maximum(least, 1e-300)), 0)
-        sums = self.sums.numpy().reshape(len(self.units), 3, *self.shape)
-        return [
-            np.stack([blurred(unit * each) * inverse for each in own], axis=-1)
-            for own, unit in zip(sums, self.units, strict=True)
-        ]
+        cells = sums.reshape(-1, 3, *self.shape)
+        return [np.stack([blurred(each) * inverse for each in own], axis=-1) for own in cells]
 
     def radiance(self, table: Float, at: Array2f, length: Float) -> Array3f:
         """Return the radiance along rays at places in the picture, in pixels, after a length in the medium."""
-        return self._between(table, at, self._slab(length), _SLABS + 1)
+        return self._between(table, at, _slab(length, self.longest), _SLABS + 1)
 
     def source(self, table: Float, at: Array2f, length: Float) -> Array3f:
         """Return the mean of phase function times radiance there: `table` is of the `fluence`."""
-        return self._between(table, at, self._slab(length) - 0.5, _SLABS) * dr.inv_four_pi
+        return self._between(table, at, _slab(length, self.longest) - 0.5, _SLABS) * dr.inv_four_pi
 
     def _between(self, table: Float, at: Array2f, slab: Float, slabs: int) -> Array3f:
         """Return entries of a table of so many slabs at places in the picture, interpolated."""
@@ -320,6 +255,107 @@ class Froxels:
         return result
 
 
+class _Cells(Struct):
+    """What deposits read of `Froxels`; where their keys and sums begin, and the `next` cells of the same medium."""
+
+    left: Float
+    top: Float
+    side: Float
+    rows: UInt32
+    columns: UInt32
+    keys: UInt32
+    sums: UInt32
+    next: UInt32
+    longest: Float
+
+
+class FroxelSums:
+    """What is deposited in the cells of a view, by light groups: one kernel serves any number of media.
+
+    Parameters
+    ----------
+    froxels, media
+        The cells, and the numbers of their media: one may have several.
+    units
+        The least deposit of each light group. Sums are in these units: whole numbers have the same sum in any order.
+    """
+
+    def __init__(self, froxels: Sequence[Froxels], media: Sequence[int], units: Sequence[float]) -> None:
+        self._view, self._units, self._keys = froxels[0], units, joined([each.keys for each in froxels])
+        self._inverse, self._none = to_float([*(1 / each for each in units), 0]), dr.opaque(UInt32, len(froxels))
+        sizes = [3 * len(units) * int(np.prod(each.shape)) for each in froxels]
+        self._starts = np.cumsum([0, *sizes])
+        heads, cells = np.full(max(media) + 2, len(froxels)), []
+        for number, (each, medium) in enumerate(zip(froxels, media, strict=True)):
+            own = _Cells()
+            numbers = (*each.corner, each.side, *each.shape[1:], number * dr.width(each.keys), self._starts[number])
+            for (name, kind), value in zip(_Cells.DRJIT_STRUCT.items(), (*numbers, heads[medium]), strict=False):
+                setattr(own, name, kind(int(value)))
+            own.longest, heads[medium] = each.longest, number
+            cells.append(own)
+        self._cells, self._heads = pack(cells), to_uint(heads)
+        self._sums = dr.zeros(Int64, int(self._starts[-1]))
+
+    def of(self, number: int) -> Array:
+        """Return what was deposited in some of the cells, (groups, channels · slabs · rows · columns)."""
+        own = self._sums.numpy()[self._starts[number] : self._starts[number + 1]]
+        return own.reshape(len(self._units), -1) * np.array(self._units)[:, None]
+
+    def add(
+        self, place: Array3f, value: Array3f, medium: UInt32, group: UInt32, phase: Phase, active: Bool
+    ) -> None:  # fmt: skip
+        """Deposit light at places, in media and of light groups, where the camera sees them."""
+        view = self._view.view
+        seen = self._view.seen(place)
+        at = seen.at
+        width, height = (dr.opaque(UInt32, each) for each in (view.width, view.height))
+        active &= (seen.depth > 0) & (at.x >= 0) & (at.y >= 0) & (at.x < Float(width)) & (at.y < Float(height))
+        key, light = _key(view, seen.depth), value * dr.gather(Float, self._inverse, group)
+
+        def deposit(number: UInt32) -> tuple[UInt32]:
+            cells = dr.gather(_Cells, self._cells, number)
+            near, far, meets = self._keys_at(at, cells.keys)
+            # Along a line of sight, distances are in proportion to depths.
+            begin = -near if view.orthographic else seen.distance * key * dr.rcp(near)
+            slab = _slab(seen.distance - begin, cells.longest)
+            inside = (meets > 0) & (key < near) & (key > far) & (slab < _SLABS)
+            x, y = (
+                UInt32(dr.maximum(each - begin, 0) / cells.side)
+                for each, begin in ((at.x, cells.left), (at.y, cells.top))
+            )
+            inside &= (x < cells.columns) & (y < cells.rows)
+            cell = (UInt32(dr.select(inside, slab, 0)) * cells.rows + y) * cells.columns + x
+            found = light * phase(seen.toward, inside)
+            for channel in range(3):
+                own = (group * 3 + channel) * (cells.rows * cells.columns * _SLABS) + cell
+                dr.scatter_reduce(dr.ReduceOp.Add, self._sums, Int64(found[channel]), cells.sums + own, inside)
+            return (cells.next,)
+
+        active &= medium < dr.opaque(UInt32, dr.width(self._heads))
+        head = dr.gather(UInt32, self._heads, medium, active)
+        dr.while_loop((head,), lambda number: active & (number < self._none), deposit, label="cells")
+
+    def _keys_at(self, at: Array2f, first: UInt32) -> Array3f:
+        """Return keys at places in the picture: those of planes are linear there.
+
+        Beside a ray that does not meet the medium they are those of the place's own pixel.
+        """
+        view = self._view.view
+        width, height = (dr.opaque(UInt32, each) for each in (view.width, view.height))
+        own = dr.gather(Array3f, self._keys, first + UInt32(at.y) * width + UInt32(at.x))
+        # Beyond the middles of the outermost pixels planes go on.
+        ends = [dr.maximum(size, 2) - 2 for size in (width, height)]
+        begins = [
+            dr.minimum(UInt32(dr.maximum(each - 0.5, 0)), end) for each, end in zip((at.x, at.y), ends, strict=True)
+        ]
+        parts = [each - 0.5 - Float(begin) for each, begin in zip((at.x, at.y), begins, strict=True)]
+        result = Array3f(0)
+        for (x, y), weight in _corners(begins, parts):
+            x, y = dr.minimum(x, width - 1), dr.minimum(y, height - 1)
+            result += weight * dr.gather(Array3f, self._keys, first + y * width + x)
+        return dr.select(result.z > 1 - 1e-4, result, own)
+
+
 def _corners(begins: Sequence[UInt32], parts: Sequence[Float]) -> Iterator[tuple[list[UInt32], Float]]:
     """Yield the corners of cells that begin at integers along axes, and their weights at a part of each axis."""
     for corner in range(1 << len(begins)):
@@ -337,3 +373,14 @@ def _key(view: Projection, depth: Float) -> Float:
 def _pixel(view: Projection) -> float:
     """Return how large pixels are at unit depth, or of a parallel projection at any, in scene units."""
     return float(dr.sqrt(dr.rcp(view.scale[0] * view.scale[1]))[0])
+
+
+def _slab(length: Float, longest: Float) -> Float:
+    """Return the number of slabs up to lengths in a medium, in proportion to log(1 + t / t₁), of the thinnest cells."""
+    first = longest / _THICKER
+    return dr.log(1 + dr.maximum(length, 0) / first) * dr.rcp(dr.log(1 + longest / first)) * _SLABS
+
+
+def most_columns(sums: int) -> int:
+    """Return how many columns of cells fit into memory with so many sums of each cell."""
+    return max(min(_COLUMNS, _BYTES // (8 * sums * _SLABS)), 1)
