@@ -23,9 +23,14 @@ def sampled_ray(emitter: Any, u: Any, v: Any, entry: Sphere | None) -> Any:
     Paths of environment maps begin on a disc across their direction. Mitsuba turns the place on the disc with the map
     once more, after it has turned the disc with the direction: paths of a turned map would begin anywhere, in rooms,
     too. So the place is chosen here. Paths of a shape that shines begin as near to it as its size allows: Mitsuba's
-    own gap grows with the distance from the origin, and the light within it would be missing in fog.
+    own gap grows with the distance from the origin, and the light within it would be missing in fog. Directions have
+    the scale of the emitter's `to_world` in them; a projector's direct light grows with it, and so do its paths.
     """
     ray, weight = emitter.sample_ray(Float(0), Float(0.5), u, v, True)
+    scale = dr.norm(ray.d)
+    ray.d *= dr.rcp(scale)
+    if emitter.class_name() == "Projector":
+        weight *= scale
     shape = emitter.get_shape()
     if shape is not None:
         place, _ = emitter.sample_position(Float(0), u)

@@ -2,14 +2,18 @@
 
 from dataclasses import replace
 
+import drjit as dr
 import numpy as np
 import pytest
 
 from photonbeams.render.scene_frame import Extras, render
+from photonbeams.runtime.device import mitsuba
 from photonbeams.scene import BeamSettings, Gobo, Mesh, SceneError
 from photonbeams.world.plugin import world_of_plugin
 from tests.helpers.mitsuba_scenes import T, by_beams, camera, cube_of, fog, load, rgb
 from tests.helpers.tracing import emission_of
+
+mi = mitsuba()
 
 COUNT = 1 << 14
 LIGHT = [3.0, 2.0, 1.0]
@@ -178,3 +182,24 @@ def fan(points):
 def test_what_an_emitter_cannot_have_is_told_in_a_sentence(name, given, words):
     with pytest.raises(SceneError, match=words):
         emitted(name, **given)
+
+
+@pytest.mark.parametrize("name", ["spot", "directional", "projector"])
+@pytest.mark.parametrize("scale", [0.01, 7.0])
+def test_paths_have_unit_directions_and_the_light_of_direct_samples_whatever_the_scale(monkeypatch, name, scale):
+    before, _ = emitted(name)
+    scaled = AIMED @ T().scale(scale)
+    monkeypatch.setitem(EMITTERS, name, {**EMITTERS[name], "to_world": scaled})
+    after, _ = emitted(name)
+    np.testing.assert_allclose(np.linalg.norm(after[0].direction.numpy(), axis=0), 1, rtol=1e-5)
+
+    def direct(to_world):
+        lamp = mi.load_dict({**EMITTERS[name], "to_world": to_world})
+        lamp.set_scene(load(wall={"type": "cube", "to_world": T().scale(3)}))
+        place = dr.zeros(mi.Interaction3f)
+        place.p = mi.Point3f(0.0, 0.3, 0.0)
+        return np.ravel(lamp.sample_direction(place, mi.Point2f(0.5), True)[1])
+
+    # Mitsuba's direct light of a projector grows with the scale.
+    expected = flux(before[0]) * direct(scaled) / direct(AIMED) if name == "projector" else flux(before[0])
+    np.testing.assert_allclose(flux(after[0]), expected, rtol=1e-4)
