@@ -122,3 +122,46 @@ def test_a_panorama_has_the_light_of_soft_beams_all_around(tmp_path):
     # Each block looks through other faces of the cube. Both are biased by their blur, of one or two hundredths.
     assert np.all(abs(found.mean(axis=0) - others.mean(axis=0)) < 4 * error + 0.02 * others.mean(axis=0))
     assert found.var(axis=0).mean() < others.var(axis=0).mean()
+
+
+MOVING = """#usda 1.0
+( startTimeCode = 1
+  endTimeCode = 2 )
+def Cube "Fog" (prepend apiSchemas = ["PhotonBeamsMediumAPI"]) {
+    double size = 2
+    color3f photonbeams:scattering = (0.8, 0.8, 0.8)
+    double3 xformOp:translate.timeSamples = { 1: (0, 0, 0), 2: (0.2, 0, 0) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def SphereLight "Lamp" {
+    float inputs:radius = 0.1
+    float inputs:intensity = 50
+    double3 xformOp:translate = (0.2, 1.6, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Camera "Eye" {
+    double shutter:close = 0.5
+    double3 xformOp:translate = (0, 0, 5)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+
+
+def test_fog_that_moves_has_its_scattered_light_in_every_pass(tmp_path):
+    path = tmp_path / "moving.usda"
+    path.write_text(MOVING)
+
+    def mean(depth, off, seed):
+        off = frozenset({WALKS, *off})
+        given = {"width": 16, "height": 12, "pixel_filter": "box", "without": off}
+        return (
+            pb.Shot.open(path).render(1, passes=1, seed=seed, max_depth=depth, **given).layers["beams"][..., 0].mean()
+        )
+
+    straight, tallied, beams = (
+        np.array([mean(*each, seed) for seed in range(6)]) for each in ((2, ()), (4, ()), (4, (TALLY,)))
+    )
+    # Scattered light is a third of all, and each pass has its own world.
+    assert (tallied > 1.15 * straight.mean()).all()
+    error = np.sqrt((tallied.var(ddof=1) + beams.var(ddof=1)) / len(beams))
+    assert abs(tallied.mean() - beams.mean()) < 4 * error + 0.02 * beams.mean()

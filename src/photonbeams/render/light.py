@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -125,7 +125,8 @@ class ShotLight:
         dr.eval([(each.beams, each.close) for each in sets])
         tuning = self.simulation.tuning
         limits, bounces = tuning.limits(number, ends[0].radius), own_bounces(between.sources, tuning)
-        return TracedLight(between, sets, found.hits, limits, bounces, found.tally)
+        tally = None if found.tally is None else replace(found.tally, media=media)
+        return TracedLight(between, sets, found.hits, limits, bounces, tally)
 
     def clock(self, number: int) -> tuple[float, float]:
         """Return the frame number and the time in seconds of a pass, for looks that change with time."""

@@ -119,7 +119,7 @@ class PinholeRays:
 
 def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
     """Return the light of the tally of pass `number` toward a pinhole."""
-    world, sources = tally.tracing.world, tally.tracing.world.sources
+    world, sources = rays.tracing.world, rays.tracing.world.sources
     media = [each for each in world.media.all if max(each.medium.scattering) > 0]
     groups = sorted({each.group for each in sources})
     shrunk = radius_scale(tally.alpha, number)
@@ -161,7 +161,8 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
     result: dict[tuple[int, int], tuple[Froxels, Sequence[Float]]] = {}
     if not froxels:
         return TalliedView(world.media, groups, result)
-    sums = FroxelSums([*froxels.values()], [number for _, number in froxels], units.tolist())
+    traced = {seen: number for number, seen in tally.media.items()}
+    sums = FroxelSums([*froxels.values()], [traced.get(number, number) for _, number in froxels], units.tolist())
     tally.fill(deposit, None if rays.view.orthographic else rays.view.origin)
     for index, ((step, number), cells) in enumerate(froxels.items()):
         if world.media.varies(number):

@@ -9,9 +9,9 @@ walk goes on as light does, by free flights, phase functions and BSDFs.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -95,12 +95,14 @@ class _Passed(Struct):
 class Tally:
     """The walks of a pass: how they go on, and where they begin.
 
-    `alpha` is that of `radius_scale`, by which the blur of the fluence shrinks from pass to pass.
+    `alpha` is that of `radius_scale`, by which the blur of the fluence shrinks from pass to pass. `media` has the
+    numbers of its media in the world that cameras see, if that is another one.
     """
 
     tracing: Tracing
     starts: TallyStarts
     alpha: float
+    media: Mapping[int, int] = field(default_factory=dict)
 
     def fill(self, deposit: Callable[[Deposit, Bool], None], eye: Array3f | None) -> None:
         """Follow all walks, and call `deposit` with their light, and whether there is any, within a kernel.
