@@ -115,6 +115,17 @@ def test_a_frame_in_a_gap_can_be_made_to_fail(read, kind):
         read(VARYING[kind], (2,), strict="missing")
 
 
+def test_only_the_first_of_several_connections_is_missed(read, image):
+    painted = CONNECTION.replace("gone.png", str(image("a.png", [[[1, 1, 1]]])))
+    both = "[</Paint/Image.outputs:rgb>, </gone.outputs:rgb>]"
+    assert not read(painted.replace("</gone.outputs:rgb>", both), (1,)).missing_at(1)
+
+
+def test_an_output_that_its_shader_does_not_declare_is_told_from_one_that_is_gone(read):
+    (missing,) = read(TEXTURE.replace("Image.outputs:rgb>", "Image.outputs:rbg>"), (1,)).missing_at(1)
+    assert "is connected to /Paint/Image.outputs:rbg: expected an output declared there" in missing
+
+
 def test_what_openusd_says_of_a_gap_at_another_time_is_not_printed(tmp_path, capfd):
     (tmp_path / "here.usda").write_text(CLIP)
     (tmp_path / "manifest.usda").write_text('#usda 1.0\ndef Sphere "Ball" { double radius\n}\n')

@@ -31,6 +31,15 @@ def test_many_warnings_of_a_kind_are_one_with_their_number(caplog):
     assert len(caplog.messages) == 3
 
 
+def test_warnings_of_a_kind_about_one_prim_differ_by_their_numbers(caplog):
+    warnings = Warnings()
+    with warnings.together():
+        for numbers in ("1002, 1003", "1002, 1011", "1003, 1012"):
+            warnings.give(f"/T.file names tiles without {numbers}: black is used", "a.usda")
+    text = "a.usda: /T.file names tiles without 1002, 1003: black is used (and 2 more like this: 1011, 1012)"
+    assert caplog.messages == [text]
+
+
 def test_what_is_used_instead_can_be_left_out_of_a_warning():
     warnings = Warnings(muted=True)
     warnings.give("/Look.expression: 'a; b' is wrong", "a.usda", "none is used")

@@ -8,6 +8,8 @@ import pytest
 
 from photonbeams.scene import Material, SceneError, UVTexture
 from photonbeams.usd.common.warnings import Warnings
+from photonbeams.usd.geometry.on_mesh import _missing_tiles
+from photonbeams.usd.materials.values import Tiles
 from photonbeams.usd.stage import open_stage, read_scene
 
 # Two rows: the upper is red and half transparent, the lower is a grey, 0.5 in sRGB and 0.214 in linear light.
@@ -296,6 +298,12 @@ def test_udim_tiles_lie_side_by_side(usd, image):
         ((1001,), (1, 1), (1, 1), []),  # a point, on the edge
         ((1001, 1011), (0, 0), (2, 2), [1002, 1012]),
         ((1001,), (-1, 0), (0, 1), []),  # no tile has such coordinates
+        ((1001,), (10, 0), (11, 1), []),
+        ((1001,), (1e30, 0), (float("inf"), float("nan")), []),
+        ((1001, 1003), (0, 0), (3, 1), [1002]),  # the corners are in others
+        ((1001,), (0, 0), (1.1, 1), [1002]),
+        ((1002,), (0.99999994, 0.5), (0.99999994, 0.5), []),  # a point, on the edge but for rounding
+        ((1001, 1004, 1031), (0, 0), (4, 4), [1002, 1003, 1011, 1012, 1013, 8]),
     ],
 )
 def test_udim_tiles_that_a_mesh_uses_and_are_not_there_are_missing(usd, image, there, first, last, missing):
@@ -305,8 +313,44 @@ def test_udim_tiles_that_a_mesh_uses_and_are_not_there_are_missing(usd, image, t
     corners = [first, (last[0], first[1]), last, (first[0], last[1])]
     warnings = Warnings()
     read_scene(usd(text.replace("[(0, 0), (1, 0), (1, 1), (0, 1)]", str(corners))), warnings=warnings)
-    expected = "/Mat/T.inputs:file names tiles without {}: expected it, as a mesh uses it; black or the nearest is used"
-    assert warnings.missing_at(1) == [expected.format(number) for number in missing]
+    text = "/Mat/T.inputs:file names tiles without {}: expected all that a mesh uses; black or the nearest is used"
+    numbers = ", ".join(map(str, missing[:5])) + "".join(f" and {more} more" for more in missing[5:])
+    assert warnings.missing_at(1) == [text.format(numbers)] * bool(missing)
+
+
+def test_a_triangle_uses_the_tiles_that_it_overlaps():
+    """A slanted triangle does not use all tiles of its box: points of it are the reference."""
+    corners = np.array([[0.3, 0.2], [7.4, 5.1], [1.2, 8.7]])
+    weights = np.random.default_rng(0).dirichlet([1, 1, 1], 20000)
+    expected = {(int(v), int(u)) for u, v in weights @ corners}
+    assert {*_missing_tiles(corners[None], Tiles(None, frozenset()))} == expected
+
+
+@pytest.mark.parametrize("there", [(1001, 1003), (1001,)])  # placed as the other set, or not
+def test_all_images_that_are_combined_have_their_tiles(usd, image, there):
+    sets = {"A": (1001, 1002, 1003), "B": there}
+    for name, number in ((name, number) for name, numbers in sets.items() for number in numbers):
+        path = image(f"{name}.{number}.png", [[[0, 1, 0]]])
+    shaders = (
+        f"""def Shader "{name}" {{
+        uniform token info:id = "ND_image_color3"
+        asset inputs:file = @{path.with_name(name)}.<UDIM>.png@
+        color3f outputs:out
+    }}"""
+        for name in sets
+    )
+    product = """def Shader "P" {
+        uniform token info:id = "ND_multiply_color3"
+        color3f inputs:in1.connect = </Mat/A.outputs:out>
+        color3f inputs:in2.connect = </Mat/B.outputs:out>
+        color3f outputs:out
+    }"""
+    text = material("color3f inputs:diffuseColor.connect = </Mat/P.outputs:out>", "\n".join((product, *shaders)))
+    warnings = Warnings()
+    read_scene(usd(text.replace("[(0, 0), (1, 0), (1, 1), (0, 1)]", "[(1, 0), (2, 0), (2, 1), (1, 1)]")),
+               warnings=warnings)  # fmt: skip
+    (missing,) = warnings.missing_at(1)
+    assert missing.startswith("/Mat/B.inputs:file names tiles without 1002: expected")
 
 
 def test_tiles_that_are_not_there_are_named_and_the_fallback_used(scene, caplog):

@@ -130,8 +130,15 @@ def _joined(file: str, texts: list[str]) -> str:
     first, *others = texts
     if not others:
         return shortened(f"{file}: {first}")
-    names = [text.partition(" ")[0].partition(".")[0] for text in others[:_NAMED]]
+    names = [_difference(first, text) for text in others[:_NAMED]]
     end = f" (and {len(others):,} more like this: {', '.join(names)}{', …' if len(others) > _NAMED else ''})"
     if len(file) + len(first) + len(end) + 2 > LONGEST:
         end = f" (and {len(others):,} more like this)"
     return shortened(f"{file}: {first}", len(end)) + end
+
+
+def _difference(first: str, text: str) -> str:
+    """Return the prim that a warning is about, or, if the first one is about it, too, the numbers that differ."""
+    before, prim = (each.partition(" ")[0].partition(".")[0] for each in (first, text))
+    known = _DIFFERING.findall(first) if prim == before else None
+    return prim if known is None else ", ".join(each for each in _DIFFERING.findall(text) if each not in known) or prim

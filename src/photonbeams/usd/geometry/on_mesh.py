@@ -13,7 +13,7 @@ from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 from ..materials.bound import COLORS, TEXTURED, Bound, plain, texture_of
 from ..materials.kept import kept
-from ..materials.values import Image, constant
+from ..materials.values import Image, Tiles, constant
 from .polygons import Triangles
 from .primvars import find_primvar, flattened
 
@@ -68,9 +68,10 @@ def on_mesh(
                 changes["presence"] = True
     if bound.images and uvs is None:
         reading.warn(prim, f"has no primvar '{bound.uv_name}' for its textures: their mean colour is used")
-    for name, image in bound.images.items():
-        if uvs is not None:
-            _lack_tiles(reading, image, uvs[triangles.vertices])
+    if uvs is not None:
+        for tiles in dict.fromkeys(each for image in bound.images.values() for each in image.tiles):
+            _lack_tiles(reading, tiles, uvs[triangles.vertices])
+        for name, image in bound.images.items():
             changes[name] = _texture(reading, prim, name, image, uvs)
     for name in TEXTURED:
         if isinstance(changes.get(name), UVTexture) and _is_constant(reading, changes[name]):
@@ -78,23 +79,57 @@ def on_mesh(
     return replace(bound.material, **changes) if changes else bound.material
 
 
-_WITHIN = np.full((3, 3), 1 / 6) + np.eye(3) / 2  # points of a triangle, by weights of its corners
-_EDGE = 1e-4  # of a tile, within which a triangle without area need not be in it
+_SIDE = 10  # columns of tiles, and the rows that OpenUSD finds: 1001 to 1100
+_EDGE = 1e-4  # of a tile, by which a triangle reaches into one that it uses
+_FARTHEST = 1e6  # tiles from the first, where single precision no longer tells places in a tile apart
+_SOME = 100  # triangles
+_NAMED = 5  # how many missing tiles are named
 
 
-def _lack_tiles(reading: Reading, image: Image, corners: Array) -> None:
-    """Warn about tiles of a UDIM texture that are missing, and on which triangles have corners, (T, 3, 2)."""
-    tiles = image.tiles
-    if tiles is None:
-        return
-    inside = np.c_[(_WITHIN @ corners).reshape(-1, 2), np.ones(3 * len(corners))] @ image.transform[:2].T
-    places = inside * tiles.size + tiles.corner
-    whole = np.floor(places)
-    numbered = np.all((whole >= 0) & (places - whole > _EDGE), axis=1) & (whole[:, 0] < 10)
-    used = {(int(column), int(row)) for column, row in np.unique(whole[numbered], axis=0)}
-    for column, row in sorted(used - tiles.there, key=lambda place: place[::-1]):
-        text = f"names tiles without {1001 + column + 10 * row}: expected it, as a mesh uses it; black or the nearest"
-        reading.lack(tiles.attribute.GetPrim(), f"{text} is used", str(tiles.attribute.GetName()))
+def _lack_tiles(reading: Reading, tiles: Tiles, corners: Array) -> None:
+    """Warn about tiles that are not there, and that triangles use whose UVs have these corners, (T, 3, 2)."""
+    with np.errstate(all="ignore"):  # UVs need not be finite
+        corners = corners @ tiles.transform[:2, :2].T + tiles.transform[:2, 2]
+    missing = _missing_tiles(corners, tiles)
+    if missing:
+        numbers = ", ".join(str(1001 + column + _SIDE * row) for row, column in missing[:_NAMED])
+        more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
+        text = f"names tiles without {numbers}{more}: expected all that a mesh uses; black or the nearest is used"
+        reading.lack(tiles.attribute.GetPrim(), text, str(tiles.attribute.GetName()))
+
+
+def _missing_tiles(corners: Array, tiles: Tiles) -> list[tuple[int, int]]:
+    """Return (row, column) of the tiles that are not there and that triangles use, in the order of their numbers."""
+    corners = corners[np.all(np.abs(corners) < _FARTHEST, axis=(1, 2))]
+    first = np.floor(corners.min(axis=1) + _EDGE).astype(int)
+    last = np.ceil(corners.max(axis=1) - _EDGE).astype(int) - 1
+    known = np.all((last >= first) & (last >= 0) & (first < _SIDE), axis=1)
+    single = known & np.all(first == last, axis=1)
+    several = known & ~single
+    used = np.zeros((_SIDE, _SIDE), bool)
+    used[first[single, 1], first[single, 0]] = True
+    corners, first, last = corners[several], first[several], last[several]
+    missing = []
+    for row, column in np.ndindex(used.shape):
+        tile = column, row
+        if tile not in tiles.there:
+            near = np.flatnonzero(np.all((first <= tile) & (last >= tile), axis=1))
+            parts = near[:_SOME], near[_SOME:]  # the first nearly always suffice
+            if used[row, column] or any(np.any(_overlap(corners[part] - tile)) for part in parts):
+                missing.append((row, column))
+    return missing
+
+
+def _overlap(corners: Array) -> Array:
+    """Return which triangles, (T, 3, 2), whose boxes overlap the unit square reach into it themselves, (T,).
+
+    They do unless an edge of the triangle separates the two, by the separating axis theorem.
+    """
+    edges = np.roll(corners, -1, axis=1) - corners
+    normals = np.stack([-edges[..., 1], edges[..., 0]], axis=-1)
+    along = np.einsum("tnc,tkc->tnk", normals, corners)
+    center, half = normals.sum(axis=-1) / 2, np.abs(normals).sum(axis=-1) * (0.5 - _EDGE)
+    return np.all((center - half <= along.max(axis=-1)) & (center + half >= along.min(axis=-1)), axis=1)
 
 
 def _is_constant(reading: Reading, texture: UVTexture) -> bool:

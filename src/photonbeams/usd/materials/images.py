@@ -168,7 +168,7 @@ def _tiles(
     places = {divmod(int(number) - 1001, 10)[::-1]: str(Ar.GetResolver().Resolve(file) or file)
               for file, number in files}  # fmt: skip
     corner = np.min(list(places), axis=0)
-    columns, rows = size = np.max(list(places), axis=0) - corner + 1
+    columns, rows = np.max(list(places), axis=0) - corner + 1
     known = known_space(reading, prim, name, space)
     limit = max(1, int(texture_limit(reading.stage) / np.sqrt(columns * rows)))
     tiles = {}
@@ -186,7 +186,7 @@ def _tiles(
         top, left = (rows - 1 - (row - corner[1])) * height, (column - corner[0]) * width
         lines, places_across = (np.arange(n) * own // n for n, own in zip((height, width), pixels.shape, strict=False))
         atlas[top : top + height, left : left + width] = pixels[np.ix_(lines, places_across)]
-    return (atlas, Tiles(attribute, frozenset(places), corner, size)), ""
+    return (atlas, Tiles(attribute, frozenset(places))), ""
 
 
 def _four_channels(pixels: Array) -> Array:
@@ -204,9 +204,12 @@ def _placed(
 ) -> Image:  # fmt: skip
     pixels, tiles = found
     uv_name, transform = coordinates
-    if tiles is not None:
-        wrap, transform = ("clamp", "clamp"), affine(np.diag(1 / tiles.size), -tiles.corner / tiles.size) @ transform
-    return Image(pixels, wrap, transform, uv_name or "st", tiles=tiles)
+    if tiles is None:
+        return Image(pixels, wrap, transform, uv_name or "st")
+    corner = np.min(list(tiles.there), axis=0)
+    size = np.max(list(tiles.there), axis=0) - corner + 1
+    square = affine(np.diag(1 / size), -corner / size)
+    return Image(pixels, ("clamp", "clamp"), square, uv_name or "st", tiles=(tiles,)).moved(transform)
 
 
 def _wraps(network: Network, node: UsdShade.Shader, names: tuple[str, str], default: str, file: str) -> tuple[str, str]:

@@ -184,11 +184,12 @@ def broken(attribute: Usd.Attribute, instead: str) -> Iterator[tuple[Usd.Prim, s
     """Yield warnings about connections, also of interfaces, to what is not on the stage: prim, text, attribute."""
     chain = [attribute]
     for each in chain:  # which grows meanwhile
-        for path in each.GetConnections():
+        for path in each.GetConnections()[:1]:  # only the first one gives the value
             source = each.GetStage().GetAttributeAtPath(path)
             if not source:
-                text = f"is connected to {path}: expected an output on the stage; {instead}"
-                yield each.GetPrim(), text, str(each.GetName())
+                there = each.GetStage().GetPrimAtPath(path.GetPrimPath())
+                text = f"is connected to {path}: expected an output {'declared there' if there else 'on the stage'}"
+                yield each.GetPrim(), f"{text}; {instead}", str(each.GetName())
             elif source not in chain:
                 chain.append(source)
 

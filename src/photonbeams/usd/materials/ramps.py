@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -229,7 +228,7 @@ def _uv_transform(network: Network, node: UsdShade.Shader, output: str) -> Value
     for name, neutral in (("scale_frame", (1.0, 1.0)), ("translate_frame", (0.0, 0.0)), ("rotate_frame", (0.0,))):
         if np.any(network.vector(node, name, neutral) != neutral):
             network.lose(node, "is not rendered: it is ignored", name)
-    return replace(value, transform=value.transform @ moved)
+    return value.moved(moved)
 
 
 RAMPS: dict[str, Node] = {

@@ -16,17 +16,16 @@ def identity(values: Array) -> Array:
     return values
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tiles:
     """The tiles of a UDIM texture that an attribute names: those that are there, (column, row), and how they lie.
 
-    Tiles lie in an image of `size` columns and rows, which begins at `corner`.
+    `transform`, (3, 3), applied to (u, v, 1), gives columns and rows.
     """
 
     attribute: Usd.Attribute
     there: frozenset[tuple[int, int]]
-    corner: Array
-    size: Array
+    transform: Array = field(default_factory=lambda: np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Image:
     beyond
         The value beyond the square of an image that wraps to black, (C,).
     tiles
-        The tiles of a UDIM texture, or None.
+        The tiles of the UDIM textures from which the image is made.
     """
 
     pixels: Array
@@ -52,10 +51,15 @@ class Image:
     transform: Array
     uv_name: str
     beyond: Array = field(default_factory=lambda: np.zeros(4))
-    tiles: Tiles | None = None
+    tiles: tuple[Tiles, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beyond", self.beyond[: self.pixels.shape[-1]])
+
+    def moved(self, transform: Array) -> Image:
+        """Return the image over UVs to which another transform, (3, 3), is applied first."""
+        tiles = tuple(replace(each, transform=each.transform @ transform) for each in self.tiles)
+        return replace(self, transform=self.transform @ transform, tiles=tiles)
 
     def placed_as(self, other: Image) -> bool:
         """Return whether two images lie on a surface in the same way."""
@@ -95,7 +99,9 @@ def mapped(function: Callable[..., Array], *values: Value) -> Value:
         pixels = function(*(_over(each, largest, (height, width)) for each in values))
         beyond = function(*(each.beyond if isinstance(each, Image) else constant(each) for each in values))
         shape = (height, width, pixels.shape[-1])
-        return replace(largest, pixels=np.broadcast_to(pixels, shape).astype(np.float32), beyond=beyond)
+        tiles = dict.fromkeys(own for each in images if each.uv_name == largest.uv_name for own in each.tiles)
+        pixels = np.broadcast_to(pixels, shape).astype(np.float32)
+        return replace(largest, pixels=pixels, beyond=beyond, tiles=tuple(tiles))
     if not primvars:
         return np.atleast_1d(function(*values))
     first = primvars[0]
