@@ -26,7 +26,8 @@ DICTIONARY = {
 BUILT = pb.scene.Scene(lights=pb.scene.SphereLight("/Lamp", 50.0), media=pb.Medium(0.1))
 
 
-BUILT_SHOT = pb.Shot(BUILT, pb.scene.Camera.look_at((0, 0, 5), (0, 0, 0)))
+EYE = pb.scene.Camera.look_at((0, 0, 5), (0, 0, 0))
+BUILT_SHOT = pb.Shot(BUILT, EYE)
 
 
 def render(shot, **given):
@@ -98,6 +99,14 @@ LAMP, PAIR = BUILT.lights[0], np.zeros(2)
         (lambda: render(BUILT_SHOT, progress=5), "progress is 5: expected a function of 2 arguments"),
         (lambda: render(BUILT_SHOT, progress=int), "progress is <class 'int'>: expected a function of 2 arguments"),
         (lambda: render(BUILT_SHOT, progress=lambda: 0), ">: expected a function of 2 arguments"),
+        (lambda: render(BUILT_SHOT, progress=max), "progress is <built-in function max>: expected a function of 2"),
+        (lambda: pb.Shot(BUILT, EYE, emit=lambda: None), ">: expected a function of 1 argument"),
+        (lambda: pb.Shot(BUILT, EYE, emit=int), "emit is <class 'int'>: expected a function of 1 argument"),
+        (lambda: pb.Shot(BUILT, EYE, simulate=int), "simulate is <class 'int'>: expected a function of 2 arguments"),
+        (lambda: pb.Shot(BUILT, EYE, medium=5), "medium is 5: expected a Medium or a function of 1 argument"),
+        (lambda: pb.Shot(BUILT, looks=pb.Look), "looks is <class 'photonbeams.looks.look.Look'>: expected a Look"),
+        (lambda: pb.Shot(BUILT, looks={"/L": pb.Look}), "looks is <class 'photonbeams.looks.look.Look'> for /L: exp"),
+        (lambda: pb.looks.BoundLook(pb.Look, None, 1.0, None, ((0, 0, 0), (1, 1, 1))), "look.Look'>: expected a Look"),
         (lambda: pb.looks.BoundLook(look=1.0), "BoundLook lacks fog, reach, context, box: expected look"),
         (lambda: pb.looks.BoundLook(1.0, None, 1.0, None, ((0, 0, 0), (1, 1, 1))), "look is 1.0: expected a Look"),
         (lambda: render(BUILT_SHOT, frame=10**400), "frame is 1000"),

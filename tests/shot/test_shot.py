@@ -228,9 +228,9 @@ def test_numbers_of_numpy_are_numbers(shot):
     [
         ({"looks": [1]}, "looks is [1]: expected a Look, or a dict of Looks by the names of lights"),
         ({"looks": {"/Lamp": 1.0}}, "looks is 1.0 for /Lamp: expected a Look"),
-        ({"medium": "x"}, "medium is 'x': expected a Medium, or a function of the stage's Medium"),
-        ({"emit": "a.py:x"}, "emit is 'a.py:x': expected a function"),
-        ({"simulate": 1}, "simulate is 1: expected a function"),
+        ({"medium": "x"}, "medium is 'x': expected a Medium or a function of 1 argument"),
+        ({"emit": "a.py:x"}, "emit is 'a.py:x': expected a function of 1 argument"),
+        ({"simulate": 1}, "simulate is 1: expected a function of 2 arguments"),
     ],
 )
 def test_a_shot_refuses_what_it_could_not_render_with(shot, arguments, sentence):

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..numerics.arrays import to_float, to_numpy, to_vectors
 from ..runtime.device import Array3f, Float
-from ..scene import SceneError, arguments, shown
+from ..scene import SceneError, arguments, instance, shown
 from .context import OF_BEAMS, OF_PLACES, OF_RADII, Fog, LightContext, ShadingContext, inputs_of
 from .factors import Constant, Corner, Factor, Value
 from .functions import check_value
@@ -107,8 +107,9 @@ class BoundLook:
 
     @arguments
     def __init__(self, look: Look, fog: Fog | None, reach: float, context: LightContext | None, box: Box) -> None:
-        if not hasattr(look, "bind"):
-            raise SceneError(f"look is {shown(look)}: expected a Look")
+        from .look import Look
+
+        instance(look, "look", Look)
         self._look, self._fog, self._context = look, fog, context or LightContext()
         self.lenient = False
         self.profile = look.across

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import difflib
 import inspect
 import os
@@ -150,8 +151,8 @@ def _function_of(count: int) -> Declared:
             inspect.signature(value).bind(*range(count))
         except TypeError:
             return False
-        except ValueError:  # a built-in function does not say; such a class, as int, is no function of a user's
-            return not isinstance(value, type)
+        except ValueError:  # some do not say; classes, as int, and Python's own, as max, are no functions of a user's
+            return not isinstance(value, type) and getattr(value, "__self__", None) is not builtins
         return True
 
     return Declared(fits, f"a function of {count} argument{'s' * (count != 1)}")

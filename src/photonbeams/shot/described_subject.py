@@ -70,11 +70,6 @@ class DescribedSubject(Subject):
         looks: Look | Mapping[str, Look] | None, strict: Strictness,
     ) -> None:  # fmt: skip
         by_name = looks_by_name(looks)
-        if not (medium is None or callable(medium) or isinstance(medium, scene.Medium)):
-            raise scene.SceneError(f"medium is {medium!r}: expected a Medium, or a function of the stage's Medium")
-        for name, function in (("simulate", simulate), ("emit", emit)):
-            if function is not None and not callable(function):
-                raise scene.SceneError(f"{name} is {function!r}: expected a function")
         self.medium, self.simulate, self.emit = medium, simulate, emit
         self.looks = by_name if looks is None or isinstance(looks, Mapping) else looks
         self.warnings = Warnings.of(strict)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from .. import scene
+from ..beams.programs import Emitter, Modifier
 from ..images.frame import Frame
 from ..images.plates import Holdout, Plate
 from ..runtime.device import kept_variant
@@ -27,7 +28,6 @@ from .subject import FOR_SCENES, FOR_STAGES, Subject, Viewpoint, refuse, several
 if TYPE_CHECKING:
     from pxr import Usd
 
-    from ..beams.programs import Emitter, Modifier
     from ..beams.sets import BeamSet
     from ..looks import Look
     from ..render.checkpoint import Checkpoint

@@ -10,6 +10,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ..images.color_spaces import USUAL_SPACES, ColorSpaces
+from ..looks import Look
 from ..runtime.files import PathLike, check_kept
 from ..scene import MOST_PIXELS, SceneError, instance, real, shown, whole
 from ..usd.authoring.beams import write_beams
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from ..beams.programs import Program
     from ..beams.sets import BeamSet
     from ..images.plates import Holdout, Plate
-    from ..looks import Look
     from ..render.frame import FrameRenderer
     from ..render.settings import Settings
     from ..usd.cameras.stereo import Stereo
@@ -43,7 +43,7 @@ def looks_by_name(looks: Look | Mapping[str, Look] | None) -> dict[str, Look]:
     """Return looks by the names or paths that they are for, "" being all; SceneError for anything else."""
     by_name = looks if isinstance(looks, Mapping) else {} if looks is None else {"": looks}
     for name, look in by_name.items():
-        if not hasattr(look, "bind"):
+        if not isinstance(look, Look):
             expected = "a Look" if name else "a Look, or a dict of Looks by the names of lights"
             raise SceneError(f"looks is {shown(look)}{f' for {name}' if name else ''}: expected {expected}")
     return {str(name): look for name, look in by_name.items()}
