@@ -3,6 +3,7 @@
 import os
 import struct
 import zlib
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -54,6 +55,25 @@ def test_an_included_file_is_looked_into(tmp_path):
     assert "includes" in refusal(tmp_path, '<include filename="scene.xml"/>')
 
 
+def shared(times):
+    """Return the dictionary of a scene that holds one more than 2 ** `times` times."""
+    lobe = {"type": "diffuse"}
+    for _ in range(times):
+        lobe = {"type": "blendbsdf", "a": lobe, "b": lobe}
+    return {"type": "scene", "ball": {"type": "sphere", "bsdf": lobe}}
+
+
+def deep():
+    """Return the dictionary of a scene that is too deep only where it holds a dictionary for the second time."""
+    first = {"type": "diffuse"}
+    for _ in range(150):
+        first = {"type": "twosided", "own": first}
+    second = first
+    for _ in range(100):
+        second = {"type": "twosided", "own": second}
+    return {"type": "scene", "first": first, "second": second}
+
+
 def loop():
     """Return the dictionary of a scene that holds itself."""
     scene = {"type": "scene"}
@@ -69,6 +89,12 @@ BALL = {"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": {"type": "b
     [
         ({"type": "scene", "ball": {**BALL, "bsdf": None}}, "ball.bsdf is None: expected a value, or leave it out"),
         ({"type": "scene", "ball": BALL}, "a bitmap reflectance names no file: expected a filename"),
+        (shared(40), "holds 2.2e+12 dictionaries, each counted as often as it is held: expected up to 1,000,000"),
+        (deep(), "holds objects in objects, more than 200 deep: expected fewer"),
+        ({"type": 3}, "type is 3: expected text"),
+        ({"type": "scene", "ball": {"type": ["sphere"]}}, "ball.type is ['sphere']: expected text"),
+        ({"type": "scene", "a\udc80": 1.0}, "a\\udc80 is not in UTF-8: expected text"),
+        ({"type": "scene", "ball": {**BALL, "center": [0, None, 0]}}, "center is [0, None, 0]: expected no None in it"),
         (loop(), "holds objects in objects, more than 200 deep: expected fewer"),
         ({"type": "scene", "m": {"type": "obj", "filename": "/dev/zero"}}, "but it is a device"),
     ],
@@ -83,6 +109,12 @@ def test_a_mark_before_a_comment_hides_nothing(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text("# a triangle\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8-sig")
     assert pb.Shot({"type": "scene", "mesh": {"type": "obj", "filename": str(path)}, "eye": {"type": "perspective"}})
+
+
+def test_names_of_files_and_dictionaries_in_a_scene_may_be_of_other_classes(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    mesh = MappingProxyType({"type": "obj", "filename": tmp_path / "a.obj"})
+    assert len(pb.Shot({"type": "scene", "mesh": mesh}).subject.load().shapes()) == 1
 
 
 def test_what_is_commented_out_is_not_named(tmp_path):

@@ -23,7 +23,7 @@ from ..images.files import check_decoded, check_image, pixels_of
 from ..images.files import opened as opened_image
 from ..runtime.device import helping_thread, mitsuba
 from ..runtime.inputs import MOST_TEXT, check_size, content, is_special, opened
-from ..scene import SceneError
+from ..scene import SceneError, shown
 from ..volumes.vol import vol_shape
 from .old_scenes import parse
 
@@ -36,8 +36,10 @@ _ATTRIBUTE = re.compile(r"""([\w:.-]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 _ELEMENT = re.compile(r"<\s*(/?\w+)((?:[^<>\"']|\"[^\"]*\"|'[^']*')*)>")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _NUMBERS = re.compile(r"[-+\d\s.,eE]+")
+_SURROGATE = re.compile("[\ud800-\udfff]")  # stands for a byte that is no text
 _LONGEST = 4096  # of a path
 _DEEPEST = 200  # elements in elements, or objects in objects: Mitsuba needs a part of the stack for each
+_MOST_OBJECTS = 1_000_000  # in a dictionary: Mitsuba makes shared ones as often as they are held
 _MOST_FILES = 1000  # that a scene includes, directly or through others
 _MOST_HEADER = 1 << 20  # bytes of a mesh's header
 _MOST_LOBES = 1000
@@ -71,24 +73,64 @@ def check_files(path: Path, parameters: Mapping[str, str]) -> None:
     _check_parsed(path, parse(path, parameters).state, folders)
 
 
-def check_dictionary(description: Mapping[str, Any]) -> None:
-    """Check the values of a scene's dictionary for `mi.load_dict`, and its files as `check_files` does."""
-    _check_values(description)
+class _SceneDictionary(NamedTuple):
+    """A dictionary as Mitsuba takes it, how many there are in it, each as often as it is held, and how deep."""
+
+    source: Mapping[str, Any]  # kept alive, and so its id unique
+    values: dict[str, Any]
+    dictionaries: int
+    depth: int
+
+
+def checked_dictionary(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a scene's dictionary for `mi.load_dict`, and check its files as `check_files` does."""
+    plain = _plain(description, {})
+    if plain.dictionaries > _MOST_OBJECTS:
+        text = f"holds {plain.dictionaries:.3g} dictionaries, each counted as often as it is held"
+        raise SceneError(f"{OF_DICTIONARIES}: {text}: expected up to {_MOST_OBJECTS:,}")
     mi = mitsuba()
-    state = mi.parser.parse_dict(mi.parser.ParserConfig(mi.variant()), dict(description))
+    state = mi.parser.parse_dict(mi.parser.ParserConfig(mi.variant()), plain.values)
     _check_parsed(OF_DICTIONARIES, state, [Path(str(each)) for each in mi.file_resolver()])
+    return plain.values
 
 
-def _check_values(values: Mapping[str, Any], names: tuple[str, ...] = ()) -> None:
-    """Check that no value in a dictionary is None, and that it does not nest without end: Mitsuba would crash."""
-    if len(names) > _DEEPEST:
+def _plain(
+    source: Mapping[str, Any], known: dict[int, _SceneDictionary], names: tuple[str, ...] = ()
+) -> _SceneDictionary:
+    """Return a dictionary of plain ones; SceneError for endless nesting, or values on which Mitsuba would crash.
+
+    What is `known` by its id is not walked again: dictionaries that share others may hold them very often.
+    """
+    found = known.get(id(source))
+    if len(names) + (found.depth if found else 0) > _DEEPEST:
         raise SceneError(f"{OF_DICTIONARIES}: holds objects in objects, more than {_DEEPEST} deep: expected fewer")
-    for name, value in values.items():
-        if value is None:
-            place = ".".join((*names, str(name)))
-            raise SceneError(f"{OF_DICTIONARIES}: {place} is None: expected a value, or leave it out")
+    if found is not None:
+        return found
+    values: dict[str, Any] = {}
+    inner: list[_SceneDictionary] = []
+    for name, given in source.items():
+        value = os.fspath(given) if isinstance(given, os.PathLike) else given
+        if problem := _problem_of(name, value):
+            place = ".".join((*names, str(name))).encode("utf-8", "backslashreplace").decode()
+            raise SceneError(f"{OF_DICTIONARIES}: {place} {problem}")
         if isinstance(value, Mapping):
-            _check_values(value, (*names, str(name)))
+            inner.append(_plain(value, known, (*names, str(name))))
+        values[name] = inner[-1].values if isinstance(value, Mapping) else value
+    depth = max((1 + each.depth for each in inner), default=0)
+    known[id(source)] = _SceneDictionary(source, values, 1 + sum(each.dictionaries for each in inner), depth)
+    return known[id(source)]
+
+
+def _problem_of(name: object, value: object) -> str:
+    """Return what is wrong with a value of a dictionary, a clause, or "" if Mitsuba can tell."""
+    if value is None:
+        return "is None: expected a value, or leave it out"
+    if isinstance(value, list | tuple) and any(each is None for each in value):
+        return f"is {shown(value)}: expected no None in it"
+    if name == "type" and not isinstance(value, str):
+        return f"is {shown(value)}: expected text"
+    texts = (each for each in (name, value) if isinstance(each, str))
+    return "is not in UTF-8: expected text" if any(map(_SURROGATE.search, texts)) else ""
 
 
 def _check_parsed(path: Path | str, state: Any, folders: Sequence[Path]) -> None:

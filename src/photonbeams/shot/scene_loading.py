@@ -13,7 +13,7 @@ from typing import Any
 from ..scene import SceneError
 from ..scene.checks import shortened
 from .old_scenes import parse, version_of
-from .scene_files import OF_DICTIONARIES, check_dictionary, check_files
+from .scene_files import OF_DICTIONARIES, check_files, checked_dictionary
 
 # What replaces plugins that Mitsuba lacks, and the properties that remain. A render uses nothing else of these two.
 _REPLACED = {
@@ -86,11 +86,11 @@ def check_scene(source: Any) -> Any:
     mi = mitsuba()
     if isinstance(source, Mapping):
         try:
-            check_dictionary(source)
+            plain = checked_dictionary(source)
             with helping_thread():
-                source = mi.load_dict(dict(source))
+                source = mi.load_dict(plain)
         except (RuntimeError, TypeError) as error:
-            raise SceneError(f"{OF_DICTIONARIES}: {reason(str(error))}") from None
+            raise SceneError(shortened(f"{OF_DICTIONARIES}: {reason(str(error))}")) from None
     if not isinstance(source, mi.Object) or source.class_name() != "Scene":
         raise SceneError(f"stage is a {type(source).__name__} of Mitsuba's: expected a Scene")
     if source.variant_name() not in scene_variants():
