@@ -64,6 +64,13 @@ def test_a_tile_whose_end_is_missing_is_refused_wherever_it_stands(tmp_path, cap
     assert capfd.readouterr() == ("", "")  # OpenEXR's own lines
 
 
+def test_a_tile_that_lacks_what_tiles_of_a_picture_share_is_told_from_one_with_another(tmp_path):
+    paths = [tile(tmp_path / "0.exr", 0, seed=3), tile(tmp_path / "1.exr", 1)]
+    for first, second, problem in (*paths, "no seed, unlike"), (*paths[::-1], "another seed than"):
+        with pytest.raises(SceneError, match=rf"^{second}: has {problem} {first}: expected tiles of one picture"):
+            join_tiles([first, second], tmp_path / "o.exr")
+
+
 @pytest.mark.parametrize("layer", ["", "rgba.", "ViewLayer.Combined."])
 @pytest.mark.parametrize("letters", ["RGB", "RGBA", "RGBAZ", "RG"])
 def test_channels_in_named_layers_are_whole(tmp_path, layer, letters):

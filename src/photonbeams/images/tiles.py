@@ -93,7 +93,8 @@ def _check(path: Path, parts: Sequence[OpenEXR.Part], first: Path, like: Sequenc
         raise SceneError(f"{path}: its layers have several data windows: expected one, as in tiles of a picture")
     for name in _SAME:
         if repr(parts[0].header.get(name)) != repr(like[0].header.get(name)):
-            raise SceneError(f"{path}: has another {name} than {first}: expected tiles of one picture")
+            other = f"another {name} than" if name in parts[0].header else f"no {name}, unlike"
+            raise SceneError(f"{path}: has {other} {first}: expected tiles of one picture")
 
 
 def _kind(parts: Sequence[OpenEXR.Part]) -> Any:
