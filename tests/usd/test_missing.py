@@ -123,7 +123,7 @@ def test_only_the_first_of_several_connections_is_missed(read, image):
 
 def test_an_output_that_its_shader_does_not_declare_is_told_from_one_that_is_gone(read):
     (missing,) = read(TEXTURE.replace("Image.outputs:rgb>", "Image.outputs:rbg>"), (1,)).missing_at(1)
-    assert "is connected to /Paint/Image.outputs:rbg: expected an output declared there" in missing
+    assert "is connected to /Paint/Image.outputs:rbg: expected an attribute that /Paint/Image declares;" in missing
 
 
 def test_what_openusd_says_of_a_gap_at_another_time_is_not_printed(tmp_path, capfd):

@@ -188,8 +188,9 @@ def broken(attribute: Usd.Attribute, instead: str) -> Iterator[tuple[Usd.Prim, s
             source = each.GetStage().GetAttributeAtPath(path)
             if not source:
                 there = each.GetStage().GetPrimAtPath(path.GetPrimPath())
-                text = f"is connected to {path}: expected an output {'declared there' if there else 'on the stage'}"
-                yield each.GetPrim(), f"{text}; {instead}", str(each.GetName())
+                expected = f"an attribute that {there.GetPath()} declares" if there else "an output on the stage"
+                text = f"is connected to {path}: expected {expected}; {instead}"
+                yield each.GetPrim(), text, str(each.GetName())
             elif source not in chain:
                 chain.append(source)
 
