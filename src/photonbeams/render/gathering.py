@@ -129,11 +129,12 @@ class Gathering:
             if self._view is not None and bool(dr.any(own)):
                 self._add_tiled(medium, sets, paths, vertex, own)
         focus = None if self._view is None or self._view.lens is None else self._view.lens[1]
-        left = inside & paths.primary
-        for number, each in enumerate(self._tallied):
-            own = left & each.holds(paths) if number + 1 < len(self._tallied) else left
-            each.add(self.radiance, self._step, paths, vertex, share=self._share, active=own, focus=focus)
-            left &= ~own
+        weights = [each.weight(paths) for each in self._tallied] if len(self._tallied) > 1 else [Float(1)]
+        whole = dr.rcp(dr.maximum(sum(weights, Float(0)), 1e-6))
+        for each, weight in zip(self._tallied, weights, strict=False):
+            own = inside & paths.primary & (weight > 0)
+            share = self._share * weight * whole
+            each.add(self.radiance, self._step, paths, vertex, share=share, active=own, focus=focus)
         self._step += 1
         self._steps += compressed(others, PathSegments.of(paths, vertex))
         if sum(dr.width(each.pixel) for each in self._steps) > _MOST:

@@ -15,6 +15,7 @@ from ..numerics.arrays import to_float, to_uint
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ..transport.tally import Deposit, Tally
 from ..transport.tuning import FREE_PATHS, radius_scale
+from ..world.cameras.panoramas import OVERLAP
 from ..world.media.interfaces import pointers
 from ..world.spectra import rgb
 from .paths import camera_paths
@@ -36,8 +37,6 @@ mi = mitsuba()
 _BLUR = 0.0125
 # A deposit of the usual power over the region's radius is so many units: 2^17 walks cannot exceed 63 bits.
 _UNITS = 2.0**33
-# Rays so near to the rim of a picture, in pixels, are in it.
-_RIM = 1e-2
 # Light in homogeneous media ends at this optical depth.
 _DEEPEST = 12.0
 # The least blur along rays through media that vary, in cells: so light is known beyond where a cell's rays end.
@@ -50,26 +49,28 @@ class TalliedView:
 
     Attributes
     ----------
-    media, groups
-        The media, and the names of the light groups.
+    view, media, groups
+        The view, the media, and the names of the light groups.
     froxels
         The cells of each medium that the rays of the view meet, by their steps and the media's numbers, with the
         radiance of each group, or in media that vary the fluence: see `Froxels`.
     """
 
+    view: Projection
     media: Media
     groups: Sequence[str]
     froxels: Mapping[tuple[int, int], tuple[Froxels, Sequence[Float]]]
 
-    def holds(self, paths: CameraPaths) -> Bool:
-        """Return which camera rays are in the view's picture."""
-        held = Bool(False)
-        for froxels, _ in list(self.froxels.values())[:1]:
-            seen, view = froxels.seen(paths.origin + paths.direction), froxels.view
-            width, height = (dr.opaque(Float, each) for each in (view.width, view.height))
-            inside = [(dr.abs(2 * at - size) <= size + _RIM) for at, size in ((seen.at.x, width), (seen.at.y, height))]
-            held = (seen.depth > 0) & inside[0] & inside[1]
-        return held
+    def weight(self, paths: CameraPaths) -> Float:
+        """Return the weights of the view for camera rays, among views that overlap: 0 at its rim and beyond.
+
+        They fall smoothly where another face of a cube has the ray, too: the noise of neighbours is not alike.
+        """
+        pose = self.view.poses[0]
+        toward = pose.to_camera(pose.origin + paths.direction)
+        aside = dr.maximum(dr.abs(toward.x), dr.abs(toward.y)) * dr.rcp(dr.maximum(toward.z, 1e-30))
+        left = dr.clip((OVERLAP - aside) / (OVERLAP - 1 / OVERLAP), 0, 1)
+        return dr.select(toward.z > 0, left * left * (3 - 2 * left), 0)
 
     def add(
         self, radiance: dict[str, Any], step: int, paths: CameraPaths, vertex: CameraVertex, *, share: Float,
@@ -160,7 +161,7 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
 
     result: dict[tuple[int, int], tuple[Froxels, Sequence[Float]]] = {}
     if not froxels:
-        return TalliedView(world.media, groups, result)
+        return TalliedView(rays.view, world.media, groups, result)
     traced = {seen: number for number, seen in tally.media.items()}
     sums = FroxelSums([*froxels.values()], [traced.get(number, number) for _, number in froxels], units.tolist())
     tally.fill(deposit, None if rays.view.orthographic else rays.view.origin)
@@ -171,7 +172,7 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
             medium = next(each.medium for each in media if each.number == number)
             tables = cells.tables(medium, blur[number], sums.of(index))
         result[step, number] = cells, tables
-    return TalliedView(world.media, groups, result)
+    return TalliedView(rays.view, world.media, groups, result)
 
 
 def _phase(deposit: Deposit, toward: Array3f, active: Bool) -> Array3f:

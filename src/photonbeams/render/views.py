@@ -19,6 +19,7 @@ from ..numerics.samples import Samples
 from ..numerics.streams import Stream
 from ..runtime.device import Array2f, Array3f, Float, UInt32
 from ..transport.guiding.eye_points import surfaces_seen
+from ..world.cameras import panoramas
 from ..world.cameras.cameras import CameraRays, Pinhole, View, Window, on_lens
 from ..world.cameras.sensors import PrimaryRays, sampled_rays
 from ..world.shutter import CameraMotion, turn, with_lens
@@ -193,11 +194,11 @@ class FrameView:
     def pinhole_rays(self, number: int, pinhole: Pinhole | None) -> list[ViewRays]:
         """Return the rays through the middles of all pixels of the whole picture, of a pinhole or of a still camera.
 
-        Those of a panoramic camera are in the faces of a cube. Where a holdout ends beams, the scene's surfaces are not
-        seen.
+        Those of a panoramic camera are in faces of a cube that overlap. Where a holdout ends beams, the scene's
+        surfaces are not seen.
         """
         result = []
-        for own in self._view(number, self.window.whole(), pinhole).flat():
+        for own in self._view(number, self.window.whole(), pinhole).flat(panoramas.OVERLAP):
             count = own.window.width * own.window.height
             primary = self._primary(own, own.rays(dr.full(Array2f, 0.5, count)))
             result.append(ViewRays(primary, own.projection, holdout=None if self.holdout is None else primary.far))

@@ -150,12 +150,16 @@ class View:
         """Projections that together show all that the camera sees at shutter open: its own, or faces of a cube."""
         return [each.projection for each in self.flat()]
 
-    def flat(self) -> list[View]:
-        """Return views that keep lines straight and together show all that this one does at shutter open."""
+    def flat(self, wider: float = 1.0) -> list[View]:
+        """Return views that keep lines straight and together show all that this one does at shutter open.
+
+        The faces of a panoramic camera's cube are `wider` by a factor, so that they overlap.
+        """
         if not self.camera.panoramic:
             return [self]
-        window = Window.full(self.window.height, self.window.height)
-        return [View(each, window) for each in panoramas.faces(self.camera)]
+        side = round(wider * self.window.height)
+        window = Window.full(side, side)
+        return [View(each, window) for each in panoramas.faces(self.camera, wider)]
 
     def whole(self) -> View:
         """Return the same camera with a window of the whole picture."""

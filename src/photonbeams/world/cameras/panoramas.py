@@ -23,6 +23,9 @@ _CUBE = [
     np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]], float)
     for sine, cosine in ((0, 1), (-1, 0), (0, -1), (1, 0))
 ] + [np.array([[1, 0, 0], [0, 0, sine], [0, -sine, 0]], float) for sine in (-1, 1)]
+#: How much wider faces are that are to overlap: what is known of a place on one is then known on its neighbour, too.
+OVERLAP = 1.4
+
 # From the middle of a face to its corners, in radians.
 _CORNER = np.arccos(1 / np.sqrt(3))
 
@@ -68,14 +71,15 @@ def on_film(projection: str, direction: Array) -> Array:
     return result
 
 
-def faces(camera: Camera) -> Iterator[Camera]:
-    """Yield perspective cameras that together show what a panoramic one may see: faces of a cube."""
+def faces(camera: Camera, wider: float = 1.0) -> Iterator[Camera]:
+    """Yield perspective cameras that together show what a panoramic one may see: a cube's faces, `wider` by that."""
     half = np.pi if camera.projection == EQUIRECTANGULAR else np.radians(camera.angle) / 2
     for turned in _CUBE:
         if np.arccos(turned[2, 2]) < half + _CORNER:
             to_world = np.array(camera.to_world, dtype=np.float64)
             to_world[:3, :3] = to_world[:3, :3] @ turned
             yield replace(
-                camera, to_world=to_world, focal_length=1.0, horizontal_aperture=2.0, vertical_aperture=2.0,
+                camera, to_world=to_world, focal_length=1.0,
+                horizontal_aperture=2.0 * wider, vertical_aperture=2.0 * wider,
                 horizontal_offset=0.0, vertical_offset=0.0, projection="perspective",
             )  # fmt: skip
