@@ -12,9 +12,12 @@ import pytest
 
 from photonbeams import cli
 from photonbeams.cli.animation import FrameError
+from photonbeams.cli.farm import Request, open_scene
+from photonbeams.cli.request import RenderRequest
 from photonbeams.images.files import read_image, read_layers
 from photonbeams.render import scene_frame as frame
 from photonbeams.render.checkpoint import Checkpoint
+from photonbeams.render.films.frame_sums import FrameSums
 from photonbeams.render.frame import FrameRenderer
 from photonbeams.transport.guiding.lines import LightLines
 from tests.helpers.commands import fails, untouched
@@ -86,6 +89,13 @@ def test_all_outputs_are_written_and_summed_up(render, scene, out):
     assert lines[7:] == [f"wrote {out / name}" for name in ("a.exr", "new/b.png", "c.png")]
     found = header(out / "a.exr")
     assert (found["scene"], found["camera"], found["passes"]) == ("scene.xml", "front", 3)
+
+
+def test_a_worker_of_a_farm_opens_it(scene, out):
+    usual = {each.name: each.default for each in RenderRequest.options()}
+    request = RenderRequest.of({**usual, "scene": scene(), "output": [out / "a.exr"], "passes": 1, "quiet": True})
+    sums = FrameSums.of(open_scene(Request(request, 0, None))(0, range(1), 1))
+    assert sums.ranges() == [range(1)] and sums.beams > 0
 
 
 @pytest.mark.parametrize(

@@ -44,8 +44,9 @@ def open_scene(request: Request) -> Opened:
     from ..render.reuse import FilmMemory
     from .render import Job
 
-    # The command has checked where render products go; this worker may run in another folder.
-    wanted = replace(request.render, stage=replace(request.render.stage, allow_paths=True))
+    wanted = request.render
+    if not wanted.is_mitsuba:  # the command has checked where render products go; this worker may run in another folder
+        wanted = replace(wanted, stage=replace(wanted.stage, allow_paths=True))
     try:
         replace(wanted.device, threads=request.threads or threads_here()).start()
         job = Job.open(wanted, lambda: None)
