@@ -1,6 +1,8 @@
 """What is read of an EXR is all that its header names, or one sentence that names the file."""
 
 import os
+import struct
+from fractions import Fraction
 
 import numpy as np
 import OpenEXR
@@ -69,6 +71,13 @@ def test_a_tile_that_lacks_what_tiles_of_a_picture_share_is_told_from_one_with_a
     for first, second, problem in (*paths, "no seed, unlike"), (*paths[::-1], "another seed than"):
         with pytest.raises(SceneError, match=rf"^{second}: has {problem} {first}: expected tiles of one picture"):
             join_tiles([first, second], tmp_path / "o.exr")
+
+
+def test_a_header_with_a_fraction_over_zero_is_refused(tmp_path):
+    path = tile(tmp_path / "0.exr", 0, framesPerSecond=Fraction(24, 7))
+    path.write_bytes(path.read_bytes().replace(struct.pack("<iI", 24, 7), struct.pack("<iI", 24, 0)))
+    with pytest.raises(SceneError, match=rf"^{path} cannot be read: .*a fraction over 0"):
+        exr_parts(path, header_only=True)
 
 
 @pytest.mark.parametrize("layer", ["", "rgba.", "ViewLayer.Combined."])

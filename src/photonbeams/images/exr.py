@@ -98,6 +98,8 @@ def exr_parts(path: PathLike, *, header_only: bool = False, deep: bool = False) 
         repr([part.header for part in parts])  # of text that is not UTF-8, this raises an error here
     except UnicodeDecodeError:
         raise UnreadableImageError(path, "its header has a name that is not in UTF-8") from None
+    except ZeroDivisionError:
+        raise UnreadableImageError(path, "its header has a fraction over 0") from None
     except (RuntimeError, ValueError, TypeError, IndexError, MemoryError) as error:
         raise UnreadableImageError(path, " ".join(str(error).split())[:120]) from None
     if len(parts) != len(headers) or not (header_only or all(map(_Header.fits, headers, parts))):
