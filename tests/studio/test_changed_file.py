@@ -159,3 +159,29 @@ def test_restored_edits_do_not_replace_what_was_written_while_they_were_unsaved(
         edits.save()
     edits.save(changed="merge")
     assert [value(path) for path in (INTENSITY, RADIUS)] == [2.0, 0.5]
+
+
+def test_what_another_program_wrote_outlasts_a_restart_where_it_was_not_edited(begin, look):
+    look.write_text(THEIRS)
+    edits, _ = begin()
+    edits.set({EXPOSURE: 2.0, RADIUS: 3.0})
+    theirs = THEIRS.replace("intensity = 5", "intensity = 999").replace("radius = 0.5", "radius = 4")
+    look.write_text(theirs.replace("float inputs:intensity = 7", ""))
+    for _ in range(2):  # the second studio keeps what the first one knew
+        edits.close()
+        edits, value = begin()
+        edits.set({"/Lamp.inputs:diffuse": 0.5})
+    edits.save(changed="merge")
+    assert [value(path) for path in (INTENSITY, EXPOSURE, RADIUS)] == [999.0, 2.0, 3.0]
+    assert value("/Other.inputs:intensity") == 1.0  # what the stage has: the other program removed it
+
+
+@pytest.mark.parametrize("base", ["", ' "#usda 1', ' "\\q"', ' "no layer"'])
+def test_all_values_of_an_autosave_that_does_not_tell_its_base_are_edits(begin, look, base):
+    look.write_text(THEIRS)
+    look.with_name("look.usda.autosave").write_text(THEIRS.replace("\n", f"\n# over 12ab{base}\n", 1).replace("7", "8"))
+    edits, value = begin()
+    assert edits.restored
+    look.write_text(THEIRS.replace("7", "9"))
+    edits.save(changed="merge")
+    assert value("/Other.inputs:intensity") == 8.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import re
 import threading
@@ -30,7 +31,8 @@ T = TypeVar("T")
 #: What `Edits.save` does if another program has changed the file: refuse, merge, or save a copy beside it.
 IfChanged: TypeAlias = Literal["ask", "merge", "copy"]
 
-_OVER = re.compile(r"^# over (\w*)\n", re.MULTILINE)  # the line of an autosave that tells what its file held
+# The line of an autosave that tells what its file held: a hash, and the text that the edits began with.
+_OVER = re.compile(r"^# over (\w*) ?(\".*\")?\n", re.MULTILINE)
 
 
 class ChangedError(SceneError):
@@ -67,6 +69,13 @@ def _version(path: Path | None) -> str:
         return sha256(content(path)).hexdigest()
     except SceneError:  # it is no regular file any more
         return "unreadable"
+
+
+def _unquoted(text: str | None) -> str:
+    """Return a text of an autosave's line, that of an empty layer if it is lacking or damaged."""
+    with suppress(ValueError):
+        return str(json.loads(text or ""))
+    return EMPTY
 
 
 def _copy_of(path: Path) -> Path:
@@ -201,7 +210,7 @@ class Edits:
             return False
         over = _OVER.search(text)
         if over is not None and over[1] != self._version:  # the file was changed while there were unsaved edits
-            self._version, self._base = over[1], EMPTY
+            self._version, self._base = over[1], _unquoted(over[2])
         self._past = [self._saved]
         LOG.warning("unsaved edits are restored from %s", autosave_path(path))
         return True
@@ -296,7 +305,7 @@ class Edits:
     def _unsaved(self) -> tuple[Path | None, str | None]:
         """Return the file, and the text of the edits or, if they are saved, None."""
         with self._lock:
-            text = self._layer.text().replace("\n", f"\n# over {self._version}\n", 1)
+            text = self._layer.text().replace("\n", f"\n# over {self._version} {json.dumps(self._base)}\n", 1)
             return self.path, None if self.is_saved else text
 
     def save(self, path: PathLike | None = None, changed: IfChanged = "ask") -> Path:

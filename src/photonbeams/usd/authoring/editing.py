@@ -189,11 +189,12 @@ class EditLayer:
     def merge(self, before: str, path: Path) -> None:
         """Replace the content by that of a file, with the changes that were made here since the text `before`.
 
-        Values that both have changed are those of this layer. SceneError if the file is not a USD layer.
+        Values that both have changed are those of this layer; if `before` is no layer, all of its values are changes.
+        SceneError if the file is not a USD layer.
         """
         mine, base = Sdf.Layer.CreateAnonymous(), Sdf.Layer.CreateAnonymous()
         mine.TransferContent(self._layer)
-        base.ImportFromString(before)
+        _read(lambda: base.ImportFromString(before))
         self.load(path)
         for gone in {*_paths(base)} - {*_paths(mine)}:
             self._remove(gone)
