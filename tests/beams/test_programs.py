@@ -1,6 +1,7 @@
 """Functions that change or make beams: the built-in ones, what a function is given, and what it must not return."""
 
 from dataclasses import replace
+from functools import cache
 
 import drjit as dr
 import numpy as np
@@ -325,6 +326,15 @@ def test_beams_from_nothing_are_drawn_beams(kind, beams):
     names = {"beams": ["/sparks"], "drawn": ["/mine"], "several": ["/sparks_0", "/mine"]}
     assert [each.name for each in found] == names[kind]
     assert all(np.array_equal(each.start, beams.arrays()["start"]) for each in found)
+
+
+def test_a_function_may_remember_what_it_made_by_its_context(beams):
+    """A fog on a grid has arrays, which have no hash, and whose equality is no bool."""
+    remembered = cache(lambda context: [beams])
+    grids = (scene.DensityGrid(np.full((2, 2, 2), value)) for value in (0.5, 0.5, 0.7))
+    first, again, other = (PassContext(medium=scene.Medium(1.0, grid=each)) for each in grids)
+    assert remembered(first) is remembered(again) and remembered(other) is not remembered(first)
+    assert first == again != other
 
 
 def test_a_function_that_makes_nothing_is_named():

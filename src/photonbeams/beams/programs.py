@@ -14,14 +14,15 @@ from dataclasses import dataclass
 import drjit as dr
 
 from ..numerics.arrays import opaque
+from ..runtime.digest import ByContent
 from ..scene import DrawnBeams, Medium, SceneError
 from ..scene.places import ZERO, Point
 from . import Beams
 from .sets import BeamSet, shifted
 
 
-@dataclass(frozen=True)
-class PassContext:
+@dataclass(frozen=True, eq=False)
+class PassContext(ByContent):
     """The context in which a function changes or makes beams: the light, the pass and the time.
 
     Attributes
