@@ -121,11 +121,12 @@ class Row:
     def guided(self) -> Counts:
         """Which light guides light paths.
 
-        Virtual lights go where photons would be to which they send light, and walks of the tally where beams would be.
+        Virtual lights go where photons would be to which they send light, unless there are beams: these need all guides
+        that they can get, through a hole if there is one. Light paths of a tally go everywhere.
         """
-        virtual = FURTHER.traced | SELDOM.traced if SELDOM in self.found else Counts.NOTHING
-        tallied = FOG_FURTHER.traced if self.by(TALLY, FOG_FURTHER) else Counts.NOTHING
-        return self.counts | virtual | tallied | (FOG.traced if self.narrow else Counts.NOTHING)
+        alone = SELDOM in self.found and not self.by(BEAMS, FOG)
+        virtual = FURTHER.traced | SELDOM.traced if alone else Counts.NOTHING
+        return self.counts & ~Counts.TALLIED | virtual | (FOG.traced if self.narrow else Counts.NOTHING)
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from .guiding.pilot import Found, guide
 from .segments.beams import Cutting, Moments, moving_sets, sets_of
 from .segments.density import widened
 from .segments.radii import Limits
-from .segments.records import LightPaths, PhotonHits, Segments
+from .segments.records import Counts, LightPaths, PhotonHits, Segments
 from .strata import with_surrounds
 from .tally import Tally, TallyBeginnings
 from .tuning import FREE_PATHS, Tuning, own_bounces, radius_scale
@@ -39,6 +39,9 @@ if TYPE_CHECKING:
     from ..estimators.projection import Projection
 
 T = TypeVar("T")
+
+# Walks of a tally that begin on the same light path, and the fewest light paths of a stratum on which they begin.
+_WALKS_ON_PATH, _FEWEST = 8, 64
 
 #: A step of light paths: the medium beside which they pass, 0 for paths themselves, and the step's number.
 Key = tuple[int, int]
@@ -104,8 +107,7 @@ class LightTracer:
         """
         # Keep only segments and hits, not the paths: a million of these take a gigabyte.
         moving, (tracing, begun) = moving or {}, self._begun(number)
-        beginnings = TallyBeginnings(tracing)
-        steps = enumerate(stepping(self.step, paths.trace(tracing, copy(begun), beginnings)))
+        steps = enumerate(stepping(self.step, paths.trace(tracing, copy(begun))))
         traced = [((0, step), segments, hits) for step, (segments, hits) in steps]
         found = [(key, segments) for key, segments, _ in traced] + list(self._fringes(number, begun))
         segments = [part for key, each in found for part in _resting(each, moving.get(key))]
@@ -117,7 +119,26 @@ class LightTracer:
             parts = (compressed(dr.gather(UInt32, lights, each.source) > 0, each) for each in hits)
             hits = [each for part in parts for each in part]
         sets = sets_of(self.world, stepping(self.step, self.cuttings(number)), segments)
-        return PassLight(sets, hits, beginnings.tally(self.tuning.alpha))
+        return PassLight(sets, hits, self._tally(number, tracing))
+
+    def _tally(self, number: int, tracing: paths.Tracing) -> Tally | None:
+        """Return the walks of a pass's tally, or None.
+
+        They begin on light paths of their own. Beams are made of few, whose neighbours are known; walks on the same
+        path have the same noise, and more of them would not lower it.
+        """
+        tallied = [each for each in self.emission.strata if each.emitter.counts & Counts.TALLIED]
+        if not tallied:
+            return None
+        many = self.walks / (_WALKS_ON_PATH * sum(each.count for each in tallied))
+        tallied = [replace(each, count=max(round(many * each.count), _FEWEST), guide=None) for each in tallied]
+        strata = with_surrounds(tallied)
+        rays = [each.emit(number) for each in strata]
+        emitted = [replace(each, halvings=0, counts=each.counts & int(Counts.TALLIED)) for each in rays]
+        beginnings = TallyBeginnings(tracing)
+        for _ in paths.trace(tracing, paths.begin(tracing, emitted), beginnings):
+            self.step()
+        return beginnings.tally(self.tuning.alpha)
 
     def _begun(self, number: int) -> tuple[paths.Tracing, LightPaths | None]:
         """Return how the light paths of a pass are traced, and the paths as they leave their emitters."""
