@@ -150,9 +150,9 @@ def test_halves_of_a_pass_tell_the_noise_of_its_beams():
     rays = _coarse_rays(frame.light.cameras)
     passes = np.array([gathered(frame, frame.lit(number)[0], rays) for number in range(16)])
     between = np.sqrt(passes.var(axis=0, ddof=1)).mean() ** 2
-    # Beams straight from a lamp are stratified, and so are halves of them, whose variance falls faster than as one over
-    # their number: with half of the strata across both sides of the lamp it is up to four times their share.
-    assert 0.7 < beam_cost(frame, frame.lit(0)[0], 1).noise / between < 4
+    # Blocks of a Sobol sequence are stratified nearly as it is; a pass alone tells up to half or twice.
+    told = np.mean([beam_cost(frame, frame.lit(number)[0], 1).noise for number in range(4)])
+    assert 0.5 < told / between < 1.5
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -10,7 +10,7 @@ import drjit as dr
 import numpy as np
 
 from ...beams.sets import BeamSet
-from ...numerics.arrays import channel_mean, taken
+from ...numerics.arrays import channel_mean, taken, to_uint
 from ...runtime.device import Array3f, Float, UInt32
 from ...scene import Array
 from ...world.cameras.cameras import View
@@ -21,6 +21,8 @@ from ..ray_passes import PassRenderer, ViewRays
 
 # Rays, across and down.
 _COLUMNS, _ROWS = 40, 24
+# Blocks of a set's beams, about.
+_BLOCKS = 64
 # Cameras of a shot whose rays are taken, at most.
 _CAMERAS = 8
 
@@ -43,7 +45,7 @@ class _StillPasses(PassRenderer):
 def beam_cost(frame: PassRenderer, light: TracedLight, pixels: int) -> BeamCost:
     """Return the noise of the beams of a frame's first pass, and what it costs to gather them for so many pixels.
 
-    The light along a ray is x₁ + x₂, of every second beam and of the others. These are nearly independent, so that
+    The light along a ray is x₁ + x₂, of half of the beams and of the others. These are nearly independent, so that
     x₁ − x₂ has the variance of the sum, and the mean of |x₁ − x₂| is √(2 / π) standard deviations.
     """
     passes = _StillPasses(frame.settings, frame.light, frame.light.max_depth, frame.statistics.fresh())
@@ -63,9 +65,13 @@ def beam_cost(frame: PassRenderer, light: TracedLight, pixels: int) -> BeamCost:
 
 
 def _half(beams: BeamSet, first: int) -> BeamSet:
-    """Return every second beam of a set, at rest: coarse rays have no times."""
-    count = max((len(beams.beams) + 1 - first) // 2, 1)
-    index = 2 * dr.arange(UInt32, count) + dr.opaque(UInt32, min(first, len(beams.beams) - 1))
+    """Return every second of some blocks of a set's beams, at rest: coarse rays have no times.
+
+    Light paths are a Sobol sequence. Every second one is on the same side of the lamp; blocks are all around it.
+    """
+    number = np.arange(len(beams.beams))
+    block = number // max(len(number) // _BLOCKS, 1)
+    index = to_uint(np.flatnonzero((block + first) % 2 == 0) if len(number) > 1 else number)
     return beams._replace(beams=taken(beams.beams, index), depth=taken(beams.depth, index), close=None)
 
 
