@@ -1,10 +1,10 @@
 """Light that was scattered before, in media: walks of light whose fluence is tallied in cells.
 
-The beams of a pass carry what comes straight from lamps, or by mirrors and glass alone. On each of these light paths
-walks begin, where the medium scatters its light, or at the surface at its end: as many as are needed for each to carry
-about the same power w. On every further segment some stratified points at distances s, of the density q together, tell
-the fluence: a = w T(s) / q each, where the transmittance T is exp(−σt s), or its estimate in media that vary. Then the
-walk goes on as light does, by free flights, phase functions and BSDFs.
+The beams of a pass carry what comes straight from lamps, or by mirrors and glass alone. On other light paths of that
+kind walks begin, where the medium scatters their light, or at the surfaces at their ends: as many as are needed for
+each to carry about the same power w. On every further segment some stratified points at distances s, of the density q
+together, tell the fluence: a = w T(s) / q each, where the transmittance T is exp(−σt s), or its estimate in media that
+vary. Then the walk goes on as light does, by free flights, phase functions and BSDFs.
 """
 
 from __future__ import annotations

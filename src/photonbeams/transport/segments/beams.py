@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -276,8 +276,16 @@ def sets_of(world: World, cuttings: Iterable[Cutting], steps: Sequence[Segments]
             fitted = cutting.fitted(world, mine)
             for piece in cutting.pieces(fitted, dr.max(fitted.flux) > 0, cutting.filters(cutting.source)):
                 pieces += compressed(piece.there, piece)
-        if pieces:
-            result += _sets(cutting, joined(pieces))
+        if not pieces:
+            continue
+        found = joined(pieces)
+        if not cutting.source.tallied:
+            result += _sets(cutting, found)
+            continue
+        for each in compressed(~found.scattered, found):
+            result += _sets(cutting, each)
+        for each in compressed(found.scattered, found):  # what a tally has straight ahead of cameras
+            result.append(_set(cutting, None, each.beams, depth=each.depth)._replace(tallied=True))
     return result
 
 
@@ -343,17 +351,8 @@ def _set(
 
 
 def _sets(cutting: Cutting, found: Piece) -> list[BeamSet]:
-    """Return an emitter's beams in a medium: two sets if its straight and its scattered light differ in look.
-
-    What a tally has straight ahead of cameras is another one.
-    """
+    """Return an emitter's beams in a medium: two sets if its straight and its scattered light differ in look."""
     source = cutting.source
-    if source.tallied:
-        apart = [_set(cutting, None, each.beams, None, each.depth) for each in compressed(found.scattered, found)]
-        alone = replace(cutting, source=replace(source, tallied=False))
-        return [own for each in compressed(~found.scattered, found) for own in _sets(alone, each)] + [
-            each._replace(tallied=True) for each in apart
-        ]
     like = source.look is None or source.scattered == "look"
     if like and source.scattered != "off" and not source.guides:
         return [_set(cutting, source.look, found.beams, None, found.depth)]
