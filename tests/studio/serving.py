@@ -38,6 +38,13 @@ class Served:
     def page(self, **given):
         return Page(self.port, **given)
 
+    def wait_until_left(self, limit=60):
+        """Wait until the server has done what the last pages asked for, and all of them are gone."""
+        end = time.monotonic() + limit
+        while self._server.server_state.connections:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+
     def close(self):
         self._server.should_exit = True
         self._thread.join()

@@ -250,8 +250,10 @@ def everybodys(tmp_path_factory, proxy):
 
 @pytest.fixture
 def served(everybodys):
-    """Return the server, without edits in the session or on disk."""
+    """Return the server, without pages, at the first frame, and without edits in the session or on disk."""
+    everybodys.wait_until_left()
     session = everybodys.session
+    session.show(frame=None)
     session.revert()
     session.edits.save().unlink()
     return everybodys
