@@ -91,8 +91,8 @@ def depths(levels: Sequence[Level], farthest: Float) -> list[Float]:
     """Return for each level the planar depth of each tile's farthest surface, given that of level 0."""
     result = [farthest]
     for finer, level in pairwise(levels):
-        tile, columns = dr.arange(UInt32, finer.view.tiles), dr.opaque(UInt32, finer.view.columns)
-        own = tile // columns // 2 * dr.opaque(UInt32, level.view.columns) + tile % columns // 2
+        tile, columns = dr.arange(UInt32, finer.view.tiles), finer.view.counts.columns
+        own = tile // columns // 2 * level.view.counts.columns + tile % columns // 2
         found = dr.zeros(Float, level.view.tiles)
         # By default, the kernel would contain the number of tiles.
         dr.scatter_reduce(dr.ReduceOp.Max, found, result[-1], own, mode=dr.ReduceMode.Local)
@@ -116,7 +116,7 @@ def foretold(level: Level, radiance: Array3f, dim: Float, tolerance: float) -> B
     what the corners predict for them.
     """
     view, lattice = level.view, level.rays.lattice
-    across, down = (dr.opaque(UInt32, each) for each in (view.across, view.down))
+    across, down, *_ = view.counts
     assert lattice is not None
     cells = max((view.across - 1) * (view.down - 1), 1)
     columns = dr.opaque(UInt32, max(view.across - 1, 1))
@@ -190,7 +190,7 @@ def interpolated(level: Level, coarser: Level, radiance: Array3f, good: Any, tol
 
 def _place(level: Level, coarser: Level) -> tuple[tuple[Float, Float], Bool]:
     """Return where rays of a level lie among those of the coarser level, in its pixels, and whether between them."""
-    index, columns = pixels_of(level.rays, level.view.across * level.view.down), dr.opaque(UInt32, level.view.across)
+    index, columns = pixels_of(level.rays, level.view.across * level.view.down), level.view.counts.across
     begin = [dr.opaque(Int32, each) for each in coarser.first]
     own = [dr.opaque(Int32, each) for each in level.first]
     fine = dr.opaque(Int32, 1 << level.number)

@@ -121,9 +121,8 @@ class Lanes(NamedTuple):
         there = [each for each in parts if each is not None]
         if len(there) < 2:
             return there[0] if there else None
-        columns = [zip(*rays, strict=True) for rays in zip(*(each.rays for each in there), strict=True)]
-        rays = [LaneRay(*map(joined, each)) for each in columns]
-        result = cls(joined([each.tile for each in there]), joined([each.group for each in there]), rays)
+        tile, group, rays = joined([(each.tile, each.group, tuple(each.rays)) for each in there])
+        result = cls(tile, group, [*rays])
         dr.eval(result)
         return result
 
@@ -142,7 +141,7 @@ def _of_pixels(view: Projection, count: int, busy: Bool) -> Lanes | None:
         return None
     per_tile = TILE * TILE // count
     lane = dr.arange(UInt32, len(tiles) * per_tile)
-    columns = dr.opaque(UInt32, view.columns)
+    columns = view.counts.columns
     tile, local = _entries(tiles, lane // per_tile), lane % per_tile
     block, place = local // _BLOCK * count, local % _BLOCK
     column, row = tile % columns, tile // columns
@@ -164,13 +163,13 @@ def _of_more(view: Projection, more: MoreSamples | None, count: int, busy: Bool)
     """Return lanes of `count` further rays each, of one pixel of a `busy` tile."""
     if more is None:
         return None
-    edges, columns = indices(dr.gather(Bool, busy, tile_of(view, more.pixels))), dr.opaque(UInt32, view.columns)
+    edges = indices(dr.gather(Bool, busy, tile_of(view, more.pixels)))
     if not len(edges):
         return None
     for_pixel = dr.opaque(UInt32, -(-more.each // count))
     lane = dr.arange(UInt32, len(edges) * -(-more.each // count))
     edge, sample = _entries(edges, lane // for_pixel), lane % for_pixel * count
-    width, height, left, top = (dr.opaque(UInt32, each) for each in (view.across, view.down, *view.margin))
+    width, height, left, top, columns = view.counts
     pixel = _entries(more.pixels, edge)
     each, step, first = dr.opaque(UInt32, more.each), dr.opaque(UInt32, dr.width(more.pixels)), width * height
     x, y = pixel % width + left, pixel // width + top
@@ -196,7 +195,7 @@ def lanes_of_some(view: Projection, rays: PixelRays, some: Bool, count: int, bus
 
 def _of_some(view: Projection, some: Bool, count: int, busy: Bool) -> Lanes | None:
     slot = dr.arange(UInt32, view.tiles * TILE * TILE)
-    tile, local, columns = slot // (TILE * TILE), slot % (TILE * TILE), dr.opaque(UInt32, view.columns)
+    tile, local, columns = slot // (TILE * TILE), slot % (TILE * TILE), view.counts.columns
     pixel, exists = _pixel(view, tile % columns, tile // columns, local // _BLOCK, local % _BLOCK)
     here = exists & dr.gather(Bool, busy, tile)
     here &= dr.gather(Bool, some, pixel, here)
@@ -242,7 +241,7 @@ def _bit(block: UInt32) -> UInt32:
 
 def _pixel(view: Projection, column: UInt32, row: UInt32, block: UInt32, place: UInt32) -> tuple[UInt32, Bool]:
     """Return the index of the pixel at a place in a block of a tile, and whether there is one."""
-    width, height, left, top = (dr.opaque(UInt32, each) for each in (view.across, view.down, *view.margin))
+    width, height, left, top, _ = view.counts
     x = column * TILE + block % _BLOCKS_ACROSS * _BLOCK_WIDTH + place % _BLOCK_WIDTH - left
     y = row * TILE + block // _BLOCKS_ACROSS * _BLOCK_HEIGHT + place // _BLOCK_WIDTH - top
     return y * width + x, (x < width) & (y < height)  # unsigned: in the margin x or y wraps to a large number
@@ -250,8 +249,8 @@ def _pixel(view: Projection, column: UInt32, row: UInt32, block: UInt32, place: 
 
 def tile_of(view: Projection, pixel: UInt32) -> UInt32:
     """Return the tile of pixels."""
-    width, left, top = (dr.opaque(UInt32, each) for each in (view.across, *view.margin))
-    return (pixel // width + top) // TILE * dr.opaque(UInt32, view.columns) + (pixel % width + left) // TILE
+    width, _, left, top, columns = view.counts
+    return (pixel // width + top) // TILE * columns + (pixel % width + left) // TILE
 
 
 def tiles_of(view: Projection, rays: PixelRays) -> UInt32:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import drjit as dr
 
-from ..runtime.device import Array3f, Float
+from ..runtime.device import Array2f, Array3f, Float, UInt32
 
 #: Width and height of a tile in pixels.
 TILE = 16
@@ -26,6 +27,29 @@ class Pose:
         """Return a world point in camera space: x right, y up, z forward."""
         q = point - self.origin
         return Array3f(dr.dot(q, self.right), dr.dot(q, self.up), dr.dot(q, self.forward))
+
+
+class _PixelCounts(NamedTuple):
+    """Numbers of pixels of a projection, and of tiles in a row, for kernels (opaque)."""
+
+    across: Any
+    down: Any
+    left: Any
+    top: Any
+    columns: Any
+
+
+@dataclass(frozen=True)
+class SeenPlace:
+    """How a view sees places: where in the picture, in pixels, how deep and how far, and the way to the camera.
+
+    Places behind the camera have no positive depth.
+    """
+
+    at: Array2f
+    depth: Float
+    distance: Float
+    toward: Array3f
 
 
 @dataclass
@@ -91,6 +115,21 @@ class Projection:
     def tiles(self) -> int:
         """Number of tiles."""
         return self.columns * self.rows
+
+    def seen(self, place: Array3f) -> SeenPlace:
+        """Return how the view sees places, from where the camera is at first."""
+        pose, (sx, sy), (cx, cy) = self.poses[0], self.scale, self.center
+        q, offset = pose.to_camera(place), place - pose.origin
+        if self.orthographic:
+            return SeenPlace(Array2f(cx + sx * q.x, cy - sy * q.y), q.z, q.z, -pose.forward + 0 * offset)
+        inverse, distance = dr.rcp(dr.maximum(q.z, 1e-30)), dr.norm(offset)
+        toward = -offset * dr.rcp(dr.maximum(distance, 1e-30))
+        return SeenPlace(Array2f(cx + sx * q.x * inverse, cy - sy * q.y * inverse), q.z, distance, toward)
+
+    @cached_property
+    def counts(self) -> _PixelCounts:
+        """Its numbers of pixels and tiles, made once for all kernels."""
+        return _PixelCounts(*(dr.opaque(UInt32, each) for each in (self.across, self.down, *self.margin, self.columns)))
 
     def reduced(self, level: int, margin: tuple[int, int]) -> Projection:
         """Return the projection with pixels 2^`level` as wide, after adding a `margin` of pixels at left and top."""

@@ -82,6 +82,7 @@ def _aligned(numbers: npt.ArrayLike, kind: type) -> npt.NDArray[Any]:
 
 def taken(value: T, index: UInt32) -> T:
     """Return the entries at `index` of an array, or of all arrays in a struct; None stays None."""
+    dr.eval(value)  # all at once: a gather would launch a kernel for each array that is not in memory
     return _each(lambda array: dr.gather(type(array), array, index), value)
 
 
@@ -128,15 +129,17 @@ def joined(pieces: Sequence[T]) -> T:
     """
     if len(pieces) == 1:
         return pieces[0]
-    result = _each(lambda *arrays: dr.zeros(type(arrays[0]), sum(map(dr.width, arrays))), *pieces)
-    targets = [(array, 0) for array in _arrays(result)]
+    result = _each(lambda *arrays: dr.empty(type(arrays[0]), sum(map(dr.width, arrays))), *pieces)
+    targets = _arrays(result)
+    filled = [0] * len(targets)
     # Piece by piece, so that one kernel copies all arrays of a piece: before a second scatter to an array, Dr.Jit
     # launches everything that is pending.
     for piece in pieces:
-        for at, ((target, first), array) in enumerate(zip(targets, _arrays(piece), strict=True)):
+        first = {begin: dr.opaque(UInt32, begin) for begin in dict.fromkeys(filled)}
+        for at, (target, array) in enumerate(zip(targets, _arrays(piece), strict=True)):
             width = dr.width(array)
-            dr.scatter(target, array, dr.arange(UInt32, width) + dr.opaque(UInt32, first))
-            targets[at] = target, first + width
+            dr.scatter(target, array, dr.arange(UInt32, width) + first[filled[at]])
+            filled[at] += width
     return result
 
 
@@ -187,18 +190,33 @@ def _apart(array: Any, met: set[int]) -> Any:
 
 def _arrays(value: object) -> list[Any]:
     """Return the arrays in a struct."""
-    names = getattr(type(value), "DRJIT_STRUCT", None)
-    if value is None or names is None:
+    fields = _fields(value)
+    if fields is None:
         return [] if value is None else [value]
-    return [array for name in names for array in _arrays(getattr(value, name))]
+    return [array for each in fields.values() for array in _arrays(each)]
 
 
 def _each(function: Callable[..., dr.ArrayBase], *values: object) -> Any:
     """Return a function of arrays, applied to all arrays of structs of one kind."""
-    names = getattr(type(values[0]), "DRJIT_STRUCT", None)
-    if values[0] is None or names is None:
+    fields = [_fields(value) for value in values]
+    if fields[0] is None:
         return None if values[0] is None else function(*values)
+    parts = {name: _each(function, *(each[name] for each in fields if each is not None)) for name in fields[0]}
+    if isinstance(values[0], dict):
+        return parts
+    if isinstance(values[0], tuple):
+        return getattr(values[0], "_make", tuple)(parts.values())
     result = type(values[0])()
-    for name in names:
-        setattr(result, name, _each(function, *(getattr(value, name) for value in values)))
+    for name, part in parts.items():
+        setattr(result, name, part)
     return result
+
+
+def _fields(value: object) -> dict[Any, Any] | None:
+    """Return the parts of a struct of Dr.Jit, a dictionary or a tuple; None for anything else."""
+    if isinstance(value, dict):
+        return value
+    if isinstance(value, tuple):
+        return dict(enumerate(value))
+    names = getattr(type(value), "DRJIT_STRUCT", None)
+    return None if names is None else {name: getattr(value, name) for name in names}

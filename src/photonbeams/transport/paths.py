@@ -83,8 +83,8 @@ def leaving(tracing: Tracing, emitted: Sequence[EmittedRays]) -> LightPaths | No
     if not emitted or (tracing.max_bounces is not None and tracing.max_bounces < 0):
         return None
     paths = LightPaths()
-    for name in OF_PATHS:
-        setattr(paths, name, joined([getattr(each, name) for each in emitted]))
+    for name, value in joined([{name: getattr(each, name) for name in OF_PATHS} for each in emitted]).items():
+        setattr(paths, name, value)
     total = dr.width(paths.origin)
     # Not a bare counter: once it is evaluated, Dr.Jit uses it for every other counter of the same length, and kernels
     # for that length have another form than those for others.

@@ -291,8 +291,9 @@ class TallyBeginnings:
             return
         kind, path = np.divmod(chosen.index, found.shape[1])
         result, own = TallyStarts(), to_uint(path)
-        for name in ("origin", "direction", "flux", "medium", "source", "link", "depth", "straight", "offset", "reach"):
-            setattr(result, name, taken(getattr(paths, name), own))
+        names = "origin", "direction", "flux", "medium", "source", "link", "depth", "straight", "offset", "reach"
+        for name, value in taken({name: getattr(paths, name) for name in names}, own).items():
+            setattr(result, name, value)
         result.flux = result.flux * to_float(share[path] / found.ravel()[chosen.index])
         result.branch = to_uint(np.where(kind == 0, SCATTERED, REFLECTED))
         result.seed = hash32(taken(seed, own), result.branch, to_uint(chosen.number))

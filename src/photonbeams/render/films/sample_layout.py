@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import drjit as dr
 
-from ...numerics.arrays import joined
+from ...numerics.arrays import joined, taken
 from ...runtime.device import Bool, UInt32
 
 
@@ -38,17 +38,17 @@ class PixelSamples(NamedTuple):
     @classmethod
     def of(cls, count: int, pieces: Sequence[SamplePiece]) -> PixelSamples:
         """Return the samples of pieces of a film with so many pixels."""
-        pixel, each, sample = list[UInt32](), list[UInt32](), list[UInt32]()
-        for own in pieces:
-            numbers = own.numbers(count)
-            one = dr.zeros(UInt32, dr.width(numbers))
-            for number in own.samples:
-                pixel.append(numbers + one)
-                each.append(one + dr.opaque(UInt32, own.each))
-                sample.append(one + dr.opaque(UInt32, number))
-        result = cls(joined(pixel), joined(each), joined(sample))
+        result: PixelSamples = joined([cls._of_piece(count, piece) for piece in pieces])
         dr.make_opaque(result)
         return result
+
+    @classmethod
+    def _of_piece(cls, count: int, piece: SamplePiece) -> PixelSamples:
+        width = count if piece.pixels is None else dr.width(piece.pixels)
+        lane, pixels = dr.arange(UInt32, width * len(piece.samples)), dr.opaque(UInt32, width)
+        pixel, sample = lane % pixels, lane // pixels + dr.opaque(UInt32, piece.samples.start)
+        each = dr.opaque(UInt32, piece.each, dr.width(lane))
+        return cls(pixel if piece.pixels is None else taken(piece.pixels, pixel), each, sample)
 
 
 def parts(pieces: Sequence[SamplePiece], count: int, most: int) -> Iterator[list[SamplePiece]]:
@@ -63,9 +63,9 @@ def parts(pieces: Sequence[SamplePiece], count: int, most: int) -> Iterator[list
             if part and left < width:
                 yield part
                 part, left = [], most
-            taken = samples[: max(left // width, 1)]
-            part.append(SamplePiece(pixels, each, taken))
-            samples, left = samples[len(taken) :], left - len(taken) * width
+            now = samples[: max(left // width, 1)]
+            part.append(SamplePiece(pixels, each, now))
+            samples, left = samples[len(now) :], left - len(now) * width
     if part:
         yield part
 

@@ -49,15 +49,7 @@ class PrimaryRays:
     @classmethod
     def joined(cls, each: Sequence[PrimaryRays]) -> PrimaryRays:
         """Return the rays of several passes as one, for estimates without tiles."""
-        count = dr.width(each[0].direction)
-
-        def all_of(name: str) -> Any:
-            return joined([type(own)(own + dr.zeros(type(own), count)) for own in (getattr(one, name) for one in each)])
-
-        return cls(
-            all_of("origin"), all_of("direction"), all_of("near"), all_of("far"), all_of("weight"),
-            None if each[0].facing is None else all_of("facing"),
-        )  # fmt: skip
+        return cls(**joined([one._of_each_ray() for one in each]))
 
     def taken(self, index: UInt32) -> PrimaryRays:
         """Return the rays at an index."""
@@ -68,16 +60,15 @@ class PrimaryRays:
 
     def with_more(self, more: PrimaryRays) -> PrimaryRays:
         """Return these rays followed by more of them; if there is one origin for all, both must share it."""
-        count = dr.width(self.direction)
+        shared = {"origin": None} if dr.width(self.origin) == 1 else {}
+        both = joined([own._of_each_ray() | shared for own in (self, more)])
+        return PrimaryRays(**(both | ({"origin": self.origin} if shared else {})), times=self.times)
 
-        def both(own: Any, other: Any) -> Any:
-            return joined([type(own)(own + dr.zeros(type(own), count)), type(own)(other)])
-
-        return PrimaryRays(
-            self.origin if dr.width(self.origin) == 1 else both(self.origin, more.origin),
-            both(self.direction, more.direction), both(self.near, more.near), both(self.far, more.far),
-            both(self.weight, more.weight), both(self.facing, more.facing), times=self.times,
-        )  # fmt: skip
+    def _of_each_ray(self) -> dict[str, Any]:
+        """Return the arrays, each with an entry for every ray."""
+        count, names = dr.width(self.direction), ("origin", "direction", "near", "far", "weight", "facing")
+        found = {name: getattr(self, name) for name in names}
+        return {name: None if own is None else own + dr.zeros(type(own), count) for name, own in found.items()}
 
 
 class Sensor:
