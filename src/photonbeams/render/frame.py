@@ -43,7 +43,7 @@ from .ray_passes import PassRenderer, ViewRays, unshaded
 from .seen.deep import deep_pass, deep_pictures
 from .seen.first_hits import Later, first_hits
 from .settings import Settings
-from .tallied import PinholeRays, TalliedView, tallied_view
+from .tallied import PinholeRays, TalliedView, parts_with_media, tallied_view
 from .views import FrameView
 
 DEFAULTS = Settings()
@@ -380,11 +380,13 @@ class FrameRenderer(PassRenderer):
         with self.statistics.phase("beams"):
             if pinhole is None and eye.blurs(number):
                 pinhole = eye.on_lens(number, *self._drawn(number))
-            for rays in eye.pinhole_rays(number, pinhole):
-                tracing = unshaded(self.camera_tracing(light.world, rays))
-                assert rays.view is not None, "the techniques choose the tally for cameras alone"
-                own = PinholeRays(rays.view, rays.primary, tracing, samples)
-                result.append(tallied_view(own, light.tally, number))
+            for view in eye.pinholes(number, pinhole):
+                parts = []
+                for part, media in parts_with_media(light.world, view):
+                    rays = eye.through_middles(part)
+                    tracing = unshaded(self.camera_tracing(light.world, rays))
+                    parts.append(PinholeRays(part.projection, rays.primary, tracing, samples, media))
+                result.append(tallied_view(light.world, light.tally, view.projection, parts, number))
         return result
 
     def _later(self, view: int) -> Later | None:

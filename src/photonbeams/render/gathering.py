@@ -259,7 +259,7 @@ class Gathering:
         if self._view is None:
             return dr.gather(Float, self._primary.times, pixel)
         width = dr.opaque(UInt32, self._view.width)
-        group = lane_of(pixel % width, pixel // width, dr.opaque(UInt32, self._view.columns))
+        group = lane_of(pixel % width, pixel // width, self._view.counts.columns)
         return dr.gather(Float, self._primary.times, group)
 
 

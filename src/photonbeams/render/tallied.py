@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
 
 from ..estimators.estimate import ENDLESS
-from ..numerics.arrays import to_float, to_uint
+from ..numerics.arrays import to_float, to_numpy, to_uint
 from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
+from ..scene import Array
 from ..transport.tally import Deposit, Tally
 from ..transport.tuning import FREE_PATHS, radius_scale
 from ..world.cameras.panoramas import OVERLAP
@@ -26,8 +29,12 @@ from .paths.surface_light import NO_LIGHT
 if TYPE_CHECKING:
     from ..estimators.projection import Projection
     from ..numerics.samples import Samples
+    from ..world.bounds import Box
+    from ..world.cameras.cameras import View
     from ..world.cameras.sensors import PrimaryRays
     from ..world.media.media import Media
+    from ..world.media.rendered import RenderedMedium
+    from ..world.world import World
     from .paths.branches import CameraPaths
     from .paths.camera_paths import CameraVertex
 
@@ -41,6 +48,8 @@ _UNITS = 2.0**33
 _DEEPEST = 12.0
 # The least blur along rays through media that vary, in cells: so light is known beyond where a cell's rays end.
 _ALONG = 0.6
+# A medium has so many pixels across, or its own have 1 / _FINEST of their width; and so many pixels beside it.
+_FEWEST, _FINEST, _BESIDE = 80, 64, 2
 
 
 @dataclass(frozen=True)
@@ -85,7 +94,7 @@ class TalliedView:
             if number != step or not bool(dr.any(own)):
                 continue
             away = 1 if focus is None else focus / dr.dot(paths.direction, froxels.view.poses[0].forward)
-            at = froxels.seen(paths.origin + away * paths.direction).at
+            at = froxels.view.seen(paths.origin + away * paths.direction).at
             length = dr.select(own, dr.minimum(vertex.end, ENDLESS) - paths.near, 0)
             for group, table in zip(self.groups, tables, strict=True):
                 light = self._along(medium, froxels, table, paths, at, length, vertex.seed, own)
@@ -110,18 +119,79 @@ class TalliedView:
 
 @dataclass(frozen=True)
 class PinholeRays:
-    """The rays through the middles of all pixels of a whole picture, how they are followed, and their samples."""
+    """The rays through the middles of all pixels of a part of a picture, how they are followed, and their samples.
+
+    They find where the media with these numbers are.
+    """
 
     view: Projection
     primary: PrimaryRays
     tracing: CameraTracing
     samples: Samples
+    media: Collection[int]
+
+    def meeting(
+        self, media: Sequence[RenderedMedium]
+    ) -> Iterator[tuple[tuple[int, RenderedMedium], tuple[Float, Float]]]:  # fmt: skip
+        """Yield the steps in which the rays meet their media, with where these begin and end on each ray."""
+        pixels = dr.width(self.primary.direction)
+        begun = camera_paths.begin(self.tracing, self.primary, dr.arange(UInt32, pixels))
+        for step, (paths, vertex) in enumerate(camera_paths.follow(self.tracing, begun, self.samples, NO_LIGHT)):
+            for each in media:
+                own = paths.alive & paths.primary & (paths.medium == dr.opaque(UInt32, each.number))
+                if each.number in self.media and bool(dr.any(own)):
+                    near, far = dr.zeros(Float, pixels), dr.zeros(Float, pixels)
+                    dr.scatter(near, paths.near, paths.pixel, own)
+                    dr.scatter(far, dr.minimum(vertex.end, ENDLESS), paths.pixel, own)
+                    dr.eval(near, far)
+                    yield (step, each), (near, far)
 
 
-def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
-    """Return the light of the tally of pass `number` toward a pinhole."""
-    world, sources = rays.tracing.world, rays.tracing.world.sources
-    media = [each for each in world.media.all if max(each.medium.scattering) > 0]
+def parts_with_media(world: World, view: View) -> list[tuple[View, list[int]]]:
+    """Return parts of a picture, and the numbers of the media that scatter light for which rays there are enough.
+
+    Rays through the middles of few pixels do not tell where a small medium is. So its part has smaller pixels, as many
+    as a large one has.
+    """
+    result: dict[tuple[tuple[int, int, int, int], int], list[int]] = {}
+    shape = np.array([view.window.width, view.window.height])
+    for each in _scattering(world):
+        low, high = _around(view, world.boxes.get(each.number))
+        size = float((high - low).max())
+        if size <= 0:  # beside the picture
+            continue
+        finer = min(-(-_FEWEST // max(math.ceil(size), 1)), _FINEST)
+        if finer == 1:
+            low, high = np.zeros(2), shape
+        left, top = np.maximum(np.floor(low * finer) - _BESIDE, 0).astype(int).tolist()
+        right, bottom = np.minimum(np.ceil(high * finer) + _BESIDE, shape * finer).astype(int).tolist()
+        result.setdefault(((left, top, right, bottom), finer), []).append(each.number)
+    return [(view.part(corners, finer), media) for (corners, finer), media in result.items()]
+
+
+def _around(view: View, box: Box | None) -> tuple[Array, Array]:
+    """Return the corners (x, y) of the part of a picture that shows a box, in pixels; None: it may be everywhere."""
+    everything = np.zeros(2), np.array([view.window.width, view.window.height], dtype=np.float64)
+    if box is None:
+        return everything
+    seen = view.projection.seen(Array3f(np.array([*product(*zip(*box, strict=True))]).T))
+    if float(dr.min(seen.depth)[0]) <= 0:
+        return everything
+    places = to_numpy(seen.at).astype(np.float64)
+    low, high = np.maximum(places.min(axis=1), 0), np.minimum(places.max(axis=1), everything[1])
+    return low, np.maximum(high, low)
+
+
+def _scattering(world: World) -> list[RenderedMedium]:
+    """Return the media that scatter light."""
+    return [each for each in world.media.all if max(each.medium.scattering) > 0]
+
+
+def tallied_view(
+    world: World, tally: Tally, view: Projection, parts: Sequence[PinholeRays], number: int
+) -> TalliedView:  # fmt: skip
+    """Return the light of the tally of pass `number` toward a pinhole that sees a world, in parts of its picture."""
+    sources, media = world.sources, _scattering(world)
     groups = sorted({each.group for each in sources})
     shrunk = radius_scale(tally.alpha, number)
     blur = {
@@ -133,25 +203,17 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
     np.maximum.at(power, numbers[tally.starts.source.numpy()], tally.starts.initial.numpy())
     units = np.where(power > 0, power, 1.0) * (tally.tracing.region / _UNITS)
     froxels: dict[tuple[int, int], Froxels] = {}
-    pixels = dr.width(rays.primary.direction)
-    begun = camera_paths.begin(rays.tracing, rays.primary, dr.arange(UInt32, pixels))
-    for step, (paths, vertex) in enumerate(camera_paths.follow(rays.tracing, begun, rays.samples, NO_LIGHT)):
-        for each in media:
-            own = paths.alive & paths.primary & (paths.medium == dr.opaque(UInt32, each.number))
-            if bool(dr.any(own)):
-                near, far = dr.zeros(Float, pixels), dr.zeros(Float, pixels)
-                dr.scatter(near, paths.near, paths.pixel, own)
-                dr.scatter(far, dr.minimum(vertex.end, ENDLESS), paths.pixel, own)
-                dr.eval(near, far)
-                froxels[step, each.number] = Froxels.of(
-                    rays.view,
-                    facing=rays.primary.facing,
-                    near=near,
-                    far=far,
-                    deepest=np.inf if each.tracked else _DEEPEST / max(min(each.medium.extinction), 1e-30),
-                    blur=blur[each.number],
-                    most=most_columns(3 * len(groups) * len(media)),
-                )
+    for rays in parts:
+        for (step, each), (near, far) in rays.meeting(media):
+            froxels[step, each.number] = Froxels.of(
+                rays.view,
+                facing=rays.primary.facing,
+                near=near,
+                far=far,
+                deepest=np.inf if each.tracked else _DEEPEST / max(min(each.medium.extinction), 1e-30),
+                blur=blur[each.number],
+                most=most_columns(3 * len(groups) * len(media)),
+            )
     group_of = to_uint([*numbers, 0])
     scale_of = to_float([*(each.beam_scale for each in sources), 0])
 
@@ -161,10 +223,10 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
 
     result: dict[tuple[int, int], tuple[Froxels, Sequence[Float]]] = {}
     if not froxels:
-        return TalliedView(rays.view, world.media, groups, result)
+        return TalliedView(view, world.media, groups, result)
     traced = {seen: number for number, seen in tally.media.items()}
-    sums = FroxelSums([*froxels.values()], [traced.get(number, number) for _, number in froxels], units.tolist())
-    tally.fill(deposit, None if rays.view.orthographic else rays.view.origin)
+    sums = FroxelSums(view, [*froxels.values()], [traced.get(number, number) for _, number in froxels], units.tolist())
+    tally.fill(deposit, None if view.orthographic else view.origin)
     for index, ((step, number), cells) in enumerate(froxels.items()):
         if world.media.varies(number):
             tables = [to_float(each.ravel()) for each in cells.fluence(blur[number], sums.of(index), _ALONG)]
@@ -172,7 +234,7 @@ def tallied_view(rays: PinholeRays, tally: Tally, number: int) -> TalliedView:
             medium = next(each.medium for each in media if each.number == number)
             tables = cells.tables(medium, blur[number], sums.of(index))
         result[step, number] = cells, tables
-    return TalliedView(rays.view, world.media, groups, result)
+    return TalliedView(view, world.media, groups, result)
 
 
 def _phase(deposit: Deposit, toward: Array3f, active: Bool) -> Array3f:

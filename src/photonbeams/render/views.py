@@ -191,18 +191,18 @@ class FrameView:
         assert self._camera is not None
         return on_lens(self._camera(number).at(time), place)
 
-    def pinhole_rays(self, number: int, pinhole: Pinhole | None) -> list[ViewRays]:
-        """Return the rays through the middles of all pixels of the whole picture, of a pinhole or of a still camera.
+    def pinholes(self, number: int, pinhole: Pinhole | None) -> list[View]:
+        """Return the whole picture of a pinhole or of a still camera: of a panoramic one, faces of a cube."""
+        return self._view(number, self.window.whole(), pinhole).flat(panoramas.OVERLAP)
 
-        Those of a panoramic camera are in faces of a cube that overlap. Where a holdout ends beams, the scene's
-        surfaces are not seen.
+    def through_middles(self, view: View) -> ViewRays:
+        """Return the rays through the middles of all pixels of a view.
+
+        Where a holdout ends beams, the scene's surfaces are not seen.
         """
-        result = []
-        for own in self._view(number, self.window.whole(), pinhole).flat(panoramas.OVERLAP):
-            count = own.window.width * own.window.height
-            primary = self._primary(own, own.rays(dr.full(Array2f, 0.5, count)))
-            result.append(ViewRays(primary, own.projection, holdout=None if self.holdout is None else primary.far))
-        return result
+        height, width = view.window.shape
+        primary = self._primary(view, view.rays(dr.full(Array2f, 0.5, width * height)))
+        return ViewRays(primary, view.projection, holdout=None if self.holdout is None else primary.far)
 
     def _view(self, number: int, window: Window, pinhole: Pinhole | None = None) -> View:
         """Return the camera of a pass, or a pinhole, in a window of the picture."""

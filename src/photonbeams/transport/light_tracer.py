@@ -42,6 +42,8 @@ T = TypeVar("T")
 
 # Walks of a tally that begin on the same light path, and the fewest light paths of a stratum on which they begin.
 _WALKS_ON_PATH, _FEWEST = 8, 64
+# This part of them goes everywhere, even where the guide knows what cameras see.
+_EVERYWHERE = 0.5
 
 #: A step of light paths: the medium beside which they pass, 0 for paths themselves, and the step's number.
 Key = tuple[int, int]
@@ -131,8 +133,10 @@ class LightTracer:
         if not tallied:
             return None
         many = self.walks / (_WALKS_ON_PATH * sum(each.count for each in tallied))
-        tallied = [replace(each, count=max(round(many * each.count), _FEWEST), guide=None) for each in tallied]
-        strata = with_surrounds(tallied)
+        counts = [max(round(many * each.count), _FEWEST) for each in tallied]
+        guides = [each.guide and each.guide.evened(_EVERYWHERE) for each in tallied]
+        own = zip(tallied, counts, guides, strict=True)
+        strata = with_surrounds([replace(each, count=count, guide=guide) for each, count, guide in own])
         rays = [each.emit(number) for each in strata]
         emitted = [replace(each, halvings=0, counts=each.counts & int(Counts.TALLIED)) for each in rays]
         beginnings = TallyBeginnings(tracing)
@@ -227,7 +231,7 @@ class LightTracer:
         `media` has the numbers of media at the second time.
         """
         straight = [unscattered(each, start) for each, start in zip(tracing, begun, strict=True)]
-        own = {medium: medium for medium in self.world.boxes}
+        own = {medium: medium for medium in self.world.fringed}
         fringes = [
             {medium: self._fringe(each, start, steps, number, medium, there.get(medium, medium)) for medium in own}
             for each, start, steps, there in zip(tracing, begun, straight, (own, media), strict=True)
@@ -240,12 +244,13 @@ class LightTracer:
 
     def _fringes(self, number: int, begun: LightPaths | None) -> Iterator[tuple[Key, Segments | None]]:
         """Yield segments of light straight from lamps that passes beside media, by their keys."""
-        if begun is None or not self.world.boxes:
+        media = [*self.world.fringed]
+        if begun is None or not media:
             return
         tracing = self.tracing(number)
-        only = next(iter(self.world.boxes)) if len(self.world.boxes) == 1 else None
+        only = media[0] if len(media) == 1 else None
         straight = unscattered(tracing, begun, None if only is None else entering(only))
-        for medium in self.world.boxes:
+        for medium in media:
             for step, (segments, there) in enumerate(self._fringe(tracing, begun, straight, number, medium, medium)):
                 yield (medium, step), paths.kept(there, segments)
 
@@ -254,11 +259,11 @@ class LightTracer:
     ) -> Iterator[tuple[Segments, Bool]]:
         """Yield segments beside a medium, which has the number `there` in the world of `tracing`."""
         rendered = next(each for each in self.world.media.all if each.number == medium)
-        if there not in tracing.world.boxes:
+        if there not in tracing.world.fringed:
             return iter(())
         limits = self._both_limits(number, rendered)[1]
         reentrant = there in tracing.world.reentrant
-        return fringe(tracing, begun, straight, there, tracing.world.boxes[there], limits, reentrant)
+        return fringe(tracing, begun, straight, there, tracing.world.fringed[there], limits, reentrant)
 
     def reach(self, cameras: Sequence[Sequence[Projection]]) -> Reach:
         """Return which part of the light straight from its emitters gets into fog, and is seen by the views of each."""
@@ -289,8 +294,6 @@ class LightTracer:
             surfaces = self.tuning.surfaces
             return Sightings.joined([camera.seen(segments, hits if surfaces else None) for segments, hits in steps])
 
-        if not self.world.apart:
-            return guide(self.emission.strata, seen, self.world)
         lines, straight = LightLines(self.world, views), self.tuning.max_bounces == 0 and not thorough
         return guide(self.emission.strata, seen, self.world, lambda each: lines.to_fog(each.emitter), straight)
 
@@ -315,7 +318,7 @@ class LightTracer:
                 self.named,
                 self.tuning.short,
                 free_paths,
-                self.world.boxes.get(medium.number),
+                self.world.fringed.get(medium.number),
                 medium.number in self.world.reentrant,
                 longest,
                 self.tuning.scatters and bool(self.world.surfaces.shapes()),

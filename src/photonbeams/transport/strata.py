@@ -138,7 +138,7 @@ def _stratum(
 ) -> Stratum:  # fmt: skip
     """Return the stratum of an emitter's paths, of which about `count` carry light."""
     world, lamp = emitter.world, emitter.lamp
-    radius = radius_from_infinity(lamp, count, tuning.overlap) if world.boxes else 0.0
+    radius = radius_from_infinity(lamp, count, tuning.overlap) if world.fringed else 0.0
     if radius:
         whole = PathEmitter(world, emitter.number, partial(tuning.bounds, radius), emitter.counts)
         emitter = whole if emitter.portal is None else whole.at(emitter.portal, emitter.through)

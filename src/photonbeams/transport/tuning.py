@@ -65,7 +65,7 @@ class Tuning:
         neighbours is too bright: in a medium of radius R by a part of σt r² / R, for beams of radius r.
         """
         given = self.radius or self.max_radius
-        if given or medium.number not in world.boxes:
+        if given or medium.number not in world.fringed:
             return given or np.inf
         extinction = medium.fullness * max(medium.medium.extinction)
         return float(np.sqrt(BLUR * world.radius_of(medium) / max(extinction, 1e-30)))
@@ -82,8 +82,8 @@ class Tuning:
 
     def bounds(self, radius: float, world: World) -> Bounds:
         """Return the bounds that light from infinity enters if the radius of its beams is this part of theirs."""
-        bounded = [(world.boxes[each.number], self.widest(world, each))
-                   for each in world.media.all if each.number in world.boxes]  # fmt: skip
+        bounded = [(world.fringed[each.number], self.widest(world, each))
+                   for each in world.media.all if each.number in world.fringed]  # fmt: skip
         return world.bounds.around(bounded, radius)
 
 

@@ -123,7 +123,6 @@ def world_of_scene(
         shapes=shown,
         blockers=_blockers(emitters, host, shown, like.blockers if like and still else {}),
         boxes=content.boxes,
-        sizes={own: 0.5 * float(np.linalg.norm(high - low)) for own, (low, high) in content.boxes.items()},
         reentrant=content.reentrant,
         numbers=numbers,
         drawn=description.drawn,

@@ -59,7 +59,7 @@ def world_of_plugin(
     own = emitters_of(plugin, beams or [scene.BeamSettings()] * len(plugin.emitters()), bounds)
     emitters = [each._replace(source=source) for each, source in zip(own, numbers or [0] * len(own), strict=True)]
     surroundings = Surroundings(plugin, media, places, eye)
-    open_ = [each for each in media.all if each.number not in surroundings.sizes and each.tracked is None]
+    open_ = [each for each in media.all if each.number not in surroundings.boxes and each.tracked is None]
     extent = max(radius, bounds.farthest(ends) if open_ else 0.0)
     if short:
         media.all = tuple(each.for_short_beams() for each in media.all)
@@ -71,7 +71,7 @@ def world_of_plugin(
         reach_from_infinity=scene.ESCAPE * extent / radius, perturbed=perturbs(plugin),
         translucent=translucent(plugin), mirrors=mirrors(plugin),
         boundaries=[each for each in plugin.shapes() if _goes_on(each)],
-        sizes=surroundings.sizes,
+        boxes=surroundings.boxes,
     )  # fmt: skip
 
 

@@ -90,9 +90,7 @@ class World:
     blockers
         For lights with shadow links: Mitsuba scenes without some of the surfaces, by the names of these.
     boxes
-        Boxes around media, by number, beside which light straight from lamps makes beams: see `transport.fringes`.
-    sizes
-        Radius of each medium, by number; a medium without an entry has the world's.
+        Boxes around media, by number; a medium without an entry is as large as the world.
     reentrant
         Numbers of the media that a line may leave and enter again.
     numbers
@@ -136,7 +134,6 @@ class World:
     shapes: Sequence[tuple[str, MiShape]] = ()
     blockers: Mapping[frozenset[str], Any] = field(default_factory=dict)
     boxes: Mapping[int, Box] = field(default_factory=dict)
-    sizes: Mapping[int, float] = field(default_factory=dict)
     reentrant: Collection[int] = frozenset()
     numbers: Mapping[str, int] = field(default_factory=dict)
     drawn: Sequence[DrawnBeams] = ()
@@ -186,9 +183,15 @@ class World:
         """Whether camera paths may continue somewhere: at a boundary of media, a mirror or glass."""
         return self.mirrors or bool(self.boundaries)
 
+    @property
+    def fringed(self) -> Mapping[int, Box]:
+        """Boxes around media beside which light straight from lamps makes beams: see `transport.fringes`."""
+        return self.boxes if self.apart else {}
+
     def radius_of(self, medium: RenderedMedium) -> float:
         """Return the radius of a medium, at most that of the region with everything in it."""
-        return min(self.sizes.get(medium.number, np.inf), self.extent)
+        low, high = self.boxes.get(medium.number, (np.zeros(3), np.full(3, np.inf)))
+        return min(0.5 * float(np.linalg.norm(high - low)), self.extent)
 
     def short_of_fog(self, emitters: Iterable[int]) -> list[int]:
         """Return those emitters at infinity whose beams, which begin around shapes, do not reach all endless fog."""
@@ -203,7 +206,7 @@ class World:
         Places outside of the bounds have none: an infinite distance. Where the scene itself goes on beyond the bounds,
         their light begins at Mitsuba's `distance`.
         """
-        if not any(each.number not in self.sizes and each.tracked is None for each in self.media.all):
+        if not any(each.number not in self.boxes and each.tracked is None for each in self.media.all):
             return Bool(False), distance
         inside = dr.maximum(self.bounds.behind(place, -direction), 0)
         over: Any = distance if self.fog_beyond else dr.select(self.bounds.holds(place), inside, dr.inf)

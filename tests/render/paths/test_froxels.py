@@ -34,7 +34,7 @@ def even(camera, medium, near, far, rng):
     begin = to_float(np.full(WIDTH * HEIGHT, near))
     deepest = 12 / max(min(medium.extinction), 1e-30)
     cells = Froxels.of(view.projection, rays.facing, begin, begin + to_float(length), deepest=deepest, blur=0.01 * far)
-    sums = FroxelSums([cells], [1], [1e-15])
+    sums = FroxelSums(view.projection, [cells], [1], [1e-15])
     # The volume element is z² dz for even slopes x / z and y / z; beyond the sides of the picture there is light, too.
     parallel = camera.projection == "orthographic"
     last = min(far, near + 8 / max(min(medium.extinction), 1e-30))  # deeper light is not seen
@@ -47,7 +47,7 @@ def even(camera, medium, near, far, rng):
     group = dr.zeros(UInt32, COUNT)
     sums.add(Array3f(places), Array3f(to_float(value)), group + 1, group, lambda toward, _: Array3f(1), ones)
     (table,) = cells.tables(medium, 0.01 * far, sums.of(0))
-    at = cells.seen(Array3f(rays.origin) + 2.0 * Array3f(rays.direction)).at
+    at = view.projection.seen(Array3f(rays.origin) + 2.0 * Array3f(rays.direction)).at
     return cells.radiance(table, at, to_float(length)).numpy(), length
 
 
@@ -76,7 +76,7 @@ def test_sums_do_not_depend_on_the_order_of_deposits(rng):
 
     def sums(order):
         cells = Froxels.of(view.projection, rays.facing, 0 * end, end, deepest=np.inf, blur=0.04)
-        found = FroxelSums([cells, cells], [1, 1], [1e-9])
+        found = FroxelSums(view.projection, [cells, cells], [1, 1], [1e-9])
         light = Array3f(value[order].T.copy())
         everywhere = dr.full(Bool, True, len(order))
         group = dr.zeros(UInt32, len(order))

@@ -44,19 +44,6 @@ Phase = Callable[[Array3f, Bool], Array3f]
 
 
 @dataclass(frozen=True)
-class SeenPlace:
-    """How a view sees places: where in the picture, in pixels, how deep and how far, and the way to the camera.
-
-    Places behind the camera have no positive depth.
-    """
-
-    at: Array2f
-    depth: Float
-    distance: Float
-    toward: Array3f
-
-
-@dataclass(frozen=True)
 class Froxels:
     """The cells of a view, (columns, rows, slabs), in one medium.
 
@@ -123,18 +110,6 @@ class Froxels:
             volume=np.zeros(0),
         )  # fmt: skip
         return replace(empty, volume=empty._volumes(facing))
-
-    # -- places ------------------------------------------------------------------------------------------------------
-
-    def seen(self, place: Array3f) -> SeenPlace:
-        """Return how the view sees places."""
-        pose, (sx, sy), (cx, cy) = self.view.poses[0], self.view.scale, self.view.center
-        q, offset = pose.to_camera(place), place - pose.origin
-        if self.view.orthographic:
-            return SeenPlace(Array2f(cx + sx * q.x, cy - sy * q.y), q.z, q.z, -pose.forward + 0 * offset)
-        inverse, distance = dr.rcp(dr.maximum(q.z, 1e-30)), dr.norm(offset)
-        toward = -offset * dr.rcp(dr.maximum(distance, 1e-30))
-        return SeenPlace(Array2f(cx + sx * q.x * inverse, cy - sy * q.y * inverse), q.z, distance, toward)
 
     @property
     def _ends(self) -> Array:
@@ -256,8 +231,17 @@ class Froxels:
 
 
 class _Cells(Struct):
-    """What deposits read of `Froxels`; where their keys and sums begin, and the `next` cells of the same medium."""
+    """What deposits read of `Froxels`; where their keys and sums begin, and the `next` cells of the same medium.
 
+    A place (x, y) in the picture of all cells is `finer` times it, less (`x`, `y`), in that of these, which has `width`
+    times `height` pixels.
+    """
+
+    finer: Float
+    x: Float
+    y: Float
+    width: UInt32
+    height: UInt32
     left: Float
     top: Float
     side: Float
@@ -274,23 +258,34 @@ class FroxelSums:
 
     Parameters
     ----------
+    view
+        The projection of a pinhole that sees the whole picture.
     froxels, media
-        The cells, and the numbers of their media: one may have several.
+        The cells in parts of that picture, and the numbers of their media: one may have several.
     units
         The least deposit of each light group. Sums are in these units: whole numbers have the same sum in any order.
     """
 
-    def __init__(self, froxels: Sequence[Froxels], media: Sequence[int], units: Sequence[float]) -> None:
-        self._view, self._units, self._keys = froxels[0], units, joined([each.keys for each in froxels])
+    def __init__(
+        self, view: Projection, froxels: Sequence[Froxels], media: Sequence[int], units: Sequence[float]
+    ) -> None:  # fmt: skip
+        self._view, self._units, self._keys = view, units, joined([each.keys for each in froxels])
         self._inverse, self._none = to_float([*(1 / each for each in units), 0]), dr.opaque(UInt32, len(froxels))
         sizes = [3 * len(units) * int(np.prod(each.shape)) for each in froxels]
         self._starts = np.cumsum([0, *sizes])
         heads, cells = np.full(max(media) + 2, len(froxels)), []
+        keys = np.cumsum([0, *(dr.width(each.keys) for each in froxels)])
         for number, (each, medium) in enumerate(zip(froxels, media, strict=True)):
-            own = _Cells()
-            numbers = (*each.corner, each.side, *each.shape[1:], number * dr.width(each.keys), self._starts[number])
-            for (name, kind), value in zip(_Cells.DRJIT_STRUCT.items(), (*numbers, heads[medium]), strict=False):
-                setattr(own, name, kind(int(value)))
+            own, there = _Cells(), each.view
+            own.finer = there.scale[0] / view.scale[0]
+            own.x, own.y = (own.finer * a - b for a, b in zip(view.center, there.center, strict=True))
+            numbers = {
+                "width": there.width, "height": there.height, "left": each.corner[0], "top": each.corner[1],
+                "side": each.side, "rows": each.shape[1], "columns": each.shape[2], "keys": keys[number],
+                "sums": self._starts[number], "next": heads[medium],
+            }  # fmt: skip
+            for name, value in numbers.items():
+                setattr(own, name, _Cells.DRJIT_STRUCT[name](int(value)))
             own.longest, heads[medium] = each.longest, number
             cells.append(own)
         self._cells, self._heads = pack(cells), to_uint(heads)
@@ -305,20 +300,19 @@ class FroxelSums:
         self, place: Array3f, value: Array3f, medium: UInt32, group: UInt32, phase: Phase, active: Bool
     ) -> None:  # fmt: skip
         """Deposit light at places, in media and of light groups, where the camera sees them."""
-        view = self._view.view
-        seen = self._view.seen(place)
-        at = seen.at
-        width, height = (dr.opaque(UInt32, each) for each in (view.width, view.height))
-        active &= (seen.depth > 0) & (at.x >= 0) & (at.y >= 0) & (at.x < Float(width)) & (at.y < Float(height))
+        view, seen = self._view, self._view.seen(place)
+        active &= seen.depth > 0
         key, light = _key(view, seen.depth), value * dr.gather(Float, self._inverse, group)
 
         def deposit(number: UInt32) -> tuple[UInt32]:
             cells = dr.gather(_Cells, self._cells, number)
-            near, far, meets = self._keys_at(at, cells.keys)
+            at = cells.finer * seen.at - Array2f(cells.x, cells.y)
+            inside = (at.x >= 0) & (at.y >= 0) & (at.x < Float(cells.width)) & (at.y < Float(cells.height))
+            near, far, meets = self._keys_at(dr.select(inside, at, 0), cells)
             # Along a line of sight, distances are in proportion to depths.
             begin = -near if view.orthographic else seen.distance * key * dr.rcp(near)
             slab = _slab(seen.distance - begin, cells.longest)
-            inside = (meets > 0) & (key < near) & (key > far) & (slab < _SLABS)
+            inside &= (meets > 0) & (key < near) & (key > far) & (slab < _SLABS)
             x, y = (
                 UInt32(dr.maximum(each - begin, 0) / cells.side)
                 for each, begin in ((at.x, cells.left), (at.y, cells.top))
@@ -335,13 +329,12 @@ class FroxelSums:
         head = dr.gather(UInt32, self._heads, medium, active)
         dr.while_loop((head,), lambda number: active & (number < self._none), deposit, label="cells")
 
-    def _keys_at(self, at: Array2f, first: UInt32) -> Array3f:
-        """Return keys at places in the picture: those of planes are linear there.
+    def _keys_at(self, at: Array2f, cells: _Cells) -> Array3f:
+        """Return keys at places in the picture of cells: those of planes are linear there.
 
         Beside a ray that does not meet the medium they are those of the place's own pixel.
         """
-        view = self._view.view
-        width, height = (dr.opaque(UInt32, each) for each in (view.width, view.height))
+        width, height, first = cells.width, cells.height, cells.keys
         own = dr.gather(Array3f, self._keys, first + UInt32(at.y) * width + UInt32(at.x))
         # Beyond the middles of the outermost pixels planes go on.
         ends = [dr.maximum(size, 2) - 2 for size in (width, height)]

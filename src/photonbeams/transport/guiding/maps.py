@@ -84,6 +84,18 @@ class GuidingMap:
         place = np.minimum(low + size * inside, np.nextafter(np.float32(1), np.float32(0)))
         return place.astype(np.float32), stretch
 
+    def evened(self, uniform: float) -> GuidingMap:
+        """Return a map with the mean of this one's density and 1, which has the weight `uniform`."""
+        part, volume = np.ones(len(self.axis)), np.ones(len(self.axis))
+        boxes = np.zeros(1, dtype=np.int64)
+        while len(boxes := boxes[self.axis[boxes] >= 0]):
+            lower, own = self.child[boxes], self.fraction[boxes]
+            part[lower], part[lower + 1] = part[boxes] * own, part[boxes] * (1 - own)
+            volume[lower] = volume[lower + 1] = 0.5 * volume[boxes]
+            boxes = np.concatenate([lower, lower + 1])
+        even = uniform * volume + (1 - uniform) * part
+        return replace(self, fraction=np.where(self.axis < 0, 1, even[self.child] / even))
+
     def density(self, points: Array) -> Array:
         """Return the density of images at `points`, (N, 4)."""
         return 1 / self.stretches(points).prod(axis=1)

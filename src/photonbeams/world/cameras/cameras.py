@@ -161,6 +161,11 @@ class View:
         window = Window.full(side, side)
         return [View(each, window) for each in panoramas.faces(self.camera, wider)]
 
+    def part(self, corners: tuple[int, int, int, int], finer: int) -> View:
+        """Return a part (x0, y0, x1, y1) of the whole picture, in pixels that are smaller by a factor."""
+        own = self.window
+        return View(self.camera, replace(own, width=finer * own.width, height=finer * own.height, crop=corners))
+
     def whole(self) -> View:
         """Return the same camera with a window of the whole picture."""
         return View(self.camera, self.window.whole())
@@ -194,7 +199,7 @@ class View:
         own: Any = None
         seen = self._seen(x, y)
         if self.camera.panoramic and sample is not None:
-            square, time = sample(self._whole(lane_of(column, row, dr.opaque(UInt32, view.columns))))
+            square, time = sample(self._whole(lane_of(column, row, view.counts.columns)))
             origin, direction, facing = self._film(x, y, square, time)
             dr.eval(origin, direction, facing, time)
             return CameraRays(origin, direction, facing, times=time, seen=seen)
@@ -207,7 +212,7 @@ class View:
         if some is None:
             own, _, _ = self._film(Float(self._center[0]), Float(self._center[1]), square, time)
             own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
-        group = lane_of(column, row, dr.opaque(UInt32, view.columns))
+        group = lane_of(column, row, view.counts.columns)
         origin, direction, facing = self._film(x, y, *sample(self._whole(group)))
         dr.eval(own, time, origin, direction, facing)
         return CameraRays(origin, direction, facing, own, time)
@@ -257,7 +262,7 @@ class View:
         lens = self.projection.lens
         if lens is None or sample is None:
             return None
-        group = lane_of(*self.pixels(some), dr.opaque(UInt32, self.projection.columns))
+        group = lane_of(*self.pixels(some), self.projection.counts.columns)
         place = disk(Array2f(sample(self._whole(group))[0])) * lens[0]
         return place.x, place.y, lens[1]
 

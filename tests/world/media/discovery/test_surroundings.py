@@ -106,7 +106,7 @@ def test_a_window_tells_what_is_on_both_of_its_sides():
     assert around(load(**parts, sensor=camera(**INSIDE))) == (number(medium), number(medium))
     found = surveyed(load(**parts, sensor=camera(**OUTSIDE)))
     # The medium is as large as the scene, not as the window.
-    assert found.everywhere == 0 and not found.sizes
+    assert found.everywhere == 0 and not found.boxes
 
 
 def two_rooms(lamp, eye, medium, walls):
@@ -139,7 +139,7 @@ def test_fog_in_one_of_two_rooms_is_behind_its_door(lamp, eye):
         scene = two_rooms(lamp, eye, medium, walls)
         assert around(scene) == tuple(number(medium) if each < 0 else 0 for each in (lamp, eye))
         found = surveyed(scene)
-        assert found.everywhere == 0 and not found.conflicts and not found.sizes
+        assert found.everywhere == 0 and not found.conflicts and not found.boxes
 
 
 def test_rooms_look_the_same_whether_or_not_their_walls_name_the_fog():
@@ -164,7 +164,7 @@ def test_fog_that_a_lamp_names_in_the_open_fills_the_space():
     found = surveyed(scene)
     assert found.everywhere == number(medium) and around(scene) == (number(medium),) * 2
     # A medium without a size is as large as the scene.
-    assert not found.sizes
+    assert not found.boxes
     frame = begin(scene, scene.sensors()[0], by_beams(beams=64, guiding=False))
     assert frame.light.world.radius_of(frame.light.world.media.all[0]) == pytest.approx(9 * np.sqrt(2), rel=0.02)
 
@@ -175,7 +175,8 @@ def test_fog_of_a_tank_does_not_fill_the_space():
         light = {**POINT, "position": [0.2, 0.3, 0.1], **({} if named is None else {"medium": named})}
         found = surveyed(load(tank=cube_of(medium), light=light, sensor=camera()))
         assert found.everywhere == 0
-        assert found.sizes == {number(medium): pytest.approx(np.sqrt(3), rel=1e-6)}
+        assert [*found.boxes] == [number(medium)]
+        np.testing.assert_allclose(found.boxes[number(medium)], [[-1, -1, -1], [1, 1, 1]], rtol=1e-6)
 
 
 def test_light_of_a_lamp_begins_in_the_medium_at_its_own_place():

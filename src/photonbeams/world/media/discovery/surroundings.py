@@ -1,4 +1,4 @@
-"""Find the media around emitters and the sensor, the medium of the background, and the sizes of media.
+"""Find the media around emitters and the sensor, the medium of the background, and the boxes around media.
 
 The media that emitters, sensors and shapes name are taken as stated. Where they name none, random walks find them: a
 walk stays in one medium while surfaces reflect it, or while it passes surfaces that name no media, so the first
@@ -18,12 +18,13 @@ from ....numerics.arrays import to_numpy
 from ....numerics.sampling import pairs, sobol_points
 from ....runtime.device import Array3f, Float, UInt32, mitsuba
 from ....scene import Array
+from ...bounds import Box
 from ...emission import entry_sphere, sampled_ray
 from ...shadow_rays import size_of
 from ..interfaces import UNKNOWN, medium_at, number
 from ..media import Media
 from .probes import Probes, walk
-from .survey import RARE, background, media_inside, radii, rays_from_outside
+from .survey import RARE, background, held, media_inside, rays_from_outside
 
 if TYPE_CHECKING:
     from ....runtime.mitsuba_types import MiEmitter, MiMedium, MiScene, MiSensor
@@ -80,8 +81,8 @@ class Surroundings:
     ----------
     everywhere
         The number of the medium that fills the background; 0 if none does.
-    sizes
-        Radius of each medium, by its number; media as large as the scene have no entry.
+    boxes
+        Boxes around the shapes that hold each medium, by its number; media as large as the scene have no entry.
     conflicts
         Sentences about emitters and sensors that name another medium than the shapes around them.
     """
@@ -89,7 +90,7 @@ class Surroundings:
     def __init__(self, plugin: MiScene, media: Media, emitters: Sequence[Place], sensor: Place | None = None) -> None:
         self._scene, self._size = plugin, size_of(plugin)
         places = [*emitters, *([] if sensor is None else [sensor])]
-        self.everywhere, self.sizes, self.conflicts = 0, dict[int, float](), list[str]()
+        self.everywhere, self.boxes, self.conflicts = 0, dict[int, Box](), list[str]()
         self._names = {each.number: each.plugin.id() or each.plugin.class_name() for each in media.all}
         self._answers = [_Around(0)] * len(places)
         if media.all and plugin.shapes():
@@ -121,7 +122,7 @@ class Surroundings:
         asking, onward = (walk(self._scene, origin, direction, rng, self._size, each) for each in (False, True))
         bounds = np.cumsum([0, *(len(each.origin) for each in places)]).tolist()
         self.everywhere = background(asking.part(bounds[-1], None), [each.named for each in places], inside)
-        self.sizes = {own: size for own, size in radii(self._scene).items() if own != self.everywhere}
+        self.boxes = {own: box for own, box in held(self._scene).items() if own != self.everywhere}
         self._answers = []
         for index, (place, *part) in enumerate(zip(places, bounds[:-1], bounds[1:], strict=True)):
             if place.named is not None:

@@ -1,4 +1,4 @@
-"""The medium of a scene's background, and the sizes of its media."""
+"""The medium of a scene's background, and the boxes around its media."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ....runtime.device import mitsuba
 from ....scene import Array
-from ...bounds import box_around, box_of
+from ...bounds import Box, box_around, box_of
 from ..interfaces import UNKNOWN, number
 from ..parts import boxes, parts
 from .probes import Probes, normalized, random_directions
@@ -68,8 +68,8 @@ def media_inside(plugin: MiScene) -> set[int]:
     return {number(each.interior_medium()) for each in parts(plugin, mi.Shape)} - {0}
 
 
-def radii(plugin: MiScene) -> dict[int, float]:
-    """Return half the diagonal of the box around the shapes that hold each medium.
+def held(plugin: MiScene) -> dict[int, Box]:
+    """Return the box around the shapes that hold each medium.
 
     A medium that no shape holds, or only a flat one such as the window of a room, has no entry.
     """
@@ -77,7 +77,7 @@ def radii(plugin: MiScene) -> dict[int, float]:
     for own, box in boxes(plugin.shapes()).items():
         low, high = _corners(box)
         if (high - low).min() > _FLAT * (high - low).max():
-            result[own] = 0.5 * float(np.linalg.norm(high - low))
+            result[own] = low, high
     return result
 
 
