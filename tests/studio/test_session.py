@@ -148,6 +148,9 @@ def test_edits_are_read_from_their_file_and_saved_to_it(stage, tmp_path):
         (INTENSITY, "bright", "expected a finite number"),
         (INTENSITY, float("nan"), "expected a finite number"),
         (INTENSITY, True, "expected a finite number"),
+        (INTENSITY, 10**400, "expected a finite number"),
+        (TINT, [1.0, -(10**5000), 1.0], "expected a finite number"),  # Python refuses to print so many digits
+        ("/World/Lamp.photonbeams:count", 10**400, "expected a whole number"),
         (TINT, [1.0, 2.0], "expected 3 numbers"),
         (TINT, 1.0, "expected 3 numbers"),
         ("/World/Lamp.photonbeams:count", 1.5, "expected a whole number"),

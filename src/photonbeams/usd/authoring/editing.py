@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...runtime.files import check_kept
-from ...scene import SceneError
+from ...scene import SceneError, shown
 from ..common.openusd import Ar, Gf, Sdf, Sdr, Tf, Usd, UsdGeom, UsdShade, UsdUtils
 from ..common.reading import file_of, quiet
 from ..layers.writing import why_no_layer, write_layer
@@ -102,7 +102,7 @@ class EditLayer:
 
         def targets() -> list[Sdf.Path]:
             if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
-                raise SceneError(f"{path} is {value!r}: expected a list of paths")
+                raise SceneError(f"{path} is {shown(value)}: expected a list of paths")
             return _targets(",".join(value), text)
 
         def converted(kind: Sdf.ValueTypeName) -> Any:
@@ -308,25 +308,25 @@ def _converted(value: Any, kind: Sdf.ValueTypeName, path: str) -> Any:
     default = kind.defaultValue
     if kind.isArray:
         if not isinstance(value, list):
-            raise SceneError(f"{path} is {value!r}: expected a list")
+            raise SceneError(f"{path} is {shown(value)}: expected a list")
         return [_converted(each, kind.scalarType, path) for each in value]
     if isinstance(default, Gf.Vec2f | Gf.Vec3f | Gf.Vec4f | Gf.Vec2d | Gf.Vec3d | Gf.Vec4d):
         if isinstance(value, list) and len(value) == len(default):
             return type(default)(*(_converted(each, Sdf.ValueTypeNames.Double, path) for each in value))
-        raise SceneError(f"{path} is {value!r}: expected {len(default)} numbers")
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+        raise SceneError(f"{path} is {shown(value)}: expected {len(default)} numbers")
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 3e38
     expected: dict[type, tuple[str, bool]] = {
         bool: ("true or false", isinstance(value, bool)),
         str: ("a text", isinstance(value, str)),
         Sdf.AssetPath: ("the path of a file", isinstance(value, str)),
         int: ("a whole number", is_number and isinstance(value, int) and abs(value) < 1 << 31),
-        float: ("a finite number", is_number and abs(value) < 3e38),
+        float: ("a finite number", is_number),
     }
     if type(default) not in expected:
         raise SceneError(f"{path} is of type {kind}: expected one of numbers, text or files, which can be edited here")
     text, fits = expected[type(default)]
     if not fits:
-        raise SceneError(f"{path} is {value!r}: expected {text}")
+        raise SceneError(f"{path} is {shown(value)}: expected {text}")
     return type(default)(value)
 
 
