@@ -12,6 +12,7 @@ from photonbeams.images.files import read_layers
 from photonbeams.images.frame import tile_of
 from photonbeams.render.frame import FrameRenderer
 from tests.helpers.commands import fails, same
+from tests.helpers.frames import write_frame
 from tests.helpers.small_stage import CAMERA, FILL, FLOOR, FOG, KEY, write_stage
 from tests.helpers.sweep import sweep
 
@@ -153,6 +154,13 @@ def test_tiles_that_do_not_belong_together_are_refused(call, render, stage, out)
         1,
         "the tile is 1/4: 48 rows make up to 3, of 16 rows each",
     )
+
+
+def test_pixels_beyond_tiles_are_counted_in_windows_of_any_size(call, tmp_path):
+    window = {"displayWindow": (0, 0, 69_999, 69_999), "dataWindow": (0, 0, 7, 3)}  # more pixels than 32 bits hold
+    write_frame(tmp_path / "a.exr", {"rgba": np.ones((4, 8, 4), np.float32)}, window)
+    code, _, stderr = call("merge", tmp_path / "a.exr", "-o", tmp_path / "x.exr")
+    assert code == 0 and "4,899,999,968 of 4,900,000,000 pixels of the picture are beyond these tiles" in stderr
 
 
 def test_snapshots_show_what_is_done_and_go_when_the_frame_is_there(render, stage, out, monkeypatch):

@@ -104,8 +104,8 @@ def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, partial: bo
             "%s: %s of %s pixels are in no tile and stay black", outputs[0].path, f"{pixels - covered:,}", f"{pixels:,}"
         )
     header = exr_parts(outputs[0].path, header_only=True)[0].header
-    (left, top), (right, bottom) = header["displayWindow"]
-    whole = int((right + 1 - left) * (bottom + 1 - top))
+    (left, top), (right, bottom) = (map(int, corner) for corner in header["displayWindow"])  # NumPy's would overflow
+    whole = (right + 1 - left) * (bottom + 1 - top)
     if pixels < whole:
         logging.getLogger("photonbeams").warning(
             "%s: %s of %s pixels of the picture are beyond these tiles: expected all tiles, unless it is a crop",
