@@ -1,6 +1,7 @@
 """Files that Mitsuba scenes name: they are checked before Mitsuba opens them."""
 
 import os
+import re
 import struct
 import zlib
 from types import MappingProxyType
@@ -93,6 +94,7 @@ BALL = {"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": {"type": "b
         (deep(), "holds objects in objects, more than 200 deep: expected fewer"),
         ({"type": 3}, "type is 3: expected text"),
         ({"type": "scene", "ball": {"type": ["sphere"]}}, "ball.type is ['sphere']: expected text"),
+        ({"type": "scene", "ball": {"type": "ref", "id": 3}}, "ball.id is 3: expected text"),
         ({"type": "scene", "a\udc80": 1.0}, "a\\udc80 is not in UTF-8: expected text"),
         ({"type": "scene", "ball": {**BALL, "center": [0, None, 0]}}, "center is [0, None, 0]: expected no None in it"),
         (loop(), "holds objects in objects, more than 200 deep: expected fewer"),
@@ -103,6 +105,30 @@ def test_dictionaries_that_mitsuba_would_crash_on_are_refused(scene, problem):
     with pytest.raises(SceneError) as error:
         pb.Shot(scene)
     assert str(error.value).startswith("a scene's dictionary: ") and str(error.value).endswith(problem)
+
+
+def test_data_in_memory_that_mitsuba_would_crash_on_are_refused():
+    mi = mitsuba()
+    picture = mi.Bitmap(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, [4, 0])
+    for kind, name, value, problem in (
+        (
+            "gridvolume",
+            "data",
+            mi.TensorXf(np.zeros((0, 1, 1, 1))),
+            "is empty, of the shape (0, 1, 1, 1): expected one",
+        ),
+        (
+            "gridvolume",
+            "grid",
+            mi.VolumeGrid(np.zeros((2, 3, 0, 1), np.float32)),
+            "is empty, of the shape (0, 3, 2, 1)",
+        ),
+        ("bitmap", "bitmap", picture, "is empty, of the shape (4, 0, 3)"),
+        ("envmap", "bitmap", picture, "is empty, of the shape (4, 0, 3)"),
+        ("ellipsoids", "centers", mi.TensorXf(np.zeros(6)), "is of the shape (6,): expected a tensor with a row for"),
+    ):
+        with pytest.raises(SceneError, match=re.escape(f"own.{name} {problem}")):
+            pb.Shot({"type": "scene", "own": {"type": kind, name: value}})
 
 
 def test_a_mark_before_a_comment_hides_nothing(tmp_path):

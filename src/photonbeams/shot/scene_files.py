@@ -1,7 +1,7 @@
-"""Checks of files that Mitsuba scenes refer to, before Mitsuba reads them.
+"""Checks of files and dictionaries that Mitsuba scenes refer to, before Mitsuba reads them.
 
 Mitsuba opens whatever a scene names: it waits forever for a named pipe, reads a device until memory ends, and allocates
-what the header of a file claims. Some files, such as a grid without cells, make it end the process.
+what the header of a file claims. Some data, such as a grid without cells, make it end the process.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ _MOST_FILES = 1000  # that a scene includes, directly or through others
 _MOST_HEADER = 1 << 20  # bytes of a mesh's header
 _MOST_LOBES = 1000
 _OF_BITMAPS = ("filename", "bitmap", "data")  # without one of these, Mitsuba ends the process
+_ROWS = ("centers", "scales", "quaternions")  # of ellipsoids, in rows: of other tensors, Mitsuba ends the process, too
 _IMAGES = ("bitmap", "envmap", "projector", "volume")
 _GRIDS = ("gridvolume", "sdfgrid")
 _MESHES = ("obj", "ply", "serialized")
@@ -127,10 +128,22 @@ def _problem_of(name: object, value: object) -> str:
         return "is None: expected a value, or leave it out"
     if isinstance(value, list | tuple) and any(each is None for each in value):
         return f"is {shown(value)}: expected no None in it"
-    if name == "type" and not isinstance(value, str):
+    if name in ("type", "id") and not isinstance(value, str):
         return f"is {shown(value)}: expected text"
+    if 0 in (shape := _shape(value)):
+        return f"is empty, of the shape {shape}: expected one number or more"
+    if name in _ROWS and len(shape) < 2:
+        return f"is of the shape {shape}: expected a tensor with a row for each ellipsoid"
     texts = (each for each in (name, value) if isinstance(each, str))
     return "is not in UTF-8: expected text" if any(map(_SURROGATE.search, texts)) else ""
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    """Return the shape of an array, or of an image or a grid of Mitsuba's, () for other values."""
+    mi = mitsuba()
+    if isinstance(value, mi.Bitmap | mi.VolumeGrid):
+        return (*value.size(), value.channel_count())
+    return tuple(getattr(value, "shape", ()))
 
 
 def _check_parsed(path: Path | str, state: Any, folders: Sequence[Path]) -> None:
