@@ -145,6 +145,10 @@ def test_a_file_that_was_changed_later_is_not_covered(begin, kept, caplog):
     os.utime(kept, (1, 1))
     again = begin()
     assert again.value() == 9.0 and not again.restored and kept.exists() and "older" in caplog.text
+    ignored = kept.read_text()
+    again.set({INTENSITY: 5.0})
+    again.close()
+    assert kept.read_text() == ignored and "intensity = 5" in kept.with_name(f"{kept.name}2").read_text()
 
 
 @pytest.mark.parametrize("content", [b"", b"#usda 1.0\nover {", b"\xff\xfe\x00", b"no layer at all"])
@@ -157,10 +161,8 @@ def test_an_autosave_that_cannot_be_read_is_left_out(begin, kept, content):
     assert begin().value() == 3.0
 
 
-def test_a_folder_that_cannot_be_written_is_told_once_and_edits_go_on(begin, kept, caplog):
-    kept.mkdir()  # a file cannot replace a folder that is not empty
-    (kept / "in it").write_text("")
-    edits = begin()
+def test_a_name_too_long_for_an_autosave_is_told_once_and_edits_go_on(begin, tmp_path, caplog):
+    edits = begin(tmp_path / f"{'l' * 245}.usda")
     with caplog.at_level(logging.WARNING, logger="photonbeams"):
         for value in (2.0, 3.0):
             edits.set({INTENSITY: value})
@@ -207,3 +209,34 @@ def test_two_studios_with_one_file_have_an_autosave_each(begin, kept, caplog):
     assert begin().value() == 3.0 and f"{other} holds unsaved edits of another studio" in caplog.text
     second.save()
     assert kept.exists() and not other.exists()
+
+
+def test_a_studio_does_not_remove_what_another_one_that_lives_keeps(begin, kept):
+    first = begin()
+    first.set({INTENSITY: 3.0})
+    first._autosave._now()
+    second = begin()
+    assert second.restored and second.undo() and second.is_saved
+    second.close()
+    assert "intensity = 3" in kept.read_text()  # also if the first studio is killed here
+
+    third = begin()
+    third.set({INTENSITY: 4.0})
+    third._autosave._now()
+    first.discard()
+    assert not kept.exists()
+    third.close()  # its own is the second one, also without a first one
+    other = kept.with_name(f"{kept.name}2")
+    last = begin()
+    assert last.value() == 4.0 and last.restored
+    last.discard()
+    assert not kept.exists() and not other.exists()
+
+
+def test_unsaved_edits_whose_autosave_is_gone_are_kept_when_the_studio_ends(begin, kept):
+    edits = begin()
+    edits.set({INTENSITY: 3.0})
+    edits._autosave._now()
+    kept.unlink()
+    edits.close()
+    assert begin().value() == 3.0

@@ -177,6 +177,24 @@ def failure_of(path: Path, message: str) -> OSError:
     return OSError(errno.EIO, f"cannot be written ({message.strip().partition(chr(10))[0] or 'for no reason given'})")
 
 
+def locked(path: PathLike) -> IO[bytes] | None:
+    """Open a file, and lock it until it is closed or this process ends; None if somebody else has locked it.
+
+    Where files cannot be locked, as on some network disks and on Windows, it is only opened.
+    """
+    file = open(path, "r+b")  # noqa: SIM115 (the caller closes it)
+    try:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        return None
+    except (ImportError, OSError):
+        pass
+    return file
+
+
 def place_of(path: PathLike) -> object:
     """Return what all names of a file have in common, those by links and by other folders, too."""
     try:

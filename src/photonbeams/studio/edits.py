@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import re
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from hashlib import sha256
-from itertools import count, takewhile
+from itertools import chain, count
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import IO, Any, Literal, TypeAlias, TypeVar
 
-from ..runtime.files import PathLike, place_of, write_bytes
+from ..runtime.files import PathLike, locked, place_of, write_bytes
 from ..runtime.inputs import content
 from ..scene import SceneError
 from ..usd.authoring.editing import EMPTY, EditLayer
@@ -51,7 +52,9 @@ def _autosaves(path: Path) -> Iterator[Path]:
 
 
 def _existing(path: Path) -> list[Path]:
-    return [*takewhile(Path.exists, _autosaves(path))]
+    """Return the autosaves that exist for a file of edits, in any order and with gaps."""
+    name = re.escape(autosave_path(path).name)
+    return [each for each in path.parent.glob("*") if re.fullmatch(rf"{name}\d*", each.name) and each.exists()]
 
 
 def _text(path: Path) -> str | None:
@@ -61,9 +64,25 @@ def _text(path: Path) -> str | None:
     return None
 
 
+def _newest(path: Path) -> tuple[Path, str | None]:
+    """Return the newest autosave of a file, and its text, None if there is none or it is older than the file."""
+    there = sorted(_existing(path), key=lambda each: each.stat().st_mtime, reverse=True)
+    newest, *others = there or [autosave_path(path)]
+    text = _text(newest)
+    if text is None:
+        return newest, None
+    for each in others:
+        LOG.warning("%s holds unsaved edits of another studio, which are not restored", each)
+    with suppress(OSError):
+        if os.path.exists(path) and path.stat().st_mtime > newest.stat().st_mtime:
+            LOG.warning("%s is older than %s: its edits are not restored", newest, path.name)
+            return newest, None
+    return newest, text
+
+
 def _version(path: Path | None) -> str:
     """Return a hash of a file's content, "" if there is no file."""
-    if path is None or not path.exists():
+    if path is None or not os.path.exists(path):
         return ""
     try:
         return sha256(content(path)).hexdigest()
@@ -87,13 +106,15 @@ def _copy_of(path: Path) -> Path:
 class Autosave:
     """Writes and removes the autosave of edits, in a thread of its own.
 
-    `unsaved` returns the file of the edits, None if there is none, and their text, None if everything is saved.
+    `unsaved` returns the file of the edits, None if there is none, and their text, None if everything is saved. Own is
+    an autosave that is held here: opened and locked, so that other studios neither write nor remove it while this one
+    lives, and the next one can when it is closed or killed.
     """
 
     def __init__(self, unsaved: Callable[[], tuple[Path | None, str | None]]) -> None:
         self._unsaved = unsaved
         self._timer: threading.Timer | None = None
-        self._kept: str | None = None  # what was written or found last: other text is another studio's
+        self._held: IO[bytes] | None = None
         self._closed, self._failed = False, False
         self._state = threading.Lock()  # of the timer
         #: Held while files are written or removed: no autosave of older edits may be written after the file itself.
@@ -111,51 +132,58 @@ class Autosave:
         """Write unsaved edits; if everything is saved, remove the autosave."""
         with self.files:
             with self._state:
+                if self._timer is not None:
+                    self._timer.cancel()
                 self._timer = None
-            path, text = self._unsaved()
+            path, text = (None, None) if self._closed else self._unsaved()
             if path is None or text is None:
                 self.remove(path)
                 return
-            target = next(each for each in _autosaves(path) if not each.exists() or _text(each) == self._kept)
+            free = (each for each in _autosaves(path) if not os.path.exists(each))
+            target = next(chain(self._own(path), free))
+            if _text(target) == text:
+                return
+            self._release()  # some systems replace no file that is open
             try:
                 write_bytes(target, text.encode())
-                self._kept = text
             except OSError as error:
                 if not self._failed:
                     LOG.warning("unsaved edits cannot be kept in %s: %s", target, error.strerror or error)
                 self._failed = True
+            self.hold(target)
 
-    def found(self, path: Path) -> str | None:
-        """Return the text of a file's autosave, None if there is none or it is older than the file."""
-        there = sorted(_existing(path), key=lambda each: each.stat().st_mtime, reverse=True)
-        kept, *others = there or [autosave_path(path)]
-        self._kept = _text(kept)
-        if self._kept is None:
-            return None
-        for each in others:
-            LOG.warning("%s holds unsaved edits of another studio, which are not restored", each)
-        with suppress(OSError):
-            if path.exists() and path.stat().st_mtime > kept.stat().st_mtime:
-                LOG.warning("%s is older than %s: its edits are not restored", kept, path.name)
-                return None
-        return self._kept
+    def hold(self, autosave: Path) -> None:
+        """Make an autosave the own one, unless another studio holds it."""
+        self._release()
+        with suppress(OSError):  # it is another user's, or could not be written
+            self._held = locked(autosave)
+
+    def _release(self) -> None:
+        if self._held is not None:
+            self._held.close()
+            self._held = None
+
+    def _own(self, path: Path) -> list[Path]:
+        """Return the own autosave of a file of edits, if it exists."""
+        if self._held is None:
+            return []
+        status = os.fstat(self._held.fileno())
+        return [each for each in _existing(path) if place_of(each) == (status.st_dev, status.st_ino)]
 
     def remove(self, *paths: Path | None) -> None:
-        """Remove the autosaves of files, if they exist."""
+        """Remove the own autosaves of files, if they exist."""
         with self.files:
             for path in paths:
-                for each in () if path is None else _existing(path):
-                    if _text(each) == self._kept:
-                        with suppress(OSError):
-                            each.unlink()
+                for each in () if path is None else self._own(path):
+                    with suppress(OSError):
+                        each.unlink()
 
     def close(self) -> None:
         """Write unsaved edits now, and nothing later."""
-        with self._state:
-            timer, self._timer, self._closed = self._timer, None, True
-        if timer is not None:
-            timer.cancel()
+        with self.files:
             self._now()
+            self._closed = True
+            self._release()
 
 
 class Edits:
@@ -187,7 +215,7 @@ class Edits:
         self._autosave = Autosave(self._unsaved)
         if self.path is not None:
             layer.check(self.path)
-            if self.path.exists():
+            if os.path.exists(self.path):
                 layer.load(self.path)
         self._past: list[str] = []
         self._future: list[str] = []
@@ -198,21 +226,22 @@ class Edits:
 
     def _restore(self, path: Path) -> bool:
         """Restore the edits of an autosave, as a step that can be undone; return whether there are any."""
-        text = self._autosave.found(path)
-        if text is None or text == self._saved:
+        autosave, text = _newest(path)
+        if text is None:
             return False
         try:
             self._layer.replace(text)
         except SceneError:
-            LOG.warning("%s cannot be read: expected the autosave of unsaved edits", autosave_path(path))
+            LOG.warning("%s cannot be read: expected the autosave of unsaved edits", autosave)
             return False
+        self._autosave.hold(autosave)
         if self.is_saved:
             return False
         over = _OVER.search(text)
         if over is not None and over[1] != self._version:  # the file was changed while there were unsaved edits
             self._version, self._base = over[1], _unquoted(over[2])
         self._past = [self._saved]
-        LOG.warning("unsaved edits are restored from %s", autosave_path(path))
+        LOG.warning("unsaved edits are restored from %s", autosave)
         return True
 
     def set(self, values: Mapping[str, Any], step: str | None = None) -> None:
