@@ -121,6 +121,67 @@ def test_only_the_first_of_several_connections_is_missed(read, image):
     assert not read(painted.replace("</gone.outputs:rgb>", both), (1,)).missing_at(1)
 
 
+def painted(image, source, *lines):
+    """Return a mesh whose colour is connected to a source, with more lines in its material."""
+    found = TEXTURE.replace("gone.png", str(image("a.png", [[[1, 1, 1]]]))).replace(
+        "Paint/Image.outputs:rgb>", f"{source}>"
+    )
+    return LAMP + found.replace('"Paint"\n{', "\n".join(('"Paint"\n{', *lines, "")))
+
+
+def graph(own, inner):
+    """Return a node graph with another one in it, and what their outputs are connected to."""
+    own, inner = (each and f".connect = </Paint/{each}>" for each in (own, inner))
+    return f"""def NodeGraph "Graph" {{
+        color3f outputs:out{own}
+        def NodeGraph "In" {{
+            color3f outputs:out{inner}
+        }}
+    }}"""
+
+
+@pytest.mark.parametrize(
+    ("source", "lines", "expected"),
+    [
+        ("Paint.inputs:a", [f"color3f inputs:{a}.connect = </Paint.inputs:{b}>" for a, b in ("ab", "ba")], "no loop"),
+        ("Paint/Surface.inputs:diffuseColor", [], "no loop"),
+        ("Paint/Graph.outputs:out", [graph("", "")], "an output that is connected"),
+        (
+            "Paint/Graph.outputs:out",
+            [graph("", "").replace("out\n", "out.connect = None\n")],
+            "an output that is connected",
+        ),
+        ("Paint/Graph.outputs:out", [graph("Graph/In.outputs:out", "Graph.outputs:out")], "no loop"),
+        ("Paint/Graph.outputs:out", [graph("Graph/In.outputs:out", "")], "an output that is connected"),
+        ("Paint/Image.inputs:file", [], "an output of a shader, or an input of a material or a graph"),
+        ("Floor.points", [], "an output of a shader, or an input of a material or a graph"),
+        ("Lamp.inputs:color", [], "an output of a shader, or an input of a material or a graph"),
+    ],
+)
+def test_a_connection_that_leads_to_no_value_is_told(read, image, source, lines, expected):
+    (missing,) = read(painted(image, source, *lines), (1,)).missing_at(1)
+    assert f": expected {expected}; it is ignored" in missing
+
+
+@pytest.mark.parametrize(
+    ("source", "lines"),
+    [
+        ("Paint.inputs:a", ["color3f inputs:a"]),  # the shader's own default
+        ("Paint.inputs:a", ["color3f inputs:a = (0, 0, 1)"]),
+        (
+            "Paint.inputs:a",
+            ["color3f inputs:a.connect = </Paint/Graph.outputs:out>", graph("Image.outputs:rgb", "")],
+        ),
+        (
+            "Paint/Graph.outputs:out",
+            [graph("Graph/In.outputs:out", "Graph.inputs:a").replace("{", "{ color3f inputs:a", 1)],
+        ),
+    ],
+)
+def test_a_connection_may_lead_to_an_interface(read, image, source, lines):
+    assert not read(painted(image, source, *lines), (1,)).missing_at(1)
+
+
 def test_an_output_that_its_shader_does_not_declare_is_told_from_one_that_is_gone(read):
     (missing,) = read(TEXTURE.replace("Image.outputs:rgb>", "Image.outputs:rbg>"), (1,)).missing_at(1)
     assert "is connected to /Paint/Image.outputs:rbg: expected an attribute that /Paint/Image declares;" in missing

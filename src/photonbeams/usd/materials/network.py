@@ -181,18 +181,32 @@ class Network:
 
 
 def broken(attribute: Usd.Attribute, instead: str) -> Iterator[tuple[Usd.Prim, str, str]]:
-    """Yield warnings about connections, also of interfaces, to what is not on the stage: prim, text, attribute."""
+    """Yield warnings about connections, also of interfaces, that lead to no value: prim, text, attribute."""
     chain = [attribute]
     for each in chain:  # which grows meanwhile
         for path in each.GetConnections()[:1]:  # only the first one gives the value
-            source = each.GetStage().GetAttributeAtPath(path)
-            if not source:
-                there = each.GetStage().GetPrimAtPath(path.GetPrimPath())
-                expected = f"an attribute that {there.GetPath()} declares" if there else "an output on the stage"
-                text = f"is connected to {path}: expected {expected}; {instead}"
-                yield each.GetPrim(), text, str(each.GetName())
-            elif source not in chain:
-                chain.append(source)
+            if expected := _expected(path, chain):
+                yield each.GetPrim(), f"is connected to {path}: expected {expected}; {instead}", str(each.GetName())
+            else:
+                chain.append(each.GetStage().GetAttributeAtPath(path))
+
+
+def _expected(path: Sdf.Path, chain: list[Usd.Attribute]) -> str:
+    """Return what a chain of connections expects in place of the attribute at its end, "" if that may give a value."""
+    stage = chain[0].GetStage()
+    source, prim = stage.GetAttributeAtPath(path), stage.GetPrimAtPath(path.GetPrimPath())
+    if not source:
+        return f"an attribute that {prim.GetPath()} declares" if prim else "an output on the stage"
+    if source in chain:
+        return "no loop"
+    node, given = UsdShade.ConnectableAPI(prim), source.GetConnections() or source.HasAuthoredValue()
+    graph = bool(node) and node.IsContainer()  # a material or, oddly, a light, too
+    if node and is_output(source):
+        return "" if given or not graph else "an output that is connected"
+    around = chain[-1].GetPath().HasPrefix(prim.GetPath())  # else the default of an interface is no value
+    if graph and UsdShade.Input.IsInput(source) and (given or around):
+        return ""
+    return "an output of a shader, or an input of a material or a graph"
 
 
 def shader_id(node: UsdShade.Shader) -> str:
