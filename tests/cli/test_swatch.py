@@ -97,6 +97,8 @@ def test_the_library_is_drawn(capsys, tmp_path):
             "along:expression is wrong: ",
         ),
         (("STAGE", "-o", "a.png", "-f", "nan"), 1, "Error: frame is nan: expected a finite number"),
+        (("STAGE", "-o", "a.png", "-f", "1e308"), 1, "Error: a context's frame is 1e+308: expected a finite number"),
+        (("STAGE", "-o", "a.png", "--radius", "1e30", "1e-30"), 1, "Error: the length of a look's beams is inf: "),
         (("nothing.usda", "-o", "a.png"), 1, "nothing.usda: expected a USD stage, but there is no such file"),
     ],
 )

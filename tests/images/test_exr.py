@@ -80,6 +80,13 @@ def test_a_header_with_a_fraction_over_zero_is_refused(tmp_path):
         exr_parts(path, header_only=True)
 
 
+def test_a_header_with_chromaticities_that_are_not_finite_is_refused(tmp_path):
+    path = tile(tmp_path / "0.exr", 0, chromaticities=(0.25, *[0.5] * 7))
+    path.write_bytes(path.read_bytes().replace(struct.pack("<2f", 0.25, 0.5), struct.pack("<2f", np.nan, 0.5)))
+    with pytest.raises(SceneError, match=rf"^{path} cannot be read: .*chromaticities that are not finite"):
+        join_tiles([path], tmp_path / "o.exr")
+
+
 @pytest.mark.parametrize("layer", ["", "rgba.", "ViewLayer.Combined."])
 @pytest.mark.parametrize("letters", ["RGB", "RGBA", "RGBAZ", "RG"])
 def test_channels_in_named_layers_are_whole(tmp_path, layer, letters):

@@ -102,6 +102,8 @@ def exr_parts(path: PathLike, *, header_only: bool = False, deep: bool = False) 
         raise UnreadableImageError(path, "its header has a fraction over 0") from None
     except (RuntimeError, ValueError, TypeError, IndexError, MemoryError) as error:
         raise UnreadableImageError(path, " ".join(str(error).split())[:120]) from None
+    if not all(np.isfinite(part.header.get("chromaticities", 0)).all() for part in parts):
+        raise UnreadableImageError(path, "its header has chromaticities that are not finite")
     if len(parts) != len(headers) or not (header_only or all(map(_Header.fits, headers, parts))):
         why = told.getvalue().strip().rpartition(" - ")[2][:80] or "its header is damaged"
         raise UnreadableImageError(path, f"it lacks pixels that its header names: {why}")

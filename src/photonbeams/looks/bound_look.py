@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..numerics.arrays import to_float, to_numpy, to_vectors
 from ..runtime.device import Array3f, Float
-from ..scene import SceneError, arguments, instance, shown
+from ..scene import SceneError, arguments, instance, number, shown
 from .context import OF_BEAMS, OF_PLACES, OF_RADII, Fog, LightContext, ShadingContext, inputs_of
 from .factors import Constant, Corner, Factor, Value
 from .functions import check_value
@@ -139,7 +139,7 @@ class BoundLook:
         winding = self.of_places or self.by_radius or rough
         self.cuts = dr.opaque(Float, _CUTS_OF_PLACES if winding else _CUTS)
         self.change = dr.opaque(Float, _CHANGE_OF_PLACES if winding else _CHANGE)
-        self._measure(reach, box)
+        self._measure(number(reach, "the length of a look's beams"), box)
 
     @property
     def rings(self) -> tuple[float, ...]:

@@ -29,6 +29,8 @@ OF_BEAMS = frozenset({"random", "id", "generation"})
 OF_PLACES = frozenset({"position", "local", "point"})
 OF_RADII = frozenset({"radius", "rho2"})
 
+_MOST = 3e38  # of a number in single precision
+
 
 class Fog(Described):
     """The coefficients of a homogeneous medium as Dr.Jit values, whose gradients may be enabled.
@@ -161,7 +163,7 @@ class LightContext(Described):
         zero: npt.ArrayLike = ZERO,
     ) -> None:  # fmt: skip
         self.frame, self.time, self.light = (
-            dr.opaque(Float, number(value, f"a context's {name}"))
+            dr.opaque(Float, number(value, f"a context's {name}", -_MOST, _MOST))
             for value, name in ((frame, "frame"), (time, "time"), (light, "light"))
         )
         begin = _point(zero)
