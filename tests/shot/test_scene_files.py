@@ -131,6 +131,12 @@ def test_data_in_memory_that_mitsuba_would_crash_on_are_refused():
             pb.Shot({"type": "scene", "own": {"type": kind, name: value}})
 
 
+def test_a_mesh_in_memory_has_faces_wherever_a_dictionary_holds_it():
+    group = {"type": "shapegroup", "own": mitsuba().Mesh("empty", 0, 0)}
+    with pytest.raises(SceneError, match=r"group\.own is a mesh, but it has no faces: expected faces of its own"):
+        pb.Shot({"type": "scene", "group": group})
+
+
 def test_a_mark_before_a_comment_hides_nothing(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text("# a triangle\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8-sig")

@@ -132,6 +132,10 @@ def _problem_of(name: object, value: object) -> str:
         return f"is {shown(value)}: expected text"
     if 0 in (shape := _shape(value)):
         return f"is empty, of the shape {shape}: expected one number or more"
+    if isinstance(value, mitsuba().Mesh):
+        from ..world.checks import wrong_mesh
+
+        return (problem := wrong_mesh(value)) and f"is a mesh, but {problem}: expected faces of its own finite vertices"
     if name in _ROWS and len(shape) < 2:
         return f"is of the shape {shape}: expected a tensor with a row for each ellipsoid"
     texts = (each for each in (name, value) if isinstance(each, str))
