@@ -378,11 +378,12 @@ class FrameRenderer(PassRenderer):
         if light.tally is None:
             return result
         with self.statistics.phase("beams"):
-            if pinhole is None and eye.blurs(number):
+            apart = pinhole is None and eye.blurs(number)
+            if apart:
                 pinhole = eye.on_lens(number, *self._drawn(number))
             for view in eye.pinholes(number, pinhole):
                 parts = []
-                for part, media in parts_with_media(light.world, view):
+                for part, media in parts_with_media(light.world, view, apart):
                     rays = eye.through_middles(part)
                     tracing = unshaded(self.camera_tracing(light.world, rays))
                     parts.append(PinholeRays(part.projection, rays.primary, tracing, samples, media))

@@ -147,11 +147,12 @@ class PinholeRays:
                     yield (step, each), (near, far)
 
 
-def parts_with_media(world: World, view: View) -> list[tuple[View, list[int]]]:
+def parts_with_media(world: World, view: View, apart: bool) -> list[tuple[View, list[int]]]:
     """Return parts of a picture, and the numbers of the media that scatter light for which rays there are enough.
 
     Rays through the middles of few pixels do not tell where a small medium is. So its part has smaller pixels, as many
-    as a large one has.
+    as a large one has. But if the picture's rays begin `apart` from the pinhole, all over a lens, they see a medium
+    where the pinhole does not, and sharp cells would leave out more of its light than wide ones.
     """
     result: dict[tuple[tuple[int, int, int, int], int], list[int]] = {}
     shape = np.array([view.window.width, view.window.height])
@@ -160,7 +161,7 @@ def parts_with_media(world: World, view: View) -> list[tuple[View, list[int]]]:
         size = float((high - low).max())
         if size <= 0:  # beside the picture
             continue
-        finer = min(-(-_FEWEST // max(math.ceil(size), 1)), _FINEST)
+        finer = 1 if apart else min(-(-_FEWEST // max(math.ceil(size), 1)), _FINEST)
         if finer == 1:
             low, high = np.zeros(2), shape
         left, top = np.maximum(np.floor(low * finer) - _BESIDE, 0).astype(int).tolist()
