@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from photonbeams.scene import SceneError
 from photonbeams.studio import edits as editing
 from photonbeams.studio.edits import Edits
 from photonbeams.usd.authoring.editing import EditLayer
@@ -58,7 +59,7 @@ def test_edits_are_kept_soon_and_restored_and_the_file_is_as_it_was(begin, kept,
     edits.set({INTENSITY: 2.0})
     saved = edits.save().read_bytes()
     edits.set({INTENSITY: 3.0})
-    wait_for(kept.exists)
+    wait_for(lambda: kept.exists() and kept.read_text())
     assert "intensity = 3" in kept.read_text() and (tmp_path / "look.usda").read_bytes() == saved
     edits.set({INTENSITY: 4.0})
     wait_for(lambda: "intensity = 4" in kept.read_text())  # the studio is killed here
@@ -124,7 +125,7 @@ def test_undoing_to_what_is_saved_removes_what_was_kept(begin, kept, monkeypatch
     edits = begin()
     monkeypatch.setattr(editing, "SOON", 0.02)
     edits.set({INTENSITY: 2.0})
-    wait_for(kept.exists)
+    wait_for(lambda: kept.exists() and kept.read_text())
     edits.undo()
     wait_for(lambda: not kept.exists())
 
@@ -240,3 +241,64 @@ def test_unsaved_edits_whose_autosave_is_gone_are_kept_when_the_studio_ends(begi
     kept.unlink()
     edits.close()
     assert begin().value() == 3.0
+
+
+def test_studios_that_end_at_one_moment_keep_their_edits_each(begin, kept):
+    studios = [begin() for _ in range(4)]
+    for number, each in enumerate(studios):
+        each.set({INTENSITY: 10.0 + number})
+    start = threading.Barrier(len(studios))
+
+    def end(studio):
+        start.wait()
+        studio.close()
+
+    threads = [threading.Thread(target=end, args=(each,)) for each in studios]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    found = "".join(each.read_text() for each in kept.parent.glob(f"{kept.name}*"))
+    assert all(f"= {10 + number}" in found for number in range(len(studios)))
+
+
+def test_an_older_autosave_is_restored_where_the_newest_cannot_be_read(begin, kept):
+    edits = begin()
+    edits.set({INTENSITY: 3.0})
+    edits.close()
+    later = kept.with_name(f"{kept.name}2")
+    later.write_text("")
+    os.utime(later, (time.time() + 10,) * 2)
+    assert begin().value() == 3
+
+
+def test_what_is_given_up_is_not_merged_over_what_another_program_wrote(begin, kept, tmp_path):
+    layer, radius = tmp_path / "look.usda", "/Lamp.inputs:radius"
+    edits = begin()
+    edits.set({INTENSITY: 2.0})
+    saved = edits.save().read_text()
+    edits.set({radius: 0.2})
+    edits.close()
+    layer.write_text(saved.replace("= 2", "= 9"))
+    os.utime(layer, (time.time() - 10,) * 2)
+    edits = begin()
+    assert edits.restored
+    edits.discard()
+    assert edits.is_saved and edits.value() == 9
+    edits.set({radius: 0.5})
+    layer.write_text(saved.replace("= 2", "= 11"))
+    text = edits.save(changed="merge").read_text()
+    assert "inputs:intensity = 11" in text and "inputs:radius = 0.5" in text
+
+
+@pytest.mark.parametrize(
+    "kind, value", [("uchar", 300), ("uint", -1), ("asset", "a\nb"), ("string", "\udcff"), ("half", 7e4)]
+)
+def test_a_value_that_its_type_does_not_have_is_refused_and_undoes_the_step(begin, tmp_path, kind, value):
+    edits = begin()
+    (tmp_path / "shot.usda").write_text(STAGE.replace("{\n", f"{{\n    custom {kind} own\n"))
+    edits = begin(None)
+    with pytest.raises(SceneError, match="expected") as caught:
+        edits.set({INTENSITY: 5.0, "/Lamp.own": value})
+    assert len(str(caught.value)) <= 300
+    assert not edits.paths() and not edits.can_undo

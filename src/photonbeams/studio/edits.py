@@ -64,10 +64,19 @@ def _text(path: Path) -> str | None:
     return None
 
 
+def _reserved(path: Path) -> bool:
+    """Make an empty file where there is none; return whether this did, or whether no file can be made there."""
+    try:
+        path.open("xb").close()
+    except OSError as error:
+        return not isinstance(error, FileExistsError)  # what is wrong is told when it is written
+    return True
+
+
 def _newest(path: Path) -> tuple[Path, str | None]:
     """Return the newest autosave of a file, and its text, None if there is none or it is older than the file."""
-    there = sorted(_existing(path), key=lambda each: each.stat().st_mtime, reverse=True)
-    newest, *others = there or [autosave_path(path)]
+    there = [each for each in _existing(path) if _text(each)]
+    newest, *others = sorted(there, key=lambda each: each.stat().st_mtime, reverse=True) or [autosave_path(path)]
     text = _text(newest)
     if text is None:
         return newest, None
@@ -139,7 +148,7 @@ class Autosave:
             if path is None or text is None:
                 self.remove(path)
                 return
-            free = (each for each in _autosaves(path) if not os.path.exists(each))
+            free = filter(_reserved, _autosaves(path))
             target = next(chain(self._own(path), free))
             if _text(target) == text:
                 return
@@ -222,6 +231,7 @@ class Edits:
         self._step: str | None = None
         self._saved = self._base = layer.text()  # `_base` is what the edits began with, as far as it is known
         self._version = _version(self.path)
+        self._begun = self._version, self._base  # of the file that is `_saved`; an autosave may have an older one
         self.restored = self.path is not None and self._restore(self.path)
 
     def _restore(self, path: Path) -> bool:
@@ -262,12 +272,12 @@ class Edits:
         self.change(set_all, step)
 
     def change(self, work: Callable[[EditLayer], T], step: str | None = None) -> T:
-        """Let a function change the layer in one step, and return what it returns; a SceneError undoes its changes."""
+        """Let a function change the layer in one step, and return what it returns; an error undoes its changes."""
         with self._lock:
             before = self._layer.text()
             try:
                 result = work(self._layer)
-            except SceneError:
+            except BaseException:
                 self._layer.replace(before)
                 raise
             if step is None or step != self._step:
@@ -291,6 +301,7 @@ class Edits:
     def discard(self) -> None:
         """Go back to what was saved last, as one step."""
         self._go_to(self._saved)
+        self._version, self._base = self._begun
 
     def _go_to(self, text: str) -> None:
         self.change(lambda layer: layer.replace(text))
@@ -375,6 +386,7 @@ class Edits:
             self._autosave.remove(self.path, target)
             self.path, self._version, self.restored = target, _version(target), False
             self._saved = self._base = self._layer.text()
+            self._begun = self._version, self._base
         return target
 
     def close(self) -> None:

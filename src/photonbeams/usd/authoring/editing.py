@@ -23,6 +23,8 @@ EMPTY = "#usda 1.0\n"
 # Attributes of lights and cameras that change the extent of the scene.
 _EXTENTS = ("xformOp", "visibility", "inputs:radius", "inputs:width", "inputs:height", "inputs:length")
 
+_LARGEST_HALF = 65504.0
+
 
 class Extent(IntEnum):
     """What a change of a stage may have affected; each kind includes those before it."""
@@ -289,18 +291,24 @@ def _set(
     converted: Callable[[Sdf.ValueTypeName], object],
 ) -> None:  # fmt: skip
     """Set a property in a layer: the targets of a relationship, or an attribute to a value converted to its type."""
-    prim, name = _found(stage, path, text)
-    if _is_relationship(prim, name):
-        paths = targets()
+    try:
+        prim, name = _found(stage, path, text)
+        if _is_relationship(prim, name):
+            paths = targets()
+            with Usd.EditContext(stage, layer):
+                prim.CreateRelationship(name).SetTargets(paths)
+            return
+        kind = _type_of(prim, name)
+        if kind is None:
+            raise SceneError(f"{text}: {prim.GetPath()} has no attribute {name}")
+        value = converted(kind)
         with Usd.EditContext(stage, layer):
-            prim.CreateRelationship(name).SetTargets(paths)
-        return
-    kind = _type_of(prim, name)
-    if kind is None:
-        raise SceneError(f"{text}: {prim.GetPath()} has no attribute {name}")
-    value = converted(kind)
-    with Usd.EditContext(stage, layer):
-        prim.CreateAttribute(name, kind).Set(value)
+            prim.CreateAttribute(name, kind).Set(value)
+    except SceneError:
+        raise
+    except (Tf.ErrorException, ValueError) as error:  # text that is not in UTF-8, numbers beyond a type's
+        why = " ".join(str(error).split())[-80:]
+        raise SceneError(f"{text[:160]!a}: expected text in UTF-8, or a number that its type has ({why!a})") from None
 
 
 def _converted(value: Any, kind: Sdf.ValueTypeName, path: str) -> Any:
@@ -314,7 +322,8 @@ def _converted(value: Any, kind: Sdf.ValueTypeName, path: str) -> Any:
         if isinstance(value, list) and len(value) == len(default):
             return type(default)(*(_converted(each, Sdf.ValueTypeNames.Double, path) for each in value))
         raise SceneError(f"{path} is {shown(value)}: expected {len(default)} numbers")
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 3e38
+    most = _LARGEST_HALF if kind == Sdf.ValueTypeNames.Half else 3e38
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= most
     expected: dict[type, tuple[str, bool]] = {
         bool: ("true or false", isinstance(value, bool)),
         str: ("a text", isinstance(value, str)),
@@ -404,7 +413,9 @@ def _parsed(value: str, kind: Sdf.ValueTypeName, text: str) -> Any:
     """Parse a value written in USD's own notation."""
     if kind in (Sdf.ValueTypeNames.Token, Sdf.ValueTypeNames.String) and not value.startswith(('"', "'")):
         value = f'"{value}"'
-    if kind == Sdf.ValueTypeNames.Int and not re.fullmatch(r"[+-]?\d+", value):  # OpenUSD would ignore the rest
+    if (
+        isinstance(kind.defaultValue, int) and kind != Sdf.ValueTypeNames.Bool and not re.fullmatch(r"[+-]?\d+", value)
+    ):  # OpenUSD would ignore the rest
         raise SceneError(f"{text}: expected a whole number")
     if kind == Sdf.ValueTypeNames.Asset and not value.startswith("@"):
         value = f"@{value}@"
