@@ -78,20 +78,21 @@ def test_a_lamp_within_the_picture_has_no_portal():
     assert portals(load(fog=cube_of(fog(0.5)), lamp=lamp, sensor=camera())) == {}
 
 
-def test_a_fitted_portal_keeps_the_mean_and_has_no_more_noise(monkeypatch):
-    """Sunlight in a room keeps its mean, with any number of bounces, and guides with lines to its fog are no better."""
+def test_a_fitted_portal_keeps_the_mean_and_has_less_noise(monkeypatch):
+    """Sunlight in a room keeps its mean, with any number of bounces; rounds alone have twice the variance."""
     means, variances, scene = [], [], room("sun")
     for portal in (True, False):
         if not portal:
             monkeypatch.setattr(pilot, "fitted", lambda *_: None)
+            monkeypatch.setattr(pilot._Learning, "follow", lambda *_: None)
         found = np.array([each.views()[0]["beams"] for each in frames(scene, by_beams(passes=1, beams=4096), 8)])
         means.append((found.mean(), found.mean(axis=(1, 2, 3)).std(ddof=1) / np.sqrt(8)))
         variances.append(np.mean(found.var(axis=0, ddof=1) / found.mean(axis=0) ** 2))
     (own, own_error), (other, other_error) = means
     assert abs(own - other) < 4 * np.hypot(own_error, other_error)
     # 8 × 576 values that are smooth over about ten pixels give a variance to about ten per cent, and a ratio to 14 %.
-    # It is 0.93, and three deviations are 0.4.
-    assert variances[0] < 1.33 * variances[1]
+    # It is 0.48, and three deviations are 0.2; with lines, guides are as good as the portal: 0.93.
+    assert variances[0] < 0.7 * variances[1]
 
 
 @pytest.mark.parametrize("wide", [1, 4])
