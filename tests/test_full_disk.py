@@ -77,6 +77,7 @@ def write_stage(path, size):
 def write_autosave(path, size):
     """Write an autosave, which warns of a full disk instead of raising an error."""
     edits = Autosave(lambda: (path.with_suffix(""), "x" * size))
+    edits.hold(path)
     edits.close()
     if edits._failed:
         raise OSError(errno.EFBIG, "File too large", str(path))

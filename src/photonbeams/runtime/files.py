@@ -25,7 +25,7 @@ from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
 from tempfile import TemporaryDirectory, gettempdir
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Literal
 
 from ..scene import SceneError
 
@@ -177,12 +177,12 @@ def failure_of(path: Path, message: str) -> OSError:
     return OSError(errno.EIO, f"cannot be written ({message.strip().partition(chr(10))[0] or 'for no reason given'})")
 
 
-def locked(path: PathLike) -> IO[bytes] | None:
-    """Open a file, and lock it until it is closed or this process ends; None if somebody else has locked it.
+def locked(path: PathLike, mode: Literal["r+b", "xb"] = "r+b") -> IO[bytes] | None:
+    """Open or make a file, and lock it until it is closed or this process ends; None if somebody else has locked it.
 
     Where files cannot be locked, as on some network disks and on Windows, it is only opened.
     """
-    file = open(path, "r+b")  # noqa: SIM115 (the caller closes it)
+    file = open(path, mode)  # noqa: SIM115 (the caller closes it)
     try:
         import fcntl
 

@@ -13,6 +13,7 @@ from hashlib import sha256
 from itertools import chain, count
 from pathlib import Path
 from typing import IO, Any, Literal, TypeAlias, TypeVar
+from weakref import finalize
 
 from ..runtime.files import PathLike, locked, place_of, write_bytes
 from ..runtime.inputs import content
@@ -67,9 +68,11 @@ def _text(path: Path) -> str | None:
 def _reserved(path: Path) -> bool:
     """Make an empty file where there is none; return whether this did, or whether no file can be made there."""
     try:
-        path.open("xb").close()
+        file = locked(path, "xb")
     except OSError as error:
         return not isinstance(error, FileExistsError)  # what is wrong is told when it is written
+    if file is not None:
+        file.close()
     return True
 
 
@@ -166,6 +169,8 @@ class Autosave:
         self._release()
         with suppress(OSError):  # it is another user's, or could not be written
             self._held = locked(autosave)
+        if self._held is not None:
+            finalize(self, self._held.close)  # of edits that nobody closes
 
     def _release(self) -> None:
         if self._held is not None:
