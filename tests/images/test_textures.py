@@ -67,6 +67,49 @@ def test_a_level_of_the_file_that_is_small_enough_is_read(tmp_path):
     assert wrap_modes(path) == ("black", "black")  # as maketx writes them
 
 
+def exr(path, *parts, window=None):
+    """Write parts of an EXR: names of channels, and pixels; `window` is where they begin in a picture, and its size."""
+    specs = []
+    for channels, pixels in parts:
+        height, width = np.shape(pixels)[:2]
+        spec = OpenImageIO.ImageSpec(width, height, len(channels), "float")
+        spec.channelnames = channels
+        if window is not None:
+            spec.x, spec.y, spec.full_width, spec.full_height = window
+        specs.append(spec)
+    file = OpenImageIO.ImageOutput.create(str(path))
+    assert file.open(str(path), tuple(specs))
+    for number, (_, pixels) in enumerate(parts):
+        assert not number or file.open(str(path), specs[number], "AppendSubimage")
+        assert file.write_image(np.asarray(pixels, np.float32))
+    file.close()
+    return str(path)
+
+
+def test_colours_are_read_wherever_they_are(tmp_path):
+    colors, depth = [[[0.25, 0.5, 0.75]]], [[[9.0]]]
+    parts = exr(tmp_path / "a.exr", (("Z",), depth), (("R", "G", "B"), colors))
+    layers = exr(tmp_path / "b.exr", (("a.Z", "key.R", "key.G", "key.B"), [[[9.0, 0.25, 0.5, 0.75]]]))
+    for path in (parts, layers):
+        assert decoded(path, raw).pixels.tolist() == colors
+    assert decoded(exr(tmp_path / "c.exr", (("Z",), depth)), raw).pixels.tolist() == depth
+
+
+@pytest.mark.parametrize("limit", [8, 4])
+def test_a_picture_is_black_where_a_file_holds_none_of_it(tmp_path, limit):
+    """A file of 4 × 2 pixels begins at (2, 2) in a picture of 8 × 8, or at (-2, 0) with two columns of it inside."""
+    pixels = np.ones((2, 4, 3), np.float32)
+    inside = decoded(exr(tmp_path / "a.exr", (("R", "G", "B"), pixels), window=(2, 2, 8, 8)), raw, limit)
+    whole = np.zeros((8, 8))
+    whole[2:4, 2:6] = 1
+    assert (inside.width, inside.height) == (8, 8)
+    np.testing.assert_allclose(inside.pixels.mean(), whole.mean(), rtol=1e-6)
+    if limit == 8:
+        np.testing.assert_array_equal(inside.pixels[..., 0], whole)
+    beyond = decoded(exr(tmp_path / "b.exr", (("R", "G", "B"), pixels), window=(-2, 0, 8, 8)), raw, 8).pixels
+    assert beyond[..., 0].sum() == beyond[:2, :2, 0].sum() == 4
+
+
 def test_pipes_and_devices_are_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "a.png")
     assert decoded(str(tmp_path / "a.png"), raw).error == "it is a named pipe"

@@ -291,6 +291,22 @@ def test_what_is_given_up_is_not_merged_over_what_another_program_wrote(begin, k
     assert "inputs:intensity = 11" in text and "inputs:radius = 0.5" in text
 
 
+def test_undone_restored_edits_are_no_change_of_the_file(begin, tmp_path):
+    layer = tmp_path / "look.usda"
+    edits = begin()
+    edits.set({INTENSITY: 2.0})
+    saved = edits.save().read_text()
+    edits.set({INTENSITY: 3.0})
+    edits.close()
+    layer.write_text(saved.replace("= 2", "= 9"))
+    os.utime(layer, (time.time() - 10,) * 2)
+    edits = begin()
+    assert edits.value() == 3
+    assert edits.undo() and edits.value() == 9 and edits.is_saved
+    edits.set({INTENSITY: 4.0})
+    assert "inputs:intensity = 4" in edits.save().read_text()
+
+
 @pytest.mark.parametrize(
     "kind, value", [("uchar", 300), ("uint", -1), ("asset", "a\nb"), ("string", "\udcff"), ("half", 7e4)]
 )

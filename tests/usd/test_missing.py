@@ -153,6 +153,7 @@ def graph(own, inner):
         ),
         ("Paint/Graph.outputs:out", [graph("Graph/In.outputs:out", "Graph.outputs:out")], "no loop"),
         ("Paint/Graph.outputs:out", [graph("Graph/In.outputs:out", "")], "an output that is connected"),
+        ("Paint/Off.outputs:rgb", ['def Shader "Off" (active = false) {\n color3f outputs:rgb\n}'], "an active shader"),
         ("Paint/Image.inputs:file", [], "an output of a shader, or an input of a material or a graph"),
         ("Floor.points", [], "an output of a shader, or an input of a material or a graph"),
         ("Lamp.inputs:color", [], "an output of a shader, or an input of a material or a graph"),
@@ -180,6 +181,12 @@ def test_a_connection_that_leads_to_no_value_is_told(read, image, source, lines,
 )
 def test_a_connection_may_lead_to_an_interface(read, image, source, lines):
     assert not read(painted(image, source, *lines), (1,)).missing_at(1)
+
+
+def test_an_output_of_a_graph_may_have_a_value(read, image, caplog):
+    own = graph("", "").replace("out\n", "out = (0, 0, 1)\n", 1)
+    assert not read(painted(image, "Paint/Graph.outputs:out", own), (1,)).missing_at(1)
+    assert "shader" not in caplog.text
 
 
 def test_an_output_that_its_shader_does_not_declare_is_told_from_one_that_is_gone(read):

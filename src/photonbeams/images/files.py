@@ -83,11 +83,12 @@ def _statistics(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> dic
     file.seek_subimage(index, 0)
     if file.spec().deep:
         return dict.fromkeys(("least", "mean", "greatest", "nans", "infinite"))
-    channels, least, greatest, total, count, nans, infinite = file.spec().nchannels, np.inf, -np.inf, 0.0, 0, 0, 0
+    channels = range(file.spec().nchannels)
+    least, greatest, total, count, nans, infinite = np.inf, -np.inf, 0.0, 0, 0, 0
     for _, strip in strips(file, index, 0, channels):
         if strip is None or (message := complaint(file)):
             raise unreadable(path, complaint(file) if strip is None else message)
-        pixels = decoded_rows(file, strip, channels).reshape(-1, channels)
+        pixels = decoded_rows(file, strip, channels).reshape(-1, len(channels))
         finite = pixels[np.isfinite(pixels)]
         if finite.size:
             least, greatest = min(least, float(finite.min())), max(greatest, float(finite.max()))
@@ -165,31 +166,31 @@ def pixels_of(spec: OpenImageIO.ImageSpec) -> int:
 
 
 def strips(
-    file: OpenImageIO.ImageInput, index: int, level: int, channels: int, factor: int = 1
+    file: OpenImageIO.ImageInput, index: int, level: int, channels: range, factor: int = 1
 ) -> Iterator[tuple[int, Array | None]]:
     """Yield the first row and the pixels of strips, whose height is a multiple of `factor` and of the tiles' height."""
-    spec = file.spec()
+    spec, bounds = file.spec(), (channels.start, channels.stop)
     step = int(np.lcm(factor, spec.tile_height)) if spec.tile_width else factor
-    step *= max(1, _STRIP // (4 * spec.width * channels * step))
+    step *= max(1, _STRIP // (4 * spec.width * len(channels) * step))
     for first in range(0, spec.height, step):
         end = min(first + step, spec.height)
         x, y = spec.x, spec.y
         if spec.tile_width:
             columns = (x, x + spec.width)
-            yield first, file.read_tiles(index, level, *columns, y + first, y + end, 0, 1, 0, channels, "float")
+            yield first, file.read_tiles(index, level, *columns, y + first, y + end, 0, 1, *bounds, "float")
         else:
-            yield first, file.read_scanlines(index, level, y + first, y + end, 0, 0, channels, "float")
+            yield first, file.read_scanlines(index, level, y + first, y + end, 0, *bounds, "float")
 
 
-def decoded_rows(file: OpenImageIO.ImageInput, stored: Array, channels: int) -> Array:
-    """Return pixels of the first channels that OpenImageIO has read, (H, W, C) float32.
+def decoded_rows(file: OpenImageIO.ImageInput, stored: Array, channels: range) -> Array:
+    """Return pixels of the channels that OpenImageIO has read, (H, W, C) float32.
 
     Whole numbers in an EXR count something, but OpenImageIO divides them by the largest one, as it does for colours.
     """
     spec = file.spec()
-    pixels = np.asarray(stored, dtype=np.float32).reshape(-1, spec.width, channels)
+    pixels = np.asarray(stored, dtype=np.float32).reshape(-1, spec.width, len(channels))
     if file.format_name() == "openexr":
-        whole = [channel for channel in range(channels) if str(spec.channelformat(channel)) == "uint"]
+        whole = [place for place, channel in enumerate(channels) if str(spec.channelformat(channel)) == "uint"]
         pixels[..., whole] *= np.float32(2**32 - 1)
     return pixels
 
@@ -217,7 +218,7 @@ def read_pixels(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> Arr
     message = complaint(file)
     if pixels is None or message:
         raise unreadable(path, message)
-    return decoded_rows(file, pixels, spec.nchannels)
+    return decoded_rows(file, pixels, range(spec.nchannels))
 
 
 class UnreadableImageError(SceneError):

@@ -43,14 +43,15 @@ def decoded(path: str, linearize: Linearize, limit: int = TEXTURE_LIMIT) -> Deco
     width = height = 0
     try:
         with opened(path, config) as file:
-            width, height = file.spec().width, file.spec().height
-            level = 0
-            while max(file.spec().width, file.spec().height) > limit and file.seek_subimage(0, level + 1):
+            part, first = _colors(file)
+            file.seek_subimage(part, 0)
+            width, height, level = file.spec().full_width, file.spec().full_height, 0
+            while max(file.spec().width, file.spec().height) > limit and file.seek_subimage(part, level + 1):
                 level += 1
             complaint(file)
-            file.seek_subimage(0, level)
+            file.seek_subimage(part, level)
             check_image(path, file.spec())
-            pixels = _read(file, level, linearize, limit)
+            pixels = _read(file, part, level, first, linearize=linearize, limit=limit)
             return Decoded(pixels, width, height, "" if pixels is not None else reason(complaint(file)))
     except MemoryError:
         return Decoded(None, width, height, f"its {width} x {height} pixels do not fit into memory")
@@ -81,25 +82,56 @@ def linear(pixels: Array, kind: str) -> Array:
     return result
 
 
-def _read(file: OpenImageIO.ImageInput, level: int, linearize: Linearize, limit: int) -> Array | None:
+def _colors(file: OpenImageIO.ImageInput) -> tuple[int, int]:
+    """Return the part of a file and its channel with which colours begin, R, G and B; 0 if none are named."""
+    part = 0
+    while file.seek_subimage(part, 0):
+        names = [each.rpartition(".")[2].upper() for each in file.spec().channelnames]
+        for first in range(len(names) - 2):
+            if names[first : first + 3] == ["R", "G", "B"]:
+                return part, first
+        part += 1
+    return 0, 0
+
+
+def _read(
+    file: OpenImageIO.ImageInput, part: int, level: int, first: int, *, linearize: Linearize, limit: int
+) -> Array | None:
     """Return the pixels of a level, scaled down by a whole number if it is too large; None if that fails."""
     spec = file.spec()
     kind, width, height = str(spec.format), spec.width, spec.height
     # A fourth channel may be alpha; if it is not, it is no part of the colour.
-    channels = spec.nchannels if spec.nchannels <= 3 else 4 if spec.alpha_channel in (3, -1) else 3
-    factor = max(1, max(width, height) // limit)
+    count = spec.nchannels - first
+    count = count if count <= 3 else 4 if spec.alpha_channel in (first + 3, -1) else 3
+    channels = range(first, first + count)
+    factor = max(1, max(spec.full_width, spec.full_height) // limit)
     if factor == 1:
-        stored = file.read_image(0, level, 0, channels, "float")
+        stored = file.read_image(part, level, channels.start, channels.stop, "float")
         if stored is None or not np.size(stored):
             return None
-        return _limited(linearize(decoded_rows(file, stored, channels), kind), limit)
-    result = np.empty((-(-height // factor), -(-width // factor), channels), np.float32)
-    for first, strip in strips(file, 0, level, channels, factor):
+        return _limited(_whole(linearize(decoded_rows(file, stored, channels), kind), spec, 1), limit)
+    result = np.empty((-(-height // factor), -(-width // factor), count), np.float32)
+    for row, strip in strips(file, part, level, channels, factor=factor):
         if strip is None:
             return None
         scaled = _means(linearize(decoded_rows(file, strip, channels), kind), factor)
-        result[first // factor : first // factor + len(scaled)] = scaled
-    return _limited(result, limit)
+        result[row // factor : row // factor + len(scaled)] = scaled
+    return _limited(_whole(result, spec, factor), limit)
+
+
+def _whole(pixels: Array, spec: OpenImageIO.ImageSpec, factor: int) -> Array:
+    """Return the whole picture, of whose pixels a file holds some: it is black and transparent elsewhere."""
+    shape = -(-spec.full_height // factor), -(-spec.full_width // factor), pixels.shape[2]
+    top, left = round((spec.y - spec.full_y) / factor), round((spec.x - spec.full_x) / factor)
+    if (top, left, *shape) == (0, 0, *pixels.shape):
+        return pixels
+    result = np.zeros(shape, np.float32)
+    rows, columns = (
+        slice(max(begin, 0), max(min(begin + size, most), 0))
+        for begin, size, most in zip((top, left), pixels.shape, shape, strict=False)
+    )
+    result[rows, columns] = pixels[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+    return result
 
 
 def _limited(pixels: Array, limit: int) -> Array:

@@ -383,11 +383,11 @@ class FrameRenderer(PassRenderer):
                 pinhole = eye.on_lens(number, *self._drawn(number))
             for view in eye.pinholes(number, pinhole):
                 parts = []
-                for part, media in parts_with_media(light.world, view, apart):
+                for part, media in parts_with_media(light.world, view):
                     rays = eye.through_middles(part)
                     tracing = unshaded(self.camera_tracing(light.world, rays))
                     parts.append(PinholeRays(part.projection, rays.primary, tracing, samples, media))
-                result.append(tallied_view(light.world, light.tally, view.projection, parts, number))
+                result.append(tallied_view(light.world, light.tally, view.projection, parts, number, apart))
         return result
 
     def _later(self, view: int) -> Later | None:

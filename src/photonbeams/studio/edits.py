@@ -12,7 +12,7 @@ from contextlib import suppress
 from hashlib import sha256
 from itertools import chain, count
 from pathlib import Path
-from typing import IO, Any, Literal, TypeAlias, TypeVar
+from typing import IO, Any, Literal, NamedTuple, TypeAlias, TypeVar
 from weakref import finalize
 
 from ..runtime.files import PathLike, locked, place_of, write_bytes
@@ -113,6 +113,13 @@ def _copy_of(path: Path) -> Path:
     """Return the path of a file beside another one that does not exist yet."""
     names = (f"{path.stem}.copy{number if number > 1 else ''}{path.suffix}" for number in count(1))
     return next(each for each in map(path.with_name, names) if not each.exists())
+
+
+class _Base(NamedTuple):
+    """What edits are made over: a file's text, and a hash of it."""
+
+    version: str
+    text: str
 
 
 class Autosave:
@@ -234,9 +241,7 @@ class Edits:
         self._past: list[str] = []
         self._future: list[str] = []
         self._step: str | None = None
-        self._saved = self._base = layer.text()  # `_base` is what the edits began with, as far as it is known
-        self._version = _version(self.path)
-        self._begun = self._version, self._base  # of the file that is `_saved`; an autosave may have an older one
+        self._saved = self._under = _Base(_version(self.path), layer.text())  # restored edits may have an older base
         self.restored = self.path is not None and self._restore(self.path)
 
     def _restore(self, path: Path) -> bool:
@@ -253,9 +258,9 @@ class Edits:
         if self.is_saved:
             return False
         over = _OVER.search(text)
-        if over is not None and over[1] != self._version:  # the file was changed while there were unsaved edits
-            self._version, self._base = over[1], _unquoted(over[2])
-        self._past = [self._saved]
+        if over is not None and over[1] != self._saved.version:  # the file was changed while there were unsaved edits
+            self._under = _Base(over[1], _unquoted(over[2]))
+        self._past = [self._saved.text]
         LOG.warning("unsaved edits are restored from %s", autosave)
         return True
 
@@ -280,6 +285,7 @@ class Edits:
         """Let a function change the layer in one step, and return what it returns; an error undoes its changes."""
         with self._lock:
             before = self._layer.text()
+            self._under = self._saved if self.is_saved else self._under
             try:
                 result = work(self._layer)
             except BaseException:
@@ -305,8 +311,7 @@ class Edits:
 
     def discard(self) -> None:
         """Go back to what was saved last, as one step."""
-        self._go_to(self._saved)
-        self._version, self._base = self._begun
+        self._go_to(self._saved.text)
 
     def _go_to(self, text: str) -> None:
         self.change(lambda layer: layer.replace(text))
@@ -336,7 +341,7 @@ class Edits:
     @property
     def is_saved(self) -> bool:
         """Whether the file holds all edits; without a file, whether there are none."""
-        return self._layer.text() == self._saved
+        return self._layer.text() == self._saved.text
 
     def paths(self) -> list[str]:
         """Return the paths of everything that has a value in the layer."""
@@ -350,7 +355,8 @@ class Edits:
     def _unsaved(self) -> tuple[Path | None, str | None]:
         """Return the file, and the text of the edits or, if they are saved, None."""
         with self._lock:
-            text = self._layer.text().replace("\n", f"\n# over {self._version} {json.dumps(self._base)}\n", 1)
+            over = f"\n# over {self._under.version} {json.dumps(self._under.text)}\n"
+            text = self._layer.text().replace("\n", over, 1)
             return self.path, None if self.is_saved else text
 
     def save(self, path: PathLike | None = None, changed: IfChanged = "ask") -> Path:
@@ -379,19 +385,19 @@ class Edits:
             raise SceneError("the edits have no file: expected the path of a .usda layer")
         with self._autosave.files, self._lock:
             own = self.path is not None and place_of(target) == place_of(self.path)
-            if own and _version(target) not in ("", self._version):
+            base = self._saved if self.is_saved else self._under
+            if own and _version(target) not in ("", base.version):
                 if changed == "ask":
                     text = "another program has changed it since: expected changed='merge' or 'copy', or another file"
                     raise ChangedError(f"{target}: {text}")
                 if changed == "copy":
                     target = _copy_of(target)
                 else:
-                    self.change(lambda layer: layer.merge(self._base, target))
+                    self.change(lambda layer: layer.merge(base.text, target))
             self._layer.write(target)
             self._autosave.remove(self.path, target)
-            self.path, self._version, self.restored = target, _version(target), False
-            self._saved = self._base = self._layer.text()
-            self._begun = self._version, self._base
+            self.path, self.restored = target, False
+            self._saved = self._under = _Base(_version(target), self._layer.text())
         return target
 
     def close(self) -> None:

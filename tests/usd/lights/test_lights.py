@@ -713,7 +713,6 @@ def test_each_of_several_portals_has_the_image_on_it(scene, image):
         ("DistantLight", "asset photonbeams:gobo = @IMAGE@", "gobo:width is not given"),
         ("DistantLight", "asset photonbeams:gobo = @IMAGE@\nfloat photonbeams:gobo:width = 0", "width is 0"),
         ("SphereLight", 'asset photonbeams:gobo = @IMAGE@\ntoken photonbeams:gobo:wrap = "clamp"', "wrap is 'clamp'"),
-        ("SphereLight", "asset photonbeams:gobo = @NEGATIVE@", "gobo has a pixel of -0.5"),
         ("SphereLight", "asset photonbeams:gobo = @TEXT@", r"gobo names .*text\.png"),
         (
             "SphereLight",
@@ -724,11 +723,20 @@ def test_each_of_several_portals_has_the_image_on_it(scene, image):
 )
 def test_images_that_no_light_can_shine_through_are_errors(scene, image, kind, body, message):
     body = body.replace("IMAGE", str(image("a.exr", GREY, "float")))
-    body = body.replace("NEGATIVE", str(path := image("n.exr", [[[0.5], [-0.5]]], "float")))
+    path = image("n.exr", [[[0.5]]], "float")
     path.with_name("text.png").write_text("no image")
     body = body.replace("TEXT", str(path.with_name("text.png")))
     with pytest.raises(SceneError, match=rf"/L\.photonbeams:.*{message}"):
         scene(light(kind, body) + 'def Sphere "Ball" {\n}')
+
+
+@pytest.mark.parametrize(("kind", "name"), [("SphereLight", "photonbeams:gobo"), ("DomeLight", "inputs:texture:file")])
+def test_pixels_below_0_bring_no_light(scene, image, caplog, kind, name):
+    picture = image("a.exr", [[[0.5, 0.5, 0.5], [-0.25, 1.0, 0.0]]], "float")
+    found = only(scene(light(kind, f"asset {name} = @{picture}@")))
+    pixels = found.gobo.image if kind == "SphereLight" else found.image
+    assert pixels.tolist() == [[[0.5, 0.5, 0.5], [0.0, 1.0, 0.0]]]
+    assert f"/L.{name} has a pixel of -0.25: expected 0 or more; 0 is used" in caplog.text
 
 
 def test_images_that_do_nothing_are_warned_of(scene, image, caplog):

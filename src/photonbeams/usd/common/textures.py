@@ -25,7 +25,9 @@ FILES = ("files",)
 
 
 def read_image(reading: Reading, prim: Usd.Prim, name: str, space: str = "auto") -> Array | None:
-    """Return the image that an asset attribute names, (H, W, C) float32, first row on top; None if it names none.
+    """Return the image of light that an asset attribute names, (H, W, C) float32; None if it names none.
+
+    The first row is on top. Pixels below 0 become 0, with a warning: filters that sharpen leave some.
 
     Parameters
     ----------
@@ -42,6 +44,9 @@ def read_image(reading: Reading, prim: Usd.Prim, name: str, space: str = "auto")
     pixels, problem = find_image(reading, prim, name, space, 2 * texture_limit(reading.stage))
     if problem:
         raise reading.missing(prim, name, problem)
+    if pixels is not None and (least := np.min(rgb(pixels), initial=0)) < 0:
+        reading.warn(prim, f"has a pixel of {least:g}: expected 0 or more; 0 is used", name)
+        return np.maximum(pixels, 0)
     return pixels
 
 

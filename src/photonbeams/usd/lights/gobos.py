@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...scene import Array, Gobo, Mesh
+from ...scene import Array, Gobo, Mesh, rgb
 from ..common.definitions import LIGHT, read_attribute
 from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
@@ -17,7 +17,7 @@ def read_gobo(reading: Reading, prim: Usd.Prim) -> Gobo | None:
     Raises
     ------
     SceneError
-        An image cannot be read or has negative pixels, an angle or a width is out of range, or a distant light's image
+        An image cannot be read, an angle or a width is out of range, or a distant light's image
         has no width.
     """
     name, kind = "photonbeams:gobo", str(prim.GetTypeName())
@@ -46,7 +46,7 @@ def read_portal_gobo(reading: Reading, prim: Usd.Prim, portal: Mesh | str | None
     Raises
     ------
     SceneError
-        The image cannot be read or has negative pixels, or the portal is not flat.
+        The image cannot be read, or the portal is not flat.
     """
     name = "photonbeams:portal:gobo"
     image = _image(reading, prim, name)
@@ -77,13 +77,8 @@ def _up(reading: Reading, normal: Array) -> Array:
 
 
 def _image(reading: Reading, prim: Usd.Prim, name: str) -> Array | None:
-    """Return an image that light passes through: negative pixels are an error, all black gives a warning."""
+    """Return an image that light passes through; if it is all black, this warns."""
     image = read_image(reading, prim, name)
-    if image is None:
-        return None
-    colors = image[..., :3] if image.shape[2] >= 3 else image[..., :1]  # the rest is alpha
-    if np.min(colors) < 0:
-        raise reading.fail(prim, name, f"has a pixel of {np.min(colors):g}: expected 0 or more")
-    if not np.any(colors):
+    if image is not None and not np.any(rgb(image)):
         reading.warn(prim, "is black: no light passes through it", name)
     return image

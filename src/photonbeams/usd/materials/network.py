@@ -197,12 +197,16 @@ def _expected(path: Sdf.Path, chain: list[Usd.Attribute]) -> str:
     source, prim = stage.GetAttributeAtPath(path), stage.GetPrimAtPath(path.GetPrimPath())
     if not source:
         return f"an attribute that {prim.GetPath()} declares" if prim else "an output on the stage"
+    if not prim.IsActive():
+        return "an active shader"
     if source in chain:
         return "no loop"
+    if is_output(source):
+        return ""
     node, given = UsdShade.ConnectableAPI(prim), source.GetConnections() or source.HasAuthoredValue()
     graph = bool(node) and node.IsContainer()  # a material or, oddly, a light, too
-    if node and is_output(source):
-        return "" if given or not graph else "an output that is connected"
+    if graph and UsdShade.Output.IsOutput(source):
+        return "" if given else "an output that is connected"
     around = chain[-1].GetPath().HasPrefix(prim.GetPath())  # else the default of an interface is no value
     if graph and UsdShade.Input.IsInput(source) and (given or around):
         return ""
@@ -235,8 +239,9 @@ _SEVERAL_WORDS = ("standard_surface", "open_pbr_surface", "surface_unlit", "gltf
 
 
 def is_output(attribute: Usd.Attribute) -> bool:
-    """Return whether an attribute is an output of a node."""
-    return UsdShade.Utils.GetType(attribute.GetName()) == UsdShade.AttributeType.Output
+    """Return whether an attribute is an output of a node; that of a graph may have a value of its own."""
+    node = UsdShade.ConnectableAPI(attribute.GetPrim())
+    return bool(node) and not node.IsContainer() and UsdShade.Output.IsOutput(attribute)
 
 
 def _numbers(value: object) -> Array | None:
