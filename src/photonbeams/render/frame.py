@@ -387,7 +387,7 @@ class FrameRenderer(PassRenderer):
                     rays = eye.through_middles(part)
                     tracing = unshaded(self.camera_tracing(light.world, rays))
                     parts.append(PinholeRays(part.projection, rays.primary, tracing, samples, media))
-                result.append(tallied_view(light.world, light.tally, view.projection, parts, number, apart))
+                result.append(tallied_view(light.world, light.tally, view.projection, parts, number, apart=apart))
         return result
 
     def _later(self, view: int) -> Later | None:

@@ -117,8 +117,8 @@ class Gathering:
         self.radiance: dict[str, Any] = {each.group: dr.zeros(Array3f, self._count) for each in sets}
         self._steps: list[PathSegments] = []
 
-    def add(self, paths: CameraPaths, vertex: CameraVertex, until: Float | None = None) -> None:
-        """Add the segments of one step of camera paths; `until` is how far light counts, None: to their ends."""
+    def add(self, paths: CameraPaths, vertex: CameraVertex) -> None:
+        """Add the segments of one step of camera paths."""
         inside = paths.alive & (paths.medium > 0) & (vertex.end > paths.near)
         tiled = inside & paths.primary & Bool(self._view is not None)
         others = inside & ~tiled & (paths.pixel < dr.opaque(UInt32, self._pixels))
@@ -128,15 +128,12 @@ class Gathering:
             own = tiled & (paths.medium == dr.opaque(UInt32, medium.number))
             if self._view is not None and bool(dr.any(own)):
                 self._add_tiled(medium, sets, paths, vertex, own)
-        focus = None if self._view is None or self._view.lens is None else self._view.lens[1]
         weights = [each.weight(paths) for each in self._tallied] if len(self._tallied) > 1 else [Float(1)]
         whole = dr.rcp(dr.maximum(sum(weights, Float(0)), 1e-6))
         for each, weight in zip(self._tallied, weights, strict=False):
-            own, share = paths.alive & paths.primary & (weight > 0), self._share * weight * whole
-            each.add(
-                self.radiance, self._step, paths, vertex, share=share, active=own, focus=focus,
-                until=Float(ENDLESS) if until is None else until,
-            )  # fmt: skip
+            own = inside & paths.primary & (weight > 0)
+            share = self._share * weight * whole
+            each.add(self.radiance, self._step, paths, vertex, share=share, active=own)
         self._step += 1
         self._steps += compressed(others, PathSegments.of(paths, vertex))
         if sum(dr.width(each.pixel) for each in self._steps) > _MOST:

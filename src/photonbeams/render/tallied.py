@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
 
 from ..estimators.estimate import ENDLESS
 from ..numerics.arrays import to_float, to_numpy, to_uint
-from ..numerics.hashing import hash32, unit_float
-from ..numerics.structs import Struct
-from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
+from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ..scene import Array
 from ..transport.tally import Deposit, Tally
 from ..transport.tuning import FREE_PATHS, radius_scale
@@ -55,27 +52,6 @@ _ALONG = 0.6
 _FEWEST, _FINEST, _BESIDE = 80, 64, 2
 
 
-class _SightLines(Struct):
-    """The rays of a pinhole, pixel by pixel, where they are in a medium, and their throughput up to there."""
-
-    origin: Array3f
-    direction: Array3f
-    near: Float
-    far: Float
-    throughput: Array3f
-
-
-class _TalliedCells(NamedTuple):
-    """The cells of a medium in a picture, what they hold for each light group, and the rays that found them.
-
-    `tables` have the radiance up to a place, or in media that vary the fluence: see `Froxels`.
-    """
-
-    froxels: Froxels
-    tables: Sequence[Float]
-    lines: _SightLines
-
-
 @dataclass(frozen=True)
 class TalliedView:
     """The light of a tally toward a view.
@@ -84,16 +60,17 @@ class TalliedView:
     ----------
     view, media, groups
         The view, the media, and the names of the light groups.
-    cells
-        The cells of each medium that the rays of the view meet, by their steps and the media's numbers.
+    froxels
+        The cells of each medium that the rays of the view meet, by their steps and the media's numbers, with the
+        radiance of each group, or in media that vary, or `apart`, the fluence: see `Froxels`.
     apart
-        Whether the picture's rays begin elsewhere than those of the view, all over a lens.
+        Whether rays begin apart from the view's, all over a lens, and so see what it does not.
     """
 
     view: Projection
     media: Media
     groups: Sequence[str]
-    cells: Mapping[tuple[int, int], _TalliedCells]
+    froxels: Mapping[tuple[int, int], tuple[Froxels, Sequence[Float]]]
     apart: bool
 
     def weight(self, paths: CameraPaths) -> Float:
@@ -109,69 +86,34 @@ class TalliedView:
 
     def add(
         self, radiance: dict[str, Any], step: int, paths: CameraPaths, vertex: CameraVertex, *, share: Float,
-        active: Bool, focus: Float | None, until: Float,
+        active: Bool,
     ) -> None:  # fmt: skip
-        """Add the light along the camera rays that are `active`, up to their ends in one step.
-
-        A pinhole sees what these do not, and the other way round. So where they begin elsewhere, their light is that of
-        the pinhole's own rays, up to a distance: the first step adds it all.
-
-        Parameters
-        ----------
-        focus, until
-            The planar distance at which the rays' lens is in focus, None without one, and how far light counts.
-        """
-        for (number, medium), (froxels, tables, lines) in self.cells.items():
-            if step != (0 if self.apart else number):
+        """Add the light along the camera rays that are `active`, up to their ends in one step."""
+        for (number, medium), (froxels, tables) in self.froxels.items():
+            own = active & (paths.medium == dr.opaque(UInt32, medium))
+            if number != step or not bool(dr.any(own)):
                 continue
-            own, line, at = active & (paths.medium == dr.opaque(UInt32, medium)), paths, self._at(froxels, paths, focus)
-            length = dr.minimum(vertex.end, ENDLESS) - paths.near
-            if self.apart:
-                own, line = active, copy(paths)
-                found = _line_at(froxels.view, lines, at, vertex.seed)
-                for name in ("origin", "direction", "near", "throughput"):
-                    setattr(line, name, getattr(found, name))
-                line.medium = dr.opaque(UInt32, medium)
-                length = dr.minimum(found.far, until) - found.near
-            own &= length > 0
-            if not bool(dr.any(own)):
-                continue
+            length = dr.select(own, dr.minimum(vertex.end, ENDLESS) - paths.near, 0)
             for group, table in zip(self.groups, tables, strict=True):
-                light = self._along(medium, froxels, table, line, at, dr.select(own, length, 0), vertex.seed, own)
-                light *= line.throughput * share
+                light = self._along(medium, froxels, table, paths, length, vertex.seed, own)
+                light *= paths.throughput * share
                 radiance[group] = radiance.get(group, 0) + dr.select(own, light, 0)
                 dr.eval(radiance[group])
 
-    def _at(self, froxels: Froxels, paths: CameraPaths, focus: Float | None) -> Array2f:
-        """Return where in the picture of cells camera rays are in focus; without a lens, where their directions are."""
-        view = froxels.view
-        if focus is None:
-            return view.seen((paths.origin if view.orthographic else view.origin) + paths.direction).at
-        away = focus / dr.dot(paths.direction, view.poses[0].forward)
-        return view.seen(paths.origin + away * paths.direction).at
-
     def _along(
-        self, medium: int, froxels: Froxels, table: Float, paths: CameraPaths, at: Array2f, length: Float,
-        seed: UInt32, active: Bool,
-    ) -> Array3f:  # fmt: skip
-        """Return the light along rays over lengths in a medium, at places in the picture."""
-        if not self.media.varies(medium):
+        self, medium: int, froxels: Froxels, table: Float, paths: CameraPaths, length: Float, seed: UInt32, active: Bool
+    ) -> Array3f:
+        """Return the light along rays over lengths in a medium."""
+        at, start = froxels.view.seen(paths.origin + paths.direction).at, paths.origin + paths.near * paths.direction
+        if not self.apart and not self.media.varies(medium):
             return froxels.radiance(table, at, length)
-        start = paths.origin + paths.near * paths.direction
 
         def source(place: Array3f) -> Array3f:
-            return froxels.source(table, at, dr.dot(place - start, paths.direction))
+            seen = froxels.view.seen(place).at if self.apart else at
+            return froxels.source(table, seen, dr.dot(place - start, paths.direction))
 
-        return self.media.gathered(paths.medium, start, paths.direction, length, seed, active, source)
-
-
-def _line_at(view: Projection, lines: _SightLines, at: Array2f, seed: UInt32) -> _SightLines:
-    """Return lines at places in a picture: one of the four beside a place, drawn by how near it is."""
-    column, row = (
-        UInt32(dr.clip(each - 0.5 + unit_float(hash32(seed, UInt32(number))), 0, dr.opaque(Float, most - 1)))
-        for number, (each, most) in enumerate(((at.x, view.width), (at.y, view.height)))
-    )
-    return dr.gather(_SightLines, lines, row * dr.opaque(UInt32, view.width) + column)
+        counted = dr.minimum(length, froxels.longest)
+        return self.media.gathered(paths.medium, start, paths.direction, counted, seed, active, source)
 
 
 @dataclass(frozen=True)
@@ -187,21 +129,21 @@ class PinholeRays:
     samples: Samples
     media: Collection[int]
 
-    def meeting(self, media: Sequence[RenderedMedium]) -> Iterator[tuple[int, RenderedMedium, _SightLines]]:
-        """Yield the steps in which the rays meet their media, and where they are in them."""
-        primary, pixels = self.primary, dr.width(self.primary.direction)
-        begun = camera_paths.begin(self.tracing, primary, dr.arange(UInt32, pixels))
+    def meeting(
+        self, media: Sequence[RenderedMedium]
+    ) -> Iterator[tuple[tuple[int, RenderedMedium], tuple[Float, Float]]]:  # fmt: skip
+        """Yield the steps in which the rays meet their media, with where these begin and end on each ray."""
+        pixels = dr.width(self.primary.direction)
+        begun = camera_paths.begin(self.tracing, self.primary, dr.arange(UInt32, pixels))
         for step, (paths, vertex) in enumerate(camera_paths.follow(self.tracing, begun, self.samples, NO_LIGHT)):
             for each in media:
                 own = paths.alive & paths.primary & (paths.medium == dr.opaque(UInt32, each.number))
                 if each.number in self.media and bool(dr.any(own)):
-                    lines = dr.zeros(_SightLines, pixels)
-                    lines.origin, lines.direction = primary.origin + 0 * primary.direction, primary.direction
-                    dr.scatter(lines.near, paths.near, paths.pixel, own)
-                    dr.scatter(lines.far, dr.minimum(vertex.end, ENDLESS), paths.pixel, own)
-                    dr.scatter(lines.throughput, paths.throughput, paths.pixel, own)
-                    dr.eval(lines)
-                    yield step, each, lines
+                    near, far = dr.zeros(Float, pixels), dr.zeros(Float, pixels)
+                    dr.scatter(near, paths.near, paths.pixel, own)
+                    dr.scatter(far, dr.minimum(vertex.end, ENDLESS), paths.pixel, own)
+                    dr.eval(near, far)
+                    yield (step, each), (near, far)
 
 
 def parts_with_media(world: World, view: View) -> list[tuple[View, list[int]]]:
@@ -245,11 +187,11 @@ def _scattering(world: World) -> list[RenderedMedium]:
 
 
 def tallied_view(
-    world: World, tally: Tally, view: Projection, parts: Sequence[PinholeRays], number: int, apart: bool
+    world: World, tally: Tally, view: Projection, parts: Sequence[PinholeRays], number: int, *, apart: bool
 ) -> TalliedView:  # fmt: skip
     """Return the light of the tally of pass `number` toward a pinhole that sees a world, in parts of its picture.
 
-    `apart` is as for `TalliedView`.
+    Rays that begin `apart` from the pinhole, all over a lens, also see what it does not.
     """
     sources, media = world.sources, _scattering(world)
     groups = sorted({each.group for each in sources})
@@ -263,15 +205,13 @@ def tallied_view(
     np.maximum.at(power, numbers[tally.starts.source.numpy()], tally.starts.initial.numpy())
     units = np.where(power > 0, power, 1.0) * (tally.tracing.region / _UNITS)
     froxels: dict[tuple[int, int], Froxels] = {}
-    lines: dict[tuple[int, int], _SightLines] = {}
     for rays in parts:
-        for step, each, own in rays.meeting(media):
-            lines[step, each.number] = own
+        for (step, each), (near, far) in rays.meeting(media):
             froxels[step, each.number] = Froxels.of(
                 rays.view,
                 facing=rays.primary.facing,
-                near=own.near,
-                far=own.far,
+                near=near,
+                far=far,
                 deepest=np.inf if each.tracked else _DEEPEST / max(min(each.medium.extinction), 1e-30),
                 blur=blur[each.number],
                 most=most_columns(3 * len(groups) * len(media)),
@@ -283,19 +223,20 @@ def tallied_view(
         group, light = dr.gather(UInt32, group_of, own.source), own.light * dr.gather(Float, scale_of, own.source)
         sums.add(own.place, light, own.medium, group, partial(_phase, own), active)
 
-    result: dict[tuple[int, int], _TalliedCells] = {}
+    result: dict[tuple[int, int], tuple[Froxels, Sequence[Float]]] = {}
     if not froxels:
         return TalliedView(view, world.media, groups, result, apart=apart)
     traced = {seen: number for number, seen in tally.media.items()}
     sums = FroxelSums(view, [*froxels.values()], [traced.get(number, number) for _, number in froxels], units.tolist())
     tally.fill(deposit, None if view.orthographic else view.origin)
     for index, ((step, number), cells) in enumerate(froxels.items()):
-        if world.media.varies(number):
-            tables = [to_float(each.ravel()) for each in cells.fluence(blur[number], sums.of(index), _ALONG)]
+        if apart or world.media.varies(number):
+            fluence = cells.fluence(blur[number], sums.of(index), apart, _ALONG)
+            tables = [to_float(each.ravel()) for each in fluence]
         else:
             medium = next(each.medium for each in media if each.number == number)
             tables = cells.tables(medium, blur[number], sums.of(index))
-        result[step, number] = _TalliedCells(cells, tables, lines[step, number])
+        result[step, number] = cells, tables
     return TalliedView(view, world.media, groups, result, apart=apart)
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import drjit as dr
 import numpy as np
-from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.ndimage import gaussian_filter, gaussian_filter1d, zoom
 
 from ...estimators.projection import Projection
 from ...numerics.arrays import joined, to_float, to_uint
@@ -172,11 +172,17 @@ class Froxels:
             result.append(to_float(table.ravel()))
         return result
 
-    def fluence(self, blur: float, sums: Array, along_least: float = 0.0) -> list[Array]:
+    def fluence(self, blur: float, sums: Array, beyond: bool = False, along_least: float = 0.0) -> list[Array]:
         """Return, for each light group, 4π times the mean of phase function times radiance in cells, (…, channels).
 
-        `blur` is the standard deviation of the blur, in scene units, and `sums` what was deposited, by groups; along
-        rays the blur is `along_least` cells at least.
+        Parameters
+        ----------
+        blur, sums
+            The standard deviation of the blur, in scene units, and what was deposited, by groups.
+        beyond
+            Whether cells that no ray sees are as bright as those around them, at the same distance.
+        along_least
+            The least blur along rays, in cells.
         """
         ends = self._ends
         middle = 0.5 * (ends[1:] + ends[:-1])
@@ -198,9 +204,9 @@ class Froxels:
 
         volume = blurred(self.volume)
         least = _SEEN * volume.max(axis=(1, 2), keepdims=True)
-        inverse = np.where(volume > least, 1 / np.maximum(volume, np.maximum(least, 1e-300)), 0)
+        volume = np.where(volume > least, np.maximum(volume, 1e-300), 0)
         cells = sums.reshape(-1, 3, *self.shape)
-        return [np.stack([blurred(each) * inverse for each in own], axis=-1) for own in cells]
+        return [np.stack([_ratio(blurred(each), volume, beyond) for each in own], axis=-1) for own in cells]
 
     def radiance(self, table: Float, at: Array2f, length: Float) -> Array3f:
         """Return the radiance along rays at places in the picture, in pixels, after a length in the medium."""
@@ -228,6 +234,27 @@ class Froxels:
             x, y = (dr.minimum(each, dr.opaque(UInt32, most - 1)) for each, most in ((x, counts[0]), (y, counts[1])))
             result += weight * dr.gather(Array3f, table, z * cells + y * columns + x)
         return result
+
+
+def _ratio(sums: Array, volume: Array, beyond: bool) -> Array:
+    """Return sums over volumes, (…, rows, columns), 0 where there is none; with `beyond`, the mean around it.
+
+    Means are over squares of cells, each twice as wide as the one before, until there is any volume.
+    """
+    seen = volume > 0
+    result: Array = np.where(seen, sums, 0) / np.where(seen, volume, 1)
+    if not beyond or seen.all() or volume.shape[-2:] == (1, 1):
+        return result
+    odd = [(0, 0)] * (volume.ndim - 2) + [(0, each % 2) for each in volume.shape[-2:]]
+
+    def squares(cells: Array) -> Array:
+        own = np.pad(np.where(seen, cells, 0), odd)
+        rows = own[..., ::2, :] + own[..., 1::2, :]
+        return rows[..., ::2] + rows[..., 1::2]
+
+    around = _ratio(squares(sums), squares(volume), beyond)
+    near = zoom(around, (*[1] * (volume.ndim - 2), 2, 2), order=1, mode="nearest", grid_mode=True)
+    return np.where(seen, result, near[..., : volume.shape[-2], : volume.shape[-1]])
 
 
 class _Cells(Struct):

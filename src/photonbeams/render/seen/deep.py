@@ -180,7 +180,7 @@ class _Rays:
             shorter.end = vertex.end if whole else dr.minimum(vertex.end, ends)
             dr.eval(shorter.end)
             if self._light.sets or self._tallied:
-                gathering.add(paths, shorter, None if whole else ends)
+                gathering.add(paths, shorter)
             clear = dr.select(paths.alive & (ends > paths.near), self._clear(paths, vertex, ends), clear)
         passed = channel_mean(clear)
         return _rows(sum(gathering.radiance.values(), dr.zeros(Array3f, self._count))), passed.numpy()
