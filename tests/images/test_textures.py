@@ -86,26 +86,54 @@ def exr(path, *parts, window=None):
     return str(path)
 
 
-def test_colours_are_read_wherever_they_are(tmp_path):
-    colors, depth = [[[0.25, 0.5, 0.75]]], [[[9.0]]]
-    parts = exr(tmp_path / "a.exr", (("Z",), depth), (("R", "G", "B"), colors))
-    layers = exr(tmp_path / "b.exr", (("a.Z", "key.R", "key.G", "key.B"), [[[9.0, 0.25, 0.5, 0.75]]]))
-    for path in (parts, layers):
-        assert decoded(path, raw).pixels.tolist() == colors
-    assert decoded(exr(tmp_path / "c.exr", (("Z",), depth)), raw).pixels.tolist() == depth
+@pytest.mark.parametrize(
+    ("parts", "expected"),
+    [
+        ([("Z", [9]), ("R G B", [1, 2, 3])], [1, 2, 3]),
+        ([("a.Z key.R key.G key.B", [9, 1, 2, 3])], [1, 2, 3]),
+        ([("AO.R AO.G AO.B Combined.R Combined.G Combined.B Combined.A", [7, 8, 9, 1, 2, 3, 4])], [1, 2, 3, 4]),
+        ([("Y N.R N.G N.B", [1, 7, 8, 9])], [1]),
+        ([("R G B Z", [1, 2, 3, 9])], [1, 2, 3]),
+        ([("Y A Z", [1, 2, 9])], [1, 2]),
+        ([("Z", [9])], [9]),
+        ([("X Y Z", [1, 2, 3])], [1, 2, 3]),
+    ],
+)
+def test_the_picture_is_read_wherever_it_is(tmp_path, parts, expected):
+    path = exr(tmp_path / "a.exr", *((tuple(names.split()), [[values]]) for names, values in parts))
+    found = decoded(path, raw)
+    assert found.pixels.tolist() == [[expected]]
+    assert not found.warnings
 
 
+def test_several_pictures_are_told(tmp_path):
+    path = exr(tmp_path / "a.exr", (("a.R", "a.G", "a.B", "b.R", "b.G", "b.B"), [[[1, 2, 3, 4, 5, 6]]]))
+    (warning,) = decoded(path, raw).warnings
+    assert "has the pictures a, b: the first is used" in warning
+
+
+def test_deep_images_are_no_textures(tmp_path):
+    spec = OpenImageIO.ImageSpec(2, 1, 4, "float")
+    spec.deep = True
+    samples = OpenImageIO.DeepData()
+    samples.init(spec)
+    file = OpenImageIO.ImageOutput.create("a.exr")
+    assert file.open(str(tmp_path / "a.exr"), spec) and file.write_deep_image(samples)
+    file.close()
+    assert decoded(str(tmp_path / "a.exr"), raw).error == "it is a deep one"
+
+
+@pytest.mark.parametrize("corner", [(2, 2), (3, 5)])
 @pytest.mark.parametrize("limit", [8, 4])
-def test_a_picture_is_black_where_a_file_holds_none_of_it(tmp_path, limit):
-    """A file of 4 × 2 pixels begins at (2, 2) in a picture of 8 × 8, or at (-2, 0) with two columns of it inside."""
+def test_a_picture_is_black_where_a_file_holds_none_of_it(tmp_path, limit, corner):
+    """A file of 4 × 2 pixels begins somewhere in a picture of 8 × 8, or at (-2, 0) with two columns of it inside."""
     pixels = np.ones((2, 4, 3), np.float32)
-    inside = decoded(exr(tmp_path / "a.exr", (("R", "G", "B"), pixels), window=(2, 2, 8, 8)), raw, limit)
+    inside = decoded(exr(tmp_path / "a.exr", (("R", "G", "B"), pixels), window=(*corner, 8, 8)), raw, limit)
     whole = np.zeros((8, 8))
-    whole[2:4, 2:6] = 1
+    whole[corner[1] : corner[1] + 2, corner[0] : corner[0] + 4] = 1
     assert (inside.width, inside.height) == (8, 8)
-    np.testing.assert_allclose(inside.pixels.mean(), whole.mean(), rtol=1e-6)
-    if limit == 8:
-        np.testing.assert_array_equal(inside.pixels[..., 0], whole)
+    squares = whole.reshape(limit, 8 // limit, limit, 8 // limit).mean(axis=(1, 3))
+    np.testing.assert_allclose(inside.pixels[..., 0], squares, rtol=1e-6)
     beyond = decoded(exr(tmp_path / "b.exr", (("R", "G", "B"), pixels), window=(-2, 0, 8, 8)), raw, 8).pixels
     assert beyond[..., 0].sum() == beyond[:2, :2, 0].sum() == 4
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from photonbeams.runtime.device import mitsuba
+from photonbeams.world.media.discovery.survey import held
 
 mi = mitsuba()
 
@@ -49,9 +50,9 @@ def test_fog_that_no_middle_of_a_pixel_sees_is_lit(place):
     away = np.linalg.norm([place, place, AWAY])
     right = scattering * INTENSITY / to_fog**2 * volume / (4 * np.pi * away**2)
     picture = (2 * np.tan(np.radians(FOV / 2))) ** 2  # of all pixels, at 1
-    # A pass has a sample in each pixel, and the fog covers 0.44 of one: 256 passes err by 0.07. Of unguided light
+    # A pass has a sample in each pixel, and the fog covers 0.44 of one: 96 passes err by 0.11. Of unguided light
     # paths, two of 16,384 meet the fog, and their beams are as wide as a 20th of it.
-    assert mean(scene, 256, max_depth=2, rr_depth=1000) == pytest.approx(right / picture, rel=0.25)
+    assert mean(scene, 96, max_depth=2, rr_depth=1000) == pytest.approx(right / picture, rel=0.35)
 
 
 def test_fog_of_a_few_pixels_is_as_bright_as_in_a_larger_picture():
@@ -72,3 +73,27 @@ def test_fog_that_a_part_of_the_lens_sees_is_as_bright_as_by_paths():
     own = np.array(mi.render(scene, integrator=mi.load_dict({"type": "photon_beams", **DEEP}), spp=6, seed=1))
     # 6 passes err by 0.022, and the paths by 0.001. What the pass's place on the lens and a ray both see is 0.1 less.
     assert own[:, 5:11].mean() == pytest.approx(right[:, 5:11].mean(), rel=0.055)
+
+
+@pytest.mark.parametrize("beside", [(2.2, 0, 0), (0, -2.2, 0), (-2.2, 0, 0), (0, 2.2, 0), (2.2, -2.2, 0)])
+def test_fog_beside_the_picture_changes_nothing(beside):
+    other = {
+        "type": "sphere", "center": beside, "radius": 0.25, "bsdf": {"type": "null"},
+        "interior": {"type": "homogeneous", "albedo": 0.99, "sigma_t": 8.0},
+    }  # fmt: skip
+    alone, both = (mean(ball_of_fog(0.25, 4.0, **more), 4, **DEEP) for more in ({}, {"other": other}))
+    assert both == pytest.approx(alone, rel=0.2)  # 4 passes err by 0.03, and the other ball lights this one a little
+
+
+def test_instances_of_fog_are_in_its_box():
+    medium = {"type": "homogeneous", "albedo": 0.99, "sigma_t": 40.0, "id": "fog"}
+    ball = {"type": "sphere", "radius": 0.08, "bsdf": {"type": "null"}, "interior": {"type": "ref", "id": "fog"}}
+    scene = mi.load_dict({
+        "type": "scene", "fog": medium, "group": {"type": "shapegroup", "ball": ball}, "own": ball,
+        "instance": {
+            "type": "instance", "to_world": mi.ScalarTransform4f().translate([0.6, 0.5, 0]),
+            "group": {"type": "ref", "id": "group"},
+        },
+    })  # fmt: skip
+    ((low, high),) = held(scene).values()
+    np.testing.assert_allclose([low, high], [[-0.08, -0.08, -0.08], [0.68, 0.58, 0.08]], atol=1e-6)

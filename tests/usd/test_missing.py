@@ -153,7 +153,6 @@ def graph(own, inner):
         ),
         ("Paint/Graph.outputs:out", [graph("Graph/In.outputs:out", "Graph.outputs:out")], "no loop"),
         ("Paint/Graph.outputs:out", [graph("Graph/In.outputs:out", "")], "an output that is connected"),
-        ("Paint/Off.outputs:rgb", ['def Shader "Off" (active = false) {\n color3f outputs:rgb\n}'], "an active shader"),
         ("Paint/Image.inputs:file", [], "an output of a shader, or an input of a material or a graph"),
         ("Floor.points", [], "an output of a shader, or an input of a material or a graph"),
         ("Lamp.inputs:color", [], "an output of a shader, or an input of a material or a graph"),

@@ -7,6 +7,7 @@ these names have in common. Parts, views and data windows are read as OpenEXR de
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -116,7 +117,7 @@ def says_distance(channel: Channel) -> bool:
     return channel.words[-1] == "t" or any(word.endswith("dist") or "distance" in word for word in channel.words)
 
 
-def picture_channels(file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
+def picture_channels(file: ImageFile | PathLike, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
     """Return red, green, blue, and alpha if it exists, of the layer that holds the picture; SceneError without one."""
     layers: dict[Layer, dict[str, Channel]] = {}
     for each in channels:
@@ -139,6 +140,40 @@ def picture_channels(file: ImageFile, channels: Sequence[Channel], warn: Warn) -
         names = ", ".join(found[each][0].name.rpartition(".")[0] for each in equal)
         warn(f"{file} has the pictures {names}: the first is used, expected one that is called {_PICTURES[0]}")
     return found[best]
+
+
+def color_channels(path: PathLike, file: OpenImageIO.ImageInput, warn: Warn) -> list[Channel]:
+    """Return the channels of a texture, which are in one part: of its picture, or else grey, with alpha if it exists.
+
+    An EXR may hold other layers, and more channels. If nothing in its first part is called a picture, that is all of
+    it. Of other images, the first channels are red, green and blue.
+    """
+    specs: list[Any] = []
+    while file.seek_subimage(len(specs), 0):
+        specs.append(file.spec())
+    flat = [part for part, spec in enumerate(specs) if not spec.deep]
+    if not flat:
+        raise UnreadableImageError(path, "it is a deep one")
+    channels = [each for part in flat for each in _channels_of(part, specs[part], len(specs) > 1)]
+    first, count = [each for each in channels if each.part == flat[0]], specs[flat[0]].nchannels
+    if file.format_name() != "openexr":
+        return first[: 4 if count == 4 or specs[flat[0]].alpha_channel == 3 else 3]
+    view = next((each.view for each in channels if each.view), "")
+    channels = [each for each in channels if each.view in ("", view)]
+    named: list[list[Channel]] = []
+    with suppress(SceneError):
+        named.append(picture_channels(path, channels, warn))
+    vectors = {each.layer for each in channels if each.words[-1] == "x"}
+    greys = [each for each in channels if each.words[-1] == "y" and _is_picture(each) and each.layer not in vectors]
+    if greys and not (named and _is_picture(named[0][0])):
+        layer = greys[0].layer
+        return [greys[0], *(each for each in channels if each.layer == layer and each.words[-1] in ("a", "alpha"))]
+    return named[0] if named else [each for each in first if each.words[-1] not in ("a", "alpha")][:3] or first[:1]
+
+
+def _is_picture(channel: Channel) -> bool:
+    """Return whether a channel's layer has a name of pictures, or none."""
+    return channel.layer[1].rpartition(".")[2] in ("", *_PICTURES)
 
 
 class ImageFile:

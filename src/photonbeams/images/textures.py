@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import OpenImageIO
 
 from ..scene import Array, SceneError
+from .channels import Channel, color_channels, placed
 from .display import DECODED, srgb_decoded
 from .files import UnreadableImageError, check_image, complaint, decoded_rows, opened, reason, strips
 
@@ -25,12 +26,16 @@ Linearize = Callable[[Array, str], Array]
 
 @dataclass(frozen=True)
 class Decoded:
-    """An image file's pixels, (H, W, C) float32 scene-linear, and the file's size; or None and the decoder's error."""
+    """An image file's pixels, (H, W, C) float32 scene-linear, and the file's size; or None and the decoder's error.
+
+    `warnings` are about the choice among several pictures in the file.
+    """
 
     pixels: Array | None
     width: int = 0
     height: int = 0
     error: str = ""
+    warnings: tuple[str, ...] = ()
 
 
 def decoded(path: str, linearize: Linearize, limit: int = TEXTURE_LIMIT) -> Decoded:
@@ -43,7 +48,9 @@ def decoded(path: str, linearize: Linearize, limit: int = TEXTURE_LIMIT) -> Deco
     width = height = 0
     try:
         with opened(path, config) as file:
-            part, first = _colors(file)
+            warnings: list[str] = []
+            channels = color_channels(path, file, warnings.append)
+            part = channels[0].part
             file.seek_subimage(part, 0)
             width, height, level = file.spec().full_width, file.spec().full_height, 0
             while max(file.spec().width, file.spec().height) > limit and file.seek_subimage(part, level + 1):
@@ -51,8 +58,9 @@ def decoded(path: str, linearize: Linearize, limit: int = TEXTURE_LIMIT) -> Deco
             complaint(file)
             file.seek_subimage(part, level)
             check_image(path, file.spec())
-            pixels = _read(file, part, level, first, linearize=linearize, limit=limit)
-            return Decoded(pixels, width, height, "" if pixels is not None else reason(complaint(file)))
+            pixels = _read(file, level, channels, linearize=linearize, limit=limit)
+            error = "" if pixels is not None else reason(complaint(file))
+            return Decoded(pixels, width, height, error, warnings=tuple(warnings))
     except MemoryError:
         return Decoded(None, width, height, f"its {width} x {height} pixels do not fit into memory")
     except UnreadableImageError as error:
@@ -82,56 +90,43 @@ def linear(pixels: Array, kind: str) -> Array:
     return result
 
 
-def _colors(file: OpenImageIO.ImageInput) -> tuple[int, int]:
-    """Return the part of a file and its channel with which colours begin, R, G and B; 0 if none are named."""
-    part = 0
-    while file.seek_subimage(part, 0):
-        names = [each.rpartition(".")[2].upper() for each in file.spec().channelnames]
-        for first in range(len(names) - 2):
-            if names[first : first + 3] == ["R", "G", "B"]:
-                return part, first
-        part += 1
-    return 0, 0
-
-
 def _read(
-    file: OpenImageIO.ImageInput, part: int, level: int, first: int, *, linearize: Linearize, limit: int
+    file: OpenImageIO.ImageInput, level: int, channels: Sequence[Channel], *, linearize: Linearize, limit: int
 ) -> Array | None:
-    """Return the pixels of a level, scaled down by a whole number if it is too large; None if that fails."""
-    spec = file.spec()
-    kind, width, height = str(spec.format), spec.width, spec.height
-    # A fourth channel may be alpha; if it is not, it is no part of the colour.
-    count = spec.nchannels - first
-    count = count if count <= 3 else 4 if spec.alpha_channel in (first + 3, -1) else 3
-    channels = range(first, first + count)
-    factor = max(1, max(spec.full_width, spec.full_height) // limit)
+    """Return channels of a level over the whole picture, black where the file holds none of it; None if that fails.
+
+    If it is too large it is scaled down by a whole number: pixels are means over squares.
+    """
+    spec, part = file.spec(), channels[0].part
+    (width, height), corner = (spec.full_width, spec.full_height), (spec.x - spec.full_x, spec.y - spec.full_y)
+    columns = [each.index for each in channels]
+    both, factor = range(min(columns), max(columns) + 1), max(1, max(width, height) // limit)
+    chosen = [each - both.start for each in columns]
     if factor == 1:
-        stored = file.read_image(part, level, channels.start, channels.stop, "float")
+        stored = file.read_image(part, level, both.start, both.stop, "float")
         if stored is None or not np.size(stored):
             return None
-        return _limited(_whole(linearize(decoded_rows(file, stored, channels), kind), spec, 1), limit)
-    result = np.empty((-(-height // factor), -(-width // factor), count), np.float32)
-    for row, strip in strips(file, part, level, channels, factor=factor):
+        pixels = linearize(decoded_rows(file, stored, both)[..., chosen], str(spec.format))
+        return _limited(placed(pixels, corner, (0, 0, width, height), 0.0), limit)
+    sums = np.zeros((-(-height // factor), -(-width // factor), len(columns)), np.float32)
+    for row, strip in strips(file, part, level, both, factor=factor):
         if strip is None:
             return None
-        scaled = _means(linearize(decoded_rows(file, strip, channels), kind), factor)
-        result[row // factor : row // factor + len(scaled)] = scaled
-    return _limited(_whole(result, spec, factor), limit)
+        pixels = linearize(decoded_rows(file, strip, both)[..., chosen], str(spec.format))
+        _add_squares(sums, pixels, (corner[0], corner[1] + row), factor)
+    rows, across = (np.minimum(factor, size - factor * np.arange(-(-size // factor))) for size in (height, width))
+    return _limited((sums / (rows[:, None] * across)[..., None]).astype(np.float32), limit)
 
 
-def _whole(pixels: Array, spec: OpenImageIO.ImageSpec, factor: int) -> Array:
-    """Return the whole picture, of whose pixels a file holds some: it is black and transparent elsewhere."""
-    shape = -(-spec.full_height // factor), -(-spec.full_width // factor), pixels.shape[2]
-    top, left = round((spec.y - spec.full_y) / factor), round((spec.x - spec.full_x) / factor)
-    if (top, left, *shape) == (0, 0, *pixels.shape):
-        return pixels
-    result = np.zeros(shape, np.float32)
-    rows, columns = (
-        slice(max(begin, 0), max(min(begin + size, most), 0))
-        for begin, size, most in zip((top, left), pixels.shape, shape, strict=False)
-    )
-    result[rows, columns] = pixels[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
-    return result
+def _add_squares(sums: Array, pixels: Array, corner: tuple[int, int], factor: int) -> None:
+    """Add pixels, whose first one has a place (x, y) in the picture, to the sums over squares in which they are."""
+    firsts, places = [], []
+    for place, size in zip(corner, pixels.shape[1::-1], strict=True):
+        firsts.append(place // factor)
+        places.append(np.concatenate([[0], np.arange(factor - place % factor, size, factor)]))
+    added = np.add.reduceat(np.add.reduceat(pixels, places[1], axis=0), places[0], axis=1)
+    (height, width), (left, top) = sums.shape[:2], firsts
+    sums += placed(added, (left, top), (0, 0, width, height), 0.0)
 
 
 def _limited(pixels: Array, limit: int) -> Array:
@@ -149,14 +144,3 @@ def resized(pixels: Array, height: int, width: int) -> Array:
     source = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
     made = OpenImageIO.ImageBufAlgo.resize(source, filtername="box", roi=region)
     return np.asarray(made.get_pixels("float"), dtype=np.float32).reshape(height, width, -1)
-
-
-def _means(pixels: Array, factor: int) -> Array:
-    """Return the means over squares of pixels; squares at the right and lower edges may be incomplete."""
-    for _ in (0, 1):  # over rows, then over columns
-        whole = len(pixels) // factor * factor
-        parts = [sum(pixels[first:whole:factor] for first in range(factor)) / np.float32(factor)]
-        if whole < len(pixels):
-            parts.append(pixels[whole:].mean(axis=0, keepdims=True))
-        pixels = np.concatenate(parts).swapaxes(0, 1)
-    return pixels

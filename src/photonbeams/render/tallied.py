@@ -90,8 +90,10 @@ class TalliedView:
     ) -> None:  # fmt: skip
         """Add the light along the camera rays that are `active`, up to their ends in one step."""
         for (number, medium), (froxels, tables) in self.froxels.items():
+            # At a silhouette rays meet a medium after more surfaces than those that have found it, or after fewer.
+            nearest = min((each for each, own in self.froxels if own == medium), key=lambda each: abs(each - step))
             own = active & (paths.medium == dr.opaque(UInt32, medium))
-            if number != step or not bool(dr.any(own)):
+            if number != nearest or not bool(dr.any(own)):
                 continue
             length = dr.select(own, dr.minimum(vertex.end, ENDLESS) - paths.near, 0)
             for group, table in zip(self.groups, tables, strict=True):
@@ -155,11 +157,11 @@ def parts_with_media(world: World, view: View) -> list[tuple[View, list[int]]]:
     result: dict[tuple[tuple[int, int, int, int], int], list[int]] = {}
     shape = np.array([view.window.width, view.window.height])
     for each in _scattering(world):
-        low, high = _around(view, world.boxes.get(each.number))
-        size = float((high - low).max())
-        if size <= 0:  # beside the picture
+        around = _around(view, world.boxes.get(each.number))
+        if around is None:
             continue
-        finer = min(-(-_FEWEST // max(math.ceil(size), 1)), _FINEST)
+        low, high = around
+        finer = min(-(-_FEWEST // max(math.ceil(float((high - low).max())), 1)), _FINEST)
         if finer == 1:
             low, high = np.zeros(2), shape
         left, top = np.maximum(np.floor(low * finer) - _BESIDE, 0).astype(int).tolist()
@@ -168,8 +170,11 @@ def parts_with_media(world: World, view: View) -> list[tuple[View, list[int]]]:
     return [(view.part(corners, finer), media) for (corners, finer), media in result.items()]
 
 
-def _around(view: View, box: Box | None) -> tuple[Array, Array]:
-    """Return the corners (x, y) of the part of a picture that shows a box, in pixels; None: it may be everywhere."""
+def _around(view: View, box: Box | None) -> tuple[Array, Array] | None:
+    """Return the corners (x, y) of the part of a picture that shows a box, in pixels; None: it is beside the picture.
+
+    Without a box, or with one that is partly behind the camera, that is the whole picture.
+    """
     everything = np.zeros(2), np.array([view.window.width, view.window.height], dtype=np.float64)
     if box is None:
         return everything
@@ -177,8 +182,10 @@ def _around(view: View, box: Box | None) -> tuple[Array, Array]:
     if float(dr.min(seen.depth)[0]) <= 0:
         return everything
     places = to_numpy(seen.at).astype(np.float64)
-    low, high = np.maximum(places.min(axis=1), 0), np.minimum(places.max(axis=1), everything[1])
-    return low, np.maximum(high, low)
+    low, high = places.min(axis=1), places.max(axis=1)
+    if (high <= 0).any() or (low >= everything[1]).any():
+        return None
+    return np.maximum(low, 0), np.minimum(high, everything[1])
 
 
 def _scattering(world: World) -> list[RenderedMedium]:

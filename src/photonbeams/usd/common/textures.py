@@ -93,6 +93,8 @@ def image_at(
             return None, f"names {shown}: expected an image that can be read ({why})"
         if not np.all(np.isfinite(found.pixels)):
             return None, f"names {path}: expected pixels that are finite numbers"
+        for text in found.warnings:
+            reading.warn(prim, f"names an image with several pictures: {text}", name)
         height, width = found.pixels.shape[:2]
         if (width, height) != (found.width, found.height):
             text = f"names {Path(path).name} of {found.width} x {found.height} pixels: it is scaled down to"

@@ -68,7 +68,7 @@ def _split(polygons: Array, normals: Array) -> tuple[Array, Array]:
         turns = np.einsum("knj,kj->kn", np.cross(np.roll(edges, 1, axis=1), edges), normals)
         slack = 1e-9 * np.einsum("kj,kj->k", normals, normals)
         for index in np.flatnonzero((turns < -slack[:, None]).any(axis=1)):
-            local[index] = ear_clipped(_flattened(polygons[index], normals[index]))
+            local[index] = _ear_clipped(_flattened(polygons[index], normals[index]))
     return local.reshape(-1, 3), np.repeat(np.arange(count), size - 2)
 
 
@@ -81,7 +81,7 @@ def _flattened(polygon: Array, normal: Array) -> Array:
     return polygon @ np.stack([right, np.cross(axis, right)], axis=1)
 
 
-def ear_clipped(polygon: Array) -> Array:
+def _ear_clipped(polygon: Array) -> Array:
     """Return triangles (N − 2, 3) of a counter-clockwise polygon (N, 2), which may have holes connected by bridges."""
     remaining = list(range(len(polygon)))
     triangles = []

@@ -197,8 +197,6 @@ def _expected(path: Sdf.Path, chain: list[Usd.Attribute]) -> str:
     source, prim = stage.GetAttributeAtPath(path), stage.GetPrimAtPath(path.GetPrimPath())
     if not source:
         return f"an attribute that {prim.GetPath()} declares" if prim else "an output on the stage"
-    if not prim.IsActive():
-        return "an active shader"
     if source in chain:
         return "no loop"
     if is_output(source):

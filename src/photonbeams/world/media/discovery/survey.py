@@ -16,7 +16,7 @@ from ..parts import boxes, parts
 from .probes import Probes, normalized, random_directions
 
 if TYPE_CHECKING:
-    from ....runtime.mitsuba_types import BoundingBox, MiMedium, MiScene
+    from ....runtime.mitsuba_types import BoundingBox, MiMedium, MiScene, MiShape
 
 mi = mitsuba()
 
@@ -63,18 +63,26 @@ def background(walks: Probes, named: Iterable[MiMedium | None], inside: set[int]
     return 0
 
 
-def media_inside(plugin: MiScene) -> set[int]:
-    """Return the numbers of the media that shapes have inside."""
+def media_inside(plugin: MiScene | MiShape) -> set[int]:
+    """Return the numbers of the media that shapes of a scene, or of a group, have inside."""
     return {number(each.interior_medium()) for each in parts(plugin, mi.Shape)} - {0}
 
 
 def held(plugin: MiScene) -> dict[int, Box]:
-    """Return the box around the shapes that hold each medium.
+    """Return the box around the shapes that hold each medium, also in instances, and those that have it outside.
 
     A medium that no shape holds, or only a flat one such as the window of a room, has no entry.
     """
-    result = {}
-    for own, box in boxes(plugin.shapes()).items():
+    result, around = {}, boxes(plugin.shapes())
+    # An instance does not tell its group.
+    repeated = {
+        own for each in parts(plugin, mi.Shape) if each.class_name() == "ShapeGroupPlugin" for own in media_inside(each)
+    }
+    for each in plugin.shapes():
+        others = repeated if each.class_name() == "Instance" else {number(each.exterior_medium())}
+        for own in others.intersection(around):
+            around[own].expand(box_of(each))
+    for own, box in around.items():
         low, high = _corners(box)
         if (high - low).min() > _FLAT * (high - low).max():
             result[own] = low, high
