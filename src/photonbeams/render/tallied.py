@@ -89,33 +89,45 @@ class TalliedView:
         active: Bool,
     ) -> None:  # fmt: skip
         """Add the light along the camera rays that are `active`, up to their ends in one step."""
-        for (number, medium), (froxels, tables) in self.froxels.items():
+        for number, medium in self.froxels:
             # At a silhouette rays meet a medium after more surfaces than those that have found it, or after fewer.
             nearest = min((each for each, own in self.froxels if own == medium), key=lambda each: abs(each - step))
             own = active & (paths.medium == dr.opaque(UInt32, medium))
             if number != nearest or not bool(dr.any(own)):
                 continue
             length = dr.select(own, dr.minimum(vertex.end, ENDLESS) - paths.near, 0)
-            for group, table in zip(self.groups, tables, strict=True):
-                light = self._along(medium, froxels, table, paths, length, vertex.seed, own)
+            for group in range(len(self.groups)):
+                light = self._along(medium, number, group, paths, length, vertex.seed, own)
                 light *= paths.throughput * share
-                radiance[group] = radiance.get(group, 0) + dr.select(own, light, 0)
-                dr.eval(radiance[group])
+                name = self.groups[group]
+                radiance[name] = radiance.get(name, 0) + dr.select(own, light, 0)
+                dr.eval(radiance[name])
 
     def _along(
-        self, medium: int, froxels: Froxels, table: Float, paths: CameraPaths, length: Float, seed: UInt32, active: Bool
+        self, medium: int, number: int, group: int, paths: CameraPaths, length: Float, seed: UInt32, active: Bool
     ) -> Array3f:
-        """Return the light along rays over lengths in a medium."""
-        at, start = froxels.view.seen(paths.origin + paths.direction).at, paths.origin + paths.near * paths.direction
-        if not self.apart and not self.media.varies(medium):
-            return froxels.radiance(table, at, length)
+        """Return the light of a group along rays over lengths in a medium."""
+        froxels, tables = self.froxels[number, medium]
+        table, start = tables[group], paths.origin + paths.near * paths.direction
+        at = froxels.view.seen(paths.origin + paths.direction).at
+        cells = [(each, own[group]) for (_, where), (each, own) in self.froxels.items() if where == medium]
 
         def source(place: Array3f) -> Array3f:
-            seen = froxels.view.seen(place).at if self.apart else at
-            return froxels.source(table, seen, dr.dot(place - start, paths.direction))
+            along = dr.dot(place - start, paths.direction)
+            if not self.apart:
+                return froxels.source(table, at, along)
+            result = froxels.source(table, froxels.view.seen(place).at, along)
+            for each, own in cells if len(cells) > 1 else ():  # the view has met the medium before and behind another
+                there, inside = each.seen(place)
+                result = dr.select(there, each.source(own, each.view.seen(place).at, inside), result)
+            return result
 
-        counted = dr.minimum(length, froxels.longest)
-        return self.media.gathered(paths.medium, start, paths.direction, counted, seed, active, source)
+        if self.media.varies(medium):
+            return self.media.gathered(paths.medium, start, paths.direction, length, seed, active, source)
+        if not self.apart:
+            return froxels.radiance(table, at, length)
+        scattering, extinction = self.media.scattering(paths.medium), self.media.extinction(paths.medium)
+        return froxels.gathered(source, start, paths.direction, length, scattering=scattering, extinction=extinction)
 
 
 @dataclass(frozen=True)

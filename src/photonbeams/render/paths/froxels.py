@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -215,6 +216,39 @@ class Froxels:
     def source(self, table: Float, at: Array2f, length: Float) -> Array3f:
         """Return the mean of phase function times radiance there: `table` is of the `fluence`."""
         return self._between(table, at, _slab(length, self.longest) - 0.5, _SLABS) * dr.inv_four_pi
+
+    def seen(self, place: Array3f) -> tuple[Bool, Float]:
+        """Return which places their pixels' rays see in the medium, and how far in it these are."""
+        seen, (width, height) = self.view.seen(place), (self.view.width, self.view.height)
+        inside = (seen.depth > 0) & (seen.at.x >= 0) & (seen.at.y >= 0)
+        inside &= (seen.at.x < dr.opaque(Float, width)) & (seen.at.y < dr.opaque(Float, height))
+        index = UInt32(dr.select(inside, seen.at.y, 0)) * dr.opaque(UInt32, width) + UInt32(
+            dr.select(inside, seen.at.x, 0)
+        )
+        near, far = dr.gather(Float, self.near, index, inside), dr.gather(Float, self.far, index, inside)
+        return inside & (seen.distance > near) & (seen.distance < far), seen.distance - near
+
+    def gathered(
+        self, source: Callable[[Array3f], Array3f], origin: Array3f, direction: Array3f, length: Float, *,
+        scattering: Array3f, extinction: Array3f,
+    ) -> Array3f:  # fmt: skip
+        """Return the radiance along rays that begin anywhere, over lengths in the medium.
+
+        That is Σ σs S (exp(−σt a) − exp(−σt b)) / σt over slabs from a to b, with the `source` S in the middle of each.
+        """
+        ends = to_float(self._ends)
+
+        def passed(slab: UInt32, result: Array3f) -> tuple[Any, ...]:
+            begin, end = dr.gather(Float, ends, slab), dr.minimum(dr.gather(Float, ends, slab + 1), length)
+            depth = extinction * (end - begin)
+            part = dr.select(depth > 1e-4, (1 - dr.exp(-depth)) * dr.rcp(dr.maximum(extinction, 1e-30)), end - begin)
+            light = scattering * source(origin + 0.5 * (begin + end) * direction)
+            return slab + 1, result + light * dr.exp(-extinction * begin) * part
+
+        last = UInt32(dr.ceil(_slab(dr.minimum(length, self.longest), self.longest)))
+        state = UInt32(0), dr.zeros(Array3f, dr.width(length))
+        _, result = dr.while_loop(state, lambda slab, _: slab < dr.minimum(last, _SLABS), passed, label="slabs")
+        return Array3f(result)
 
     def _between(self, table: Float, at: Array2f, slab: Float, slabs: int) -> Array3f:
         """Return entries of a table of so many slabs at places in the picture, interpolated."""

@@ -73,7 +73,7 @@ def held(plugin: MiScene) -> dict[int, Box]:
 
     A medium that no shape holds, or only a flat one such as the window of a room, has no entry.
     """
-    result, around = {}, boxes(plugin.shapes())
+    around = {own: box for own, box in boxes(plugin.shapes()).items() if not _is_flat(*_corners(box))}
     # An instance does not tell its group.
     repeated = {
         own for each in parts(plugin, mi.Shape) if each.class_name() == "ShapeGroupPlugin" for own in media_inside(each)
@@ -82,11 +82,12 @@ def held(plugin: MiScene) -> dict[int, Box]:
         others = repeated if each.class_name() == "Instance" else {number(each.exterior_medium())}
         for own in others.intersection(around):
             around[own].expand(box_of(each))
-    for own, box in around.items():
-        low, high = _corners(box)
-        if (high - low).min() > _FLAT * (high - low).max():
-            result[own] = low, high
-    return result
+    return {own: _corners(box) for own, box in around.items()}
+
+
+def _is_flat(low: Array, high: Array) -> bool:
+    """Return whether a box is flat, or empty."""
+    return not (high - low).min() > _FLAT * (high - low).max()
 
 
 def _corners(box: BoundingBox) -> tuple[Array, Array]:
