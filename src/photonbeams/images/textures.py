@@ -115,7 +115,8 @@ def _read(
         pixels = linearize(decoded_rows(file, strip, both)[..., chosen], str(spec.format))
         _add_squares(sums, pixels, (corner[0], corner[1] + row), factor)
     rows, across = (np.minimum(factor, size - factor * np.arange(-(-size // factor))) for size in (height, width))
-    return _limited((sums / (rows[:, None] * across)[..., None]).astype(np.float32), limit)
+    sums /= (rows[:, None] * across)[..., None].astype(np.float32)
+    return _limited(sums, limit)
 
 
 def _add_squares(sums: Array, pixels: Array, corner: tuple[int, int], factor: int) -> None:
@@ -125,8 +126,10 @@ def _add_squares(sums: Array, pixels: Array, corner: tuple[int, int], factor: in
         firsts.append(place // factor)
         places.append(np.concatenate([[0], np.arange(factor - place % factor, size, factor)]))
     added = np.add.reduceat(np.add.reduceat(pixels, places[1], axis=0), places[0], axis=1)
-    (height, width), (left, top) = sums.shape[:2], firsts
-    sums += placed(added, (left, top), (0, 0, width, height), 0.0)
+    (left, top), (height, width) = firsts, sums.shape[:2]
+    x0, y0 = max(left, 0), max(top, 0)
+    x1, y1 = max(min(left + added.shape[1], width), x0), max(min(top + added.shape[0], height), y0)
+    sums[y0:y1, x0:x1] += added[y0 - top : y1 - top, x0 - left : x1 - left]
 
 
 def _limited(pixels: Array, limit: int) -> Array:

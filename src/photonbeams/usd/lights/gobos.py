@@ -17,8 +17,7 @@ def read_gobo(reading: Reading, prim: Usd.Prim) -> Gobo | None:
     Raises
     ------
     SceneError
-        An image cannot be read, an angle or a width is out of range, or a distant light's image
-        has no width.
+        An image cannot be read, an angle or a width is out of range, or a distant light's image has no width.
     """
     name, kind = "photonbeams:gobo", str(prim.GetTypeName())
     image = _image(reading, prim, name)
