@@ -73,16 +73,23 @@ def held(plugin: MiScene) -> dict[int, Box]:
 
     A medium that no shape holds, or only a flat one such as the window of a room, has no entry.
     """
-    around = {own: box for own, box in boxes(plugin.shapes()).items() if not _is_flat(*_corners(box))}
+    around = boxes(plugin.shapes())
+    flat = {medium for medium, box in around.items() if _is_flat(*_corners(box))}
     # An instance does not tell its group.
-    repeated = {
-        own for each in parts(plugin, mi.Shape) if each.class_name() == "ShapeGroupPlugin" for own in media_inside(each)
-    }
-    for each in plugin.shapes():
-        others = repeated if each.class_name() == "Instance" else {number(each.exterior_medium())}
-        for own in others.intersection(around):
-            around[own].expand(box_of(each))
-    return {own: _corners(box) for own, box in around.items()}
+    repeated: set[int] = set()
+    for group in (shape for shape in parts(plugin, mi.Shape) if shape.class_name() == "ShapeGroupPlugin"):
+        inside = boxes(parts(group, mi.Shape))
+        repeated |= set(inside)
+        for medium in inside.keys() - around.keys():
+            if _is_flat(*_corners(inside[medium])):
+                flat.add(medium)
+            else:
+                around[medium] = mi.ScalarBoundingBox3f()
+    for shape in plugin.shapes():
+        others = repeated if shape.class_name() == "Instance" else {number(shape.exterior_medium())}
+        for medium in others.intersection(around):
+            around[medium].expand(box_of(shape))
+    return {medium: _corners(box) for medium, box in around.items() if medium not in flat}
 
 
 def _is_flat(low: Array, high: Array) -> bool:
