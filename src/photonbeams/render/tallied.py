@@ -14,13 +14,12 @@ import numpy as np
 
 from ..estimators.estimate import ENDLESS
 from ..numerics.arrays import to_float, to_numpy, to_uint
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..runtime.device import Array3f, Bool, Float, UInt32
 from ..scene import Array
 from ..transport.tally import Deposit, Tally
 from ..transport.tuning import FREE_PATHS, radius_scale
 from ..world.cameras.panoramas import OVERLAP
-from ..world.media.interfaces import pointers
-from ..world.spectra import rgb
+from ..world.media.phases import Phases
 from .paths import camera_paths
 from .paths.camera_paths import CameraTracing
 from .paths.froxels import Froxels, FroxelSums, most_columns
@@ -37,8 +36,6 @@ if TYPE_CHECKING:
     from ..world.world import World
     from .paths.branches import CameraPaths
     from .paths.camera_paths import CameraVertex
-
-mi = mitsuba()
 
 # The blur of the fluence in the first pass, a standard deviation, as a part of a medium's radius.
 _BLUR = 0.0125
@@ -261,9 +258,5 @@ def tallied_view(
 
 def _phase(deposit: Deposit, toward: Array3f, active: Bool) -> Array3f:
     """Return 4π times the phase function for light that goes on in other directions."""
-    at = dr.zeros(mi.MediumInteraction3f, dr.width(deposit.place))
-    at.p, at.wi = mi.Point3f(deposit.place), mi.Vector3f(-deposit.direction)
-    at.sh_frame = mi.Frame3f(at.wi)
-    at.medium = pointers(dr.select(active, deposit.medium, 0))
-    value, _ = at.medium.phase_function().eval_pdf(mi.PhaseFunctionContext(), at, mi.Vector3f(toward), active)
-    return 4 * dr.pi * rgb(value)
+    value, _ = Phases(deposit.place, deposit.direction, deposit.medium, active).value(toward, active)
+    return 4 * dr.pi * value

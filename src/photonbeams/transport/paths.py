@@ -18,11 +18,11 @@ from ..numerics.arrays import compressed, joined, to_float, unaliased
 from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..numerics.streams import Stream
-from ..runtime.device import Array3f, Bool, Float, UInt32, mitsuba
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..world.differentials import RayDifferentials
 from ..world.emitters.rays import OF_PATHS, EmittedRays
-from ..world.media.interfaces import distance_to_medium, is_left, pointers
-from ..world.spectra import rgb
+from ..world.media.interfaces import distance_to_medium, is_left
+from ..world.media.phases import Phases
 from ..world.warp import facing
 from ..world.world import World
 from .aiming import Aimed
@@ -44,8 +44,6 @@ from .segments.records import Counts, LightPaths, PhotonHits, Segments, tangent
 from .splitting import continued, divisible, split
 from .tally import TallyBeginnings
 from .tracing import Tracing
-
-mi = mitsuba()
 
 # Greatest relative flux of a path by which its radius is chosen: see `_scattered_radius`.
 _BRIGHTEST = 8.0
@@ -245,26 +243,22 @@ def _following(
 ) -> LightPaths:  # fmt: skip
     """Return the paths after their interaction; `interaction.going` is then false for those that end."""
     following = LightPaths()
-    place = dr.zeros(mi.MediumInteraction3f, dr.width(paths.origin))
-    place.p, place.wi = mi.Point3f(interaction.position), mi.Vector3f(-paths.direction)
-    place.sh_frame = mi.Frame3f(place.wi)
-    place.medium = pointers(dr.select(interaction.scatters, paths.medium, 0))
-    phase = place.medium.phase_function()
+    phases = Phases(interaction.position, paths.direction, paths.medium, interaction.scatters)
     lobe = unit_float(hash32(paths.index, stream, UInt32(Stream.LOBE)))
     u = pixel_sample(paths.index, hash32(stream, UInt32(Stream.TURN)))
-    turned, weight, _ = phase.sample(mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), interaction.scatters)
+    turned, weight, _ = phases.sample(lobe, Array2f(u), interaction.scatters)
     ratio = Float(1)
     if aimed is not None:
         taken = interaction.scatters & aimed.taken
-        turned = dr.select(taken, mi.Vector3f(aimed.direction), turned)
-        value, density = phase.eval_pdf(mi.PhaseFunctionContext(), place, turned, interaction.scatters)
+        turned = dr.select(taken, aimed.direction, turned)
+        value, density = phases.value(turned, interaction.scatters)
         weight = dr.select(taken, value * dr.rcp(dr.maximum(density, 1e-30)), weight)
-        ratio = aimed.ratio(Array3f(turned), density, Bool(True))
+        ratio = aimed.ratio(turned, density, Bool(True))
         weight *= ratio
-    following.direction = _chosen(interaction, Array3f(turned), scatter.direction, paths.direction)
+    following.direction = _chosen(interaction, turned, scatter.direction, paths.direction)
     following.origin = dr.select(interaction.on_surface, scatter.origin, interaction.position)
     arriving = dr.select(passes, unfiltered, interaction.weight)
-    following.flux = paths.flux * arriving * _chosen(interaction, rgb(weight), scatter.weight, Array3f(1))
+    following.flux = paths.flux * arriving * _chosen(interaction, weight, scatter.weight, Array3f(1))
     following.flux = tracing.linked(paths, interaction, scatter.delta, following.flux)
     following.depth = paths.depth + dr.select(passes, 0, 1)
     following.medium = dr.select(interaction.on_surface, scatter.medium, paths.medium)

@@ -23,16 +23,13 @@ from ..numerics.hashing import hash32, unit_float
 from ..numerics.sampling import pixel_sample
 from ..numerics.streams import Stream
 from ..numerics.structs import Struct
-from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
+from ..runtime.device import Array2f, Array3f, Bool, Float, UInt32
 from ..scene import Array
-from ..world.media.interfaces import pointers
-from ..world.spectra import rgb
+from ..world.media.phases import Phases
 from .interactions import REFLECTED, SAMPLED, SCATTERED, TINTED, flown, reflect, survival
 from .segments.records import Counts, LightPaths
 from .splitting import scattered_and_reflected
 from .tracing import Tracing
-
-mi = mitsuba()
 
 # Points on each segment, and most steps of a walk.
 _POINTS, _STEPS = 16, 1024
@@ -245,15 +242,9 @@ class Tally:
 
 def _turned(walk: LightWalk, position: Array3f, seed: UInt32, scatters: Bool) -> tuple[Array3f, Array3f]:
     """Return directions in which media scatter walks, and their weights."""
-    place = dr.zeros(mi.MediumInteraction3f, dr.width(position))
-    place.p, place.wi = mi.Point3f(position), mi.Vector3f(-walk.direction)
-    place.sh_frame = mi.Frame3f(place.wi)
-    place.medium = pointers(dr.select(scatters, walk.medium, 0))
     lobe, u = unit_float(hash32(seed, UInt32(Stream.LOBE))), Array2f(pixel_sample(seed, UInt32(Stream.TURN)))
-    turned, weight, _ = place.medium.phase_function().sample(
-        mi.PhaseFunctionContext(), place, lobe, mi.Point2f(u), scatters
-    )
-    return Array3f(turned), rgb(weight)
+    sample = Phases(position, walk.direction, walk.medium, scatters).sample(lobe, u, scatters)
+    return sample.direction, sample.weight
 
 
 class TallyBeginnings:

@@ -10,7 +10,7 @@ import drjit as dr
 
 from ...numerics.structs import Struct
 from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
-from ...world.media.interfaces import pointers
+from ...world.media.phases import Phases
 from ...world.shadow_rays import leaving
 from ...world.spectra import rgb
 from ...world.world import World
@@ -170,17 +170,10 @@ class Vertex:
         """Return the places as Mitsuba's interactions, with a normal where they are on smooth surfaces."""
         return interaction(self.position, dr.select(self.smooth, Array3f(self.hit.n), 0))
 
-    def phase(self) -> Any:
-        """Return pointers to the phase functions of the media in which light is scattered."""
-        return pointers(dr.select(self.scattered, self.medium, 0)).phase_function()
-
-    def place(self) -> Any:
-        """Return Mitsuba's interactions with media."""
-        result = dr.zeros(mi.MediumInteraction3f, dr.width(self.position))
-        result.p, result.wi = mi.Point3f(self.position), mi.Vector3f(-self.incident)
-        result.sh_frame = mi.Frame3f(result.wi)
-        result.medium = pointers(dr.select(self.scattered, self.medium, 0))
-        return result
+    @property
+    def _phases(self) -> Phases:
+        """The phase functions of the media in which light is scattered."""
+        return Phases(self.position, self.incident, self.medium, self.scattered)
 
     def inside(self, position: Array3f, scattered: Bool) -> Vertex:
         """Return vertices in media elsewhere on the same segments."""
@@ -215,8 +208,7 @@ class Vertex:
 
     def phased(self, direction: Array3f, active: Bool) -> tuple[Array3f, Float]:
         """Return the phase function in media for a direction, and its density."""
-        value, pdf = self.phase().eval_pdf(mi.PhaseFunctionContext(), self.place(), mi.Vector3f(direction), active)
-        return rgb(value), Float(pdf)
+        return self._phases.value(direction, active)
 
     def directed(self, lobe: Float, turn: Array2f) -> DirectionSample:
         """Return samples of the phase functions or BSDFs, by a number that chooses the lobe and a point."""
@@ -228,10 +220,7 @@ class Vertex:
         # Mitsuba's `Delta` includes `Null`.
         ideal, null = (own & mi.has_flag(kind, flag) for flag in (mi.BSDFFlags.Delta, mi.BSDFFlags.Null))
         if self.world.media.all:
-            turned, factor, density = self.phase().sample(
-                mi.PhaseFunctionContext(), self.place(), lobe, u, self.scattered
-            )
-            others = Array3f(turned), rgb(factor), density
+            others = self._phases.sample(lobe, turn, self.scattered)
             chosen = [dr.select(self.scattered, *each) for each in zip(others, chosen, strict=True)]
         direction, factor, density = chosen
         return DirectionSample(direction, factor * density, factor, density, ideal, null)
