@@ -17,7 +17,6 @@ from .common.warnings import Warnings
 from .geometry.instancers import Item, items
 from .geometry.meshes import in_prototype, is_surface, read_meshes, tessellation
 from .geometry.skinning import is_skinned
-from .geometry.velocities import carried
 from .layers.clips import warn_of_gaps
 from .lights.beam_settings import PHYSICAL, bound_look
 from .lights.curves import is_drawn, read_curves, read_guides
@@ -253,7 +252,7 @@ def _outline(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> Me
     cache = reading.cache if skinned or reading.varies(prim) else reading.lasting
     key = ("outline", (prim if skinned else in_prototype(prim)).GetPath())
     if key not in cache:
-        found = tessellation(reading, prim, carried(reading, prim) if prim.IsA(UsdGeom.Mesh) else None)
+        found = tessellation(reading, prim)
         empty = np.zeros((0, 3))
         cache[key] = empty if found is None else hull_corners(found.polygons.points[np.unique(found.polygons.indices)])
     points = cache[key] @ to_world[:3, :3].T + to_world[:3, 3]

@@ -28,7 +28,7 @@ def topology(sides, indices, size, creases=None, loop=False):
 
 def refined(mesh, points, levels):
     for _ in range(levels):
-        mesh, matrix = mesh.refined()
+        mesh, matrix = mesh.refined
         points = matrix @ points
     return mesh, points
 
@@ -40,7 +40,7 @@ def test_the_limit_of_a_cube_is_the_same_from_every_level(crease):
     limits = []
     for level in range(least, least + 3):
         finer, points = refined(mesh, CUBE_POINTS, level)
-        limits.append((finer.limit() @ points)[:8])
+        limits.append((finer.limit @ points)[:8])
     assert np.allclose(limits[0], limits[1]) and np.allclose(limits[0], limits[2])
     # Halstead, Kass and DeRose 1993: (n² v + 4 Σe + Σf) / n (n + 5), with v = -5/9, e = -3/4, 0, 0 … at level 1
     if crease is None:
@@ -52,16 +52,14 @@ def test_the_limit_of_a_cube_is_the_same_from_every_level(crease):
 
 def test_a_fractional_sharpness_is_between_its_neighbours():
     soft, sharp, between = (
-        topology(4, CUBE, 8, dict.fromkeys(TOP, value)).refined()[1] @ CUBE_POINTS for value in (0.0, 1.0, 0.25)
+        topology(4, CUBE, 8, dict.fromkeys(TOP, value)).refined[1] @ CUBE_POINTS for value in (0.0, 1.0, 0.25)
     )
     assert np.allclose(between, 0.75 * soft + 0.25 * sharp)
 
 
 def test_loop_keeps_its_limit():
     mesh = topology(3, OCTAHEDRON, 6, loop=True)
-    limits = [
-        (lambda finer, points: finer.limit() @ points)(*refined(mesh, OCTAHEDRON_POINTS, n))[:6] for n in range(3)
-    ]
+    limits = [(lambda finer, points: finer.limit @ points)(*refined(mesh, OCTAHEDRON_POINTS, n))[:6] for n in range(3)]
     assert np.allclose(limits[0], limits[1]) and np.allclose(limits[0], limits[2])
     # Loop 1987: at valence 4, β = (5/8 − (3/8)²) / 4. The neighbours of v add to 0, so the limit is v times
     # 1 − 4 / (4 + 3 / 8β).
@@ -77,7 +75,7 @@ def test_a_regular_grid_is_a_bicubic_spline(rng):
     numbers = np.arange(size * size).reshape(size, size)
     quads = np.stack([numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:]], axis=-1)
     finer, found = refined(topology(4, quads.ravel(), size * size), points, 2)
-    limit = finer.limit() @ found
+    limit = finer.limit @ found
     inner = np.all((limit[:, :2] > 1 - 1e-9) & (limit[:, :2] < size - 2 + 1e-9), axis=1)
     knots = np.arange(-2.0, size + 2)
     basis = [BSpline.design_matrix(limit[inner, axis].clip(1, size - 2), knots, 3).toarray() for axis in (0, 1)]

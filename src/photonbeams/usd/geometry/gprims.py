@@ -10,15 +10,15 @@ from ...scene import Array
 from ...scene.vectors import unit
 from ..common.openusd import Usd
 from ..common.reading import Reading
-from .polygons import Polygons, Values
+from .polygons import Polygons, Values, grid_quads
 
 GPRIMS = ("Cube", "Sphere", "Cylinder", "Cylinder_1", "Cone", "Capsule", "Capsule_1", "Plane")
 
 # With 64 facets around, a silhouette is off by 0.12 % of the radius, less than a pixel for shapes of up to 1600 pixels.
 _AROUND = 64
 _ARC = 16  # rings from pole to equator
-# Rotations that bring the tessellator's Z axis to X, Y or Z by cycling the axes, so that no shape is mirrored.
-_TURNS = {"Z": (0, 1, 2), "X": (2, 0, 1), "Y": (1, 2, 0)}
+# By how many places coordinates are shifted to bring the tessellator's Z axis to X, Y or Z.
+_SHIFTS = {"Z": 0, "X": 1, "Y": -1}
 
 
 def gprim_polygons(reading: Reading, prim: Usd.Prim) -> Polygons:
@@ -30,10 +30,10 @@ def gprim_polygons(reading: Reading, prim: Usd.Prim) -> Polygons:
         polygons = _plane(_size(reading, prim, "width", 2.0), _size(reading, prim, "length", 2.0))
     else:
         polygons = _revolved(_profile(reading, prim, kind))
-    turn = list(_TURNS[reading.choice(prim, "axis", "Z", _TURNS)])
+    shift = _SHIFTS[reading.choice(prim, "axis", "Z", _SHIFTS)]
     normals = polygons.primvars["normals"]
-    turned = {**polygons.primvars, "normals": replace(normals, values=normals.values[:, turn])}
-    return replace(polygons, points=polygons.points[:, turn], primvars=turned)
+    turned = {**polygons.primvars, "normals": replace(normals, values=np.roll(normals.values, shift, axis=1))}
+    return replace(polygons, points=np.roll(polygons.points, shift, axis=1), primvars=turned)
 
 
 def _size(reading: Reading, prim: Usd.Prim, name: str, default: float) -> float:
@@ -67,49 +67,49 @@ def _profile(reading: Reading, prim: Usd.Prim, kind: str) -> list[Array]:
     """
     if kind == "Sphere":
         return [_arc(-1.0, 1.0, _size(reading, prim, "radius", 1.0), 0.0)]
-    half = _size(reading, prim, "height", 1.0 if kind.startswith("Capsule") else 2.0) / 2
-    fallback = 0.5 if kind.startswith("Capsule") else 1.0
-    if kind.endswith("_1"):
-        bottom = _size(reading, prim, "radiusBottom", fallback)
-        top = _size(reading, prim, "radiusTop", fallback)
-    else:
-        bottom = top = _size(reading, prim, "radius", fallback)
+    round_ends = kind.startswith("Capsule")
+    half = _size(reading, prim, "height", 1.0 if round_ends else 2.0) / 2
+    names = ("radiusBottom", "radiusTop") if kind.endswith("_1") else ("radius", "radius")
+    bottom, top = (_size(reading, prim, name, 0.5 if round_ends else 1.0) for name in names)
     top = 0.0 if kind == "Cone" else top
     side = _line((bottom, -half), (top, half))
-    if kind.startswith("Capsule"):
+    if round_ends:
         return [_arc(-1.0, 0.0, bottom, -half), side, _arc(0.0, 1.0, top, half)]
     lower = [_line((0.0, -half), (bottom, -half))] if bottom else []
     return [*lower, side, *([_line((top, half), (0.0, half))] if top else [])]
 
 
-def _arc(begin: float, end: float, radius: float, z: float) -> Array:
+def _arc(begin: float, end: float, radius: float, z: float, rings: int = _ARC) -> Array:
     """Return an arc between two latitudes, which are given in quarter turns."""
-    angle = np.linspace(begin, end, round((end - begin) * _ARC) + 1) * (np.pi / 2)
+    angle = np.linspace(begin, end, round((end - begin) * rings) + 1) * (np.pi / 2)
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     normal[np.abs(np.abs(angle) - np.pi / 2) < 1e-9, 0] = 0.0  # poles are exactly points
     return np.hstack([normal * radius + [0.0, z], normal])
 
 
 def _line(begin: tuple[float, float], end: tuple[float, float]) -> Array:
-    tangent = unit(np.subtract(end, begin))
-    return np.array([[*begin, tangent[1], -tangent[0]], [*end, tangent[1], -tangent[0]]])
+    along, up = unit(np.subtract(end, begin))
+    return np.array([[*begin, up, -along], [*end, up, -along]])
 
 
-def _revolved(curves: list[Array]) -> Polygons:
+def unit_sphere(around: int) -> Polygons:
+    """Return a sphere of radius 1 with so many facets around."""
+    return _revolved([_arc(-1.0, 1.0, 1.0, 0.0, around // 4)], around)
+
+
+def _revolved(curves: list[Array], around: int = _AROUND) -> Polygons:
     """Return the surface of revolution of curves about Z; neighbouring facets of a curve share normals."""
     rows, sizes = np.concatenate(curves), [len(curve) for curve in curves]
     number = np.repeat(np.arange(len(curves)), sizes)  # the curve of each row
     first = np.flatnonzero(np.diff(number) == 0)  # rows below a ring of facets
-    column = np.arange(_AROUND + 1)
-    angle = 2 * np.pi * (column % _AROUND) / _AROUND  # the last column lies exactly on the first: the shape is closed
-    around = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (C, 2)
+    column = np.arange(around + 1)
+    angle = 2 * np.pi * (column % around) / around  # the last column lies exactly on the first: the shape is closed
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (C, 2)
     points, normals = (
-        np.dstack([part[:, :1, None] * around, np.broadcast_to(part[:, 1:, None], (len(rows), len(column), 1))])
+        np.dstack([part[:, :1, None] * circle, np.broadcast_to(part[:, 1:, None], (len(rows), len(column), 1))])
         for part in (rows[:, :2], rows[:, 2:])
     )
-    uvs = np.dstack(np.meshgrid(column / _AROUND, (np.arange(len(rows)) - number) / len(first)))
-    grid = np.arange(len(rows) * len(column)).reshape(len(rows), -1)
-    low, high = grid[first], grid[first + 1]
-    quads = np.stack([low[:, :-1], low[:, 1:], high[:, 1:], high[:, :-1]], axis=-1).reshape(-1)
+    uvs = np.dstack(np.meshgrid(column / around, (np.arange(len(rows)) - number) / len(first)))
+    quads = grid_quads(len(rows), len(column))[first].reshape(-1)
     primvars = {"normals": Values(normals.reshape(-1, 3), "vertex"), "uvs": Values(uvs.reshape(-1, 2), "vertex")}
     return Polygons(points.reshape(-1, 3), np.full(len(quads) // 4, 4), quads, primvars)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..common.selection import rendered_purposes
 from ..common.sizes import MESH, MOST_INSTANCES, room, step_of
 from .meshes import is_surface, triangle_count
 from .primvars import Instance
-from .velocities import carried
+from .velocities import PointSample, point_sample
 
 _WITH_ALL_BELOW = "it is skipped with all below it"
 
@@ -65,10 +65,9 @@ def _expanded(reading: Reading, item: Item) -> list[Item]:
 
 @dataclass(frozen=True)
 class _Prototype:
-    """The prims of a prototype, those that are instancers with what they make, and how much that is in all."""
+    """The prims of a prototype, those that are instancers with what they make, and how many triangles these are."""
 
     parts: list[tuple[Item, _Copies | None]]
-    count: int
     triangles: int
 
     @property
@@ -76,33 +75,32 @@ class _Prototype:
         """Whether it has prims that are no instancers, which count as one copy."""
         return any(inner is None for _, inner in self.parts)
 
+    @cached_property
+    def count(self) -> int:
+        """How many copies it is."""
+        return self.has_own + sum(inner.count for _, inner in self.parts if inner is not None)
+
 
 @dataclass(frozen=True)
 class _Copies:
-    """What an instancer makes, and how many copies and triangles that is in all.
+    """What an instancer makes: the numbers of the instances that are rendered, with a prototype for each.
 
-    `shown` are the numbers of the instances that are rendered, each with a prototype; all have a matrix.
+    All instances have a matrix.
     """
 
     shown: list[int]
     prototypes: list[_Prototype]
     matrices: Sequence[Gf.Matrix4d]
-    count: int
-    triangles: int
 
+    @cached_property
+    def count(self) -> int:
+        """How many copies it makes in all."""
+        return sum(each.count for each in self.prototypes)
 
-@dataclass
-class _Every:
-    """Selects each copy whose number is a multiple of `step`; `next` is the number of the next one."""
-
-    step: int
-    next: int = 0
-
-    def skips(self, count: int) -> bool:
-        """Return whether none of the next copies is selected, so many of them, and if so, go on behind them."""
-        skipped = -(-self.next // self.step) * self.step >= self.next + count
-        self.next += count if skipped else 0
-        return skipped
+    @cached_property
+    def triangles(self) -> int:
+        """How many triangles these have."""
+        return sum(each.triangles for each in self.prototypes)
 
 
 def _instances(reading: Reading, item: Item, copies: _Copies) -> Iterator[Item]:
@@ -112,23 +110,24 @@ def _instances(reading: Reading, item: Item, copies: _Copies) -> Iterator[Item]:
     if step > 1:
         text = f"has {copies.count:,} instances: one in {step} is rendered, to limit memory"
         reading.warn(item.prim, text, "protoIndices")
-    yield from _selected(reading, item, copies, _Every(step))
+    yield from _selected(reading, item, copies, 0, step)
 
 
-def _selected(reading: Reading, item: Item, copies: _Copies, every: _Every) -> Iterator[Item]:
-    """Yield the selected prims of what an instancer makes."""
+def _selected(reading: Reading, item: Item, copies: _Copies, number: int, step: int) -> Iterator[Item]:
+    """Yield the prims of those copies whose numbers, which begin at `number`, are multiples of `step`."""
     for index, prototype in zip(copies.shown, copies.prototypes, strict=True):
-        if every.skips(prototype.count):
+        first, number = number, number + prototype.count
+        if -first % step >= prototype.count:
             continue
         local = item.to_world @ reading.matrix(item.prim, copies.matrices[index])
         instances = (Instance(item.prim, index), *item.instances)
-        own = prototype.has_own and not every.skips(1)
-        every.next += own
+        inside = first + prototype.has_own
         for part, inner in prototype.parts:
             copy = Item(part.prim, local @ part.to_world, f"{item.name}[{index}]{part.name}", instances)
             if inner is not None:
-                yield from _selected(reading, copy, inner, every)
-            elif own:
+                yield from _selected(reading, copy, inner, number=inside, step=step)
+                inside += inner.count
+            elif first % step == 0:
                 reading.cache["copied", copy.name] = part.prim.GetPath()
                 yield copy
 
@@ -147,31 +146,25 @@ def _read_copies(reading: Reading, prim: Usd.Prim, within: tuple[Sdf.Path, ...])
         raise reading.fail(prim, "prototypes", "contains the instancer itself: expected prims that do not")
     if not is_relationship(prim, "prototypes"):
         raise reading.fail(prim, "prototypes", "is an attribute: expected a relationship, rel")
-    instancer = UsdGeom.PointInstancer(prim)
-    moved = carried(reading, prim, "positions")
-    sample = moved.reading if moved is not None else reading
-    indices = sample.integers(prim, "protoIndices")
+    sample = point_sample(reading, prim, "positions")
+    indices = sample.reading.integers(prim, "protoIndices")
     if len(indices) > MOST_INSTANCES:
         text = f"has {len(indices):,} values: expected no more than {MOST_INSTANCES:,}"
         raise reading.fail(prim, "protoIndices", text)
-    positions = sample.array(prim, "positions", 3) if moved is None else moved.points
     roots = [reading.stage.GetPrimAtPath(path) for path in target_paths(prim, "prototypes")]
-    matrices = _instance_transforms(reading, sample, instancer, indices, positions, roots)
-    mask = np.ones(len(indices), dtype=bool)
-    given = np.asarray(instancer.ComputeMaskAtTime(sample.time) or mask)[: len(mask)]
-    mask[: len(given)] = given
-    found = [_prototype(reading, root, (*within, prim.GetPath())) for root in roots]
-    there = np.isin(indices, [number for number, each in enumerate(found) if each is not None])
+    matrices = _matrices(reading, sample, indices, roots)
+    prototypes = [_prototype(reading, root, (*within, prim.GetPath())) for root in roots]
+    there = np.isin(indices, [number for number, each in enumerate(prototypes) if each is not None])
     if not there.all():
         lost = indices[~there]
         text = f"names prototype {lost[0]}, which is not there: {len(lost)} of {len(indices)} instances are skipped"
         reading.lack(prim, text, "protoIndices")
-    shown = np.flatnonzero(mask[: len(matrices)] & there[: len(matrices)])
-    prototypes = [each for number in indices[shown].tolist() if (each := found[number]) is not None]
-    return _Copies(
-        shown.tolist(), prototypes, matrices, sum(each.count for each in prototypes),
-        sum(each.triangles for each in prototypes),
-    )  # fmt: skip
+    mask = UsdGeom.PointInstancer(prim).ComputeMaskAtTime(sample.reading.time)
+    if mask:
+        there[: len(mask)] &= np.asarray(mask)[: len(there)]
+    shown = np.flatnonzero(there[: len(matrices)])
+    chosen = [each for number in indices[shown].tolist() if (each := prototypes[number]) is not None]
+    return _Copies(shown.tolist(), chosen, matrices)
 
 
 def _prototype(reading: Reading, root: Usd.Prim, within: tuple[Sdf.Path, ...]) -> _Prototype | None:
@@ -187,59 +180,49 @@ def _prototype(reading: Reading, root: Usd.Prim, within: tuple[Sdf.Path, ...]) -
         elif inner := reading.attempt(each.prim, partial(_copies, reading, each.prim, within), None, "it is skipped"):
             parts.append((each, inner))
             triangles += inner.triangles
-    counts = [inner.count for _, inner in parts if inner is not None]
-    return _Prototype(parts, sum(counts) + (len(counts) < len(parts)), triangles)
+    return _Prototype(parts, triangles)
 
 
-def _instance_transforms(
-    reading: Reading,
-    sample: Reading,
-    instancer: UsdGeom.PointInstancer,
-    indices: Array,
-    positions: Array | None,
-    prototypes: list[Usd.Prim],
+def _matrices(
+    reading: Reading, sample: PointSample, indices: Array, prototypes: list[Usd.Prim]
 ) -> Sequence[Gf.Matrix4d]:
     """Return one matrix per instance, hidden ones too, with the prototypes' own transforms."""
-    prim, count = instancer.GetPrim(), len(indices)
+    prim, count, positions = sample.prim, len(indices), sample.points
     there = 0 if positions is None else len(positions)
     if there != count:
         text = f"has {there} values: expected {count}, as many as protoIndices; {min(there, count)} are rendered"
         reading.warn(prim, text, "positions")
     for name in ("orientations", "scales", "ids"):
-        values = sample.value(prim, name, ())
+        values = sample.reading.value(prim, name, ())
         if not hasattr(values, "__len__"):
             raise reading.fail(prim, name, f"is {values}: expected a list of values")
         if len(values) not in (0, count):
             text = f"has {len(values)} values: expected {count}, as many as protoIndices; none of them is used"
             reading.warn(prim, text, name)
     # At the earliest time, which is infinitely long ago, velocities would move instances infinitely far.
-    time = sample.time if reading.time.IsEarliestTime() else reading.time
-    result: Sequence[Gf.Matrix4d] = instancer.ComputeInstanceTransformsAtTime(
-        time,
-        sample.time,
-        UsdGeom.PointInstancer.IncludeProtoXform,
-        UsdGeom.PointInstancer.IgnoreMask,
-    )
-    return result if len(result) == count else _placed(sample, prim, indices, positions, prototypes)
+    base = sample.reading.time
+    result: Sequence[Gf.Matrix4d] = UsdGeom.PointInstancer(prim).ComputeInstanceTransformsAtTime(
+        base if reading.time.IsEarliestTime() else reading.time, base,
+        UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask,
+    )  # fmt: skip
+    return result if len(result) == count else _complete_matrices(sample, indices, prototypes)
 
 
-def _placed(
-    sample: Reading, prim: Usd.Prim, indices: Array, positions: Array | None, prototypes: list[Usd.Prim]
-) -> list[Gf.Matrix4d]:
+def _complete_matrices(sample: PointSample, indices: Array, prototypes: list[Usd.Prim]) -> list[Gf.Matrix4d]:
     """Return the matrices of the instances that have all values; OpenUSD computes none if one lacks a value.
 
     Angular velocities are left out.
     """
-    given = {name: sample.value(prim, name, ()) for name in ("orientations", "scales")}
-    result = []
+    scales, orientations = (sample.reading.value(sample.prim, name, ()) for name in ("scales", "orientations"))
+    positions, result = sample.points, []
     for index, (number, position) in enumerate(zip(indices, () if positions is None else positions, strict=False)):
         matrix = Gf.Matrix4d(1)
         if 0 <= number < len(prototypes) and prototypes[number]:
-            matrix, _ = sample.xforms.GetLocalTransformation(prototypes[number])
-        if len(given["scales"]) == len(indices):
-            matrix = matrix * Gf.Matrix4d().SetScale(Gf.Vec3d(given["scales"][index]))
-        if len(given["orientations"]) == len(indices):
-            matrix = matrix * Gf.Matrix4d().SetRotate(Gf.Quatd(given["orientations"][index]))
+            matrix, _ = sample.reading.xforms.GetLocalTransformation(prototypes[number])
+        if len(scales) == len(indices):
+            matrix = matrix * Gf.Matrix4d().SetScale(Gf.Vec3d(scales[index]))
+        if len(orientations) == len(indices):
+            matrix = matrix * Gf.Matrix4d().SetRotate(Gf.Quatd(orientations[index]))
         result.append(matrix * Gf.Matrix4d().SetTranslate(Gf.Vec3d(*map(float, position))))
     return result
 

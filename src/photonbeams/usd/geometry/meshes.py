@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...scene import FARTHEST, Array, Material, Mesh
-from ...scene.changes import equal
+from ...scene.changes import same
 from ...scene.surfaces import is_closed as closed
 from ...scene.vectors import unit
 from ..common.blender import wrote_prim
@@ -22,23 +22,23 @@ from ..common.visibility import rays_of
 from ..materials.bound import Bound, bound_material, bound_to
 from .gprims import GPRIMS, gprim_polygons
 from .on_mesh import on_mesh, primvars_of
-from .polygons import Polygons, Tessellation, Triangles, Values, triangles_of
-from .primvars import Instance, find_primvar, read_declared, read_instanced, read_primvar
+from .patches import read_patch, read_tetrahedra
+from .polygons import MOST_FACES, Polygons, Tessellation, Triangles, Values, triangles_of
+from .primvars import Instance, declared, find_primvar, read_instanced, read_primvar
 from .skinning import deformed, is_skinned
 from .tubes import read_spheres, read_tubes
-from .velocities import Carried, carried
+from .velocities import point_sample
 
 _SCHEMES = ("catmullClark", "loop")
 
 
 @dataclass(frozen=True)
 class _MeshPart:
-    """Triangles in a prim's own space and their material; `lasting` triangles are the same at all times."""
+    """Triangles in a prim's own space and their material."""
 
     suffix: str  # of the mesh's name
     triangles: Triangles
     material: Material
-    lasting: bool
 
 
 def is_gprim(prim: Usd.Prim) -> bool:
@@ -54,8 +54,7 @@ def is_surface(prim: Usd.Prim) -> bool:
 def triangle_count(reading: Reading, prim: Usd.Prim) -> int:
     """Return how many triangles the surface of a prim will have, about so many if it is no mesh or implicit shape."""
     if prim.GetTypeName() in GPRIMS:
-        counts = gprim_polygons(reading, prim).counts
-        return int(np.sum(counts - 2))
+        return int(np.sum(gprim_polygons(reading, prim).counts - 2))
 
     def length(name: str) -> int:
         value = reading.value(prim, name, ())
@@ -63,13 +62,11 @@ def triangle_count(reading: Reading, prim: Usd.Prim) -> int:
 
     if not prim.IsA(UsdGeom.Mesh):
         return 24 * length("points") if prim.IsA(UsdGeom.PointBased) else 4096
-    corners, faces = length("faceVertexIndices"), length("faceVertexCounts")
-    made, quads = max(corners - 2 * faces, 0), corners
-    if level := _level(reading, prim, find_primvar(prim, "normals") is not None):
-        from .subdivision import MOST_FACES  # SciPy takes long to import
-
-        while level and quads <= MOST_FACES:
-            made, quads, level = 2 * quads, 4 * quads, level - 1
+    quads = length("faceVertexIndices")
+    made = max(quads - 2 * length("faceVertexCounts"), 0)
+    for _ in range(_level(reading, prim, find_primvar(prim, "normals") is not None)):
+        if quads <= MOST_FACES:
+            made, quads = 2 * quads, 4 * quads
     return made
 
 
@@ -92,78 +89,60 @@ def read_meshes(
         Topology and points contradict each other.
     """
     key = ("surfaces", prim.GetPath(), tuple(each.instancer.GetPath() for each in instances))
-    surfaces = reading.cache.get(key)
-    if surfaces is None:
-        surfaces, alike = _surfaces(reading, prim, instances)
-        if alike:
-            reading.cache[key] = surfaces
-    meshes = [_placed(reading, prim, each, to_world, name) for each in surfaces]
+    parts = reading.cache.get(key)
+    if parts is None:
+        parts, shared = _mesh_parts(reading, prim, name, instances)
+        if shared:
+            reading.cache[key] = parts
+    meshes = [_placed(reading, prim, part, to_world, name=name + part.suffix) for part in parts]
     return [mesh for mesh in meshes if len(mesh.faces)]
 
 
-def _surfaces(reading: Reading, prim: Usd.Prim, instances: Sequence[Instance]) -> tuple[list[_MeshPart], bool]:
+def _mesh_parts(
+    reading: Reading, prim: Usd.Prim, name: str, instances: Sequence[Instance]
+) -> tuple[list[_MeshPart], bool]:
     """Return a prim's triangles by material, and whether all copies of the prim share them."""
-    result = []
-    alike = True
+    parts, shared = [], True
     _warn_of_lost_volume(reading, prim)
-    for bound, suffix, faces in _parts(reading, prim):
+    for bound, suffix, faces in _bound_faces(reading, prim):
         constants, varying = primvars_of(reading, prim, bound)
         for field, wanted in bound.primvars.items():
-            own = read_instanced(reading, prim, wanted.name, 3 if field == "diffuse" else 1, instances)
-            alike &= own is None
-            constants |= {} if own is None else {field: own[None]}
-        triangles, lasting = _triangles(reading, prim, bound.uv_name, varying)
+            value = read_instanced(reading, prim, wanted.name, 3 if field == "diffuse" else 1, instances=instances)
+            if value is not None:
+                constants[field], shared = value[None], False
+        triangles = _triangles(reading, prim, bound.uv_name, varying)
         if faces is not None:
-            triangles = _chosen(reading, (prim.GetPath(), suffix), triangles, faces)
-        material = on_mesh(reading, prim, bound, triangles, constants)
-        result.append(_MeshPart(suffix, triangles, material, lasting))
-    return result, alike
+            triangles = triangles.of_faces(faces)
+        material = on_mesh(reading, prim, bound, triangles, constants=constants)
+        key = ("material", name + suffix)
+        reading.lasting[key] = same(reading.lasting.get(key, material), material)
+        parts.append(_MeshPart(suffix, triangles, reading.lasting[key]))
+    return parts, shared
 
 
-def _chosen(reading: Reading, key: tuple[object, ...], triangles: Triangles, faces: Array) -> Triangles:
-    """Return the triangles of some faces; the same object at all times if the faces are the same."""
-    known = reading.lasting.get(("chosen", key))
-    if known is None or known[0] is not triangles or not np.array_equal(known[1], faces):
-        known = triangles, faces, triangles.chosen(np.isin(triangles.faces, faces))
-        reading.lasting["chosen", key] = known
-    return known[2]
-
-
-def _placed(reading: Reading, prim: Usd.Prim, surface: _MeshPart, to_world: Array, name: str) -> Mesh:
-    """Return a surface in world space; the same object as at another time if nothing has changed."""
-    reading.triangles += len(surface.triangles.faces)
+def _placed(reading: Reading, prim: Usd.Prim, part: _MeshPart, to_world: Array, *, name: str) -> Mesh:
+    """Return a part in world space; the same object as at another time if nothing has changed."""
+    reading.triangles += len(part.triangles.faces)
     if reading.triangles > room():
         text = f"has more triangles than fit into memory, with those before it: expected a total of at most {room():,}"
         raise reading.fail(prim, "", text)
-    name += surface.suffix
     rays = rays_of(reading, prim)
-    known = reading.lasting.get(("placed", name, *rays.values()))
-    if known is not None and known[0] is surface.triangles and np.array_equal(known[1], to_world):
-        mesh: Mesh = known[2]
-        if _alike(reading, mesh.material, surface.material):
-            return mesh
-    mesh = _in_world(surface.triangles, to_world, name, surface.material, **rays)
+    key = ("placed", name, *rays.values())
+    triangles, matrix, mesh = reading.lasting.get(key, (None, None, None))
+    if triangles is part.triangles and np.array_equal(matrix, to_world) and mesh.material is part.material:
+        return mesh  # type: ignore[no-any-return]
+    mesh = _in_world(part.triangles, to_world, name, part.material, **rays)
     reading.within_reach(prim, mesh.points)
-    if surface.lasting:
-        reading.lasting["placed", name, *rays.values()] = surface.triangles, to_world, mesh
+    if part.triangles.lasting:
+        reading.lasting[key] = part.triangles, to_world, mesh
     return mesh
-
-
-def _alike(reading: Reading, known: Material, material: Material) -> bool:
-    """Return whether two materials are equal; materials that meshes share are compared once."""
-    key = ("alike", id(known), id(material))
-    if key not in reading.cache:
-        reading.cache[key] = equal(known, material), known, material  # keeps both alive, and so their ids unique
-    return bool(reading.cache[key][0])
 
 
 def _warn_of_lost_volume(reading: Reading, prim: Usd.Prim) -> None:
     """Warn about a material without shaders that may have been a volume, and say how to make the mesh fog."""
-    subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets() if prim.IsA(UsdGeom.Mesh) else []
-    bound = (bound_to(reading, each) for each in (prim, *(each.GetPrim() for each in subsets)))
+    bound = (bound_to(reading, each) for each in (prim, *_subsets(prim)))
     empty = (each for each in bound if each and wrote_prim(each.GetPrim()) and not each.GetPrim().GetAllChildren())
-    material = next(empty, None)
-    if material:
+    if material := next(empty, None):
         text = f"is {material.GetPath()}, which Blender wrote without shaders, as it does with volumes: it is grey"
         flag = f"--set '{prim.GetPath()}.photonbeams:scattering=0.1'"
         reading.warn(prim, f"{text}; for fog in it, use {flag}", "material:binding")
@@ -171,50 +150,50 @@ def _warn_of_lost_volume(reading: Reading, prim: Usd.Prim) -> None:
 
 def read_solid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh:
     """Return only the triangles of a gprim, as one mesh, for portals and media."""
-    mesh = _in_world(_triangles(reading, prim, "")[0], to_world, str(prim.GetPath()), Material())
+    mesh = _in_world(_triangles(reading, prim, ""), to_world, str(prim.GetPath()), Material())
     reading.within_reach(prim, mesh.points)
     return mesh
 
 
 def is_closed(reading: Reading, prim: Usd.Prim) -> bool:
     """Return whether the triangles of a gprim are closed."""
-    triangles, _ = _triangles(reading, prim, "")
+    triangles = _triangles(reading, prim, "")
     return closed(triangles.points, triangles.vertices)
 
 
-def _parts(reading: Reading, prim: Usd.Prim) -> list[tuple[Bound, str, Array | None]]:
-    """Return (material, suffix of the name, faces) for each material subset, and for the faces in none of them."""
+def _subsets(prim: Usd.Prim) -> list[Usd.Prim]:
+    """Return the prims of a mesh's subsets of faces with materials."""
     subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets() if prim.IsA(UsdGeom.Mesh) else []
+    return [each.GetPrim() for each in subsets]
+
+
+def _bound_faces(reading: Reading, prim: Usd.Prim) -> list[tuple[Bound, str, Array | None]]:
+    """Return (material, suffix of the name, faces) for each material subset, and for the faces in none of them."""
+    subsets = _subsets(prim)
     if not subsets:
         return [(bound_material(reading, prim), "", None)]
-    moved = carried(reading, prim)
-    sample = moved.reading if moved is not None else reading
+    sample = point_sample(reading, prim).reading
     count = len(sample.value(prim, "faceVertexCounts", ()))
     free = np.ones(count, dtype=bool)
     parts = []
     for subset in subsets:
-        own = subset.GetPrim()
-        faces = reading.attempt(
-            own, partial(sample.integers, own, "indices"), np.zeros(0, dtype=np.int64), "it is empty"
-        )
+        none = np.zeros(0, dtype=np.int64)
+        faces = reading.attempt(subset, partial(sample.integers, subset, "indices"), none, "it is empty")
         there = (faces >= 0) & (faces < count)
         if not there.all():
-            bad = faces[~there][0]
-            reading.warn(own, f"names face {bad}: expected faces from 0 to {count - 1}; the others are used", "indices")
+            text = f"names face {faces[~there][0]}: expected faces from 0 to {count - 1}; the others are used"
+            reading.warn(subset, text, "indices")
         faces = faces[there]
         faces = faces[free[faces]]
         free[faces] = False
-        parts.append((bound_material(reading, own), f"/{own.GetName()}", faces))
+        parts.append((bound_material(reading, subset), f"/{subset.GetName()}", faces))
     return [*parts, (bound_material(reading, prim), "", np.flatnonzero(free))]
 
 
 def _triangles(
     reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[str, UsdGeom.Primvar] | None = None
-) -> tuple[Triangles, bool]:
-    """Return a gprim's triangles in its own space, and whether they are the same at all times.
-
-    They include what a material takes from primvars; instances share them.
-    """
+) -> Triangles:
+    """Return a gprim's triangles in its own space, with what a material takes from primvars; instances share them."""
     varying = varying or {}
     # Instances may have skeletons of their own, and inherit different primvars.
     skinned = is_skinned(prim)
@@ -227,31 +206,38 @@ def _triangles(
     key = ("triangles", (prim if skinned else in_prototype(prim)).GetPath(), uv_name, sources)
     if key not in cache:
         polygons = _polygons(reading, prim, uv_name, varying)
-        triangles = triangles_of(polygons)
+        triangles = replace(triangles_of(polygons), lasting=lasting)
         if is_gprim(prim) and not len(polygons.counts):
             has_counts = prim.IsA(UsdGeom.Mesh) and len(reading.value(prim, "faceVertexCounts", ())) > 0
             reading.warn(prim, f"has no {'points' if has_counts else 'faces'}: it is skipped")
         elif triangles.dropped and is_gprim(prim):
             reading.warn(prim, f"has {triangles.dropped} faces without area: they are skipped")
         cache[key] = triangles
-    return cache[key], lasting
+    found: Triangles = cache[key]
+    return found
 
 
 def _polygons(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[str, UsdGeom.Primvar]) -> Polygons:
     """Return a prim's surface as polygons, with the primvars that its material needs."""
-    moved = carried(reading, prim) if prim.IsA(UsdGeom.Mesh) else None
-    found = tessellation(reading, prim, moved)
-    # The rest of a mesh comes from the sample that velocities start from: topology may differ between samples.
-    reading = moved.reading if moved is not None else reading
-    if found is None:
+    surface, is_mesh = tessellation(reading, prim), prim.IsA(UsdGeom.Mesh)
+    if surface is None:
         return Polygons(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
-    own = {field: read_primvar(reading, prim, primvar, None, found.lengths) for field, primvar in varying.items()}
-    uvs = None if prim.GetTypeName() in GPRIMS else _uvs(reading, prim, found.lengths, uv_name)
-    spread = {name: found.spread(each) for name, each in {"uvs": uvs, **own}.items() if each is not None}
-    polygons = replace(found.polygons, primvars={**found.polygons.primvars, **spread})
-    if not prim.IsA(UsdGeom.Mesh):
+    if is_mesh:  # topology may differ between samples
+        reading = point_sample(reading, prim).reading
+    lengths = surface.lengths
+    values = {name: read_primvar(reading, prim, each, None, lengths=lengths) for name, each in varying.items()}
+    if prim.GetTypeName() not in GPRIMS:
+        values["uvs"] = _uvs(reading, prim, lengths, uv_name)
+    spread = {name: surface.spread(each) for name, each in values.items() if each is not None}
+    polygons = replace(surface.polygons, primvars={**surface.polygons.primvars, **spread})
+    if not is_mesh:
         return polygons
-    return _without_holes(_refined(reading, prim, polygons), reading.integers(prim, "holeIndices"))
+    polygons = _refined(reading, prim, polygons)
+    holes = reading.integers(prim, "holeIndices")
+    if not len(holes):
+        return polygons
+    origin = np.arange(len(polygons.counts)) if polygons.origin is None else polygons.origin
+    return polygons.chosen(~np.isin(origin, holes))
 
 
 def _refined(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons:
@@ -267,25 +253,13 @@ def _refined(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons:
         reading.warn(prim, text, "subdivisionScheme")
     if not fitting:
         return polygons
-    return subdivided(reading, prim, polygons, str(reading.value(prim, "subdivisionScheme", "catmullClark")), fitting)
+    return subdivided(reading, prim, polygons, level=fitting)
 
 
-def _patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
-    from .patches import read_patch  # SciPy takes long to import
-
-    return read_patch(reading, prim)
-
-
-def _tetrahedra(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
-    from .patches import read_tetrahedra
-
-    return read_tetrahedra(reading, prim)
-
-
-def tessellation(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Tessellation | None:
-    """Return the polygons of a prim's surface, or None; those of a mesh as velocities have `moved` it."""
+def tessellation(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
+    """Return the polygons of a prim's surface, or None."""
     if prim.IsA(UsdGeom.Mesh):
-        polygons = _cage(reading, prim, moved)
+        polygons = _cage(reading, prim)
     elif prim.GetTypeName() in GPRIMS:
         polygons = gprim_polygons(reading, prim)
     else:
@@ -303,47 +277,35 @@ def in_prototype(prim: Usd.Prim) -> Usd.Prim:
     return prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim
 
 
-def _cage(reading: Reading, prim: Usd.Prim, moved: Carried | None) -> Polygons:
+def _cage(reading: Reading, prim: Usd.Prim) -> Polygons:
     """Return a mesh's polygons before subdivision, deformed, with their normals."""
-    reading = moved.reading if moved is not None else reading
-    points = moved.points if moved is not None else reading.array(prim, "points", 3)
-    bent = None if moved is not None or points is None else deformed(reading, prim, points)
-    points = points if bent is None else bent.points
-    counts = reading.integers(prim, "faceVertexCounts")
-    indices = reading.integers(prim, "faceVertexIndices")
+    sample = point_sample(reading, prim)
+    reading, points = sample.reading, sample.points
+    counts, indices = (reading.integers(prim, name) for name in ("faceVertexCounts", "faceVertexIndices"))
     if points is None:
         return Polygons(np.zeros((0, 3)), counts[:0], indices[:0])
+    bent = deformed(reading, prim, points) if sample.moved is None else None
     if np.any(counts < 0):
         raise reading.fail(prim, "faceVertexCounts", f"holds {counts.min()}: expected 0 or more")
     if counts.sum() != len(indices):
-        raise reading.fail(
-            prim,
-            "faceVertexIndices",
-            f"has {len(indices)} values: expected {counts.sum()}, the sum of faceVertexCounts",
-        )
-    if len(indices) and not (indices.min() >= 0 and indices.max() < len(points)):
-        bad = indices[(indices < 0) | (indices >= len(points))][0]
-        raise reading.fail(prim, "faceVertexIndices", f"names point {bad}: expected points from 0 to {len(points) - 1}")
-    scheme = reading.value(prim, "subdivisionScheme", "catmullClark")
+        text = f"has {len(indices)} values: expected {counts.sum()}, the sum of faceVertexCounts"
+        raise reading.fail(prim, "faceVertexIndices", text)
+    wrong = indices[(indices < 0) | (indices >= len(points))]
+    if len(wrong):
+        text = f"names point {wrong[0]}: expected points from 0 to {len(points) - 1}"
+        raise reading.fail(prim, "faceVertexIndices", text)
     polygons = Polygons(
-        points,
+        points if bent is None else bent.points,
         counts,
         indices,
         left_handed=reading.value(prim, "orientation") == "leftHanded",
-        smooth=scheme in _SCHEMES,
+        smooth=reading.value(prim, "subdivisionScheme", "catmullClark") in _SCHEMES,
     )
-    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")  # as in UsdGeomMesh, it overrides normals
-    normals = read_declared(reading, prim, primvar, "normals", 3, polygons.lengths)
-    if bent is not None and normals is not None:
-        normals = bent.normals(normals, indices)
-    return polygons if normals is None else replace(polygons, primvars={"normals": normals})
-
-
-def _without_holes(polygons: Polygons, holes: Array) -> Polygons:
-    if not len(holes):
+    # As in UsdGeomMesh, a primvar overrides normals.
+    normals = read_primvar(reading, prim, declared(prim, "normals"), 3, lengths=polygons.lengths)
+    if normals is None:
         return polygons
-    origin = np.arange(len(polygons.counts)) if polygons.origin is None else polygons.origin
-    return polygons.chosen(~np.isin(origin, holes))
+    return replace(polygons, primvars={"normals": normals if bent is None else bent.normals(normals, indices)})
 
 
 def _uvs(reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], uv_name: str) -> Values | None:
@@ -353,9 +315,9 @@ def _uvs(reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], uv_name: 
         for each in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithValues()
         if str(each.GetTypeName()).startswith("texCoord2")
     ]
-    for name in dict.fromkeys([*([uv_name] if uv_name else []), "st", *others]):
+    for name in dict.fromkeys(filter(None, [uv_name, "st", *others])):
         primvar = find_primvar(prim, name)
-        uvs = None if primvar is None else read_primvar(reading, prim, primvar, 2, lengths)
+        uvs = None if primvar is None else read_primvar(reading, prim, primvar, 2, lengths=lengths)
         if uvs is None:
             continue
         farthest = np.abs(uvs.values).max(initial=0)
@@ -376,14 +338,7 @@ def _in_world(triangles: Triangles, to_world: Array, name: str, material: Materi
     normals = None
     if "normals" in triangles.values:
         # The cofactor matrix is the inverse transpose up to a factor, and exists even if a scale is zero.
-        (x0, y0, z0), (x1, y1, z1), (x2, y2, z2) = linear.tolist()  # thrice as fast as `np.cross`; there may be many
-        cofactors = np.array(
-            [
-                [y1 * z2 - y2 * z1, z1 * x2 - z2 * x1, x1 * y2 - x2 * y1],
-                [y2 * z0 - y0 * z2, z2 * x0 - z0 * x2, x2 * y0 - x0 * y2],
-                [y0 * z1 - y1 * z0, z0 * x1 - z1 * x0, x0 * y1 - x1 * y0],
-            ]
-        )
+        cofactors = np.cross(linear[[1, 2, 0]], linear[[2, 0, 1]])
         normals = unit(np.sign(determinant or 1.0) * triangles.values["normals"] @ cofactors.T)
     return Mesh(
         name=name,
@@ -401,6 +356,6 @@ _TESSELLATED: dict[Any, Callable[[Reading, Usd.Prim], Tessellation | None]] = {
     UsdGeom.NurbsCurves: read_tubes,
     UsdGeom.HermiteCurves: read_tubes,
     UsdGeom.Points: read_spheres,
-    UsdGeom.NurbsPatch: _patch,
-    UsdGeom.TetMesh: _tetrahedra,
+    UsdGeom.NurbsPatch: read_patch,
+    UsdGeom.TetMesh: read_tetrahedra,
 }

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...scene import Array, Material, UVTexture, VertexValues
+from ...scene import Array, Material, VertexValues, rgb
 from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 from ..materials.bound import COLORS, TEXTURED, Bound, plain, texture_of
@@ -24,16 +24,14 @@ def primvars_of(reading: Reading, prim: Usd.Prim, bound: Bound) -> tuple[dict[st
     """Return the primvars of a gprim that a material uses, by its fields: constants (1, C), and those that vary."""
     constants, varying = {}, {}
     for name, wanted in bound.primvars.items():
-        found = find_primvar(prim, wanted.name)
-        if found is None:
+        primvar = find_primvar(prim, wanted.name)
+        values = None if primvar is None else flattened(reading, prim, primvar, None)
+        if primvar is None or values is None or not len(values):
             continue
-        values = flattened(reading, prim, found, None)
-        if values is None or not len(values):
-            continue
-        if len(values) == 1 or found.GetInterpolation() == "constant":
+        if len(values) == 1 or primvar.GetInterpolation() == "constant":
             constants[name] = values[:1]
         else:
-            varying[name] = found
+            varying[name] = primvar
     return constants, varying
 
 
@@ -54,14 +52,12 @@ def on_mesh(
     changes: dict[str, Any] = {}
     for name, primvar in bound.primvars.items():
         if name in primvars:
-            own = primvar.function(primvars[name])
-            values = np.clip(own, 0, 1)
-            if not np.allclose(values, own, rtol=0, atol=1e-5):
-                text = f"has {primvar.name} from {own.min():g} to {own.max():g}: expected 0 to 1; the nearest is used"
+            raw = primvar.function(primvars[name])
+            values = np.clip(raw, 0, 1)
+            if not np.allclose(values, raw, rtol=0, atol=1e-5):
+                text = f"has {primvar.name} from {raw.min():g} to {raw.max():g}: expected 0 to 1; the nearest is used"
                 reading.warn(prim, text)
-            columns = 3 if name in COLORS else 1
-            values = np.broadcast_to(values[:, :1] if values.shape[1] < columns else values[:, :columns],
-                                     (len(values), columns))  # fmt: skip
+            values = rgb(values) if name in COLORS else values[:, :1]
             varies = len(values) > 1 and bool(np.any(values != values[0]))
             changes[name] = VertexValues(np.ascontiguousarray(values)) if varies else plain(name, values[0])
             if name == "opacity" and np.any(values < 1):
@@ -72,17 +68,13 @@ def on_mesh(
         for tiles in dict.fromkeys(each for image in bound.images.values() for each in image.tiles):
             _lack_tiles(reading, tiles, uvs[triangles.vertices])
         for name, image in bound.images.items():
-            changes[name] = _texture(reading, prim, name, image, uvs)
-    for name in TEXTURED:
-        if isinstance(changes.get(name), UVTexture) and _is_constant(reading, changes[name]):
-            changes[name] = plain(name, constant(bound.images[name]))
+            changes[name] = _texture(reading, prim, name, image, uvs=uvs)
     return replace(bound.material, **changes) if changes else bound.material
 
 
 _SIDE = 10  # columns of tiles, and the rows that OpenUSD finds: 1001 to 1100
 _EDGE = 1e-4  # of a tile, by which a triangle reaches into one that it uses
 _FARTHEST = 1e6  # tiles from the first, where single precision no longer tells places in a tile apart
-_SOME = 100  # triangles
 _NAMED = 5  # how many missing tiles are named
 
 
@@ -101,21 +93,15 @@ def _lack_tiles(reading: Reading, tiles: Tiles, corners: Array) -> None:
 def _missing_tiles(corners: Array, tiles: Tiles) -> list[tuple[int, int]]:
     """Return (row, column) of the tiles that are not there and that triangles use, in the order of their numbers."""
     corners = corners[np.all(np.abs(corners) < _FARTHEST, axis=(1, 2))]
-    first = np.floor(corners.min(axis=1) + _EDGE).astype(int)
-    last = np.ceil(corners.max(axis=1) - _EDGE).astype(int) - 1
-    known = np.all((last >= first) & (last >= 0) & (first < _SIDE), axis=1)
-    single = known & np.all(first == last, axis=1)
-    several = known & ~single
-    used = np.zeros((_SIDE, _SIDE), bool)
-    used[first[single, 1], first[single, 0]] = True
-    corners, first, last = corners[several], first[several], last[several]
+    low, high = corners.min(axis=1) + _EDGE, corners.max(axis=1) - _EDGE
+    first = np.floor(low.min(axis=0, initial=_SIDE)).clip(0).astype(int)
+    last = np.ceil(high.max(axis=0, initial=0)).clip(max=_SIDE).astype(int)
     missing = []
-    for row, column in np.ndindex(used.shape):
-        tile = column, row
-        if tile not in tiles.there:
-            near = np.flatnonzero(np.all((first <= tile) & (last >= tile), axis=1))
-            parts = near[:_SOME], near[_SOME:]  # the first nearly always suffice
-            if used[row, column] or any(np.any(_overlap(corners[part] - tile)) for part in parts):
+    for row in range(first[1], last[1]):
+        for column in range(first[0], last[0]):
+            tile = column, row
+            near = np.all((low < np.add(tile, 1)) & (high > tile), axis=1)
+            if tile not in tiles.there and np.any(_overlap(corners[near] - tile)):
                 missing.append((row, column))
     return missing
 
@@ -132,51 +118,44 @@ def _overlap(corners: Array) -> Array:
     return np.all((center - half <= along.max(axis=-1)) & (center + half >= along.min(axis=-1)), axis=1)
 
 
-def _is_constant(reading: Reading, texture: UVTexture) -> bool:
-    """Return whether all pixels of a texture are the same; meshes share it."""
-    key = ("constant", id(texture))
-    known = kept(reading)
-    if key not in known:
-        same = bool(np.all(texture.pixels == texture.pixels[:1, :1]))
-        known[key] = same, texture  # keeps it alive, and so its id unique
-    found: bool = known[key][0]
-    return found
+def _texture(reading: Reading, prim: Usd.Prim, name: str, image: Image, *, uvs: Array) -> Any:
+    """Return an image that matches its two wrap modes on the mesh's UVs, or its colour if all pixels are the same.
+
+    The renderer has one mode for both.
+    """
+    cache, key, extended = kept(reading), ("texture", name, id(image)), image
+    if not image.wrap[0] == image.wrap[1] != "black":
+        seen = np.c_[uvs, np.ones(len(uvs))] @ image.transform[:2].T
+        low, high = np.floor(seen.min(axis=0) + 1e-6).astype(int), np.ceil(seen.max(axis=0) - 1e-6).astype(int)
+        high = np.maximum(high, low + 1)
+        cache, key = reading.cache, (*key, *low.tolist(), *high.tolist())
+        if key not in cache:
+            extended = _extended(reading, prim, image, low, high - low)
+    if key not in cache:
+        texture = texture_of(name, extended, extended.wrap[0])
+        even = name in TEXTURED and bool(np.all(texture.pixels == texture.pixels[:1, :1]))
+        # It keeps the image alive, and so its id unique.
+        cache[key] = plain(name, constant(image)) if even else texture, image
+    return cache[key][0]
 
 
-def _texture(reading: Reading, prim: Usd.Prim, name: str, image: Image, uvs: Array) -> UVTexture:
-    """Return an image that matches its two wrap modes on the mesh's UVs; the renderer has one mode for both."""
-    if image.wrap[0] == image.wrap[1] != "black":
-        key, known = ("texture", name, id(image)), kept(reading)
-        if key not in known:
-            known[key] = texture_of(name, image, image.wrap[0]), image
-        return known[key][0]
-    seen = np.c_[uvs, np.ones(len(uvs))] @ image.transform[:2].T
-    low, high = np.floor(seen.min(axis=0) + 1e-6).astype(int), np.ceil(seen.max(axis=0) - 1e-6).astype(int)
-    key = ("texture", name, id(image), *low.tolist(), *high.tolist())
-    if key not in reading.cache:
-        extended, whole = _extended(image, low, np.maximum(high, low + 1))
-        if not whole:
-            text = f"repeats a texture {int((high - low).max())} times in one direction: only {_MOST_COPIES} are shown"
-            reading.warn(prim, text)
-        reading.cache[key] = texture_of(name, extended, "clamp"), image
-    return reading.cache[key][0]
-
-
-def _extended(image: Image, low: Array, high: Array) -> tuple[Image, bool]:
-    """Return an image that covers the squares from `low` to `high`, and whether it covers them all.
+def _extended(reading: Reading, prim: Usd.Prim, image: Image, low: Array, counts: Array) -> Image:
+    """Return an image that covers so many squares from `low` on; with a warning, fewer if these are too many.
 
     Beyond its own square the image is repeated or mirrored. A clamped image ends there, and one that wraps to black
     gets an edge with the value that black has after the network.
     """
-    pixels, transform, whole = image.pixels, np.eye(3), True
+    pixels, transform = image.pixels, np.eye(3)
     for axis, wrap in enumerate(image.wrap):
         direction = 1 - axis  # axis of the array: v goes up along its rows
         if wrap in ("repeat", "mirror"):
-            first, count = int(low[axis]), int(high[axis] - low[axis])
-            whole &= count <= _MOST_COPIES
+            first, count = int(low[axis]), int(counts[axis])
+            if count > _MOST_COPIES:
+                text = f"repeats a texture {count} times in one direction: only {_MOST_COPIES} are shown"
+                reading.warn(prim, text)
+            flipped = np.flip(pixels, direction) if wrap == "mirror" else pixels
             numbers = range(first, first + min(count, _MOST_COPIES))
-            flipped = np.flip(pixels, direction)
-            copies = [flipped if wrap == "mirror" and number % 2 else pixels for number in numbers]
+            copies = [flipped if number % 2 else pixels for number in numbers]
             pixels = np.concatenate(copies if axis == 0 else copies[::-1], axis=direction)
             transform[axis, axis], transform[axis, 2] = 1 / len(copies), -first / len(copies)
         elif wrap == "black":
@@ -184,4 +163,4 @@ def _extended(image: Image, low: Array, high: Array) -> tuple[Image, bool]:
             edge = np.broadcast_to(image.beyond, np.take(pixels, [0], direction).shape).astype(np.float32)
             pixels = np.concatenate([edge, pixels, edge], axis=direction)
             transform[axis, axis], transform[axis, 2] = size / (size + 2), 1 / (size + 2)
-    return replace(image, pixels=pixels, wrap=("clamp", "clamp"), transform=transform @ image.transform), whole
+    return replace(image, pixels=pixels, wrap=("clamp", "clamp"), transform=transform @ image.transform)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from scipy import sparse
-from scipy.interpolate import BSpline
 
 from ...scene import Array
 from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
-from .polygons import Polygons, Tessellation, Values
-from .strands import floats, rational
+from .polygons import Polygons, Tessellation, Values, grid_quads
+from .strands import floats, nurbs_basis, rational
 
 _PIECES = 8  # between two knots, in u and in v
 
 
 def read_patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     """Return a NurbsPatch evaluated on a grid, without trimming; None, with a warning, if it has no points."""
+    from scipy import sparse  # takes long to import
+
     points = reading.array(prim, "points", 3)
     if points is None:
         reading.warn(prim, "has no points: it is skipped")
@@ -29,9 +31,8 @@ def read_patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
         reading.warn(prim, "is not rendered: the patch is rendered without trimming", "trimCurve:counts")
     # Points go by rows of v, u first.
     weighted = rational(reading, prim, sparse.kron(rows, columns, format="csr"))
-    corners = sparse.kron(_ends(rows), _ends(columns), format="csr")
-    numbers = np.arange(len(u) * len(v)).reshape(len(v), len(u))
-    quads = np.stack([numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, 1:], numbers[1:, :-1]], axis=-1).reshape(-1)
+    corners = np.kron(*(np.stack([1 - each, each], axis=1) for each in (v, u)))  # of the parameters' square
+    quads = grid_quads(len(v), len(u)).reshape(-1)
     across, up = np.meshgrid(u, v)
     left_handed = reading.value(prim, "orientation") == "leftHanded"
     uvs = {"uvs": Values(np.stack([across, up], axis=-1).reshape(-1, 2), "vertex")}
@@ -46,7 +47,7 @@ def read_patch(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     return Tessellation(polygons, {"constant": 1, "uniform": 1, "varying": 4, "vertex": len(points)}, spread)
 
 
-def _direction(reading: Reading, prim: Usd.Prim, name: str) -> tuple[sparse.csr_array, Array]:
+def _direction(reading: Reading, prim: Usd.Prim, name: str) -> tuple[Any, Array]:
     """Return the matrix of basis functions at parameters along u or v, and the parameters scaled to 0 to 1."""
     count, order = (int(reading.value(prim, f"{name}{each}", 0)) for each in ("VertexCount", "Order"))
     knots = floats(reading, prim, f"{name}Knots")
@@ -55,20 +56,11 @@ def _direction(reading: Reading, prim: Usd.Prim, name: str) -> tuple[sparse.csr_
     if len(knots) != count + order or np.any(np.diff(knots) < 0):
         text = f"has {len(knots)} values: expected {count + order} that do not decrease"
         raise reading.fail(prim, f"{name}Knots", text)
-    first, last = knots[order - 1], knots[count]
-    given = reading.value(prim, f"{name}Range")
-    if given is not None and given[0] < given[1]:
-        first, last = max(first, given[0]), min(last, given[1])
-    if not first < last:
-        raise reading.fail(prim, f"{name}Range", f"is {first:g} to {last:g}: expected an interval of the knots")
-    places = np.linspace(first, last, _PIECES * (count - order + 1) + 1)
-    return BSpline.design_matrix(places, knots, order - 1), (places - first) / (last - first)
-
-
-def _ends(basis: sparse.csr_array) -> sparse.csr_array:
-    """Return the matrix of linear interpolation between the two ends of a direction."""
-    t = np.linspace(0, 1, basis.shape[0])
-    return sparse.csr_array(np.stack([1 - t, t], axis=1))
+    ends = np.array(reading.value(prim, f"{name}Range", (0.0, 0.0)))
+    basis = nurbs_basis(knots, order, ends if ends[0] < ends[1] else knots[[0, -1]], _PIECES)
+    if basis is None:
+        raise reading.fail(prim, f"{name}Range", f"is {ends[0]:g} to {ends[1]:g}: expected an interval of the knots")
+    return basis
 
 
 def read_tetrahedra(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
@@ -77,11 +69,9 @@ def read_tetrahedra(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     if points is None:
         reading.warn(prim, "has no points: it is skipped")
         return None
-    given = reading.array(prim, "surfaceFaceVertexIndices", 3)
-    faces = np.zeros((0, 3), dtype=np.int64) if given is None else given.astype(np.int64)
-    if given is None:
-        outer = UsdGeom.TetMesh.ComputeSurfaceFaces(UsdGeom.TetMesh(prim), reading.time)
-        faces = np.array(outer, dtype=np.int64).reshape(-1, 3)
+    named = reading.array(prim, "surfaceFaceVertexIndices", 3)
+    outer = UsdGeom.TetMesh.ComputeSurfaceFaces(UsdGeom.TetMesh(prim), reading.time) if named is None else named
+    faces = np.array(outer, dtype=np.int64).reshape(-1, 3)
     if len(faces) and not (faces.min() >= 0 and faces.max() < len(points)):
         text = f"names point {faces.max()}: expected points from 0 to {len(points) - 1}"
         raise reading.fail(prim, "tetVertexIndices", text)

@@ -12,6 +12,9 @@ from ...scene import Array
 from ...scene.vectors import unit
 from .triangles import triangulate
 
+#: The most faces of a mesh after refinement: more would fill memory, and meshes as dense as this are already smooth.
+MOST_FACES = 250_000
+
 
 @dataclass(frozen=True)
 class Values:
@@ -24,6 +27,10 @@ class Values:
     def per_point(self) -> bool:
         """Whether all corners at a point have the same value."""
         return self.interpolation in ("constant", "vertex", "varying")
+
+    def of_parts(self, number: Array) -> Array:
+        """Return the value of the curve or face with each number, or the constant, (N, d)."""
+        return self.values[number if self.interpolation == "uniform" else np.zeros_like(number)]
 
     def at(self, corners: Array, faces: Array, indices: Array) -> Array:
         """Return the value at each triangle corner, (T, 3, d)."""
@@ -102,18 +109,25 @@ class Triangles:
     faces: Array  # (T,) the stage's polygon that each triangle belongs to
     values: Mapping[str, Array]  # (V, d): primvars, as in `Polygons`
     dropped: int = 0  # faces without area
+    lasting: bool = False  # whether they are the same at all times
+    parts: dict[bytes, Triangles] = field(default_factory=dict, init=False)  # those of some faces
 
-    def chosen(self, triangles: Array) -> Triangles:
-        """Return only the chosen triangles, (T,) bool, with their points."""
-        kept, vertices = np.unique(self.vertices[triangles], return_inverse=True)
-        values = {name: own[kept] for name, own in self.values.items()}
-        return replace(
-            self,
-            points=self.points[kept],
-            vertices=vertices.reshape(-1, 3),
-            faces=self.faces[triangles],
-            values=values,
-        )
+    def of_faces(self, faces: Array) -> Triangles:
+        """Return only the triangles of the stage's polygons with these numbers: the same object for the same faces."""
+        key = faces.tobytes()
+        if key not in self.parts:
+            chosen = np.isin(self.faces, faces)
+            kept, vertices = np.unique(self.vertices[chosen], return_inverse=True)
+            values = {name: own[kept] for name, own in self.values.items()}
+            part = replace(self, points=self.points[kept], vertices=vertices.reshape(-1, 3), values=values)
+            self.parts[key] = replace(part, faces=self.faces[chosen])
+        return self.parts[key]
+
+
+def grid_quads(rows: int, columns: int) -> Array:
+    """Return the quads between points that are numbered by rows, (rows − 1, columns − 1, 4)."""
+    points = np.arange(rows * columns).reshape(rows, columns)
+    return np.stack([points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1]], axis=-1)
 
 
 def triangles_of(polygons: Polygons) -> Triangles:
@@ -126,7 +140,9 @@ def triangles_of(polygons: Polygons) -> Triangles:
     if "normals" in primvars:
         primvars["normals"] = _mended(primvars["normals"], polygons.points[positions])
     elif polygons.smooth and len(corners):
-        primvars["normals"] = vertex_normals(polygons.points, positions)[positions]
+        points = polygons.points[positions]  # (T, 3, 3)
+        edges = np.roll(points, -1, axis=1) - points, np.roll(points, 1, axis=1) - points
+        primvars["normals"] = mean_normals(positions, *edges, len(polygons.points))[positions]
     split = [primvars[name] for name, own in polygons.primvars.items() if not own.per_point]
     vertices, kept = _welded(positions, split)
     return Triangles(
@@ -138,21 +154,24 @@ def triangles_of(polygons: Polygons) -> Triangles:
     )
 
 
-def vertex_normals(points: Array, vertices: Array) -> Array:
-    """Return normals (P, 3): the mean over the triangles at each point, or zero if there are none.
+def mean_normals(groups: Array, ahead: Array, behind: Array, count: int) -> Array:
+    """Return the mean normals (count, 3) of groups of corners, or zero for a group without any.
 
-    Weights are the angles at the point (Thürmer and Wüthrich 1998), so that the mean does not depend on how the
+    Weights are the angles at the corners (Thürmer and Wüthrich 1998), so that the mean does not depend on how the
     polygons were cut.
+
+    Parameters
+    ----------
+    groups
+        (…) the group of each corner.
+    ahead, behind
+        (…, 3) the edges from each corner to the next and the previous one of its face.
     """
-    corners = points[vertices]  # (T, 3, 3)
-    ahead = unit(np.roll(corners, -1, axis=1) - corners)
-    behind = unit(np.roll(corners, 1, axis=1) - corners)
-    angles = np.arccos(np.clip(np.sum(ahead * behind, axis=2), -1.0, 1.0))  # (T, 3)
-    faces = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    weighted = (angles[..., None] * faces[:, None]).reshape(-1, 3)
-    flat = vertices.reshape(-1)
-    sums = np.stack([np.bincount(flat, weighted[:, axis], len(points)) for axis in range(3)], axis=1)
-    return unit(sums)
+    ahead, behind = unit(ahead), unit(behind)
+    angles = np.arccos(np.sum(ahead * behind, axis=-1).clip(-1, 1))
+    weighted = (angles[..., None] * unit(np.cross(ahead, behind))).reshape(-1, 3)
+    sums = [np.bincount(groups.reshape(-1), weighted[:, axis], count) for axis in range(3)]
+    return unit(np.stack(sums, axis=1))
 
 
 def _mended(normals: Array, triangles: Array) -> Array:

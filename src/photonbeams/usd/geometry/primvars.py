@@ -50,8 +50,20 @@ def read_primvar(
     numbers = flattened(reading, prim, primvar, columns)
     if numbers is None:
         return None
-    values, name = Values(numbers, str(primvar.GetInterpolation())), str(primvar.GetName())
-    return _fitted(reading, prim, name, values, lengths, any_fitting)
+    # It is invalid as a primvar if it is a plain attribute, whose fallback is another.
+    kind = str(primvar.GetInterpolation() if primvar or primvar.HasAuthoredInterpolation() else "vertex")
+    if any_fitting and lengths.get(kind) != len(numbers):
+        kind = next((name for name, count in lengths.items() if count == len(numbers)), kind)
+    count, name = lengths.get(kind), str(primvar.GetName())
+    if count is None:
+        text = f"is of interpolation '{kind}': expected {', '.join(lengths)}; it is left out"
+        reading.warn(prim, text, name)
+        return None
+    if len(numbers) != count:
+        instead = "it is left out" if len(numbers) < count else "the first are used"
+        text = f"has {len(numbers)} values of interpolation '{kind}': expected {count}; {instead}"
+        reading.warn(prim, text, name)
+    return Values(numbers[:count], kind) if len(numbers) >= count else None
 
 
 def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, columns: int | None) -> Array | None:
@@ -65,7 +77,7 @@ def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, column
         Numbers per value; longer values are cut. None: as many as there are.
     """
     name = str(primvar.GetName())
-    numbers = _numbers(reading, prim, name, primvar.Get(reading.time), columns, primvar.GetElementSize())
+    numbers = _numbers(reading, prim, primvar, columns)
     numbers = None if numbers is None else reading.in_working_space(primvar.GetAttr(), numbers)
     if numbers is not None and primvar.IsIndexed():
         indices = np.asarray(primvar.GetIndices(reading.time) or (), dtype=np.int64)
@@ -78,43 +90,9 @@ def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, column
     return numbers
 
 
-def read_declared(
-    reading: Reading,
-    prim: Usd.Prim,
-    primvar: UsdGeom.Primvar | None,
-    name: str,
-    columns: int,
-    lengths: Mapping[str, int],
-    any_fitting: bool = False,
-) -> Values | None:
-    """Return the values of a primvar, or else of the plain attribute `name`, such as `normals` or `widths`."""
-    if primvar and primvar.HasValue():
-        return read_primvar(reading, prim, primvar, columns, lengths, any_fitting)
-    numbers = _numbers(reading, prim, name, reading.value(prim, name), columns, 1)
-    if numbers is None:
-        return None
-    declared = str(prim.GetAttribute(name).GetMetadata("interpolation") or "vertex")
-    return _fitted(reading, prim, name, Values(numbers, declared), lengths, any_fitting)
-
-
-def _fitted(
-    reading: Reading, prim: Usd.Prim, name: str, values: Values, lengths: Mapping[str, int], any_fitting: bool
-) -> Values | None:
-    """Return as many values as the interpolation needs: more are cut; with fewer, the primvar is left out."""
-    if any_fitting and lengths.get(values.interpolation) != len(values.values):
-        fitting = [kind for kind, count in lengths.items() if count == len(values.values)]
-        values = Values(values.values, fitting[0] if fitting else values.interpolation)
-    count = lengths.get(values.interpolation)
-    kind = f"of interpolation '{values.interpolation}'"
-    if count is None:
-        reading.warn(prim, f"is {kind}: expected {', '.join(lengths)}; it is left out", name)
-        return None
-    if len(values.values) < count:
-        reading.warn(prim, f"has {len(values.values)} values {kind}: expected {count}; it is left out", name)
-        return None
-    if len(values.values) > count:
-        reading.warn(prim, f"has {len(values.values)} values {kind}: expected {count}; the first are used", name)
-    return Values(values.values[:count], values.interpolation)
+def declared(prim: Usd.Prim, name: str) -> UsdGeom.Primvar:
+    """Return a primvar with a value, or else the plain attribute of its name, such as `normals` or `widths`, as one."""
+    return find_primvar(prim, name) or UsdGeom.Primvar(prim.GetAttribute(name))
 
 
 def read_instanced(
@@ -146,10 +124,9 @@ def _of_instances(reading: Reading, instancer: Usd.Prim, name: str, columns: int
     return read_primvar(reading, instancer, primvar, columns, lengths)
 
 
-def _numbers(
-    reading: Reading, prim: Usd.Prim, name: str, raw: object, columns: int | None, element: int
-) -> Array | None:
-    """Return raw values as (N, columns) finite numbers, or None if there are none of this kind."""
+def _numbers(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, columns: int | None) -> Array | None:
+    """Return values without indices as (N, columns) finite numbers, or None if there are none of this kind."""
+    raw, name, element = primvar.Get(reading.time), str(primvar.GetName()), primvar.GetElementSize()
     if raw is None:
         return None
     try:
@@ -161,11 +138,10 @@ def _numbers(
     elif not len(numbers):
         return None
     if numbers.ndim == 1:
-        size = columns if columns == element and len(numbers) % element == 0 else 1
-        numbers = numbers.reshape(-1, size)
+        numbers = numbers.reshape(-1, element if columns == element and len(numbers) % element == 0 else 1)
     if numbers.ndim != 2 or numbers.shape[1] < (columns or 1):
-        text = f"has values of type {type(raw).__name__}: expected {columns or 1} numbers each; it is left out"
-        reading.warn(prim, text.replace("1 numbers", "one number"), name)
+        expected = "one number" if columns in (None, 1) else f"{columns} numbers"
+        reading.warn(prim, f"has values of type {type(raw).__name__}: expected {expected} each; it is left out", name)
         return None
     numbers = numbers[:, :columns]
     finite = np.isfinite(numbers).all(axis=1)

@@ -95,46 +95,23 @@ def _deformed(
     if not query.HasJointInfluences():
         return Deformed(np.asarray(moved, dtype=np.float64), offsets, np.tile(np.eye(3), (len(points), 1, 1)))
     transforms = skeleton_query.ComputeSkinningTransforms(reading.time)
-    influences = query.ComputeVaryingJointInfluences(len(points), reading.time)
-    mapper = query.GetJointMapper()
-    local = transforms if mapper is None else mapper.RemapTransforms(transforms, transforms, 1)
-    fits = bool(influences) and _fit(influences, len(points), len(local))
-    if not fits or not query.ComputeSkinnedPoints(transforms, moved, reading.time):
+    if not query.ComputeSkinnedPoints(transforms, moved, reading.time):
         text = "does not fit its points and its skeleton's joints: its points are used as they are"
         reading.warn(prim, text, "primvars:skel:jointIndices")
         return None
     # UsdSkel's points are in the skeleton's space.
     to_prim = _row_matrix(reading, skeleton.GetPrim()) @ np.linalg.inv(_row_matrix(reading, prim))
+    mapper = query.GetJointMapper()
+    local = transforms if mapper is None else mapper.RemapTransforms(transforms, transforms, 1)
     bind = np.array(query.GetGeomBindTransform(reading.time))
     joints = bind @ np.array(local, dtype=np.float64).reshape(-1, 4, 4) @ to_prim
-    return Deformed(
-        np.asarray(moved, dtype=np.float64) @ to_prim[:3, :3] + to_prim[3, :3],
-        offsets,
-        _normal_matrices(influences, joints, len(points)),
-    )
-
-
-def _fit(influences: tuple[Vt.IntArray, Vt.FloatArray], points: int, joints: int) -> bool:
-    indices = np.asarray(influences[0])
-    return len(indices) % max(points, 1) == 0 and len(indices) > 0 and indices.min() >= 0 and indices.max() < joints
-
-
-def _normal_matrices(influences: tuple[Vt.IntArray, Vt.FloatArray], joints: Array, points: int) -> Array:
-    """Return the matrices (P, 3, 3) that turn normals: inverse transposes of the joints, blended as in UsdSkel."""
-    indices, weights = (np.asarray(each).reshape(points, -1) for each in influences)
-    turns = _inverse_transposes(joints[:, :3, :3])
-    blended = np.zeros((points, 3, 3))
-    for index, weight in zip(indices.T, weights.T, strict=True):
-        blended += weight[:, None, None] * turns[index]
-    return blended
-
-
-def _inverse_transposes(matrices: Array) -> Array:
-    """Return the inverse transposes of (N, 3, 3), or the cofactors of singular matrices."""
-    x, y, z = matrices[:, 0], matrices[:, 1], matrices[:, 2]
-    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
-    determinants = np.einsum("ni,ni->n", x, cofactors[:, 0])
-    return cofactors / np.where(determinants == 0, 1.0, determinants)[:, None, None]
+    # Normals are turned by the inverse transposes of the joints, which are blended as UsdSkel blends them.
+    turns = np.linalg.pinv(joints[:, :3, :3]).swapaxes(1, 2)
+    influences = query.ComputeVaryingJointInfluences(len(points), reading.time)
+    indices, weights = (np.asarray(each).reshape(len(points), -1).T for each in influences)
+    matrices = sum(weight[:, None, None] * turns[index] for index, weight in zip(indices, weights, strict=True))
+    skinned = np.asarray(moved, dtype=np.float64) @ to_prim[:3, :3] + to_prim[3, :3]
+    return Deformed(skinned, offsets, np.asarray(matrices))
 
 
 def _row_matrix(reading: Reading, prim: Usd.Prim) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyvander
 
 from ...scene import Array
 from .polygons import Values
@@ -31,24 +32,32 @@ _MOST_PIECES = 256  # of a span
 _SAMPLES = 17  # of a span, for its curvature
 
 
+def _limits(kind: str, wrap: str) -> tuple[int, int]:
+    """Return the fewest points of a curve, and how many of its points begin no span."""
+    if wrap == "periodic":
+        return 3, 0
+    if kind == "linear":
+        return 2, 1
+    if kind == "bezier":
+        return 4, 1
+    return (2, 1) if wrap == "pinned" else (4, 3)
+
+
+def _step(kind: str) -> int:
+    """Return how many points farther the next span begins."""
+    return 3 if kind == "bezier" else 1
+
+
 def expected_points(kind: str, wrap: str) -> str:
     """Return in words how many points a curve may have."""
-    if kind == "linear":
-        return "3 or more" if wrap == "periodic" else "2 or more"
-    if kind == "bezier":
-        return "3, 6, 9 and so on" if wrap == "periodic" else "4, 7, 10 and so on"
-    return {"pinned": "2 or more", "periodic": "3 or more"}.get(wrap, "4 or more")
+    least, step = _limits(kind, wrap)[0], _step(kind)
+    return f"{least} or more" if step == 1 else f"{least}, {least + step}, {least + 2 * step} and so on"
 
 
 def span_counts(counts: Array, kind: str, wrap: str) -> Array:
     """Return how many spans curves of `counts` points have: 0 if they may not have so many points."""
-    closed = wrap == "periodic"
-    if kind == "linear":
-        return np.where(counts >= (3 if closed else 2), counts - (0 if closed else 1), 0)
-    if kind == "bezier":
-        return np.where((counts >= 3) & (counts % 3 == (0 if closed else 1)), counts // 3, 0)
-    least, ends = {"pinned": (2, 1), "periodic": (3, 0)}.get(wrap, (4, 3))
-    return np.where(counts >= least, counts - ends, 0)
+    least, ends = _limits(kind, wrap)
+    return np.where((counts >= least) & ((counts - least) % _step(kind) == 0), (counts - ends) // _step(kind), 0)
 
 
 def varying_counts(counts: Array, kind: str, wrap: str) -> Array:
@@ -87,13 +96,13 @@ class Spans:
     def of(cls, counts: Array, chosen: Array, kind: str, wrap: str) -> Spans:
         """Return the spans of the chosen curves; `counts` are the points of all curves."""
         pinned, closed = wrap == "pinned" and kind in ("bspline", "catmullRom"), wrap == "periodic"
-        size, step = (2, 1) if kind == "linear" else (4, 3 if kind == "bezier" else 1)
+        matrix = _BASES[kind]
         numbers = np.where(chosen, span_counts(counts, kind, wrap), 0)
         curve = np.repeat(np.arange(len(counts)), numbers)
         first = np.arange(len(curve)) - np.repeat(np.cumsum(numbers) - numbers, numbers)  # of its curve
         begin = np.cumsum(counts) - counts
         count = counts[curve][:, None]
-        place = first[:, None] * step + np.arange(size) - (1 if pinned else 0)
+        place = first[:, None] * _step(kind) + np.arange(len(matrix)) - pinned
         index = begin[curve][:, None] + (place % count if closed else place)
         values = varying_counts(counts, kind, wrap)
         varying = np.stack([first, (first + 1) % np.maximum(numbers[curve], 1) if closed else first + 1], axis=1)
@@ -105,17 +114,18 @@ class Spans:
             phantoms = pairs.reshape(-1, 2)
             extra = int(counts.sum()) + 2 * curve[:, None]
             index = np.where(place < 0, extra, np.where(place >= count, extra + 1, index))
-        return cls(_BASES[kind], index, varying, phantoms, curve, closed)
+        return cls(matrix, index, varying=varying, phantoms=phantoms, curve=curve, closed=closed)
+
+    def controls(self, values: Array) -> Array:
+        """Return the vertex values (V, C) of the control points of each span, (S, K, C)."""
+        extended = np.concatenate([values, 2 * values[self.phantoms[:, 0]] - values[self.phantoms[:, 1]]])
+        return extended[self.index]
 
     def at(self, values: Array, span: Array, t: Array, derivative: int = 0) -> Array:
         """Return vertex values (V, C), or their derivatives by t, at parameters t of spans, (N, C)."""
-        extended = np.concatenate([values, 2 * values[self.phantoms[:, 0]] - values[self.phantoms[:, 1]]])
-        powers = np.arange(len(self.matrix))
-        scale, exponent = np.ones(len(powers)), powers.astype(np.float64)
-        for _ in range(derivative):
-            scale, exponent = scale * exponent, np.maximum(exponent - 1, 0)
-        weights = (scale * t[:, None] ** exponent) @ self.matrix  # (N, K)
-        return np.einsum("nk,nkc->nc", weights, extended[self.index[span]])
+        basis = polyder(self.matrix, derivative)
+        weights = polyvander(t, len(basis) - 1) @ basis  # (N, K)
+        return np.einsum("nk,nkc->nc", weights, self.controls(values)[span])
 
     def linear_at(self, values: Array, span: Array, t: Array) -> Array:
         """Return varying values (V, C) at parameters t of spans, (N, C)."""
@@ -128,7 +138,7 @@ class Spans:
             return self.at(values.values, span, t)
         if values.interpolation == "varying":
             return self.linear_at(values.values, span, t)
-        return values.values[self.curve[span] if values.interpolation == "uniform" else np.zeros(len(span), int)]
+        return values.of_parts(self.curve[span])
 
     def pieces(self, points: Array, radii: Array) -> Array:
         """Return (S,) how many pieces each span needs, for points (V, 3) and radii (S, SAMPLES) at `samples`."""

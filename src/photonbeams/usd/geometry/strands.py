@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
+from ...beams.curves import segments
 from ...scene import Array
 from ...scene.vectors import unit
 from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 from .polygons import Values
 from .splines import BASES, WRAPS, Spans, expected_points, span_counts, varying_counts
-from .velocities import carried
+from .velocities import point_sample
 
 _TURN = np.radians(12.0)  # the most that a piece turns
 _MOST_PIECES = 16  # of a span
@@ -42,6 +44,23 @@ class Strands:
     lengths: dict[str, int]
     at: Callable[[Values], Array]
 
+    @cached_property
+    def segments(self) -> tuple[Array, Array]:
+        """The points at both ends of each segment."""
+        first, last, _ = segments(np.unique(self.curve, return_counts=True)[1], self.closed)
+        return first, last
+
+    @cached_property
+    def tangents(self) -> Array:
+        """The direction of the curve at each point, (N, 3): the mean of the adjacent segments."""
+        first, last = self.segments
+        directions = unit(self.points[last] - self.points[first])
+        sums = np.zeros_like(self.points)
+        np.add.at(sums, first, directions)
+        np.add.at(sums, last, directions)
+        sums[~np.any(sums, axis=1)] = [0.0, 0.0, 1.0]
+        return unit(sums)
+
 
 def read_strands(reading: Reading, prim: Usd.Prim, most: int) -> Strands | None:
     """Return the curves of a prim in its own space, or None, with a warning, if there are none.
@@ -53,16 +72,23 @@ def read_strands(reading: Reading, prim: Usd.Prim, most: int) -> Strands | None:
     if found is None:
         return None
     sample, points, counts = found
+    lengths = {"constant": 1, "uniform": len(counts), "vertex": len(points)}
     if prim.IsA(UsdGeom.NurbsCurves):
-        return _nurbs(sample, prim, points, counts)
+        return _nurbs(sample, prim, points, lengths)
     if prim.IsA(UsdGeom.HermiteCurves):
-        return _hermite(sample, prim, points, counts, most)
+        return _hermite(sample, prim, points, lengths, most=most)
     kind, wrap = basis_of(reading, prim)
     chosen = span_counts(counts, kind, wrap) > 0
     if not chosen.all():
         text = f"has {np.count_nonzero(~chosen)} curves whose number of points is not {expected_points(kind, wrap)}"
         reading.warn(prim, f"{text}: they are skipped", "curveVertexCounts")
-    return _basis(points, counts, _thinned(reading, prim, counts, chosen, most), kind, wrap, most)
+    step = -(-int(counts[chosen].sum()) // most)
+    if step > 1:
+        text = f"has {len(counts)} curves: one in {step} is rendered, to limit memory"
+        reading.warn(prim, text, "curveVertexCounts")
+        chosen &= np.arange(len(counts)) % step == 0
+    lengths["varying"] = int(varying_counts(counts, kind, wrap).sum())
+    return _along(Spans.of(counts, chosen, kind, wrap), points, lengths, most)
 
 
 def read_points(reading: Reading, prim: Usd.Prim) -> tuple[Reading, Array, Array] | None:
@@ -73,58 +99,39 @@ def read_points(reading: Reading, prim: Usd.Prim) -> tuple[Reading, Array, Array
     SceneError
         The counts do not sum to the number of points.
     """
-    moved = carried(reading, prim)
-    sample = moved.reading if moved is not None else reading
-    points = moved.points if moved is not None else reading.array(prim, "points", 3)
-    counts = sample.integers(prim, "curveVertexCounts")
+    sample = point_sample(reading, prim)
+    points, counts = sample.points, sample.reading.integers(prim, "curveVertexCounts")
     if points is None or not len(counts):
         reading.warn(prim, "has no points: it is skipped")
         return None
     if counts.sum() != len(points) or np.any(counts < 0):
         text = f"sums to {counts.sum()}: expected {len(points)}, the number of points, and no negative counts"
         raise reading.fail(prim, "curveVertexCounts", text)
-    return sample, points, counts
+    return sample.reading, points, counts
 
 
-def _thinned(reading: Reading, prim: Usd.Prim, counts: Array, chosen: Array, most: int) -> Array:
-    """Return the chosen curves, or every n-th of them if they have too many points."""
-    step = -(-int(counts[chosen].sum()) // most)
-    if step < 2:
-        return chosen
-    reading.warn(prim, f"has {len(counts)} curves: one in {step} is rendered, to limit memory", "curveVertexCounts")
-    return chosen & (np.arange(len(counts)) % step == 0)
-
-
-def _basis(points: Array, counts: Array, chosen: Array, kind: str, wrap: str, most: int) -> Strands | None:
-    spans = Spans.of(counts, chosen, kind, wrap)
+def _along(spans: Spans, points: Array, lengths: dict[str, int], most: int) -> Strands | None:
+    """Return points along spans, whose primvars have these lengths; None if there are no spans."""
     if not len(spans.curve):
         return None
-    pieces = np.ones(len(spans.curve), dtype=np.int64)
-    if kind != "linear":
-        extended = np.concatenate([points, 2 * points[spans.phantoms[:, 0]] - points[spans.phantoms[:, 1]]])
-        pieces = _pieces(extended[spans.index], most)
-    span, t = spans.nodes(pieces)
-    lengths = {
-        "constant": 1, "uniform": len(counts), "varying": int(varying_counts(counts, kind, wrap).sum()),
-        "vertex": len(points),
-    }  # fmt: skip
-    return Strands(
-        spans.at(points, span, t), spans.curve[span], spans.closed, lengths,
-        lambda values: spans.values_at(values, span, t),
-    )  # fmt: skip
+    span, t = spans.nodes(_pieces(spans.controls(points), most))
+    at = partial(spans.values_at, span=span, t=t)
+    return Strands(spans.at(points, span, t), spans.curve[span], spans.closed, lengths=lengths, at=at)
 
 
 def _pieces(controls: Array, most: int) -> Array:
     """Return how many pieces each span needs, from its control points (S, K, 3): a curve turns less than they do."""
+    if controls.shape[1] == 2:
+        return np.ones(len(controls), dtype=np.int64)
     steps = unit(np.diff(controls, axis=1))
     cosines = np.einsum("ski,ski->sk", steps[:, 1:], steps[:, :-1]).clip(-1, 1)
     wanted = np.clip(np.ceil(np.arccos(cosines).sum(axis=1) / _TURN), 1, _MOST_PIECES).astype(np.int64)
     return np.minimum(wanted, max(1, most // len(controls)))
 
 
-def _hermite(reading: Reading, prim: Usd.Prim, points: Array, counts: Array, most: int) -> Strands | None:
+def _hermite(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, int], *, most: int) -> Strands | None:
     """Return Hermite curves as Bézier curves, whose inner control points follow from the tangents."""
-    directions = reading.array(prim, "tangents", 3)
+    counts, directions = reading.integers(prim, "curveVertexCounts"), reading.array(prim, "tangents", 3)
     if directions is None or len(directions) != len(points):
         count = 0 if directions is None else len(directions)
         raise reading.fail(prim, "tangents", f"has {count} values: expected {len(points)}, as many as points")
@@ -132,60 +139,63 @@ def _hermite(reading: Reading, prim: Usd.Prim, points: Array, counts: Array, mos
     last = np.cumsum(counts)
     ends = np.concatenate([3 * (last - counts), 3 * last - 1])
     inner = np.delete(np.arange(len(controls)), np.unique(ends[ends >= 0]))
-    found = _basis(controls[inner], np.maximum(3 * counts - 2, 0), counts > 1, "bezier", "nonperiodic", most)
-    if found is None:
+    spans = Spans.of(np.maximum(3 * counts - 2, 0), counts > 1, "bezier", "nonperiodic")
+    strands = _along(spans, controls[inner], {**lengths, "varying": len(points)}, most)
+    if strands is None:
         return None
-    lengths = {**found.lengths, "vertex": len(points), "varying": len(points)}
-
-    def at(values: Values) -> Array:
-        kind = "varying" if values.interpolation == "vertex" else values.interpolation
-        return found.at(Values(values.values, kind))
-
-    return Strands(found.points, found.curve, False, lengths, at)
+    kinds = {"vertex": "varying"}  # the vertices of a primvar are the ends of spans
+    at = strands.at
+    return replace(strands, at=lambda each: at(Values(each.values, kinds.get(each.interpolation, each.interpolation))))
 
 
-def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, counts: Array) -> Strands | None:
+def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, int]) -> Strands | None:
     """Return NURBS curves, evaluated within their ranges."""
     from scipy import sparse  # takes long to import
-    from scipy.interpolate import BSpline
 
-    orders = reading.integers(prim, "order")
+    counts, orders = reading.integers(prim, "curveVertexCounts"), reading.integers(prim, "order")
     if len(orders) not in (1, len(counts)):
         raise reading.fail(prim, "order", f"has {len(orders)} values: expected {len(counts)}, one for each curve")
     orders = np.broadcast_to(orders, (len(counts),))
-    knots = floats(reading, prim, "knots")
-    if len(knots) != (counts + orders).sum() or np.any(orders < 2):
-        text = f"has {len(knots)} values: expected {(counts + orders).sum()}, the sum of all points and orders"
+    knots, sizes = floats(reading, prim, "knots"), counts + orders
+    if len(knots) != sizes.sum() or np.any(orders < 2):
+        text = f"has {len(knots)} values: expected {sizes.sum()}, the sum of all points and orders"
         raise reading.fail(prim, "knots", text)
     ranges = reading.array(prim, "ranges", 2)
-    blocks, curve = [], []
-    begin = 0
-    for number, (count, order) in enumerate(zip(counts.tolist(), orders.tolist(), strict=True)):
-        own = knots[begin : begin + count + order]
-        begin += count + order
-        first, last = (own[order - 1], own[count]) if count >= order else (0.0, 0.0)
-        if ranges is not None and len(ranges) == len(counts):
-            first, last = max(first, ranges[number, 0]), min(last, ranges[number, 1])
-        ordered = count >= order and last > first and bool(np.all(np.diff(own) >= 0))
-        number_of_samples = (1 if order == 2 else 8) * (count - order + 1) + 1
-        samples = np.linspace(first, last, number_of_samples if ordered else 0)
-        if not ordered:
+    if ranges is None or len(ranges) != len(counts):
+        ranges = np.broadcast_to([-np.inf, np.inf], (len(counts), 2))
+    blocks = []
+    for number, own in enumerate(np.split(knots, np.cumsum(sizes)[:-1])):
+        basis = nurbs_basis(own, int(orders[number]), ranges[number], 1 if orders[number] == 2 else 8)
+        if basis is None:
             reading.warn(prim, f"gives curve {number} no range: it is skipped", "knots")
-        blocks.append(BSpline.design_matrix(samples, own, order - 1) if ordered else sparse.csr_array((0, count)))
-        curve.append(np.full(len(samples), number))
-    matrix = sparse.block_diag(blocks, format="csr") if blocks else sparse.csr_array((0, len(points)))
+        blocks.append(sparse.csr_array((0, counts[number])) if basis is None else basis[0])
+    matrix = sparse.block_diag(blocks, format="csr")
     if not matrix.shape[0]:
         return None
     weighted = rational(reading, prim, matrix)
-    lengths = {"constant": 1, "uniform": len(counts), "vertex": len(points)}
-    curves = np.concatenate(curve)
+    curve = np.repeat(np.arange(len(counts)), [block.shape[0] for block in blocks])
 
     def at(values: Values) -> Array:
-        if values.interpolation == "vertex":
-            return np.asarray(weighted @ values.values)
-        return values.values[curves if values.interpolation == "uniform" else np.zeros(len(curves), int)]
+        return weighted @ values.values if values.interpolation == "vertex" else values.of_parts(curve)
 
-    return Strands(at(Values(points, "vertex")), curves, False, lengths, at)
+    return Strands(weighted @ points, curve, False, lengths=lengths, at=at)
+
+
+def nurbs_basis(knots: Array, order: int, ends: Array, pieces: int) -> tuple[Any, Array] | None:
+    """Return the matrix of the basis functions at parameters between these ends, and the parameters scaled to 0 to 1.
+
+    There are so many pieces between two knots. None: the knots decrease, or leave no interval between the ends.
+    """
+    from scipy.interpolate import BSpline
+
+    count = len(knots) - order
+    if count < order or np.any(np.diff(knots) < 0):
+        return None
+    first, last = max(knots[order - 1], ends[0]), min(knots[count], ends[1])
+    if not first < last:
+        return None
+    places = np.linspace(first, last, pieces * (count - order + 1) + 1)
+    return BSpline.design_matrix(places, knots, order - 1), (places - first) / (last - first)
 
 
 def rational(reading: Reading, prim: Usd.Prim, basis: Any) -> Any:

@@ -73,12 +73,10 @@ def _split(polygons: Array, normals: Array) -> tuple[Array, Array]:
 
 
 def _flattened(polygon: Array, normal: Array) -> Array:
-    """Project a polygon (N, 3) onto the plane of its normal: (N, 2), counter-clockwise."""
-    axis = normal / np.linalg.norm(normal)
-    helper = np.eye(3)[np.argmin(np.abs(axis))]
-    right = np.cross(helper, axis)
-    right /= np.linalg.norm(right)
-    return polygon @ np.stack([right, np.cross(axis, right)], axis=1)
+    """Project a polygon (N, 3) along the axis nearest to its normal: (N, 2), counter-clockwise."""
+    axis = int(np.argmax(np.abs(normal)))
+    flat = np.roll(polygon, -axis, axis=1)[:, 1:]
+    return flat if normal[axis] > 0 else flat[:, ::-1]
 
 
 def _ear_clipped(polygon: Array) -> Array:
@@ -97,8 +95,7 @@ def _ear(polygon: Array, remaining: list[int]) -> int:
     ring = polygon[remaining]
     before, after = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
     turn = _cross(ring - before, after - ring)  # (N,) twice the area of the triangle at each vertex
-    longest = np.maximum(np.sum((after - before) ** 2, axis=1), np.sum((ring - before) ** 2, axis=1))
-    longest = np.maximum(longest, np.sum((after - ring) ** 2, axis=1))
+    longest = np.max([np.sum(side**2, axis=1) for side in (after - before, ring - before, after - ring)], axis=0)
     for position in np.argsort(-turn / np.maximum(longest, 1e-300)):
         if turn[position] <= 0:
             break

@@ -6,18 +6,20 @@ import numpy as np
 
 from ...scene import Array
 from ...scene.vectors import unit
-from ..common.openusd import Usd, UsdGeom
+from ..common.openusd import Usd
 from ..common.reading import Reading
+from .gprims import unit_sphere
 from .polygons import Polygons, Tessellation, Values
-from .primvars import find_primvar, read_declared
+from .primvars import declared, read_primvar
 from .strands import Strands, read_strands
-from .velocities import carried
+from .velocities import point_sample
 
 # The most triangles of a prim: hair and particles come in millions, and each needs few.
 _MOST_TRIANGLES = 1_000_000
 _SIDES = (12, 8, 6, 4, 3)  # of a tube
-_SPHERES = (4, 3, 2, 1, 0)  # subdivisions of an octahedron
+_SPHERES = (64, 32, 16, 8, 4)  # facets around
 _DISC = 8  # corners
+_CUT = [0, 1, 2, 0, 2, 3]  # of a quad, two triangles
 _ALONG = 0.05  # a normal is parallel to a curve if the sine of the angle between them is below this
 _THINNEST = 1 / 500  # width of curves and points without widths, as a fraction of the extent
 
@@ -29,12 +31,16 @@ def read_tubes(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
         return None
     radii = 0.5 * strands.at(_widths(reading, prim, strands.points, strands.lengths))[:, 0]
     normals = _normals(reading, prim, strands.lengths)
-    sides = None if normals is None else _sides(strands, strands.at(normals))
-    if normals is None or sides is None:
-        rings = max((each for each in _SIDES if 2 * each * len(radii) <= _MOST_TRIANGLES), default=_SIDES[-1])
-        polygons, node = _tubes(strands, radii, rings)
+    facing = None if normals is None else unit(strands.at(normals))
+    sides = None if facing is None else _sides(strands, facing)
+    if facing is None or sides is None:
+        count = max((each for each in _SIDES if 2 * each * len(radii) <= _MOST_TRIANGLES), default=_SIDES[-1])
+        around = _circles(strands.tangents, _transported(strands.tangents, strands.curve), count)
+        polygons = _swept(strands, radii[:, None, None] * around, around)
     else:
-        polygons, node = _ribbons(strands, radii[:, None] * sides, strands.at(normals))
+        across = radii[:, None] * sides
+        polygons = _swept(strands, np.stack([-across, across], axis=1), np.stack([facing, facing], axis=1))
+    node = np.repeat(np.arange(len(radii)), len(polygons.points) // len(radii))
     return Tessellation(
         polygons,
         strands.lengths,
@@ -44,8 +50,7 @@ def read_tubes(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
 
 def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     """Return points as spheres, or as discs if they have normals; None, with a warning, if there are none."""
-    moved = carried(reading, prim)
-    points = moved.points if moved is not None else reading.array(prim, "points", 3)
+    points = point_sample(reading, prim).points
     if points is None:
         reading.warn(prim, "has no points: it is skipped")
         return None
@@ -59,16 +64,18 @@ def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     chosen = np.flatnonzero(radii > 0)[::step]
     normals = _normals(reading, prim, lengths)
     if normals is None:
-        level = max((each for each in _SPHERES if 8 * 4**each * len(chosen) <= _MOST_TRIANGLES), default=0)
-        directions, faces = _sphere(level)
+        around = max((each for each in _SPHERES if each**2 * len(chosen) <= _MOST_TRIANGLES), default=_SPHERES[-1])
+        sphere = unit_sphere(around)
+        directions, faces = sphere.points, sphere.indices.reshape(-1, 4)[:, _CUT]
         offsets = radii[chosen, None, None] * directions
         pointing = np.broadcast_to(directions, offsets.shape)
     else:
         axis = unit(np.broadcast_to(normals.values, (total, 3))[chosen])
-        offsets, faces = _discs(axis, radii[chosen])
+        offsets = radii[chosen, None, None] * _circles(axis, _perpendicular(axis), _DISC)
+        faces = np.stack([np.zeros(_DISC - 2, int), np.arange(1, _DISC - 1), np.arange(2, _DISC)], axis=1)
         pointing = np.broadcast_to(axis[:, None], offsets.shape)
     indices = np.arange(len(chosen))[:, None, None] * offsets.shape[1] + faces
-    polygons = _of_triangles(points[chosen, None] + offsets, pointing, indices)
+    polygons = _triangles(points[chosen, None] + offsets, pointing, indices)
     owner = np.repeat(chosen, offsets.shape[1])
     return Tessellation(
         polygons,
@@ -83,34 +90,43 @@ def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
 
 def _widths(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, int]) -> Values:
     """Return the widths, which are diameters, or thin ones if there are none, as viewports draw them."""
-    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("widths")
-    found = read_declared(reading, prim, primvar, "widths", 1, lengths, any_fitting=True)
-    if found is not None:
-        if (least := float(found.values.min(initial=0))) < 0:
+    widths = read_primvar(reading, prim, declared(prim, "widths"), 1, lengths=lengths, any_fitting=True)
+    if widths is not None:
+        if (least := float(widths.values.min(initial=0))) < 0:
             reading.warn(prim, f"holds {least:g}: expected diameters of 0 or more; 0 is used", "widths")
-        return Values(np.maximum(found.values, 0), found.interpolation)
+        return Values(np.maximum(widths.values, 0), widths.interpolation)
     width = _THINNEST * float(np.linalg.norm(np.ptp(points, axis=0)))
     reading.warn(prim, f"is not given: {width:.3g} is used, a fraction of the extent", "widths")
     return Values(np.array([[width]]), "constant")
 
 
 def _normals(reading: Reading, prim: Usd.Prim, lengths: dict[str, int]) -> Values | None:
-    return read_declared(reading, prim, find_primvar(prim, "normals"), "normals", 3, lengths, any_fitting=True)
+    return read_primvar(reading, prim, declared(prim, "normals"), 3, lengths=lengths, any_fitting=True)
 
 
-def _tubes(strands: Strands, radii: Array, sides: int) -> tuple[Polygons, Array]:
-    """Return triangles around the strands, and the strands' point for each vertex."""
-    first, last = _segments(strands.curve, strands.closed)
-    tangents = _tangents(strands.points, first, last)
-    across = _transported(tangents, strands.curve)
-    other = np.cross(tangents, across)
-    angle = 2 * np.pi * np.arange(sides) / sides
-    around = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * other[:, None]  # (N, sides, 3)
-    points = strands.points[:, None] + radii[:, None, None] * around
-    here, there = np.arange(sides), np.roll(np.arange(sides), -1)
-    a, b = first[:, None] * sides + here, first[:, None] * sides + there
-    c, d = last[:, None] * sides + there, last[:, None] * sides + here
-    return _triangles(points, around, a, b, c, d), np.repeat(np.arange(len(radii)), sides)
+def _swept(strands: Strands, offsets: Array, normals: Array) -> Polygons:
+    """Return the surface through cross-sections of curves, which are closed if they have more than two points.
+
+    `offsets` and `normals`, (N, K, 3), are those of the cross-section at each point.
+    """
+    count = offsets.shape[1]
+    here = np.arange(count if count > 2 else 1)
+    there = (here + 1) % count
+    first, last = (count * each[:, None] for each in strands.segments)
+    quads = np.stack([first + here, first + there, last + there, last + here], axis=-1)
+    return _triangles(strands.points[:, None] + offsets, normals, quads[..., _CUT])
+
+
+def _circles(axis: Array, across: Array, count: int) -> Array:
+    """Return directions (N, count, 3) around axes, from a direction across each."""
+    angle = 2 * np.pi * np.arange(count) / count
+    other = np.cross(axis, across)
+    return np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * other[:, None]
+
+
+def _perpendicular(axis: Array) -> Array:
+    """Return a direction across each axis."""
+    return unit(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=1)]))
 
 
 def _sides(strands: Strands, normals: Array) -> Array | None:
@@ -119,7 +135,7 @@ def _sides(strands: Strands, normals: Array) -> Array | None:
     Return None if most normals are parallel to their curves, as on hair that carries the normals of the skin: they do
     not tell how a ribbon faces.
     """
-    across = np.cross(_tangents(strands.points, *_segments(strands.curve, strands.closed)), unit(normals))
+    across = np.cross(strands.tangents, normals)
     known = np.linalg.norm(across, axis=1) > _ALONG
     if np.count_nonzero(known) <= 0.5 * len(known):
         return None
@@ -131,51 +147,15 @@ def _sides(strands: Strands, normals: Array) -> Array | None:
     return unit(across[np.where(is_before, before, after)])
 
 
-def _ribbons(strands: Strands, sides: Array, normals: Array) -> tuple[Polygons, Array]:
-    """Return flat bands that face the normals, and the strands' point for each vertex."""
-    first, last = _segments(strands.curve, strands.closed)
-    points = np.stack([strands.points - sides, strands.points + sides], axis=1)
-    facing = np.repeat(unit(normals)[:, None], 2, axis=1)
-    first, last = 2 * first[:, None], 2 * last[:, None]
-    return _triangles(points, facing, first, first + 1, last + 1, last), np.repeat(np.arange(len(sides)), 2)
-
-
-def _triangles(points: Array, normals: Array, a: Array, b: Array, c: Array, d: Array) -> Polygons:
-    """Return the triangles abc and acd of points (N, K, 3)."""
-    return _of_triangles(points, normals, np.stack([a, b, c, a, c, d], axis=-1))
-
-
-def _of_triangles(points: Array, normals: Array, indices: Array) -> Polygons:
+def _triangles(points: Array, normals: Array, indices: Array) -> Polygons:
     """Return triangles with normals at their points (N, K, 3)."""
     indices, facing = indices.reshape(-1), Values(normals.reshape(-1, 3), "vertex")
     return Polygons(points.reshape(-1, 3), np.full(len(indices) // 3, 3), indices, {"normals": facing})
 
 
-def _segments(curve: Array, closed: bool) -> tuple[Array, Array]:
-    """Return the points at both ends of each segment."""
-    first = np.flatnonzero(np.diff(curve) == 0)
-    last = first + 1
-    if closed:
-        begins = np.flatnonzero(np.diff(curve, prepend=-1))
-        ends = np.append(begins[1:], len(curve)) - 1
-        first, last = np.append(first, ends), np.append(last, begins)
-    return first, last
-
-
-def _tangents(points: Array, first: Array, last: Array) -> Array:
-    """Return the direction of the curve at each point, (N, 3): the mean of the adjacent segments."""
-    directions = unit(points[last] - points[first])
-    sums = np.zeros_like(points)
-    np.add.at(sums, first, directions)
-    np.add.at(sums, last, directions)
-    single = ~np.any(sums, axis=1)
-    sums[single] = [0.0, 0.0, 1.0]
-    return unit(sums)
-
-
 def _transported(tangents: Array, curve: Array) -> Array:
     """Return a direction across each tangent that turns as little as possible along the curve."""
-    result = np.cross(tangents, np.eye(3)[np.argmin(np.abs(tangents), axis=1)])
+    result = _perpendicular(tangents)
     begins = np.flatnonzero(np.diff(curve, prepend=-1))
     sizes = np.diff(np.append(begins, len(curve)))
     for step in range(1, int(sizes.max(initial=0))):
@@ -185,27 +165,3 @@ def _transported(tangents: Array, curve: Array) -> Array:
         kept = np.linalg.norm(across, axis=1) > 1e-6 * np.linalg.norm(carried_on, axis=1)
         result[here[kept]] = across[kept]
     return unit(result)
-
-
-def _sphere(level: int) -> tuple[Array, Array]:
-    """Return directions (K, 3) and triangles (T, 3) of an octahedron whose faces are quartered `level` times."""
-    points = np.concatenate([np.eye(3), -np.eye(3)])
-    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
-    for _ in range(level):
-        ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-        edges, edge = np.unique(ends, axis=0, return_inverse=True)
-        middle = len(points) + edge.reshape(-1, 3)
-        points = unit(np.concatenate([points, points[edges].sum(axis=1)]))
-        outer = [np.stack([faces[:, k], middle[:, k], middle[:, k - 1]], axis=1) for k in range(3)]
-        faces = np.concatenate([*outer, middle])
-    return points, faces
-
-
-def _discs(axis: Array, radii: Array) -> tuple[Array, Array]:
-    """Return the corners (N, K, 3) of discs around their axes, and the triangles of one."""
-    across = unit(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=1)]))
-    other = np.cross(axis, across)
-    angle = 2 * np.pi * np.arange(_DISC) / _DISC
-    corners = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * other[:, None]
-    faces = np.stack([np.zeros(_DISC - 2, int), np.arange(1, _DISC - 1), np.arange(2, _DISC)], axis=1)
-    return radii[:, None, None] * corners, faces

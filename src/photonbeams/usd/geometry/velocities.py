@@ -18,40 +18,49 @@ _ROUNDING = 1e-9  # error of sample times after the offset and scale of a layer
 
 
 @dataclass(frozen=True)
-class Carried:
-    """The stage at the time of a sample of points, and the points (N, 3) moved by velocities to the present time."""
+class PointSample:
+    """The points, or `name`, of a prim, and the stage at the time whose topology they have.
+
+    `moved` are the points (N, 3) as velocities move them to the present time; None: USD interpolates them.
+    """
 
     reading: Reading
-    points: Array
+    prim: Usd.Prim
+    name: str
+    moved: Array | None = None
+
+    @property
+    def points(self) -> Array | None:
+        """The points, (N, 3), or None if there are none."""
+        return self.reading.array(self.prim, self.name, 3) if self.moved is None else self.moved
 
 
-def carried(reading: Reading, prim: Usd.Prim, name: str = "points") -> Carried | None:
-    """Return the points (or `name`) of a prim, moved by its velocities, or None if it has none that can be used.
+def point_sample(reading: Reading, prim: Usd.Prim, name: str = "points") -> PointSample:
+    """Return the points (or `name`) of a prim, moved by its velocities if it has some that can be used.
 
-    If None is returned, USD interpolates samples of the points. That also happens if there are more or fewer velocities
-    than points.
+    They cannot if there are more or fewer velocities than points.
     """
+    still = PointSample(reading, prim, name)
     velocities = prim.GetAttribute("velocities")
     if not (velocities and velocities.HasAuthoredValue()):
-        return None
+        return still
     samples = _samples(prim, name, reading.base)
     if not samples or not _agree(_samples(prim, "velocities", reading.base), samples):
         reading.warn(prim, f"is not used: expected the same time samples as those of {name}", "velocities")
-        return None
+        return still
     sample = samples[0]
     at = replace(reading, time=sample)
     points, velocity = at.array(prim, name, 3), at.array(prim, "velocities", 3)
     if points is None or velocity is None or len(velocity) != len(points):
         count = 0 if points is None else len(points)
         reading.warn(prim, f"is not used: expected {count} values, as {name} has at time {sample:g}", "velocities")
-        return None
+        return still
     seconds = _seconds(reading, sample)
-    acceleration = None
     if _agree(_samples(prim, "accelerations", reading.base), samples):
         acceleration = at.array(prim, "accelerations", 3)
-    if acceleration is not None and len(acceleration) == len(points):
-        velocity = velocity + 0.5 * seconds * acceleration
-    return Carried(at, points + seconds * velocity)
+        if acceleration is not None and len(acceleration) == len(points):
+            velocity = velocity + 0.5 * seconds * acceleration
+    return PointSample(at, prim, name, points + seconds * velocity)
 
 
 def _seconds(reading: Reading, sample: float) -> float:
