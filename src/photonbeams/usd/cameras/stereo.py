@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
-from ...scene import FARTHEST, Array, Camera, SceneError
+from ...scene import FARTHEST, Camera, SceneError, shown
 from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading, Time, file_of
 from ..common.warnings import Warnings
@@ -53,15 +55,14 @@ class Stereo:
     convergence: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("interaxial", "convergence"):
-            value = getattr(self, name)
-            if value is not None and not isinstance(value, Real):
-                raise SceneError(f"{name} is {value!r}: expected a distance in scene units")
-        if self.interaxial is not None and not 0 <= self.interaxial <= FARTHEST:
-            text = f"expected a distance in scene units, 0 or more and no more than {FARTHEST:g}"
-            raise SceneError(f"interaxial is {self.interaxial}: {text}")
-        if self.convergence is not None and not self.convergence > 0:
-            raise SceneError(f"convergence is {self.convergence}: expected a positive distance in scene units")
+        far = f"0 or more and no more than {FARTHEST:g}"
+        self._check("interaxial", f"a distance in scene units, {far}", lambda value: 0 <= value <= FARTHEST)
+        self._check("convergence", "a positive distance in scene units", lambda value: value > 0)
+
+    def _check(self, name: str, expected: str, fits: Callable[[Any], bool]) -> None:
+        value = getattr(self, name)
+        if value is not None and not (isinstance(value, Real) and fits(value)):
+            raise SceneError(f"{name} is {shown(value)}: expected {expected}")
 
 
 def check_stereo(stereo: object) -> None:
@@ -92,13 +93,13 @@ def read_eyes(
         camera = read_camera(stage, str(prim.GetPath()), time, warnings)
         return split(camera, stereo, UsdGeom.GetStageMetersPerUnit(stage), f"{file_of(stage)}: {camera.name}")
     other = _partner(stage, prim, EYES[1 - EYES.index(role)])
+    left, right = (prim, other) if role == EYES[0] else (other, prim)
     if stereo != Stereo():
         reading = Reading(stage, None, warnings or Warnings())
         reading.warn(prim, "is one of a pair, whose places are fixed: interaxial and convergence are ignored")
-    pair = {role: str(prim.GetPath()), EYES[1 - EYES.index(role)]: str(other.GetPath())}
-    left, right = (read_camera(stage, pair[eye], time, warnings) for eye in EYES)
-    _check_pair(Reading(stage, time), *(stage.GetPrimAtPath(pair[eye]) for eye in EYES))
-    return left, right
+    first, second = (read_camera(stage, str(each.GetPath()), time, warnings) for each in (left, right))
+    _check_pair(Reading(stage, time), left, right)
+    return first, second
 
 
 def is_eye(stage: Usd.Stage, name: str | None) -> bool:
@@ -140,17 +141,15 @@ def _check_pair(reading: Reading, left: Usd.Prim, right: Usd.Prim) -> None:
 
 
 def _partner(stage: Usd.Stage, prim: Usd.Prim, role: str) -> Usd.Prim:
-    found = [stage.GetPrimAtPath(path) for path in list_cameras(stage)]
-    found = [each for each in found if _role(each) == role]
-    beside = [each for each in found if each.GetParent() == prim.GetParent()]
-    found = beside or found
-    if len(found) != 1:
-        names = ", ".join(str(each.GetPath()) for each in found) or "none"
+    cameras = [camera for path in list_cameras(stage) if _role(camera := stage.GetPrimAtPath(path)) == role]
+    cameras = [camera for camera in cameras if camera.GetParent() == prim.GetParent()] or cameras
+    if len(cameras) != 1:
+        names = ", ".join(str(camera.GetPath()) for camera in cameras) or "none"
         raise SceneError(
             f"{file_of(stage)}: {prim.GetPath()} is one of two eyes: expected one camera with stereoRole "
             f"'{role}' beside it, found {names}"
         )
-    return found[0]
+    return cameras[0]
 
 
 def split(camera: Camera, stereo: Stereo, meters_per_unit: float, name: str) -> tuple[Camera, Camera]:
@@ -176,17 +175,10 @@ def split(camera: Camera, stereo: Stereo, meters_per_unit: float, name: str) -> 
             f"{name} has eyes {2 * half:g} apart that converge at {where}: expected a convergence of at least "
             f"{least:.4g} scene units, or eyes closer together"
         )
-    return tuple(  # type: ignore[return-value]
-        replace(
-            camera,
-            to_world=camera.to_world @ _sideways(side * half),
-            horizontal_offset=camera.horizontal_offset - side * shift,
-        )
-        for side in (-1.0, 1.0)
-    )
 
+    def eye(side: float) -> Camera:
+        to_world = camera.to_world.copy()
+        to_world[:, 3] += side * half * camera.to_world[:, 0]
+        return replace(camera, to_world=to_world, horizontal_offset=camera.horizontal_offset - side * shift)
 
-def _sideways(distance: float) -> Array:
-    matrix = np.eye(4)
-    matrix[0, 3] = distance
-    return matrix
+    return eye(-1.0), eye(1.0)

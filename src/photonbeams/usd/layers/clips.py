@@ -8,8 +8,8 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from math import inf, isfinite
-from typing import Any, NamedTuple
+from math import inf, isfinite, isnan
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -32,9 +32,10 @@ _TYPES = {
     "times": "double2[]", "templateAssetPath": "string", **dict.fromkeys(_TIMES, "double"),
     "templateActiveOffset": "double", "interpolateMissingClipValues": "bool",
 }  # fmt: skip
-_PAIRS = {"active", "times"}
+_PAIRS = ("active", "times")
 # What makes a layer the one by which OpenUSD finds the files of a set, its manifest too, and shifts its times.
 _ANCHORS = {"assetPaths", "templateAssetPath"}
+_Clips: TypeAlias = Mapping[str, Any]  # a set
 _INTERPOLATED = re.compile(r"(VtArray<)?(float|double|SdfTimeCode|Gf\w+[dfh])>?")  # values in C++; others are held
 
 
@@ -70,45 +71,46 @@ def leave_out_clips(
     """
     specs = [(layer, spec) for layer, prims in listed for spec in map(layer.GetObjectAtPath, prims)]
     specs = [(layer, spec) for layer, spec in specs if spec.HasInfo("clips")]
-    widest = _widest(spec.GetInfo("clips") for _, spec in specs)
-    anchors: dict[str, list[Sdf.Layer]] = defaultdict(list)
+    parts: dict[str, list[_Clips]] = defaultdict(list)
+    anchors: dict[str, dict[Sdf.Layer, None]] = defaultdict(dict)
     for layer, spec in specs:
-        for name in (name for name, clips in spec.GetInfo("clips").items() if _ANCHORS & _typed(clips).keys()):
-            anchors[name].append(layer)
+        for name, clips in spec.GetInfo("clips").items():
+            parts[name].append(_typed(clips))
+            if not _ANCHORS.isdisjoint(parts[name][-1]):
+                anchors[name][layer] = None
+    widest = {name: _widest(each) for name, each in parts.items()}
     left_out = []
     for layer, spec in specs:
-        sets = spec.GetInfo("clips")
-        problems = {}
+        sets, problems = spec.GetInfo("clips"), {}
         for name, clips in sets.items():
             typed = _typed(clips)
             files = (*_files(layer, typed, widest[name]), *_manifests(typed, anchors[name]))
-            problems[name] = _danger(typed, widest[name], files, problem_of)
-        if any(problems.values()):
-            spec.SetInfo("clips", {name: clips for name, clips in sets.items() if not problems[name]})
+            if problem := _danger(typed, widest[name], files, problem_of):
+                problems[name] = problem
+        if problems:
+            spec.SetInfo("clips", {name: clips for name, clips in sets.items() if name not in problems})
             yield layer.identifier
-        for name in filter(problems.get, problems):
-            file = layer.realPath or layer.identifier
-            left_out.append((f"{spec.path} has the value clips '{name}', {problems[name]}", file))
+        file = layer.realPath or layer.identifier
+        left_out += [(f"{spec.path} has the value clips '{name}', {text}", file) for name, text in problems.items()]
     for text, file in left_out:  # after all are removed: other stages of these layers may be open, also after an error
         warnings.lack(text, file, "they are left out")
 
 
-def _widest(every: Iterable[Mapping[str, object]]) -> dict[str, dict[str, float]]:
-    """Return the first start, the last end and the least stride of templates by the names of their sets.
+def _widest(parts: Iterable[_Clips]) -> dict[str, float]:
+    """Return the first start, the last end and the least stride of the parts of a set that has a template.
 
     OpenUSD merges sets of a name over layers, so that one layer's end may meet another one's start. No merged template
     has more clips than these together.
     """
-    widest: dict[str, dict[str, float]] = defaultdict(dict)
-    for name, clips in ((name, _typed(clips)) for sets in every for name, clips in sets.items()):
-        for key in _TIMES:
-            if key in clips and clips[key] == clips[key]:  # OpenUSD ends at once at NaN
-                least = max if key == "templateEndTime" else min
-                widest[name][key] = least(clips[key], widest[name].get(key, clips[key]))
+    widest = {}
+    for key in _TIMES:
+        values = [clips[key] for clips in parts if not isnan(clips.get(key, np.nan))]  # OpenUSD ends at once at NaN
+        if values:
+            widest[key] = max(values) if key == "templateEndTime" else min(values)
     return widest
 
 
-def _typed(clips: object) -> dict[str, Any]:
+def _typed(clips: object) -> _Clips:
     """Return what OpenUSD may use of a clip set: nothing if it is no dictionary, and no values of other types."""
     pairs = clips.items() if isinstance(clips, Mapping) else ()
     return {name: value for name, value in pairs if _type_of(value) == _TYPES.get(name)}
@@ -118,12 +120,10 @@ def _type_of(value: object) -> str:
     return str(Sdf.GetValueTypeNameForValue(value) or "dictionary")
 
 
-def _danger(
-    clips: Mapping[str, Any], widest: Mapping[str, float], files: Iterable[str], problem_of: Callable[[str], str]
-) -> str:
+def _danger(clips: _Clips, widest: Mapping[str, float], files: Iterable[str], problem_of: Callable[[str], str]) -> str:
     """Return why a clip set of a layer, which may open `files`, must not be composed, as a clause, or ""."""
-    for key in _PAIRS & clips.keys():
-        if wrong := [number for pair in clips[key] for number in pair if not isfinite(number)]:
+    for key in _PAIRS:
+        if wrong := [number for pair in clips.get(key, ()) for number in pair if not isfinite(number)]:
             return f"whose {key} has {wrong[0]:g}: expected finite numbers"
     own = {key: clips[key] for key in _TIMES if key in clips}
     times = {**widest, **own}
@@ -147,13 +147,13 @@ def _endless(start: float, end: float, stride: float) -> str:
     return f"from {start:g} to {end:g} by {stride:g}: expected 1 to {_MOST_CLIPS:,} clips"
 
 
-def _manifests(clips: Mapping[str, Any], layers: Iterable[Sdf.Layer]) -> list[str]:
+def _manifests(clips: _Clips, layers: Iterable[Sdf.Layer]) -> list[str]:
     """Return the names of the files that may be a clip set's manifest, whose other files these layers name."""
     manifest = clips.get("manifestAssetPath", Sdf.AssetPath())
     return [str(layer.ComputeAbsolutePath(manifest.path)) for layer in layers if manifest.path]
 
 
-def _files(layer: Sdf.Layer, clips: Mapping[str, Any], widest: Mapping[str, float]) -> Iterator[str]:
+def _files(layer: Sdf.Layer, clips: _Clips, widest: Mapping[str, float]) -> Iterator[str]:
     """Yield the names of the files that a clip set may open for some time."""
     for asset in clips.get("assetPaths", ()):
         if asset.path:
@@ -226,7 +226,7 @@ def _sets(prim: Usd.Prim) -> Iterator[_ClipSet]:
                 continue
             assets = []
         layer, offset = _anchor(prim, name)
-        if problem := _misfit(values) or _unnamed(values, layer, assets):
+        if problem := next(_problems(values, layer, assets), ""):
             yield _ClipSet(title, problem)
             continue
         names: Callable[[int], str]
@@ -252,61 +252,66 @@ def _attributes(prim: Usd.Prim) -> Iterator[Usd.Attribute]:
             yield attribute
 
 
-def _misfit(clips: Mapping[str, Any]) -> str:
-    """Return why OpenUSD ignores a clip set, merged over layers, or a value of it; as a clause, or ""."""
-    needed = _LISTED if "assetPaths" in clips else _NUMBERED
-    others = _PAIRS if "assetPaths" in clips else {"templateActiveOffset"}
+def _problems(clips: _Clips, anchor: Sdf.Layer, assets: Iterable[Sdf.AssetPath]) -> Iterator[str]:
+    """Yield why OpenUSD ignores a clip set, merged over layers, or a value of it; as clauses."""
+    listed = "assetPaths" in clips
+    needed = _LISTED if listed else _NUMBERED
+    others = _PAIRS if listed else ("templateActiveOffset",)
     for name in (*needed, *others, "manifestAssetPath", "interpolateMissingClipValues"):
-        if name in clips and (given := _type_of(clips[name])) != _TYPES[name]:
-            return f"whose {name} is of the type {given}: expected {_TYPES[name]}"
+        if name in clips and (kind := _type_of(clips[name])) != _TYPES[name]:
+            yield f"whose {name} is of the type {kind}: expected {_TYPES[name]}"
         if name in needed and (name not in clips or not (_TYPES[name] == "double" or len(clips[name]))):
-            return f"without {name}: expected {', '.join(needed)}"
-    return _unlisted(clips) if "assetPaths" in clips else _unnumbered(clips)
+            yield f"without {name}: expected {', '.join(needed)}"
+    yield from _unlisted(clips) if listed else _unnumbered(clips)
+    yield from _unnamed(clips, anchor, assets)
 
 
-def _unlisted(clips: Mapping[str, Any]) -> str:
-    """Return what is wrong with a set that lists its files, as a clause, or ""."""
+def _unlisted(clips: _Clips) -> Iterator[str]:
+    """Yield what is wrong with a set that lists its files."""
     if not all(asset.path for asset in clips["assetPaths"]):
-        return "one of whose assetPaths is empty: expected the name of a file"
-    count, begun = len(clips["assetPaths"]), set[float]()
-    for start, index in clips["active"]:
+        yield "one of whose assetPaths is empty: expected the name of a file"
+    count = len(clips["assetPaths"])
+    for _, index in clips["active"]:
         if not 0 <= index < count:
-            return f"whose active has the index {index:g}: expected one of {count:,} assetPaths, counted from 0"
-        if start in begun:
-            return f"whose active has two clips from {start:g} on: expected one"
-        begun.add(start)
-    thrice = [time for time, count in Counter(time for time, _ in clips.get("times", ())).items() if count > 2]
-    return f"whose times has {thrice[0]:g} more than twice: expected a jump of two" if thrice else ""
+            yield f"whose active has the index {index:g}: expected one of {count:,} assetPaths, counted from 0"
+    for start, count in Counter(start for start, _ in clips["active"]).items():
+        if count > 1:
+            yield f"whose active has two clips from {start:g} on: expected one"
+    for time, count in Counter(time for time, _ in clips.get("times", ())).items():
+        if count > 2:
+            yield f"whose times has {time:g} more than twice: expected a jump of two"
 
 
-def _unnumbered(clips: Mapping[str, Any]) -> str:
-    """Return what is wrong with a set that numbers its files, as a clause, or ""."""
+def _unnumbered(clips: _Clips) -> Iterator[str]:
+    """Yield what is wrong with a set that numbers its files."""
     groups = [index for index, part in enumerate(_parts(clips["templateAssetPath"])) if not part.strip("#")]
     if len(groups) not in (1, 2) or groups[-1] - groups[0] != len(groups) - 1:
         form = "NAME.###.usd or NAME.###.##.usd"
-        return f"whose templateAssetPath is '{clips['templateAssetPath']}': expected {form}, of any number of #"
-    offset, stride = clips.get("templateActiveOffset", 0.0), clips["templateStride"]
-    if abs(offset) > stride > 0:
-        return f"whose templateActiveOffset is {offset:g}: expected no more than the stride, {stride:g}"
-    if offset == 0 and "templateActiveOffset" in clips and clips["templateStartTime"] == clips["templateEndTime"]:
-        return "whose templateActiveOffset is 0 for a single clip: expected another one, or none"
-    return _endless(*(clips[name] for name in _TIMES))
+        yield f"whose templateAssetPath is '{clips['templateAssetPath']}': expected {form}, of any number of #"
+    offset, (start, end, stride) = clips.get("templateActiveOffset"), (clips[name] for name in _TIMES)
+    if abs(offset or 0.0) > stride > 0:
+        yield f"whose templateActiveOffset is {offset:g}: expected no more than the stride, {stride:g}"
+    if offset == 0 and start == end:
+        yield "whose templateActiveOffset is 0 for a single clip: expected another one, or none"
+    if problem := _endless(start, end, stride):
+        yield problem
 
 
-def _unnamed(clips: Mapping[str, Any], anchor: Sdf.Layer, assets: Iterable[Sdf.AssetPath]) -> str:
-    """Return why OpenUSD finds no values in a set's manifest or, without one, in any of its files, or ""."""
+def _unnamed(clips: _Clips, anchor: Sdf.Layer, assets: Iterable[Sdf.AssetPath]) -> Iterator[str]:
+    """Yield why OpenUSD finds no values in a set's manifest or, without one, in any of its files."""
     paths = [asset.resolvedPath for asset in assets]
     if manifest := clips.get("manifestAssetPath"):
         name = manifest.authoredPath
         paths = [str(Ar.GetResolver().Resolve(anchor.ComputeAbsolutePath(name)))]
         if problem := _unread(name, *paths):
-            return f"of which {name} {problem}"
+            yield f"of which {name} {problem}"
     path, opened = clips["primPath"], False
     for layer in filter(None, map(_opened, paths)):
         if Sdf.Path.IsValidPathString(path) and layer.GetPrimAtPath(path):
-            return ""
+            return
         opened = True
-    return f"whose primPath is '{path}': expected a prim in the clips" if opened else ""
+    if opened:
+        yield f"whose primPath is '{path}': expected a prim in the clips"
 
 
 def _unread(name: str, path: str) -> str:
