@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -56,28 +55,30 @@ def read_media(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) -> 
     if not (own or volume or is_closed(reading, prim)):
         raise reading.fail(prim, "", "has a volume material: expected a closed mesh")
     shading = VolumeShading(*_coefficients(reading, prim)) if own else read_shading(reading, prim)
-    places: list[dict[str, Any]] = (
-        _in_grids(reading, prim, to_world, shading) if volume else [{"mesh": _filled(reading, prim, to_world)}]
-    )
-    glow = _even_glow(reading, prim, shading)
+    parts = _in_grids(reading, prim, to_world, shading) if volume else [{"mesh": _filled(reading, prim, to_world)}]
     medium = Medium(
-        scattering=shading.scattering,
-        absorption=shading.absorption,
-        anisotropy=read_attribute(reading, prim, MEDIUM, "anisotropy", shading.anisotropy),
-        surfaces=read_attribute(reading, prim, MEDIUM, "surfaces"),
+        shading.scattering,
+        shading.absorption,
+        anisotropy=_attribute(reading, prim, "anisotropy", shading.anisotropy),
+        surfaces=_attribute(reading, prim, "surfaces"),
         name=name,
-        bounces=read_attribute(reading, prim, MEDIUM, "bounces"),
+        bounces=_attribute(reading, prim, "bounces"),
         density=_density(reading, prim),
-        **{"emission": glow, **places[0]},
+        **{"emission": _even_glow(reading, prim, shading), **parts[0]},
     )
-    others = enumerate(places[1:], 2)
-    return [medium, *(replace(medium, name=f"{name}[part {number}]", **place) for number, place in others)]
+    others = enumerate(parts[1:], 2)
+    return [medium, *(replace(medium, name=f"{name}[part {number}]", **part) for number, part in others)]
+
+
+def _attribute(reading: Reading, prim: Usd.Prim, name: str, default: object = None) -> Any:
+    """Return an attribute of the medium's schema, as `read_attribute` does."""
+    return read_attribute(reading, prim, MEDIUM, name, default=default)
 
 
 def _density(reading: Reading, prim: Usd.Prim) -> FogDensity | None:
     """Return how the density of fog varies, or None; that of a volume is its field's."""
-    falloff, ground = (read_attribute(reading, prim, MEDIUM, f"height:{name}") for name in ("falloff", "ground"))
-    amount = read_attribute(reading, prim, MEDIUM, "noise:amount")
+    falloff, ground = (_attribute(reading, prim, f"height:{name}") for name in ("falloff", "ground"))
+    amount = _attribute(reading, prim, "noise:amount")
     if not (falloff or amount):
         return None
     if prim.IsA(UsdVol.Volume):
@@ -87,7 +88,7 @@ def _density(reading: Reading, prim: Usd.Prim) -> FogDensity | None:
     noise = None
     if amount:
         names = ("scale", "octaves", "contrast", "drift", "evolution")
-        noise = FogNoise(amount, *(read_attribute(reading, prim, MEDIUM, f"noise:{name}") for name in names))
+        noise = FogNoise(amount, **{name: _attribute(reading, prim, f"noise:{name}") for name in names})
     return FogDensity(falloff or None, ground, noise)
 
 
@@ -109,12 +110,12 @@ def _filled(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh | None:
 
 def _in_grids(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> list[dict[str, Any]]:
     """Return what the fields of a volume give to its medium; of a density alone, to the medium of each part."""
-    colors = reading.attempt(prim, partial(_colors, reading, prim, to_world, shading), None, "its colour is even")
-    emission = reading.attempt(prim, partial(_glow, reading, prim, to_world, shading), None, "it emits no light")
-    if colors is None and emission is None:
-        return [{"grid": each} for each in read_density(reading, prim, to_world, shading.density, apart=True)]
-    (grid,) = read_density(reading, prim, to_world, shading.density)
-    return [{"grid": grid, "scattering_color": colors} | ({} if emission is None else {"emission": emission})]
+    colors = reading.attempt(prim, lambda: _colors(reading, prim, to_world, shading), None, "its colour is even")
+    emission = reading.attempt(prim, lambda: _glow(reading, prim, to_world, shading), None, "it emits no light")
+    apart = colors is None and emission is None
+    grids = read_density(reading, prim, to_world, shading.density, apart=apart)
+    fields = {"scattering_color": colors, "emission": emission}
+    return [{"grid": grid, **{name: field for name, field in fields.items() if field is not None}} for grid in grids]
 
 
 def _colors(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> DensityGrid | None:
@@ -122,22 +123,23 @@ def _colors(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeSh
     field = field_of(reading, prim, shading.color) if shading.color else None
     if field is None:
         return None
-    (found,) = read_field(reading, prim, field, to_world)
-    if (most := float(found.values.max())) > 1 + 1e-3:
+    (grid,) = read_field(reading, prim, field, to_world)
+    if (most := float(grid.values.max())) > 1 + 1e-3:
         reading.warn(field, f"holds colours up to {most:g}: those above 1 count as 1")
-    return DensityGrid(np.minimum(found.values, 1), found.to_world)
+    return DensityGrid(np.minimum(grid.values, 1), grid.to_world)
 
 
 def _glow(reading: Reading, prim: Usd.Prim, to_world: Array, shading: VolumeShading) -> DensityGrid | None:
     """Return what a volume emits, or None; a shader may name a temperature field that the volume lacks."""
-    field = None if shading.emission is None else field_of(reading, prim, shading.emission.field)
-    if shading.emission is None or field is None:
+    emission = shading.emission
+    field = None if emission is None else field_of(reading, prim, emission.field)
+    if emission is None or field is None:
         return None
-    (found,), kelvin = read_field(reading, prim, field, to_world), shading.emission.kelvin
-    result = _emitted(found, shading.emission, reading.spaces)
-    if kelvin and (hottest := kelvin * float(found.values.max(initial=0.0))) < _GLOWS:
+    (grid,) = read_field(reading, prim, field, to_world)
+    result = _emitted(grid, emission, reading.spaces)
+    if emission.kelvin and (hottest := emission.kelvin * float(grid.values.max(initial=0.0))) < _GLOWS:
         text = f"is {hottest:.3g} K at its hottest, too cold to glow: expected {_GLOWS} to {_HOTTEST} K, by the field"
-        reading.warn(prim, f"{text} {shading.emission.field} times the shader's {kelvin:g}")
+        reading.warn(prim, f"{text} {emission.field} times the shader's {emission.kelvin:g}")
     else:
         reading.warn(prim, _UNLIT)
     return result
@@ -150,7 +152,7 @@ def _even_glow(reading: Reading, prim: Usd.Prim, shading: VolumeShading) -> Colo
         usual = shader.color
     elif shader is not None and not shader.kelvin:
         reading.warn(prim, f"has no field {shader.field}, by which its shader says that it emits light: it emits none")
-    emitted = read_attribute(reading, prim, MEDIUM, "emission", usual)
+    emitted = _attribute(reading, prim, "emission", usual)
     if emitted is None or not any(emitted):
         return None
     if prim.IsA(UsdVol.Volume):
@@ -165,25 +167,24 @@ def _emitted(field: DensityGrid, emission: VolumeEmission, spaces: ColorSpaces) 
     values = field.values if field.values.ndim == 4 else field.values[..., None]
     if emission.kelvin:
         kelvin = values.mean(axis=-1).astype(np.float64) * emission.kelvin
-        known = np.linspace(_COLDEST, _HOTTEST, 181)
-        found = np.array([UsdLux.BlackbodyTemperatureAsRgb(float(each)) for each in known])
-        colors = np.maximum(to_working(found, REC709, spaces), 0)
-        chroma = np.stack([np.interp(kelvin, known, colors[:, each]) for each in range(3)], axis=-1)
+        table = np.linspace(_COLDEST, _HOTTEST, 181)
+        rgb = np.array([UsdLux.BlackbodyTemperatureAsRgb(float(each)) for each in table])
+        colors = np.maximum(to_working(rgb, REC709, spaces), 0)
+        chroma = np.stack([np.interp(kelvin, table, channel) for channel in colors.T], axis=-1)
         values = chroma * (_RADIANCE * kelvin**4)[..., None]
     return DensityGrid((values * np.array(emission.color)).astype(np.float32), field.to_world)
 
 
 def _coefficients(reading: Reading, prim: Usd.Prim) -> tuple[Color, Color]:
     """Return scattering and absorption: as given, or computed from the two colours."""
-    names = ("photonbeams:nearColor", "photonbeams:farColor")
-    given = [reading.value(prim, name) is not None for name in names]
-    physical = ("photonbeams:scattering", "photonbeams:absorption")
-    if not any(given):
-        return tuple(read_attribute(reading, prim, MEDIUM, name) for name in ("scattering", "absorption"))
-    if not all(given):
-        missing, there = names[given.index(False)], names[given.index(True)]
-        raise reading.fail(prim, missing, f"is not given: expected a colour, to go with {there}")
-    if any(prim.GetAttribute(name).HasAuthoredValue() for name in physical):
+    names, physical = ("photonbeams:nearColor", "photonbeams:farColor"), ("scattering", "absorption")
+    missing = [name for name in names if reading.value(prim, name) is None]
+    if len(missing) == 2:
+        return tuple(_attribute(reading, prim, name) for name in physical)
+    if missing:
+        other = next(name for name in names if name not in missing)
+        raise reading.fail(prim, missing[0], f"is not given: expected a colour, to go with {other}")
+    if any(prim.GetAttribute(f"photonbeams:{name}").HasAuthoredValue() for name in physical):
         reading.warn(prim, "and farColor make the fog: scattering and absorption are not used", names[0])
     near, far = (reading.color(prim, name, 0.0) for name in names)
     ratios = [last / first for first, last in zip(near, far, strict=True) if first > 0]
@@ -192,7 +193,7 @@ def _coefficients(reading: Reading, prim: Usd.Prim) -> tuple[Color, Color]:
             f"is {shown(far)}: expected {DARKEST:g} to {BRIGHTEST:g} of nearColor in each channel; the nearest is used"
         )
         reading.warn(prim, text, names[1])
-    albedo, distance = (read_attribute(reading, prim, MEDIUM, name) for name in ("albedo", "farDistance"))
+    albedo, distance = (_attribute(reading, prim, name) for name in ("albedo", "farDistance"))
     try:
         return coefficients(near, far, albedo, distance)
     except SceneError as error:

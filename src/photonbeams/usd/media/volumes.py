@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections import OrderedDict
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -27,27 +26,15 @@ _KINDS = (".vdb", ".vol")
 _KEPT = 1 << 30  # bytes of grids to keep
 
 
-class _Cache:
-    """The grids read last: a shutter is read at many times, and grids then stay the same objects."""
+class _Grid(NamedTuple):
+    """The boxes of a grid, without negative values, and the least value that it had."""
 
-    def __init__(self) -> None:
-        self._kept: OrderedDict[Any, list[Voxels]] = OrderedDict()
-
-    def __call__(self, key: tuple[object, ...], read: Callable[[], list[Voxels]]) -> list[Voxels]:
-        """Return the boxes of a grid, by its key, read at most once while it is kept."""
-        if key not in self._kept:
-            self._kept[key] = read()
-            while len(self._kept) > 1 and sum(self._size(each) for each in self._kept.values()) > _KEPT:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(key)
-        return self._kept[key]
-
-    @staticmethod
-    def _size(boxes: list[Voxels]) -> int:
-        return sum(each.values.nbytes for each in boxes)
+    boxes: list[Voxels]
+    least: float
 
 
-_CACHE = _Cache()
+#: The grids read last, the oldest first: a shutter is read at many times, and grids then stay the same objects.
+_GRIDS: dict[tuple[object, ...], _Grid] = {}
 
 
 def fields_of(prim: Usd.Prim) -> list[str]:
@@ -58,14 +45,9 @@ def fields_of(prim: Usd.Prim) -> list[str]:
 
 def field_of(reading: Reading, prim: Usd.Prim, name: str) -> Usd.Prim | None:
     """Return the prim of a volume's field, by the name of its relationship or of the grid that it reads; or None."""
-    found = [(each, reading.targets(prim, f"{_FIELD}{each}")) for each in fields_of(prim)]
-    for own, targets in found:
-        if own == name and targets:
-            return targets[0]
-    for _, targets in found:
-        if targets and str(reading.value(targets[0], "fieldName", "")) == name:
-            return targets[0]
-    return None
+    fields = {own: target for own in fields_of(prim) for target in reading.targets(prim, f"{_FIELD}{own}")[:1]}
+    named = (target for target in fields.values() if str(reading.value(target, "fieldName", "")) == name)
+    return fields[name] if name in fields else next(named, None)
 
 
 def warn_of_velocities(stage: Usd.Stage, warnings: Warnings) -> None:
@@ -112,15 +94,16 @@ def read_field(
     path, shown = _file(reading, field)
     name, index = str(reading.value(field, "fieldName", "") or ""), reading.value(field, "fieldIndex", 0)
     try:
-        key = path, stamp(path), name, index, MOST_VALUES, apart
-        boxes = _CACHE(key, lambda: _read(path, name, index, apart))
+        boxes, least = _kept(path, name, index, apart)
+        if least < 0:  # as simulations have where fog thins out
+            reading.warn(field, f"has a grid with values down to {least:g}: those below 0 count as 0", "filePath")
         if boxes[0].step > 1:
             cells = " x ".join(str(each) for each in boxes[0].values.shape[2::-1])
             where = "in all" if len(boxes) == 1 else f"in the first of {len(boxes)} parts"
             text = f"has too many voxels: every {boxes[0].step} along an axis become one, {cells} {where}"
             reading.warn(field, text, "filePath")
         local = np.linalg.inv(reading.to_world(prim)) @ reading.to_world(field)
-        return [DensityGrid(_positive(reading, field, each), to_world @ local @ each.to_file) for each in boxes]
+        return [DensityGrid(each.values, to_world @ local @ each.to_file) for each in boxes]
     except (SceneError, ValueError, OSError, np.linalg.LinAlgError) as error:
         raise reading.missing(field, "filePath", f"names {shown}: expected a grid that can be read ({error})") from None
 
@@ -139,12 +122,26 @@ def _file(reading: Reading, field: Usd.Prim) -> tuple[str, str]:
     return path, shown
 
 
-def _read(path: str, name: str, index: int, apart: bool) -> list[Voxels]:
+def _kept(path: str, name: str, index: int, apart: bool) -> _Grid:
+    """Return a grid of a file, read at most once while it is kept."""
+    key = path, stamp(path), name, index, MOST_VALUES, apart
+    _GRIDS[key] = grid = _GRIDS.pop(key, None) or _read(path, name, index, apart)
+    while len(_GRIDS) > 1 and sum(box.values.nbytes for each in _GRIDS.values() for box in each.boxes) > _KEPT:
+        del _GRIDS[next(iter(_GRIDS))]
+    return grid
+
+
+def _read(path: str, name: str, index: int, apart: bool) -> _Grid:
     with _opened(path) as file:
         if Path(Ar.SplitPackageRelativePathInner(path)[1] or path).suffix.lower() == ".vol":
-            return [read_vol(file)]
-        grid = _grid(read_grids(file), name, index)
-        return parts_of(grid) if apart else [voxels_of(grid)]
+            boxes = [read_vol(file)]
+        else:
+            grid = _grid(read_grids(file), name, index)
+            boxes = parts_of(grid) if apart else [voxels_of(grid)]
+    least = min(float(each.values.min()) for each in boxes)
+    if least < 0:
+        boxes = [replace(each, values=np.maximum(each.values, 0)) for each in boxes]
+    return _Grid(boxes, least)
 
 
 def _opened(path: str) -> BinaryIO:
@@ -165,15 +162,3 @@ def _grid(grids: list[VDBGrid], name: str, index: int) -> VDBGrid:
     if not 0 <= index < len(named):
         raise SceneError(f"it has no grid {named[0].name} with fieldIndex {index}: expected 0 to {len(named) - 1}")
     return named[index]
-
-
-def _positive(reading: Reading, field: Usd.Prim, voxels: Voxels) -> Array:
-    """Return values with those below 0, which simulations have where fog thins out, set to 0, with a warning."""
-    least = float(voxels.values.min())
-    if not least < 0:
-        return voxels.values
-    reading.warn(field, f"has a grid with values down to {least:g}: those below 0 count as 0", "filePath")
-    key = ("positive", id(voxels))
-    if key not in reading.cache:
-        reading.cache[key] = voxels, np.maximum(voxels.values, 0)
-    return reading.cache[key][1]
