@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -60,54 +59,49 @@ def chosen_camera(stage: Usd.Stage, name: str | None, warnings: Warnings | None 
     if not paths:
         raise SceneError(f"{file_of(stage)} has no camera: expected a Camera prim")
     if name is None:
-        path = _settings_camera(stage)
-        if path and path not in paths:
-            if warnings is not None:
-                text = f"the render settings name {path}, which is not a camera: {paths[0]} is used"
-                warnings.give(text, file_of(stage))
-            path = ""
-        if not path and len(paths) > 1:
+        settings = settings_at(stage)
+        named = [str(path) for path in target_paths(settings.GetPrim(), "camera")[:1]] if settings else []
+        if named and named[0] not in paths and warnings is not None:
+            text = f"the render settings name {named[0]}, which is not a camera: {paths[0]} is used"
+            warnings.give(text, file_of(stage))
+        elif not named and len(paths) > 1:
             LOG.info("%s: of %d cameras the first is used: %s", file_of(stage), len(paths), paths[0])
-        return stage.GetPrimAtPath(path or paths[0])
-    found = [path for path in paths if path == name] or [path for path in paths if path.endswith(f"/{name}")]
-    if not found:
-        raise SceneError(f"{file_of(stage)} has no camera '{name}': expected one of {', '.join(paths)}")
-    if len(found) > 1:
-        raise SceneError(f"{file_of(stage)} has several cameras '{name}': expected one of {', '.join(found)}")
-    return stage.GetPrimAtPath(found[0])
-
-
-def _settings_camera(stage: Usd.Stage) -> str:
-    settings = settings_at(stage)
-    targets = target_paths(settings.GetPrim(), "camera") if settings else []
-    return str(targets[0]) if targets else ""
+        return stage.GetPrimAtPath(next((path for path in named if path in paths), paths[0]))
+    fitting = [path for path in paths if path == name] or [path for path in paths if path.endswith(f"/{name}")]
+    if len(fitting) != 1:
+        many, expected = ("several cameras", fitting) if fitting else ("no camera", paths)
+        raise SceneError(f"{file_of(stage)} has {many} '{name}': expected one of {', '.join(expected)}")
+    return stage.GetPrimAtPath(fitting[0])
 
 
 def _camera(reading: Reading, prim: Usd.Prim) -> Camera:
     def length(name: str, default: float) -> float:
         return _TENTH * reading.positive(prim, name, default)
 
+    def offset(name: str) -> float:
+        return _TENTH * reading.number(prim, name, 0.0)
+
     panorama = read_panorama(reading, prim)
     orthographic = reading.value(prim, "projection", "perspective") == "orthographic"
-    clipping = reading.attempt(prim, partial(_clipping, reading, prim), (0.0, FARTHEST), "nothing is clipped")
+    clipping = reading.attempt(prim, lambda: _clipping(reading, prim), (0.0, FARTHEST), "nothing is clipped")
     radius, focus = 0.0, 0.0
     if panorama is not None and reading.value(prim, "fStop"):
         reading.warn(prim, "is not used: a panoramic camera has all in focus", "fStop")
     elif not orthographic:
-        radius, focus = reading.attempt(prim, partial(_lens, reading, prim), (0.0, 0.0), "all is in focus")
+        radius, focus = reading.attempt(prim, lambda: _lens(reading, prim), (0.0, 0.0), "all is in focus")
     camera = Camera(
-        name=str(prim.GetPath()),
-        to_world=_rigid(reading, prim),
+        str(prim.GetPath()),
+        _rigid(reading, prim),
         focal_length=_TENTH * reading.number(prim, "focalLength", 50.0) if orthographic else length("focalLength", 50),
         horizontal_aperture=length("horizontalAperture", 20.955),
         vertical_aperture=length("verticalAperture", 15.2908),
-        horizontal_offset=_TENTH * reading.number(prim, "horizontalApertureOffset", 0.0),
-        vertical_offset=_TENTH * reading.number(prim, "verticalApertureOffset", 0.0),
+        horizontal_offset=offset("horizontalApertureOffset"),
+        vertical_offset=offset("verticalApertureOffset"),
         projection="orthographic" if orthographic else "perspective",
         clipping=clipping,
         lens_radius=radius,
         focus_distance=focus,
-        exposure_scale=reading.attempt(prim, partial(_exposure_scale, reading, prim), 1.0, "its exposure is left out"),
+        exposure_scale=reading.attempt(prim, lambda: _exposure_scale(reading, prim), 1.0, "its exposure is left out"),
     )
     _check_proportions(reading, prim, camera)
     return camera if panorama is None else _panoramic(reading, prim, camera, panorama)
@@ -168,12 +162,14 @@ def _exposure_scale(reading: Reading, prim: Usd.Prim) -> float:
 def _check_proportions(reading: Reading, prim: Usd.Prim, camera: Camera) -> None:
     """Raise SceneError for extreme ratios of focal length and apertures, which single precision cannot resolve."""
     wide = camera.horizontal_aperture
-    sizes = {"verticalAperture": camera.vertical_aperture}
-    if not camera.orthographic:
-        sizes["focalLength"] = camera.focal_length
-    offsets = {"horizontalApertureOffset": camera.horizontal_offset, "verticalApertureOffset": camera.vertical_offset}
-    for name, value in (sizes | offsets).items():
-        if abs(value) > _RATIO * wide or (name in sizes and value * _RATIO < wide):
+    lengths = {
+        "verticalAperture": camera.vertical_aperture,
+        "focalLength": wide if camera.orthographic else camera.focal_length,
+        "horizontalApertureOffset": camera.horizontal_offset,
+        "verticalApertureOffset": camera.vertical_offset,
+    }
+    for name, value in lengths.items():
+        if abs(value) > _RATIO * wide or (not name.endswith("Offset") and value * _RATIO < wide):
             text = f"is {value / _TENTH:g} with horizontalAperture {wide / _TENTH:g}: expected a ratio below {_RATIO:g}"
             raise reading.fail(prim, name, text)
 

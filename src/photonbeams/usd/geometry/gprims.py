@@ -11,6 +11,7 @@ from ...scene.vectors import unit
 from ..common.openusd import Usd
 from ..common.reading import Reading
 from .polygons import Polygons, Values, grid_quads
+from .triangles import polygon_normals
 
 GPRIMS = ("Cube", "Sphere", "Cylinder", "Cylinder_1", "Cone", "Capsule", "Capsule_1", "Plane")
 
@@ -19,6 +20,7 @@ _AROUND = 64
 _ARC = 16  # rings from pole to equator
 # By how many places coordinates are shifted to bring the tessellator's Z axis to X, Y or Z.
 _SHIFTS = {"Z": 0, "X": 1, "Y": -1}
+_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
 def gprim_polygons(reading: Reading, prim: Usd.Prim) -> Polygons:
@@ -43,21 +45,15 @@ def _size(reading: Reading, prim: Usd.Prim, name: str, default: float) -> float:
 def _cube(size: float) -> Polygons:
     corners = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=float)
     faces = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
-    normals = np.array([[0, 0, -1], [0, 0, 1], [0, -1, 0], [0, 1, 0], [-1, 0, 0], [1, 0, 0]], dtype=float)
-    square = np.tile(np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float), (6, 1))
-    return Polygons(
-        corners * size / 2,
-        np.full(6, 4),
-        faces.reshape(-1),
-        {"normals": Values(normals, "uniform"), "uvs": Values(square, "faceVarying")},
-    )
+    normals = unit(polygon_normals(corners[faces]))
+    primvars = {"normals": Values(normals, "uniform"), "uvs": Values(np.tile(_SQUARE, (6, 1)), "faceVarying")}
+    return Polygons(corners * size / 2, np.full(6, 4), faces.reshape(-1), primvars)
 
 
 def _plane(width: float, length: float) -> Polygons:
-    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
-    points = np.column_stack([(square - 0.5) * [width, length], np.zeros(4)])
+    points = np.column_stack([(_SQUARE - 0.5) * [width, length], np.zeros(4)])
     up = Values(np.array([[0.0, 0.0, 1.0]]), "constant")
-    return Polygons(points, np.array([4]), np.arange(4), {"normals": up, "uvs": Values(square, "vertex")})
+    return Polygons(points, np.array([4]), np.arange(4), {"normals": up, "uvs": Values(_SQUARE, "vertex")})
 
 
 def _profile(reading: Reading, prim: Usd.Prim, kind: str) -> list[Array]:

@@ -14,14 +14,14 @@ from numpy.polynomial.polynomial import polyder, polyvander
 from ...scene import Array
 from .polygons import Values
 
-# Rows: powers of t from 0 up; columns: control points.
-_BASES = {
+#: Of bases. Rows: powers of t from 0 up; columns: control points.
+MATRICES = {
     "linear": np.array([[1.0, 0], [-1, 1]]),
     "bezier": np.array([[1.0, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]),
     "bspline": np.array([[1.0, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6,
     "catmullRom": np.array([[0.0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2,
 }
-BASES = tuple(name for name in _BASES if name != "linear")
+BASES = tuple(name for name in MATRICES if name != "linear")
 WRAPS = ("nonperiodic", "periodic", "pinned")
 
 # The greatest distance of a piece's chord from its curve, over the radius, and greatest turn of a piece, in degrees.
@@ -96,7 +96,7 @@ class Spans:
     def of(cls, counts: Array, chosen: Array, kind: str, wrap: str) -> Spans:
         """Return the spans of the chosen curves; `counts` are the points of all curves."""
         pinned, closed = wrap == "pinned" and kind in ("bspline", "catmullRom"), wrap == "periodic"
-        matrix = _BASES[kind]
+        matrix = MATRICES[kind]
         numbers = np.where(chosen, span_counts(counts, kind, wrap), 0)
         curve = np.repeat(np.arange(len(counts)), numbers)
         first = np.arange(len(curve)) - np.repeat(np.cumsum(numbers) - numbers, numbers)  # of its curve

@@ -15,7 +15,7 @@ from ...scene.vectors import unit
 from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 from .polygons import Values
-from .splines import BASES, WRAPS, Spans, expected_points, span_counts, varying_counts
+from .splines import BASES, MATRICES, WRAPS, Spans, expected_points, span_counts, varying_counts
 from .velocities import point_sample
 
 _TURN = np.radians(12.0)  # the most that a piece turns
@@ -110,12 +110,14 @@ def read_points(reading: Reading, prim: Usd.Prim) -> tuple[Reading, Array, Array
     return sample.reading, points, counts
 
 
-def _along(spans: Spans, points: Array, lengths: dict[str, int], most: int) -> Strands | None:
-    """Return points along spans, whose primvars have these lengths; None if there are no spans."""
+def _along(
+    spans: Spans, points: Array, lengths: dict[str, int], most: int, *, primvars: Spans | None = None
+) -> Strands | None:
+    """Return points along spans, whose primvars, on other spans or these, have these lengths; None without spans."""
     if not len(spans.curve):
         return None
     span, t = spans.nodes(_pieces(spans.controls(points), most))
-    at = partial(spans.values_at, span=span, t=t)
+    at = partial((primvars or spans).values_at, span=span, t=t)
     return Strands(spans.at(points, span, t), spans.curve[span], spans.closed, lengths=lengths, at=at)
 
 
@@ -135,17 +137,12 @@ def _hermite(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str,
     if directions is None or len(directions) != len(points):
         count = 0 if directions is None else len(directions)
         raise reading.fail(prim, "tangents", f"has {count} values: expected {len(points)}, as many as points")
-    controls = np.stack([points - directions / 3, points, points + directions / 3], axis=1).reshape(-1, 3)
-    last = np.cumsum(counts)
-    ends = np.concatenate([3 * (last - counts), 3 * last - 1])
-    inner = np.delete(np.arange(len(controls)), np.unique(ends[ends >= 0]))
-    spans = Spans.of(np.maximum(3 * counts - 2, 0), counts > 1, "bezier", "nonperiodic")
-    strands = _along(spans, controls[inner], {**lengths, "varying": len(points)}, most)
-    if strands is None:
-        return None
-    kinds = {"vertex": "varying"}  # the vertices of a primvar are the ends of spans
-    at = strands.at
-    return replace(strands, at=lambda each: at(Values(each.values, kinds.get(each.interpolation, each.interpolation))))
+    straight = Spans.of(counts, counts > 1, "linear", "nonperiodic")  # as primvars are
+    first, last = straight.index.T
+    index = np.stack([first, len(points) + first, 2 * len(points) + last, last], axis=1)
+    controls = np.concatenate([points, points + directions / 3, points - directions / 3])
+    bent = replace(straight, matrix=MATRICES["bezier"], index=index)
+    return _along(bent, controls, {**lengths, "varying": len(points)}, most, primvars=straight)
 
 
 def _nurbs(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, int]) -> Strands | None:

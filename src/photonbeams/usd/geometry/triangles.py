@@ -21,32 +21,25 @@ def triangulate(counts: Array, indices: Array, points: Array) -> tuple[Array, Ar
     points
         (P, 3).
     """
-    offsets = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    offsets = np.cumsum(counts) - counts
     scale = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
-    scale = scale or 1.0
-    corners: list[Array] = []
-    faces: list[Array] = []
-    dropped = 0
-    for size in np.unique(counts):
+    corners, faces = [np.zeros((0, 3), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    dropped = int(np.count_nonzero((counts > 0) & (counts < 3)))
+    for size in np.unique(counts[counts >= 3]):
         chosen = np.flatnonzero(counts == size)
-        if size < 3:
-            dropped += len(chosen) if size else 0
-            continue
-        own = offsets[chosen][:, None] + np.arange(size)  # (K, size)
-        polygons = points[indices[own]] / scale  # (K, size, 3)
+        vertices = offsets[chosen][:, None] + np.arange(size)  # (K, size)
+        polygons = points[indices[vertices]] / (scale or 1.0)  # (K, size, 3)
         normals = polygon_normals(polygons)
         # Float32 points of extent 1 are rounded to about 1e-7, so an area below 1e-14 is a rounding error squared.
         solid = np.linalg.norm(normals, axis=1) > 1e-14
         dropped += int(np.count_nonzero(~solid))
-        chosen, own, polygons, normals = chosen[solid], own[solid], polygons[solid], normals[solid]
-        local, owner = _split(polygons, normals)
+        polygons = polygons[solid]
+        local, owner = _split(polygons, normals[solid])
         # A quad with two vertices in one place, at a sphere's pole say, is one triangle.
         place = polygons[owner[:, None], local]
         real = ~(place == np.roll(place, 1, axis=1)).all(axis=2).any(axis=1)
-        corners.append(np.take_along_axis(own[owner], local, axis=1)[real])
-        faces.append(chosen[owner][real])
-    if not corners:
-        return np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.int64), dropped
+        corners.append(np.take_along_axis(vertices[solid][owner], local, axis=1)[real])
+        faces.append(chosen[solid][owner][real])
     all_corners, all_faces = np.concatenate(corners), np.concatenate(faces)
     order = np.argsort(all_faces, kind="stable")
     return all_corners[order], all_faces[order], dropped

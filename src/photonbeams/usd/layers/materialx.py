@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,16 +43,25 @@ def layer_of(path: str) -> Sdf.Layer:
         options = MaterialX.XmlReadOptions()
         options.readXIncludeFunction = _include
         MaterialX.readFromXmlString(document, text, folder, options)
-        graphs = frozenset(graph.getName() for graph in document.getNodeGraphs())  # without those of the library
+        graphs = document.getNodeGraphs()  # without those of the library
         document.setDataLibrary(_library())
+        names = {graph.getName() for graph in graphs}
+        for each in (document, *graphs):  # nodes of the document's own definitions become what defines them
+            each.flattenSubgraphs(filter=partial(_is_defined_by, names))
     except Exception as error:  # MaterialX has a class for each of its errors
         raise SceneError(f"{path} cannot be read: expected a MaterialX document ({error})") from None
     layer = Sdf.Layer.CreateAnonymous(f"{Path(path).name}.usda")
     stage = Usd.Stage.Open(layer)
     stage.SetDefaultPrim(stage.DefinePrim("/MaterialX"))
     for node in document.getMaterialNodes():
-        _Translation(stage, path, document, graphs).write(node)
+        _Translation(stage, path, document).write(node)
     return layer
+
+
+def _is_defined_by(graphs: set[str], node: MaterialX.Node) -> bool:
+    """Return whether a node is implemented by one of these graphs."""
+    implementation = node.getImplementation()
+    return implementation is not None and implementation.getName() in graphs
 
 
 def _include(
@@ -80,18 +88,17 @@ def _library() -> MaterialX.Document:
 
 
 class _Translation:
-    """Writes one material of a document to a stage; graphs, also of custom definitions, become NodeGraphs."""
+    """Writes one material of a document to a stage."""
 
-    def __init__(self, stage: Usd.Stage, path: str, document: MaterialX.Document, graphs: frozenset[str]) -> None:
+    def __init__(self, stage: Usd.Stage, path: str, document: MaterialX.Document) -> None:
         self._stage, self._path, self._document = stage, path, document
-        self._own = graphs
         self._known: dict[tuple[str, Sdf.Path], Any] = {}
 
     def write(self, node: MaterialX.Node) -> None:
         """Write a material with its surface shader and everything connected to it."""
         material = UsdShade.Material.Define(self._stage, f"/MaterialX/Materials/{_valid(node.getName())}")
-        found = node.getInput("surfaceshader")
-        source = None if found is None else self._source(found, material)
+        surface = node.getInput("surfaceshader")
+        source = None if surface is None else self._source(surface, material)
         if source:
             material.CreateSurfaceOutput("mtlx").ConnectToSource(source)
 
@@ -99,21 +106,17 @@ class _Translation:
         """Return what an input or an output of the document, within a graph or a material, is connected to, or None."""
         if element.getInterfaceName():
             return around.GetInput(element.getInterfaceName())
-        if element.getNodeGraphString() in self._own:
-            graph = self._document.getNodeGraph(element.getNodeGraphString())
-            return self._of_graph(graph, graph.getInputs(), element.getOutputString(), graph, around)
+        if graph := self._document.getNodeGraph(element.getNodeGraphString()):
+            return self._of_graph(graph, element.getOutputString(), around)
         node = element.getConnectedNode() if element.getNodeName() else None
         return None if node is None else self._of_node(node, element.getOutputString(), around)
 
-    def _of_graph(
-        self, graph: MaterialX.NodeGraph, inputs: Iterable[MaterialX.Input], output: str,
-        place: MaterialX.InterfaceElement, around: UsdShade.NodeGraph,
-    ) -> UsdShade.Output | None:  # fmt: skip
-        """Return an output, the first by default, of a graph, with these inputs; `place` is what it stands for."""
-        key = (place.getNamePath(), around.GetPath())
+    def _of_graph(self, graph: MaterialX.NodeGraph, output: str, around: UsdShade.NodeGraph) -> UsdShade.Output | None:
+        """Return an output of a graph, the first by default."""
+        key = (graph.getNamePath(), around.GetPath())
         if key not in self._known:
-            self._known[key] = made = UsdShade.NodeGraph.Define(self._stage, self._free(around, place.getName()))
-            for each in inputs:
+            self._known[key] = made = UsdShade.NodeGraph.Define(self._stage, self._free(around, graph.getName()))
+            for each in graph.getInputs():
                 self._set(made, each, around)
             for each in graph.getOutputs():
                 source = self._source(each, made)
@@ -122,14 +125,8 @@ class _Translation:
         names = [each.getName() for each in graph.getOutputs()]
         return self._known[key].GetOutput(output if output in names else names[0]) if names else None
 
-    def _of_node(self, node: MaterialX.Node, output: str, around: UsdShade.NodeGraph) -> UsdShade.Output | None:
-        implementation, definition = node.getImplementation(), node.getNodeDef()
-        if implementation is not None and implementation.getName() in self._own:
-            graph = self._document.getNodeGraph(implementation.getName())
-            declared = definition.getInputs() if definition else ()
-            inputs = {each.getName(): each for each in (*graph.getInputs(), *declared, *node.getInputs())}
-            return self._of_graph(graph, inputs.values(), output, node, around)
-        key = (node.getNamePath(), around.GetPath())
+    def _of_node(self, node: MaterialX.Node, output: str, around: UsdShade.NodeGraph) -> UsdShade.Output:
+        definition, key = node.getNodeDef(), (node.getNamePath(), around.GetPath())
         if key not in self._known:
             self._known[key] = shader = UsdShade.Shader.Define(self._stage, self._free(around, node.getName()))
             shader.SetShaderId(definition.getName() if definition else f"ND_{node.getCategory()}_{node.getType()}")

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ...scene import SceneError
-from ..common.openusd import Sdf, Tf, Usd, UsdGeom
+from ..common.openusd import Sdf, Usd, UsdGeom
 from ..common.reading import file_of
 from ..common.warnings import Warnings
 from .frames import LARGEST
@@ -29,19 +29,20 @@ _LIMITS = {
 
 def complete_metadata(stage: Usd.Stage, warnings: Warnings) -> None:
     """Take metadata that a stage's root layer lacks from the strongest sublayer that has it; warn if it matters."""
-    root, session = stage.GetRootLayer(), stage.GetSessionLayer()
+    layers, session = stage.GetLayerStack(includeSessionLayers=False), stage.GetSessionLayer()
+    root = layers[0]
     timed = any(_says(root, name) for name in (*_RATES, *_RANGE))
     taken: dict[str, list[str]] = {}
     for name in _UNITS if timed else (*_UNITS, *_RATES, *_RANGE):
-        source = None if _says(root, name) else next((each for each in _sublayers(root) if _says(each, name)), None)
-        if source is None:
+        source = next((each for each in layers if _says(each, name)), root)
+        if source == root:
             continue
-        value = source.pseudoRoot.GetInfo(name)
-        if name in _RATES and value != stage.GetMetadata(name) and _has_times(root):
+        value, used = source.pseudoRoot.GetInfo(name), stage.GetMetadata(name)
+        if name in _RATES and value != used and _has_times(root):
             moved = f"but its sublayer {source.GetDisplayName()} has {value:g}: its keys are moved"
             warnings.give(f"{file_of(stage)}: has no {name}, {moved}; expected {value:g} here, too")
             break
-        if value != stage.GetMetadata(name):
+        if value != used:
             taken.setdefault(source.GetDisplayName(), []).append(name)
         session.pseudoRoot.SetInfo(name, value)
     for display, names in taken.items():
@@ -75,26 +76,24 @@ def correct_metadata(layer: Sdf.Layer, warnings: Warnings | None) -> bool:
 
 def _corrections(layer: Sdf.Layer) -> Iterator[tuple[str, str, dict[str, Any]]]:
     """Yield what is wrong with a layer's metadata, what is done instead, and the new values; None: no value."""
-
-    def value(name: str) -> Any:
-        return layer.pseudoRoot.GetInfo(name)
-
+    said = {name: layer.pseudoRoot.GetInfo(name) for name in (*_LIMITS, *_UNITS, *_RANGE) if _says(layer, name)}
     for name, (least, most, usual) in _LIMITS.items():
-        if _says(layer, name) and not least <= value(name) <= most:
-            text = f"{name} is {value(name):g}: expected a number from {least:g} to {most:g}"
+        if not least <= said.get(name, usual) <= most:
+            text = f"{name} is {said[name]:g}: expected a number from {least:g} to {most:g}"
             yield text, f"{usual:g} is used", {name: usual}
-    if _says(layer, "upAxis") and value("upAxis") not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
-        axis = UsdGeom.GetFallbackUpAxis()
-        yield f"upAxis is '{value('upAxis')}': expected Y or Z", f"{axis} is used", {"upAxis": axis}
-    ends = {name: value(name) for name in _RANGE if _says(layer, name)}
+    usual = UsdGeom.GetFallbackUpAxis()
+    if (axis := said.get("upAxis", usual)) not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
+        yield f"upAxis is '{axis}': expected Y or Z", f"{usual} is used", {"upAxis": usual}
+    ends = {name: said[name] for name in _RANGE if name in said}
     impossible = [name for name, end in ends.items() if not abs(end) < LARGEST]
     for name in impossible:
         text = f"{name} is {ends[name]:g}: expected a frame between {-LARGEST:g} and {LARGEST:g}"
         yield text, "there is no range of frames", {name: None}
-    if len(ends) == 2 and not impossible and ends[_RANGE[0]] > ends[_RANGE[1]]:
+    if len(ends) == 2 and not impossible:
         last, first = ends.values()
-        text = f"startTimeCode is {last:g}: expected no more than the endTimeCode, which is {first:g}"
-        yield text, f"the frames are {first:g} to {last:g}", dict(zip(_RANGE, (first, last), strict=True))
+        if first < last:
+            text = f"startTimeCode is {last:g}: expected no more than the endTimeCode, which is {first:g}"
+            yield text, f"the frames are {first:g} to {last:g}", dict(zip(_RANGE, (first, last), strict=True))
 
 
 def _has_times(layer: Sdf.Layer) -> bool:
@@ -104,15 +103,3 @@ def _has_times(layer: Sdf.Layer) -> bool:
 
 def _says(layer: Sdf.Layer, name: str) -> bool:
     return bool(layer.pseudoRoot.HasInfo(name))
-
-
-def _sublayers(layer: Sdf.Layer) -> Iterator[Sdf.Layer]:
-    """Return the layers below a layer, the strongest first."""
-    for path in layer.subLayerPaths:
-        try:
-            found = Sdf.Layer.FindOrOpenRelativeToLayer(layer, path)
-        except Tf.ErrorException:  # reported with the composition
-            continue
-        if found:
-            yield found
-            yield from _sublayers(found)
