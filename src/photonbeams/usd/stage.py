@@ -104,10 +104,10 @@ def open_stage(
                 colorSpace=_linear_space("colour space", color_space),
             )  # fmt: skip
             ready = ready_layers(layer, session, warnings)
-            check_count(layer, session, ready.prims, selection.mask)
+            check_count(layer, session, ready, selection.mask)
             stage = selection.open(layer, session)
             if selection.apply(stage, path):
-                check_count(layer, session, ready.prims, selection.mask)
+                check_count(layer, session, ready, selection.mask)
             del ready  # the stage keeps the layers that it needs
         except Tf.ErrorException as error:
             raise SceneError(f"{path} cannot be read: {_reason(error, path)}") from None

@@ -187,17 +187,15 @@ def _matrices(
     reading: Reading, sample: PointSample, indices: Array, prototypes: list[Usd.Prim]
 ) -> Sequence[Gf.Matrix4d]:
     """Return one matrix per instance, hidden ones too, with the prototypes' own transforms."""
-    prim, count, positions = sample.prim, len(indices), sample.points
-    there = 0 if positions is None else len(positions)
-    if there != count:
-        text = f"has {there} values: expected {count}, as many as protoIndices; {min(there, count)} are rendered"
-        reading.warn(prim, text, "positions")
-    for name in ("orientations", "scales", "ids"):
+    prim, count = sample.prim, len(indices)
+    for name in ("positions", "orientations", "scales", "ids"):
         values = sample.reading.value(prim, name, ())
         if not hasattr(values, "__len__"):
             raise reading.fail(prim, name, f"is {values}: expected a list of values")
-        if len(values) not in (0, count):
-            text = f"has {len(values)} values: expected {count}, as many as protoIndices; none of them is used"
+        needed = name == "positions"
+        if len(values) != count and (needed or len(values)):
+            instead = f"{min(len(values), count)} are rendered" if needed else "none of them is used"
+            text = f"has {len(values)} values: expected {count}, as many as protoIndices; {instead}"
             reading.warn(prim, text, name)
     # At the earliest time, which is infinitely long ago, velocities would move instances infinitely far.
     base = sample.reading.time
@@ -211,7 +209,7 @@ def _matrices(
 def _complete_matrices(sample: PointSample, indices: Array, prototypes: list[Usd.Prim]) -> list[Gf.Matrix4d]:
     """Return the matrices of the instances that have all values; OpenUSD computes none if one lacks a value.
 
-    Angular velocities are left out.
+    Velocities are left out.
     """
     scales, orientations = (sample.reading.value(sample.prim, name, ()) for name in ("scales", "orientations"))
     positions, result = sample.points, []

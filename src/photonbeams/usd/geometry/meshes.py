@@ -233,11 +233,7 @@ def _polygons(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[s
     if not is_mesh:
         return polygons
     polygons = _refined(reading, prim, polygons)
-    holes = reading.integers(prim, "holeIndices")
-    if not len(holes):
-        return polygons
-    origin = np.arange(len(polygons.counts)) if polygons.origin is None else polygons.origin
-    return polygons.chosen(~np.isin(origin, holes))
+    return polygons.chosen(~np.isin(polygons.origins, reading.integers(prim, "holeIndices")))
 
 
 def _refined(reading: Reading, prim: Usd.Prim, polygons: Polygons) -> Polygons:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -45,7 +44,7 @@ class Values:
 class Polygons:
     """A polygon mesh in local space, faces counter-clockwise around the outward normal unless `left_handed`.
 
-    `origin` (F,) is the face of the stage's mesh that each face is part of; None: the faces are the stage's.
+    `origin` are the `origins` of faces; None: the faces are the stage's.
     """
 
     points: Array  # (P, 3)
@@ -55,6 +54,11 @@ class Polygons:
     left_handed: bool = False
     smooth: bool = False  # whether to compute normals if there are none
     origin: Array | None = None
+
+    @property
+    def origins(self) -> Array:
+        """The face of the stage's mesh that each face is part of, (F,)."""
+        return np.arange(len(self.counts)) if self.origin is None else self.origin
 
     @property
     def lengths(self) -> dict[str, int]:
@@ -70,17 +74,13 @@ class Polygons:
         if faces.all():
             return self
         corners = np.repeat(faces, self.counts)
-        kept: dict[str, Any] = {"uniform": faces, "faceVarying": corners}
-        return replace(
-            self,
-            counts=self.counts[faces],
-            indices=self.indices[corners],
-            origin=np.flatnonzero(faces) if self.origin is None else self.origin[faces],
-            primvars={
-                name: Values(own.values[kept.get(own.interpolation, slice(None))], own.interpolation)
-                for name, own in self.primvars.items()
-            },
-        )
+        kept = {"uniform": faces, "faceVarying": corners}
+        primvars = {
+            name: replace(own, values=own.values[kept[own.interpolation]]) if own.interpolation in kept else own
+            for name, own in self.primvars.items()
+        }
+        counts, indices, origin = self.counts[faces], self.indices[corners], self.origins[faces]
+        return replace(self, counts=counts, indices=indices, origin=origin, primvars=primvars)
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def triangles_of(polygons: Polygons) -> Triangles:
     return Triangles(
         points=polygons.points[positions.reshape(-1)[kept]],
         vertices=vertices,
-        faces=faces if polygons.origin is None else polygons.origin[faces],
+        faces=polygons.origins[faces],
         values={name: own.reshape(-1, own.shape[-1])[kept] for name, own in primvars.items()},
         dropped=dropped,
     )

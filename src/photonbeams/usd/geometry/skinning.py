@@ -24,12 +24,9 @@ class Deformed:
 
     def normals(self, values: Values, indices: Array) -> Values:
         """Return deformed normals; `indices` are the points of the face vertices."""
-        if values.interpolation in ("vertex", "varying"):
-            point = np.arange(len(self.points))
-        elif values.interpolation == "faceVarying":
-            point = indices
-        else:
+        if values.interpolation in ("constant", "uniform"):
             return values
+        point = indices if values.interpolation == "faceVarying" else np.arange(len(self.points))
         moved = values.values + self.normal_offsets[point]
         return Values(np.einsum("pi,pij->pj", moved, self.normal_matrices[point]), values.interpolation)
 
@@ -45,17 +42,14 @@ def deformed(reading: Reading, prim: Usd.Prim, points: Array) -> Deformed | None
     """Return a mesh's points, deformed by its skeleton, in its own space; None if it has no skeleton."""
     if not is_skinned(prim):
         return None
-    root = prim
-    while root and not root.IsA(UsdSkel.Root):
-        root = root.GetParent()
+    root = UsdSkel.Root.Find(prim)
     if not root:
         return None
     try:
         cache, bound = _skeletons(reading, root)
-        found = bound.get(prim.GetPath())
-        if found is not None:
-            return _deformed(reading, cache, *found, points)
-        for each in (prim, root):
+        if prim.GetPath() in bound:
+            return _deformed(reading, cache, *bound[prim.GetPath()], points)
+        for each in (prim, root.GetPrim()):
             find = partial(reading.targets, each, "skel:skeleton")
             reading.attempt(each, find, [], "its points are used as they are")
         return None
@@ -64,16 +58,16 @@ def deformed(reading: Reading, prim: Usd.Prim, points: Array) -> Deformed | None
         return None
 
 
-def _skeletons(reading: Reading, root: Usd.Prim) -> tuple[Any, dict[Any, tuple[Any, Any]]]:
+def _skeletons(reading: Reading, root: UsdSkel.Root) -> tuple[Any, dict[Any, tuple[Any, Any]]]:
     """Return UsdSkel's cache below a SkelRoot, which keeps queries alive, and (skeleton, query) by the prims' paths."""
     key = ("skeletons", root.GetPath())
     if key not in reading.cache:
         cache = UsdSkel.Cache()
         prims = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
-        cache.Populate(UsdSkel.Root(root), prims)
+        cache.Populate(root, prims)
         bound = {
             query.GetPrim().GetPath(): (binding.GetSkeleton(), query)
-            for binding in cache.ComputeSkelBindings(UsdSkel.Root(root), prims)
+            for binding in cache.ComputeSkelBindings(root, prims)
             for query in binding.GetSkinningTargets()
         }
         reading.cache[key] = cache, bound
@@ -123,20 +117,16 @@ def _blended(
     reading: Reading, skeleton_query: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery, points: Vt.Vec3fArray
 ) -> tuple[Vt.Vec3fArray, Array]:
     """Return points with blend shapes added, and the offsets of the normals, (P, 3)."""
-    offsets = Vt.Vec3fArray(len(points))
-    animation = skeleton_query.GetAnimQuery()
-    mapper = query.GetBlendShapeMapper()
-    if not animation or mapper is None:
-        return points, np.array(offsets)
-    weights = mapper.Remap(animation.ComputeBlendShapeWeights(reading.time), Vt.FloatArray())
+    offsets, weights = Vt.Vec3fArray(len(points)), Vt.FloatArray()
+    animation, mapper = skeleton_query.GetAnimQuery(), query.GetBlendShapeMapper()
+    if animation and mapper is not None:
+        weights = mapper.Remap(animation.ComputeBlendShapeWeights(reading.time), weights)
     shapes = UsdSkel.BlendShapeQuery(UsdSkel.BindingAPI(query.GetPrim()))
     if len(weights) != shapes.GetNumBlendShapes():
         return points, np.array(offsets)
     of_points = shapes.ComputeBlendShapePointIndices()
-    numbers = shapes.ComputeSubShapeWeights(weights)
-    for weight, blend, sub in zip(*numbers, strict=True):
-        inbetween = shapes.GetInbetween(sub)
-        shape = shapes.GetBlendShape(blend)
+    for weight, blend, sub in zip(*shapes.ComputeSubShapeWeights(weights), strict=True):
+        inbetween, shape = shapes.GetInbetween(sub), shapes.GetBlendShape(blend)
         moves = inbetween.GetOffsets() if inbetween else shape.GetOffsetsAttr().Get()
         turns = inbetween.GetNormalOffsets() if inbetween else shape.GetNormalOffsetsAttr().Get()
         for shifts, values in ((moves, points), (turns, offsets)):

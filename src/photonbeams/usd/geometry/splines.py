@@ -12,6 +12,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyvander
 
 from ...scene import Array
+from ...scene.vectors import unit
 from .polygons import Values
 
 #: Of bases. Rows: powers of t from 0 up; columns: control points.
@@ -127,28 +128,23 @@ class Spans:
         weights = polyvander(t, len(basis) - 1) @ basis  # (N, K)
         return np.einsum("nk,nkc->nc", weights, self.controls(values)[span])
 
-    def linear_at(self, values: Array, span: Array, t: Array) -> Array:
-        """Return varying values (V, C) at parameters t of spans, (N, C)."""
-        first, last = (values[self.varying[span, end]] for end in (0, 1))
-        return first + t[:, None] * (last - first)
-
     def values_at(self, values: Values, span: Array, t: Array) -> Array:
         """Return a primvar of the curves at parameters t of spans, (N, C)."""
         if values.interpolation == "vertex":
             return self.at(values.values, span, t)
         if values.interpolation == "varying":
-            return self.linear_at(values.values, span, t)
+            first, last = values.values[self.varying[span]].swapaxes(0, 1)
+            return first + t[:, None] * (last - first)
         return values.of_parts(self.curve[span])
 
     def pieces(self, points: Array, radii: Array) -> Array:
-        """Return (S,) how many pieces each span needs, for points (V, 3) and radii (S, SAMPLES) at `samples`."""
-        if len(self.matrix) == 2:
-            return np.ones(len(self.curve), dtype=np.int64)
+        """Return (S,) how many pieces each span needs, for points (V, 3) and radii (S, SAMPLES) at `samples`.
+
+        They are cubic.
+        """
         span, t = self.samples()
-        velocity = self.at(points, span, t, 1).reshape(-1, _SAMPLES, 3)
-        change = self.at(points, span, t, 2).reshape(-1, _SAMPLES, 3)
-        speed = np.linalg.norm(velocity, axis=2)
-        direction = velocity / np.maximum(speed, 1e-30)[..., None]
+        velocity, change = (self.at(points, span, t, order).reshape(-1, _SAMPLES, 3) for order in (1, 2))
+        direction = unit(velocity)
         across = change - np.sum(change * direction, axis=2)[..., None] * direction
         widest = np.zeros(int(self.curve.max(initial=-1)) + 1)
         np.maximum.at(widest, self.curve, radii.max(axis=1))

@@ -26,10 +26,13 @@ def subdivided(reading: Reading, prim: Usd.Prim, polygons: Polygons, level: int)
         reading.warn(prim, "is 'loop': expected only triangles; the mesh is not subdivided", "subdivisionScheme")
         return polygons
     cage = polygons.chosen(polygons.counts >= 3)
-    if not len(cage.counts) or _repeats(cage):
+    size, corners = len(cage.points), len(cage.indices)
+    flat = Topology(cage.counts, cage.indices, size, np.zeros(corners), point_sharpness=np.zeros(size), loop=loop)
+    # The rules do not hold for a face that has the same point twice in a row.
+    if not corners or np.any(cage.indices[flat.following] == cage.indices):
         return polygons
     boundary = reading.value(prim, "interpolateBoundary", "edgeAndCorner")
-    topology = _topology(reading, prim, cage, loop)
+    topology = _sharpened(reading, prim, flat, boundary)
     inner = np.ones(len(cage.counts), dtype=bool)
     if boundary == "none":
         inner[topology.faces[topology.boundary[cage.indices]]] = False
@@ -39,33 +42,20 @@ def subdivided(reading: Reading, prim: Usd.Prim, polygons: Polygons, level: int)
         return _with_normals(cage, topology).chosen(inner)
     channels = str(reading.value(prim, "faceVaryingLinearInterpolation", "cornersPlus1"))
     refined, topology = _refined(cage, topology, level, channels)
-    result = _with_normals(refined, topology).chosen(inner[refined.origin])
-    return result if cage.origin is None else replace(result, origin=cage.origin[result.origin])
+    result = _with_normals(refined, topology).chosen(inner[refined.origins])
+    return replace(result, origin=cage.origins[result.origins])
 
 
-def _repeats(cage: Polygons) -> bool:
-    """Return whether a face has the same point twice in a row, for which the rules of subdivision do not hold."""
-    ends = np.cumsum(cage.counts)
-    following = np.roll(cage.indices, -1)
-    following[ends - 1] = cage.indices[ends - cage.counts]
-    return bool(np.any(following == cage.indices))
-
-
-def _topology(reading: Reading, prim: Usd.Prim, cage: Polygons, loop: bool) -> Topology:
-    """Return the mesh's topology with its creases, corners and boundary."""
-    size = len(cage.points)
-    flat = Topology(
-        cage.counts, cage.indices, size, edge_sharpness=np.zeros(len(cage.indices)), point_sharpness=np.zeros(size),
-        loop=loop,
-    )  # fmt: skip
-    points = np.zeros(size)
+def _sharpened(reading: Reading, prim: Usd.Prim, flat: Topology, boundary: str) -> Topology:
+    """Return a mesh's topology with its creases, corners and boundary; `boundary` is its interpolateBoundary."""
+    points = np.zeros(flat.size)
     corners = reading.integers(prim, "cornerIndices")
     sharpness = _sharpness(reading, prim, "cornerSharpnesses", len(corners))
     if sharpness is not None:
-        valid = (corners >= 0) & (corners < size)
+        valid = (corners >= 0) & (corners < flat.size)
         np.maximum.at(points, corners[valid], sharpness[valid])
     points[flat.pinched] = SHARP
-    if reading.value(prim, "interpolateBoundary", "edgeAndCorner") == "edgeAndCorner":
+    if boundary == "edgeAndCorner":
         points[flat.boundary & (flat.face_counts == 1)] = SHARP
     return replace(flat, edge_sharpness=_creases(reading, prim, flat), point_sharpness=points)
 

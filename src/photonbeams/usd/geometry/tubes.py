@@ -56,8 +56,7 @@ def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
         return None
     total = len(points)
     lengths = {"constant": 1, "uniform": 1, "varying": total, "vertex": total, "faceVarying": total}
-    widths = _widths(reading, prim, points, lengths)
-    radii = np.broadcast_to(0.5 * widths.values[:, 0], (total,))
+    radii = np.broadcast_to(0.5 * _widths(reading, prim, points, lengths).values[:, 0], (total,))
     step = max(1, -(-8 * total // _MOST_TRIANGLES))
     if step > 1:
         reading.warn(prim, f"has {total} values: one in {step} is rendered, to limit memory", "points")
@@ -66,26 +65,24 @@ def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     if normals is None:
         around = max((each for each in _SPHERES if each**2 * len(chosen) <= _MOST_TRIANGLES), default=_SPHERES[-1])
         sphere = unit_sphere(around)
-        directions, faces = sphere.points, sphere.indices.reshape(-1, 4)[:, _CUT]
-        offsets = radii[chosen, None, None] * directions
-        pointing = np.broadcast_to(directions, offsets.shape)
+        directions = np.broadcast_to(sphere.points, (len(chosen), *sphere.points.shape))
+        facing, faces = directions, sphere.indices.reshape(-1, 4)[:, _CUT]
     else:
         axis = unit(np.broadcast_to(normals.values, (total, 3))[chosen])
-        offsets = radii[chosen, None, None] * _circles(axis, _perpendicular(axis), _DISC)
+        directions = _circles(axis, _perpendicular(axis), _DISC)
+        facing = np.broadcast_to(axis[:, None], directions.shape)
         faces = np.stack([np.zeros(_DISC - 2, int), np.arange(1, _DISC - 1), np.arange(2, _DISC)], axis=1)
-        pointing = np.broadcast_to(axis[:, None], offsets.shape)
-    indices = np.arange(len(chosen))[:, None, None] * offsets.shape[1] + faces
-    polygons = _triangles(points[chosen, None] + offsets, pointing, indices)
-    owner = np.repeat(chosen, offsets.shape[1])
-    return Tessellation(
-        polygons,
-        lengths,
-        lambda values: (
-            Values(values.values[:1], "constant")
-            if values.interpolation in ("constant", "uniform")
-            else Values(values.values[owner], "vertex")
-        ),
-    )
+    count = directions.shape[1]
+    indices = np.arange(len(chosen))[:, None, None] * count + faces
+    polygons = _triangles(points[chosen, None] + radii[chosen, None, None] * directions, facing, indices)
+    owner = np.repeat(chosen, count)
+
+    def spread(values: Values) -> Values:
+        if values.interpolation in ("constant", "uniform"):
+            return Values(values.values[:1], "constant")
+        return Values(values.values[owner], "vertex")
+
+    return Tessellation(polygons, lengths, spread)
 
 
 def _widths(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, int]) -> Values:
@@ -160,8 +157,8 @@ def _transported(tangents: Array, curve: Array) -> Array:
     sizes = np.diff(np.append(begins, len(curve)))
     for step in range(1, int(sizes.max(initial=0))):
         here = begins[sizes > step] + step
-        carried_on = result[here - 1]
-        across = carried_on - np.einsum("ni,ni->n", carried_on, tangents[here])[:, None] * tangents[here]
-        kept = np.linalg.norm(across, axis=1) > 1e-6 * np.linalg.norm(carried_on, axis=1)
-        result[here[kept]] = across[kept]
+        before = result[here - 1]
+        across = before - np.sum(before * tangents[here], axis=1, keepdims=True) * tangents[here]
+        turned = np.linalg.norm(across, axis=1) > 1e-6 * np.linalg.norm(before, axis=1)
+        result[here[turned]] = across[turned]
     return unit(result)

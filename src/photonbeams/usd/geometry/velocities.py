@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...scene import Array
-from ..common.openusd import Usd
+from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 
 _ROUNDING = 1e-9  # error of sample times after the offset and scale of a layer
@@ -21,7 +21,8 @@ _ROUNDING = 1e-9  # error of sample times after the offset and scale of a layer
 class PointSample:
     """The points, or `name`, of a prim, and the stage at the time whose topology they have.
 
-    `moved` are the points (N, 3) as velocities move them to the present time; None: USD interpolates them.
+    `moved` are the points (N, 3) as velocities move them to the present time, those of an instancer as they are at that
+    time; None: USD interpolates them.
     """
 
     reading: Reading
@@ -55,19 +56,10 @@ def point_sample(reading: Reading, prim: Usd.Prim, name: str = "points") -> Poin
         count = 0 if points is None else len(points)
         reading.warn(prim, f"is not used: expected {count} values, as {name} has at time {sample:g}", "velocities")
         return still
-    seconds = _seconds(reading, sample)
-    if _agree(_samples(prim, "accelerations", reading.base), samples):
-        acceleration = at.array(prim, "accelerations", 3)
-        if acceleration is not None and len(acceleration) == len(points):
-            velocity = velocity + 0.5 * seconds * acceleration
-    return PointSample(at, prim, name, points + seconds * velocity)
-
-
-def _seconds(reading: Reading, sample: float) -> float:
-    """Return the seconds from a sample to the time of the reading; 0 for a stage that is read at its first sample."""
-    if reading.time.IsEarliestTime():
-        return 0.0
-    return (float(reading.time.GetValue()) - sample) / reading.stage.GetTimeCodesPerSecond()
+    if reading.time.IsEarliestTime() or not prim.IsA(UsdGeom.PointBased):  # instancers have transforms instead
+        return PointSample(at, prim, name, points)
+    moved = UsdGeom.PointBased(prim).ComputePointsAtTime(reading.time, reading.base)
+    return PointSample(at, prim, name, at.array(prim, name, 3, moved))
 
 
 def _samples(prim: Usd.Prim, name: str, base: Usd.TimeCode) -> tuple[float, ...]:

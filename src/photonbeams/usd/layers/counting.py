@@ -147,13 +147,13 @@ def _places(root: Any) -> Iterator[tuple[Any, Sdf.Path]]:
 
 
 def check_count(
-    root: Sdf.Layer, session: Sdf.Layer, prims: Mapping[str, Sequence[Sdf.Path]], mask: Iterable[str] | None
+    root: Sdf.Layer, session: Sdf.Layer, prims: Mapping[Sdf.Layer, Sequence[Sdf.Path]], mask: Iterable[str] | None
 ) -> None:
     """Raise SceneError for a stage of more prims than can be read, counting those of instances, or of too deep ones.
 
-    `prims` are the prims of each layer by its identifier. Only what is at and below the paths of a mask counts.
+    `prims` are the prims of each layer. Only what is at and below the paths of a mask counts.
     """
-    outlines = {name: _Outline(Sdf.Layer.Find(name), paths) for name, paths in prims.items()}
+    outlines = {layer.identifier: _Outline(layer, paths) for layer, paths in prims.items()}
     counter = _Counter(root, session, outlines)
     found = [counter.size(Sdf.Path(path)) for path in (("/",) if mask is None else mask)]
     total, height = sum(each.prims for each in found), max((each.height for each in found), default=0)

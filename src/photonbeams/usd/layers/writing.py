@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 from ...runtime.files import PathLike, atomic_path, failure_of, sync, write_bytes
 from ...runtime.inputs import opened, why_unreadable
@@ -34,19 +33,12 @@ _SMALL = 1 << 26  # bytes of files whose arrays are all read before anybody else
 _CHANGED: set[str] = set()
 
 
-class Ready(NamedTuple):
-    """The layers of a stage, to be kept alive until it is composed, and their prims by their identifiers."""
+def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> dict[Sdf.Layer, list[Sdf.Path]]:
+    """Return two layers and all layers that they refer to, as their files are, with the prims in them.
 
-    layers: list[Sdf.Layer]
-    prims: dict[str, list[Sdf.Path]]
-
-
-def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> Ready:
-    """Return two layers and all layers that they refer to, as their files are, and the prims in them.
-
-    OpenUSD opens whatever a layer names, and would wait for ever on a named pipe; such references and value clips are
-    removed in memory, with a warning. OpenUSD's wheels know the nodes of MaterialX, but have no plug-in for its
-    documents; in memory, layers then name a translation.
+    They have to be kept alive until a stage is composed. OpenUSD opens whatever a layer names, and would wait for ever
+    on a named pipe; such references and value clips are removed in memory, with a warning. OpenUSD's wheels know the
+    nodes of MaterialX, but have no plug-in for its documents; in memory, layers then name a translation.
 
     Raises
     ------
@@ -56,55 +48,52 @@ def ready_layers(root: Sdf.Layer, session: Sdf.Layer, warnings: Warnings) -> Rea
     """
     documents: list[tuple[Sdf.Layer, str, str]] = []
     with Sdf.ChangeBlock():  # else other stages of these layers are composed of what is then left out again
-        ready = _read_all(root, session, documents, warnings)
-        listed = [(layer, ready.prims[layer.identifier]) for layer in ready.layers]
-        _CHANGED.update(leave_out_clips(listed, why_no_layer, warnings))
+        listed = _read_all(root, session, documents, warnings)
+        _CHANGED.update(leave_out_clips(listed.items(), why_no_layer, warnings))
     for layer, name, path in documents:  # whose translation is composed
         _change(layer, name, _translated(path, warnings))
-    return ready
+    return listed
 
 
 def _read_all(
     root: Sdf.Layer, session: Sdf.Layer, documents: list[tuple[Sdf.Layer, str, str]], warnings: Warnings
-) -> Ready:
-    """Return two layers and all layers that they refer to; list MaterialX documents, and the layers that name them."""
-    found = {layer.identifier: _as_in_file(layer) for layer in (root, session)}
-    waiting = [(layer, _prims(layer), root.expressionVariables) for layer in found.values()]
-    listed: dict[str, list[Sdf.Path]] = {}
+) -> dict[Sdf.Layer, list[Sdf.Path]]:
+    """Return the prims of two layers and of all that they refer to; list MaterialX documents, and what names them."""
+    listed = {layer: _prims(layer) for layer in map(_as_in_file, (root, session))}
+    waiting = [(layer, root.expressionVariables) for layer in listed]
+    known = {layer.identifier for layer in listed}
+
+    def leave_out(layer: Sdf.Layer, name: str, problem: object) -> None:
+        warnings.lack(f"{layer.realPath or layer.identifier} refers to {name}: {problem}; it is left out")
+        _change(layer, name, "")
+
     while waiting:
-        layer, prims, variables = waiting.pop()
-        listed[layer.identifier] = prims
+        layer, variables = waiting.pop()
         variables = {**layer.expressionVariables, **variables}
         if correct_metadata(layer, warnings) | _leave_out_claims(layer, warnings):
             _CHANGED.add(layer.identifier)
         for name in layer.GetCompositionAssetDependencies():
             path, arguments = resolved_name(layer, name, variables)
             identifier = Sdf.Layer.CreateIdentifier(path, arguments)
-            if not path or identifier in found:
+            if not path or identifier in known:
                 continue
             problem = why_no_layer(path)
             if problem and not os.path.isdir(path):
-                text = f"{layer.realPath or layer.identifier} refers to {name}: expected a file, {problem}"
-                warnings.lack(f"{text}; it is left out")
-                _change(layer, name, "")
+                leave_out(layer, name, f"expected a file, {problem}")
                 continue
-            if _is_document(path):
+            if path.endswith(".mtlx") and not Sdf.FileFormat.FindByExtension("mtlx"):
                 documents.append((layer, name, path))
                 continue
             try:
-                other = read_layer(identifier)
+                if other := read_layer(identifier):
+                    listed[other] = _prims(_as_in_file(other))
+                    waiting.append((other, variables))
+                    known.add(identifier)
             except Tf.ErrorException:  # composition reports it, if it needs this layer
-                other = None
-            if not other:
                 continue
-            try:
-                waiting.append((other, _prims(_as_in_file(other)), variables))
             except SceneError as error:
-                warnings.lack(f"{layer.realPath or layer.identifier} refers to {name}: {error}; it is left out")
-                _change(layer, name, "")
-            else:
-                found[identifier] = other
-    return Ready(list(found.values()), listed)
+                leave_out(layer, name, error)
+    return listed
 
 
 def _prims(layer: Sdf.Layer) -> list[Sdf.Path]:
@@ -229,10 +218,6 @@ def _as_in_file(layer: Sdf.Layer) -> Sdf.Layer:
         layer.Reload(force=True)
         _CHANGED.remove(layer.identifier)
     return layer
-
-
-def _is_document(path: str) -> bool:
-    return path.endswith(".mtlx") and not Sdf.FileFormat.FindByExtension("mtlx")
 
 
 def _translated(path: str, warnings: Warnings) -> str:
