@@ -15,7 +15,7 @@ from ..common.selection import rendered_purposes
 from ..common.sizes import MESH, MOST_INSTANCES, room, step_of
 from .meshes import is_surface, triangle_count
 from .primvars import Instance
-from .velocities import PointSample, point_sample
+from .velocities import PointSample
 
 _WITH_ALL_BELOW = "it is skipped with all below it"
 
@@ -146,7 +146,7 @@ def _read_copies(reading: Reading, prim: Usd.Prim, within: tuple[Sdf.Path, ...])
         raise reading.fail(prim, "prototypes", "contains the instancer itself: expected prims that do not")
     if not is_relationship(prim, "prototypes"):
         raise reading.fail(prim, "prototypes", "is an attribute: expected a relationship, rel")
-    sample = point_sample(reading, prim, "positions")
+    sample = PointSample.of(reading, prim, "positions")
     indices = sample.reading.integers(prim, "protoIndices")
     if len(indices) > MOST_INSTANCES:
         text = f"has {len(indices):,} values: expected no more than {MOST_INSTANCES:,}"

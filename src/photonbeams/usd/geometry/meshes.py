@@ -24,10 +24,10 @@ from .gprims import GPRIMS, gprim_polygons
 from .on_mesh import on_mesh, primvars_of
 from .patches import read_patch, read_tetrahedra
 from .polygons import MOST_FACES, Polygons, Tessellation, Triangles, Values, triangles_of
-from .primvars import Instance, declared, find_primvar, read_instanced, read_primvar
+from .primvars import Instance, find_primvar, read_instanced, read_primvar
 from .skinning import deformed, is_skinned
 from .tubes import read_spheres, read_tubes
-from .velocities import point_sample
+from .velocities import PointSample
 
 _SCHEMES = ("catmullClark", "loop")
 
@@ -172,7 +172,7 @@ def _bound_faces(reading: Reading, prim: Usd.Prim) -> list[tuple[Bound, str, Arr
     subsets = _subsets(prim)
     if not subsets:
         return [(bound_material(reading, prim), "", None)]
-    sample = point_sample(reading, prim).reading
+    sample = PointSample.of(reading, prim).reading
     count = len(sample.value(prim, "faceVertexCounts", ()))
     free = np.ones(count, dtype=bool)
     parts = []
@@ -223,9 +223,10 @@ def _polygons(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[s
     if surface is None:
         return Polygons(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
     if is_mesh:  # topology may differ between samples
-        reading = point_sample(reading, prim).reading
+        reading = PointSample.of(reading, prim).reading
     lengths = surface.lengths
-    values = {name: read_primvar(reading, prim, each, None, lengths=lengths) for name, each in varying.items()}
+    names = {name: str(each.GetPrimvarName()) for name, each in varying.items()}
+    values = {name: read_primvar(reading, prim, each, None, lengths=lengths) for name, each in names.items()}
     if prim.GetTypeName() not in GPRIMS:
         values["uvs"] = _uvs(reading, prim, lengths, uv_name)
     spread = {name: surface.spread(each) for name, each in values.items() if each is not None}
@@ -275,7 +276,7 @@ def in_prototype(prim: Usd.Prim) -> Usd.Prim:
 
 def _cage(reading: Reading, prim: Usd.Prim) -> Polygons:
     """Return a mesh's polygons before subdivision, deformed, with their normals."""
-    sample = point_sample(reading, prim)
+    sample = PointSample.of(reading, prim)
     reading, points = sample.reading, sample.points
     counts, indices = (reading.integers(prim, name) for name in ("faceVertexCounts", "faceVertexIndices"))
     if points is None:
@@ -298,7 +299,7 @@ def _cage(reading: Reading, prim: Usd.Prim) -> Polygons:
         smooth=reading.value(prim, "subdivisionScheme", "catmullClark") in _SCHEMES,
     )
     # As in UsdGeomMesh, a primvar overrides normals.
-    normals = read_primvar(reading, prim, declared(prim, "normals"), 3, lengths=polygons.lengths)
+    normals = read_primvar(reading, prim, "normals", 3, lengths=polygons.lengths)
     if normals is None:
         return polygons
     return replace(polygons, primvars={"normals": normals if bent is None else bent.normals(normals, indices)})
@@ -312,8 +313,7 @@ def _uvs(reading: Reading, prim: Usd.Prim, lengths: Mapping[str, int], uv_name: 
         if str(each.GetTypeName()).startswith("texCoord2")
     ]
     for name in dict.fromkeys(filter(None, [uv_name, "st", *others])):
-        primvar = find_primvar(prim, name)
-        uvs = None if primvar is None else read_primvar(reading, prim, primvar, 2, lengths=lengths)
+        uvs = read_primvar(reading, prim, name, 2, lengths=lengths)
         if uvs is None:
             continue
         farthest = np.abs(uvs.values).max(initial=0)

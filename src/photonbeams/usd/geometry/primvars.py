@@ -12,6 +12,8 @@ from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 from .polygons import Values
 
+_PLAIN = ("normals", "widths")  # attributes that need not be primvars
+
 
 @dataclass(frozen=True)
 class Instance:
@@ -30,7 +32,7 @@ def find_primvar(prim: Usd.Prim, name: str) -> UsdGeom.Primvar | None:
 def read_primvar(
     reading: Reading,
     prim: Usd.Prim,
-    primvar: UsdGeom.Primvar,
+    name: str,
     columns: int | None,
     lengths: Mapping[str, int],
     any_fitting: bool = False,
@@ -39,6 +41,8 @@ def read_primvar(
 
     Parameters
     ----------
+    name
+        The primvar's; without one, `normals` and `widths` are those of the plain attribute.
     columns
         The same as for `flattened`.
     lengths
@@ -47,22 +51,25 @@ def read_primvar(
         Whether the number of values decides the interpolation if it does not fit the declared one: exporters of curves
         leave that at its fallback.
     """
-    numbers = flattened(reading, prim, primvar, columns)
-    if numbers is None:
+    primvar = find_primvar(prim, name)
+    if primvar is None and name in _PLAIN:
+        primvar = UsdGeom.Primvar(prim.GetAttribute(name))
+    numbers = None if primvar is None else flattened(reading, prim, primvar, columns)
+    if primvar is None or numbers is None:
         return None
     # It is invalid as a primvar if it is a plain attribute, whose fallback is another.
     kind = str(primvar.GetInterpolation() if primvar or primvar.HasAuthoredInterpolation() else "vertex")
     if any_fitting and lengths.get(kind) != len(numbers):
         kind = next((name for name, count in lengths.items() if count == len(numbers)), kind)
-    count, name = lengths.get(kind), str(primvar.GetName())
+    count, called = lengths.get(kind), str(primvar.GetName())
     if count is None:
         text = f"is of interpolation '{kind}': expected {', '.join(lengths)}; it is left out"
-        reading.warn(prim, text, name)
+        reading.warn(prim, text, called)
         return None
     if len(numbers) != count:
         instead = "it is left out" if len(numbers) < count else "the first are used"
         text = f"has {len(numbers)} values of interpolation '{kind}': expected {count}; {instead}"
-        reading.warn(prim, text, name)
+        reading.warn(prim, text, called)
     return Values(numbers[:count], kind) if len(numbers) >= count else None
 
 
@@ -90,11 +97,6 @@ def flattened(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, column
     return numbers
 
 
-def declared(prim: Usd.Prim, name: str) -> UsdGeom.Primvar:
-    """Return a primvar with a value, or else the plain attribute of its name, such as `normals` or `widths`, as one."""
-    return find_primvar(prim, name) or UsdGeom.Primvar(prim.GetAttribute(name))
-
-
 def read_instanced(
     reading: Reading, prim: Usd.Prim, name: str, columns: int, instances: Sequence[Instance]
 ) -> Array | None:
@@ -116,12 +118,9 @@ def read_instanced(
 
 def _of_instances(reading: Reading, instancer: Usd.Prim, name: str, columns: int) -> Values | None:
     """Return a primvar of an instancer, with one value for each instance or one for all."""
-    primvar = find_primvar(instancer, name)
-    if primvar is None:
-        return None
     count = len(reading.integers(instancer, "protoIndices"))
     lengths = dict.fromkeys(("uniform", "varying", "vertex", "faceVarying"), count) | {"constant": 1}
-    return read_primvar(reading, instancer, primvar, columns, lengths)
+    return read_primvar(reading, instancer, name, columns, lengths=lengths)
 
 
 def _numbers(reading: Reading, prim: Usd.Prim, primvar: UsdGeom.Primvar, columns: int | None) -> Array | None:

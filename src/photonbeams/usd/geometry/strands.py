@@ -16,7 +16,7 @@ from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
 from .polygons import Values
 from .splines import BASES, MATRICES, WRAPS, Spans, expected_points, span_counts, varying_counts
-from .velocities import point_sample
+from .velocities import PointSample
 
 _TURN = np.radians(12.0)  # the most that a piece turns
 _MOST_PIECES = 16  # of a span
@@ -99,7 +99,7 @@ def read_points(reading: Reading, prim: Usd.Prim) -> tuple[Reading, Array, Array
     SceneError
         The counts do not sum to the number of points.
     """
-    sample = point_sample(reading, prim)
+    sample = PointSample.of(reading, prim)
     points, counts = sample.points, sample.reading.integers(prim, "curveVertexCounts")
     if points is None or not len(counts):
         reading.warn(prim, "has no points: it is skipped")

@@ -10,9 +10,9 @@ from ..common.openusd import Usd
 from ..common.reading import Reading
 from .gprims import unit_sphere
 from .polygons import Polygons, Tessellation, Values
-from .primvars import declared, read_primvar
+from .primvars import read_primvar
 from .strands import Strands, read_strands
-from .velocities import point_sample
+from .velocities import PointSample
 
 # The most triangles of a prim: hair and particles come in millions, and each needs few.
 _MOST_TRIANGLES = 1_000_000
@@ -50,7 +50,7 @@ def read_tubes(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
 
 def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
     """Return points as spheres, or as discs if they have normals; None, with a warning, if there are none."""
-    points = point_sample(reading, prim).points
+    points = PointSample.of(reading, prim).points
     if points is None:
         reading.warn(prim, "has no points: it is skipped")
         return None
@@ -87,7 +87,7 @@ def read_spheres(reading: Reading, prim: Usd.Prim) -> Tessellation | None:
 
 def _widths(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, int]) -> Values:
     """Return the widths, which are diameters, or thin ones if there are none, as viewports draw them."""
-    widths = read_primvar(reading, prim, declared(prim, "widths"), 1, lengths=lengths, any_fitting=True)
+    widths = read_primvar(reading, prim, "widths", 1, lengths=lengths, any_fitting=True)
     if widths is not None:
         if (least := float(widths.values.min(initial=0))) < 0:
             reading.warn(prim, f"holds {least:g}: expected diameters of 0 or more; 0 is used", "widths")
@@ -98,7 +98,7 @@ def _widths(reading: Reading, prim: Usd.Prim, points: Array, lengths: dict[str, 
 
 
 def _normals(reading: Reading, prim: Usd.Prim, lengths: dict[str, int]) -> Values | None:
-    return read_primvar(reading, prim, declared(prim, "normals"), 3, lengths=lengths, any_fitting=True)
+    return read_primvar(reading, prim, "normals", 3, lengths=lengths, any_fitting=True)
 
 
 def _swept(strands: Strands, offsets: Array, normals: Array) -> Polygons:

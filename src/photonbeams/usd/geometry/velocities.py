@@ -30,36 +30,36 @@ class PointSample:
     name: str
     moved: Array | None = None
 
+    @classmethod
+    def of(cls, reading: Reading, prim: Usd.Prim, name: str = "points") -> PointSample:
+        """Return the points (or `name`) of a prim, moved by its velocities if it has some that can be used.
+
+        They cannot if there are more or fewer velocities than points.
+        """
+        still = cls(reading, prim, name)
+        velocities = prim.GetAttribute("velocities")
+        if not (velocities and velocities.HasAuthoredValue()):
+            return still
+        samples = _samples(prim, name, reading.base)
+        if not samples or not _agree(_samples(prim, "velocities", reading.base), samples):
+            reading.warn(prim, f"is not used: expected the same time samples as those of {name}", "velocities")
+            return still
+        sample = samples[0]
+        at = replace(reading, time=sample)
+        points, velocity = at.array(prim, name, 3), at.array(prim, "velocities", 3)
+        if points is None or velocity is None or len(velocity) != len(points):
+            count = 0 if points is None else len(points)
+            reading.warn(prim, f"is not used: expected {count} values, as {name} has at time {sample:g}", "velocities")
+            return still
+        if reading.time.IsEarliestTime() or not prim.IsA(UsdGeom.PointBased):  # instancers have transforms instead
+            return cls(at, prim, name, points)
+        moved = UsdGeom.PointBased(prim).ComputePointsAtTime(reading.time, reading.base)
+        return cls(at, prim, name, at.array(prim, name, 3, moved))
+
     @property
     def points(self) -> Array | None:
         """The points, (N, 3), or None if there are none."""
         return self.reading.array(self.prim, self.name, 3) if self.moved is None else self.moved
-
-
-def point_sample(reading: Reading, prim: Usd.Prim, name: str = "points") -> PointSample:
-    """Return the points (or `name`) of a prim, moved by its velocities if it has some that can be used.
-
-    They cannot if there are more or fewer velocities than points.
-    """
-    still = PointSample(reading, prim, name)
-    velocities = prim.GetAttribute("velocities")
-    if not (velocities and velocities.HasAuthoredValue()):
-        return still
-    samples = _samples(prim, name, reading.base)
-    if not samples or not _agree(_samples(prim, "velocities", reading.base), samples):
-        reading.warn(prim, f"is not used: expected the same time samples as those of {name}", "velocities")
-        return still
-    sample = samples[0]
-    at = replace(reading, time=sample)
-    points, velocity = at.array(prim, name, 3), at.array(prim, "velocities", 3)
-    if points is None or velocity is None or len(velocity) != len(points):
-        count = 0 if points is None else len(points)
-        reading.warn(prim, f"is not used: expected {count} values, as {name} has at time {sample:g}", "velocities")
-        return still
-    if reading.time.IsEarliestTime() or not prim.IsA(UsdGeom.PointBased):  # instancers have transforms instead
-        return PointSample(at, prim, name, points)
-    moved = UsdGeom.PointBased(prim).ComputePointsAtTime(reading.time, reading.base)
-    return PointSample(at, prim, name, at.array(prim, name, 3, moved))
 
 
 def _samples(prim: Usd.Prim, name: str, base: Usd.TimeCode) -> tuple[float, ...]:
