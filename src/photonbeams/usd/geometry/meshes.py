@@ -30,6 +30,7 @@ from .tubes import read_spheres, read_tubes
 from .velocities import PointSample
 
 _SCHEMES = ("catmullClark", "loop")
+_NOTHING = Polygons(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -150,14 +151,14 @@ def _warn_of_lost_volume(reading: Reading, prim: Usd.Prim) -> None:
 
 def read_solid(reading: Reading, prim: Usd.Prim, to_world: Array) -> Mesh:
     """Return only the triangles of a gprim, as one mesh, for portals and media."""
-    mesh = _in_world(_triangles(reading, prim, ""), to_world, str(prim.GetPath()), Material())
+    mesh = _in_world(_triangles(reading, prim, "", {}), to_world, str(prim.GetPath()), Material())
     reading.within_reach(prim, mesh.points)
     return mesh
 
 
 def is_closed(reading: Reading, prim: Usd.Prim) -> bool:
     """Return whether the triangles of a gprim are closed."""
-    triangles = _triangles(reading, prim, "")
+    triangles = _triangles(reading, prim, "", {})
     return closed(triangles.points, triangles.vertices)
 
 
@@ -177,8 +178,7 @@ def _bound_faces(reading: Reading, prim: Usd.Prim) -> list[tuple[Bound, str, Arr
     free = np.ones(count, dtype=bool)
     parts = []
     for subset in subsets:
-        none = np.zeros(0, dtype=np.int64)
-        faces = reading.attempt(subset, partial(sample.integers, subset, "indices"), none, "it is empty")
+        faces = reading.attempt(subset, partial(sample.integers, subset, "indices"), _NOTHING.counts, "it is empty")
         there = (faces >= 0) & (faces < count)
         if not there.all():
             text = f"names face {faces[~there][0]}: expected faces from 0 to {count - 1}; the others are used"
@@ -190,11 +190,8 @@ def _bound_faces(reading: Reading, prim: Usd.Prim) -> list[tuple[Bound, str, Arr
     return [*parts, (bound_material(reading, prim), "", np.flatnonzero(free))]
 
 
-def _triangles(
-    reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[str, UsdGeom.Primvar] | None = None
-) -> Triangles:
+def _triangles(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[str, UsdGeom.Primvar]) -> Triangles:
     """Return a gprim's triangles in its own space, with what a material takes from primvars; instances share them."""
-    varying = varying or {}
     # Instances may have skeletons of their own, and inherit different primvars.
     skinned = is_skinned(prim)
     uvs = find_primvar(prim, uv_name or "st")
@@ -221,7 +218,7 @@ def _polygons(reading: Reading, prim: Usd.Prim, uv_name: str, varying: Mapping[s
     """Return a prim's surface as polygons, with the primvars that its material needs."""
     surface, is_mesh = tessellation(reading, prim), prim.IsA(UsdGeom.Mesh)
     if surface is None:
-        return Polygons(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+        return _NOTHING
     if is_mesh:  # topology may differ between samples
         reading = PointSample.of(reading, prim).reading
     lengths = surface.lengths
@@ -280,7 +277,7 @@ def _cage(reading: Reading, prim: Usd.Prim) -> Polygons:
     reading, points = sample.reading, sample.points
     counts, indices = (reading.integers(prim, name) for name in ("faceVertexCounts", "faceVertexIndices"))
     if points is None:
-        return Polygons(np.zeros((0, 3)), counts[:0], indices[:0])
+        return _NOTHING
     bent = deformed(reading, prim, points) if sample.moved is None else None
     if np.any(counts < 0):
         raise reading.fail(prim, "faceVertexCounts", f"holds {counts.min()}: expected 0 or more")

@@ -47,7 +47,7 @@ class _ClipSet(NamedTuple):
     starts: Array = np.zeros(0)  # (N,) time codes, in order
     names: Callable[[int], str] = str  # of the file that is used from one of these on
     files: Mapping[str, str] = {}  # the path of each name, "" if there is no such file
-    attributes: Sequence[Usd.Attribute] = ()  # whose values are from clips, if files are missing
+    attributes: Sequence[Usd.Attribute] = ()  # at and below the prim, whose values are from clips, if files are missing
 
 
 def leave_out_clips(
@@ -84,7 +84,7 @@ def leave_out_clips(
         sets, problems = spec.GetInfo("clips"), {}
         for name, clips in sets.items():
             typed = _typed(clips)
-            files = (*_files(layer, typed, widest[name]), *_manifests(typed, anchors[name]))
+            files = _files(layer, typed, widest[name], anchors[name])
             if problem := _danger(typed, widest[name], files, problem_of):
                 problems[name] = problem
         if problems:
@@ -147,17 +147,13 @@ def _endless(start: float, end: float, stride: float) -> str:
     return f"from {start:g} to {end:g} by {stride:g}: expected 1 to {_MOST_CLIPS:,} clips"
 
 
-def _manifests(clips: _Clips, layers: Iterable[Sdf.Layer]) -> list[str]:
-    """Return the names of the files that may be a clip set's manifest, whose other files these layers name."""
-    manifest = clips.get("manifestAssetPath", Sdf.AssetPath())
-    return [str(layer.ComputeAbsolutePath(manifest.path)) for layer in layers if manifest.path]
-
-
-def _files(layer: Sdf.Layer, clips: _Clips, widest: Mapping[str, float]) -> Iterator[str]:
-    """Yield the names of the files that a clip set may open for some time."""
-    for asset in clips.get("assetPaths", ()):
-        if asset.path:
-            yield str(layer.ComputeAbsolutePath(asset.path))
+def _files(layer: Sdf.Layer, clips: _Clips, widest: Mapping[str, float], anchors: Iterable[Sdf.Layer]) -> Iterator[str]:
+    """Yield the names of the files that a clip set may open for some time; these layers name files of the set."""
+    manifest = clips.get("manifestAssetPath", Sdf.AssetPath()).path
+    named = [(layer, asset.path) for asset in clips.get("assetPaths", ())] + [(each, manifest) for each in anchors]
+    for anchor, path in named:
+        if path:
+            yield str(anchor.ComputeAbsolutePath(path))
     if "#" in os.path.basename(clips.get("templateAssetPath", "")) and len(widest) == len(_TIMES):
         # Not by the resolver, which looks for the template as a file.
         folder, pattern = os.path.split(os.path.join(os.path.dirname(layer.realPath), clips["templateAssetPath"]))
@@ -241,15 +237,11 @@ def _sets(prim: Usd.Prim) -> Iterator[_ClipSet]:
             names = partial(_numbered, values["templateAssetPath"], numbers)
             files = {os.path.basename(asset.resolvedPath): asset.resolvedPath for asset in assets}
             whole = len(files) == len(numbers)
-        attributes = () if whole else tuple(_attributes(prim))
+        attributes = [] if whole else [each for below in prims_under(prim) for each in below.GetAttributes()]
+        attributes = [
+            each for each in attributes if each.GetResolveInfo().GetSource() == Usd.ResolveInfoSourceValueClips
+        ]
         yield _ClipSet(title, "", offset.offset + offset.scale * starts, names, files, attributes)
-
-
-def _attributes(prim: Usd.Prim) -> Iterator[Usd.Attribute]:
-    """Yield the attributes at and below a prim whose values are from value clips."""
-    for attribute in (attribute for each in prims_under(prim) for attribute in each.GetAttributes()):
-        if attribute.GetResolveInfo().GetSource() == Usd.ResolveInfoSourceValueClips:
-            yield attribute
 
 
 def _problems(clips: _Clips, anchor: Sdf.Layer, assets: Iterable[Sdf.AssetPath]) -> Iterator[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -132,7 +132,8 @@ def _kept(path: str, name: str, index: int, apart: bool) -> _Grid:
 
 
 def _read(path: str, name: str, index: int, apart: bool) -> _Grid:
-    with _opened(path) as file:
+    in_package = Ar.IsPackageRelativePath(path)
+    with io.BytesIO(asset_content(path)) if in_package else opened(path) as file:
         if Path(Ar.SplitPackageRelativePathInner(path)[1] or path).suffix.lower() == ".vol":
             boxes = [read_vol(file)]
         else:
@@ -142,13 +143,6 @@ def _read(path: str, name: str, index: int, apart: bool) -> _Grid:
     if least < 0:
         boxes = [replace(each, values=np.maximum(each.values, 0)) for each in boxes]
     return _Grid(boxes, least)
-
-
-def _opened(path: str) -> BinaryIO:
-    """Open a file, which may be in a package."""
-    if not Ar.IsPackageRelativePath(path):
-        return opened(path)
-    return io.BytesIO(asset_content(path))
 
 
 def _grid(grids: list[VDBGrid], name: str, index: int) -> VDBGrid:
