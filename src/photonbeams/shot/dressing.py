@@ -8,7 +8,7 @@ import numpy as np
 
 from ..runtime.files import PathLike, write_bytes
 from ..scene import SceneError
-from ..usd.authoring.dressing import SUFFIX, Fog, Lamp, dressing
+from ..usd.authoring.dressing import SUFFIX, ShaftLamp, SuggestedFog, dressing
 from ..usd.common.reading import file_of
 from .lent import LIGHTS
 from .shot import Shot
@@ -60,8 +60,10 @@ def dress(shot: Shot, path: PathLike) -> list[str]:
     except SceneError as error:
         raise SceneError(f"{file_of(shot.stage)}: {error}") from None
     survey = Survey(content, {camera.name: camera})
-    lamps = [Lamp(name, [mesh_of("", each).points for each in survey.openings.get(name, ())]) for name in survey.shafts]
-    fog = None if content.media else Fog(survey.scattering, _reason(survey))
+    lamps = [
+        ShaftLamp(name, [mesh_of("", each).points for each in survey.openings.get(name, ())]) for name in survey.shafts
+    ]
+    fog = None if content.media else SuggestedFog(survey.scattering, _reason(survey))
     result = dressing(shot.stage, path.absolute(), fog, lamps, {each.group for each in content.lights})
     write_bytes(path, result.text.encode())
     others = [each.name for each in content.lights if each.name not in (*survey.shafts, *LIGHTS)]

@@ -97,26 +97,30 @@ def _define(stage: Usd.Stage, beams: DrawnBeams, path: str) -> Usd.Prim:
         power = np.full((1, 3), brightest)
     prim = curves.GetPrim()
     prim.AddAppliedSchema("PhotonBeamsCurvesAPI")
-    kinds = Sdf.ValueTypeNames
-    _set(prim, "power", kinds.Color3fArray, _vectors(power))
+    _set(prim, "power", "color3f[]", _vectors(power))
+    if "side" in fields:
+        fields["side"] = fields["side"] - origin
     for name in ("offset", "total", "entry", "random", "id", "generation"):
         if name in fields:
-            _set(prim, name, kinds.FloatArray, _numbers(fields[name][first]))
-    if "end_normal" in fields:
-        _set(prim, "endNormals", kinds.Normal3fArray, _vectors(fields["end_normal"][last]))
-    if "start_normal" in fields:
-        _set(prim, "startNormals", kinds.Normal3fArray, _vectors(fields["start_normal"][first]))
-    if "side" in fields:
-        _set(prim, "sides", kinds.Point3fArray, _vectors(fields["side"][first] - origin))
-        _set(prim, "sideNormals", kinds.Normal3fArray, _vectors(fields["side_normal"][first]))
+            _set(prim, name, "float[]", _numbers(fields[name][first]))
+    for field, (name, kind) in _VECTORS.items():
+        if field in fields:
+            _set(prim, name, kind, _vectors(fields[field][last if field == "end_normal" else first]))
     if "start_tangent" in fields:
         axis = directions(fields["start"], fields["end"])
         for name, tangent, at in (("startTangents", "start_tangent", first), ("endTangents", "end_tangent", last)):
             if not np.allclose(fields[tangent][at], axis[at], atol=1e-5):
-                _set(prim, name, kinds.Vector3fArray, _vectors(fields[tangent][at]))
+                _set(prim, name, "vector3f[]", _vectors(fields[tangent][at]))
     if beams.group:
-        _set(prim, "lightGroup", kinds.Token, beams.group)
+        _set(prim, "lightGroup", "token", beams.group)
     return prim
+
+
+# The attributes and their types, by the fields of beams.
+_VECTORS = {
+    "end_normal": ("endNormals", "normal3f[]"), "start_normal": ("startNormals", "normal3f[]"),
+    "side": ("sides", "point3f[]"), "side_normal": ("sideNormals", "normal3f[]"),
+}  # fmt: skip
 
 
 def _lit(fields: dict[str, Array]) -> dict[str, Array]:
@@ -153,21 +157,18 @@ def _along(start: Array, end: Array, counts: Array, ends: Array, last: Array) ->
     return result
 
 
-def _set(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: object) -> None:
-    prim.CreateAttribute(f"photonbeams:{name}", kind, False).Set(value)
+def _set(prim: Usd.Prim, name: str, kind: str, value: object) -> None:
+    prim.CreateAttribute(f"photonbeams:{name}", Sdf.ValueTypeNames.Find(kind), False).Set(value)
 
 
 def _names(paths: Sequence[str], taken: set[str]) -> list[str]:
     """Return a unique prim name for each path."""
     names: list[str] = []
     for path in paths:
-        name = re.sub(r"\W", "_", path.strip("/"), flags=re.ASCII) or "Beams"
-        name = name if not name[0].isdigit() else f"_{name}"
-        number, free = 2, name
-        while free in taken:
-            free, number = f"{name}_{number}", number + 1
-        taken.add(free)
-        names.append(free)
+        base = re.sub(r"^(?=\d)|\W", "_", path.strip("/"), flags=re.ASCII) or "Beams"
+        numbered = (base, *(f"{base}_{number}" for number in range(2, 2 + len(taken))))
+        names.append(next(each for each in numbered if each not in taken))
+        taken.add(names[-1])
     return names
 
 

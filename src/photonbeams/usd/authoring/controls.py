@@ -189,10 +189,10 @@ def _is_of_other_lights(prim: Usd.Prim, name: str) -> bool:
 
 def _light_input(prim: Usd.Prim, name: str) -> Definition | None:
     """Return the definition of a UsdLux input that a light has, or would have with ShapingAPI; else None."""
-    found = prim.GetPrimDefinition().GetAttributeDefinition(name)
-    if not found and name.startswith("inputs:shaping:") and prim.IsA(UsdLux.SphereLight):
-        found = Usd.SchemaRegistry().FindAppliedAPIPrimDefinition("ShapingAPI").GetAttributeDefinition(name)
-    return replace(Definition.of(found), **_LIGHT_INPUTS[name]) if found else None
+    spec = prim.GetPrimDefinition().GetSchemaAttributeSpec(name)
+    if not spec and name.startswith("inputs:shaping:") and prim.IsA(UsdLux.SphereLight):
+        spec = Usd.SchemaRegistry().FindAppliedAPIPrimDefinition("ShapingAPI").GetSchemaAttributeSpec(name)
+    return replace(Definition.of(spec), **_LIGHT_INPUTS[name]) if spec else None
 
 
 def _control(reading: Reading, prim: Usd.Prim, own: Definition, section: str) -> Control:

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from textwrap import wrap
+from textwrap import fill, indent
 
 from ...scene import Array, SceneError
 from ...scene.places import origin_within
-from ..common.definitions import LOOK
 from ..common.openusd import Sdf, Usd
 from ..common.reading import target_paths
 from ..lights.light import is_light
@@ -30,7 +29,7 @@ _WIDTH = 100
 
 
 @dataclass(frozen=True)
-class Lamp:
+class ShaftLamp:
     """A lamp that makes a shaft: the path of its prim, and its openings, each the corners of a rectangle, (4, 3)."""
 
     path: str
@@ -38,7 +37,7 @@ class Lamp:
 
 
 @dataclass(frozen=True)
-class Fog:
+class SuggestedFog:
     """A fog for an export: its scattering per scene unit, and why it is that."""
 
     scattering: float
@@ -57,12 +56,12 @@ class Dressing:
         Sentences about what is in it, and about what the export already has, which stays.
     """
 
-    text: str = ""
-    said: list[str] = field(default_factory=list)
+    text: str
+    said: list[str]
 
 
 def dressing(
-    stage: Usd.Stage, path: Path, fog: Fog | None, lamps: Sequence[Lamp], groups: Iterable[str] = ()
+    stage: Usd.Stage, path: Path, fog: SuggestedFog | None, lamps: Sequence[ShaftLamp], groups: Iterable[str] = ()
 ) -> Dressing:  # fmt: skip
     """Return a layer over the root layer of a stage, for a file at a path.
 
@@ -75,79 +74,181 @@ def dressing(
     groups
         The light groups of the export: new ones have other names.
     """
-    result = Dressing()
-    if fog is None:
-        result.said.append("the export has fog, which stays")
-    else:
-        result.said.append(f"a fog with a scattering of {fog.scattering:g} per scene unit")
-    root = _free(stage, _ROOT)
-    own = _Prim("def Scope", root, comment="What photonbeams adds. Other programs do not know these prims.")
+    said = [
+        f"a fog with a scattering of {fog.scattering:g} per scene unit" if fog else "the export has fog, which stays"
+    ]
+    layer = _Layer(stage, _free(_ROOT, lambda name: bool(stage.GetPrimAtPath(f"/{name}"))), said, set(groups))
     if fog is not None:
-        own.children.append(_fog(fog))
-    overs = _Prim("", "")
-    taken = set(groups)
+        layer.own.append(
+            _FOG.format(reason=_comment(fog.reason).replace("\n", "\n    "), amount=_triple([fog.scattering] * 3))
+        )
     for lamp in lamps:
-        over = _lamp(stage, lamp, own, taken, result.said)
-        if over is not None:
-            _place(overs, lamp.path, over)
-    body = [*([own] if own.children else []), *overs.children]
-    result.text = "\n".join([_header(stage, path), *(line for each in body for line in ["", *each.lines()])]) + "\n"
-    if not Sdf.Layer.CreateAnonymous(SUFFIX).ImportFromString(result.text):
+        layer.add(lamp)
+    text = f"{_header(stage, path)}\n{layer.text()}"
+    if not Sdf.Layer.CreateAnonymous(SUFFIX).ImportFromString(text):
         raise SceneError(f"{path} cannot be written: expected names of prims and files that a .usda layer can hold")
-    return result
-
-
-# -- prims as text ---------------------------------------------------------------------------------------------------
+    return Dressing(text, said)
 
 
 @dataclass
-class _Prim:
-    """A prim in the layer: its specifier and type, name, schema, lines of its properties, and children."""
+class _Over:
+    """An over of a prim: comment and metadata, properties, and the overs below it; its own text is that within it."""
 
-    kind: str
-    name: str
-    api: str = ""
     comment: str = ""
+    metadata: str = ""
     properties: list[str] = field(default_factory=list)
-    children: list[_Prim] = field(default_factory=list)
+    below: dict[str, _Over] = field(default_factory=dict)
 
-    def add(self, comment: str, line: str) -> None:
-        self.properties += [*_comment(comment), line]
-
-    def lines(self) -> Iterator[str]:
-        """Yield the lines of the prim and its children."""
-        yield from _comment(self.comment)
-        yield f'{self.kind} "{self.name}"' + (" (" if self.api else "")
-        if self.api:
-            yield f'    prepend apiSchemas = ["{self.api}"]'
-            yield ")"
-        yield "{"
-        for line in self.properties:
-            yield f"    {line}"
-        for index, each in enumerate(self.children):
-            if index or self.properties:
-                yield ""
-            yield from (f"    {line}" if line else "" for line in each.lines())
-        yield "}"
+    def text(self) -> str:
+        """Return the properties and the overs below."""
+        overs = (
+            f'{over.comment}over "{name}"{over.metadata}\n{_braced(over.text())}' for name, over in self.below.items()
+        )
+        return "\n".join(filter(None, ("".join(self.properties), *overs)))
 
 
-def _comment(text: str) -> list[str]:
-    return [f"# {line}" for line in wrap(text, _WIDTH)]
+@dataclass
+class _Layer:
+    """What is in the layer over a stage.
+
+    Attributes
+    ----------
+    root
+        The name of the prim that holds the layer's own ones.
+    said
+        Sentences about it, which grow.
+    groups
+        The light groups that there are.
+    own, overs
+        The layer's own prims, as text, and those over the export.
+    """
+
+    stage: Usd.Stage
+    root: str
+    said: list[str]
+    groups: set[str]
+    own: list[str] = field(default_factory=list)
+    overs: _Over = field(default_factory=_Over)
+
+    def text(self) -> str:
+        """Return the layer's prims."""
+        own = "\n".join(self.own)
+        if own:
+            adds = "# What photonbeams adds. Other programs do not know these prims."
+            own = f'{adds}\ndef Scope "{self.root}"\n{_braced(own)}'
+        return "\n".join(filter(None, (own, self.overs.text())))
+
+    def add(self, lamp: ShaftLamp) -> None:
+        """Add the values over a lamp that it needs, its look and its portals."""
+        prim = self.stage.GetPrimAtPath(lamp.path) if Sdf.Path.IsValidPathString(lamp.path) else None
+        if not prim or prim.IsInstanceProxy():
+            self.said.append(f"{lamp.path} is an instance, which no layer can change: its beams stay as they are")
+            return
+        name, count = _name(prim, self.groups), len(lamp.openings)
+        kept = [each for each in ("intensity", "lightGroup", "look", "portal") if _has(prim, each)]
+        added, properties = [], [] if is_light(prim) else [_GLOWS]
+        if "intensity" not in kept:
+            properties.append(_INTENSITY)
+        if "lightGroup" not in kept:
+            properties.append(_GROUP.format(name=name))
+            added.append("a light group")
+        if "look" not in kept:
+            self.own.append(_LOOK.format(name=name, path=lamp.path))
+            properties.append(_LOOKS.format(root=self.root, name=name))
+            added.append("a look")
+        if "portal" not in kept and lamp.openings:
+            names = [f"{name}_Portal{number or ''}" for number in range(count)]
+            self.own += [_portal(each, lamp.path, corners) for each, corners in zip(names, lamp.openings, strict=True)]
+            properties.append(_PORTALS.format(paths=", ".join(f"</{self.root}/{each}>" for each in names)))
+            added.append("a portal" if count == 1 else f"{count} portals")
+        stay = f"the export has its {', '.join(kept)}, which stay{'s' if len(kept) == 1 else ''}" if kept else ""
+        self.said.append(f"{lamp.path}: {'; '.join(filter(None, (', '.join(added), stay)))}")
+        if not properties:
+            return
+        over = self.overs
+        for part in lamp.path.strip("/").split("/"):
+            over = over.below.setdefault(part, _Over())
+        over.comment, over.metadata = f"# The beams of {lamp.path}.\n", _API
+        over.properties = properties
 
 
-def _place(root: _Prim, path: str, prim: _Prim) -> None:
-    """Put a prim at a path, below overs of the prims above it."""
-    for name in path.strip("/").split("/")[:-1]:
-        found = next((each for each in root.children if each.name == name), None)
-        if found is None:
-            found = _Prim("over", name)
-            root.children.append(found)
-        root = found
-    same = next((each for each in root.children if each.name == prim.name), None)
-    if same is None:
-        root.children.append(prim)
-    else:  # a lamp above another one
-        same.api, same.comment, same.properties = prim.api, prim.comment, prim.properties
+# -- the texts -------------------------------------------------------------------------------------------------------
+
+_API = """ (
+    prepend apiSchemas = ["PhotonBeamsLightAPI"]
+)"""
+_FOG = """\
+# Fog fills all of space.
+def Scope "Fog" (
+    prepend apiSchemas = ["PhotonBeamsMediumAPI"]
+)
+{{
+    # How much light the fog scatters per scene unit, in red, green and blue.
+    {reason}
+    # More makes shafts brighter and what is far away dimmer; unequal numbers colour it.
+    color3f photonbeams:scattering = {amount}
+    # How much light it swallows per scene unit: dark smoke, murky water.
+    color3f photonbeams:absorption = (0, 0, 0)
+    # From -0.99 to 0.99: above 0, as in dust and mist, shafts are brighter when they come toward the camera.
+    float photonbeams:anisotropy = 0.3
+    # 0: the fog shows shafts alone, and dims no surface.
+    bool photonbeams:surfaces = 1
+}}
+"""
+_GLOWS = """\
+# A surface that glows is a lamp.
+bool photonbeams:enabled = 1
+"""
+_INTENSITY = """\
+# Brighter or darker shafts; surfaces stay as they are.
+float photonbeams:intensity = 1
+"""
+_GROUP = """\
+# Its beams have a layer of their own in the EXR, beams_{name}.
+token photonbeams:lightGroup = "{name}"
+"""
+_LOOKS = """\
+# How its beams look.
+rel photonbeams:look = </{root}/{name}_Look>
+"""
+_PORTALS = """\
+# The openings that its beams are aimed at, so that they are finer. Name meshes of your own instead, or remove the line:
+# the picture is as bright.
+rel photonbeams:portal = [{paths}]
+"""
+_LOOK = """\
+# The look of the beams of {path}.
+def PhotonBeamsLook "{name}_Look"
+{{
+    # The rim of beams: "biweight" is soft, "constant" is hard, "gaussian" is a bright core, "hollow" is a tube.
+    uniform token photonbeams:across:profile = "biweight"
+    # A colour on them.
+    color3f photonbeams:along:tint = (1, 1, 1)
+    # Clouds that drift through them: 0 is none, 1 is torn smoke.
+    float photonbeams:noise:amount = 0
+}}
+"""
+_PORTAL = """\
+# An opening through which {path} lights what the camera sees.
+def Mesh "{name}"
+{{
+    # A guide: no program draws it.
+    uniform token purpose = "guide"
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    # Its corners, in the world's scene units, from the place that is its translation.
+    point3f[] points = [{points}]
+    # Points have single precision, which is coarse far from zero.
+    double3 xformOp:translate = {origin}
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}}
+"""
+
+
+def _portal(name: str, path: str, corners: Array) -> str:
+    origin = origin_within(corners)
+    points = ", ".join(map(_triple, corners - origin))
+    return _PORTAL.format(name=name, path=path, points=points, origin=tuple(origin.tolist()))
 
 
 def _header(stage: Usd.Stage, path: Path) -> str:
@@ -168,80 +269,15 @@ def _header(stage: Usd.Stage, path: Path) -> str:
         "the numbers here, and render this file. A line that you remove has its default again. Units and times repeat "
         "those of the export, because OpenUSD takes them from the top layer alone."
     )
-    return "\n".join([first, *_comment(text), *rest])
+    return "\n".join([first, _comment(text), *rest, ""])
 
 
-def _free(stage: Usd.Stage, name: str) -> str:
-    """Return a name of a root prim that the stage does not have."""
-    names = (name, *(f"{name}{number}" for number in range(2, 10_000)))
-    return next(each for each in names if not stage.GetPrimAtPath(f"/{each}"))
+def _comment(text: str) -> str:
+    return indent(fill(text, _WIDTH), "# ")
 
 
-# -- what is in the layer --------------------------------------------------------------------------------------------
-
-
-def _fog(fog: Fog) -> _Prim:
-    result = _Prim("def Scope", "Fog", "PhotonBeamsMediumAPI", "Fog fills all of space.")
-    result.add(
-        f"How much light the fog scatters per scene unit, in red, green and blue. {fog.reason} More makes shafts "
-        "brighter and what is far away dimmer; unequal numbers colour it.",
-        f"color3f photonbeams:scattering = {_triple(3 * [fog.scattering])}",
-    )
-    result.add(
-        "How much light it swallows per scene unit: dark smoke, murky water.",
-        "color3f photonbeams:absorption = (0, 0, 0)",
-    )
-    result.add(
-        "From -0.99 to 0.99: above 0, as in dust and mist, shafts are brighter when they come toward the camera.",
-        "float photonbeams:anisotropy = 0.3",
-    )
-    result.add(
-        "0: the fog shows shafts alone, and dims no surface.",
-        "bool photonbeams:surfaces = 1",
-    )
-    return result
-
-
-def _lamp(stage: Usd.Stage, lamp: Lamp, own: _Prim, taken: set[str], said: list[str]) -> _Prim | None:
-    """Return the values over a lamp, and add its look and its portals to the layer's own; None if none are needed."""
-    prim = stage.GetPrimAtPath(lamp.path) if Sdf.Path.IsValidPathString(lamp.path) else None
-    if not prim or prim.IsInstanceProxy():
-        said.append(f"{lamp.path} is an instance, which no layer can change: its beams stay as they are")
-        return None
-    name, count = _name(prim, taken), len(lamp.openings)
-    result = _Prim("over", prim.GetName(), "PhotonBeamsLightAPI", f"The beams of {lamp.path}.")
-    if not is_light(prim):
-        result.add("A surface that glows is a lamp.", "bool photonbeams:enabled = 1")
-    added, kept = [], [each for each in ("intensity", "lightGroup", "look", "portal") if _has(prim, each)]
-    if "intensity" not in kept:
-        result.add("Brighter or darker shafts; surfaces stay as they are.", "float photonbeams:intensity = 1")
-    if "lightGroup" not in kept:
-        text = f"Its beams have a layer of their own in the EXR, beams_{name}."
-        result.add(text, f'token photonbeams:lightGroup = "{name}"')
-        added.append("a light group")
-    if "look" not in kept:
-        own.children.append(_look(name, lamp.path))
-        result.add("How its beams look.", f"rel photonbeams:look = </{own.name}/{name}_Look>")
-        added.append("a look")
-    if "portal" not in kept and lamp.openings:
-        names = [f"{name}_Portal{number or ''}" for number in range(count)]
-        own.children += [_portal(*each, lamp.path) for each in zip(names, lamp.openings, strict=True)]
-        result.add(*_to_portals([f"</{own.name}/{each}>" for each in names]))
-        added.append("a portal" if count == 1 else f"{count} portals")
-    stay = f"the export has its {', '.join(kept)}, which stay{'s' if len(kept) == 1 else ''}" if kept else ""
-    said.append(f"{lamp.path}: {'; '.join(filter(None, (', '.join(added), stay)))}")
-    return result if result.properties else None
-
-
-def _to_portals(targets: list[str]) -> tuple[str, str]:
-    """Return the comment on the portals of a lamp, and the relationship to them."""
-    openings, meshes = ("opening", "a mesh") if len(targets) == 1 else ("openings", "meshes")
-    text = (
-        f"The {openings} that its beams are aimed at, so that they are finer. Name {meshes} of your own instead, or "
-        "remove the line: the picture is as bright."
-    )
-    named = targets[0] if len(targets) == 1 else f"[{', '.join(targets)}]"
-    return text, f"rel photonbeams:portal = {named}"
+def _braced(text: str) -> str:
+    return f"{{\n{indent(text, '    ')}}}\n"
 
 
 def _has(prim: Usd.Prim, name: str) -> bool:
@@ -250,45 +286,18 @@ def _has(prim: Usd.Prim, name: str) -> bool:
     return bool(attribute and attribute.HasAuthoredValue()) or bool(target_paths(prim, f"photonbeams:{name}"))
 
 
-def _look(name: str, path: str) -> _Prim:
-    result = _Prim(f"def {LOOK}", f"{name}_Look", comment=f"The look of the beams of {path}.")
-    result.add(
-        'The rim of beams: "biweight" is soft, "constant" is hard, "gaussian" is a bright core, "hollow" is a tube.',
-        'uniform token photonbeams:across:profile = "biweight"',
-    )
-    result.add("A colour on them.", "color3f photonbeams:along:tint = (1, 1, 1)")
-    result.add(
-        "Clouds that drift through them: 0 is none, 1 is torn smoke.",
-        "float photonbeams:noise:amount = 0",
-    )
-    return result
-
-
-def _portal(name: str, corners: Array, path: str) -> _Prim:
-    result = _Prim("def Mesh", name, comment=f"An opening through which {path} lights what the camera sees.")
-    result.add("A guide: no program draws it.", 'uniform token purpose = "guide"')
-    result.properties += [
-        "int[] faceVertexCounts = [4]",
-        "int[] faceVertexIndices = [0, 1, 2, 3]",
-    ]
-    origin = origin_within(corners)
-    places = ", ".join(_triple(corner) for corner in corners - origin)
-    result.add("Its corners, in the world's scene units.", f"point3f[] points = [{places}]")
-    if origin.any():
-        text = "From where they are measured: points have single precision, which is coarse far from zero."
-        result.add(text, f"double3 xformOp:translate = {tuple(origin.tolist())}")
-        result.properties.append('uniform token[] xformOpOrder = ["xformOp:translate"]')
-    return result
-
-
 def _name(prim: Usd.Prim, taken: set[str]) -> str:
     """Return a name for what belongs to a lamp: that of its prim, as a group may have it."""
     base = re.sub(r"\W", "_", prim.GetName(), flags=re.ASCII).strip("_") or "Lamp"
-    base = base if base[0].isalpha() else f"Lamp_{base}"
-    names = (base, *(f"{base}_{number}" for number in range(2, 10_000)))
-    name = next(each for each in names if each not in taken)
+    name = _free(base if base[0].isalpha() else f"Lamp_{base}", taken.__contains__, "_")
     taken.add(name)
     return name
+
+
+def _free(name: str, is_taken: Callable[[str], bool], between: str = "") -> str:
+    """Return a name that is not taken: this one, or one with a number."""
+    names = (name, *(f"{name}{between}{number}" for number in range(2, 10_000)))
+    return next(each for each in names if not is_taken(each))
 
 
 def _triple(values: Sequence[float] | Array) -> str:

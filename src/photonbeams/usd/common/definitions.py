@@ -66,21 +66,20 @@ class Definition:
     doc: str = ""
 
     @classmethod
-    def of(cls, own: Sdf.Spec | Usd.PrimDefinition.Property) -> Definition:
-        """Return the definition of a property in a layer of schemas (Sdf), or in OpenUSD's registry of schemas."""
-        in_layer = isinstance(own, Sdf.Spec)
-        name, info = (own.name, own.GetInfo) if in_layer else (own.GetName(), own.GetMetadata)
-        doc = " ".join((own.documentation if in_layer else own.GetDocumentation()).split())
+    def of(cls, own: Sdf.PropertySpec) -> Definition:
+        """Return the definition of a property in a layer of schemas."""
+        info, doc = own.GetInfo, " ".join(own.documentation.split())
         if not info("typeName"):
-            return cls(name, "paths", [], doc=doc)
+            return cls(own.name, "paths", [], doc=doc)
         value_type = Sdf.ValueTypeNames.Find(str(info("typeName")))
         choices = tuple(map(str, info("allowedTokens") or ()))
         limits, custom = info("limits") or {}, info("customData") or {}
         hard, soft = ({end: plain(each) for end, each in limits.get(which, {}).items()} for which in ("hard", "soft"))
         size = getattr(value_type.scalarType.defaultValue, "dimension", 1)
+        expression = own.name.endswith("expression")
         return cls(
-            name,
-            "choice" if choices else "expression" if name.endswith("expression") else _kind_of(value_type),
+            own.name,
+            "choice" if choices else "expression" if expression else _kind_of(value_type),
             plain(info("default")),
             columns=size if value_type.isArray else 1,
             length=None if value_type.isArray else size,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -40,12 +40,12 @@ def read_curves(reading: Reading, prim: Usd.Prim, to_world: Array, name: str) ->
     SceneError
         Counts, widths or powers contradict each other, or are negative.
     """
-    found = read_points(reading, prim)
-    if found is None:
+    shape = read_points(reading, prim)
+    if shape is None:
         return None
-    sample, points, counts = found
+    sample, points, counts = shape
     source = _CurvesPrim(sample, prim, counts, *basis_of(reading, prim))
-    radii = source.widths()
+    radii = source.widths(sample)
     drawable, wide = source.drawable(), _present(radii, counts)
     spans = Spans.of(counts, drawable & wide, source.kind, source.wrap)
     source.warn_of(np.flatnonzero(drawable & ~wide), "without width", "widths")
@@ -166,9 +166,9 @@ class _CurvesPrim:
         fitting = [kind for kind, size in sizes.items() if size == count]
         return declared if declared in fitting else next(iter(fitting), None)
 
-    def widths(self) -> Values:
-        """Return the widths, which are diameters."""
-        reading, prim = self.reading, self.prim
+    def widths(self, reading: Reading) -> Values:
+        """Return the widths, which are diameters, at the time of a reading."""
+        prim = self.prim
         primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("widths")
         name = "primvars:widths" if primvar and primvar.HasValue() else "widths"
         flat = primvar.ComputeFlattened(reading.time) if name != "widths" else None
@@ -225,24 +225,23 @@ def _pieces(source: _CurvesPrim, spans: Spans) -> Array:
     """Return how many pieces each span needs, the most over all times."""
     if source.kind == "linear" or not len(spans.curve):
         return np.ones(len(spans.curve), dtype=np.int64)
-    found = np.ones(len(spans.curve), dtype=np.int64)
+    pieces = np.ones(len(spans.curve), dtype=np.int64)
     for reading in _shapes(source):
-        shape = _CurvesPrim(reading, source.prim, source.counts, source.kind, source.wrap)
         points = reading.array(source.prim, "points", 3)
         if points is not None and len(points) == source.counts.sum():
-            radii = 0.5 * spans.values_at(shape.widths(), *spans.samples()).reshape(len(spans.curve), -1)
-            found = np.maximum(found, spans.pieces(points, radii))
-    return found
+            radii = 0.5 * spans.values_at(source.widths(reading), *spans.samples()).reshape(len(spans.curve), -1)
+            pieces = np.maximum(pieces, spans.pieces(points, radii))
+    return pieces
 
 
-def _shapes(source: _CurvesPrim) -> list[Reading]:
-    """Return readings at the times at which the curves' shape is examined."""
+def _shapes(source: _CurvesPrim) -> Iterator[Reading]:
+    """Yield readings at the times at which the curves' shape is examined."""
     times = source.prim.GetAttribute("points").GetTimeSamples()
     if len(times) < 2:
-        return [source.reading]
-    chosen = np.unique(np.linspace(0, len(times) - 1, _MOST_SHAPES).round().astype(int))
-    stage, warnings = source.reading.stage, source.reading.warnings
-    return [Reading(stage, Usd.TimeCode(times[index]), warnings) for index in chosen]
+        yield source.reading
+        return
+    for index in np.unique(np.linspace(0, len(times) - 1, _MOST_SHAPES).round().astype(int)):
+        yield Reading(source.reading.stage, times[index], source.reading.warnings)
 
 
 @dataclass(frozen=True)
@@ -269,87 +268,103 @@ class _Nodes:
         return _Nodes(*(each[kept] for each in (self.curve, self.points, self.radii, self.power)))
 
 
+@dataclass(frozen=True)
+class _Pieces:
+    """The beams between the nodes of curves: the curve of each, the one that follows it, or -1, and their ends."""
+
+    source: _CurvesPrim
+    to_world: Array
+    curve: Array
+    following: Array
+    start: Array
+    end: Array
+
+    @property
+    def begins(self) -> Array:
+        """Whether each begins a curve, (N, 1)."""
+        begins = np.ones((len(self.curve), 1), dtype=bool)
+        begins[self.following[self.following >= 0]] = False
+        return begins
+
+    def each(self, name: str, columns: int) -> Array | None:
+        """Return an attribute of each curve, (N, columns), or None if it is not authored."""
+        values = self.source.each(f"photonbeams:{name}", columns)
+        return None if values is None else values[self.curve]
+
+    def lengths(self, name: str) -> Array | None:
+        """Return lengths in world space, (N,)."""
+        values = self.each(name, 1)
+        return None if values is None else _scale(self.to_world) * values[:, 0]
+
+    def normals(self, name: str) -> Array | None:
+        """Return normals in world space, (N, 3)."""
+        values = self.each(name, 3)
+        return None if values is None else unit(values @ np.linalg.inv(self.to_world[:3, :3]))
+
+    def tangents(self) -> dict[str, Array]:
+        """Return the directions of the light at both ends of each; at those of a curve, the authored ones."""
+        fields = {}
+        smooth = tangents(directions(self.start, self.end), self.following)
+        ends = (self.begins, self.following[:, None] < 0)
+        for name, at_end, own in zip(("start", "end"), ends, smooth, strict=True):
+            authored = self.each(f"{name}Tangents", 3)
+            turned = np.zeros((1, 3)) if authored is None else unit(authored @ self.to_world[:3, :3].T)
+            fields[f"{name}_tangent"] = np.where(at_end & np.any(turned, axis=1, keepdims=True), turned, own)
+        return fields
+
+    def walls(self) -> dict[str, Array]:
+        """Return the surfaces at the start of curves and beside them, which cut their beams, if they are authored."""
+        start, sides, normals = self.normals("startNormals"), self.each("sides", 3), self.normals("sideNormals")
+        fields = {} if start is None else {"start_normal": np.where(self.begins, start, 0)}
+        if (sides is None) != (normals is None):
+            text = f"is {'not ' if sides is None else ''}authored: expected photonbeams:sides and"
+            raise self.source.reading.fail(self.source.prim, "photonbeams:sides", f"{text} photonbeams:sideNormals")
+        if sides is not None and normals is not None:
+            fields["side"] = sides @ self.to_world[:3, :3].T + self.to_world[:3, 3]
+            fields["side_normal"] = normals
+        return fields
+
+    def end_normals(self, inner: Array) -> Array | None:
+        """Return the normals of the end planes: at a curve's end, that of the surface that stops it."""
+        turned = self.normals("endNormals")
+        if turned is None:
+            return None
+        straight = -directions(self.start, self.end)
+        surface = np.where(np.any(turned, axis=1, keepdims=True), turned, straight)
+        return np.where(self.following[:, None] >= 0, -inner, surface)
+
+
 def _beams(source: _CurvesPrim, nodes: _Nodes, closed: bool, graded: bool, to_world: Array) -> dict[str, Any]:
     """Return the fields of the beams between nodes."""
     sizes = np.bincount(nodes.curve)
     first, last, following = segments(sizes[sizes > 0], closed)
-    curve = nodes.curve[first]
-    start, end = nodes.points[first], nodes.points[last]
+    curve, start, end = nodes.curve[first], nodes.points[first], nodes.points[last]
+    parts = _Pieces(source, to_world, curve, following, start, end)
     radius_start, radius_end = nodes.radii[first], nodes.radii[last]
-    offset, total = lengths(start, end, np.unique(curve, return_inverse=True)[1])
-    scale = _scale(to_world)
-    lights = {name: source.each(f"photonbeams:{name}", 1) for name in ("offset", "total", "entry")}
-    given = {name: None if value is None else scale * value[curve, 0] for name, value in lights.items()}
-    chained = bool(np.any(following >= 0))
     fields: dict[str, Any] = {
         "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end,
         "power": nodes.power[first], "power_end": nodes.power[last] if graded else None,
         # A curve is one beam, so all of its pieces give looks the same values.
         "id": curve.astype(np.float64),
     }  # fmt: skip
-    if chained or any(value is not None for value in given.values()):
-        begin = 0.0 if given["offset"] is None else given["offset"]
-        fields["offset"] = begin + offset
-        fields["total"] = begin + total if given["total"] is None else given["total"]
-        fields["entry"] = given["entry"]
+    chained = bool(np.any(following >= 0))
+    authored = {name: parts.lengths(name) for name in ("offset", "total", "entry")}
+    if chained or any(value is not None for value in authored.values()):
+        offset, total = lengths(start, end, np.unique(curve, return_inverse=True)[1])
+        begin = 0.0 if authored["offset"] is None else authored["offset"]
+        fields |= authored | {"offset": begin + offset}
+        if authored["total"] is None:
+            fields["total"] = begin + total
     if chained:
-        fields["start_tangent"], fields["end_tangent"] = tangents(directions(start, end), following)
-        _turn_ends(source, fields, curve, following, to_world)
+        fields |= parts.tangents()
     for name in ("random", "id", "generation"):
-        known = source.each(f"photonbeams:{name}", 1)
-        if known is not None:
-            fields[name] = known[curve, 0]
-    normals = source.each("photonbeams:endNormals", 3)
-    if normals is not None:
-        fields["end_normal"] = _end_normals(fields, normals[curve], following, to_world)
-    _set_walls(source, fields, curve, following, to_world)
+        values = parts.each(name, 1)
+        if values is not None:
+            fields[name] = values[:, 0]
+    fields["end_normal"] = parts.end_normals(fields.get("end_tangent", directions(start, end)))
+    fields |= parts.walls()
     wide = (radius_start > 0) | (radius_end > 0)
     if not wide.all():
         text = f"holds 0 at both ends of {np.count_nonzero(~wide)} segments: they are skipped"
         source.reading.warn(source.prim, text, "widths")
     return {name: value if value is None else value[wide] for name, value in fields.items()}
-
-
-def _turn_ends(
-    source: _CurvesPrim, fields: Mapping[str, Array], curve: Array, following: Array, to_world: Array
-) -> None:
-    """Set the directions of the light at both ends of each curve to the authored ones."""
-    begins = np.ones(len(curve), dtype=bool)
-    begins[following[following >= 0]] = False
-    for name, field, there in (("start", "start_tangent", begins), ("end", "end_tangent", following < 0)):
-        authored = source.each(f"photonbeams:{name}Tangents", 3)
-        if authored is None:
-            continue
-        turned = unit(authored[curve] @ to_world[:3, :3].T)
-        use = there & np.any(turned, axis=1)
-        fields[field][use] = turned[use]
-
-
-def _set_walls(
-    source: _CurvesPrim, fields: dict[str, Any], curve: Array, following: Array, to_world: Array
-) -> None:  # fmt: skip
-    """Set the surfaces at the start of curves and beside them, which cut their beams, if they are authored."""
-    normals = {name: source.each(f"photonbeams:{name}Normals", 3) for name in ("start", "side")}
-    sides = source.each("photonbeams:sides", 3)
-    turned = {
-        name: unit(each[curve] @ np.linalg.inv(to_world[:3, :3])) for name, each in normals.items() if each is not None
-    }
-    if "start" in turned:
-        begins = np.ones((len(curve), 1), dtype=bool)
-        begins[following[following >= 0]] = False
-        fields["start_normal"] = np.where(begins, turned["start"], 0)
-    if (sides is None) != ("side" not in turned):
-        text = f"is {'not ' if sides is None else ''}authored: expected photonbeams:sides and photonbeams:sideNormals"
-        raise source.reading.fail(source.prim, "photonbeams:sides", text)
-    if sides is not None:
-        fields["side"] = sides[curve] @ to_world[:3, :3].T + to_world[:3, 3]
-        fields["side_normal"] = turned["side"]
-
-
-def _end_normals(fields: Mapping[str, Array], normals: Array, following: Array, to_world: Array) -> Array:
-    """Return the normals of the beams' end planes: at a curve's end, that of the surface that stops it."""
-    turned = unit(normals @ np.linalg.inv(to_world[:3, :3]))
-    straight = -directions(fields["start"], fields["end"])
-    inner = -fields["end_tangent"] if "end_tangent" in fields else straight
-    surface = np.where(np.any(turned, axis=1, keepdims=True), turned, straight)
-    return np.where(following[:, None] >= 0, inner, surface)

@@ -7,15 +7,27 @@ from typing import Any
 
 import numpy as np
 
-from ...scene import Array, Color, SceneError
+from ...scene import Array, SceneError
 from ..common.openusd import Sdf, Usd, UsdGeom, UsdShade
 from ..common.reading import Reading, target_paths
 
+# What programs call inputs that readers know by the first of these names.
+_NAMES = {
+    names[0]: names
+    for names in (
+        ("edge", "edgeSoftness", "edgeThickness"), ("preBarn", "preBarnEffect"), ("rampMode", "mode"),
+        ("beginDist", "beginDistance", "begin_distance"), ("endDist", "endDistance", "end_distance"),
+        ("colorRamp_Knots", "colorRamp:knots", "distances"), ("colorRamp_Colors", "colorRamp:colors", "colors"),
+        ("colorRamp_Interpolation", "colorRamp:interpolation", "interpolation_types"),
+        ("use_near_atten", "falloff_near"), ("use_far_atten", "falloff_far"),
+        *((f"scale{size}", f"scale:{size.lower()}") for size in ("Width", "Height", "Depth")),
+        *((side, f"refine:{side}") for side in ("left", "right", "bottom", "top", "back", "front")),
+    )
+}  # fmt: skip
 #: Values at which an input that is not rendered has no effect.
 _NEUTRAL = {"combineMode": ("mult", "multiply"), "notes": None, "name": None, "linkingGroups": None, "id": None,
             "diffuse": 1, "specular": 1, "saturation": 1, "falloff": None, "colorRamp": None}  # fmt: skip
-_EDGES = ("left", "right", "bottom", "top", "back", "front")
-_NEUTRAL |= {f"{each}Edge": 1 for each in _EDGES}
+_NEUTRAL |= {f"{each}Edge": 1 for each in ("left", "right", "bottom", "top", "back", "front")}
 
 
 # Where Arnold names the graphs whose outputs are a light's filters: on a light, and on a mesh that shines.
@@ -27,8 +39,8 @@ def filters_of(reading: Reading, prim: Usd.Prim) -> list[Usd.Prim]:
     name = next((each for each in ("light:filters", "filters") if target_paths(prim, each)), "")  # before 21.02
     targets = reading.targets(prim, name) if name else []
     shaders = [shader for name in _GRAPHS for shader in _of_graph(reading, prim, name)]
-    known = {Inputs.of(reading, each).shader for each in targets}
-    return targets + [each for each in dict.fromkeys(shaders) if each not in known]
+    named = {Inputs.of(reading, each).shader for each in targets}
+    return targets + [each for each in dict.fromkeys(shaders) if each not in named]
 
 
 def _of_graph(reading: Reading, prim: Usd.Prim, name: str) -> list[Usd.Prim]:
@@ -71,49 +83,45 @@ class Inputs:
     @property
     def kind(self) -> str:
         """The kind of the filter: its type or, for a filter or a shader of any kind, the name of its shader."""
-        for prim in (self.shader, self.prim):
-            names = ("lightFilter:shaderId", "info:id", "ri:lightFilter:shaderId", "moonray:class")
-            found = [str(value) for name in names if (value := self.reading.value(prim, name))]
-            if found:
-                return found[0]
-        return str(self.prim.GetTypeName())
+        names = ("lightFilter:shaderId", "info:id", "ri:lightFilter:shaderId", "moonray:class")
+        values = (self.reading.value(prim, name) for prim in (self.shader, self.prim) for name in names)
+        return str(next(filter(None, values), self.prim.GetTypeName()))
 
-    def name(self, *names: str) -> str:
-        """Return the full name of the first of these inputs that is authored, else that of the first."""
+    def name(self, name: str) -> str:
+        """Return the full name of an input, by the first of its names that is authored."""
+        names = _NAMES.get(name, (name,))
         self.used.update(names)
         authored = self.shader.GetAuthoredPropertyNames()
-        found = (each for name in names for each in authored if f":{each}".endswith(f":{name}"))
-        return next(found, f"inputs:{names[0]}")
+        full = (each for name in names for each in authored if f":{each}".endswith(f":{name}"))
+        return next(full, f"inputs:{name}")
 
-    def has(self, *names: str) -> bool:
-        """Return whether one of these inputs is authored."""
-        return self.shader.GetAttribute(self.name(*names)).HasAuthoredValue()
-
-    def number(self, *names: str, default: float, minimum: float = 0.0) -> float:
+    def number(self, name: str, default: float, minimum: float = 0.0) -> float:
         """Return a number, `minimum` or more."""
-        return self.reading.number(self.shader, self.name(*names), default, minimum=minimum)
+        return self.reading.number(self.shader, self.name(name), default, minimum=minimum)
 
-    def color(self, *names: str, default: Any) -> Color:
-        """Return a colour."""
-        return self.reading.color(self.shader, self.name(*names), default)
+    def color(self, name: str, default: float) -> Array:
+        """Return a colour, (3,); the default is grey."""
+        return np.array(self.reading.color(self.shader, self.name(name), (default,) * 3))
 
-    def flag(self, *names: str) -> bool:
+    def flag(self, name: str) -> bool:
         """Return whether something is on; by default it is off."""
-        return self.reading.flag(self.shader, self.name(*names), False)
+        return self.reading.flag(self.shader, self.name(name), False)
 
-    def token(self, *names: str, default: object) -> Any:
+    def token(self, name: str, default: str) -> Any:
         """Return a text, or a number that stands for one."""
-        return self.reading.value(self.shader, self.name(*names), default)
+        return self.reading.value(self.shader, self.name(name), default)
 
-    def array(self, *names: str, columns: int = 1) -> Array | None:
-        """Return numbers, (N, columns), or None."""
-        return self.reading.array(self.shader, self.name(*names), columns)
+    def array(self, name: str, default: Any) -> Array:
+        """Return a list of as many numbers each as the default has, (N, C)."""
+        values = np.asarray(default)
+        authored = self.reading.array(self.shader, self.name(name), values.shape[1])
+        return values if authored is None else authored
 
     @property
     def gain(self) -> Array:
         """Intensity · 2^exposure · tint, (3,)."""
         exposure = self.reading.number(self.shader, self.name("exposure"), 0.0, -100.0, 100.0)
-        return self.number("intensity", default=1.0) * 2.0**exposure * np.array(self.color("tint", default=(1, 1, 1)))
+        return self.number("intensity", 1.0) * 2.0**exposure * self.color("tint", 1.0)
 
     def fail(self, name: str, text: str) -> SceneError:
         """Return an error about an input, for raising."""

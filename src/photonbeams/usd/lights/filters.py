@@ -6,7 +6,7 @@ gobo. What does not map is left out, with a warning that names it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -25,15 +25,16 @@ from ...scene import (
     SphereLight,
 )
 from ...scene import color as color_of
-from ..common.definitions import BLOCKER, PREFIX, RAMP, definitions
+from ...scene.vectors import unit
+from ..common.definitions import BLOCKER, PREFIX, RAMP, definitions, read_attribute
 from ..common.openusd import Sdf, Usd, UsdShade
 from ..common.reading import Reading
 from ..common.textures import read_image
 from .filter_inputs import Inputs, filters_of
 from .links import FILTER_LINK, is_linked
 
-#: Reads a filter; returns the light with it.
-Reader = Callable[[Inputs, Light], Light]
+#: Reads a filter of a light, which may become several.
+Reader = Callable[[Inputs, Light], list[LightFilter]]
 
 # Pieces between two knots of a smooth ramp.
 _PIECES = 4
@@ -54,12 +55,15 @@ def filtered(reading: Reading, prim: Usd.Prim, light: Light) -> Light:
 def _with(reading: Reading, prim: Usd.Prim, light: Light) -> Light:
     """Return a light with one more filter."""
     inputs = Inputs.of(reading, prim)
-    reader = _READERS.get(_plain(inputs.kind))
-    if reader is None:
-        kind = inputs.kind or "prim without a type"
-        reading.warn(prim, f"is a {kind}, which is not rendered as a filter: {light.name} shines without it")
+    kind = _plain(inputs.kind)
+    if kind in _GOBOS:
+        result = _gobo(inputs, light)
+    elif kind in _READERS:
+        result = replace(light, filters=(*light.filters, *_READERS[kind](inputs, light)))
+    else:
+        name = inputs.kind or "prim without a type"
+        reading.warn(prim, f"is a {name}, which is not rendered as a filter: {light.name} shines without it")
         return light
-    result = reader(inputs, light)
     inputs.warn_of_others()
     if result.gobo is not light.gobo and is_linked(reading, prim, FILTER_LINK):
         warn_of_link(reading, prim)
@@ -78,205 +82,184 @@ def _plain(kind: str) -> str:
     return name.removeprefix("arnold").removeprefix("moonraylightfilter").removeprefix("moonray")
 
 
-def _added(light: Light, *filters: LightFilter) -> Light:
-    return replace(light, filters=(*light.filters, *filters))
-
-
-def _scaled(inputs: Inputs, light: Light, factor: Array) -> Light:
-    """Return a light with a filter that multiplies all of its light."""
-    if np.all(factor == 1):
-        return light
-    return _added(light, DistanceRamp(inputs.path, np.zeros(1), factor[None]))
+def _scaled(inputs: Inputs, factor: Array) -> list[LightFilter]:
+    """Return a filter that multiplies all light, if it changes any."""
+    return [] if np.all(factor == 1) else [DistanceRamp(inputs.path, np.zeros(1), factor[None])]
 
 
 # -- Shapes -----------------------------------------------------------------------------------------------------------
 
 
-def _own_blocker(inputs: Inputs, light: Light) -> Light:
+def _shaped(inputs: Inputs, shape: str, sizes: Mapping[str, float], **fields: Any) -> Blocker:
+    """Return a sphere, a capsule along Y, a box or a plane, by its radius, width, height and depth."""
+    width, height, depth = (sizes[each] for each in ("width", "height", "depth"))
+    box = {"sphere": (0, 0, 0), "capsule": (0, height, 0), "box": (width, height, depth), "plane": (width, height, 0)}
+    radius = sizes["radius"] if shape in ("sphere", "capsule") else 0.0
+    half = 0.5 * np.array(box[shape], dtype=np.float64)
+    return Blocker(inputs.path, half, radius, flat=shape == "plane", **{"frame": inputs.frame(), **fields})
+
+
+def _shape(inputs: Inputs, name: str, shapes: Sequence[str]) -> str:
+    """Return a shape, the first of these by default."""
+    shape = str(inputs.token(name, shapes[0]))
+    if shape not in shapes:
+        text = f"is '{shape}', which is not rendered: expected {', '.join(shapes[:-1])} or {shapes[-1]}"
+        raise inputs.fail(name, text)
+    return shape
+
+
+def _own_blocker(inputs: Inputs, light: Light) -> list[LightFilter]:
     read = {
         name.removeprefix(PREFIX): own.read(inputs.reading, inputs.shader) for name, own in definitions(BLOCKER).items()
     }
-    shape, edge, color = read["shape"], read["edge"], read["color"]
-    box, radius = _sizes(shape, read["radius"], read["width"], read["height"], read["depth"])
-    return _added(light, Blocker(
-        inputs.path, box, radius, edge, color, read["where"], read["invert"], shape == "plane",
-        inputs.frame(),
-    ))  # fmt: skip
+    fields = {name: read[name] for name in ("edge", "color", "where", "invert")}
+    return [_shaped(inputs, read["shape"], read, **fields)]
 
 
-def _sizes(shape: str, radius: float, width: float, height: float, depth: float) -> tuple[Array, float]:
-    """Return half of the box, and the radius around it, of a sphere, a capsule along Y, a box or a plane."""
-    sizes = {
-        "sphere": (0, 0, 0), "capsule": (0, height, 0), "box": (width, height, depth), "plane": (width, height, 0),
-    }  # fmt: skip
-    return 0.5 * np.array(sizes[shape], dtype=np.float64), radius if shape in ("sphere", "capsule") else 0.0
-
-
-def _karma_blocker(inputs: Inputs, light: Light) -> Light:
+def _karma_blocker(inputs: Inputs, light: Light) -> list[LightFilter]:
     """Read Karma's blocker: tint and exposure change the light, of which the shape takes all, or all but its own."""
-    shape = inputs.token("shape", default="sphere")
-    if shape not in ("sphere", "capsule", "box", "plane"):
-        raise inputs.fail("shape", f"is '{shape}': expected sphere, capsule, box or plane")
-    radius = inputs.number("radius", default=0.5)
-    box, radius = _sizes(shape, radius, *(inputs.number(each, default=1.0) for each in ("width", "height", "depth")))
-    blocker = Blocker(
-        inputs.path, box, radius, inputs.number("edge", "edgeSoftness", default=0.0),
-        invert=inputs.flag("invert"), flat=shape == "plane", frame=inputs.frame(),
-    )  # fmt: skip
-    return _scaled(inputs, _added(light, blocker), inputs.gain)
+    shape = _shape(inputs, "shape", ("sphere", "capsule", "box", "plane"))
+    defaults = {"radius": 0.5, "width": 1.0, "height": 1.0, "depth": 1.0}
+    sizes = {name: inputs.number(name, default) for name, default in defaults.items()}
+    blocker = _shaped(inputs, shape, sizes, edge=inputs.number("edge", 0.0), invert=inputs.flag("invert"))
+    return [blocker, *_scaled(inputs, inputs.gain)]
+
+
+def _arnold_blocker(inputs: Inputs, light: Light) -> list[LightFilter]:
+    """Read Arnold's light_blocker: a shape one unit wide, whose place is a matrix."""
+    shape = _shape(inputs, "geometry_type", ("box", "sphere", "plane"))
+    fields: dict[str, Any] = {"color": (1 - _density(inputs),) * 3}
+    matrix = inputs.reading.value(inputs.shader, inputs.name("geometry_matrix"))
+    if matrix is not None:
+        fields["frame"] = inputs.reading.matrix(inputs.shader, matrix)
+    return [_shaped(inputs, shape, {"radius": 0.5, "width": 1.0, "height": 1.0, "depth": 1.0}, **fields)]
 
 
 def _rod(inputs: Inputs, radius: float, flat: bool = False) -> Blocker:
     """Return the rounded box or rectangle of RenderMan's and MoonRay's rods, blockers and barn doors."""
-    sizes, centers = [], []
-    for name, ends in (("width", "left right"), ("height", "bottom top"), ("depth", "back front"))[: 2 if flat else 3]:
-        scale = inputs.number(f"scale{name.title()}", f"scale:{name}", default=1.0)
-        less, more = (
-            inputs.number(end, f"refine:{end}", default=0.0, minimum=-np.inf) for end in ends.split()
-        )  # fmt: skip
-        sizes.append(max(scale * inputs.number(name, default=1.0) + less + more, 0.0))
-        centers.append(0.5 * (more - less))
-    shift = np.eye(4)
-    shift[: len(centers), 3] = centers
-    return Blocker(
-        inputs.path, 0.5 * np.array([*sizes, 0.0][:3]),
-        inputs.number("radius", default=radius), inputs.number("edge", "edgeThickness", default=0.0), flat=flat,
-        frame=inputs.frame() @ shift,
-    )  # fmt: skip
+    half, shift = np.zeros(3), np.eye(4)
+    for axis, (name, before, after) in enumerate(_SIDES[: 2 if flat else 3]):
+        scale = inputs.number(f"scale{name.title()}", 1.0)
+        less, more = (inputs.number(end, 0.0, -np.inf) for end in (before, after))
+        half[axis] = 0.5 * max(scale * inputs.number(name, 1.0) + less + more, 0.0)
+        shift[axis, 3] = 0.5 * (more - less)
+    radius, edge = inputs.number("radius", radius), inputs.number("edge", 0.0)
+    return Blocker(inputs.path, half, radius, edge, flat=flat, frame=inputs.frame() @ shift)
+
+
+_SIDES = (("width", "left", "right"), ("height", "bottom", "top"), ("depth", "back", "front"))
 
 
 def _density(inputs: Inputs) -> float:
     return inputs.reading.clipped(inputs.shader, inputs.name("density"), 1.0, 0.0, 1.0)
 
 
-def _pxr_rod(inputs: Inputs, light: Light) -> Light:
+def _pxr_rod(inputs: Inputs, light: Light) -> list[LightFilter]:
     """Read RenderMan's rod or blocker: light in the shape is multiplied, because the lit point alone is asked."""
-    return _inside(inputs, light, _rod(inputs, 0.5), np.full(3, inputs.number("intensity", default=0.0)))
+    return _inside(inputs, _rod(inputs, 0.5), np.full(3, inputs.number("intensity", 0.0)))
 
 
-def _moonray_rod(inputs: Inputs, light: Light) -> Light:
-    color = np.array(inputs.color("color", default=(0, 0, 0))) * inputs.number("intensity", default=1.0)
-    return _inside(inputs, light, _rod(inputs, 0.0), color)
+def _moonray_rod(inputs: Inputs, light: Light) -> list[LightFilter]:
+    return _inside(inputs, _rod(inputs, 0.0), inputs.color("color", 0.0) * inputs.number("intensity", 1.0))
 
 
-def _inside(inputs: Inputs, light: Light, rod: Blocker, color: Array) -> Light:
+def _inside(inputs: Inputs, rod: Blocker, color: Array) -> list[LightFilter]:
     left = color_of(1 + _density(inputs) * (color - 1), "color")
-    return _added(light, replace(rod, where="inside", invert=inputs.flag("invert"), color=left))
+    return [replace(rod, where="inside", invert=inputs.flag("invert"), color=left)]
 
 
-def _arnold_blocker(inputs: Inputs, light: Light) -> Light:
-    """Read Arnold's light_blocker: a shape one unit wide, whose place is a matrix."""
-    shape = str(inputs.token("geometry_type", default="box"))
-    if shape not in ("box", "sphere", "plane"):
-        raise inputs.fail("geometry_type", f"is '{shape}', which is not rendered: expected box, sphere or plane")
-    box, radius = _sizes(shape, 0.5, 1.0, 1.0, 1.0)
-    name = inputs.name("geometry_matrix")
-    matrix = inputs.reading.value(inputs.shader, name)
-    frame = inputs.frame() if matrix is None else inputs.reading.matrix(inputs.shader, matrix)
-    color = (1 - _density(inputs),) * 3
-    blocker = Blocker(inputs.path, box, radius, color=color, flat=shape == "plane", frame=frame)
-    return _added(light, blocker)
-
-
-def _barn(inputs: Inputs, light: Light) -> Light:
+def _barn(inputs: Inputs, light: Light) -> list[LightFilter]:
     """Read barn doors with a place of their own: light passes through a rectangle, and is blocked beside it."""
-    before = inputs.token("preBarn", "preBarnEffect", default="noEffect")
+    before = inputs.token("preBarn", "noEffect")
     if before not in ("noEffect", "cone", 0, 1):
         inputs.warn("preBarn", f"is {before}: expected noEffect or cone; noEffect is used")
-    if inputs.token("barnMode", default="physical") not in ("physical", 0):
+    if inputs.token("barnMode", "physical") not in ("physical", 0):
         inputs.warn("barnMode", "is not rendered: light passes the barn as through an open window, as with physical")
     doors = replace(
         _rod(inputs, 0.0, flat=True), invert=not inputs.flag("invert"), color=(1 - _density(inputs),) * 3,
         where="along" if before in ("cone", 1) else "behind",
     )  # fmt: skip
-    color = np.array(inputs.color("color", default=(1, 1, 1))) * inputs.number("intensity", default=1.0)
-    return _scaled(inputs, _added(light, doors), color)
+    return [doors, *_scaled(inputs, inputs.color("color", 1.0) * inputs.number("intensity", 1.0))]
 
 
-def _doors(inputs: Inputs, light: Light, sides: Array, edge: float, invert: bool = False) -> Light:
-    """Return a light with doors at the lamp; `sides` are left, right, bottom and top of the opening, 0 to 1."""
+def _doors(inputs: Inputs, light: Light, sides: Sequence[float], invert: bool = False) -> list[LightFilter]:
+    """Return doors at the lamp; `sides` are left, right, bottom and top of the opening, 0 to 1."""
     place = light.slide(Gobo(np.ones((1, 1, 1)))) if isinstance(light, SphereLight) else None
-    if place is None:
+    if place is None or not isinstance(light, SphereLight):
         inputs.reading.warn(inputs.prim, f"is not rendered on {light.name}: expected a sphere light")
-        return light
+        return []
     left, right, bottom, top = sides
     if right <= left or top <= bottom:
-        return light if invert else _scaled(inputs, light, np.zeros(3))
-    assert isinstance(light, SphereLight)
+        return [] if invert else _scaled(inputs, np.zeros(3))
     far = _AHEAD * max(light.radius, 1e-3)
     frame = np.eye(4)
-    frame[:3, :3] = np.column_stack([place.right, place.up, place.ahead])
-    frame[:3, :3] *= far * np.array([1, 1, 1 / np.linalg.norm(place.ahead)])
+    frame[:3, :3] = far * np.column_stack([place.right, place.up, unit(place.ahead)])
     offset = (0.5 * (left + right) - 0.5) * place.right + (0.5 * (bottom + top) - 0.5) * place.up + place.ahead
     frame[:3, 3] = light.center + far * offset
     half = 0.5 * np.array([right - left, top - bottom, 0.0])
-    name = inputs.path
-    return _added(light, Blocker(name, half, 0.0, edge, where="along", invert=not invert, flat=True, frame=frame))
+    edge = _edge(inputs)
+    return [Blocker(inputs.path, half, 0.0, edge, where="along", invert=not invert, flat=True, frame=frame)]
 
 
-def _one(inputs: Inputs, names: list[str]) -> float:
-    """Return the mean of numbers that are expected to be equal."""
-    values = [inputs.number(each, default=0.0) for each in names]
+def _edge(inputs: Inputs) -> float:
+    """Return the edge of doors, the mean of all; in Karma `leftedge`, in Arnold `barndoor_left_edge`."""
+    name = "barndoor_{}_edge" if _plain(inputs.kind) == "barndoor" else "{}edge"
+    names = [name.format(side) for side in ("left", "right", "bottom", "top")]
+    values = [inputs.number(each, 0.0) for each in names]
     if max(values) > min(values):
         inputs.warn(names[0], f"differs from those of the other doors: {np.mean(values):.4g} is used for all")
     return float(np.mean(values))
 
 
-def _arnold_doors(inputs: Inputs, light: Light) -> Light:
+def _arnold_doors(inputs: Inputs, light: Light) -> list[LightFilter]:
     """Read Arnold's barn doors: each door's edge is at two places of the cone's square, from its left and its top."""
 
-    def place(side: str, ends: str, default: float) -> float:
-        values = [inputs.number(f"barndoor_{side}_{end}", default=default) for end in ends.split()]
-        if values[0] != values[1]:
-            text = f"is {values[0]:g} and at the other end {values[1]:g}: doors are straight, at the mean"
-            inputs.warn(f"barndoor_{side}_{ends.split()[0]}", text)
-        return 0.5 * sum(values)
+    def place(side: str, ends: Sequence[str], default: float) -> float:
+        names = [f"barndoor_{side}_{end}" for end in ends]
+        first, second = (inputs.number(name, default) for name in names)
+        if first != second:
+            inputs.warn(names[0], f"is {first:g} and at the other end {second:g}: doors are straight, at the mean")
+        return 0.5 * (first + second)
 
-    left, right = place("left", "top bottom", 0.0), place("right", "top bottom", 1.0)
-    top, bottom = place("top", "left right", 0.0), place("bottom", "left right", 1.0)
-    edge = _one(inputs, [f"barndoor_{side}_edge" for side in ("left", "right", "top", "bottom")])
-    return _doors(inputs, light, np.array([left, right, 1 - bottom, 1 - top]), edge)
+    left, right = (place(side, ("top", "bottom"), default) for side, default in (("left", 0.0), ("right", 1.0)))
+    top, bottom = (place(side, ("left", "right"), default) for side, default in (("top", 0.0), ("bottom", 1.0)))
+    return _doors(inputs, light, (left, right, 1 - bottom, 1 - top))
 
 
-def _karma_doors(inputs: Inputs, light: Light) -> Light:
+def _karma_doors(inputs: Inputs, light: Light) -> list[LightFilter]:
     """Read Karma's barn doors, each of which covers a fraction of the cone from its side."""
-    left, right, bottom, top = (inputs.number(each, default=0.0) for each in ("left", "right", "bottom", "top"))
-    edge = _one(inputs, [f"{each}edge" for each in ("left", "right", "bottom", "top")])
-    light = _doors(inputs, light, np.array([left, 1 - right, bottom, 1 - top]), edge, inputs.flag("invert"))
-    return _scaled(inputs, light, inputs.gain)
+    left, right, bottom, top = (inputs.number(each, 0.0) for each in ("left", "right", "bottom", "top"))
+    doors = _doors(inputs, light, (left, 1 - right, bottom, 1 - top), inputs.flag("invert"))
+    return [*doors, *_scaled(inputs, inputs.gain)]
 
 
 # -- Ramps ------------------------------------------------------------------------------------------------------------
 
 
-def _ramp(inputs: Inputs, light: Light, knots: Array, colors: Array, steps: Any = "linear") -> Light:
-    """Return a light with a ramp; `steps` is the interpolation of all knots, or that of each."""
+def _ramp(inputs: Inputs, light: Light, knots: Array, colors: Array, steps: Any = "linear") -> list[LightFilter]:
+    """Return a ramp; `steps` is the interpolation of all knots, or that of each."""
     if isinstance(light, DistantLight | DomeLight):
         inputs.reading.warn(inputs.prim, f"is not rendered on {light.name}, which is infinitely far away")
-        return light
+        return []
     order = np.argsort(knots, kind="stable")
     knots, colors = knots[order], colors[order]
     kinds = np.resize(np.array(steps if isinstance(steps, str) else list(steps), dtype=object), len(knots))
     places, values = [knots[:1]], [colors[:1]]
-    for number, kind in enumerate(kinds[:-1]):
-        part = np.array([1.0])
-        if str(kind) in ("none", "constant", "0"):
+    for number, kind in enumerate(map(str, kinds[:-1])):
+        part = eased = np.array([1.0])
+        if kind in ("none", "constant", "0"):
             part, eased = np.array([1.0, 1.0]), np.array([0.0, 1.0])
-        elif str(kind) in ("linear", "1"):
-            eased = part
-        else:
+        elif kind not in ("linear", "1"):
             part = np.arange(1, _PIECES + 1) / _PIECES
             eased = part * part * (3 - 2 * part)
         places.append(knots[number] + part * (knots[number + 1] - knots[number]))
         values.append(colors[number] + eased[:, None] * (colors[number + 1] - colors[number]))
-    name = inputs.path
-    return _added(light, DistanceRamp(name, np.concatenate(places), np.maximum(np.concatenate(values), 0)))
+    return [DistanceRamp(inputs.path, np.concatenate(places), np.maximum(np.concatenate(values), 0))]
 
 
-def _own_ramp(inputs: Inputs, light: Light) -> Light:
-    known = definitions(RAMP)
+def _own_ramp(inputs: Inputs, light: Light) -> list[LightFilter]:
     distances, colors, interpolation = (
-        known[PREFIX + each].read(inputs.reading, inputs.shader) for each in ("distances", "colors", "interpolation")
+        read_attribute(inputs.reading, inputs.shader, RAMP, each) for each in ("distances", "colors", "interpolation")
     )
     if len(distances) != len(colors) or not distances:
         text = f"has {len(colors)} colours: expected one for each of {len(distances)} distances"
@@ -284,71 +267,65 @@ def _own_ramp(inputs: Inputs, light: Light) -> Light:
     return _ramp(inputs, light, np.array(distances, dtype=np.float64), np.array(colors), interpolation)
 
 
-def _color_ramp(inputs: Inputs, light: Light) -> Light:
+def _color_ramp(inputs: Inputs, light: Light) -> list[LightFilter]:
     """Read PxrRamp and MoonRay's ColorRamp."""
-    mode = inputs.token("rampMode", "mode", default="distanceToLight")
+    mode = inputs.token("rampMode", "distanceToLight")
     if mode not in ("distanceToLight", 0) or inputs.flag("use_xform"):
         text = f"has the mode {mode}, which is not rendered: expected the distance to the light; it is left out"
         inputs.reading.warn(inputs.prim, text)
-        return light
-    begin = inputs.number("beginDist", "beginDistance", "begin_distance", default=0.0)
-    end = inputs.number("endDist", "endDistance", "end_distance", default=1.0)
-    knots = inputs.array("colorRamp_Knots", "colorRamp:knots", "distances")
-    colors = inputs.array("colorRamp_Colors", "colorRamp:colors", "colors", columns=3)
-    knots = np.array([[0.0], [1.0]]) if knots is None else knots
-    colors = np.array([[1.0] * 3, [0.0] * 3]) if colors is None else colors
-    steps = inputs.token("colorRamp_Interpolation", "colorRamp:interpolation", "interpolation_types", default="linear")
+        return []
+    begin, end = inputs.number("beginDist", 0.0), inputs.number("endDist", 1.0)
+    knots = inputs.array("colorRamp_Knots", [[0.0], [1.0]])
+    colors = inputs.array("colorRamp_Colors", [[1.0] * 3, [0.0] * 3])
     if len(knots) == len(colors) + 4 or len(knots) == len(colors) + 2:  # RenderMan repeats the ends of its ramps
         knots = knots[(len(knots) - len(colors)) // 2 :][: len(colors)]
     if len(knots) != len(colors):
-        raise inputs.fail("colors", f"has {len(colors)} colours: expected {len(knots)}, one for each knot")
-    colors = 1 + _density(inputs) * (colors * inputs.number("intensity", default=1.0) - 1)
+        text = f"has {len(colors)} colours: expected {len(knots)}, one for each knot"
+        raise inputs.fail("colorRamp_Colors", text)
+    colors = 1 + _density(inputs) * (colors * inputs.number("intensity", 1.0) - 1)
+    steps = inputs.token("colorRamp_Interpolation", "linear")
     return _ramp(inputs, light, begin + (end - begin) * knots[:, 0], colors, steps)
 
 
-def _decay(inputs: Inputs, light: Light) -> Light:
+def _decay(inputs: Inputs, light: Light) -> list[LightFilter]:
     """Read Arnold's light_decay and MoonRay's Decay: light fades in near the lamp, and out far from it."""
     knots: list[float] = []
-    if inputs.flag("use_near_atten") or inputs.flag("falloff_near"):
-        knots += [inputs.number("near_start", default=0.0), inputs.number("near_end", default=0.0)]
-    near = len(knots)
-    if inputs.flag("use_far_atten") or inputs.flag("falloff_far"):
-        knots += [inputs.number("far_start", default=0.0), inputs.number("far_end", default=0.0)]
+    factors: list[float] = []
+    for end, ramp in (("near", (0.0, 1.0)), ("far", (1.0, 0.0))):
+        if inputs.flag(f"use_{end}_atten"):
+            knots += [inputs.number(f"{end}_start", 0.0), inputs.number(f"{end}_end", 0.0)]
+            factors += ramp
     if not knots:
-        return light
-    factors = ([0.0, 1.0] if near else []) + ([1.0, 0.0] if len(knots) > near else [])
+        return []
     return _ramp(inputs, light, np.maximum.accumulate(knots), np.repeat(np.array(factors)[:, None], 3, axis=1))
 
 
-def _intensity(inputs: Inputs, light: Light) -> Light:
+def _intensity(inputs: Inputs, light: Light) -> list[LightFilter]:
     """Read filters that change all of a light: PxrIntMult, MoonRay's Intensity, Karma's gel."""
-    return _scaled(inputs, light, inputs.gain * np.array(inputs.color("color", default=(1, 1, 1))))
+    return _scaled(inputs, inputs.gain * inputs.color("color", 1.0))
 
 
 # -- Images -----------------------------------------------------------------------------------------------------------
 
 
 def _gobo(inputs: Inputs, light: Light) -> Light:
-    """Read an image before the light, which becomes its gobo: Arnold's and Karma's gobo, PxrGobo."""
+    """Return a light with an image before it as its gobo: Arnold's and Karma's gobo, PxrGobo."""
     if light.gobo is not None:
         inputs.reading.warn(inputs.prim, f"is not rendered: {light.name} has another gobo")
         return light
-    for prim in (inputs.shader, *_sources(inputs.shader)):
-        for attribute in prim.GetAuthoredAttributes():
-            if isinstance(inputs.reading.value(prim, attribute.GetName()), Sdf.AssetPath):
-                inputs.used.add(attribute.GetName().rsplit(":", 1)[-1])
-                image = read_image(inputs.reading, prim, attribute.GetName())
+    sources = UsdShade.ConnectableAPI(inputs.shader).GetInputs()
+    connected = (source.source.GetPrim() for each in sources for source in each.GetConnectedSources()[0])
+    for prim in (inputs.shader, *connected):
+        for name in (each.GetName() for each in prim.GetAuthoredAttributes()):
+            if isinstance(inputs.reading.value(prim, name), Sdf.AssetPath):
+                inputs.used.add(name.rsplit(":", 1)[-1])
+                image = read_image(inputs.reading, prim, name)
                 return light if image is None else replace(light, gobo=Gobo(image))
     inputs.reading.warn(inputs.prim, f"names no image: {light.name} shines without it")
     return light
 
 
-def _sources(prim: Usd.Prim) -> list[Usd.Prim]:
-    """Return the shaders that are connected to a shader's inputs."""
-    inputs = UsdShade.ConnectableAPI(prim).GetInputs()
-    return [source.source.GetPrim() for each in inputs for source in each.GetConnectedSources()[0]]
-
-
+_GOBOS = ("gobo", "kmalfiltergobo", "pxrgobolightfilter")
 _READERS: dict[str, Reader] = {
     "photonbeamsblockerfilter": _own_blocker,
     "photonbeamsrampfilter": _own_ramp,
@@ -367,7 +344,4 @@ _READERS: dict[str, Reader] = {
     "pxrintmultlightfilter": _intensity,
     "intensitylightfilter": _intensity,
     "kmalfiltergel": _intensity,
-    "gobo": _gobo,
-    "kmalfiltergobo": _gobo,
-    "pxrgobolightfilter": _gobo,
 }

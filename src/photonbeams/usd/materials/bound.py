@@ -16,10 +16,10 @@ from ..common.reading import Reading, is_relationship, target_paths
 from .bumps import BUMPS
 from .images import IMAGES
 from .kept import kept
-from .network import Network, Surface, broken, shader_id
-from .nodes import NODES
+from .network import Network, ShaderNode, Surface, broken
+from .nodes import NODES, ignored
 from .ramps import RAMPS
-from .surfaces import SURFACES, category, surface_of
+from .surfaces import SURFACES, surface_of
 from .values import Image, PrimvarValue, Value, as_color, as_number, constant, mapped
 
 COLORS = ("diffuse", "emissive", "tint")
@@ -57,19 +57,17 @@ class Bound:
 
 
 _GREY = "displayColor or grey is used"
+#: Readers of all nodes.
+READERS = {**NODES, **IMAGES, **RAMPS, **BUMPS}
 
-
-def _unbound() -> Bound:
-    """Return the default where no material is bound: grey, with `displayColor` and `displayOpacity`."""
-    grey = Material()
-    primvars = {
-        "diffuse": PrimvarValue("displayColor", np.array(grey.diffuse)),
+# The default where no material is bound: grey, with `displayColor` and `displayOpacity`.
+_UNBOUND = Bound(
+    Material(),
+    primvars={
+        "diffuse": PrimvarValue("displayColor", np.array(Material().diffuse)),
         "opacity": PrimvarValue("displayOpacity", np.ones(1)),
-    }
-    return Bound(grey, {}, primvars)
-
-
-_UNBOUND = _unbound()
+    },
+)
 
 
 def bound_to(
@@ -123,54 +121,55 @@ def _warn_of_missing(reading: Reading, prim: Usd.Prim) -> None:
 
 def _read(reading: Reading, material: UsdShade.Material) -> Bound:
     """Return the first of a material's surfaces that loses nothing, or else the one that loses least."""
-    found: list[tuple[int, Network, Surface]] = []
+    best: tuple[int, Network, Surface] | None = None
     unknown = []
-    for shader in _surfaces(material):
-        network = Network(reading, {**NODES, **IMAGES, **RAMPS, **BUMPS})
-        surface = surface_of(network, shader)
+    for node in _surfaces(reading, material):
+        surface = surface_of(node)
         if surface is None:
-            unknown.append(shader_id(shader) or "without an id")
+            unknown.append(node.label or "without an id")
             continue
-        found.append((len(network.losses) + (category(shader) not in SURFACES), network, surface))
-        if not network.losses:
+        losses = len(node.network.losses) + (node.category not in SURFACES)
+        if best is None or losses < best[0]:
+            best = losses, node.network, surface
+        if not node.network.losses:
             break
-    if not found:
+    prim = material.GetPrim()
+    if best is None:
         problems = (each for output in material.GetSurfaceOutputs() for each in broken(output.GetAttr(), _GREY))
         if (problem := next(problems, None)) is not None:
             reading.lack(*problem)
-            return _UNBOUND
-        name = unknown[0] if unknown else "none"
-        text = f"has a surface shader '{name}': expected UsdPreviewSurface, standard_surface or open_pbr_surface"
-        reading.warn(material.GetPrim(), f"{text}; {_GREY}")
+        else:
+            text = f"has a surface shader '{[*unknown, 'none'][0]}': expected UsdPreviewSurface, standard_surface or"
+            reading.warn(prim, f"{text} open_pbr_surface; {_GREY}")
         return _UNBOUND
-    _, network, surface = min(found, key=lambda each: each[0])
+    _, network, surface = best
     for tell in network.losses:
         tell()
     bound = _bound(reading, material, surface)
-    if wrote_prim(material.GetPrim()) and "glass" in material.GetPrim().GetName().lower():
+    if wrote_prim(prim) and "glass" in prim.GetName().lower():
         _warn_of_glass(reading, material, bound.material)
     return bound
 
 
-def _surfaces(material: UsdShade.Material) -> Iterator[UsdShade.Shader]:
-    """Yield a material's surface shaders, those of preferred renderers first."""
+def _surfaces(reading: Reading, material: UsdShade.Material) -> Iterator[ShaderNode]:
+    """Yield a material's surface shaders, those of preferred renderers first, each with a network of its own."""
     contexts = [str(output.GetFullName()).removeprefix("outputs:").rpartition("surface")[0].strip(":")
                 for output in material.GetSurfaceOutputs()]  # fmt: skip
-    known = [each for each in _CONTEXTS if each in contexts or not each]
+    preferred = [each for each in _CONTEXTS if each in contexts or not each]
     seen = set()
-    for context in [*known, *sorted(set(contexts) - set(known))] if contexts else [""]:
+    for context in [*preferred, *sorted(set(contexts) - set(preferred))] if contexts else [""]:
         shader, _, _ = material.ComputeSurfaceSource(context)
         if shader and shader.GetPath() not in seen:
             seen.add(shader.GetPath())
-            yield shader
+            yield ShaderNode(Network(reading, READERS, ignored), shader)
 
 
 def _warn_of_glass(reading: Reading, material: UsdShade.Material, read: Material) -> None:
     """Warn if a surface that Blender calls glass is opaque, with the flag that makes it clear."""
-    previews = (each for each in _surfaces(material) if category(each) == "UsdPreviewSurface")
-    shader = next(previews, None)
-    if shader is not None and isinstance(read.opacity, float | int) and read.opacity == 1:
-        flag = f"--set '{shader.GetPath().AppendProperty('inputs:opacity')}=0'"
+    nodes = (each for each in _surfaces(reading, material) if each.category == "UsdPreviewSurface")
+    node = next(nodes, None)
+    if node is not None and isinstance(read.opacity, float | int) and read.opacity == 1:
+        flag = f"--set '{node.shader.GetPath().AppendProperty('inputs:opacity')}=0'"
         text = f"is opaque, because Blender writes no transmission, and no light passes it; for glass: {flag}"
         reading.warn(material.GetPrim(), text)
 

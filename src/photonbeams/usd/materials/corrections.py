@@ -84,21 +84,19 @@ def materialx_corrected(
 
 
 #: Functions by the names of their nodes, with the inputs of each and their defaults.
-CORRECTIONS: dict[str, tuple[Callable[..., Array], tuple[tuple[str, Any], ...]]] = {
-    "colorcorrect": (
-        materialx_corrected,
-        (("in", 1.0), ("hue", 0.0), ("saturation", 1.0), ("gamma", 1.0), ("lift", 0.0), ("gain", 1.0),
-         ("contrast", 1.0), ("contrastpivot", 0.5), ("exposure", 0.0)),
-    ),
-    "arnold:color_correct": (
-        arnold_corrected,
-        (("input", 0.0), ("gamma", 1.0), ("hue_shift", 0.0), ("saturation", 1.0), ("contrast", 1.0),
-         ("contrast_pivot", 0.18), ("exposure", 0.0), ("multiply", 1.0), ("add", 0.0), ("mask", 1.0)),
-    ),
-    "hsvadjust": (hsv_adjusted, (("in", 0.0), ("amount", (0.0, 1.0, 1.0)))),
-    "saturate": (saturated, (("in", 0.0), ("amount", 1.0))),
-    "contrast": (contrasted, (("in", 0.0), ("amount", 1.0), ("pivot", 0.5))),
-    "rgbtohsv": (to_hsv, (("in", 0.0),)),
-    "hsvtorgb": (from_hsv, (("in", 0.0),)),
-    "luminance": (lambda colors: np.repeat(luminance(colors), 3, axis=-1), (("in", 0.0),)),
+CORRECTIONS: dict[str, tuple[Callable[..., Array], dict[str, Any]]] = {
+    "colorcorrect": (materialx_corrected, {
+        "in": 1.0, "hue": 0.0, "saturation": 1.0, "gamma": 1.0, "lift": 0.0, "gain": 1.0, "contrast": 1.0,
+        "contrastpivot": 0.5, "exposure": 0.0,
+    }),
+    "arnold:color_correct": (arnold_corrected, {
+        "input": 0.0, "gamma": 1.0, "hue_shift": 0.0, "saturation": 1.0, "contrast": 1.0, "contrast_pivot": 0.18,
+        "exposure": 0.0, "multiply": 1.0, "add": 0.0, "mask": 1.0,
+    }),
+    "hsvadjust": (hsv_adjusted, {"in": 0.0, "amount": (0.0, 1.0, 1.0)}),
+    "saturate": (saturated, {"in": 0.0, "amount": 1.0}),
+    "contrast": (contrasted, {"in": 0.0, "amount": 1.0, "pivot": 0.5}),
+    "rgbtohsv": (to_hsv, {"in": 0.0}),
+    "hsvtorgb": (from_hsv, {"in": 0.0}),
+    "luminance": (lambda colors: np.repeat(luminance(colors), 3, axis=-1), {"in": 0.0}),
 }  # fmt: skip

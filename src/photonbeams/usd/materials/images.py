@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from ...scene import Array, rgb
 from ..common.openusd import Ar, Sdf, Usd, UsdShade
 from ..common.reading import Reading
 from ..common.textures import find_image, image_at, known_space, resolved, texture_limit
-from .network import Network, Node, category, is_output
-from .values import Image, Tiles, Value, mapped
+from .network import NodeReader, ShaderNode, is_output
+from .values import Image, Tiles, Value, mapped, resized
 
 _WRAPS = {
     "repeat": "repeat", "clamp": "clamp", "mirror": "mirror", "black": "black", "useMetadata": "",
@@ -23,150 +23,179 @@ _LONGEST = 16  # transforms of UVs in a chain, which also ends loops
 _UDIM = re.compile(r"<UDIM>|%\(UDIM\)d|<udim>")
 
 
-def _usd_uv_texture(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+def _usd_uv_texture(node: ShaderNode) -> Value | None:
     """Read a UsdUVTexture: four channels, with scale and bias, or its fallback if there is no image."""
-    fallback = network.value(node, "fallback")
-    pixels = _pixels(network, node, "file", str(network.plain(node, "sourceColorSpace", "auto")), fallback)
-    if pixels is None:
-        return fallback
-    scale, bias = network.vector(node, "scale", (1.0,) * 4), network.vector(node, "bias", (0.0,) * 4)
-    wrap = _wraps(network, node, ("wrapS", "wrapT"), "useMetadata", "file")
-    image = _placed(network, node, pixels, wrap, coordinates(network, node, "st"))
-    return image if np.all(scale == 1) and np.all(bias == 0) else mapped(lambda values: values * scale + bias, image)
+    space = node.text("sourceColorSpace", "auto")
+    image = read_image(node, "file", space, missing="fallback", wraps=("wrapS", "wrapT"), wrap="useMetadata", uvs="st")
+    return _scaled(image, node.vector("scale", (1.0,) * 4), node.vector("bias", (0.0,) * 4))
 
 
-def _materialx_image(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+def _materialx_image(node: ShaderNode) -> Value | None:
     """Read MaterialX's `image`, `tiledimage` and `gltf_colorimage`; only files of colours have a colour space."""
-    name = str(node.GetShaderId())
-    default = network.value(node, "default")
+    name = node.label
     # As in Storm and Karma, 8-bit files of colours are sRGB unless they say otherwise.
     space = "auto" if "color" in name.removeprefix("ND_gltf_color") else "raw"
-    pixels = _pixels(network, node, "file", space, default)
-    if pixels is None:
-        return default
-    wrap = _wraps(network, node, ("uaddressmode", "vaddressmode"), "periodic", "file")
-    uv_name, transform = coordinates(network, node, "texcoord")
+    placed = np.eye(3)
     if "tiledimage" in name:
-        size = network.vector(node, "realworldtilesize", (1.0, 1.0))
-        size = size / np.maximum(network.vector(node, "realworldimagesize", (1.0, 1.0)), 1e-9)
-        tiling, offset = network.vector(node, "uvtiling", (1.0, 1.0)), network.vector(node, "uvoffset", (0.0, 0.0))
-        transform = affine(np.diag(size * tiling), -offset * size) @ transform
-    image = _placed(network, node, pixels, wrap, (uv_name, transform))
-    single = re.search(r"_float\b|_float$", name)
-    return mapped(lambda values: values[..., :1], image) if single else image
-
-
-def _arnold_image(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    missing = network.value(node, "missing_texture_color")
-    missing = missing if network.plain(node, "ignore_missing_textures", False) else None
-    space = str(network.plain(node, "color_space", "auto"))
-    pixels = _pixels(network, node, "filename", space, missing)
-    if pixels is None:
-        return missing
-    wrap = _wraps(network, node, ("swrap", "twrap"), "periodic", "filename")
-    uv_name, transform = coordinates(network, node, "uvcoords")
-    uv_name = str(network.plain(node, "uvset", "")) or uv_name
-    scale, offset = (
-        [float(network.vector(node, f"{axis}{name}", (default,))[0]) for axis in "st"]
-        for name, default in (("scale", 1.0), ("offset", 0.0))
+        size = node.vector("realworldtilesize", (1.0, 1.0))
+        size = size / np.maximum(node.vector("realworldimagesize", (1.0, 1.0)), 1e-9)
+        tiling, offset = node.vector("uvtiling", (1.0, 1.0)), node.vector("uvoffset", (0.0, 0.0))
+        placed = affine(np.diag(size * tiling), -offset * size)
+    image = read_image(
+        node, "file", space, missing="default", wraps=("uaddressmode", "vaddressmode"), uvs="texcoord", placed=placed
     )
-    transform = affine(np.diag(scale), np.array(offset)) @ transform
-    flipped = np.array([bool(network.plain(node, name, False)) for name in ("sflip", "tflip")], dtype=float)
-    transform = affine(np.diag(1 - 2 * flipped), flipped) @ transform
-    if network.plain(node, "swap_st", False):
-        transform = np.eye(3)[[1, 0, 2]] @ transform
-    image = _placed(network, node, pixels, wrap, (uv_name, transform))
-    factor, added = network.vector(node, "multiply", (1.0,) * 3), network.vector(node, "offset", (0.0,) * 3)
-    if np.all(factor == 1) and np.all(added == 0):
+    single = isinstance(image, Image) and re.search(r"_float\b|_float$", name)
+    return mapped(lambda values: values[..., :1], image) if image is not None and single else image
+
+
+def _arnold_image(node: ShaderNode) -> Value | None:
+    scale, offset = ([node.scalar(f"{axis}{name}", default) for axis in "st"]
+                     for name, default in (("scale", 1.0), ("offset", 0.0)))  # fmt: skip
+    flipped = np.array([node.flag(name) for name in ("sflip", "tflip")], dtype=float)
+    placed = affine(np.diag(1 - 2 * flipped), flipped) @ affine(np.diag(scale), np.array(offset))
+    if node.flag("swap_st"):
+        placed = placed[[1, 0, 2]]
+    missing = "missing_texture_color" if node.flag("ignore_missing_textures") else ""
+    image = read_image(
+        node, "filename", node.text("color_space", "auto"), missing=missing, wraps=("swrap", "twrap"), uvs="uvcoords",
+        placed=placed, uv_name=node.text("uvset"),
+    )  # fmt: skip
+    return _scaled(image, node.vector("multiply", (1.0,) * 3), node.vector("offset", (0.0,) * 3))
+
+
+def _renderman_texture(node: ShaderNode) -> Value | None:
+    space = "sRGB" if node.flag("linearize") else "raw"
+    return read_image(node, "filename", space, missing="missingColor", uvs="manifold")
+
+
+def _scaled(image: Value | None, factor: Array, added: Array) -> Value | None:
+    """Return an image whose first channels are multiplied, and to which numbers are added; no other value changes."""
+    count = len(factor)
+    if not isinstance(image, Image) or (np.all(factor == 1) and np.all(added == 0)):
         return image
 
-    def adjusted(values: Array) -> Array:
-        return np.concatenate([rgb(values) * factor + added, values[..., 3:]], axis=-1)
+    def scaled(values: Array) -> Array:
+        return np.concatenate([values[..., :count] * factor + added, values[..., count:]], axis=-1)
 
-    return mapped(adjusted, image)
-
-
-def _renderman_texture(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    space = "sRGB" if network.plain(node, "linearize", 0) else "raw"
-    pixels = _pixels(network, node, "filename", space, None)
-    if pixels is None:
-        return network.value(node, "missingColor")
-    return _placed(network, node, pixels, ("repeat", "repeat"), coordinates(network, node, "manifold"))
+    return mapped(scaled, image)
 
 
 _SQUARE = 64  # pixels a side of a checkerboard's square, which limits how sharp its edges are
 
 
-def _checkerboard(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-    """Read Arnold's checkerboard, or MaterialX's, as an image of two by two squares."""
-    if str(node.GetShaderId()).startswith("arnold:"):
-        first, second = (network.vector(node, name, (value,) * 3) for name, value in (("color1", 1.0), ("color2", 0.0)))
-        frequency = [float(network.vector(node, f"{axis}_frequency", (1.0,))[0]) for axis in "uv"]
-        offset = [float(network.vector(node, f"{axis}_offset", (0.0,))[0]) for axis in "uv"]
-        uv_name, transform = str(network.plain(node, "uvset", "")), np.eye(3)
-        placed = affine(np.diag(frequency), np.array(offset))
-    else:
-        first, second = (network.vector(node, name, (value,) * 3) for name, value in (("color2", 0.0), ("color1", 1.0)))
-        uv_name, transform = coordinates(network, node, "texcoord")
-        placed = np.diag([*(0.5 * network.vector(node, "uvtiling", (8.0, 8.0))), 1.0])
-    pattern = np.kron(np.array([[1, 0], [0, 1]]), np.ones((_SQUARE, _SQUARE)))[..., None]
+def _arnold_checkerboard(node: ShaderNode) -> Value:
+    frequency, offset = ([node.scalar(f"{axis}_{name}", default) for axis in "uv"]
+                         for name, default in (("frequency", 1.0), ("offset", 0.0)))  # fmt: skip
+    colors = node.vector("color1", (1.0,) * 3), node.vector("color2", (0.0,) * 3)
+    return _checkerboard(colors, affine(np.diag(frequency), np.array(offset)), node.text("uvset"))
+
+
+def _materialx_checkerboard(node: ShaderNode) -> Value:
+    uv_name, transform = coordinates(node, "texcoord")
+    placed = np.diag([*(0.5 * node.vector("uvtiling", (8.0, 8.0))), 1.0])
+    colors = node.vector("color2", (0.0,) * 3), node.vector("color1", (1.0,) * 3)
+    return _checkerboard(colors, placed @ transform, uv_name)
+
+
+def _checkerboard(colors: tuple[Array, Array], transform: Array, uv_name: str) -> Image:
+    """Return an image of two by two squares, whose upper left one has the first colour."""
+    first, second = colors
+    pattern = np.kron(np.eye(2), np.ones((_SQUARE, _SQUARE)))[..., None]
     pixels = (second + pattern * (first - second)).astype(np.float32)
-    return Image(pixels, ("repeat", "repeat"), placed @ transform, uv_name or "st")
+    return Image(pixels, ("repeat", "repeat"), transform, uv_name or "st")
 
 
-IMAGES: dict[str, Node] = {
+IMAGES: dict[str, NodeReader] = {
     "UsdUVTexture": _usd_uv_texture,
     "HwUvTexture": _usd_uv_texture,
     "image": _materialx_image,
     "tiledimage": _materialx_image,
     "gltf": _materialx_image,
-    "checkerboard": _checkerboard,
+    "checkerboard": _materialx_checkerboard,
     "arnold:image": _arnold_image,
-    "arnold:checkerboard": _checkerboard,
+    "arnold:checkerboard": _arnold_checkerboard,
     "PxrTexture": _renderman_texture,
 }
 
 
-def image_input(network: Network, node: UsdShade.Shader, name: str, space: str = "auto") -> Value | None:
-    """Return the image that an input itself names, as in NVIDIA's shaders, with the UVs `st`."""
-    pixels = _pixels(network, node, name, space, None)
+def read_image(
+    node: ShaderNode,
+    file: str,
+    space: str,
+    *,
+    missing: str = "",
+    wraps: tuple[str, str] = ("", ""),
+    wrap: str = "periodic",
+    uvs: str = "",
+    placed: Array | None = None,
+    uv_name: str = "",
+) -> Value | None:
+    """Return the image that a node's input names, or what it is without the image, or None.
+
+    Parameters
+    ----------
+    file, missing, wraps, uvs
+        The inputs with the file, the value without one, the wrap modes and the coordinates.
+    space, wrap
+        The colour space and the wrap mode if the inputs do not tell.
+    placed
+        Transform of the coordinates, (3, 3), by the node itself.
+    uv_name
+        Primvar of the coordinates; "": the one that their node names, or else st.
+    """
+    fallback = node.value(missing)
+    pixels, tiles = _pixels(node, file, space, "the default" if fallback is None else "its fallback")
     if pixels is None:
-        return None
-    return _placed(network, node, pixels, ("repeat", "repeat"), ("st", np.eye(3)))
+        return fallback
+    modes = _wraps(node, wraps, wrap, file)
+    named, transform = coordinates(node, uvs)
+    if placed is not None:
+        transform = placed @ transform
+    uv_name = uv_name or named or "st"
+    if tiles is None:
+        return Image(pixels, modes, transform, uv_name)
+    corner = np.min(list(tiles.there), axis=0)
+    size = np.max(list(tiles.there), axis=0) - corner + 1
+    square = affine(np.diag(1 / size), -corner / size)
+    return Image(pixels, ("clamp", "clamp"), square, uv_name, tiles=(tiles,)).moved(transform)
 
 
-def _pixels(
-    network: Network, node: UsdShade.Shader, name: str, space: str, fallback: Value | None
-) -> tuple[Array, Tiles | None] | None:
-    """Return pixels with four channels, and how they are tiles, if they are; or None, with a warning."""
-    attribute = network.source(node, name)
-    asset = None if attribute is None else attribute.Get(network.reading.time)
+def _pixels(node: ShaderNode, name: str, space: str, instead: str) -> tuple[Array | None, Tiles | None]:
+    """Return pixels with four channels, or None, with a warning; and how they are tiles, if they are."""
+    attribute, reading = node.source(name), node.network.reading
+    asset = None if attribute is None else attribute.Get(reading.time)
     if attribute is None or asset is None or is_output(attribute):
-        return None
-    prim, own = attribute.GetPrim(), str(attribute.GetName())
+        return None, None
+    prim, own, tiles = attribute.GetPrim(), str(attribute.GetName()), None
     path = asset.path if isinstance(asset, Sdf.AssetPath) else str(asset)
     if _UDIM.search(path):
-        found, problem = _tiles(network.reading, attribute, _UDIM.sub("<UDIM>", path), space)
+        path = _UDIM.sub("<UDIM>", path)
+        places = _places(reading, attribute, path)
+        pixels, tiles = _atlas(reading, attribute, places, space), Tiles(attribute, frozenset(places))
+        expected = "images that can be read" if places else "files with numbers from 1001 on, but there are none"
+        problem = f"names {path}: expected {expected}" if pixels is None else ""
     else:
-        pixels, problem = find_image(network.reading, prim, own, space)
-        found = None if pixels is None else (pixels, None)
+        pixels, problem = find_image(reading, prim, own, space)
     if problem:
-        instead = "the default" if fallback is None else "its fallback"
-        network.reading.lack(prim, f"{problem}; {instead} is used", own)
-    return None if found is None else (_four_channels(found[0]), found[1])
+        reading.lack(prim, f"{problem}; {instead} is used", own)
+    return None if pixels is None else _four_channels(pixels), tiles
 
 
-def _tiles(
-    reading: Reading, attribute: Usd.Attribute, path: str, space: str
-) -> tuple[tuple[Array, Tiles | None] | None, str]:
-    """Return the tiles of a UDIM texture in one image, and how they lie; or None, and why there is none."""
-    prim, name = attribute.GetPrim(), str(attribute.GetName())
+def _places(reading: Reading, attribute: Usd.Attribute, path: str) -> dict[tuple[int, int], str]:
+    """Return the files of a UDIM texture by column and row."""
     layer = next((spec.layer for spec in attribute.GetPropertyStack(reading.time) if spec.layer), None)
     files = UsdShade.UdimUtils.ResolveUdimTilePaths(path, layer or reading.stage.GetRootLayer())
-    if not files:
-        return None, f"names {path}: expected files with numbers from 1001 on, but there are none"
-    places = {divmod(int(number) - 1001, 10)[::-1]: str(Ar.GetResolver().Resolve(file) or file)
-              for file, number in files}  # fmt: skip
+    return {((int(number) - 1001) % 10, (int(number) - 1001) // 10): str(Ar.GetResolver().Resolve(file) or file)
+            for file, number in files}  # fmt: skip
+
+
+def _atlas(
+    reading: Reading, attribute: Usd.Attribute, places: dict[tuple[int, int], str], space: str
+) -> Array | None:  # fmt: skip
+    """Return tiles of a UDIM texture in one image, which is black where one cannot be read; None if none can."""
+    if not places:
+        return None
+    prim, name = attribute.GetPrim(), str(attribute.GetName())
     corner = np.min(list(places), axis=0)
     columns, rows = np.max(list(places), axis=0) - corner + 1
     known = known_space(reading, prim, name, space)
@@ -176,17 +205,16 @@ def _tiles(
         pixels, problem = image_at(reading, prim, name, file, known, limit)
         if pixels is None:
             reading.lack(prim, f"{problem}; black is used", name)
-            continue
-        tiles[place] = _four_channels(pixels)
+        else:
+            tiles[place] = _four_channels(pixels)
     if not tiles:
-        return None, f"names {path}: expected images that can be read"
+        return None
     height, width = np.max([each.shape[:2] for each in tiles.values()], axis=0)
     atlas = np.zeros((rows * height, columns * width, 4), np.float32)
     for (column, row), pixels in tiles.items():
         top, left = (rows - 1 - (row - corner[1])) * height, (column - corner[0]) * width
-        lines, places_across = (np.arange(n) * own // n for n, own in zip((height, width), pixels.shape, strict=False))
-        atlas[top : top + height, left : left + width] = pixels[np.ix_(lines, places_across)]
-    return (atlas, Tiles(attribute, frozenset(places))), ""
+        atlas[top : top + height, left : left + width] = resized(pixels, (height, width))
+    return atlas
 
 
 def _four_channels(pixels: Array) -> Array:
@@ -198,89 +226,79 @@ def _four_channels(pixels: Array) -> Array:
     return np.concatenate([rgb(pixels), alpha], axis=2)
 
 
-def _placed(
-    network: Network, node: UsdShade.Shader, found: tuple[Array, Tiles | None], wrap: tuple[str, str],
-    coordinates: tuple[str, Array],
-) -> Image:  # fmt: skip
-    pixels, tiles = found
-    uv_name, transform = coordinates
-    if tiles is None:
-        return Image(pixels, wrap, transform, uv_name or "st")
-    corner = np.min(list(tiles.there), axis=0)
-    size = np.max(list(tiles.there), axis=0) - corner + 1
-    square = affine(np.diag(1 / size), -corner / size)
-    return Image(pixels, ("clamp", "clamp"), square, uv_name or "st", tiles=(tiles,)).moved(transform)
-
-
-def _wraps(network: Network, node: UsdShade.Shader, names: tuple[str, str], default: str, file: str) -> tuple[str, str]:
+def _wraps(node: ShaderNode, names: tuple[str, str], default: str, file: str) -> tuple[str, str]:
     """Return the wrap modes that two inputs name; if they leave these to the file, its own modes, or else repeat."""
-    found = []
+    modes = []
     for name in names:
-        value = str(network.plain(node, name, default))
+        value = node.text(name, default)
         if value not in _WRAPS:
-            known = ", ".join(list(_WRAPS)[:5])
-            network.lose(node, f"is '{value}': expected one of {known}; repeat is used", name)
-        found.append(_WRAPS.get(value, "repeat"))
-    if all(found):
-        return found[0], found[1]
-    asset = network.plain(node, file)
-    path = resolved(network.reading, asset) if isinstance(asset, Sdf.AssetPath) and asset.path else ""
-    own = wrap_modes(path) if path and not Ar.IsPackageRelativePath(path) else None
-    first, second = (_WRAPS.get(each, "") or "repeat" for each in own or ("repeat", "repeat"))
-    return found[0] or first, found[1] or second
+            expected = ", ".join(list(_WRAPS)[:5])
+            node.lose(f"is '{value}': expected one of {expected}; repeat is used", name)
+        modes.append(_WRAPS.get(value, "repeat"))
+    if not all(modes):
+        asset = node.plain(file)
+        path = resolved(node.network.reading, asset) if isinstance(asset, Sdf.AssetPath) and asset.path else ""
+        stored = wrap_modes(path) if path and not Ar.IsPackageRelativePath(path) else None
+        of_file = (_WRAPS.get(each, "") or "repeat" for each in stored or ("repeat", "repeat"))
+        modes = [mode or other for mode, other in zip(modes, of_file, strict=True)]
+    return modes[0], modes[1]
 
 
-def coordinates(network: Network, node: UsdShade.Shader, name: str) -> tuple[str, Array]:
+def coordinates(node: ShaderNode, name: str) -> tuple[str, Array]:
     """Return the primvar of an image's UVs, "" if none is named, and their (3, 3) transform."""
     transform = np.eye(3)
     for _ in range(_LONGEST):
-        inner = network.connected(node, name)
+        inner = node.connected(name)
         if inner is None:
             break
-        node, kind = inner, category(inner)
-        if kind in ("UsdPrimvarReader", "HwPrimvar", "PxrManifold2D", "PxrPrimvar"):
-            return str(network.plain(node, "varname", "") or network.plain(node, "primvarS", "")), transform
-        if kind in ("geompropvalue", "texcoord"):
-            return str(network.plain(node, "geomprop", "")), transform
-        if kind not in _TRANSFORMS:
-            network.lose(node, f"is a shader '{node.GetShaderId()}', which is not rendered: UVs are used as they are")
+        node = inner
+        if node.category in _COORDINATES:
+            return next(filter(None, map(node.text, ("varname", "primvarS", "geomprop"))), ""), transform
+        if node.category not in _TRANSFORMS:
+            node.lose(f"is a shader '{node.label}', which is not rendered: UVs are used as they are")
             break
-        name, own = _TRANSFORMS[kind](network, node)
-        transform = transform @ own
+        name, moved = _TRANSFORMS[node.category]
+        transform = transform @ moved(node)
     return "", transform
 
 
-def _usd_transform_2d(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
+def _usd_transform_2d(node: ShaderNode) -> Array:
     """Read a UsdTransform2d: scale, then rotate counter-clockwise by degrees, then translate."""
-    turned = rotation(float(network.vector(node, "rotation", (0.0,))[0]))
-    scale = network.vector(node, "scale", (1.0, 1.0))
-    return "in", affine(turned * scale, network.vector(node, "translation", (0.0, 0.0)))
+    scale = node.vector("scale", (1.0, 1.0))
+    return affine(rotation(node.scalar("rotation", 0.0)) * scale, node.vector("translation", (0.0, 0.0)))
 
 
-def _place_2d(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
+def _place_2d(node: ShaderNode) -> Array:
     """Read MaterialX's place2d: divide by the scale, rotate clockwise, subtract the offset, all about the pivot."""
-    scale = np.diag(1 / np.where((found := network.vector(node, "scale", (1.0, 1.0))) == 0, 1, found))
-    turned = rotation(-float(network.vector(node, "rotate", (0.0,))[0]))
-    offset, pivot = network.vector(node, "offset", (0.0, 0.0)), network.vector(node, "pivot", (0.0, 0.0))
-    if network.plain(node, "operationorder", 0) == 1:
+    scale = np.diag(_inverse(node.vector("scale", (1.0, 1.0))))
+    turned = rotation(-node.scalar("rotate", 0.0))
+    offset, pivot = node.vector("offset", (0.0, 0.0)), node.vector("pivot", (0.0, 0.0))
+    if node.plain("operationorder", 0) == 1:
         linear, moved = scale @ turned, -scale @ turned @ offset
     else:
         linear, moved = turned @ scale, -offset
-    return "texcoord", affine(linear, moved + pivot - linear @ pivot)
+    return affine(linear, moved + pivot - linear @ pivot)
 
 
-def _arithmetic(network: Network, node: UsdShade.Shader) -> tuple[str, Array]:
-    """Read UVs that are multiplied or divided by a constant, or to which one is added or subtracted."""
-    kind = category(node)
-    by = network.vector(node, "in2", (0.0, 0.0) if kind in ("add", "subtract") else (1.0, 1.0))
-    if kind in ("add", "subtract"):
-        return "in1", affine(np.eye(2), by if kind == "add" else -by)
-    return "in1", affine(np.diag(by if kind == "multiply" else 1 / np.where(by == 0, 1, by)), np.zeros(2))
+def _added(node: ShaderNode) -> Array:
+    by = node.vector("in2", (0.0, 0.0))
+    return affine(np.eye(2), by if node.category == "add" else -by)
 
 
-_TRANSFORMS: dict[str, Any] = {
-    "UsdTransform2d": _usd_transform_2d, "place2d": _place_2d,
-    **dict.fromkeys(("add", "subtract", "multiply", "divide"), _arithmetic),
+def _multiplied(node: ShaderNode) -> Array:
+    by = node.vector("in2", (1.0, 1.0))
+    return affine(np.diag(by if node.category == "multiply" else _inverse(by)), np.zeros(2))
+
+
+def _inverse(values: Array) -> Array:
+    return 1 / np.where(values == 0, 1, values)
+
+
+_COORDINATES = ("UsdPrimvarReader", "HwPrimvar", "PxrManifold2D", "PxrPrimvar", "geompropvalue", "texcoord")
+# Nodes that transform UVs, with their inputs for these.
+_TRANSFORMS: dict[str, tuple[str, Callable[[ShaderNode], Array]]] = {
+    "UsdTransform2d": ("in", _usd_transform_2d), "place2d": ("texcoord", _place_2d), "add": ("in1", _added),
+    "subtract": ("in1", _added), "multiply": ("in1", _multiplied), "divide": ("in1", _multiplied),
 }  # fmt: skip
 
 

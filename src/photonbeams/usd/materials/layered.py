@@ -2,47 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
-
 import numpy as np
 
-from ...scene import Array, rgb
+from ...scene import Array
 from ...scene.checks import shown
-from ..common.openusd import UsdShade
 from .bumps import tilt
-from .network import Network, Reader, Surface
-from .values import Image, Value, as_number, constant, mix
+from .network import ShaderNode, Surface
+from .values import Image, Value, constant, mix
 
-
-@dataclass(frozen=True)
-class Names:
-    """The names of a layered surface's inputs (Autodesk's standard surface, OpenPBR), and some defaults."""
-
-    base: str
-    metalness: str
-    specular: str
-    roughness_default: float
-    ior: str
-    transmission: str
-    subsurface: str
-    coat: str
-    emission: str
-    opacity: str
-    thin: str
-    normal: str
-    ignored: tuple[str, ...]
-
-
-STANDARD = Names(
-    "base", "metalness", "specular", 0.2, "specular_IOR", "transmission", "subsurface", "coat", "emission",
-    "opacity", "thin_walled", "normal", ("sheen", "specular_anisotropy", "thin_film_thickness", "transmission_scatter"),
-)  # fmt: skip
-OPEN_PBR = Names(
-    "base_weight", "base_metalness", "specular_weight", 0.3, "specular_ior", "transmission_weight", "subsurface_weight",
-    "coat_weight", "emission_luminance", "geometry_opacity", "geometry_thin_walled", "geometry_normal",
-    ("fuzz_weight", "specular_roughness_anisotropy", "thin_film_weight", "transmission_scatter"),
-)  # fmt: skip
+# What OpenPBR calls the inputs of the standard surface.
+_OPEN_PBR = {
+    name: (other,)
+    for name, other in {
+        "base": "base_weight", "metalness": "base_metalness", "specular": "specular_weight",
+        "specular_IOR": "specular_ior", "transmission": "transmission_weight", "subsurface": "subsurface_weight",
+        "coat": "coat_weight", "emission": "emission_luminance", "opacity": "geometry_opacity",
+        "thin_walled": "geometry_thin_walled", "normal": "geometry_normal", "sheen": "fuzz_weight",
+        "specular_anisotropy": "specular_roughness_anisotropy", "thin_film_thickness": "thin_film_weight",
+    }.items()
+}  # fmt: skip
+_IGNORED = ("sheen", "specular_anisotropy", "thin_film_thickness", "transmission_scatter")
 
 
 def ior_of(reflectance: float) -> Array:
@@ -51,72 +30,78 @@ def ior_of(reflectance: float) -> Array:
     return np.full(1, (1 + root) / (1 - root))
 
 
-def layered(names: Names) -> Reader:
-    """Return a reader of a layered surface: base, subsurface, transmission, coat, emission."""
-
-    def read(network: Network, node: UsdShade.Shader) -> Surface:
-        number, colored = partial(network.number_or, node), partial(network.color_or, node)
-        base = network.combined(node, np.multiply, number(1.0, names.base), colored(0.8, "base_color"))
-        subsurface, transmission = number(0.0, names.subsurface), number(0.0, names.transmission)
-        if np.any(constant(subsurface) > 0):
-            under = colored(1.0 if names is STANDARD else 0.8, "subsurface_color")
-            base = network.combined(node, mix, base, under, subsurface)
-            network.lose(node, "is rendered as diffuse reflection", names.subsurface)
-        coat = number(0.0, names.coat)
-        if np.any(constant(coat) > 0):
-            base = network.combined(node, lambda a, tint, part: a * mix(np.ones(3), tint, part), base,
-                                    colored(1.0, "coat_color"), coat)  # fmt: skip
-        for name in names.ignored:
-            found = network.number(node, name)
-            if found is not None and np.any(constant(found) != 0):
-                network.lose(node, "is not rendered: it is ignored", name)
-        clear = network.combined(node, lambda part, metal: part * (1 - metal), transmission,
-                                 number(0.0, names.metalness))  # fmt: skip
-        surface = Surface(
-            diffuse=base,
-            emissive=network.combined(node, np.multiply, number(0.0, names.emission), colored(1.0, "emission_color")),
-            roughness=number(names.roughness_default, "specular_roughness"),
-            metallic=number(0.0, names.metalness),
-            ior=_weighted_ior(network, node, names),
-            clearcoat=coat,
-            clearcoat_roughness=number(0.1 if names is STANDARD else 0.0, "coat_roughness"),
-        )
-        tilt(network, node, surface, names.normal)
-        _set_opacity(network, node, surface, colored(1.0, names.opacity), clear, names)
-        return surface
-
-    return read
+def open_pbr(node: ShaderNode) -> Surface:
+    """Read an OpenPBR surface."""
+    return _layered(node.renamed(_OPEN_PBR), 0.3, 0.0, 0.8)
 
 
-def _weighted_ior(network: Network, node: UsdShade.Shader, names: Names) -> Array:
+def standard_surface(node: ShaderNode) -> Surface:
+    """Read a standard surface."""
+    return _layered(node, 0.2, 0.1, 1.0)
+
+
+def _layered(node: ShaderNode, roughness: float, coat_roughness: float, under: float) -> Surface:
+    """Read base, subsurface, transmission, coat and emission; `under` is the default of the subsurface's colour."""
+    metallic, coat = node.number_or(0.0, "metalness"), node.number_or(0.0, "coat")
+    surface = Surface(
+        diffuse=_base(node, under, coat),
+        emissive=node.combined(np.multiply, node.number_or(0.0, "emission"), node.color_or(1.0, "emission_color")),
+        roughness=node.number_or(roughness, "specular_roughness"),
+        metallic=metallic,
+        ior=_weighted_ior(node),
+        clearcoat=coat,
+        clearcoat_roughness=node.number_or(coat_roughness, "coat_roughness"),
+    )
+    for name in _IGNORED:
+        if np.any(constant(node.number_or(0.0, name)) != 0):
+            node.lose("is not rendered: it is ignored", name)
+    tilt(node, surface, "normal")
+    clear = node.combined(lambda part, metal: part * (1 - metal), node.number_or(0.0, "transmission"), metallic)
+    _set_opacity(node, surface, clear)
+    return surface
+
+
+def _base(node: ShaderNode, under: float, coat: Value) -> Value:
+    """Return the colour of the base, mixed with that of the subsurface, and tinted by the coat."""
+    base = node.combined(np.multiply, node.number_or(1.0, "base"), node.color_or(0.8, "base_color"))
+    subsurface = node.number_or(0.0, "subsurface")
+    if np.any(constant(subsurface) > 0):
+        base = node.combined(mix, base, node.color_or(under, "subsurface_color"), subsurface)
+        node.lose("is rendered as diffuse reflection", "subsurface")
+    if np.any(constant(coat) > 0):
+        tint = node.color_or(1.0, "coat_color")
+        base = node.combined(lambda a, tint, part: a * mix(np.ones(3), tint, part), base, tint, coat)
+    return base
+
+
+def _weighted_ior(node: ShaderNode) -> Array:
     """Return the index of refraction with the same reflectance at normal incidence as the weighted specular layer."""
-    ior = network.number_or(node, 1.5, names.ior)
-    weight = network.number_or(node, 1.0, names.specular)
-    tint = network.color_or(node, 1.0, "specular_color")
-    if any(isinstance(each, Image) for each in (ior, weight, tint)):
-        network.lose(node, "is a texture: its mean is used", names.specular)
-    eta = float(constant(ior)[0])
-    for name, value in ((names.specular, constant(weight)), ("specular_color", constant(tint))):
-        if np.any((value < 0) | (value > 1)):
-            network.lose(node, f"is {shown(value.tolist())}: expected 0 to 1; the nearest is used", name)
-    reflectance = float(np.clip(constant(weight)[0], 0, 1)) * float(np.clip(constant(tint), 0, 1).mean())
-    return np.full(1, eta) if reflectance == 1 else ior_of(reflectance * ((eta - 1) / (eta + 1)) ** 2)
+    ior, values = node.number_or(1.5, "specular_IOR"), {
+        "specular": node.number_or(1.0, "specular"), "specular_color": node.color_or(1.0, "specular_color"),
+    }  # fmt: skip
+    if any(isinstance(each, Image) for each in (ior, *values.values())):
+        node.lose("is a texture: its mean is used", "specular")
+    eta, weight = float(constant(ior)[0]), 1.0
+    for name, value in values.items():
+        numbers = constant(value)
+        if np.any((numbers < 0) | (numbers > 1)):
+            node.lose(f"is {shown(numbers.tolist())}: expected 0 to 1; the nearest is used", name)
+        weight *= float(np.clip(numbers, 0, 1).mean())
+    return np.full(1, eta) if weight == 1 else ior_of(weight * ((eta - 1) / (eta + 1)) ** 2)
 
 
-def _set_opacity(
-    network: Network, node: UsdShade.Shader, surface: Surface, opacity: Value, clear: Value, names: Names
-) -> None:
+def _set_opacity(node: ShaderNode, surface: Surface, clear: Value) -> None:
     """Set the opacity of a surface that is cut out, or else clear: glass, or a thin wall, which does not refract."""
-    cut = as_number(network.combined(node, lambda values: rgb(values).mean(axis=-1, keepdims=True), opacity))
-    is_cut, is_clear = np.any(constant(cut) < 1), np.any(constant(clear) > 0)
-    surface.presence, surface.thin = bool(is_cut), bool(network.plain(node, names.thin, False))
-    if is_cut and is_clear:
-        network.lose(node, "is not rendered on a surface that is cut out by its opacity: it is opaque", "transmission")
-    surface.opacity = cut if is_cut else network.combined(node, lambda part: 1 - part, clear)
-    if is_clear and not is_cut:
-        surface.tint = network.color_or(node, 1.0, "transmission_color")
+    cut = node.mean("opacity")
+    surface.presence = cut is not None and bool(np.any(constant(cut) < 1))
+    surface.thin = node.flag("thin_walled")
+    is_clear = np.any(constant(clear) > 0)
+    surface.opacity = cut if surface.presence else node.combined(lambda part: 1 - part, clear)
+    if is_clear and surface.presence:
+        node.lose("is not rendered on a surface that is cut out by its opacity: it is opaque", "transmission")
+    elif is_clear:
+        surface.tint = node.color_or(1.0, "transmission_color")
         if isinstance(clear, Image):
-            network.lose(node, "is a texture: the surface is clear there, and does not refract", names.transmission)
-        depth = network.number(node, "transmission_depth")
-        if depth is not None and constant(depth)[0] > 0:
-            network.lose(node, "is not rendered: light is tinted where it crosses the surface", "transmission_depth")
+            node.lose("is a texture: the surface is clear there, and does not refract", "transmission")
+        if constant(node.number_or(0.0, "transmission_depth"))[0] > 0:
+            node.lose("is not rendered: light is tinted where it crosses the surface", "transmission_depth")

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...scene import Array
-from ..common.openusd import UsdShade
 from .images import affine, coordinates, rotation
-from .network import Network, Node
+from .network import NodeReader, ShaderNode
 from .values import Image, Value, mix
 
 #: Interpolations between the knots of a ramp, by Arnold's numbers.
 CONSTANT, LINEAR, CATMULL_ROM, MONOTONE, SMOOTH = range(5)
-_JOINED = {"none": CONSTANT, "constant": CONSTANT, "linear": LINEAR, "catmull-rom": CATMULL_ROM, "bspline": CATMULL_ROM}
+_JOINED = {"none": CONSTANT, "constant": CONSTANT, "catmull-rom": CATMULL_ROM, "bspline": CATMULL_ROM}
 
 _WIDE = 256  # pixels a side of an image of a function of both coordinates
 _SIZES = {"u": (1, 4 * _WIDE), "v": (4 * _WIDE, 1)}  # sizes of an image of a function of one coordinate
@@ -93,147 +93,137 @@ def _slope(positions: Sequence[float], values: Sequence[Array], at: int, monoton
     return np.where(first * second > 0, (weight + other) * first * second / safe, 0)
 
 
-def _knots(
-    network: Network, node: UsdShade.Shader, names: tuple[str, str, str]
-) -> tuple[list[float], list[int], list[Value]]:
-    """Return the sorted positions of a ramp, the interpolation after each, and the values.
+@dataclass(frozen=True)
+class _Knots:
+    """The knots of a ramp: their positions in order, the interpolation after each, and their values."""
 
-    A value may be connected, such as `inputs:color:i1`.
-    """
-    given, colors, joined = (network.plain(node, name) for name in names)
+    positions: Sequence[float]
+    kinds: Sequence[int]
+    values: Sequence[Value]
+
+    def at(self, node: ShaderNode, x: Value) -> Value:
+        """Return the ramp at a value's first channel."""
+
+        def on_ramp(x: Array, *values: Array) -> Array:
+            return ramp(x[..., :1], self.positions, self.kinds, values)
+
+        return node.combined(on_ramp, x, *self.values)
+
+
+def _knots(node: ShaderNode, at: str, color: str, join: str) -> _Knots:
+    """Return the knots of a ramp from inputs of lists; a value may be connected, such as `inputs:color:i1`."""
+    places, colors, joined = (node.plain(name) for name in (at, color, join))
     values = np.asarray([0.0, 1.0] if colors is None else colors, dtype=np.float64)
-    values = values.reshape(len(values), -1) if values.ndim else values.reshape(1, 1)
-    values = network.colors(node, names[1], values)
+    values = node.colors(color, values.reshape(len(values), -1) if values.ndim else values.reshape(1, 1))
     even = np.linspace(0, 1, len(values)) if len(values) > 1 else np.zeros(1)
-    positions = even if given is None else np.atleast_1d(np.asarray(given, dtype=np.float64))
+    positions = even if places is None else np.atleast_1d(np.asarray(places, dtype=np.float64))
     joins = [LINEAR] if joined is None else [joined] if isinstance(joined, str | int) else list(joined)
     kinds = [_JOINED.get(each, LINEAR) if isinstance(each, str) else int(each) for each in joins] or [LINEAR]
     count = min(len(values), len(positions))
     if not count or not (np.all(np.isfinite(values)) and np.all(np.isfinite(positions))):
-        network.lose(node, "has no finite knots: it is black", names[0])
-        return [0.0], [LINEAR], [np.zeros(1)]
+        node.lose("has no finite knots: it is black", at)
+        return _Knots([0.0], [LINEAR], [np.zeros(1)])
     if len(values) != len(positions):
-        network.lose(node, f"has {len(positions)} values: expected {len(values)}, as many as {names[1]}", names[0])
-    knots: list[Value] = [values[i] for i in range(count)]
-    for i in range(count):
-        connected = network.value(node, f"{names[1]}:i{i}")
-        knots[i] = knots[i] if connected is None else connected
-    order = np.argsort(positions[:count], kind="stable")
+        node.lose(f"has {len(positions)} values: expected {len(values)}, as many as {color}", at)
     kinds += [kinds[-1]] * (count - len(kinds))
-    return [float(positions[i]) for i in order], [kinds[i] for i in order], [knots[i] for i in order]
+    order = np.argsort(positions[:count], kind="stable").tolist()
+    connected = (node.value(f"{color}:i{i}") for i in order)
+    knots = [values[i] if value is None else value for i, value in zip(order, connected, strict=True)]
+    return _Knots(positions[order].tolist(), [kinds[i] for i in order], knots)
 
 
-def _on_ramp(network: Network, node: UsdShade.Shader, x: Value, names: tuple[str, str, str]) -> Value:
-    positions, kinds, knots = _knots(network, node, names)
-    return network.combined(node, lambda x, *values: ramp(x[..., :1], positions, kinds, values), x, *knots)
+def _arnold_ramp(node: ShaderNode) -> Value:
+    """Read Arnold's ramps of colours or numbers."""
+    kind, x = node.text("type", "custom"), node.value("input")
+    if kind in _DIRECTIONS:
+        x = _direction(kind, (node.text("uvset"), np.eye(3)), "repeat" if node.flag("wrap_uvs", True) else "clamp")
+    elif kind != "custom":
+        node.lose(f"is '{kind}': expected custom or one of {', '.join(_DIRECTIONS)}; its input is used", "type")
+    values = "color" if node.category == "arnold:ramp_rgb" else "value"
+    return _knots(node, "position", values, "interpolation").at(node, np.zeros(1) if x is None else x)
 
 
-def _arnold_ramp(values: str) -> Node:
-    """Return a reader of Arnold's ramps of colours or numbers."""
-
-    def read(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-        kind = str(network.plain(node, "type", "custom"))
-        x = network.value(node, "input")
-        if kind in _DIRECTIONS:
-            wrap = "repeat" if network.plain(node, "wrap_uvs", True) else "clamp"
-            x = _direction(kind, (str(network.plain(node, "uvset", "")), np.eye(3)), wrap)
-        elif kind != "custom":
-            network.lose(
-                node, f"is '{kind}': expected custom or one of {', '.join(_DIRECTIONS)}; its input is used", "type"
-            )
-        return _on_ramp(network, node, np.zeros(1) if x is None else x, ("position", values, "interpolation"))
-
-    return read
-
-
-def _renderman_ramp(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+def _renderman_ramp(node: ShaderNode) -> Value:
     """Read a PxrRamp, whose knots have one name in RenderMan 22 and another one since."""
-    x = network.value(node, "splineMap")
+    x = node.value("splineMap")
     if x is None:
-        number, names = int(network.plain(node, "rampType", 0)), list(_DIRECTIONS)
-        if number >= len(names):
-            network.lose(node, f"is {number}: expected 0 to {len(names) - 1}; 0 is used", "rampType")
-        wrap = "repeat" if network.plain(node, "tile", 0) else "clamp"
-        x = _direction(names[number if number < len(names) else 0], coordinates(network, node, "manifold"), wrap)
-    if network.plain(node, "reverse", 0):
-        x = network.combined(node, lambda values: 1 - values, x)
+        kind = list(_DIRECTIONS)[_whole(node, "rampType", 0, (0, len(_DIRECTIONS) - 1))]
+        x = _direction(kind, coordinates(node, "manifold"), "repeat" if node.flag("tile") else "clamp")
+    if node.flag("reverse"):
+        x = node.combined(lambda values: 1 - values, x)
     old = ("positions", "colors", "basis")
     new = ("colorRamp_Knots", "colorRamp_Colors", "colorRamp_Interpolation")
-    return _on_ramp(network, node, x, new if node.GetInput(new[1]) else old)
+    return _knots(node, *(new if node.has(new[1]) else old)).at(node, x)
 
 
-def _materialx_ramp(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+def _materialx_ramp(node: ShaderNode) -> Value:
     """Read MaterialX's `ramp`: up to ten colours."""
-    names = ["u", "radial", "circular", "box"]
-    kind, joined = int(network.plain(node, "type", 0)), int(network.plain(node, "interpolation", 1))
-    x = _direction(names[kind if 0 <= kind < 4 else 0], coordinates(network, node, "texcoord"), "clamp")
-    defaults = [(0.0, [0.0, 0.0, 0.0, 1.0]), *[(1.0, [1.0] * 4)] * 9]
-    positions, knots = [], list[Value]()
-    count = int(network.plain(node, "num_intervals", 2))
-    bounds = {"num_intervals": (count, 2, 10), "type": (kind, 0, 3), "interpolation": (joined, 0, 2)}
-    for name, (value, least, most) in bounds.items():
-        if not least <= value <= most:
-            network.lose(node, f"is {value}: expected {least} to {most}", name)
-    for i in range(min(max(count, 2), 10)):
-        positions.append(float(network.vector(node, f"interval{i + 1}", (defaults[i][0],))[0]))
-        color = network.value(node, f"color{i + 1}")
-        knots.append(np.array(defaults[i][1]) if color is None else color)
-    kinds = [(LINEAR, SMOOTH, CONSTANT)[joined if 0 <= joined < 3 else 1]] * len(knots)
-    return network.combined(node, lambda x, *values: ramp(x, positions, kinds, values), x, *knots)
+    kind = ("u", "radial", "circular", "box")[_whole(node, "type", 0, (0, 3))]
+    join = (LINEAR, SMOOTH, CONSTANT)[_whole(node, "interpolation", 1, (0, 2))]
+    numbers = range(1, 1 + _whole(node, "num_intervals", 2, (2, 10)))
+    positions = [node.scalar(f"interval{number}", float(number > 1)) for number in numbers]
+    values = [node.color_or(float(number > 1), f"color{number}") for number in numbers]
+    x = _direction(kind, coordinates(node, "texcoord"), "clamp")
+    return _Knots(positions, [join] * len(values), values).at(node, x)
 
 
-def _corners(axes: str, mixed: Callable[..., Array], *names: str) -> Node:
+def _whole(node: ShaderNode, name: str, default: int, ends: tuple[int, int]) -> int:
+    """Return a whole number, which is at least and at most the ends."""
+    value = int(node.plain(name, default))
+    nearest = min(max(value, ends[0]), ends[1])
+    if value != nearest:
+        node.lose(f"is {value}: expected {ends[0]} to {ends[1]}; {nearest} is used", name)
+    return nearest
+
+
+def _corners(axes: str, mixed: Callable[..., Array], *names: str) -> NodeReader:
     """Return a reader of MaterialX's simple ramps and splits: functions of u, v or both, and of values."""
 
-    def read(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
-        def found(name: str) -> Value:
-            value = network.value(node, name)
-            return np.full(1, 0.5 if name == "center" else 0.0) if value is None else value
-
-        placed = coordinates(network, node, "texcoord")
-        along = [over_uvs(_DIRECTIONS[axis], placed, "clamp", _SIZES[axis]) for axis in axes]
-        return network.combined(node, mixed, *along, *(found(name) for name in names))
+    def read(node: ShaderNode) -> Value:
+        placed = coordinates(node, "texcoord")
+        along = [_direction(axis, placed, "clamp") for axis in axes]
+        values = (node.first(name) for name in names)
+        defaults = (np.full(1, 0.5 if name == "center" else 0.0) for name in names)
+        filled = (default if value is None else value for value, default in zip(values, defaults, strict=True))
+        return node.combined(mixed, *along, *filled)
 
     return read
 
 
-def _texcoord(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+def _texcoord(node: ShaderNode) -> Value:
     def both(u: Array, v: Array) -> Array:
         return np.concatenate(np.broadcast_arrays(u, v), axis=-1)
 
     return over_uvs(both, ("", np.eye(3)), size=(2 * _WIDE, 2 * _WIDE))
 
 
-def _state(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+def _state(node: ShaderNode) -> Value:
     """Read Arnold's state variables: u and v."""
-    name = str(network.plain(node, "variable", ""))
+    name = node.text("variable")
     if name in ("u", "v"):
         return _direction(name, ("", np.eye(3)))
-    network.lose(node, f"is '{name}', which is not rendered: 0 is used", "variable")
+    node.lose(f"is '{name}', which is not rendered: 0 is used", "variable")
     return np.zeros(1)
 
 
-def _uv_transform(network: Network, node: UsdShade.Shader, output: str) -> Value | None:
+def _uv_transform(node: ShaderNode) -> Value | None:
     """Read Arnold's `uv_transform`, which repeats an image, turns it about a pivot, and offsets it."""
-    value = network.value(node, "passthrough")
+    value = node.value("passthrough")
     if not isinstance(value, Image):
         return value
-    unit = np.degrees if str(network.plain(node, "unit", "degrees")) == "radians" else np.asarray
-    turned = rotation(float(unit(network.vector(node, "rotate", (0.0,))[0])))
-    pivot = network.vector(node, "pivot", (0.5, 0.5))
-    moved = affine(turned, pivot - turned @ pivot)
-    moved = (
-        affine(np.diag(network.vector(node, "repeat", (1.0, 1.0))), network.vector(node, "offset", (0.0, 0.0))) @ moved
-    )
+    turn = node.scalar("rotate", 0.0)
+    turned = rotation(float(np.degrees(turn)) if node.text("unit") == "radians" else turn)
+    pivot = node.vector("pivot", (0.5, 0.5))
+    placed = affine(np.diag(node.vector("repeat", (1.0, 1.0))), node.vector("offset", (0.0, 0.0)))
     for name, neutral in (("scale_frame", (1.0, 1.0)), ("translate_frame", (0.0, 0.0)), ("rotate_frame", (0.0,))):
-        if np.any(network.vector(node, name, neutral) != neutral):
-            network.lose(node, "is not rendered: it is ignored", name)
-    return value.moved(moved)
+        if np.any(node.vector(name, neutral) != neutral):
+            node.lose("is not rendered: it is ignored", name)
+    return value.moved(placed @ affine(turned, pivot - turned @ pivot))
 
 
-RAMPS: dict[str, Node] = {
-    "arnold:ramp_rgb": _arnold_ramp("color"),
-    "arnold:ramp_float": _arnold_ramp("value"),
+RAMPS: dict[str, NodeReader] = {
+    "arnold:ramp_rgb": _arnold_ramp,
+    "arnold:ramp_float": _arnold_ramp,
     "arnold:state_float": _state,
     "arnold:uv_transform": _uv_transform,
     "PxrRamp": _renderman_ramp,

@@ -87,35 +87,31 @@ def mapped(function: Callable[..., Array], *values: Value) -> Value:
     combined with primvars, or with images that are placed differently, only the largest image stays an image; all
     others are replaced by their means or fallbacks. The number of channels is the least among values with several.
     """
-    several = [count for count in map(_count, values) if count > 1]
-    least = min(several, default=1)
-    values = tuple(_cut(each, least) if _count(each) > least else each for each in values)
+    counts = (len(_beyond(each)) for each in values)
+    least = min((count for count in counts if count > 1), default=None)
+
+    def cut(*arrays: Array) -> Array:
+        return function(*(each[..., :least] for each in arrays))
+
     images = [each for each in values if isinstance(each, Image)]
-    primvars = [each for each in values if isinstance(each, PrimvarValue)]
+    primvars = [each.name for each in values if isinstance(each, PrimvarValue)]
     if images:
         largest = max(images, key=lambda each: each.pixels[..., 0].size)
         placed = [each.pixels.shape[:2] for each in images if each.placed_as(largest)]
-        height, width = np.max(placed, axis=0).tolist()
-        pixels = function(*(_over(each, largest, (height, width)) for each in values))
-        beyond = function(*(each.beyond if isinstance(each, Image) else constant(each) for each in values))
-        shape = (height, width, pixels.shape[-1])
+        size = tuple(np.max(placed, axis=0).tolist())
+        pixels = cut(*(_over(each, largest, size) for each in values))
         tiles = dict.fromkeys(own for each in images if each.uv_name == largest.uv_name for own in each.tiles)
-        pixels = np.broadcast_to(pixels, shape).astype(np.float32)
-        return replace(largest, pixels=pixels, beyond=beyond, tiles=tuple(tiles))
+        pixels = np.broadcast_to(pixels, (*size, pixels.shape[-1])).astype(np.float32)
+        return replace(largest, pixels=pixels, beyond=cut(*map(_beyond, values)), tiles=tuple(tiles))
+    fallback = np.atleast_1d(cut(*map(constant, values)))
     if not primvars:
-        return np.atleast_1d(function(*values))
-    first = primvars[0]
+        return fallback
 
     def composed(raw: Array) -> Array:
-        follows = [isinstance(each, PrimvarValue) and each.name == first.name for each in values]
-        arguments = [
-            each.function(raw) if own and isinstance(each, PrimvarValue) else constant(each)
-            for own, each in zip(follows, values, strict=True)
-        ]
-        result = function(*arguments)
+        result = cut(*(_at(each, primvars[0], raw) for each in values))
         return np.broadcast_to(result, (len(raw), result.shape[-1]))
 
-    return PrimvarValue(first.name, np.atleast_1d(function(*map(constant, values))), composed)
+    return PrimvarValue(primvars[0], fallback, composed)
 
 
 def mix(first: Array, second: Array, part: Array) -> Array:
@@ -152,28 +148,26 @@ def as_number(value: Value) -> Value:
     return channels(value, [0])
 
 
-def _count(value: Value) -> int:
-    """Return how many channels a value has."""
-    if isinstance(value, Image):
-        return int(value.pixels.shape[-1])
-    return len(value.fallback if isinstance(value, PrimvarValue) else value)
+def _beyond(value: Value) -> Array:
+    """Return what a value is beyond the square of an image, (C,)."""
+    return value.beyond if isinstance(value, Image) else constant(value)
 
 
-def _cut(value: Value, count: int) -> Value:
-    """Return a value with only its first channels."""
-    if isinstance(value, Image):
-        return replace(value, pixels=value.pixels[..., :count], beyond=value.beyond[:count])
-    if isinstance(value, PrimvarValue):
-        function = value.function
-        return replace(value, fallback=value.fallback[:count], function=lambda raw: function(raw)[..., :count])
-    return value[..., :count]
+def _at(value: Value, name: str, raw: Array) -> Array:
+    """Return a value where a primvar has these numbers, (N, C), or its constant, (C,), if it is another's."""
+    return value.function(raw) if isinstance(value, PrimvarValue) and value.name == name else constant(value)
 
 
-def _over(value: Value, image: Image, size: tuple[int, int]) -> Array:
+def _over(value: Value, image: Image, size: tuple[int, ...]) -> Array:
     """Return a value in the pixels of an image, (H, W, C), or its constant, (C,), if it is placed differently."""
     if not isinstance(value, Image) or not value.placed_as(image):
         return constant(value)
-    if value.pixels.shape[:2] == size:
-        return value.pixels
-    rows, columns = (np.arange(count) * own // count for count, own in zip(size, value.pixels.shape[:2], strict=True))
-    return value.pixels[np.ix_(rows, columns)]
+    return resized(value.pixels, size)
+
+
+def resized(pixels: Array, size: tuple[int, ...]) -> Array:
+    """Return an image of another height and width, whose pixels are the nearest ones."""
+    if pixels.shape[:2] == size:
+        return pixels
+    rows, columns = (np.arange(count) * own // count for count, own in zip(size, pixels.shape[:2], strict=True))
+    return pixels[np.ix_(rows, columns)]

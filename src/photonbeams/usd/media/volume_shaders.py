@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from ...scene import BLACK, Array, Color, color
+from ...scene import BLACK, Array, Color
 from ..common import blender
-from ..common.openusd import Usd, UsdShade
+from ..common.openusd import Usd, UsdGeom
 from ..common.reading import Reading
-from ..geometry.primvars import find_primvar
-from ..materials.bound import bound_to
-from ..materials.network import Network
-from ..materials.nodes import NODES
+from ..materials.bound import READERS, bound_to
+from ..materials.network import Network, ShaderNode
+from ..materials.nodes import PRIMVARS, primvar
 from ..materials.values import PrimvarValue, Value, constant
 from .volumes import DENSITY, field_of
 
@@ -67,21 +67,22 @@ def read_shading(reading: Reading, prim: Usd.Prim) -> VolumeShading:
         )
         reading.warn(prim, f"{text}; for its own, set photonbeams:scattering, absorption and anisotropy")
         return VolumeShading((half,) * 3, (half,) * 3)
-    shaders = [shader for each in _CONTEXTS if (shader := material.ComputeVolumeSource(each)[0])]
-    if not shaders:
+    network = Network(reading, READERS, primvar=partial(_property, reading, prim), other=_other_node)
+    sources = (material.ComputeVolumeSource(each)[0] for each in _CONTEXTS)
+    nodes = [ShaderNode(network, shader) for shader in sources if shader]
+    if not nodes:
         text = "has no volume shader: extinction 1 and albedo 0.5 at density 1 are used"
         reading.warn(material.GetPrim(), text)
         return VolumeShading()
-    shader = next((each for each in shaders if _reader(each) is not _other), shaders[0])
-    inputs = _VolumeInputs(Network(reading, NODES), prim, shader)
-    shading = _reader(shader)(inputs)
-    for loss in inputs.network.losses:
-        loss()
+    node = next((each for each in nodes if _reader(each) is not _other), nodes[0])
+    shading = _reader(node)(node)
+    for tell in network.losses:
+        tell()
     return shading
 
 
-def _reader(shader: UsdShade.Shader) -> Callable[[_VolumeInputs], VolumeShading]:
-    kind = str(shader.GetShaderId() or "")
+def _reader(node: ShaderNode) -> Callable[[ShaderNode], VolumeShading]:
+    kind = node.label
     if kind.removeprefix("arnold:") == "standard_volume":
         return _arnold
     if kind.startswith("ND_volume") or "anisotropic_vdf" in kind or "absorption_vdf" in kind:
@@ -89,144 +90,128 @@ def _reader(shader: UsdShade.Shader) -> Callable[[_VolumeInputs], VolumeShading]
     return _coefficients if kind.split(":")[-1] == "kma_volume" else _other
 
 
-@dataclass
-class _VolumeInputs:
-    """The inputs of a shader on a volume: products of constants, primvars and fields.
-
-    `field` is the volume's field in the last value that was read, "" without one or for the density.
-    """
-
-    network: Network
-    prim: Usd.Prim
-    shader: UsdShade.Shader
-    field: str = ""
-
-    def warn(self, text: str, name: str = "") -> None:
-        """Warn about the shader, or one of its inputs."""
-        self.network.reading.warn(self.shader.GetPrim(), text, f"inputs:{name}" if name else "")
-
-    def text(self, name: str, default: str) -> str:
-        """Return an input that is a string."""
-        value = self.network.plain(self.shader, name)
-        return value if isinstance(value, str) else default
-
-    def number(self, name: str, default: float, minimum: float = 0.0, maximum: float = np.inf) -> float:
-        """Return a number input; a value out of range is clipped, with a warning."""
-        value = float(np.mean(self._numbers(name, default)))
-        if not minimum <= value <= maximum:
-            most = f" and at most {maximum:g}" if maximum < np.inf else ""
-            self.warn(f"is {value:g}: expected at least {minimum:g}{most}; the nearest is used", name)
-        return float(np.clip(value, minimum, maximum))
-
-    def color(self, name: str, default: float) -> Color:
-        """Return a colour input; negative numbers become 0, with a warning."""
-        value = self._numbers(name, default)
-        if value.min() < 0:
-            self.warn(f"is {tuple(value.tolist())}: expected 0 or more; numbers below 0 count as 0", name)
-        return color(np.maximum(value, 0), name)
-
-    def fraction(self, name: str, value: Array | Color, minimum: float = 0.0) -> Array:
-        """Return a colour, from the input `name`, whose numbers are at most 1; those out of range give a warning."""
-        if np.any(np.less(value, minimum)) or np.any(np.greater(value, 1 + 1e-5)):
-            text = f"makes {tuple(np.round(value, 6).tolist())}: expected {minimum:g} to 1; the nearest is used"
-            self.warn(text, name)
-        return np.clip(value, minimum, 1)
-
-    def _numbers(self, name: str, default: float) -> Array:
-        """Return an input as one or three finite numbers."""
-        self.field = ""
-        value = self.network.value(self.shader, name)
-        numbers = np.full(1, default) if value is None else self._on_volume(value)
-        if numbers.size in (1, 3) and np.all(np.isfinite(numbers)):
-            return numbers
-        text = f"is {numbers}: expected one or three numbers"
-        raise self.network.reading.fail(self.shader.GetPrim(), f"inputs:{name}", text)
-
-    def _on_volume(self, value: Value) -> Array:
-        """Return a value where the fields of the volume are 1."""
-        if not isinstance(value, PrimvarValue):
-            return constant(value)
-        reading = self.network.reading
-        if field_of(reading, self.prim, value.name) is not None:
-            self.field = value.name if value.name != DENSITY else ""
-            return value.function(np.ones((1, 1)))[0]
-        primvar = find_primvar(self.prim, value.name)
-        if primvar is None:
-            return value.fallback
-        numbers = np.asarray(primvar.Get(reading.time), dtype=np.float64)
-        return value.function(numbers.reshape(1, -1)[:, :3])[0]
+def _property(reading: Reading, prim: Usd.Prim, name: str, fallback: Array) -> Value:
+    """Return a primvar of a volume, or a factor of 1 that varies as a field does; the density is in all values."""
+    if field_of(reading, prim, name) is not None:
+        return np.ones(1) if name == DENSITY else PrimvarValue(name, np.ones(1))
+    primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
+    value = primvar.Get(reading.time) if primvar else None
+    return fallback if value is None else np.asarray(value, dtype=np.float64).reshape(-1)[:3]
 
 
-def _arnold(inputs: _VolumeInputs) -> VolumeShading:
+def _other_node(node: ShaderNode) -> Value | None:
+    """Read a node of another kind: what names a property looks it up, and all else returns its input."""
+    if any(map(node.has, PRIMVARS)):
+        return primvar(node)
+    node.lose(f"is a node '{node.label}', which is not evaluated: its input is used as it is")
+    return node.value("in")
+
+
+def _within(node: ShaderNode, name: str, values: Array, least: float = 0.0, most: float = np.inf) -> Array:
+    """Return numbers that an input gives, or the nearest in a range, with a warning."""
+    if np.any(values < least) or np.any(values > most + 1e-5):
+        expected = f"{least:g} or more" if most == np.inf else f"{least:g} to {most:g}"
+        node.lose(f"makes {tuple(np.round(values, 6).tolist())}: expected {expected}; the nearest is used", name)
+    return np.clip(values, least, most)
+
+
+def _number(node: ShaderNode, name: str, default: float, least: float = 0.0, most: float = np.inf) -> float:
+    return float(_within(node, name, constant(node.number_or(default, name)), least, most)[0])
+
+
+def _color(node: ShaderNode, name: str, default: float) -> Array:
+    return _within(node, name, constant(node.color_or(default, name)))
+
+
+def _anisotropy(node: ShaderNode, name: str) -> float:
+    return _number(node, name, 0.0, -_ANISOTROPY, _ANISOTROPY)
+
+
+def _field(node: ShaderNode, name: str, default: str) -> str:
+    """Return the field that scales an input."""
+    value = node.value(name)
+    return value.name if isinstance(value, PrimvarValue) else default
+
+
+def _triple(values: Array) -> Color:
+    red, green, blue = values.tolist()
+    return red, green, blue
+
+
+def _arnold(node: ShaderNode) -> VolumeShading:
     """Read Arnold's standard_volume: `transparent` is the transmittance over `transparent_depth` at density 1."""
-    depth = inputs.number("transparent_depth", 1.0, 1e-6)
-    transparent = inputs.fraction("transparent", inputs.color("transparent", np.exp(-1.0)), 1e-6)
-    extinction = inputs.number("density", 1.0) * -np.log(transparent) / depth
-    scattered = inputs.number("scatter", 1.0) * np.array(inputs.color("scatter_color", _ALBEDO))
-    albedo = inputs.fraction("scatter_color", scattered)
-    if inputs.text("transparent_channel", ""):
-        inputs.warn("is not rendered: it is ignored", "transparent_channel")
+    depth = _number(node, "transparent_depth", 1.0, 1e-6)
+    transparent = _within(node, "transparent", _color(node, "transparent", np.exp(-1.0)), 1e-6, 1)
+    extinction = _number(node, "density", 1.0) * -np.log(transparent) / depth
+    scattered = _number(node, "scatter", 1.0) * _color(node, "scatter_color", _ALBEDO)
+    albedo = _within(node, "scatter_color", scattered, 0, 1)
+    if node.text("transparent_channel"):
+        node.lose("is not rendered: it is ignored", "transparent_channel")
     return VolumeShading(
-        scattering=tuple(albedo * extinction),
-        absorption=tuple((1 - albedo) * extinction),
-        anisotropy=inputs.number("scatter_anisotropy", 0.0, -_ANISOTROPY, _ANISOTROPY),
-        density=inputs.text("density_channel", "") or DENSITY,
-        color=inputs.text("scatter_color_channel", ""),
-        emission=_arnold_emission(inputs),
+        scattering=_triple(albedo * extinction),
+        absorption=_triple((1 - albedo) * extinction),
+        anisotropy=_anisotropy(node, "scatter_anisotropy"),
+        density=node.text("density_channel") or DENSITY,
+        color=node.text("scatter_color_channel"),
+        emission=_arnold_emission(node),
     )
 
 
-def _arnold_emission(inputs: _VolumeInputs) -> VolumeEmission | None:
-    mode = inputs.text("emission_mode", "blackbody")
-    strength = inputs.number("emission", 1.0) * np.array(inputs.color("emission_color", 1.0))
+def _arnold_emission(node: ShaderNode) -> VolumeEmission | None:
+    mode = node.text("emission_mode", "blackbody")
+    strength = _number(node, "emission", 1.0) * _color(node, "emission_color", 1.0)
     if mode == "none" or not strength.any():
         return None
     if mode == "blackbody":
-        kelvin = inputs.number("temperature", 1.0) * inputs.number("blackbody_kelvin", 5000.0)
-        strength = strength * inputs.number("blackbody_intensity", 1.0)
-        return VolumeEmission(tuple(strength), inputs.text("temperature_channel", "temperature"), kelvin)
+        kelvin = _number(node, "temperature", 1.0) * _number(node, "blackbody_kelvin", 5000.0)
+        strength *= _number(node, "blackbody_intensity", 1.0)
+        return VolumeEmission(_triple(strength), node.text("temperature_channel", "temperature"), kelvin)
     key, default = ("density_channel", DENSITY) if mode == "density" else ("emission_channel", "heat")
-    return VolumeEmission(tuple(strength), inputs.text(key, default))
+    return VolumeEmission(_triple(strength), node.text(key, default))
 
 
-def _materialx(inputs: _VolumeInputs) -> VolumeShading:
+def _materialx(node: ShaderNode) -> VolumeShading:
     """Read MaterialX's `volume`, which has a vdf and perhaps an edf."""
-    nodes = [inputs.shader, *(inputs.network.connected(inputs.shader, name) for name in ("vdf", "edf"))]
     shading, emission = VolumeShading(BLACK, BLACK), None
-    for node in filter(None, nodes):
-        kind = str(node.GetShaderId() or "")
-        if "_vdf" in kind:
-            shading = _coefficients(replace(inputs, shader=node))
-        elif "_edf" in kind:
-            emission = _emission(replace(inputs, shader=node), "color")
+    for part in filter(None, (node, node.connected("vdf"), node.connected("edf"))):
+        if "_vdf" in part.label:
+            shading = _coefficients(part)
+        elif "_edf" in part.label:
+            emission = _emission(part, "color")
     if shading.scattering == shading.absorption == BLACK:
-        inputs.warn("scatters and absorbs nothing: expected a vdf that does")
+        node.lose("scatters and absorbs nothing: expected a vdf that does")
     return replace(shading, emission=emission)
 
 
-def _coefficients(inputs: _VolumeInputs) -> VolumeShading:
+def _coefficients(node: ShaderNode) -> VolumeShading:
     """Read absorption, scattering and anisotropy of MaterialX's vdf, or of Karma's volume, which adds emission."""
-    absorption, scattering = (inputs.color(name, 0.0) for name in ("absorption", "scattering"))
-    field = inputs.field  # of the scattering
-    anisotropy = inputs.number("anisotropy", 0.0, -_ANISOTROPY, _ANISOTROPY)
-    return VolumeShading(scattering, absorption, anisotropy, color=field, emission=_emission(inputs, "emission"))
+    return VolumeShading(
+        scattering=_triple(_color(node, "scattering", 0.0)),
+        absorption=_triple(_color(node, "absorption", 0.0)),
+        anisotropy=_anisotropy(node, "anisotropy"),
+        color=_field(node, "scattering", ""),
+        emission=_emission(node, "emission"),
+    )
 
 
-def _emission(inputs: _VolumeInputs, name: str) -> VolumeEmission | None:
-    emitted = inputs.color(name, 0.0)
-    return VolumeEmission(emitted, inputs.field or DENSITY) if any(emitted) else None
+def _emission(node: ShaderNode, name: str) -> VolumeEmission | None:
+    color = _color(node, name, 0.0)
+    return VolumeEmission(_triple(color), _field(node, name, DENSITY)) if color.any() else None
 
 
-def _other(inputs: _VolumeInputs) -> VolumeShading:
+def _other(node: ShaderNode) -> VolumeShading:
     """Read a shader of another kind, by the input names that most shaders use."""
-    kind = str(inputs.shader.GetShaderId() or "none")
-    inputs.warn(f"is a volume shader '{kind}', which is not known: its densityScale, albedo and anisotropy are used")
+    kind = node.label or "none"
+    node.lose(f"is a volume shader '{kind}', which is not known: its densityScale, albedo and anisotropy are used")
+    node = node.renamed(_USUAL)
+    density = _number(node, "density", 1.0)
+    albedo = _within(node, "albedo", _color(node, "albedo", _ALBEDO), 0, 1)
+    scattering, absorption = _triple(density * albedo), _triple(density * (1 - albedo))
+    return VolumeShading(scattering, absorption, _anisotropy(node, "anisotropy"))
 
-    def first(*names: str) -> str:
-        return next((each for each in names if inputs.shader.GetInput(each)), names[0])
 
-    density = inputs.number(first("densityScale", "densityscale", "density_scale", "density"), 1.0)
-    name = first("albedo", "scatter_color", "scattercolor", "color")
-    albedo = inputs.fraction(name, inputs.color(name, _ALBEDO))
-    anisotropy = inputs.number(first("anisotropy", "phase", "g"), 0.0, -_ANISOTROPY, _ANISOTROPY)
-    return VolumeShading(tuple(density * albedo), tuple(density * (1 - albedo)), anisotropy)
+_USUAL = {
+    "density": ("densityScale", "densityscale", "density_scale", "density"),
+    "albedo": ("albedo", "scatter_color", "scattercolor", "color"),
+    "anisotropy": ("anisotropy", "phase", "g"),
+}
