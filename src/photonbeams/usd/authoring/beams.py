@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from ...beams.curves import directions
 from ...runtime.files import PathLike
 from ...scene import Array, DrawnBeams, SceneError
 from ...scene.places import origin_within
-from ..common.openusd import Gf, Sdf, Usd, UsdGeom, Vt
+from ..common.openusd import Sdf, Usd, UsdGeom
 from ..layers.writing import write_layer
+from .prims import copy_prim, write_prims
 
 ROOT = "/Beams"
 SUFFIXES = (".usd", ".usda", ".usdc")
@@ -49,15 +51,14 @@ def write_beams(
     layer = Sdf.Layer.CreateAnonymous(".usda")
     stage = Usd.Stage.Open(layer)
     if isinstance(beams, DrawnBeams):
-        _define(stage, beams, prim_path)
+        write_prims(stage, [_described(beams, prim_path)])
     else:
-        UsdGeom.Scope.Define(stage, prim_path)
+        write_prims(stage, [{"path": prim_path, "type": "Scope"}])
         copies = _copied(stage, like, looks or {}, prim_path, time)
         names = _names([each.name for each in beams], taken={"Looks"})
         for each, name in zip(beams, names, strict=True):
-            prim = _define(stage, each, f"{prim_path}/{name}")
-            if each.name in copies:
-                prim.CreateRelationship("photonbeams:look", False).SetTargets([copies[each.name]])
+            targets = {"photonbeams:look": [copies[each.name]]} if each.name in copies else {}
+            write_prims(stage, [_described(each, f"{prim_path}/{name}") | {"targets": targets}])
     stage.SetDefaultPrim(stage.GetPrimAtPath(Sdf.Path(prim_path).GetPrefixes()[0]))
     if like is not None:
         UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(like))
@@ -67,59 +68,56 @@ def write_beams(
     write_layer(layer, path)
 
 
-def _define(stage: Usd.Stage, beams: DrawnBeams, path: str) -> Usd.Prim:
-    """Define the curves of a set of beams."""
-    curves = UsdGeom.BasisCurves.Define(stage, path)
+def _described(beams: DrawnBeams, path: str) -> dict[str, Any]:
+    """Return the description of the curves of a set of beams."""
     fields = _lit({name: np.asarray(value) for name, value in beams.arrays().items()})
     number, first, last = chains(fields)
     counts = last - first + 2
     ends = np.cumsum(counts) - 1  # the last point of each curve
-    points, widths = (_along(fields[a], fields[b], counts, ends, last) for a, b in
-                      (("start", "end"), ("radius_start", "radius_end")))  # fmt: skip
-    curves.CreateTypeAttr("linear")
-    curves.CreateCurveVertexCountsAttr(Vt.IntArray.FromNumpy(counts.astype(np.int32)))
-    origin = origin_within(points)
-    if origin.any():  # in double precision, as points are not
-        curves.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Vec3d(*origin.tolist()))
-    curves.CreatePointsAttr(_vectors(points - origin))
-    curves.CreateWidthsAttr(_numbers(2 * widths))
-    curves.SetWidthsInterpolation("vertex")
-    if len(points):
-        extent = UsdGeom.Curves.ComputeExtent(curves.GetPointsAttr().Get(), curves.GetWidthsAttr().Get())
-        curves.CreateExtentAttr(extent)
+    points, radii = (_along(fields[a], fields[b], counts, ends, last) for a, b in
+                     (("start", "end"), ("radius_start", "radius_end")))  # fmt: skip
     power, interpolation = fields["power"][first], "uniform"
     if "power_end" in fields or np.any(fields["power"] != power[number]):
         power = _along(fields["power"], fields.get("power_end", fields["power"]), counts, ends, last)
         interpolation = "vertex"
     brightest = float(power.max(initial=0)) or 1.0
-    curves.CreateDisplayColorPrimvar(interpolation).Set(_vectors(power / brightest))
-    if interpolation == "vertex":  # on reading, colours along a curve multiply its power
-        power = np.full((1, 3), brightest)
-    prim = curves.GetPrim()
-    prim.AddAppliedSchema("PhotonBeamsCurvesAPI")
-    _set(prim, "power", "color3f[]", _vectors(power))
+    origin = origin_within(points)
+    values: dict[str, Any] = {
+        "type": ["token", "linear"],
+        "curveVertexCounts": ["int[]", counts],
+        "points": ["point3f[]", points - origin],
+        "widths": ["float[]", 2 * radii, "vertex"],
+        "primvars:displayColor": ["color3f[]", power / brightest, interpolation],
+        # On reading, colours along a curve multiply its power.
+        "photonbeams:power": ["color3f[]", np.full((1, 3), brightest) if interpolation == "vertex" else power],
+    }
+    if origin.any():  # in double precision, as points are not
+        values["xformOp:translate"] = ["double3", origin.tolist()]
+        values["xformOpOrder"] = ["token[]", ["xformOp:translate"]]
+    if len(points):
+        corners = np.stack([points.min(axis=0) - radii.max(), points.max(axis=0) + radii.max()])
+        values["extent"] = ["float3[]", corners - origin]
+    if beams.group:
+        values["photonbeams:lightGroup"] = ["token", beams.group]
     if "side" in fields:
         fields["side"] = fields["side"] - origin
-    for name in ("offset", "total", "entry", "random", "id", "generation"):
-        if name in fields:
-            _set(prim, name, "float[]", _numbers(fields[name][first]))
-    for field, (name, kind) in _VECTORS.items():
-        if field in fields:
-            _set(prim, name, kind, _vectors(fields[field][last if field == "end_normal" else first]))
     if "start_tangent" in fields:
         axis = directions(fields["start"], fields["end"])
-        for name, tangent, at in (("startTangents", "start_tangent", first), ("endTangents", "end_tangent", last)):
-            if not np.allclose(fields[tangent][at], axis[at], atol=1e-5):
-                _set(prim, name, "vector3f[]", _vectors(fields[tangent][at]))
-    if beams.group:
-        _set(prim, "lightGroup", "token", beams.group)
-    return prim
+        for name, at in (("start_tangent", first), ("end_tangent", last)):
+            if np.allclose(fields[name][at], axis[at], atol=1e-5):
+                del fields[name]
+    for name, (attribute, kind) in _ATTRIBUTES.items():
+        if name in fields:
+            values[f"photonbeams:{attribute}"] = [kind, fields[name][last if name.startswith("end") else first]]
+    return {"path": path, "type": "BasisCurves", "apis": ["PhotonBeamsCurvesAPI"], "values": values}
 
 
-# The attributes and their types, by the fields of beams.
-_VECTORS = {
+# The attributes of curves and their types, by fields of beams.
+_ATTRIBUTES = {
+    **{name: (name, "float[]") for name in ("offset", "total", "entry", "random", "id", "generation")},
     "end_normal": ("endNormals", "normal3f[]"), "start_normal": ("startNormals", "normal3f[]"),
     "side": ("sides", "point3f[]"), "side_normal": ("sideNormals", "normal3f[]"),
+    "start_tangent": ("startTangents", "vector3f[]"), "end_tangent": ("endTangents", "vector3f[]"),
 }  # fmt: skip
 
 
@@ -157,10 +155,6 @@ def _along(start: Array, end: Array, counts: Array, ends: Array, last: Array) ->
     return result
 
 
-def _set(prim: Usd.Prim, name: str, kind: str, value: object) -> None:
-    prim.CreateAttribute(f"photonbeams:{name}", Sdf.ValueTypeNames.Find(kind), False).Set(value)
-
-
 def _names(paths: Sequence[str], taken: set[str]) -> list[str]:
     """Return a unique prim name for each path."""
     names: list[str] = []
@@ -181,23 +175,8 @@ def _copied(
     paths = list(dict.fromkeys(looks.values()))
     copies = dict(zip(paths, _names(paths, set()), strict=True))
     for path, name in copies.items():
-        prim = stage.DefinePrim(f"{root}/Looks/{name}", "PhotonBeamsLook")
-        for attribute in like.GetPrimAtPath(path).GetAuthoredAttributes():
-            value = attribute.Get(Usd.TimeCode.EarliestTime() if time is None or time.IsDefault() else time)
-            if isinstance(value, Sdf.AssetPath):
-                value = Sdf.AssetPath(value.resolvedPath or value.path)
-            if value is not None:
-                kind, varying = attribute.GetTypeName(), attribute.GetVariability()
-                prim.CreateAttribute(attribute.GetName(), kind, attribute.IsCustom(), varying).Set(value)
+        copy_prim(like.GetPrimAtPath(path), stage, f"{root}/Looks/{name}", time)
     return {name: f"{root}/Looks/{copies[path]}" for name, path in looks.items()}
-
-
-def _vectors(values: Array) -> Vt.Vec3fArray:
-    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32).reshape(-1, 3))
-
-
-def _numbers(values: Array) -> Vt.FloatArray:
-    return Vt.FloatArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
 
 
 def check_path(path: Path) -> None:

@@ -16,7 +16,6 @@ from ..common.openusd import Usd, UsdGeom, UsdLux
 from ..common.reading import Reading, Time, prims_under, target_paths
 from ..lights.light import is_dome, is_light
 from ..media.medium import is_medium
-from .effects import Wanted, needs_of
 
 _SHOWN = Definition(
     "visibility", "choice", "inherited", choices=("inherited", "invisible"),
@@ -44,6 +43,41 @@ _LIGHT_INPUTS: Mapping[str, Mapping[str, Any]] = {
     "inputs:shaping:cone:softness": {"least": 0, "most": 1},
     "inputs:shaping:focus": {"least": 0, "slider": (0, 50)}, "inputs:shaping:focusTint": {},
 }  # fmt: skip
+
+
+#: What a value has to be: one of these, or with () anything but nothing, no and 0.
+Wanted = tuple[Any, ...]
+
+_SET: Wanted = ()
+_UNSET: Wanted = (None,)
+_BEAMS = ("count", "intensity", "guides", "look", "scattered")
+# For each attribute, what others of its prim have to be, so that it has an effect. Our own are without their prefix.
+_INPUTS: Mapping[str, Mapping[str, Wanted]] = {
+    "inputs:colorTemperature": {"inputs:enableColorTemperature": (True,)},
+    "inputs:shaping:focusTint": {"inputs:shaping:focus": _SET},
+}
+_LIGHT: Mapping[str, Mapping[str, Wanted]] = {
+    "portal:gobo": {"portal": _SET}, "gobo:angle": {"gobo": _SET}, "gobo:width": {"gobo": _SET},
+    "gobo:wrap": {"gobo": _SET}, **{name: {"enabled": (True,)} for name in _BEAMS},
+}  # fmt: skip
+_MEDIUM: Mapping[str, Mapping[str, Wanted]] = {
+    "scattering": {"nearColor": _UNSET}, "absorption": {"nearColor": _UNSET}, "farColor": {"nearColor": _SET},
+    "farDistance": {"nearColor": _SET}, "albedo": {"nearColor": _SET},
+}  # fmt: skip
+_LOOK: Mapping[str, Mapping[str, Wanted]] = {
+    "along:length": {"along:falloff": ("exponential", "power")}, "along:exponent": {"along:falloff": ("power",)},
+    "along:coefficients": {"along:falloff": ("polynomial",)},
+    "along:inner": {"along:outer": _SET}, "along:fade": {"along:outer": _SET},
+    "across:width": {"across:profile": ("gaussian",)}, "across:hardness": {"across:profile": ("smoothstep",)},
+    "across:values": {"across:profile": ("tabulated",)}, "across:inner": {"across:profile": ("hollow",)},
+    "across:softness": {"across:profile": ("hollow",)}, "eye:length": {"eye:falloff": ("exponential",)},
+    **{f"angle:{name}": {"angle:shading": ("glow",)} for name in ("anisotropy", "mix", "gain")},
+    **{
+        f"noise:{name}": {"noise:amount": _SET}
+        for name in ("scale", "octaves", "contrast", "drift", "evolution", "space")
+    },
+}  # fmt: skip
+_OWN = {"light": _LIGHT, "medium": _MEDIUM, "look": _LOOK}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,9 +147,8 @@ def controls_of(stage: Usd.Stage, time: Time = None) -> list[Controls]:
            for name, prims in (("look", looks), ("portal", portals), ("guides", guides))},
         "lightGroup": tuple(sorted(groups)), "asset": pictures_beside(stage),
     }  # fmt: skip
-    found = [_of_prim(reading, prim, "light", choices) for prim in lights]
-    found += [_of_prim(reading, prim, "medium", choices) for prim in media]
-    return found + [_of_prim(reading, prim, "look", choices) for prim in looks]
+    kinds = {"light": lights, "medium": media, "look": looks}
+    return [_Edited(reading, prim, kind, choices).controls() for kind, prims in kinds.items() for prim in prims]
 
 
 def pictures_beside(stage: Usd.Stage) -> tuple[str, ...]:
@@ -133,50 +166,86 @@ def pictures_beside(stage: Usd.Stage) -> tuple[str, ...]:
     return tuple(found[:_MOST_CHOICES])
 
 
-def _of_prim(reading: Reading, prim: Usd.Prim, kind: str, choices: Choices) -> Controls:
-    controls = tuple(_controls(reading, prim, kind, choices))
-    uses = tuple(str(each) for each in target_paths(prim, "photonbeams:look")) if kind == "light" else ()
-    return Controls(str(prim.GetPath()), kind, prim.GetName(), str(prim.GetTypeName()), controls, uses)
+@dataclass(frozen=True)
+class _Edited:
+    """A prim whose values can be edited, its kind, and the choices of prims, groups and files."""
 
+    reading: Reading
+    prim: Usd.Prim
+    kind: str
+    choices: Choices
 
-def _controls(
-    reading: Reading, prim: Usd.Prim, kind: str, choices: Choices
-) -> Iterator[Control]:  # fmt: skip
-    """Yield the controls of a prim, with what they need to have an effect, and with choices of files, groups, prims."""
-    for each in _all_controls(reading, prim, kind, choices):
-        needs = {
-            str(prim.GetPath().AppendProperty(name)): wanted
-            for name, wanted in needs_of(kind, each.name).items()
-        }  # fmt: skip
-        short = each.name.removeprefix(PREFIX)
-        own = choices["asset"] if each.kind == "asset" else choices[short] if short == "lightGroup" else each.choices
-        yield replace(each, needs=needs, choices=own)
+    def controls(self) -> Controls:
+        """Return the controls of the prim."""
+        prim = self.prim
+        uses = [str(each) for each in target_paths(prim, "photonbeams:look")] if self.kind == "light" else []
+        controls = [*self._of_light(), *self._of_schema(), *self._of_filters()]
+        path, kind = str(prim.GetPath()), str(prim.GetTypeName())
+        return Controls(path, self.kind, prim.GetName(), kind, tuple(controls), tuple(uses))
 
+    def _of_light(self) -> Iterator[Control]:
+        """Yield the controls of UsdLux."""
+        if self.kind == "light":
+            if self.prim.IsA(UsdGeom.Imageable):
+                yield self._control(_SHOWN, "Light")
+            for name in _LIGHT_INPUTS:
+                if definition := _light_input(self.prim, name):
+                    yield self._control(definition, "Light")
 
-def _all_controls(
-    reading: Reading, prim: Usd.Prim, kind: str, choices: Choices
-) -> Iterator[Control]:  # fmt: skip
-    if kind == "light":
-        if prim.IsA(UsdGeom.Imageable):
-            yield _control(reading, prim, _SHOWN, "Light")
-        for name in _LIGHT_INPUTS:
-            if own := _light_input(prim, name):
-                yield _control(reading, prim, own, "Light")
-    for name, own in definitions(_SCHEMAS[kind]).items():
-        slot, _, rest = name.removeprefix(PREFIX).partition(":")
-        section = slot.capitalize() if kind != "light" and rest else _SECTIONS[kind]
-        if own.kind == "paths":
-            yield _paths(prim, own, section, choices)
-        elif name.endswith(":ramp:knots"):
-            yield _ramp(reading, prim, name.removesuffix(":knots"), section)
-        elif ":ramp:" not in name and not (kind == "light" and _is_of_other_lights(prim, name)):
-            control = _control(reading, prim, own, section)
-            yield _of_kind(control, prim) if name == "photonbeams:enabled" else control
-    for path in target_paths(prim, "light:filters") if kind == "light" else ():
-        target = reading.stage.GetPrimAtPath(path)
-        if target and target.GetTypeName() in (BLOCKER, RAMP):
-            for own in definitions(str(target.GetTypeName())).values():
-                yield _control(reading, target, own, f"Filter {target.GetName()}")
+    def _of_schema(self) -> Iterator[Control]:
+        """Yield the controls of photonbeams' own attributes and relationships."""
+        for name, definition in definitions(_SCHEMAS[self.kind]).items():
+            slot, _, rest = name.removeprefix(PREFIX).partition(":")
+            section = slot.capitalize() if self.kind != "light" and rest else _SECTIONS[self.kind]
+            if name.endswith(":ramp:knots"):
+                yield self._ramp(name.removesuffix(":knots"), section)
+            elif name == "photonbeams:enabled":  # its default depends on the kind of light
+                yield self._control(replace(definition, default=not is_dome(self.prim)), section)
+            elif ":ramp:" not in name and not (self.kind == "light" and _is_of_other_lights(self.prim, name)):
+                yield self._control(definition, section)
+
+    def _of_filters(self) -> Iterator[Control]:
+        """Yield the controls of a light's filters."""
+        for path in target_paths(self.prim, "light:filters") if self.kind == "light" else ():
+            target = self.reading.stage.GetPrimAtPath(path)
+            if target and target.GetTypeName() in (BLOCKER, RAMP):
+                for definition in definitions(str(target.GetTypeName())).values():
+                    yield replace(self, prim=target)._control(definition, f"Filter {target.GetName()}")
+
+    def _control(self, definition: Definition, section: str) -> Control:
+        """Return the control of an attribute or a relationship."""
+        prim, name, value = self.prim, definition.name, definition.default
+        if definition.kind == "paths":
+            value = [str(each) for each in target_paths(prim, name)]
+            authored = prim.HasRelationship(name) and prim.GetRelationship(name).HasAuthoredTargets()
+        else:
+            attribute = self.reading.attribute(prim, name)
+            authored = bool(attribute) and attribute.HasAuthoredValue()
+            value = plain(self.reading.value(prim, name, value)) if authored else value
+        if definition.kind in ("number", "integer"):
+            definition = replace(definition, slider=_slider(definition, definition.default if value is None else value))
+        return self._made(definition, section, value, authored)
+
+    def _ramp(self, name: str, section: str) -> Control:
+        """Return the control of a ramp, three attributes in one."""
+        parts = {part: self._control(definitions(LOOK)[f"{name}:{part}"], section) for part in _RAMP}
+        value, default = ({key: getattr(each, which) for key, each in parts.items()} for which in ("value", "default"))
+        doc = "Colours between knots, as a factor."
+        definition = Definition(name, "ramp", default, choices=parts["interpolation"].choices, doc=doc)
+        authored = any(each.authored for each in parts.values())
+        made = self._made(definition, section, value, authored)
+        return replace(made, parts={key: each.path for key, each in parts.items()})
+
+    def _made(self, definition: Definition, section: str, value: Any, authored: bool) -> Control:
+        """Return a control with what it needs to have an effect, and with its choices of prims, groups and files."""
+        path, name = self.prim.GetPath(), definition.name
+        key = "asset" if definition.kind == "asset" else name.removeprefix(PREFIX)
+        fields = {**vars(definition), "choices": self.choices.get(key, definition.choices)}
+        needs = {str(path.AppendProperty(other)): wanted for other, wanted in _needs_of(self.kind, name).items()}
+        return Control(
+            **fields, path=str(path.AppendProperty(name)), label=_label(name), section=section, value=value,
+            authored=authored, needs=needs,
+        )  # fmt: skip
 
 
 def _is_of_other_lights(prim: Usd.Prim, name: str) -> bool:
@@ -195,47 +264,6 @@ def _light_input(prim: Usd.Prim, name: str) -> Definition | None:
     return replace(Definition.of(spec), **_LIGHT_INPUTS[name]) if spec else None
 
 
-def _control(reading: Reading, prim: Usd.Prim, own: Definition, section: str) -> Control:
-    """Return the control of an attribute."""
-    attribute = reading.attribute(prim, own.name)
-    authored = bool(attribute) and attribute.HasAuthoredValue()
-    value = plain(reading.value(prim, own.name, own.default)) if authored else own.default
-    if own.kind in ("number", "integer"):
-        own = replace(own, slider=_slider(own, own.default if value is None else value))
-    return _of(prim, own, section, value, authored)
-
-
-def _of(prim: Usd.Prim, own: Definition, section: str, value: Any, authored: bool, **parts: str) -> Control:
-    return Control(
-        **vars(own), path=str(prim.GetPath().AppendProperty(own.name)), label=_label(own.name), section=section,
-        value=value, authored=authored, parts=parts,
-    )  # fmt: skip
-
-
-def _paths(prim: Usd.Prim, own: Definition, section: str, choices: Choices) -> Control:
-    """Return the control of a relationship."""
-    targets = [str(each) for each in target_paths(prim, own.name)]
-    authored = prim.HasRelationship(own.name) and prim.GetRelationship(own.name).HasAuthoredTargets()
-    known = choices.get(own.name.removeprefix(PREFIX), ())
-    return _of(prim, replace(own, choices=known), section, targets, authored)
-
-
-def _of_kind(control: Control, prim: Usd.Prim) -> Control:
-    """Return the control of whether a light makes beams, whose default depends on the kind of light."""
-    does = not is_dome(prim)
-    return replace(control, default=does, value=control.value if control.authored else does)
-
-
-def _ramp(reading: Reading, prim: Usd.Prim, name: str, section: str) -> Control:
-    """Return the control of a ramp, three attributes in one."""
-    named = {part: _control(reading, prim, definitions(LOOK)[f"{name}:{part}"], section) for part in _RAMP}
-    value, default = ({key: getattr(each, which) for key, each in named.items()} for which in ("value", "default"))
-    doc = "Colours between knots, as a factor."
-    own = Definition(name, "ramp", default, choices=named["interpolation"].choices, doc=doc)
-    authored = any(each.authored for each in named.values())
-    return _of(prim, own, section, value, authored, **{key: each.path for key, each in named.items()})
-
-
 def _slider(own: Definition, value: object) -> tuple[float, float]:
     """Return the range of a slider: the bounds of the value or, without bounds, twice the present value."""
     if own.slider is not None:
@@ -251,3 +279,11 @@ def _label(name: str) -> str:
         words = words[1:]
     spaced = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in " ".join(words))
     return spaced.strip().capitalize()
+
+
+def _needs_of(kind: str, name: str) -> dict[str, Wanted]:
+    """Return what other attributes have to be, by their names, so that an attribute of a kind of prim has an effect."""
+    if not name.startswith(PREFIX):
+        return dict(_INPUTS.get(name, {}))
+    others = _OWN[kind].get(name.removeprefix(PREFIX), {})
+    return {PREFIX + other: wanted for other, wanted in others.items()}

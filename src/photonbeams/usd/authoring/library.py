@@ -15,8 +15,8 @@ from ...scene import SceneError
 from ..common.definitions import LOOK, PREFIX, definitions, plain
 from ..common.openusd import Sdf, Usd
 from ..common.reading import file_of
-from .editing import EditLayer
 from .presets import Preset, preset_of
+from .prims import copy_prim
 
 # The most looks that are listed.
 _MOST = 200
@@ -73,18 +73,15 @@ class LookLibrary:
             raise SceneError(f"{file_of(stage)} has no look {path} to keep")
         numbers = ("", *map(str, range(2, 10_000)))
         file = next(each for each in (self.folder / f"{prim.GetName()}{k}.usda" for k in numbers) if not each.exists())
-        found = KeptLook("look", file.stem, _values(prim))
-        kept = Usd.Stage.CreateInMemory()
-        kept.SetDefaultPrim(kept.DefinePrim(f"/{prim.GetName()}", LOOK))
-        layer = EditLayer(kept)
-        for name, value in found.attributes().items():
-            layer.set(f"/{prim.GetName()}.{name}", value)
+        stage = Usd.Stage.CreateInMemory()
+        copy_prim(prim, stage, f"/{prim.GetName()}")
+        stage.SetDefaultPrim(stage.GetPrimAtPath(f"/{prim.GetName()}"))
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            write_bytes(file, kept.Flatten().ExportToString().encode())
+            write_bytes(file, stage.Flatten().ExportToString().encode())
         except OSError as error:
             raise SceneError(f"{file} cannot be written: {error.strerror or error}") from error
-        return found
+        return KeptLook("look", file.stem, _values(prim))
 
 
 def _values(prim: Usd.Prim) -> dict[str, object]:

@@ -37,6 +37,10 @@ _TORN = {
     "across:expression": "smoothstep(0, 0.3, 0.75 + 0.5 * snoise(2.5 * P, 0.3 * time) - r)",
 }
 _HOLLOW = {"across:profile": "hollow", "across:inner": 0.6, "across:softness": 0.8}
+_SMOKE = {"noise:amount": 1, "noise:octaves": 5, "noise:contrast": 3, "noise:evolution": 0.15}
+_SMOKE_LENGTHS = {"noise:scale": 0.8, "noise:drift": [0, 0.08, 0]}
+_DUST = {"noise:amount": 0.9, "noise:evolution": 0.1}
+_DUST_LENGTHS = {"noise:scale": 0.5, "noise:drift": [0.03, 0.05, 0]}
 _EVEN = {"along:falloff": "none", "along:physical": False}
 _FADING = {"along:falloff": "polynomial", "along:coefficients": [1, 0, -1]}
 
@@ -84,13 +88,9 @@ PRESETS = (
         **_EVEN, "along:tint": [0.25, 1, 0.35], "eye:falloff": "none", "across:profile": "tabulated",
         "across:values": [1, 1, 0.06, 0.04, 0.025, 0.015, 0.01, 0.005, 0],
     }),
-    Preset("look", "Smoke", {
-        "noise:amount": 1, "noise:octaves": 5, "noise:contrast": 3, "noise:evolution": 0.15,
-        "across:profile": "biweight",
-    }, {"noise:scale": 0.8, "noise:drift": [0, 0.08, 0]}),
-    Preset("look", "Dust", {
-        "noise:amount": 0.9, "noise:evolution": 0.1, "along:tint": [1, 0.9, 0.75], "across:profile": "biweight",
-    }, {"noise:scale": 0.5, "noise:drift": [0.03, 0.05, 0], "along:inner": 1.5, "along:outer": 4}),
+    Preset("look", "Smoke", {**_SMOKE, "across:profile": "biweight"}, _SMOKE_LENGTHS),
+    Preset("look", "Dust", {**_DUST, "along:tint": [1, 0.9, 0.75], "across:profile": "biweight"},
+           {**_DUST_LENGTHS, "along:inner": 1.5, "along:outer": 4}),
     Preset("look", "Hollow", _HOLLOW),
     Preset("look", "Tube", {
         "across:profile": "hollow", "across:inner": 0.55, "across:ramp:knots": [0.55, 0.75, 1],
@@ -152,10 +152,8 @@ PRESETS = (
         "angle:ramp:interpolation": "smooth",
     }),
     Preset("noise", "None"),
-    Preset("noise", "Dust", {"noise:amount": 0.9, "noise:evolution": 0.1},
-           {"noise:scale": 0.5, "noise:drift": [0.03, 0.05, 0]}),
-    Preset("noise", "Smoke", {"noise:amount": 1, "noise:octaves": 5, "noise:contrast": 3, "noise:evolution": 0.15},
-           {"noise:scale": 0.8, "noise:drift": [0, 0.08, 0]}),
+    Preset("noise", "Dust", _DUST, _DUST_LENGTHS),
+    Preset("noise", "Smoke", _SMOKE, _SMOKE_LENGTHS),
     Preset("noise", "Haze", {"noise:amount": 0.5, "noise:octaves": 2, "noise:contrast": 1}, {"noise:scale": 1.2}),
 )  # fmt: skip
 

@@ -53,6 +53,18 @@ def write_prims(stage: Usd.Stage, prims: Iterable[Mapping[str, Any]]) -> None:
                 raise SceneError(f"{each.get('path')} is no description of a prim: {shown(error)}") from error
 
 
+def copy_prim(prim: Usd.Prim, stage: Usd.Stage, path: str, time: Usd.TimeCode | None = None) -> None:
+    """Define a prim on a stage as another one is at a time, whose files have their whole paths."""
+    copy = stage.DefinePrim(path, prim.GetTypeName())
+    for attribute in prim.GetAuthoredAttributes():
+        value = attribute.Get(Usd.TimeCode.EarliestTime() if time is None or time.IsDefault() else time)
+        if isinstance(value, Sdf.AssetPath):
+            value = Sdf.AssetPath(value.resolvedPath or value.path)
+        if value is not None:
+            kind, varying = attribute.GetTypeName(), attribute.GetVariability()
+            copy.CreateAttribute(attribute.GetName(), kind, attribute.IsCustom(), varying).Set(value)
+
+
 def remove_prims(stage: Usd.Stage, paths: Iterable[str]) -> None:
     """Remove prims from the layer that the stage edits; paths without a prim are left alone."""
     layer = stage.GetEditTarget().GetLayer()
@@ -101,7 +113,7 @@ def _attribute(spec: Sdf.PrimSpec, name: str, kind: str) -> Sdf.AttributeSpec:
     return Sdf.AttributeSpec(spec, name, Sdf.ValueTypeNames.Find(kind), uniform, declaresCustom=False)
 
 
-_UNIFORM = {"xformOpOrder", "subdivisionScheme", "elementType", "familyName", "info:id"}
+_UNIFORM = {"type", "xformOpOrder", "subdivisionScheme", "elementType", "familyName", "info:id"}
 
 
 def _value(kind: str, value: Any) -> Any:
@@ -109,7 +121,7 @@ def _value(kind: str, value: Any) -> Any:
     if kind == "matrix4d":
         return Gf.Matrix4d(np.asarray(value, np.float64).tolist())
     if isinstance(value, np.ndarray):
-        return _ARRAYS[kind].FromNumpy(np.ascontiguousarray(value))
+        return _ARRAYS[kind].FromNumpy(np.ascontiguousarray(value, np.int32 if kind == "int[]" else np.float32))
     if kind == "asset":
         return Sdf.AssetPath(value)
     if kind == "token[]":
@@ -120,5 +132,5 @@ def _value(kind: str, value: Any) -> Any:
 #: The arrays that (N,) or (N, C) numbers become at once.
 _ARRAYS = {
     "int[]": Vt.IntArray, "float[]": Vt.FloatArray, "point3f[]": Vt.Vec3fArray, "normal3f[]": Vt.Vec3fArray,
-    "color3f[]": Vt.Vec3fArray, "texCoord2f[]": Vt.Vec2fArray,
+    "color3f[]": Vt.Vec3fArray, "texCoord2f[]": Vt.Vec2fArray, "vector3f[]": Vt.Vec3fArray, "float3[]": Vt.Vec3fArray,
 }  # fmt: skip

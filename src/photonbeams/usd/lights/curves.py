@@ -154,18 +154,6 @@ class _CurvesPrim:
             plural = "s" if len(curves) > 1 else ""
             self.reading.warn(self.prim, f"has curve{plural} {named}{more} {text}: skipped", name)
 
-    def interpolation(self, count: int, declared: str) -> str | None:
-        """Return the interpolation that fits a number of values, or None.
-
-        The number decides where it can, because exporters leave the interpolation at its fallback, "vertex".
-        """
-        if count == 1:
-            return "constant"
-        varying = varying_counts(self.counts, self.kind, self.wrap).sum()
-        sizes = {"vertex": self.counts.sum(), "varying": varying, "uniform": len(self.counts)}
-        fitting = [kind for kind, size in sizes.items() if size == count]
-        return declared if declared in fitting else next(iter(fitting), None)
-
     def widths(self, reading: Reading) -> Values:
         """Return the widths, which are diameters, at the time of a reading."""
         prim = self.prim
@@ -203,12 +191,18 @@ class _CurvesPrim:
         return self._values(np.maximum(colour, 0), str(primvar.GetInterpolation()), name)
 
     def _values(self, values: Array, declared: str, name: str) -> Values:
-        found = self.interpolation(len(values), declared)
-        if found is None:
+        """Return values with the interpolation that fits their number.
+
+        The number decides where it can, because exporters leave the interpolation at its fallback, "vertex".
+        """
+        varying = varying_counts(self.counts, self.kind, self.wrap).sum()
+        sizes = {"constant": 1, "vertex": self.counts.sum(), "varying": varying, "uniform": len(self.counts)}
+        fitting = [kind for kind, size in sizes.items() if size == len(values)]
+        if not fitting:
             kind = f" of interpolation '{declared}'" if declared else ""
             text = f"has {len(values)} values{kind}: expected 1, {len(self.counts)} or {self.counts.sum()}"
             raise self.reading.fail(self.prim, name, text)
-        return Values(values, found)
+        return Values(values, declared if declared in fitting and fitting[0] != "constant" else fitting[0])
 
     def each(self, name: str, columns: int) -> Array | None:
         """Return an attribute of each curve, (curves, columns), or None if it is not authored."""

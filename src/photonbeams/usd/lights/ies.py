@@ -141,11 +141,20 @@ def _number(word: str) -> float:
         raise ValueError(f"it has {shown(word)} where a number is expected") from None
 
 
+def _mirrored_at_end(angles: Array, values: Array) -> tuple[Array, Array]:
+    """Mirror angles, and their values, at the last of them."""
+    return np.append(angles, 2 * angles[-1] - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
+
+
+def _mirrored_at_begin(angles: Array, values: Array) -> tuple[Array, Array]:
+    """Mirror angles, and their values, at the first of them."""
+    mirrored, others = _mirrored_at_end(angles[::-1], values[::-1])
+    return mirrored[::-1], others[::-1]
+
+
 def _mirrored(angles: Array, values: Array) -> tuple[Array, Array]:
     """Mirror angles that begin at 0, and their values, to the angles below 0."""
-    if abs(angles[0]) > 1e-4:
-        return angles, values
-    return np.concatenate([-angles[:0:-1], angles]), np.concatenate([values[:0:-1], values])
+    return (angles, values) if abs(angles[0]) > 1e-4 else _mirrored_at_begin(angles, values)
 
 
 def _about_horizontal_axis(vertical: Array, horizontal: Array, intensity: Array) -> tuple[Array, Array, Array]:
@@ -175,18 +184,20 @@ def _all_around(angles: Array, values: Array) -> tuple[Array, Array]:
     """Extend horizontal angles of type C to 0 to 360: the file may have a quarter, a half or a single angle."""
     if len(angles) == 1:
         return np.zeros(1), values
-    if np.allclose(angles[[0, -1]], [0, 90]):
-        angles, values = np.append(angles, 180 - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
-    if np.allclose(angles[[0, -1]], [90, 270]):  # symmetric about the plane of 90 and 270 degrees
-        angles, values = np.append(180 - angles[:0:-1], angles), np.concatenate([values[:0:-1], values])
-        front = np.array([[np.interp(0.0, angles, each) for each in values.T]])
-        after, before = angles > 0, (angles < 0) & (np.arange(len(angles)) > 0)  # from −90 to 270
-        values = np.concatenate([front, values[after], values[before], front])
-        angles = np.concatenate([[0.0], angles[after], angles[before] + 360, [360.0]])
-    if np.allclose(angles[[0, -1]], [0, 180]):
-        return np.append(angles, 360 - angles[-2::-1]), np.concatenate([values, values[-2::-1]])
-    if angles[-1] < 360 - 1e-3 and angles[0] < 1e-3:  # against the standard: 360, which equals 0, is missing
-        return np.append(angles, 360.0), np.concatenate([values, values[:1]])
-    if np.allclose(angles[[0, -1]], [0, 360]):
+
+    def span(first: float, last: float) -> bool:
+        return np.allclose(angles[[0, -1]], [first, last])
+
+    if span(90, 270):  # symmetric about the plane of 90 and 270 degrees
+        around, mirrored = _mirrored_at_begin(angles, values)
+        angles = np.unique([0.0, 360.0, *(around % 360)])
+        return angles, np.stack([np.interp(angles, around, each, period=360) for each in mirrored.T], axis=1)
+    if span(0, 90):
+        angles, values = _mirrored_at_end(angles, values)
+    if span(0, 180):
+        return _mirrored_at_end(angles, values)
+    if span(0, 360):
         return angles, values
+    if angles[-1] < 360 and angles[0] < 1e-3:  # against the standard: 360, which equals 0, is missing
+        return np.append(angles, 360.0), np.concatenate([values, values[:1]])
     raise ValueError(f"its horizontal angles go from {angles[0]:g} to {angles[-1]:g}")

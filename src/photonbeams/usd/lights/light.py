@@ -18,7 +18,6 @@ import numpy as np
 from ...images.color_spaces import REC709
 from ...scene import (
     Array,
-    Color,
     CylinderLight,
     DistantLight,
     DomeLight,
@@ -91,10 +90,11 @@ def read_light(
     shared = {"name": name, **read_beam_settings(reading, prim, portal)}
     shared |= {"emits_beams": makes_beams(reading, prim), "shaping": read_shaping(reading, prim)}
     shared |= on_surfaces(reading, prim, shared["emits_beams"])
+    shared |= {} if kind in _DOMES else {"axis": unit(to_world[:3, :3] @ [0.0, 0.0, -1.0])}
     if kind in _READERS:
         light: Light | None = _READERS[kind](reading, prim, to_world, shared)
     else:
-        light = _mesh(reading, prim, to_world, shared, meshes)
+        light = _mesh(reading, prim, meshes, shared)
     if light is None:
         return None
     return filtered(reading, prim, replace(light, frame=_frame(to_world, getattr(light, "axis", None))))
@@ -117,7 +117,7 @@ def is_sky(prim: Usd.Prim) -> bool:
     return is_dome(prim) and not prim.GetAttribute("photonbeams:enabled").HasAuthoredValue()
 
 
-def _value(reading: Reading, prim: Usd.Prim) -> Array:
+def _value(reading: Reading, prim: Usd.Prim) -> Any:
     """Return intensity · 2^exposure · color · temperature, (3,)."""
     intensity = reading.number(prim, "inputs:intensity", 1.0, minimum=0.0)
     if _normalized(reading, prim) and not prim.IsA(UsdLux.NonboundableLightBase):
@@ -128,11 +128,7 @@ def _value(reading: Reading, prim: Usd.Prim) -> Array:
         kelvin = reading.clipped(prim, "inputs:colorTemperature", _WHITE_KELVIN, _COLDEST, _HOTTEST)
         black_body, white = (np.array(UsdLux.BlackbodyTemperatureAsRgb(k)) for k in (kelvin, _WHITE_KELVIN))
         result = result * np.maximum(to_working(black_body / white, REC709, reading.spaces), 0)
-    return np.asarray(result)
-
-
-def _rgb(value: Array) -> Color:
-    return (float(value[0]), float(value[1]), float(value[2]))
+    return result
 
 
 def _normalized(reading: Reading, prim: Usd.Prim) -> bool:
@@ -141,31 +137,29 @@ def _normalized(reading: Reading, prim: Usd.Prim) -> bool:
 
 def _sphere(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
     linear = to_world[:3, :3]
-    own = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
-    axes = own * np.linalg.svd(linear, compute_uv=False)
+    size = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
+    axes = size * np.linalg.svd(linear, compute_uv=False)
     reading.within_reach(prim, axes)
     uneven = axes[0] > axes[2] * (1 + _UNEVEN)
-    radius = float(np.sqrt(ellipsoid_area(axes) / (4 * np.pi))) if uneven else own * _mean_scale(linear)
+    radius = float(np.sqrt(ellipsoid_area(axes) / (4 * np.pi))) if uneven else size * _mean_scale(linear)
+    area = 4 * np.pi * radius**2
     normalized = _normalized(reading, prim) or radius == 0
-    radiance = value = _value(reading, prim)
     as_point = reading.flag(prim, "treatAsPoint", False)
     if radius == 0 and not (as_point or _normalized(reading, prim)):
         reading.warn(prim, _NO_AREA, "inputs:radius")
+    radiance = _value(reading, prim)
     if as_point or radius == 0 or (normalized and radius < _POINT):
         # A convex body of area A shows A/4 on average, so that a point of its power has the intensity L A/4.
-        radiance = value / 4 * (1.0 if normalized else 4 * np.pi * radius**2)
+        radiance *= 0.25 if normalized else 0.25 * area
         radius = 0.0
     elif normalized:
-        radiance = value / (4 * np.pi * radius**2)
-    shape = own * linear if uneven and radius > 0 else None
+        radiance /= area
+    shape = size * linear if uneven and radius > 0 else None
     if shape is not None and axes[0] > _FLATTEST * axes[2]:
         text = " x ".join(f"{2 * each:.4g}" for each in axes)
         reading.warn(prim, f"is scaled to {text}: it is rendered as a sphere of the same power, {2 * radius:.4g} wide")
         shape = None
-    return SphereLight(
-        **shared, radiance=_rgb(radiance), center=to_world[:3, 3], radius=radius, shape=shape,
-        axis=unit(linear @ [0.0, 0.0, -1.0]),
-    )  # fmt: skip
+    return SphereLight(**shared, radiance=radiance, center=to_world[:3, 3], radius=radius, shape=shape)
 
 
 def _mean_scale(linear: Array) -> float:
@@ -186,55 +180,53 @@ def _flat(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
     axis = unit(np.linalg.solve(linear.T, [0.0, 0.0, -1.0]))
     if np.cross(half_x, half_y) @ axis > 0:  # mirrored: the rectangle is the same with half_x reversed
         half_x = -half_x
-    light = FlatLight(
-        **shared, radiance=(0, 0, 0), center=to_world[:3, 3], half_x=half_x, half_y=half_y, axis=axis, disk=disk
-    )
-    radiance = _value(reading, prim) / (light.area if _normalized(reading, prim) else 1.0)
-    return replace(light, radiance=_rgb(radiance))
+    shared |= {"axis": axis, "radiance": _value(reading, prim)}
+    light = FlatLight(**shared, center=to_world[:3, 3], half_x=half_x, half_y=half_y, disk=disk)
+    return _of_area(light, light.area) if _normalized(reading, prim) else light
+
+
+def _of_area(light: Light, area: float) -> Light:
+    """Return a light with its power divided by its area."""
+    radiance: Any = np.array(light.radiance) / area
+    return replace(light, radiance=radiance)
 
 
 def _cylinder(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
     linear = to_world[:3, :3]
     half = 0.5 * reading.positive(prim, "inputs:length", 1.0) * linear[:, 0]
     whole = 2 * float(np.linalg.norm(half))
-    own = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
+    size = reading.number(prim, "inputs:radius", 0.5, minimum=0.0)
     columns = linear[:, 1:]
     oblique = float(np.abs(unit(half) @ columns).max()) > _UNEVEN * _mean_scale(columns)
     # What is seen along the axis: a circle, or an ellipse if the cylinder is sheared, or scaled unevenly across.
     ring = columns - np.outer(half, half @ columns) / (half @ half) if oblique else columns
-    wide, narrow = own * np.linalg.svd(ring, compute_uv=False)
+    wide, narrow = size * np.linalg.svd(ring, compute_uv=False)
     uneven = wide > narrow * (1 + _UNEVEN)
-    radius = ellipse_perimeter(wide, narrow) / (2 * np.pi) if uneven else own * _mean_scale(ring)
+    radius = ellipse_perimeter(wide, narrow) / (2 * np.pi) if uneven else size * _mean_scale(ring)
     reading.within_reach(prim, [*half, radius])
-    shape = np.column_stack([half, own * columns]) if (uneven or oblique) and radius > _LINE * whole else None
+    shape = np.column_stack([half, size * columns]) if (uneven or oblique) and radius > _LINE * whole else None
     if shape is not None and wide > _FLATTEST * narrow:
         text = f"is {2 * wide:.4g} x {2 * narrow:.4g} across: it is rendered as a round cylinder of the same power"
         reading.warn(prim, f"{text}, {2 * radius:.4g} wide")
         shape = None
-    if radius == 0 and not (reading.flag(prim, "treatAsLine", False) or _normalized(reading, prim)):
+    normalized = _normalized(reading, prim)
+    if radius == 0 and not (reading.flag(prim, "treatAsLine", False) or normalized):
         reading.warn(prim, _NO_AREA, "inputs:radius")
-    normalized = _normalized(reading, prim) or radius == 0
-    radius = max(radius, _LINE * whole) if normalized else radius
-    light = CylinderLight(
-        **shared, radiance=(0, 0, 0), center=to_world[:3, 3], half=half, radius=radius, shape=shape,
-        axis=unit(linear @ [0.0, 0.0, -1.0]),
-    )  # fmt: skip
-    return replace(light, radiance=_rgb(_value(reading, prim) / (light.area if normalized else 1.0)))
+    if normalized or radius == 0:
+        normalized, radius = True, max(radius, _LINE * whole)
+    shared["radiance"] = _value(reading, prim)
+    light = CylinderLight(**shared, center=to_world[:3, 3], half=half, radius=radius, shape=shape)
+    return _of_area(light, light.area) if normalized else light
 
 
-def _mesh(
-    reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any], meshes: Sequence[Mesh]
-) -> Light | None:
+def _mesh(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh], shared: dict[str, Any]) -> Light | None:
     glow = read_glow(reading, prim, meshes)
     if glow is None:
         return None
-    radiance = np.asarray(glow.tint)
-    if prim.HasAPI(UsdLux.LightAPI):
-        radiance = radiance * _value(reading, prim) / (glow.mesh.area if _normalized(reading, prim) else 1.0)
-    return MeshLight(
-        **shared, radiance=_rgb(radiance), mesh=glow.mesh, image=glow.image, surface=glow.surface,
-        both_sides=glow.both_sides, axis=unit(to_world[:3, :3] @ [0.0, 0.0, -1.0]),
-    )  # fmt: skip
+    own = prim.HasAPI(UsdLux.LightAPI)
+    shared["radiance"] = glow.tint * (_value(reading, prim) if own else 1.0)
+    light = MeshLight(**shared, mesh=glow.mesh, image=glow.image, surface=glow.surface, both_sides=glow.both_sides)
+    return _of_area(light, glow.mesh.area) if own and _normalized(reading, prim) else light
 
 
 def _distant(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
@@ -246,8 +238,7 @@ def _distant(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str
     if angle > 0 and _normalized(reading, prim):
         square = np.sin(half) ** 2
         value = value / (np.pi * (square if half <= np.pi / 2 else 2 - square))
-    axis = unit(to_world[:3, :3] @ [0.0, 0.0, -1.0])
-    return DistantLight(**shared, radiance=_rgb(value), axis=axis, angle=angle)
+    return DistantLight(**shared, radiance=value, angle=angle)
 
 
 def _dome(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, Any]) -> Light:
@@ -260,10 +251,9 @@ def _dome(reading: Reading, prim: Usd.Prim, to_world: Array, shared: dict[str, A
         reading.warn(prim, f"is '{form}', which is not rendered: the light has one colour", "inputs:texture:format")
     if image is not None:
         image = rgb(image)
-    rotation = _rotation(to_world) @ _pole(reading, prim)
-    return DomeLight(
-        **shared, radiance=_rgb(_value(reading, prim)), image=image, to_world=rotation, lights_media=is_sky(prim)
-    )
+    left, _, right = np.linalg.svd(to_world[:3, :3])  # their product is the nearest rotation, perhaps mirrored
+    shared |= {"to_world": left @ right @ _pole(reading, prim), "lights_media": is_sky(prim)}
+    return DomeLight(**shared, radiance=_value(reading, prim), image=image)
 
 
 def _pole(reading: Reading, prim: Usd.Prim) -> Array:
@@ -288,12 +278,6 @@ def _frame(to_world: Array, axis: Array | None) -> Array:
     result = np.eye(4)
     result[:3] = np.column_stack([side, up, back, to_world[:3, 3]])
     return result
-
-
-def _rotation(to_world: Array) -> Array:
-    """Return the nearest rotation (or mirrored rotation) to a transform's linear part."""
-    left, _, right = np.linalg.svd(to_world[:3, :3])
-    return np.asarray(left @ right)
 
 
 _DOMES = ("DomeLight", "DomeLight_1")

@@ -32,12 +32,13 @@ def linked(reading: Reading, light: Light, prim: Usd.Prim, meshes: Sequence[Mesh
             reading.lack(prim, f"names {lost[0]}, which is not there: {nothing}", _INCLUDES)
         else:
             reading.warn(prim, f"includes nothing that is rendered: {nothing}", "collection:lightLink")
-    if light.emits_beams and not lights_media(reading, prim, media):
-        names = ", ".join(media)
-        LOG.info("%s makes no beams: its light link leaves out the fog %s", reading.place(prim), names)
+    if media and len(dark) == len(media):
+        if light.emits_beams:
+            text = "%s makes no beams: its light link leaves out the fog %s"
+            LOG.info(text, reading.place(prim), ", ".join(media))
         light = replace(light, emits_beams=False)
-    if isinstance(light, DomeLight) and light.lights_media and not lights_media(reading, prim, media):
-        light = replace(light, lights_media=False)
+        if isinstance(light, DomeLight):
+            light = replace(light, lights_media=False)
     filters = _linked_filters(reading, light, [*(mesh.name for mesh in meshes), *media])
     if not (unlit or dark or unshadowed or filters != light.filters):
         return light

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ...scene import Array, Color, Mesh, UVTexture
+from ...scene import Array, Mesh, UVTexture
 from ..common.openusd import Usd, UsdLux
 from ..common.reading import Reading
 from ..geometry.meshes import is_closed, is_gprim
@@ -21,10 +21,10 @@ class MeshGlow:
     """What a mesh emits as a light: a factor on the light's radiance, and perhaps an image."""
 
     mesh: Mesh
-    tint: Color
+    tint: Array
     image: UVTexture | None
     surface: bool
-    both_sides: bool = False
+    both_sides: bool
 
 
 def is_asked(prim: Usd.Prim) -> bool:
@@ -42,34 +42,28 @@ def read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> MeshG
     If `light:materialSyncMode` makes the material's glow tint the light, but no material glows, the light is not
     tinted.
     """
-    glow = _read_glow(reading, prim, meshes)
-    # A glowing surface is seen from both sides, and so shines from both if they are not the inside of a body.
-    return glow and replace(glow, both_sides=not (prim.HasAPI(UsdLux.LightAPI) or is_closed(reading, prim)))
-
-
-def _read_glow(reading: Reading, prim: Usd.Prim, meshes: Sequence[Mesh]) -> MeshGlow | None:
-    own = [mesh for mesh in meshes if len(mesh.faces) and mesh.area > 0]
-    if not own:
+    parts = [mesh for mesh in meshes if len(mesh.faces) and mesh.area > 0]
+    if not parts:
         reading.warn(prim, "is a light without a surface: it does not shine")
         return None
-    glowing = [mesh for mesh in own if glows(mesh)]
-    mode = _TINTED
-    if prim.HasAPI(UsdLux.LightAPI):
-        mode = reading.choice(prim, "light:materialSyncMode", _TINTED, (_TINTED, _INDEPENDENT, _ALONE))
+    glowing = [mesh for mesh in parts if glows(mesh)]
     if is_asked(prim) and not glowing:
         reading.warn(prim, "is to make beams, but its material emits no light: it makes none", "photonbeams:enabled")
         return None
+    is_lux, mode = prim.HasAPI(UsdLux.LightAPI), _TINTED
+    if is_lux:
+        mode = reading.choice(prim, "light:materialSyncMode", _TINTED, (_TINTED, _INDEPENDENT, _ALONE))
+    # A glowing surface is seen from both sides, and so shines from both if they are not the inside of a body.
+    both_sides = not (is_lux or is_closed(reading, prim))
     if mode != _TINTED or not glowing:
-        return MeshGlow(joined(own, own[0].name), (1.0, 1.0, 1.0), None, mode != _ALONE)
-    if len(glowing) == 1:
-        emissive = glowing[0].material.emissive
-        if isinstance(emissive, UVTexture):
-            return MeshGlow(glowing[0], (1.0, 1.0, 1.0), emissive, True)
-    areas = np.array([mesh.area for mesh in glowing])
-    mean = areas @ np.array([_mean(mesh) for mesh in glowing]) / areas.sum()
-    if len({tuple(_mean(mesh)) for mesh in glowing}) > 1:
+        return MeshGlow(joined(parts, parts[0].name), np.ones(3), None, mode != _ALONE, both_sides)
+    emissive = glowing[0].material.emissive
+    if len(glowing) == 1 and isinstance(emissive, UVTexture):
+        return MeshGlow(glowing[0], np.ones(3), emissive, True, both_sides)
+    areas, tints = np.array([mesh.area for mesh in glowing]), np.array([_mean(mesh) for mesh in glowing])
+    if np.any(tints != tints[0]):
         reading.warn(prim, "has parts that glow differently: as a light it has their mean colour")
-    return MeshGlow(joined(glowing, glowing[0].name), (float(mean[0]), float(mean[1]), float(mean[2])), None, True)
+    return MeshGlow(joined(glowing, glowing[0].name), areas @ tints / areas.sum(), None, True, both_sides)
 
 
 def glows(mesh: Mesh) -> bool:
