@@ -147,7 +147,7 @@ def presets(_folder):
         apply_preset(tree, next(own for own in PRESETS if own["label"] == "Physical" and own["factor"] == "look"))
         apply_preset(tree, each)
         prim = look_prim(tree, "/Look", None, print)
-        found = {name: np.asarray(value).tolist() for name, (_, value) in prim["values"].items()}
+        found = {name: np.asarray(value).tolist() for name, value in prim.values.items()}
         tell(name=each["name"], values=found)
 
 

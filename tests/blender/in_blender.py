@@ -410,7 +410,6 @@ class Screen:
     def show(self, width=WIDTH, height=HEIGHT, passes=2):
         """Show the scene as it is now; return the finished picture, and the sizes of all pictures."""
         from extension.reading.cameras import viewport_area, viewport_prim
-        from extension.reading.scene import CAMERA
 
         bpy.context.view_layer.update()
         depsgraph = bpy.context.evaluated_depsgraph_get()
@@ -423,7 +422,7 @@ class Screen:
         area = viewport_area(region, space, bpy.context.scene)
         view = {"width": width, "height": height, "area": area, "passes": passes, "denoise": False, "bounces": 0}
         self.viewport.picture, sizes, until = None, [], time.monotonic() + 100
-        self.viewport.show(depsgraph, "", viewport_prim(region, space, depsgraph, CAMERA), view)
+        self.viewport.show(depsgraph, "", viewport_prim(region, space, depsgraph), view)
         while time.monotonic() < until:
             # A renderer that has ended may be found so when the scene is sent, and nothing comes from it then.
             if self.viewport.poll() or self.viewport._renderer is None:

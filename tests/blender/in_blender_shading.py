@@ -15,7 +15,8 @@ import numpy as np
 from extension.reading.kept import Kept
 from extension.reading.nodes import value_of
 from extension.reading.scene import SceneReader
-from extension.reading.shading.evaluation import Points, evaluated
+from extension.reading.shading.calls import Points
+from extension.reading.shading.evaluation import evaluated
 from extension.reading.shading.links import source_of
 from extension.reading.shading.materials import surface_of
 from extension.reading.shading.skies import SkyReader
@@ -141,7 +142,7 @@ def noise(folder):
     middles = (np.arange(size) + 0.5) / size * 2 - 1
     x, y = np.meshgrid(middles, -middles)
     points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
-    expected = evaluated(source_of(light.inputs["Color"]), Points(points, points, points, points, points[:, 0]))
+    expected = evaluated(source_of(light.inputs["Color"]), Points(points, points, points, points))
     tell(difference=float(np.abs(expected[:, 0].reshape(size, size) - shown).max()), spread=float(np.ptp(shown)))
 
 
@@ -185,7 +186,7 @@ def skies(folder):
         sky.sun_disc = True
         reader = SkyReader(said.append)
         reader.radiance(source)
-        sun = [each["values"]["inputs:color"][1] for each in reader.suns]
+        sun = [each.values["inputs:color"] for each in reader.suns]
         peaks = [int(each[:15].sum(axis=(0, 2)).argmax()) for each in (own, shown)]
         own, shown = ((each * weights).sum(axis=(0, 1)).tolist() for each in (own, shown))
         tell(sky=name, own=own, cycles=shown, sun=sun, peaks=peaks, said=said)

@@ -24,7 +24,7 @@ from tools import extension
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = Path(photonbeams.blender.__file__).parent / "extension"
 #: What Blender's Python has; the export alone uses pxr, Blender's own OpenUSD, which other builds may lack.
-THERE = {*sys.stdlib_module_names, "numpy", "bpy", "bl_ui", "mathutils", "gpu", "gpu_extras"}
+THERE = {*sys.stdlib_module_names, "numpy", "bpy", "bmesh", "bl_ui", "mathutils", "gpu", "gpu_extras"}
 
 
 @pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: path.name)

@@ -65,7 +65,7 @@ def reading(folder):
     """Read volumes of all kinds, and tell their prims and what is said."""
     from extension.reading.kept import Kept
     from extension.reading.scene import SceneReader
-    from extension.reading.volumes import smoke_grid, write_vol
+    from extension.reading.volumes import smoke_grid, vol_of
 
     scene = room(fog=0)
     file = folder / "smoke.vdb"
@@ -98,8 +98,8 @@ def reading(folder):
         if each["path"].startswith("/Objects/") and each["type"] != "Mesh"
     ]
     domain = SimpleNamespace(domain_resolution=(2, 3, 4), density_grid=numbers(192), color_grid=numbers(96))
-    write_vol(str(folder / "density.vol"), smoke_grid(domain, "density"), (-1, -1, -1), (1, 2, 3))
-    write_vol(str(folder / "color.vol"), smoke_grid(domain, "color"), (-1, -1, -1), (1, 2, 3))
+    for name in ("density", "color"):
+        (folder / f"{name}.vol").write_bytes(vol_of(smoke_grid(domain, name), (-1, -1, -1), (1, 2, 3)))
     tell(prims=plain, said=said, flame=smoke_grid(domain, "flame") is None)
 
 

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from math import atan2, cos, pi, radians, sin
 from typing import Any
 
+import bmesh
 import bpy
 import numpy as np
 from mathutils import Euler, Matrix, Vector
+from mathutils.geometry import tessellate_polygon
 
 from .engine import ENGINE
 from .reading.media import has_volume
@@ -19,49 +21,18 @@ _BEHIND = 2.5  # how far walls are behind the cursor, in metres
 _POWER = 2500.0  # of a spot 1 m behind a hole, in watts: its shaft is as bright as a lit wall
 
 
-def _keyhole() -> list[tuple[float, float]]:
+Outline = Sequence[tuple[float, float]]
+
+
+def _keyhole() -> Outline:
     """Return the outline of a keyhole, 0.6 m high, counterclockwise: a disc, and a skirt that widens below it."""
     turn = np.linspace(radians(-60), radians(240), 33)
     return [(0.13 * cos(a), 0.13 * sin(a)) for a in turn] + [(-0.15, -0.47), (0.15, -0.47)]
 
 
-def _wall(outline: Sequence[tuple[float, float]]) -> tuple[list[Any], list[Any]]:
-    """Return the vertices and the faces of a wall in the XZ plane with a hole.
-
-    The outline is a polygon around the origin, of which each point is seen from there. Each face is between the hole
-    and the wall's edge, and between two neighbours of the directions of all corners.
-    """
-    hole, (wide, high) = np.array(outline), _WALL
-    corners = np.array([(wide, high), (-wide, high), (-wide, -high), (wide, -high)])
-    both = np.concatenate([hole, corners])
-    turns = np.unique(np.round(np.arctan2(both[:, 1], both[:, 0]), 9))
-    rays = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    rings = [rays * _distances(rays, each)[:, None] for each in (hole, corners)]
-    count = len(turns)
-    vertices = [(x, 0.0, z) for x, z in np.concatenate(rings)]
-    following = [(k + 1) % count for k in range(count)]
-    return vertices, [(k, count + k, count + after, after) for k, after in enumerate(following)]
-
-
-def _distances(rays: Any, polygon: Any) -> Any:
-    """Return how far a polygon is along each ray (N, 2) from the origin, which is inside of it."""
-    start, edge = polygon[:, None], (np.roll(polygon, -1, axis=0) - polygon)[:, None]
-
-    def cross(a: Any, b: Any) -> Any:
-        return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-    with np.errstate(divide="ignore", invalid="ignore"):
-        along, across = cross(start, edge) / cross(rays, edge), cross(start, rays) / cross(rays, edge)
-    hit = (along > 0) & (across > -1e-6) & (across < 1 + 1e-6)
-    return np.where(hit, along, np.inf).min(axis=0)
-
-
-def _box(size: tuple[float, float, float], to: Matrix, first: int) -> tuple[list[Any], list[Any]]:
-    """Return the vertices and the faces of a box; `first` is the index of its first vertex."""
-    signs = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    vertices = [to @ Vector([s * length for s, length in zip(each, size, strict=True)]) for each in signs]
-    return vertices, [tuple(first + k for k in face) for face in faces]
+def _rectangle(wide: float, high: float) -> Outline:
+    """Return the outline of a rectangle of twice this size."""
+    return [(wide, high), (-wide, high), (-wide, -high), (wide, -high)]
 
 
 class _Adding(bpy.types.Operator):
@@ -86,27 +57,26 @@ class _Adding(bpy.types.Operator):
         raise NotImplementedError
 
 
-def _mesh(name: str, vertices: list[Any], faces: list[Any]) -> Any:
-    """Return a new object that is a mesh."""
+def _filled(name: str, *outlines: Outline) -> Any:
+    """Return a new object that is a mesh in the XZ plane: what is within an outline, but not within another one."""
+    loops = [[Vector((x, 0, z)) for x, z in outline] for outline in outlines]
     mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(vertices, [], faces)
+    mesh.from_pydata([point for loop in loops for point in loop], [], tessellate_polygon(loops))
     return bpy.data.objects.new(name, mesh)
 
 
-def _lit_hole(name: str, vertices: list[Any], faces: list[Any], hole: Any, place: Any) -> list[Any]:
+def _lit_hole(name: str, outline: Outline, place: Any) -> list[Any]:
     """Return a wall, the portal in its hole, and a spot at a place behind it, which shines on the cursor."""
-    wall = _mesh(name, vertices, faces)
+    wall, hole = _filled(name, _rectangle(*_WALL), outline), np.array(outline)
     wall.location = Vector(place) * (_BEHIND / place[1])
     (left, low), (right, high) = hole.min(axis=0), hole.max(axis=0)
-    portal = _mesh(f"{name} Portal", [(left, 0, low), (right, 0, low), (right, 0, high), (left, 0, high)],
-                   [(0, 1, 2, 3)])  # fmt: skip
+    portal = _filled(f"{name} Portal", [(left, low), (right, low), (right, high), (left, high)])
     portal.display_type = "WIRE"
     light = bpy.data.lights.new(f"{name} Spot", "SPOT")
     light.energy = _POWER * Vector(place).length_squared
     light.shadow_soft_size = 0.02
-    light.spot_size = 2.4 * atan2(
-        np.linalg.norm(hole, axis=1).max(), Vector(place).length
-    )  # a little more than the hole
+    # A little more than the hole.
+    light.spot_size = 2.4 * atan2(np.linalg.norm(hole, axis=1).max(), Vector(place).length)
     light.photonbeams.portal = portal
     spot = bpy.data.objects.new(light.name, light)
     spot.location = place
@@ -124,8 +94,7 @@ class PHOTONBEAMS_OT_add_keyhole(_Adding):  # noqa: N801 - Blender wants these n
 
     def things(self) -> list[Any]:
         """Return the wall, its portal and the spot."""
-        outline = _keyhole()
-        return _lit_hole("Keyhole", *_wall(outline), np.array(outline), (0.9, 1.5, 0.7))
+        return _lit_hole("Keyhole", _keyhole(), (0.9, 1.5, 0.7))
 
 
 class PHOTONBEAMS_OT_add_blinds(_Adding):  # noqa: N801
@@ -137,14 +106,16 @@ class PHOTONBEAMS_OT_add_blinds(_Adding):  # noqa: N801
     def things(self) -> list[Any]:
         """Return the wall with the blinds, the portal and the spot."""
         wide, high, count = 0.5, 0.6, 6
-        outline = [(wide, high), (-wide, high), (-wide, -high), (wide, -high)]
-        vertices, faces = _wall(outline)
         step = 2 * high / count
+        made = _lit_hole("Blinds", _rectangle(wide, high), (1.6, 3.0, 1.4))
+        shape = bmesh.new()
+        shape.from_mesh(made[0].data)
         for k in range(count):
-            to = Matrix.LocRotScale((0, 0.09, (k + 0.5) * step - high), Euler((radians(-25), 0, 0)), None)
-            own, sides = _box((2 * wide, 0.18, 0.004), to, len(vertices))
-            vertices, faces = vertices + own, faces + sides
-        return _lit_hole("Blinds", vertices, faces, np.array(outline), (1.6, 3.0, 1.4))
+            place, turn = (0, 0.09, (k + 0.5) * step - high), Euler((radians(-25), 0, 0))
+            bmesh.ops.create_cube(shape, size=1, matrix=Matrix.LocRotScale(place, turn, (2 * wide, 0.18, 0.004)))
+        shape.to_mesh(made[0].data)
+        shape.free()
+        return made
 
 
 class PHOTONBEAMS_OT_add_strands(_Adding):  # noqa: N801
@@ -197,24 +168,10 @@ class PHOTONBEAMS_MT_add(bpy.types.Menu):  # noqa: N801
             self.layout.operator(f"photonbeams.add_{name}")
 
 
-def _draw(self: Any, context: Any) -> None:
+def draw_entry(self: Any, context: Any) -> None:
     """Draw the entry in Blender's own menu."""
     if context.engine == ENGINE:
         self.layout.menu("PHOTONBEAMS_MT_add", icon="LIGHT_SPOT")
 
 
 CLASSES = (PHOTONBEAMS_OT_add_keyhole, PHOTONBEAMS_OT_add_blinds, PHOTONBEAMS_OT_add_strands, PHOTONBEAMS_MT_add)
-
-
-def register() -> None:
-    """Add the menu and what it adds."""
-    for each in CLASSES:
-        bpy.utils.register_class(each)
-    bpy.types.VIEW3D_MT_add.append(_draw)
-
-
-def unregister() -> None:
-    """Remove them."""
-    bpy.types.VIEW3D_MT_add.remove(_draw)
-    for each in reversed(CLASSES):
-        bpy.utils.unregister_class(each)

@@ -138,18 +138,3 @@ class PhotonBeamsCurveSettings(bpy.types.PropertyGroup):
 
 
 CLASSES = (PhotonBeamsLightSettings, PhotonBeamsWorldSettings, PhotonBeamsCurveSettings)
-_OWNERS = (bpy.types.Light, bpy.types.World, bpy.types.Curve)
-
-
-def register() -> None:
-    """Add the properties to lamps, worlds and curves."""
-    for settings, owner in zip(CLASSES, _OWNERS, strict=True):
-        bpy.utils.register_class(settings)
-        owner.photonbeams = PointerProperty(type=settings)
-
-
-def unregister() -> None:
-    """Remove the properties; what a .blend has saved stays in it."""
-    for settings, owner in zip(CLASSES, _OWNERS, strict=True):
-        del owner.photonbeams
-        bpy.utils.unregister_class(settings)

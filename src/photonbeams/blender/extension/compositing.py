@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from .engine import ENGINE
-from .reading.media import has_volume, medium_of
+from .reading.media import extinction_of, has_volume, medium_of
 from .reading.shading.materials import has_surface
 
 
@@ -48,15 +48,15 @@ def _dimming(world: Any) -> Any:
 
     No light of the sky comes through it; that in the picture comes with the beams.
     """
-    medium = medium_of(world, lambda _: None) or {}
-    extinction = sum(np.array(each[1]) for each in medium.values() if each[0] == "color3f")
+    medium = medium_of(world, lambda _: None)
+    extinction = np.zeros(3) if medium is None else extinction_of(medium)
     found = world.copy()
     found.name = f"{world.name} without Beams"
     tree = found.node_tree
     absorbing = tree.nodes.new("ShaderNodeVolumeAbsorption")
     density = max(float(np.max(extinction)), 1e-30)
     absorbing.inputs["Density"].default_value = density
-    absorbing.inputs["Color"].default_value = (*(1 - np.broadcast_to(extinction, 3) / density), 1.0)
+    absorbing.inputs["Color"].default_value = (*(1 - extinction / density), 1.0)
     for node in tree.nodes:
         if node.type == "OUTPUT_WORLD":
             tree.links.new(absorbing.outputs[0], node.inputs["Volume"])
@@ -90,11 +90,4 @@ def _placed(tree: Any, kind: str, x: float, y: float) -> Any:
     return node
 
 
-def register() -> None:
-    """Add the operator."""
-    bpy.utils.register_class(PHOTONBEAMS_OT_over_cycles)
-
-
-def unregister() -> None:
-    """Remove the operator."""
-    bpy.utils.unregister_class(PHOTONBEAMS_OT_over_cycles)
+CLASSES = (PHOTONBEAMS_OT_over_cycles,)

@@ -14,10 +14,10 @@ import numpy as np
 from .bundle import NoRendererError, NotYetError
 from .drawing import Drawing, upwards
 from .process import POOL, Renderer
-from .reading.cameras import viewport_area, viewport_prim
+from .reading.cameras import CAMERA, viewport_area, viewport_prim
 from .reading.kept import Kept
 from .reading.motion import Shutter, is_blurred, shutter_of, with_samples
-from .reading.scene import CAMERA, SceneReader
+from .reading.scene import SceneReader
 from .settings import chosen_python
 from .viewport import Viewport
 
@@ -195,7 +195,7 @@ class PhotonBeamsEngine(bpy.types.RenderEngine):
             "width": max(1, region.width // coarse), "height": max(1, region.height // coarse),
             "area": viewport_area(*seen, scene), **scene.photonbeams.viewed(),
         }  # fmt: skip
-        self._viewport.show(depsgraph, chosen_python(), viewport_prim(*seen, depsgraph, CAMERA), view)
+        self._viewport.show(depsgraph, chosen_python(), viewport_prim(*seen, depsgraph), view)
         for text in self._viewport.warnings():
             self._report("WARNING", text)
         self.update_stats("", self._viewport.text)

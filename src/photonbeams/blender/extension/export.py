@@ -5,6 +5,7 @@ It tells nothing of what is not rendered: the command does.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -14,16 +15,15 @@ import numpy as np
 
 from .reading.beams import BeamReader, is_cycles_portal, portals_of
 from .reading.images import Images
-from .reading.lights import nodes_of, shadow_values, softness_values, tint_of
-from .reading.linking import links_of
+from .reading.lights import light_prim, nodes_of
+from .reading.linking import links_of, ray_values
 from .reading.media import APIS, hides_sky, medium_of, world_medium
-from .reading.names import free_path, group_name
+from .reading.prims import Prim, Targets, Values, free_path, group_name, typed
 from .reading.shading.materials import has_surface
-from .reading.shading.profiles import profile_values
-from .reading.visibility import ray_values
 
 _OBJECT = "userProperties:blender:object_name"  # what Blender writes of an object into its prim
 _SKY = "DomeLight"
+_OF_LAMPS = ("inputs:color", "inputs:shadow:enable", "inputs:shaping:cone:softness")
 
 
 class PhotonBeamsExport(bpy.types.USDHook):
@@ -80,7 +80,7 @@ class _Stage:
                 elif thing.type == "MESH":
                     self._add_medium(thing, prims)
                     for each in prims:
-                        self._set(each, ray_values(thing, thing, self._depsgraph.view_layer, _untold), {})
+                        self._set(each, ray_values(thing, thing, self._depsgraph.view_layer, _untold))
                 self._add_links(thing, prims)
                 continue
             for each in prims:  # it is no surface, and no lamp
@@ -107,18 +107,15 @@ class _Stage:
             return
         values, targets = self._beams.of_light(thing.data)
         if thing.lightgroup:
-            values["photonbeams:lightGroup"] = ["token", group_name(thing.lightgroup)]
-        values = profile_values(thing.data, self._images, _untold) | values
+            values["photonbeams:lightGroup"] = group_name(thing.lightgroup)
         values |= ray_values(thing, thing, self._depsgraph.view_layer, _untold)
-        values |= shadow_values(thing.data) | (softness_values(thing.data) if thing.data.type == "SPOT" else {})
-        self._set(lamp, values, targets)
-        strength, tint = nodes_of(thing.data, _untold)  # which Blender does not write
+        ours = light_prim(thing.data, "", _untold).values  # Blender writes the others alike
+        values |= {name: ours[name] for name in _OF_LAMPS if name in ours}
+        self._set(lamp, {**values, "inputs:enableColorTemperature": False}, targets)
+        strength, _ = nodes_of(thing.data, _untold)
         if strength != 1:
             intensity = lamp.GetAttribute("inputs:intensity")
             intensity.Set((intensity.Get() or 0.0) * strength)
-        if thing.data.use_temperature or np.any(tint != 1):
-            color = {"inputs:color": ["color3f", (tint_of(thing.data) * tint).tolist()]}
-            self._set(lamp, color | {"inputs:enableColorTemperature": ["bool", False]}, {})
 
     def _add_links(self, thing: Any, prims: list[Any]) -> None:
         """Link a lamp, or a mesh that may glow."""
@@ -129,7 +126,7 @@ class _Stage:
     def _add_curves(self, thing: Any) -> None:
         group = group_name(thing.lightgroup) if thing.lightgroup else ""
         for each in self._beams.of_curve(thing, self._path("/Beams", thing.name), group):
-            self._define({**each, "matrix": np.array(thing.matrix_world).T})
+            self._define(replace(each, matrix=np.array(thing.matrix_world).T))
 
     def _add_medium(self, thing: Any, prims: list[Any]) -> None:
         """Make a mesh that has a volume and no surface a box of that fog."""
@@ -140,7 +137,7 @@ class _Stage:
         if (medium := medium_of(slots[0], _untold)) is not None:
             for name in APIS:
                 mesh.AddAppliedSchema(name)
-            self._set(mesh, medium, {})
+            self._set(mesh, medium)
 
     def _add_world(self, world: Any, portals: list[str]) -> None:
         if world is None:
@@ -152,28 +149,34 @@ class _Stage:
         elif dome is not None:
             self._set(dome, *self._beams.of_world(world, portals))
         if medium is not None:
-            self._define({"path": self._path("", "Fog"), "type": "Scope", "apis": APIS, "values": medium})
+            self._define(Prim(self._path("", "Fog"), "Scope", medium, apis=APIS))
 
-    def _define(self, given: dict[str, Any]) -> None:
-        """Define the prim of a description (`usd/authoring/prims.py`)."""
+    def _define(self, prim: Prim) -> None:
+        """Define a prim."""
         from pxr import Gf, UsdGeom
 
-        prim = self._stage.DefinePrim(given["path"], given["type"])
-        for name in given.get("apis", []):
-            prim.AddAppliedSchema(name)
-        if "matrix" in given:
-            UsdGeom.Xformable(prim).AddTransformOp().Set(Gf.Matrix4d(np.asarray(given["matrix"], float).tolist()))
-        self._set(prim, given["values"], given.get("targets", {}))
+        defined = self._stage.DefinePrim(prim.path, prim.type)
+        for name in prim.apis:
+            defined.AddAppliedSchema(name)
+        if prim.matrix is not None:
+            UsdGeom.Xformable(defined).AddTransformOp().Set(Gf.Matrix4d(np.asarray(prim.matrix, float).tolist()))
+        self._set(defined, prim.values, prim.targets)
 
-    def _set(self, prim: Any, values: dict[str, Any], targets: dict[str, list[str]]) -> None:
+    def _set(self, prim: Any, values: Values, targets: Targets | None = None) -> None:
+        """Set attributes and relationships of a prim of the stage."""
         from pxr import Sdf, Vt
 
-        for name, (kind, value, *interpolation) in values.items():
+        arrays = {"int[]": Vt.IntArray, "float[]": Vt.FloatArray, "texCoord2f[]": Vt.Vec2fArray}
+        for name, (kind, value, *interpolation) in typed(values).items():
             attribute = prim.CreateAttribute(name, Sdf.ValueTypeNames.Find(kind), custom=False)
-            attribute.Set(_plain(kind, value, Vt) if kind != "asset" else self._asset(value))
+            if isinstance(value, np.ndarray):
+                value = arrays.get(kind, Vt.Vec3fArray).FromNumpy(value)
+            elif isinstance(value, list):
+                value = tuple(value)
+            attribute.Set(self._asset(value) if kind == "asset" else value)
             if interpolation:
                 attribute.SetMetadata("interpolation", interpolation[0])
-        for name, paths in targets.items():
+        for name, paths in (targets or {}).items():
             prim.CreateRelationship(name, custom=False).SetTargets(paths)
 
     def _asset(self, file: str) -> str:
@@ -185,25 +188,9 @@ class _Stage:
             return file
 
 
-def _plain(kind: str, value: Any, vt: Any) -> Any:
-    """Return a value as OpenUSD takes it."""
-    if not isinstance(value, np.ndarray):
-        return tuple(value) if isinstance(value, list) else value
-    arrays = {"int[]": vt.IntArray, "float[]": vt.FloatArray}
-    return arrays.get(kind, vt.Vec2fArray if kind == "texCoord2f[]" else vt.Vec3fArray).FromNumpy(value)
-
-
 def _untold(_text: str) -> None:
     """Do nothing with a sentence."""
 
 
-def register() -> None:
-    """Add the hook, if this Blender can call one: without OpenUSD's modules for Python it would end."""
-    if find_spec("pxr") is not None:
-        bpy.utils.register_class(PhotonBeamsExport)
-
-
-def unregister() -> None:
-    """Remove the hook."""
-    if PhotonBeamsExport.is_registered:
-        bpy.utils.unregister_class(PhotonBeamsExport)
+#: The hook, if this Blender can call one: without OpenUSD's modules for Python it would end.
+CLASSES = (PhotonBeamsExport,) if find_spec("pxr") is not None else ()

@@ -6,27 +6,21 @@ from typing import Any, ClassVar
 
 import bpy
 
-from .looks import CURVED, PRESETS, curve_of, owner_of, property_of, ramp_of
+from .looks import ATTRIBUTES, CURVED, FACTORS, PRESETS, curve_of, owner_of, property_of, ramp_of
 from .panels import PropertiesPanel, split
 from .thumbnails import THUMBNAILS
 
-#: The parameters that a choice of a look has; those of the others are not shown.
-_OF_CHOICE = {
-    "along:falloff": {"exponential": ["along:length"], "power": ["along:exponent", "along:length"],
-                      "polynomial": ["along:coefficients"]},
-    "across:profile": {"gaussian": ["across:width"], "smoothstep": ["across:hardness"],
-                       "hollow": ["across:inner", "across:softness"]},
-    "eye:falloff": {"exponential": ["eye:length"]},
-    "angle:shading": {"glow": ["angle:anisotropy", "angle:mix", "angle:gain"]},
+#: The attribute that chooses the function of a factor of a look, and its choices that have further parameters.
+_CHOICES = {
+    "along": ("along:falloff", {"along:length": ("exponential", "power"), "along:exponent": ("power",),
+                                "along:coefficients": ("polynomial",)}),
+    "across": ("across:profile", {"across:width": ("gaussian",), "across:hardness": ("smoothstep",),
+                                  "across:inner": ("hollow",), "across:softness": ("hollow",)}),
+    "eye": ("eye:falloff", {"eye:length": ("exponential",)}),
+    "angle": ("angle:shading", dict.fromkeys(("angle:anisotropy", "angle:mix", "angle:gain"), ("glow",))),
 }  # fmt: skip
-#: What else each factor has.
-_ALWAYS = {
-    "along": ["along:physical", "along:tint", "along:inner", "along:outer", "along:fade", "along:space", "along:begin",
-              "along:end", "along:texture", "along:expression", "surfaces"],
-    "across": ["across:texture", "across:expression"],
-    "eye": ["eye:begin", "eye:end", "eye:texture", "eye:expression"],
-    "angle": ["angle:texture", "angle:expression"],
-}  # fmt: skip
+#: What does not have the name of its factor.
+_BESIDE = {"along": ["surfaces"], "noise": ["variation"]}
 
 
 class _BeamsPanel(PropertiesPanel):
@@ -180,23 +174,23 @@ class _FactorPanel(_BeamsPanel):
         tree, layout = owner_of(context).look, split(self.layout, keyframes=True)
         own = tree.photonbeams
         layout.popover(f"PHOTONBEAMS_PT_presets_{self.FACTOR}")
-        if self.FACTOR == "noise":
-            for name in ("amount", "scale", "octaves", "contrast", "drift", "evolution", "space"):
-                layout.prop(own, f"noise_{name}")
-            layout.prop(own, "variation")
-            return
-        choice = next(each for each in _OF_CHOICE if each.startswith(f"{self.FACTOR}:"))
-        layout.prop(own, property_of(choice))
-        for name in _OF_CHOICE[choice].get(getattr(own, property_of(choice)), []):
-            layout.prop(own, property_of(name))
+        choice, parameters = _CHOICES.get(self.FACTOR, ("", {}))
+        if choice:
+            layout.prop(own, property_of(choice))
+        for name, choices in parameters.items():
+            if getattr(own, property_of(choice)) in choices:
+                layout.prop(own, property_of(name))
         if self.FACTOR in CURVED:
             self._draw_curve(layout, tree)
-        layout.prop(own, f"{self.FACTOR}_use_ramp")
-        ramp = ramp_of(tree, self.FACTOR)
-        if getattr(own, f"{self.FACTOR}_use_ramp") and ramp is not None:
-            layout.template_color_ramp(ramp, "color_ramp", expand=True)
-        for name in _ALWAYS[self.FACTOR]:
-            layout.prop(own, property_of(name))
+        if self.FACTOR in FACTORS:
+            layout.prop(own, f"{self.FACTOR}_use_ramp")
+            ramp = ramp_of(tree, self.FACTOR)
+            if getattr(own, f"{self.FACTOR}_use_ramp") and ramp is not None:
+                layout.template_color_ramp(ramp, "color_ramp", expand=True)
+        names = [name for name in ATTRIBUTES if name.startswith(f"{self.FACTOR}:")] + _BESIDE.get(self.FACTOR, [])
+        for name in names:
+            if name != choice and name not in parameters:
+                layout.prop(own, property_of(name))
 
     def _draw_curve(self, layout: Any, tree: Any) -> None:
         """Draw the curve, if there is one: a profile across the beam, a factor along it."""
@@ -238,16 +232,3 @@ CLASSES = (
     *_panels("world_", "world", "world"), PHOTONBEAMS_PT_fog, PHOTONBEAMS_PT_curve_beams,
     *_panels("curve_", "curve", "data"),
 )  # fmt: skip
-
-
-def register() -> None:
-    """Add the panels."""
-    for each in CLASSES:
-        bpy.utils.register_class(each)
-
-
-def unregister() -> None:
-    """Remove the panels."""
-    for each in reversed(CLASSES):
-        bpy.utils.unregister_class(each)
-    THUMBNAILS.close()

@@ -255,17 +255,3 @@ def owner_of(context: Any) -> Any:
 
 
 CLASSES = (PhotonBeamsLook, PHOTONBEAMS_OT_look_new, PHOTONBEAMS_OT_look_preset)
-
-
-def register() -> None:
-    """Add looks to node groups."""
-    for each in CLASSES:
-        bpy.utils.register_class(each)
-    bpy.types.NodeTree.photonbeams = PointerProperty(type=PhotonBeamsLook)
-
-
-def unregister() -> None:
-    """Remove them; what a .blend has saved stays in it."""
-    del bpy.types.NodeTree.photonbeams
-    for each in reversed(CLASSES):
-        bpy.utils.unregister_class(each)

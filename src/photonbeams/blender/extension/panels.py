@@ -165,7 +165,7 @@ CLASSES = (
 )  # fmt: skip
 
 
-def _shared() -> list[Any]:
+def shared_panels() -> list[Any]:
     """Return Blender's own panels that any engine may have."""
     return [
         each
@@ -178,19 +178,3 @@ def _shared() -> list[Any]:
 def _name_of(panel: Any) -> str:
     """Return the name of a panel, also of its copy in the shader editor."""
     return str(panel.__name__).removeprefix("NODE_")
-
-
-def register() -> None:
-    """Add the panels."""
-    for each in CLASSES:
-        bpy.utils.register_class(each)
-    for each in _shared():
-        each.COMPAT_ENGINES.add(ENGINE)
-
-
-def unregister() -> None:
-    """Remove the panels."""
-    for each in _shared():
-        each.COMPAT_ENGINES.discard(ENGINE)
-    for each in reversed(CLASSES):
-        bpy.utils.unregister_class(each)

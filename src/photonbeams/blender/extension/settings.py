@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 
 class PhotonBeamsRenderSettings(bpy.types.PropertyGroup):
@@ -109,17 +109,3 @@ def chosen_python() -> str:
 
 
 CLASSES = (PhotonBeamsRenderSettings, PhotonBeamsPreferences)
-
-
-def register() -> None:
-    """Add the properties to scenes."""
-    for each in CLASSES:
-        bpy.utils.register_class(each)
-    bpy.types.Scene.photonbeams = PointerProperty(type=PhotonBeamsRenderSettings)
-
-
-def unregister() -> None:
-    """Remove the properties; what a .blend has saved stays in it."""
-    del bpy.types.Scene.photonbeams
-    for each in reversed(CLASSES):
-        bpy.utils.unregister_class(each)

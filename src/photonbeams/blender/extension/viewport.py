@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from typing import Any
 
 from .bundle import NoRendererError, NotYetError
 from .changes import Sent, same
 from .process import POOL, Renderer
+from .reading.cameras import CAMERA
 from .reading.kept import Kept
-from .reading.scene import CAMERA, SceneReader
+from .reading.prims import Prim
+from .reading.scene import SceneReader
 
 
 class Viewport:
@@ -43,7 +46,7 @@ class Viewport:
         self._kept.forget(updates)
         self._is_read, self._failures = False, 0
 
-    def show(self, depsgraph: Any, python: str, camera: dict[str, Any], view: dict[str, Any]) -> None:
+    def show(self, depsgraph: Any, python: str, camera: Prim, view: dict[str, Any]) -> None:
         """Send what has changed, unless the first picture of what was sent before is still to come.
 
         Parameters
@@ -57,10 +60,8 @@ class Viewport:
         """
         if self._awaited is not None or self._failures > 1:
             return
-        pose = camera["matrix"].T
-        wanted = {**view, "pose": pose.tolist()}
-        # A camera that only moves leaves the scene as it is.
-        fixed = {name: each for name, each in camera.items() if name != "matrix"}
+        wanted = {**view, "pose": camera.matrix.T.tolist()}
+        fixed = replace(camera, matrix=None).described()  # a camera that only moves leaves the scene as it is
         if not self._is_read:
             self._is_read = True
             try:

@@ -14,7 +14,8 @@ from .images import Images
 from .lights import image_of, size_of
 from .looks import look_prim
 from .meshes import mesh_values
-from .nodes import Told
+from .prims import Prim, Targets, Told, Values
+from .shading.profiles import profile_values
 
 _PREFIX = "photonbeams:"
 
@@ -37,25 +38,25 @@ class BeamReader:
         self._images, self._path, self._told = images, path, told
         self._looks: dict[str, str] = {}
         self._portals: dict[str, str] = {}
-        self.prims: list[dict[str, Any]] = []
+        self.prims: list[Prim] = []
 
-    def of_light(self, light: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the attributes and the relationships of a lamp's beams."""
+    def of_light(self, light: Any) -> tuple[Values, Targets]:
+        """Return the attributes and the relationships of a lamp's profile and beams."""
         own, kind = light.photonbeams, light.type
         values, targets = self._shared(own)
         if not own.enabled:
-            values["enabled"] = ["bool", False]
+            values["enabled"] = False
         if (gobo := own.gobo or image_of(light, self._told)) is not None:
-            values["gobo"] = ["asset", self._images.file_of(gobo)]
+            values["gobo"] = self._images.file_of(gobo)
             if kind == "SUN":
-                values["gobo:width"] = ["float", own.gobo_width]
+                values["gobo:width"] = own.gobo_width
             elif kind != "AREA" and own.gobo_angle > 0:
-                values["gobo:angle"] = ["float", degrees(own.gobo_angle)]
+                values["gobo:angle"] = degrees(own.gobo_angle)
             if kind != "AREA" and own.gobo_wrap != "black":
-                values["gobo:wrap"] = ["token", own.gobo_wrap]
-        return _named(values), _named(targets)
+                values["gobo:wrap"] = own.gobo_wrap
+        return _named(values) | profile_values(light, self._images, self._told), _named(targets)
 
-    def of_world(self, world: Any, portals: list[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def of_world(self, world: Any, portals: list[str]) -> tuple[Values, Targets]:
         """Return those of the sky's beams; `portals` are the paths of Cycles' own portals."""
         own = world.photonbeams
         if not own.enabled:
@@ -63,19 +64,19 @@ class BeamReader:
                 self._told(f"World {world.name}: its portals are not used, as it makes no beams: see World > Beams")
             return {}, {}
         values, targets = self._shared(own)
-        values["enabled"] = ["bool", True]
+        values["enabled"] = True
         if portals:
             targets["portal"] = [*targets.get("portal", []), *portals]
         return _named(values), _named(targets)
 
-    def of_curve(self, thing: Any, path: str, group: str) -> list[dict[str, Any]]:
+    def of_curve(self, thing: Any, path: str, group: str) -> list[Prim]:
         """Return the prims of a curve object that is beams, without their transform."""
         prims = curve_prims(thing, path, self._told)
         for each in prims:
             if group:
-                each["values"][f"{_PREFIX}lightGroup"] = ["token", group]
+                each.values[f"{_PREFIX}lightGroup"] = group
             if (look := thing.data.photonbeams.look) is not None:
-                each["targets"] = {f"{_PREFIX}look": [self.look(look)]}
+                each.targets[f"{_PREFIX}look"] = [self.look(look)]
         return prims
 
     def look(self, tree: Any) -> str:
@@ -96,20 +97,18 @@ class BeamReader:
             else:
                 path = self._portals[name] = self._path("/Portals", thing.name)
                 matrix = np.array(thing.matrix_world).T
-                self.prims.append({"path": path, "type": "Mesh", "matrix": matrix, "values": values})
+                self.prims.append(Prim(path, "Mesh", values, matrix=matrix))
         return self._portals[name]
 
-    def _shared(self, own: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _shared(self, own: Any) -> tuple[Values, Targets]:
         """Return what lamps and the world have in common, by names without the prefix."""
-        values, targets = dict[str, Any](), dict[str, Any]()
-        for name, kind, default in (("intensity", "float", 1.0), ("count", "int", 0), ("seed", "int", 0),
-                                    ("scattered", "token", "physical")):  # fmt: skip
-            if (value := getattr(own, name)) != default:
-                values[name] = [kind, value]
+        names = "intensity", "count", "seed", "scattered"
+        values: Values = {name: getattr(own, name) for name in names if own.is_property_set(name)}
+        targets: Targets = {}
         if own.portal is not None and (path := self.portal(own.portal)):
             targets["portal"] = [path]
             if own.portal_gobo is not None:
-                values["portal:gobo"] = ["asset", self._images.file_of(own.portal_gobo)]
+                values["portal:gobo"] = self._images.file_of(own.portal_gobo)
         if own.look is not None:
             targets["look"] = [self.look(own.look)]
         return values, targets
@@ -126,11 +125,11 @@ def is_cycles_portal(light: Any) -> bool:
     return light.type == "AREA" and getattr(getattr(light, "cycles", None), "is_portal", False)
 
 
-def _named(given: dict[str, Any]) -> dict[str, Any]:
+def _named(given: dict[str, Any]) -> Values:
     return {_PREFIX + name: value for name, value in given.items()}
 
 
-def _rectangle(light: Any) -> dict[str, Any]:
+def _rectangle(light: Any) -> Values:
     """Return the attributes of an area light's rectangle, or of a disc of 32 corners, as a mesh."""
     if light.shape in ("DISK", "ELLIPSE"):
         turn = np.linspace(0, 2 * np.pi, 32, endpoint=False)
@@ -141,12 +140,12 @@ def _rectangle(light: Any) -> dict[str, Any]:
     points = np.zeros((len(corners), 3), np.float32)
     points[:, :2] = corners * (wide / 2, high / 2)
     return {
-        "points": ["point3f[]", points], "faceVertexIndices": ["int[]", np.arange(len(points), dtype=np.int32)],
-        "faceVertexCounts": ["int[]", np.array([len(points)], np.int32)], "subdivisionScheme": ["token", "none"],
+        "points": points, "faceVertexIndices": np.arange(len(points), dtype=np.int32),
+        "faceVertexCounts": np.array([len(points)], np.int32), "subdivisionScheme": "none",
     }  # fmt: skip
 
 
-def _faces(thing: Any) -> dict[str, Any] | None:
+def _faces(thing: Any) -> Values | None:
     """Return the attributes of an object's mesh; None if it has no faces."""
     try:
         mesh = thing.to_mesh()

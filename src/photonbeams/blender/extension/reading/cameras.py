@@ -2,45 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from .prims import Prim, Told, Values
+
+CAMERA = "/Camera"
 _TENTH = 0.1  # USD's focal lengths and apertures are in tenths of a scene unit
 
 
 def camera_prim(
-    camera: Any, to_world: Any, depsgraph: Any, path: str, size: tuple[int, int], aspect: tuple[float, float],
-    shift: float = 0.0, told: Callable[[str], None] = lambda _: None,
-) -> dict[str, Any]:  # fmt: skip
+    camera: Any, to_world: Any, depsgraph: Any, size: tuple[int, int], shift: float, told: Told,
+) -> Prim:  # fmt: skip
     """Return the prim of a camera.
 
     Parameters
     ----------
     camera, to_world
         The evaluated object, and its transform, (4, 4), or that of one of two eyes.
-    size, aspect
-        The width and height of the whole picture, and of a pixel.
+    size
+        The width and height of the whole picture.
     shift
         A further horizontal shift, in units of Blender's own.
     told
         Called with a sentence about a panorama that is not rendered as in Blender.
     """
-    width, height = size
+    (width, height), render = size, depsgraph.scene.render
+    aspect = render.pixel_aspect_x, render.pixel_aspect_y
     matrix = np.array(camera.calc_matrix_camera(depsgraph, x=width, y=height, scale_x=aspect[0], scale_y=aspect[1]))
     data, pose = camera.data, np.array(to_world)
     pose[:3, :3] /= np.linalg.norm(pose[:3, :3], axis=0)
     if data.type == "PANO" and (values := panoramic(data, told)):
-        return {"path": path, "type": "Camera", "matrix": pose.T, "values": values}
+        return Prim(CAMERA, "Camera", values, matrix=pose.T)
     values = _projected(matrix, data.lens, (data.clip_start, data.clip_end))
     wide = width * aspect[0] >= height * aspect[1] if data.sensor_fit == "AUTO" else data.sensor_fit == "HORIZONTAL"
-    fitted = values["horizontalAperture" if wide else "verticalAperture"][1]  # what shifts are fractions of
-    values["horizontalApertureOffset"][1] += shift * fitted
-    return {"path": path, "type": "Camera", "matrix": pose.T, "values": values | _lens(data, pose)}
+    fitted = values["horizontalAperture" if wide else "verticalAperture"]  # what shifts are fractions of
+    values["horizontalApertureOffset"] += shift * fitted
+    return Prim(CAMERA, "Camera", values | _lens(data, pose), matrix=pose.T)
 
 
-def panoramic(data: Any, told: Callable[[str], None]) -> dict[str, Any]:
+def panoramic(data: Any, told: Told) -> Values:
     """Return the attributes of a panoramic camera's data; none, which is told, for another kind of panorama."""
     kind, offsets = data.panorama_type, [0.0, 0.0]
     if kind == "EQUIRECTANGULAR":
@@ -59,24 +61,26 @@ def panoramic(data: Any, told: Callable[[str], None]) -> dict[str, Any]:
     else:
         told(f"{data.name} is a panorama of the kind {kind.replace('_', ' ').title()}: it is rendered in perspective")
         return {}
+    panorama = {"photonbeams:projection": projection, "photonbeams:fieldOfView": np.degrees(field).tolist()}
+    return panorama | _window((1.0, 1.0), offsets, (data.clip_start, data.clip_end))
+
+
+def _window(size: Any, offsets: Any, clip: tuple[float, float]) -> Values:
+    """Return the attributes of a camera's apertures, of how they are shifted, and of what it clips."""
     return {
-        "photonbeams:projection": ["token", projection],
-        "photonbeams:fieldOfView": ["float2", np.degrees(field).tolist()],
-        "horizontalAperture": ["float", 1.0],
-        "verticalAperture": ["float", 1.0],
-        "horizontalApertureOffset": ["float", offsets[0]],
-        "verticalApertureOffset": ["float", offsets[1]],
-        "clippingRange": ["float2", [data.clip_start, data.clip_end]],
-    }
+        "horizontalAperture": size[0], "verticalAperture": size[1],
+        "horizontalApertureOffset": offsets[0], "verticalApertureOffset": offsets[1],
+        "clippingRange": [max(clip[0], 0.0), clip[1]],
+    }  # fmt: skip
 
 
-def viewport_prim(region: Any, space: Any, depsgraph: Any, path: str) -> dict[str, Any]:
+def viewport_prim(region: Any, space: Any, depsgraph: Any) -> Prim:
     """Return the prim of a viewport's camera, from its `RegionView3D` and its `SpaceView3D`."""
     pose = np.linalg.inv(np.array(region.view_matrix))
     values = _projected(np.array(region.window_matrix), space.lens, (space.clip_start, space.clip_end))
     if _is_through_camera(region, space):
         values |= _lens(space.camera.evaluated_get(depsgraph).data, pose)
-    return {"path": path, "type": "Camera", "matrix": pose.T, "values": values}
+    return Prim(CAMERA, "Camera", values, matrix=pose.T)
 
 
 def viewport_area(region: Any, space: Any, scene: Any) -> list[float] | None:
@@ -104,28 +108,21 @@ def _is_through_camera(region: Any, space: Any) -> bool:
     return bool(region.view_perspective == "CAMERA" and space.camera is not None and space.camera.type == "CAMERA")
 
 
-def _projected(matrix: Any, lens: float, clip: tuple[float, float]) -> dict[str, Any]:
+def _projected(matrix: Any, lens: float, clip: tuple[float, float]) -> Values:
     """Return the attributes of a camera with a projection matrix (4, 4), for a focal length in millimetres."""
     orthographic = matrix[3, 3] == 1
     focal = lens * 1e-3 / _TENTH
-    across, down = (2 / matrix[k, k] * (1 / _TENTH if orthographic else focal) for k in (0, 1))
-    place, sign = (3, -1) if orthographic else (2, 1)
-    return {
-        "projection": ["token", "orthographic" if orthographic else "perspective"],
-        "focalLength": ["float", focal],
-        "horizontalAperture": ["float", across],
-        "verticalAperture": ["float", down],
-        "horizontalApertureOffset": ["float", sign * matrix[0, place] * across / 2],
-        "verticalApertureOffset": ["float", sign * matrix[1, place] * down / 2],
-        "clippingRange": ["float2", [max(clip[0], 0.0), clip[1]]],
-    }
+    size = 2 / matrix.diagonal()[:2] * (1 / _TENTH if orthographic else focal)
+    shift = -matrix[:2, 3] if orthographic else matrix[:2, 2]
+    projection: Values = {"projection": "orthographic" if orthographic else "perspective", "focalLength": focal}
+    return projection | _window(size, shift * size / 2, clip)
 
 
-def _lens(data: Any, pose: Any) -> dict[str, Any]:
+def _lens(data: Any, pose: Any) -> Values:
     """Return the attributes of depth of field; none without it."""
     if not data.dof.use_dof or data.type == "ORTHO":
         return {}
-    return {"fStop": ["float", data.dof.aperture_fstop], "focusDistance": ["float", _focus(data.dof, pose)]}
+    return {"fStop": data.dof.aperture_fstop, "focusDistance": _focus(data.dof, pose)}
 
 
 def _focus(dof: Any, pose: Any) -> float:

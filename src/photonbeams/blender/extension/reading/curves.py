@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .meshes import read
-from .nodes import Told
+from .prims import Prim, Primvar, Told
 
 _APIS = ["PhotonBeamsCurvesAPI"]
 _CUBIC = 4  # the order of a NURBS that is a cubic B-spline
@@ -16,7 +16,7 @@ _CUBIC = 4  # the order of a NURBS that is a cubic B-spline
 Spline = tuple[tuple[str, str, str], Any, Any]
 
 
-def curve_prims(thing: Any, path: str, told: Told) -> list[dict[str, Any]]:
+def curve_prims(thing: Any, path: str, told: Told) -> list[Prim]:
     """Return a prim for each kind of spline that a curve object has, without the transform."""
     splines = list(thing.data.splines)
     found = [_read(each) for each in splines]
@@ -39,20 +39,20 @@ def curve_prims(thing: Any, path: str, told: Told) -> list[dict[str, Any]]:
     ]
 
 
-def _prim(own: Any, path: str, kind: tuple[str, str, str], splines: list[tuple[Any, Any]]) -> dict[str, Any]:
+def _prim(own: Any, path: str, kind: tuple[str, str, str], splines: list[tuple[Any, Any]]) -> Prim:
     """Return the prim of splines of one kind."""
     points = [np.asarray(each, np.float32) for each, _ in splines]
     radii = np.concatenate([each for _, each in splines])
     # A Bézier curve has a value for each of its ends, other curves one for each point.
     interpolation = "varying" if kind[:2] == ("cubic", "bezier") else "vertex"
     values = {
-        "type": ["token", kind[0]], "basis": ["token", kind[1] or "bezier"], "wrap": ["token", kind[2]],
-        "curveVertexCounts": ["int[]", np.array([len(each) for each in points], np.int32)],
-        "points": ["point3f[]", np.concatenate(points)],
-        "widths": ["float[]", (2 * own.radius * radii).astype(np.float32), interpolation],
-        "photonbeams:power": ["color3f[]", np.array([own.power * np.array(own.color[:])], np.float32)],
+        "type": kind[0], "basis": kind[1] or "bezier", "wrap": kind[2],
+        "curveVertexCounts": np.array([len(each) for each in points], np.int32),
+        "points": np.concatenate(points),
+        "widths": Primvar((2 * own.radius * radii).astype(np.float32), interpolation),
+        "photonbeams:power": np.array([own.power * np.array(own.color[:])], np.float32),
     }  # fmt: skip
-    return {"path": path, "type": "BasisCurves", "apis": list(_APIS), "values": values}
+    return Prim(path, "BasisCurves", values, apis=_APIS)
 
 
 def _read(spline: Any) -> Spline:

@@ -2,48 +2,45 @@
 
 from __future__ import annotations
 
-import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from .kept import Kept
-from .media import APIS, density_at, has_volume, medium_of
-from .nodes import Told
-from .shading.evaluation import Points
+from .media import APIS, density_at, medium_of
+from .meshes import following
+from .prims import Prim, Told, Values
+from .shading.calls import Points
+from .volumes import vol_of
 
 _CELLS = 64  # along the longest edge of a box
-_HEADER = "<3sB5i6f"  # of Mitsuba's .vol files
 _VARIES = 0.02  # of the mean: less counts as even
 
 
-def fog_prims(prim: dict[str, Any], material: Any, kept: Kept, told: Told) -> list[dict[str, Any]]:
+def fog_prims(prim: Prim, material: Any, kept: Kept, told: Told) -> list[Prim]:
     """Return the prims of the fog in a mesh, by the mesh's own prim and its material; none without a volume.
 
     Domes light what has a volume's shader or a grid, as Blender's world does.
     """
-    if material is None or not has_volume(material):
-        return []
-    values = prim["values"]
-    points = values["points"][1]
+    points = prim.values["points"]
     low, high = points.min(axis=0), points.max(axis=0)
     if is_box(points, low, high):
-        spans = (high - low) * np.linalg.norm(prim["matrix"][:3, :3], axis=1)
+        spans = (high - low) * np.linalg.norm(prim.matrix[:3, :3], axis=1)
         shape = np.maximum(np.ceil(_CELLS * spans / spans.max()), 1).astype(int)
-        key = ("density", material.name_full, low.tobytes(), high.tobytes(), shape.tobytes())
+        key = ("density", material.name_full if material else "", low.tobytes(), high.tobytes(), shape.tobytes())
         density = kept.once(key, lambda: density_at(material, _cells(low, high, shape)))
         if density is not None and density.std() > _VARIES * density.mean():
-            medium = medium_of(material, told, density=1.0)
-            assert medium is not None
-            if medium.pop("photonbeams:emission", None) is not None:
+            dense = medium_of(material, told, density=1.0) or {}
+            if dense.pop("photonbeams:emission", None) is not None:
                 told(f"{material.name}: light from a box whose density varies is not rendered")
-            file = kept.images.stored(_vol(density, low, high, shape), "density", ".vol")
-            return _grid(prim, medium, file)
+            grid = np.maximum(density, 0).reshape(shape[::-1])
+            return _grid(prim, dense, kept.images.stored(vol_of(grid, low, high), "density", ".vol"))
     medium = medium_of(material, told)
     if medium is None:
         return []
-    if not is_closed(values):
-        return [{**prim, "apis": APIS, "values": {**values, **medium}}]
+    if not is_closed(prim.values):
+        return [replace(prim, apis=APIS, values=prim.values | medium)]
     return _filled(prim, medium)
 
 
@@ -53,51 +50,37 @@ def is_box(points: Any, low: Any, high: Any) -> bool:
     return bool(np.all(near.any(axis=0))) and len(np.unique(near[0], axis=0)) == 8
 
 
-def is_closed(values: dict[str, Any]) -> bool:
+def is_closed(values: Values) -> bool:
     """Return whether each edge of a mesh is one of two faces, by its attributes."""
-    corners, counts = values["faceVertexIndices"][1], values["faceVertexCounts"][1]
-    following = np.arange(1, len(corners) + 1)
-    ends = np.cumsum(counts)
-    following[ends - 1] = ends - counts
-    edges = np.sort(np.stack([corners, corners[following]], axis=1), axis=1)
+    corners = values["faceVertexIndices"]
+    edges = np.sort(np.stack([corners, corners[following(values)]], axis=1), axis=1)
     return bool(np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2))
 
 
-def _filled(prim: dict[str, Any], medium: dict[str, Any]) -> list[dict[str, Any]]:
+def _filled(prim: Prim, medium: Values) -> list[Prim]:
     """Return the prims of a closed mesh with a volume material."""
-    path = f"{prim['path']}/Volume"
-    names = ("scattering", "absorption", "anisotropy")
-    values = {f"inputs:{name}": ["vector3f" if name != "anisotropy" else "float", medium[f"photonbeams:{name}"][1]]
-              for name in names}  # fmt: skip
-    values |= {"info:id": ["token", "ND_anisotropic_vdf"], "outputs:out": ["token", None]}
+    path = f"{prim.path}/Volume"
+    values: Values = {"info:id": "ND_anisotropic_vdf", "outputs:out": None}
+    for name in ("scattering", "absorption", "anisotropy"):
+        values[f"inputs:{name}"] = medium[f"photonbeams:{name}"]
     glow = {name: value for name, value in medium.items() if name == "photonbeams:emission"}
-    bound = {"apis": ["MaterialBindingAPI"], "targets": {"material:binding": [path]}}
+    bound = {"material:binding": [path]}
     return [
-        {**prim, **bound, "values": {**prim["values"], **glow}},
-        {"path": path, "type": "Material",
-         "sources": {"outputs:mtlx:volume": ["token", f"{path}/Shader.outputs:out"]}},
-        {"path": f"{path}/Shader", "type": "Shader", "values": values},
-    ]  # fmt: skip
+        replace(prim, apis=["MaterialBindingAPI"], targets=bound, values=prim.values | glow),
+        Prim(path, "Material", sources={"outputs:mtlx:volume": f"{path}/Shader.outputs:out"}),
+        Prim(f"{path}/Shader", "Shader", values),
+    ]
 
 
-def _grid(prim: dict[str, Any], medium: dict[str, Any], file: str) -> list[dict[str, Any]]:
+def _grid(prim: Prim, medium: Values, file: str) -> list[Prim]:
     """Return the prims of a volume with a grid of densities."""
-    path = f"{prim['path']}/Density"
-    volume = {"path": prim["path"], "type": "Volume", "matrix": prim["matrix"], "apis": APIS, "values": medium}
-    field = {"path": path, "type": "OpenVDBAsset", "values": {"filePath": ["asset", file]}}
-    return [{**volume, "targets": {"field:density": [path]}}, field]
+    path = f"{prim.path}/Density"
+    volume = Prim(prim.path, "Volume", medium, {"field:density": [path]}, apis=APIS, matrix=prim.matrix)
+    return [volume, Prim(path, "OpenVDBAsset", {"filePath": file})]
 
 
 def _cells(low: Any, high: Any, shape: Any) -> Points:
     """Return the middles of cells along x, y, z, those along x next to each other."""
-    axes = [(np.arange(count) + 0.5) / count for count in shape]
-    z, y, x = np.meshgrid(*reversed(axes), indexing="ij")
-    unit = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    place = low + unit * (high - low)
-    return Points(unit, place, unit, np.zeros_like(unit), np.ones(len(unit)))
-
-
-def _vol(density: Any, low: Any, high: Any, shape: Any) -> bytes:
-    """Return the content of a file with densities of cells."""
-    header = struct.pack(_HEADER, b"VOL", 3, 1, *map(int, shape), 1, *map(float, low), *map(float, high))
-    return header + np.maximum(density, 0).astype("<f4").tobytes()
+    z, y, x = np.indices(shape[::-1]).reshape(3, -1) + 0.5
+    unit = np.stack([x, y, z], axis=1) / shape
+    return Points(unit, low + unit * (high - low), unit, np.zeros((1, 3)))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import re
+import struct
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import bpy
-
-from .exr import exr_of
+import numpy as np
 
 #: What Blender shows in place of an image whose file is missing.
 MISSING = (1.0, 0.0, 1.0)
@@ -32,33 +33,32 @@ class Images:
     """
 
     def __init__(self, folder: str) -> None:
-        self._folder, self._written, self._count = Path(folder), dict[str, str](), 0
+        self._folder, self._written, self._count = Path(folder), dict[str, str](), count()
 
     def file_of(self, image: Any) -> str:
         """Return the path of an image's file."""
-        path = bpy.path.abspath(image.filepath_raw, library=image.library)
-        on_disk = (
-            image.source in ("FILE", "TILED", "SEQUENCE", "MOVIE") and not image.is_dirty and not image.packed_file
-        )
-        if on_disk:
+        path = str(bpy.path.abspath(image.filepath_raw, library=image.library))
+        packed = image.packed_file if not image.is_dirty else None
+        if image.source in ("FILE", "TILED", "SEQUENCE", "MOVIE") and not image.is_dirty and packed is None:
             return path
         if image.name_full not in self._written:
-            suffix = "exr" if image.is_float else "png"
-            name = re.sub(r"\W", "_", image.name)
-            self._folder.mkdir(exist_ok=True)
-            target = self._folder / f"{self._count}_{name}.{suffix}"  # another one after each change
-            self._count += 1
-            if image.packed_file is not None and not image.is_dirty and Path(path).suffix:
-                target = target.with_suffix(Path(path).suffix)
-                target.write_bytes(image.packed_file.data)
+            suffix = (packed and Path(path).suffix) or (".exr" if image.is_float else ".png")
+            target = self.numbered(re.sub(r"\W", "_", image.name) + suffix)
+            if packed is not None and Path(path).suffix:
+                Path(target).write_bytes(packed.data)
             else:
-                image.save(filepath=str(target), save_copy=True)
-            self._written[image.name_full] = str(target)
+                image.save(filepath=target, save_copy=True)
+            self._written[image.name_full] = target
         return self._written[image.name_full]
 
+    def numbered(self, name: str) -> str:
+        """Return the path of a file that is to be written: another one each time."""
+        self._folder.mkdir(exist_ok=True)
+        return str(self._folder / f"{next(self._count)}_{name}")
+
     def written(self, pixels: Any, name: str) -> str:
-        """Return the path of an EXR of scene-linear pixels (H, W, 3), from the top row down."""
-        return self.stored(exr_of(pixels), name, ".exr")
+        """Return the path of a TIFF of scene-linear pixels (H, W, 3), from the top row down."""
+        return self.stored(_tiff(pixels), name, ".tif")
 
     def stored(self, content: bytes, name: str, suffix: str) -> str:
         """Return the path of a file of this content."""
@@ -71,3 +71,16 @@ class Images:
     def forget(self, image: Any) -> None:
         """Forget the file of an image that has changed."""
         self._written.pop(image.name_full, None)
+
+
+def _tiff(pixels: Any) -> bytes:
+    """Return the content of a TIFF 6.0 of pixels (H, W, 3): one strip of 32-bit floats without compression."""
+    height, width, channels = pixels.shape
+    data = np.ascontiguousarray(pixels, "<f4").tobytes()
+    head = 8 + 2 + 12 * 10 + 4
+    # The size, 32 bits that are not compressed, RGB, the place of the strip, its size, and that it has floats.
+    tags = {
+        256: width, 257: height, 258: 32, 259: 1, 262: 2, 273: head, 277: channels, 278: height, 279: len(data), 339: 3,
+    }  # fmt: skip
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
+    return struct.pack("<2sHIH", b"II", 42, 8, len(tags)) + entries + bytes(4) + data

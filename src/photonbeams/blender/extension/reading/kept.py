@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from .images import Images
+from .prims import Values
 from .volumes import GridFiles
 
 # What values of nodes depend on.
@@ -24,9 +25,10 @@ class Kept:
     """
 
     def __init__(self, folder: str) -> None:
-        self.images, self.grids = Images(folder), GridFiles(folder)
+        self.images = Images(folder)
+        self.grids = GridFiles(self.images)
         #: By an object's name and its data's number: the attributes and the faces of its mesh; None if it has none.
-        self.meshes: dict[tuple[str, int], tuple[dict[str, Any], dict[int, Any]] | None] = {}
+        self.meshes: dict[tuple[str, int], tuple[Values, dict[int, Any]] | None] = {}
         self._made: dict[Any, Any] = {}
 
     def once(self, key: Any, make: Callable[[], Any]) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import replace
 from math import degrees, pi
 from typing import Any
 
@@ -10,7 +10,10 @@ import numpy as np
 from mathutils import Euler
 
 from .images import MISSING, Images, is_missing
-from .nodes import Told, color_of, number_of, output_of, product_of, source_of
+from .nodes import color_of, number_of, product_of, source_of, telling
+from .prims import Prim, Told, Values
+from .shading.evaluation import varies
+from .shading.links import node_behind, source_at
 from .shading.profiles import constant_of, emission_node, emission_of, ies_node
 from .shading.skies import SkyReader
 
@@ -18,46 +21,40 @@ from .shading.skies import SkyReader
 _WORLD = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
-def light_prim(light: Any, path: str, told: Told) -> dict[str, Any]:
+def light_prim(light: Any, path: str, told: Told) -> Prim:
     """Return the prim of a light, without its transform."""
     strength, tint = nodes_of(light, told)
     factor = strength * 2.0**light.exposure
-    values: dict[str, Any] = {"inputs:color": ["color3f", (tint_of(light) * tint).tolist()]}
+    color = tint * np.array(light.color)
+    if light.use_temperature:  # of which UsdLux has another colour
+        color = color * np.array(light.temperature_color)
+    values: Values = {"inputs:color": color.tolist()}
+    if not light.use_shadow:
+        values["inputs:shadow:enable"] = False
     normalized, apis = light.normalize, list[str]()
     intensity = light.energy if light.type == "SUN" else light.energy / pi
     match light.type:
         case "SUN":
             kind = "DistantLight"
             normalized |= light.angle == 0
-            values["inputs:angle"] = ["float", degrees(light.angle)]
+            values["inputs:angle"] = degrees(light.angle)
         case "AREA":
             kind, own = _area(light)
             values |= own
         case _:
             kind, radius = "SphereLight", light.shadow_soft_size
-            values |= {"inputs:radius": ["float", radius], "treatAsPoint": ["bool", radius == 0]}
+            values |= {"inputs:radius": radius, "treatAsPoint": radius == 0}
             normalized |= radius == 0
             if light.type == "SPOT":
                 apis.append("ShapingAPI")
-                values["inputs:shaping:cone:angle"] = ["float", degrees(light.spot_size / 2)]
-                values |= softness_values(light)
-    values["inputs:intensity"] = ["float", intensity * factor]
-    values["inputs:normalize"] = ["bool", normalized]
-    return {"path": path, "type": kind, "apis": apis, "values": values | shadow_values(light)}
+                values["inputs:shaping:cone:angle"] = degrees(light.spot_size / 2)
+                values["inputs:shaping:cone:softness"] = _softness(light)
+    values["inputs:intensity"] = intensity * factor
+    values["inputs:normalize"] = normalized
+    return Prim(path, kind, values, apis=apis)
 
 
-def tint_of(light: Any) -> Any:
-    """Return the colour of a light, with that of its temperature, of which UsdLux has another one."""
-    color = np.array(light.color[:])
-    return color * np.array(light.temperature_color[:]) if light.use_temperature else color
-
-
-def shadow_values(light: Any) -> dict[str, Any]:
-    """Return what lets a lamp shine through everything, as its Shadow switch does."""
-    return {} if light.use_shadow else {"inputs:shadow:enable": ["bool", False]}
-
-
-def softness_values(light: Any) -> dict[str, Any]:
+def _softness(light: Any) -> float:
     """Return the softness of a spot's cone that leaves it the power that its blend does.
 
     Blender's light falls as smoothstep of the cosine, over the outer part `blend` of the solid angle, UsdLux's as
@@ -69,15 +66,15 @@ def softness_values(light: Any) -> dict[str, Any]:
     across = np.clip((angle / half - 1 + part[:, None]) / np.maximum(part[:, None], 1e-6), 0, 1)
     power = ((1 - across**2 * (3 - 2 * across)) * np.sin(angle)).sum(axis=1) * half / 512
     wanted = (1 - np.cos(half)) * (1 - light.spot_blend / 2)
-    return {"inputs:shaping:cone:softness": ["float", float(np.interp(-wanted, -power, part))]}
+    return float(np.interp(-wanted, -power, part))
 
 
-def _area(light: Any) -> tuple[str, dict[str, Any]]:
+def _area(light: Any) -> tuple[str, Values]:
     """Return the type and the size of an area light; `stretch_of` is that of discs."""
     wide, high = size_of(light)
     if light.shape in ("DISK", "ELLIPSE"):
-        return "DiskLight", {"inputs:radius": ["float", 0.5]}
-    return "RectLight", {"inputs:width": ["float", wide], "inputs:height": ["float", high]}
+        return "DiskLight", {"inputs:radius": 0.5}
+    return "RectLight", {"inputs:width": wide, "inputs:height": high}
 
 
 def stretch_of(light: Any) -> Any:
@@ -99,7 +96,7 @@ def nodes_of(light: Any, told: Told) -> tuple[float, Any]:
     node = emission_of(light)
     if node is None:
         return 0.0, np.ones(3)
-    tell = partial(_tell, told, light.name)
+    tell = telling(told, light.name)
     if node.type != "EMISSION":
         tell("its nodes are not rendered, only its power and colour")
         return 1.0, np.ones(3)
@@ -140,47 +137,40 @@ def image_of(light: Any, told: Told) -> Any:
     made = None if node is None else _image_node(node)
     if made is None:
         return None
-    if source_of(made.inputs["Vector"]) is not None:
+    if node_behind(made.inputs["Vector"]) is not None:
         told(f"{light.name}: the coordinates of {made.name} are not rendered: its image is a gobo that fills the light")
     return made.image
 
 
 def _image_node(node: Any) -> Any:
     """Return the Image Texture that gives an Emission node's colour; None if there is none."""
-    source = source_of(node.inputs["Color"])
-    return source.node if source is not None and source.node.type == "TEX_IMAGE" and source.node.image else None
+    made = node_behind(node.inputs["Color"])
+    return made if made is not None and made.type == "TEX_IMAGE" and made.image else None
 
 
-def world_prims(world: Any, path: str, images: Images, told: Told) -> list[dict[str, Any]]:
+def world_prims(world: Any, path: str, images: Images, told: Told) -> list[Prim]:
     """Return the prim of what the world's surface emits; none if it is black."""
     if world is None:
         return []
     if world.node_tree is None:
         return _dome(path, 1.0, np.array(world.color[:]))
-    output = output_of(world.node_tree, "OUTPUT_WORLD")
-    source = None if output is None else source_of(output.inputs["Surface"])
+    source = source_at(world.node_tree, "OUTPUT_WORLD", "Surface")
     if source is None:
         return []
-    node, tell = source.node, partial(_tell, told, f"World {world.name}")
-    color = source_of(node.inputs["Color"]) if node.type in ("BACKGROUND", "EMISSION") else None
-    if color is not None and color.node.type == "TEX_ENVIRONMENT" and color.node.image is not None:
+    node, tell = source.node, telling(told, f"World {world.name}")
+    color = node_behind(node.inputs["Color"]) if node.type in ("BACKGROUND", "EMISSION") else None
+    if color is not None and color.type == "TEX_ENVIRONMENT" and color.image is not None:
         strength = number_of(node, "Strength", tell, 1.0)
-        if is_missing(color.node.image):
-            tell(f"the file of {color.node.image.name} is missing: it is magenta, as in Blender")
+        if is_missing(color.image):
+            tell(f"the file of {color.image.name} is missing: it is magenta, as in Blender")
             return _dome(path, strength, np.array(MISSING))
-        return _dome(path, strength, np.ones(3), images.file_of(color.node.image), _turned(color.node, tell))
+        return _dome(path, strength, np.ones(3), images.file_of(color.image), _turned(color, tell))
     sky = SkyReader(tell)
     radiance = sky.radiance(source)
-    suns = [{"path": f"{path}_Sun{k}", **prim} for k, prim in enumerate(sky.suns)]
-    mean = radiance.mean(axis=(0, 1), dtype=np.float64)
-    if np.ptp(radiance, axis=(0, 1)).max() <= 1e-5 * mean.max():
-        return _dome(path, 1.0, mean) + suns
-    return _dome(path, 1.0, np.ones(3), images.written(radiance, "sky")) + suns
-
-
-def _tell(told: Told, whose: str, text: str) -> None:
-    """Say what is not rendered of a lamp or a world."""
-    told(f"{whose}: {text}")
+    suns = [replace(sun, path=f"{path}_Sun{k}") for k, sun in enumerate(sky.suns)]
+    if varies(radiance.reshape(-1, 3)):
+        return _dome(path, 1.0, np.ones(3), images.written(radiance, "sky")) + suns
+    return _dome(path, 1.0, radiance[0, 0]) + suns
 
 
 def _turned(node: Any, told: Told) -> Any:
@@ -198,11 +188,11 @@ def _turned(node: Any, told: Told) -> Any:
     return turn.T if vector.node.vector_type == "TEXTURE" else turn
 
 
-def _dome(path: str, strength: float, color: Any, file: str = "", turn: Any = None) -> list[dict[str, Any]]:
+def _dome(path: str, strength: float, color: Any, file: str = "", turn: Any = None) -> list[Prim]:
     if strength <= 0 or not np.any(color > 0):
         return []
-    values = {"inputs:intensity": ["float", strength], "inputs:color": ["color3f", color.tolist()]}
+    values: Values = {"inputs:intensity": strength, "inputs:color": color.tolist()}
     if file:
-        values["inputs:texture:file"] = ["asset", file]
+        values["inputs:texture:file"] = file
     matrix = _WORLD if turn is None else _WORLD @ turn
-    return [{"path": path, "type": "DomeLight", "matrix": matrix, "values": values}]
+    return [Prim(path, "DomeLight", values, matrix=matrix)]

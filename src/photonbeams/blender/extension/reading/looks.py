@@ -8,47 +8,40 @@ import numpy as np
 
 from ..looks import ATTRIBUTES, FACTORS, INTERPOLATIONS, curve_of, property_of, ramp_of
 from .images import Images
-from .nodes import Told
+from .prims import Prim, Told, Values
 
 _PREFIX = "photonbeams:"
-#: The type names of USD by the schema's kinds.
-_TYPES = {
-    "bool": "bool", "integer": "int", "number": "float", "choice": "token", "color": "color3f", "asset": "asset",
-    "text": "string", "expression": "string",
-}  # fmt: skip
 # Steps of curves and of ramps that Blender alone interpolates; 96 is divisible by most numbers of equal steps.
 _STEPS = np.linspace(0.0, 1.0, 97)
 
 
-def look_prim(tree: Any, path: str, images: Images, told: Told) -> dict[str, Any]:
+def look_prim(tree: Any, path: str, images: Images, told: Told) -> Prim:
     """Return the prim of a look."""
-    own, values = tree.photonbeams, dict[str, Any]()
+    own, values = tree.photonbeams, Values()
     for attribute, known in ATTRIBUTES.items():
         name = property_of(attribute)
         if not own.is_property_set(name):
             continue
         value = getattr(own, name)
+        if value is None:
+            continue
         if known["kind"] == "asset":
-            if value is not None:
-                values[_PREFIX + attribute] = ["asset", images.file_of(value)]
-        elif known["kind"] == "numbers":
-            fixed = known["length"] is not None
-            values[_PREFIX + attribute] = ["float3", list(value)] if fixed else ["float[]", _array(value)]
-        else:
-            plain = list(value) if known["kind"] == "color" else value
-            values[_PREFIX + attribute] = [_TYPES[known["kind"]], plain]
+            value = images.file_of(value)
+        elif known["kind"] in ("numbers", "color"):
+            value = _array(value) if known["length"] is None else list(value)
+        values[_PREFIX + attribute] = value
     if own.across_profile == "tabulated":
         curve = _curve(tree, "across", told)
         if curve is None:
             values.pop(f"{_PREFIX}across:profile")
         else:
-            values[f"{_PREFIX}across:values"] = ["float[]", curve[1]]
+            values[f"{_PREFIX}across:values"] = curve[1]
     for factor in FACTORS:
         values |= _ramp(tree, factor, told)
-    return {"path": path, "type": "PhotonBeamsLook", "values": values}
+    return Prim(path, "PhotonBeamsLook", values)
 
 
-def _ramp(tree: Any, factor: str, told: Told) -> dict[str, Any]:
+def _ramp(tree: Any, factor: str, told: Told) -> Values:
     """Return the attributes of the product of a factor's colour ramp and curve; none if it has neither."""
     own, node = tree.photonbeams, None
     if getattr(own, f"{factor}_use_ramp") and (node := ramp_of(tree, factor)) is None:
@@ -66,9 +59,9 @@ def _ramp(tree: Any, factor: str, told: Told) -> dict[str, Any]:
         colors = _evaluated(node.color_ramp) * curve[1][:, None]
     colors = np.broadcast_to(colors.reshape(len(knots), -1), (len(knots), 3))
     return {
-        f"{_PREFIX}{factor}:ramp:knots": ["float[]", _array(knots)],
-        f"{_PREFIX}{factor}:ramp:colors": ["color3f[]", _array(np.maximum(colors, 0.0))],
-        f"{_PREFIX}{factor}:ramp:interpolation": ["token", interpolation],
+        f"{_PREFIX}{factor}:ramp:knots": _array(knots),
+        f"{_PREFIX}{factor}:ramp:colors": _array(np.maximum(colors, 0.0)),
+        f"{_PREFIX}{factor}:ramp:interpolation": interpolation,
     }
 
 

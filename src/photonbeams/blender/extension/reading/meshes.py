@@ -7,21 +7,23 @@ from typing import Any
 
 import numpy as np
 
+from .prims import Primvar, Values
 
-def mesh_values(mesh: Any) -> dict[str, Any]:
+
+def mesh_values(mesh: Any) -> Values:
     """Return the attributes of a mesh that has faces."""
     points = points_of(mesh)
     values = {
-        "points": ["point3f[]", points],
-        "faceVertexIndices": ["int[]", read(mesh.loops, "vertex_index", 1, np.int32)],
-        "faceVertexCounts": ["int[]", read(mesh.polygons, "loop_total", 1, np.int32)],
-        "subdivisionScheme": ["token", "none"],
-        "extent": ["point3f[]", np.stack([points.min(axis=0), points.max(axis=0)])],
+        "points": points,
+        "faceVertexIndices": read(mesh.loops, "vertex_index", 1, np.int32),
+        "faceVertexCounts": read(mesh.polygons, "loop_total", 1, np.int32),
+        "subdivisionScheme": "none",
+        "extent": np.stack([points.min(axis=0), points.max(axis=0)]),
     }
     if mesh.normals_domain != "FACE":
-        values["normals"] = ["normal3f[]", read(mesh.corner_normals, "vector", 3), "faceVarying"]
+        values["normals"] = Primvar(read(mesh.corner_normals, "vector", 3), "faceVarying")
     for layer in mesh.uv_layers:
-        value = ["texCoord2f[]", read(layer.uv, "vector", 2), "faceVarying"]
+        value = Primvar(read(layer.uv, "vector", 2), "faceVarying")
         values[f"primvars:{uv_name(layer.name)}"] = value
         if layer.active_render:
             values[f"primvars:{uv_name('')}"] = value
@@ -42,18 +44,26 @@ def _plain(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9]", "_", name)
 
 
-def _colors(mesh: Any) -> dict[str, Any]:
+def _colors(mesh: Any) -> Values:
     """Return the colours of vertices or corners, scene-linear, and those of the active attribute once more."""
-    found, attributes = dict[str, Any](), mesh.color_attributes
+    found, attributes = Values(), mesh.color_attributes
     for place, layer in enumerate(attributes):
         interpolation = {"POINT": "vertex", "CORNER": "faceVarying"}.get(layer.domain)
         if interpolation is None or not len(layer.data):
             continue
-        value = ["color3f[]", np.ascontiguousarray(read(layer.data, "color", 4)[:, :3]), interpolation]
+        value = Primvar(np.ascontiguousarray(read(layer.data, "color", 4)[:, :3]), interpolation)
         found[f"primvars:{varname(layer.name)}"] = value
         if place == attributes.render_color_index:
             found["primvars:displayColor"] = value
     return found
+
+
+def following(values: Values) -> Any:
+    """Return the indices of the corners that follow those of a mesh's faces: after the last one is the first."""
+    counts = values["faceVertexCounts"]
+    after, ends = np.arange(1, counts.sum() + 1), np.cumsum(counts)
+    after[ends - 1] = ends - counts
+    return after
 
 
 def points_of(mesh: Any) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from mathutils import Matrix
 
-from .nodes import Told
+from .prims import Told, typed
 
 _SAME = 1e-6  # frames
 _ROUNDED = 1e-6  # relative differences of what is at rest, in single precision
@@ -46,8 +46,8 @@ class Shutter:
     def of_camera(self, prim: dict[str, Any]) -> dict[str, Any]:
         """Return the prim of a camera with this shutter."""
         ends = {"open": self.opens - self.frame, "close": self.closes - self.frame}
-        values = {f"shutter:{name}": ["double", value] for name, value in ends.items()}
-        return {**prim, "values": {**prim["values"], **values}}
+        values = {f"shutter:{name}": value for name, value in ends.items()}
+        return {**prim, "values": {**prim["values"], **typed(values)}}
 
 
 def shutter_of(scene: Any, told: Told) -> Shutter | None:

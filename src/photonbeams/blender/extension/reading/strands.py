@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .nodes import Told
+from .prims import Primvar, Told, Values
 
 _RADIUS = 0.01  # Blender's where none is given
 _POLY = 1  # the number of this type of curve
@@ -35,7 +35,7 @@ class Strands:
     name: str
     number: int
     slot: int
-    read: Callable[[], dict[str, Any] | None]
+    read: Callable[[], Values | None]
 
 
 def strands_of(thing: Any, final: bool, told: Told) -> list[Strands]:
@@ -55,7 +55,7 @@ def strands_of(thing: Any, final: bool, told: Told) -> list[Strands]:
     return found
 
 
-def _curves(thing: Any, told: Told) -> dict[str, Any] | None:
+def _curves(thing: Any, told: Told) -> Values | None:
     curves = thing.data
     if not len(curves.curves):
         return None
@@ -69,15 +69,15 @@ def _curves(thing: Any, told: Told) -> dict[str, Any] | None:
     return _prim_values(points, np.diff(ends), 2 * _radii(curves, ends[-1]), linear)
 
 
-def _points(thing: Any) -> dict[str, Any] | None:
+def _points(thing: Any) -> Values | None:
     count = len(thing.data.points)
     if not count:
         return None
     points = _attribute(thing.data, "position", "vector", np.zeros((count, 3), np.float32))
-    return {"points": ["point3f[]", points], "widths": ["float[]", 2 * _radii(thing.data, count), "vertex"]}
+    return {"points": points, "widths": Primvar(2 * _radii(thing.data, count), "vertex")}
 
 
-def _hair(thing: Any, system: Any, final: bool) -> dict[str, Any] | None:
+def _hair(thing: Any, system: Any, final: bool) -> Values | None:
     settings, parents, children = system.settings, len(system.particles), len(system.child_particles)
     first = parents if children and not settings.use_parent_particles else 0
     count, along = parents + children - first, (1 << (settings.render_step if final else settings.display_step)) + 1
@@ -94,11 +94,11 @@ def _hair(thing: Any, system: Any, final: bool) -> dict[str, Any] | None:
     return _prim_values(points.astype(np.float32), np.full(count, along), widths, False)
 
 
-def _prim_values(points: Any, counts: Any, widths: Any, linear: bool) -> dict[str, Any]:
+def _prim_values(points: Any, counts: Any, widths: Any, linear: bool) -> Values:
     return {
-        "points": ["point3f[]", points], "curveVertexCounts": ["int[]", counts.astype(np.int32)],
-        "widths": ["float[]", widths, "vertex"], "type": ["token", "linear" if linear else "cubic"],
-        "basis": ["token", "catmullRom"], "wrap": ["token", "nonperiodic" if linear else "pinned"],
+        "points": points, "curveVertexCounts": counts.astype(np.int32),
+        "widths": Primvar(widths, "vertex"), "type": "linear" if linear else "cubic",
+        "basis": "catmullRom", "wrap": "nonperiodic" if linear else "pinned",
     }  # fmt: skip
 
 

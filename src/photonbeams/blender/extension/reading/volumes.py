@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from .images import Images
 from .media import Volume
-from .nodes import Told
+from .prims import Prim, Told, Values
 
 _VOL = struct.Struct("<3sB5i6f")  # the head of Mitsuba's .vol: float32 values, first along x
 
@@ -19,12 +20,12 @@ class GridFiles:
 
     Parameters
     ----------
-    folder
-        Where grids without a file are written.
+    files
+        Writes grids without a file.
     """
 
-    def __init__(self, folder: str) -> None:
-        self._folder, self._written = Path(folder), 0
+    def __init__(self, files: Images) -> None:
+        self._files = files
         self._found: dict[tuple[str, int, frozenset[str]], dict[str, str] | None] = {}
 
     def of(self, thing: Any, names: set[str], told: Told) -> dict[str, str] | None:
@@ -51,7 +52,7 @@ class GridFiles:
             return "it has no grids at this frame" if thing.data.filepath else "it has no OpenVDB file"
         file = grids.frame_filepath
         if len(thing.modifiers) or not Path(file).is_file():  # Blender made it, or it is packed
-            file = str(self._new(".vdb"))
+            file = self._files.numbered("grid.vdb")
             if not grids.save(file):
                 return "Blender cannot write its grids"
         return dict.fromkeys(names & {each.name for each in grids}, file)
@@ -61,16 +62,11 @@ class GridFiles:
         mesh = thing.to_mesh()
         box = np.array([vertex.co[:] for vertex in mesh.vertices])
         thing.to_mesh_clear()
-        found = {}
+        files = {}
         for name in names if len(box) else ():
             if (values := smoke_grid(domain, name)) is not None:
-                found[name] = str(self._new(".vol"))
-                write_vol(found[name], values, box.min(axis=0), box.max(axis=0))
-        return found or "it has no smoke at this frame, expected a baked cache"
-
-    def _new(self, suffix: str) -> Path:
-        self._written += 1
-        return self._folder / f"grid{self._written}{suffix}"
+                files[name] = self._files.stored(vol_of(values, box.min(axis=0), box.max(axis=0)), name, ".vol")
+        return files or "it has no smoke at this frame, expected a baked cache"
 
 
 def smoke_of(thing: Any) -> Any:
@@ -104,14 +100,14 @@ def smoke_grid(domain: Any, name: str) -> Any:
     return values[..., :3] if channels == 4 else values[..., 0]
 
 
-def write_vol(path: str, values: Any, low: Any, high: Any) -> None:
-    """Write a grid, (Z, Y, X) or (Z, Y, X, 3), which fills a box, as Mitsuba's .vol."""
+def vol_of(values: Any, low: Any, high: Any) -> bytes:
+    """Return a grid, (Z, Y, X) or (Z, Y, X, 3), which fills a box, as Mitsuba's .vol."""
     z, y, x = values.shape[:3]
     head = _VOL.pack(b"VOL", 3, 1, x, y, z, values[0, 0, 0].size, *low, *high)
-    Path(path).write_bytes(head + np.ascontiguousarray(values, "<f4").tobytes())
+    return head + np.ascontiguousarray(values, "<f4").tobytes()
 
 
-def volume_prims(path: str, matrix: Any, volume: Volume, files: dict[str, str], scale: float) -> list[dict[str, Any]]:
+def volume_prims(path: str, matrix: Any, volume: Volume, files: dict[str, str], scale: float) -> list[Prim]:
     """Return the prims of a volume: itself, its fields, and its shader.
 
     Parameters
@@ -123,45 +119,44 @@ def volume_prims(path: str, matrix: Any, volume: Volume, files: dict[str, str], 
     """
     fields = {"density": volume.density, "color": volume.color, "glow": volume.glow_grid}
     fields = {name: field for name, field in fields.items() if field in files}
-    targets = {f"field:{name}": [f"{path}/{name}"] for name in fields}
-    prims = [
-        {"path": path, "type": "Volume", "matrix": matrix.T, "apis": ["MaterialBindingAPI"],
-         "targets": {**targets, "material:binding": [f"{path}/Material"]}},
-        {"path": f"{path}/Material", "type": "Material",
-         "sources": {"outputs:arnold:volume": ["token", f"{path}/Material/Shader.outputs:out"]}},
-        {"path": f"{path}/Material/Shader", "type": "Shader", "values": _shader(volume, set(fields), scale)},
-    ]  # fmt: skip
-    for name, field in fields.items():
-        values = {"filePath": ["asset", files[field]], "fieldName": ["token", field]}
-        prims.append({"path": f"{path}/{name}", "type": "OpenVDBAsset", "values": values})
-    return prims
+    material = f"{path}/Material"
+    targets = {"material:binding": [material], **{f"field:{name}": [f"{path}/{name}"] for name in fields}}
+    return [
+        Prim(path, "Volume", targets=targets, apis=["MaterialBindingAPI"], matrix=matrix.T),
+        Prim(material, "Material", sources={"outputs:arnold:volume": f"{material}/Shader.outputs:out"}),
+        Prim(f"{material}/Shader", "Shader", _shader(volume, set(fields), scale)),
+        *(
+            Prim(f"{path}/{name}", "OpenVDBAsset", {"filePath": files[field], "fieldName": field})
+            for name, field in fields.items()
+        ),
+    ]
 
 
-def _shader(volume: Volume, fields: set[str], scale: float) -> dict[str, Any]:
+def _shader(volume: Volume, fields: set[str], scale: float) -> Values:
     """Return the values of Arnold's standard_volume, which has all that a Principled Volume has."""
     extinction = volume.scattering + volume.absorption
     most = float(extinction.max()) or 1.0
     albedo = volume.scattering / np.where(extinction > 0, extinction, 1.0)
-    values: dict[str, Any] = {
-        "info:id": ["token", "arnold:standard_volume"],
-        "inputs:density": ["float", most * scale],
-        "inputs:transparent": ["color3f", np.exp(-extinction / most).tolist()],
-        "inputs:transparent_depth": ["float", 1.0],
-        "inputs:scatter": ["float", 1.0],
-        "inputs:scatter_color": ["color3f", albedo.tolist()],
-        "inputs:scatter_anisotropy": ["float", volume.anisotropy],
-        "inputs:density_channel": ["string", "density"],
-        "inputs:emission_mode": ["token", "none"],
-        "outputs:out": ["token", None],
+    values: Values = {
+        "info:id": "arnold:standard_volume",
+        "inputs:density": most * scale,
+        "inputs:transparent": np.exp(-extinction / most).tolist(),
+        "inputs:transparent_depth": 1.0,
+        "inputs:scatter": 1.0,
+        "inputs:scatter_color": albedo.tolist(),
+        "inputs:scatter_anisotropy": volume.anisotropy,
+        "inputs:density_channel": "density",
+        "inputs:emission_mode": "none",
+        "outputs:out": None,
     }  # fmt: skip
     if "color" in fields:
-        values["inputs:scatter_color_channel"] = ["string", "color"]
+        values["inputs:scatter_color_channel"] = "color"
     if "glow" in fields:
         values |= {
-            "inputs:emission": ["float", scale], "inputs:emission_color": ["color3f", volume.glow.tolist()],
-            "inputs:emission_mode": ["token", "blackbody" if volume.kelvin else "channel"],
-            "inputs:emission_channel": ["string", "glow"], "inputs:temperature_channel": ["string", "glow"],
-            "inputs:temperature": ["float", 1.0], "inputs:blackbody_kelvin": ["float", volume.kelvin],
-            "inputs:blackbody_intensity": ["float", 1.0],
+            "inputs:emission": scale, "inputs:emission_color": volume.glow.tolist(),
+            "inputs:emission_mode": "blackbody" if volume.kelvin else "channel",
+            "inputs:emission_channel": "glow", "inputs:temperature_channel": "glow",
+            "inputs:temperature": 1.0, "inputs:blackbody_kelvin": volume.kelvin,
+            "inputs:blackbody_intensity": 1.0,
         }  # fmt: skip
     return values

@@ -7,26 +7,37 @@ and Shirley (2013) to the observer of the CIE.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from math import cos, pi, sin
 from typing import Any
 
 import numpy as np
 
-from ..nodes import Told
+from ..prims import Told
 
 _WAVES = np.linspace(400.0, 720.0, 17)  # nm
 _EARTH, _TOP = 6_360_000.0, 6_420_000.0  # m
 _AIR = 13.5e-6 * (550 / _WAVES) ** 4  # scattering per metre at the ground
 _AEROSOL, _ALBEDO, _FORWARD = 1.9e-5, 0.9, 0.76  # extinction; Henyey and Greenstein's g
 _OZONE = 1.5e-6 * np.exp(-(((_WAVES - 600) / 75) ** 2))  # Chappuis' band, at the height with the most
+_EXTINCTION = np.stack([_AIR, np.full(len(_WAVES), _AEROSOL), _OZONE])
 _RGB = np.array([[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560],
                  [0.0556434, -0.2040259, 1.0572252]])  # fmt: skip
 _STEPS, _INNER = 40, 12
 _ROWS, _COLUMNS = 40, 48
 # Measured against Cycles 5.0, over suns of 6° to 60°: its wavelengths and steps are others, as is the unit of Hosek's.
-_SINGLE, _MULTIPLE, _HOSEK = np.full(3, 0.935), np.array([0.92, 1.2, 1.64]), np.full(3, 1 / 7.0)
+_GAINS = {
+    "SINGLE_SCATTERING": np.full(3, 0.935), "MULTIPLE_SCATTERING": np.array([0.92, 1.2, 1.64]), "PREETHAM": np.ones(3),
+    "HOSEK_WILKIE": np.full(3, 1 / 7.0),
+}  # fmt: skip
+_OTHERS = {
+    "MULTIPLE_SCATTERING": "by Multiple Scattering: it is rendered by Single Scattering, of about the same light",
+    "HOSEK_WILKIE": "by Hosek and Wilkie, which is rendered as a sky by Preetham of the same light",
+}
 _LIMB = 0.8  # the mean of a disc whose brightness falls by 0.6 to its edge
+_PREETHAM = 0.06  # Blender's factor on luminances in kcd / m²
 
 
 def _lobe(mean: float, left: float, right: float) -> Any:
@@ -45,118 +56,114 @@ _SUN = 1.79 * (500 / _WAVES) ** 5 * np.expm1(14388 / (0.5 * 5778)) / np.expm1(14
 
 @dataclass(frozen=True)
 class Sky:
-    """A sky: its sun, and how much of what is in the air."""
+    """A sky.
 
-    sun: Any  # the direction to it
-    air: float = 1.0
-    aerosol: float = 1.0
-    ozone: float = 1.0
-    altitude: float = 0.0  # m
-    turbidity: float | None = None  # of a sky by Preetham's fit
-    gain: Any = 1.0  # on each channel
-    #: The irradiance of the sun's disc and the angle that it is wide; None without it.
-    disc: tuple[Any, float] | None = None
+    Attributes
+    ----------
+    sun
+        The direction to its sun.
+    radiance
+        Returns the radiance (N, 3) in directions (N, 3), without the sun's disc.
+    irradiance, angle
+        Of the sun's disc, and how wide it is; None and 0 without a disc.
+    """
 
-    @classmethod
-    def of(cls, node: Any, told: Told) -> Sky:
-        """Return the sky of a Sky Texture."""
-        if node.sky_type in ("PREETHAM", "HOSEK_WILKIE"):
-            if node.sky_type == "HOSEK_WILKIE":
-                told(f"{node.name} is by Hosek and Wilkie, which is rendered as a sky by Preetham of the same light")
-            sun = np.array(node.sun_direction)
-            gain = _HOSEK if node.sky_type == "HOSEK_WILKIE" else np.ones(3)
-            return cls(sun / max(np.linalg.norm(sun), 1e-9), turbidity=max(node.turbidity, 1.7), gain=gain)
-        if node.sky_type == "MULTIPLE_SCATTERING":
-            told(f"{node.name} is by Multiple Scattering: it is rendered by Single Scattering, of about the same light")
-        gain = _MULTIPLE if node.sky_type == "MULTIPLE_SCATTERING" else _SINGLE
-        up, turn = node.sun_elevation, node.sun_rotation
-        sun = np.array([cos(up) * sin(turn), cos(up) * cos(turn), sin(up)])
-        altitude = float(np.clip(node.altitude, 1, 59_999))
-        sky = cls(sun, node.air_density, node.aerosol_density, node.ozone_density, altitude, gain=gain)
-        if not node.sun_disc or up < -node.sun_size / 2:
-            return sky
-        light = _SUN * np.exp(-sky._depth(sky._eye()[None], sun[None]))[0]
-        irradiance = np.maximum(_RGB @ (light @ _XYZ), 0) * node.sun_intensity * _LIMB
-        return replace(sky, disc=(irradiance, node.sun_size))
-
-    def radiance(self, directions: Any) -> Any:
-        """Return the radiance (N, 3) in directions (N, 3), without the sun's disc; below the horizon it fades."""
-        if self.turbidity is not None:
-            return _preetham(self.sun, self.turbidity, directions) * self.gain
-        up = np.arcsin(np.clip(directions[:, 2], -1, 1))
-        fade = np.clip(1 + np.minimum(up, 0) / 0.2, 0, 1) ** 2
-        around = np.arctan2(directions[:, 0], directions[:, 1]) - np.arctan2(self.sun[0], self.sun[1])
-        around = np.abs((around + pi) % (2 * pi) - pi)
-        table = np.maximum(self._table() @ _XYZ @ _RGB.T, 0) * self.gain
-        return _interpolated(table, np.sqrt(np.maximum(up, 0) / (pi / 2)), around / pi) * fade[:, None]
-
-    def _table(self) -> Any:
-        """Return spectra by the square root of the elevation, and by the angle from the sun around the vertical."""
-        up, around = np.meshgrid(np.linspace(0, 1, _ROWS) ** 2 * pi / 2, np.linspace(0, pi, _COLUMNS), indexing="ij")
-        around = around + np.arctan2(self.sun[0], self.sun[1])
-        found = np.stack([np.cos(up) * np.sin(around), np.cos(up) * np.cos(around), np.sin(up)], axis=-1)
-        return self._scattered(found.reshape(-1, 3)).reshape(_ROWS, _COLUMNS, -1)
-
-    def _eye(self) -> Any:
-        return np.array([0.0, 0.0, _EARTH + self.altitude])
-
-    def _densities(self, height: Any) -> Any:
-        """Return the densities (…, 3) of air, aerosol and ozone at heights, as multiples of the usual."""
-        ozone = np.clip(np.minimum((height - 10e3) / 15e3, (40e3 - height) / 15e3), 0, 1)
-        amounts = np.exp(-height / 8e3) * self.air, np.exp(-height / 1.2e3) * self.aerosol, ozone * self.ozone
-        return np.stack(amounts, axis=-1)
-
-    def _depth(self, places: Any, directions: Any) -> Any:
-        """Return the optical depth (N, 17) from places (N, 3) to the top of the atmosphere."""
-        length = _reach(places, directions)
-        at = (np.arange(_INNER) + 0.5) / _INNER
-        points = places[:, None] + (directions * length[:, None])[:, None] * (at**2)[:, None]
-        steps = 2 * at / _INNER * length[:, None]  # more of them where the air is dense
-        height = np.maximum(np.linalg.norm(points, axis=-1) - _EARTH, 0)
-        return (self._densities(height) * steps[..., None]).sum(axis=1) @ np.stack([_AIR, 0 * _AIR + _AEROSOL, _OZONE])
-
-    def _scattered(self, directions: Any) -> Any:
-        """Return the spectrum (N, 17) that is scattered once toward the eye."""
-        cosine = directions @ self.sun
-        rayleigh = 3 / (16 * pi) * (1 + cosine**2)
-        g = _FORWARD
-        mie = (1 - g * g) / (4 * pi * (1 + g * g - 2 * g * cosine) ** 1.5)
-        eye = self._eye()
-        length = _reach(np.broadcast_to(eye, directions.shape), directions)
-        total, depth = np.zeros((len(directions), len(_WAVES))), np.zeros((len(directions), len(_WAVES)))
-        coefficients = np.stack([_AIR, 0 * _AIR + _AEROSOL, _OZONE])
-        for k in range(_STEPS):
-            low, high = (k / _STEPS) ** 2, ((k + 1) / _STEPS) ** 2
-            step = (high - low) * length
-            points = eye + directions * (0.5 * (low + high) * length)[:, None]
-            density = self._densities(np.maximum(np.linalg.norm(points, axis=1) - _EARTH, 0))
-            own = density @ coefficients * step[:, None]
-            lit = ~_hits_earth(points, self.sun)
-            reached = np.exp(-(depth + own / 2 + self._depth(points, np.broadcast_to(self.sun, points.shape))))
-            scattered = density[:, :1] * _AIR * rayleigh[:, None] + density[:, 1:2] * _AEROSOL * _ALBEDO * mie[:, None]
-            total += scattered * reached * (lit * step)[:, None]
-            depth += own
-        return total * _SUN
+    sun: Any
+    radiance: Callable[[Any], Any]
+    irradiance: Any = None
+    angle: float = 0.0
 
 
-def _interpolated(table: Any, row: Any, column: Any) -> Any:
-    """Return values of a table (H, W, C) at rows and columns from 0 to 1, linearly between entries."""
-    y, x = row * (len(table) - 1), column * (table.shape[1] - 1)
-    low, left = np.minimum(y.astype(int), len(table) - 2), np.minimum(x.astype(int), table.shape[1] - 2)
+def sky_of(node: Any, told: Told) -> Sky:
+    """Return the sky of a Sky Texture."""
+    gain = _GAINS[node.sky_type]
+    if node.sky_type in _OTHERS:
+        told(f"{node.name} is {_OTHERS[node.sky_type]}")
+    if node.sky_type in ("PREETHAM", "HOSEK_WILKIE"):
+        sun = np.array(node.sun_direction) / max(np.linalg.norm(node.sun_direction), 1e-9)
+        return Sky(sun, lambda directions: _preetham(sun, max(node.turbidity, 1.7), directions) * gain)
+    up, turn = node.sun_elevation, node.sun_rotation
+    sun = np.array([cos(up) * sin(turn), cos(up) * cos(turn), sin(up)])
+    eye = np.array([[0.0, 0.0, _EARTH + np.clip(node.altitude, 1, 59_999)]])
+    air = _Air(sun, np.array([node.air_density, node.aerosol_density, node.ozone_density]))
+    radiance = partial(_interpolated, air, eye, gain)
+    if not node.sun_disc or up < -node.sun_size / 2:
+        return Sky(sun, radiance)
+    light = _SUN * np.exp(-air.depth(eye, sun[None]))
+    irradiance = _color(light)[0] * node.sun_intensity * _LIMB
+    return Sky(sun, radiance, irradiance, node.sun_size)
+
+
+def _color(spectra: Any) -> Any:
+    """Return the colours (…, 3) of spectra (…, 17)."""
+    return np.maximum(spectra @ _XYZ @ _RGB.T, 0)
+
+
+def _interpolated(air: _Air, eye: Any, gain: Any, directions: Any) -> Any:
+    """Return the radiance in directions, between those of a table; below the horizon it fades.
+
+    The table is by the square root of the elevation, and by the angle from the sun around the vertical.
+    """
+    toward_sun = np.arctan2(air.sun[0], air.sun[1])
+    up, turn = np.meshgrid(np.linspace(0, 1, _ROWS) ** 2 * pi / 2, np.linspace(0, pi, _COLUMNS), indexing="ij")
+    axes = np.cos(up) * np.sin(turn + toward_sun), np.cos(up) * np.cos(turn + toward_sun), np.sin(up)
+    table = _color(air.scattered(eye, np.stack(axes, axis=-1).reshape(-1, 3))).reshape(_ROWS, _COLUMNS, 3) * gain
+    height = np.arcsin(np.clip(directions[:, 2], -1, 1))
+    turn = np.arctan2(directions[:, 0], directions[:, 1]) - toward_sun
+    y = np.sqrt(np.maximum(height, 0) / (pi / 2)) * (_ROWS - 1)
+    x = np.abs((turn + pi) % (2 * pi) - pi) / pi * (_COLUMNS - 1)
+    low, left = np.minimum(y.astype(int), _ROWS - 2), np.minimum(x.astype(int), _COLUMNS - 2)
     v, u = (y - low)[:, None], (x - left)[:, None]
     upper, lower = (table[low + k, left] * (1 - u) + table[low + k, left + 1] * u for k in (0, 1))
-    return upper * (1 - v) + lower * v
+    fade = np.clip(1 + np.minimum(height, 0) / 0.2, 0, 1) ** 2
+    return (upper * (1 - v) + lower * v) * fade[:, None]
 
 
-def _reach(places: Any, directions: Any) -> Any:
-    """Return the distances (N,) from places inside of the atmosphere to its top."""
+class _Air:
+    """The atmosphere: its sun, and how much of air, aerosol and ozone it has, as multiples of the usual."""
+
+    def __init__(self, sun: Any, amounts: Any) -> None:
+        self.sun, self._amounts = sun, amounts
+
+    def depth(self, places: Any, directions: Any) -> Any:
+        """Return the optical depth (N, 17) from places (N, 3) to the top of the atmosphere."""
+        points, steps = _ray(places, directions, _INNER)
+        return (self._densities(points) * steps).sum(axis=1) @ _EXTINCTION
+
+    def scattered(self, eye: Any, directions: Any) -> Any:
+        """Return the spectrum (N, 17) that is scattered once toward the eye (1, 3)."""
+        cosine, g = (directions @ self.sun)[:, None, None], _FORWARD
+        rayleigh = 3 / (16 * pi) * (1 + cosine**2) * _AIR
+        mie = (1 - g * g) / (4 * pi * (1 + g * g - 2 * g * cosine) ** 1.5) * _AEROSOL * _ALBEDO
+        points, steps = _ray(eye, directions, _STEPS)
+        density = self._densities(points)
+        crossed = density @ _EXTINCTION * steps
+        to_sun = self.depth(points.reshape(-1, 3), self.sun[None]).reshape(crossed.shape)
+        reached = np.exp(crossed / 2 - np.cumsum(crossed, axis=1) - to_sun)
+        light = (density[..., :1] * rayleigh + density[..., 1:2] * mie) * reached * ~self._is_in_shadow(points) * steps
+        return light.sum(axis=1) * _SUN
+
+    def _densities(self, points: Any) -> Any:
+        """Return the densities (…, 3) of air, aerosol and ozone at points, as multiples of the usual."""
+        height = np.maximum(np.linalg.norm(points, axis=-1) - _EARTH, 0)
+        ozone = np.clip(np.minimum((height - 10e3) / 15e3, (40e3 - height) / 15e3), 0, 1)
+        return np.stack([np.exp(-height / 8e3), np.exp(-height / 1.2e3), ozone], axis=-1) * self._amounts
+
+    def _is_in_shadow(self, points: Any) -> Any:
+        """Return whether the earth hides the sun from points, (…, 1)."""
+        along = (points @ self.sun)[..., None]
+        return (along < 0) & (along**2 - (points**2).sum(axis=-1, keepdims=True) + _EARTH**2 > 0)
+
+
+def _ray(places: Any, directions: Any, count: int) -> tuple[Any, Any]:
+    """Return points (N, count, 3) from places to the top of the atmosphere, and steps (N, count, 1) around them.
+
+    There are more of them where the air is dense.
+    """
     along = (places * directions).sum(axis=1)
-    return -along + np.sqrt(np.maximum(along**2 - (places**2).sum(axis=1) + _TOP**2, 0))
-
-
-def _hits_earth(places: Any, direction: Any) -> Any:
-    along = places @ direction
-    return (along < 0) & (along**2 - (places**2).sum(axis=1) + _EARTH**2 > 0)
+    length = np.sqrt(along**2 - (places**2).sum(axis=1) + _TOP**2) - along
+    ends = length[:, None, None] * np.linspace(0, 1, count + 1)[:, None] ** 2
+    return places[:, None] + directions[:, None] * (ends[:, 1:] + ends[:, :-1]) / 2, np.diff(ends, axis=1)
 
 
 def _preetham(sun: Any, turbidity: float, directions: Any) -> Any:
@@ -185,6 +192,3 @@ def _preetham(sun: Any, turbidity: float, directions: Any) -> Any:
     luminance, cx, cy = zenith * perez(height, gamma) / perez(1.0, theta_s)
     factor = luminance / np.maximum(cy, 1e-9)
     return np.maximum(np.stack([factor * cx, luminance, factor * (1 - cx - cy)], axis=1) @ _RGB.T, 0)
-
-
-_PREETHAM = 0.06  # Blender's factor on luminances in kcd / m²

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..images import Images
-from ..nodes import Attribute, Texture, Told, number_of, output_of, source_of, value_of
+from ..nodes import Attribute, Texture, number_of, value_of
+from ..prims import Prim, Told
+from .links import node_behind, source_at
 from .textures import shader_prim, texture_prims
 
 
@@ -57,8 +59,7 @@ def scale_of_heights(material: Any, matrix: Any) -> float:
 
 def _displacement(material: Any) -> Any:
     """Return the node that a material's displacement comes from; None if there is none."""
-    output = output_of(material.node_tree, "OUTPUT_MATERIAL")
-    source = None if output is None else source_of(output.inputs["Displacement"])
+    source = source_at(material.node_tree, "OUTPUT_MATERIAL", "Displacement")
     return None if source is None else source.node
 
 
@@ -71,34 +72,33 @@ def with_bump(tilt: Tilt | None, added: Tilt | None, told: Told) -> Tilt | None:
     return replace(tilt, heights=tilt.heights + added.heights)
 
 
-def tilt_prims(tilt: Tilt, path: str, images: Images, told: Told) -> tuple[list[dict[str, Any]], str]:
+def tilt_prims(tilt: Tilt, path: str, images: Images, told: Told) -> tuple[list[Prim], str]:
     """Return the prims of what tilts normals, and the path of the output that has them."""
     if tilt.normals is not None:
         # As in Cycles: a strength below 1 also raises the normal.
         side, up = 2 * tilt.strength, 2 * min(tilt.strength, 1.0)
         scaled = {"scale": [side, side, up, 1.0], "bias": [-side / 2, -side / 2, 1 - up, 0.0]}
-        return texture_prims(tilt.normals, "normal3f", path, images, told, scaled)
-    prims, total = list[dict[str, Any]](), ""
+        return texture_prims(tilt.normals, path, images, told, scaled)
+    prims, total = list[Prim](), ""
     for number, (texture, height) in enumerate(tilt.heights):
-        own, output = texture_prims(texture, "float", f"{path}_{number}", images, told, {"scale": [height] * 4})
+        scaled = {"scale": [height] * 4}
+        own, output = texture_prims(texture, f"{path}_{number}", images, told, scaled, is_number=True)
         prims += own
         if not total:
             total = output
             continue
-        parts = {"in1": ["float", total], "in2": ["float", output]}
-        prims.append(shader_prim(f"{path}_sum{number}", "ND_add_float", ("float", "out"), {}, parts))
+        parts = {"in1": total, "in2": output}
+        prims.append(shader_prim(f"{path}_sum{number}", "ND_add_float", "out", {}, parts))
         total = f"{path}_sum{number}.outputs:out"
-    scale, parts = {"bump_height": ["float", 1.0]}, {"bump_map": ["float", total]}
-    prims.append(shader_prim(path, "arnold:bump2d", ("vector3f", "out"), scale, parts))
+    prims.append(shader_prim(path, "arnold:bump2d", "out", {"bump_height": 1.0}, {"bump_map": total}))
     return prims, f"{path}.outputs:out"
 
 
 def _tilt(socket: Any, told: Told) -> Tilt | None:
     """Return what a socket of normals is linked to."""
-    source = source_of(socket)
-    if source is None or source.node.type in ("NEW_GEOMETRY", "TEX_COORD"):
+    node = node_behind(socket)
+    if node is None or node.type in ("NEW_GEOMETRY", "TEX_COORD"):
         return None
-    node = source.node
     if node.type == "BUMP":
         height = number_of(node, "Strength", told, 1.0) * number_of(node, "Distance", told, 1.0)
         return with_bump(

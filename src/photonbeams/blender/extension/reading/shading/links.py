@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 
@@ -15,25 +14,33 @@ def output_of(tree: Any, kind: str) -> Any:
     return next((node for node in tree.nodes if node.type == kind), None)
 
 
-class _Inputs:
-    """The inputs of a node inside of groups."""
+def source_at(tree: Any, kind: str, name: str) -> Any:
+    """Return the socket that an input of the active output node is linked to; None if there is none."""
+    output = output_of(tree, kind)
+    return None if output is None else source_of(output.inputs[name])
 
-    def __init__(self, inputs: Any, groups: tuple[Any, ...]) -> None:
-        self._inputs, self._groups = inputs, groups
+
+def node_behind(socket: Any) -> Any:
+    """Return the node that a socket is linked to; None if there is none."""
+    source = source_of(socket)
+    return None if source is None else source.node
+
+
+class _Inputs(list[Any]):
+    """The inputs of a node inside of groups, by their places or names."""
 
     def __getitem__(self, key: Any) -> Any:
-        found = self._inputs[key]
-        return [Inside(each, self._groups) for each in found] if isinstance(key, slice) else Inside(found, self._groups)
+        socket = self.get(key) if isinstance(key, str) else super().__getitem__(key)
+        if socket is None:
+            raise KeyError(key)
+        return socket
 
-    def __contains__(self, name: str) -> bool:
-        return name in self._inputs
+    def __contains__(self, name: object) -> bool:
+        return self.get(name) is not None
 
-    def __iter__(self) -> Iterator[Any]:
-        return (Inside(each, self._groups) for each in self._inputs)
-
-    def get(self, name: str) -> Any:
+    def get(self, name: object) -> Any:
         """Return the input of a name; None if there is none."""
-        return self[name] if name in self._inputs else None
+        return next((socket for socket in self if socket.name == name), None)
 
 
 class Inside:
@@ -67,7 +74,7 @@ class Inside:
     @property
     def inputs(self) -> Any:
         """The inputs of a node."""
-        return _Inputs(self.own.inputs, self.groups)
+        return _Inputs(Inside(socket, self.groups) for socket in self.own.inputs)
 
 
 def source_of(socket: Any) -> Any:

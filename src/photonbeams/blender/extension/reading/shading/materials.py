@@ -9,19 +9,14 @@ import numpy as np
 
 from ..images import Images
 from ..meshes import varname
-from ..nodes import Attribute, Texture, Told, output_of, source_of, value_of
+from ..nodes import Attribute, Texture, telling, value_of
+from ..prims import Prim, Told, Values
 from .bumps import Tilt, displacement_of, tilt_of, tilt_prims, with_bump
-from .mixing import TILT, Surface, between
+from .links import node_behind, output_of, source_at
+from .mixing import PLAIN, TILT, Surface, between
 from .textures import shader_prim, texture_prims
 
 _SHADER = "ND_open_pbr_surface_surfaceshader"
-_KINDS = {
-    "base_weight": "float", "base_color": "color3f", "base_metalness": "float", "specular_weight": "float",
-    "specular_color": "color3f", "specular_roughness": "float", "specular_ior": "float", "transmission_weight": "float",
-    "transmission_color": "color3f", "coat_weight": "float", "coat_roughness": "float", "emission_luminance": "float",
-    "emission_color": "color3f", "geometry_opacity": "float", TILT: "vector3f",
-}  # fmt: skip
-
 # The inputs of the Principled BSDF by those of OpenPBR.
 _PRINCIPLED = {
     "base_color": "Base Color", "base_metalness": "Metallic", "specular_roughness": "Roughness", "specular_ior": "IOR",
@@ -42,10 +37,10 @@ def has_surface(material: Any) -> bool:
     if material is None or material.node_tree is None:
         return True
     output = output_of(material.node_tree, "OUTPUT_MATERIAL")
-    if output is None or source_of(output.inputs["Volume"]) is None:
+    if output is None or node_behind(output.inputs["Volume"]) is None:
         return output is not None
-    source = source_of(output.inputs["Surface"])
-    return source is not None and not _is_clear(source.node)
+    node = node_behind(output.inputs["Surface"])
+    return node is not None and not _is_clear(node)
 
 
 def _is_clear(node: Any) -> bool:
@@ -54,64 +49,52 @@ def _is_clear(node: Any) -> bool:
     return color is not None and not color.is_linked and min(color.default_value[:3]) > 1 - 1e-6
 
 
-def material_prims(material: Any, path: str, scale: float, images: Images, told: Told) -> list[dict[str, Any]]:
-    """Return the prims of a material: itself, its shader and its textures; `scale` is that of its displacement."""
+def material_prims(material: Any, path: str, scale: float, images: Images, told: Told) -> list[Prim]:
+    """Return the prims of a material: itself, its shader and its textures; `scale` is that of its displacement.
 
-    def tell(text: str) -> None:
-        told(f"Material {material.name}: {text}")
-
-    surface, prims = surface_of(material, scale, tell), list[dict[str, Any]]()
-    values: dict[str, Any] = {"info:id": ["token", _SHADER]}
-    sources: dict[str, Any] = {}
-    for name, value in surface.items():
-        kind = _KINDS[name]
-        if isinstance(value, Texture | Tilt):
-            own, output = (
-                tilt_prims(value, f"{path}/{name}", images, tell)
-                if isinstance(value, Tilt)
-                else texture_prims(value, kind, f"{path}/{name}", images, tell)
-            )
+    None is the grey of objects without a material.
+    """
+    tell = told if material is None else telling(told, f"Material {material.name}")
+    prims, values, sources = list[Prim](), Values({"info:id": _SHADER, "outputs:out": None}), dict[str, str]()
+    for name, value in surface_of(material, scale, tell).items():
+        place = f"{path}/{name}"
+        if isinstance(value, Tilt | Texture):
+            if isinstance(value, Tilt):
+                own, sources[f"inputs:{name}"] = tilt_prims(value, place, images, tell)
+            else:
+                is_number = isinstance(PLAIN[name], float)
+                own, sources[f"inputs:{name}"] = texture_prims(value, place, images, tell, is_number=is_number)
             prims += own
-            sources[f"inputs:{name}"] = [kind, output]
         elif isinstance(value, Attribute):
-            primvar = {"varname": ["string", varname(value.name)]}
-            prims.append(shader_prim(f"{path}/{name}", "UsdPrimvarReader_float3", ("float3", "result"), primvar))
-            sources[f"inputs:{name}"] = [kind, f"{path}/{name}.outputs:result"]
-        elif kind == "float":
-            values[f"inputs:{name}"] = [kind, value if isinstance(value, float) else sum(value[:3]) / 3]
+            prims.append(shader_prim(place, "UsdPrimvarReader_float3", "result", {"varname": varname(value.name)}))
+            sources[f"inputs:{name}"] = f"{place}.outputs:result"
         else:
-            values[f"inputs:{name}"] = [kind, [value] * 3 if isinstance(value, float) else list(value[:3])]
-    values["outputs:out"] = ["token", None]
-    shader = {"path": f"{path}/Shader", "type": "Shader", "values": values, "sources": sources}
-    out = {"outputs:surface": ["token", f"{path}/Shader.outputs:out"]}
-    return [{"path": path, "type": "Material", "sources": out}, shader, *prims]
+            values[f"inputs:{name}"] = value
+    shader = Prim(f"{path}/Shader", "Shader", values, sources=sources)
+    return [Prim(path, "Material", sources={"outputs:surface": f"{path}/Shader.outputs:out"}), shader, *prims]
 
 
-def lets_through(prims: list[dict[str, Any]]) -> bool:
+def lets_through(prims: list[Prim]) -> bool:
     """Return whether light passes the surface of a material, by its prims."""
-    shader = next(each for each in prims if each["type"] == "Shader")
     plain = {"inputs:transmission_weight": 0.0, "inputs:geometry_opacity": 1.0}
-    return any(
-        name in shader["sources"] or shader["values"].get(name, [None, each])[1] != each for name, each in plain.items()
-    )
+    shader = prims[1]
+    return any(name in shader.sources or shader.values.get(name, value) != value for name, value in plain.items())
 
 
-def emitted_by(prims: list[dict[str, Any]]) -> Any:
+def emitted_by(prims: list[Prim]) -> Any:
     """Return the mean radiance (3,) that the surface of a material emits, by its prims; images count as white."""
-    shader = next(each for each in prims if each["type"] == "Shader")
-    values, sources = shader["values"], shader["sources"]
-    strength, color = (f"inputs:emission_{each}" for each in ("luminance", "color"))
-    _, factor = values.get(strength, ["float", 1.0 if strength in sources else 0.0])
-    _, tint = values.get(color, ["color3f", [1.0] * 3])
-    return factor * np.array(tint)
+    values, strength = prims[1].values, "inputs:emission_luminance"
+    factor = values.get(strength, float(strength in prims[1].sources))
+    return factor * np.array(values.get("inputs:emission_color", [1.0] * 3))
 
 
 def surface_of(material: Any, scale: float, told: Told) -> Surface:
-    """Return the surface of a material; grey for one without nodes."""
+    """Return the surface of a material; grey for none, or one without nodes."""
+    if material is None:
+        return {"base_color": _GREY, "specular_weight": 0.0}
     if material.node_tree is None:
         return {"base_color": tuple(material.diffuse_color[:3]), "specular_roughness": float(material.roughness)}
-    output = output_of(material.node_tree, "OUTPUT_MATERIAL")
-    source = None if output is None else source_of(output.inputs["Surface"])
+    source = source_at(material.node_tree, "OUTPUT_MATERIAL", "Surface")
     if source is None:
         return {"base_color": _BLACK, "specular_weight": 0.0}
     surface = _shaded(source.node, told)
@@ -136,13 +119,10 @@ def _reflecting(node: Any, told: Told) -> Surface:
 
     match node.type:
         case "BSDF_PRINCIPLED":
-            found = {name: value(theirs) for name, theirs in _PRINCIPLED.items()}
+            surface = {name: value(theirs) for name, theirs in _PRINCIPLED.items()}
             _tell_ignored(node, told)
-            found |= _specular(found, value("Specular IOR Level"), value("Specular Tint"), told)
-            return {
-                **{name: each for name, each in found.items() if each is not None},
-                "transmission_color": found["base_color"],
-            }
+            surface |= _specular(surface, value("Specular IOR Level"), value("Specular Tint"), told)
+            return {**surface, "transmission_color": surface["base_color"]}
         case "EMISSION":
             glow = {"emission_color": value("Color"), "emission_luminance": value("Strength")}
             return {"base_color": _BLACK, "specular_weight": 0.0, **glow}
@@ -167,13 +147,13 @@ def _reflecting(node: Any, told: Told) -> Surface:
     return {"base_color": _GREY}
 
 
-def _specular(found: Surface, level: Any, tint: Any, told: Told) -> Surface:
+def _specular(principled: Surface, level: Any, tint: Any, told: Told) -> Surface:
     """Return the specular inputs of a Principled BSDF: the level scales the reflectance at normal incidence by 2."""
-    surface: Surface = {} if tint in (None, (1.0,) * 4) else {"specular_color": tint}
-    ior = found["specular_ior"]
-    if level in (None, 0.5):
+    surface: Surface = {} if tint == (1.0,) * 3 else {"specular_color": tint}
+    ior = principled["specular_ior"]
+    if level == 0.5:
         return surface
-    if not (isinstance(level, float) and isinstance(ior, float)) or found["transmission_weight"] != 0.0:
+    if not (isinstance(level, float) and isinstance(ior, float)) or principled["transmission_weight"] != 0.0:
         told("Specular IOR Level is not rendered where it is an image, or where light passes through")
         return surface
     if level < 0.5:
@@ -185,24 +165,20 @@ def _specular(found: Surface, level: Any, tint: Any, told: Told) -> Surface:
 def _tell_ignored(node: Any, told: Told) -> None:
     """Say which inputs of a Principled BSDF are not rendered though they would make a difference."""
     for name, plain in _IGNORED.items():
-        socket = node.inputs.get(name)
-        if socket is None:
-            continue
+        socket = node.inputs[name]
         if socket.is_linked or (plain is not None and abs(socket.default_value - plain) > 1e-6):
             told(f"{name} of {node.name} is not rendered")
 
 
 def _linked(socket: Any, told: Told) -> Surface:
     """Return the surface that a socket is linked to; without a link it is black."""
-    source = source_of(socket)
-    return {"base_color": _BLACK, "specular_weight": 0.0} if source is None else _shaded(source.node, told)
+    node = node_behind(socket)
+    return {"base_color": _BLACK, "specular_weight": 0.0} if node is None else _shaded(node, told)
 
 
 def _mixed(node: Any, told: Told) -> Surface:
     """Return what a Mix Shader makes: a surface that is cut out, or one between its two."""
     factor = value_of(node, node.inputs[0].name, told)
-    if isinstance(factor, tuple):
-        factor = sum(factor) / len(factor)
     if factor in (0.0, 1.0):
         return _linked(node.inputs[2 if factor else 1], told)
     first, second = (_linked(each, told) for each in node.inputs[1:3])

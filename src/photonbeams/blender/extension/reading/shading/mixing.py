@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from ..nodes import Value
 
 #: Values of OpenPBR's inputs; that of its normals is a `Tilt`.
@@ -12,8 +14,8 @@ Surface = dict[str, Any]
 TILT = "geometry_normal"
 
 _BLACK = (0.0, 0.0, 0.0)
-# What inputs are where nothing is said.
-_PLAIN: Surface = {
+#: What inputs are where nothing is said.
+PLAIN: Surface = {
     "base_weight": 1.0, "base_color": (0.8, 0.8, 0.8), "base_metalness": 0.0, "specular_weight": 1.0,
     "specular_color": (1.0, 1.0, 1.0),
     "specular_roughness": 0.3, "specular_ior": 1.5, "transmission_weight": 0.0, "transmission_color": (1.0, 1.0, 1.0),
@@ -29,7 +31,7 @@ def between(first: Surface, second: Surface, factor: float, told: Callable[[], N
     A colour counts as much as its surface shows of it: clear glass has no base colour, and what does not reflect has
     no roughness.
     """
-    whole = [{**_PLAIN, **each} for each in (first, second)]
+    whole = [{**PLAIN, **each} for each in (first, second)]
     parts = (1 - factor, factor)
     clear = [_number(each["transmission_weight"]) for each in whole]
     weights = {
@@ -49,7 +51,7 @@ def between(first: Surface, second: Surface, factor: float, told: Callable[[], N
         if tilts[-1] != tilts[0]:
             told()
     if add:
-        found["base_color"] = _scaled({**_PLAIN, **found}["base_color"], 2.0)
+        found["base_color"] = _scaled({**PLAIN, **found}["base_color"], 2.0)
     return found
 
 
@@ -70,7 +72,7 @@ def _mirrored(surface: Surface) -> float:
 
 def _number(value: Value) -> float:
     """Return a number; images and attributes count as 1."""
-    return value if isinstance(value, float) else sum(value[:3]) / 3 if isinstance(value, tuple) else 1.0
+    return float(np.mean(value)) if isinstance(value, float | tuple) else 1.0
 
 
 def _scaled(value: Value, factor: float) -> Value:
@@ -88,7 +90,5 @@ def _mean(first: Value, second: Value, weights: list[float], told: Callable[[], 
     if not all(plain):
         told()
         return first if (weights[0] >= weights[1] if plain[0] == plain[1] else plain[1]) else second
-    if isinstance(first, float) and isinstance(second, float):
-        return (first * weights[0] + second * weights[1]) / total
-    sides = [(each,) * 3 if isinstance(each, float) else each[:3] for each in (first, second)]  # type: ignore[index]
-    return tuple((a * weights[0] + b * weights[1]) / total for a, b in zip(*sides, strict=True))
+    mean = np.average([first, second], axis=0, weights=weights).tolist()  # type: ignore[arg-type]
+    return mean if isinstance(first, float) else tuple(mean)

@@ -6,7 +6,7 @@ texture is written anew, with the angles and the values of a stage.
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import lru_cache
 from math import degrees, pi, radians, tan
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,9 @@ import bpy
 import numpy as np
 
 from ..images import Images
-from ..nodes import Told
-from .links import output_of, source_of
+from ..nodes import telling
+from ..prims import Told, Values
+from .links import node_behind, source_at
 
 _WATT_PER_CANDELA = 4 * pi / 177.83  # Cycles', of a lamp that has the spectrum of D65
 _UNREADABLE = 100.0  # what a texture without a profile is in Cycles, everywhere
@@ -26,8 +27,7 @@ _TYPE_C = 1
 
 def emission_of(light: Any) -> Any:
     """Return the node that a light's nodes end in; None if nothing does."""
-    output = output_of(light.node_tree, "OUTPUT_LIGHT")
-    source = None if output is None else source_of(output.inputs["Surface"])
+    source = source_at(light.node_tree, "OUTPUT_LIGHT", "Surface")
     return None if source is None else source.node
 
 
@@ -42,8 +42,7 @@ def ies_node(node: Any, socket: Any = None) -> tuple[Any, list[tuple[Any, Any]]]
 
     The factors are sockets, each after its node; the search begins at another socket if one is given.
     """
-    source = source_of(node.inputs["Strength"] if socket is None else socket)
-    made = None if source is None else source.node
+    made = node_behind(node.inputs["Strength"] if socket is None else socket)
     if made is not None and made.type == "TEX_IES":
         return made, [(made, made.inputs["Strength"])]
     if made is not None and made.type == "MATH" and made.operation == "MULTIPLY" and not made.use_clamp:
@@ -63,23 +62,23 @@ def constant_of(light: Any, node: Any) -> float:
     return float(table.at(np.zeros(1), np.zeros(1))[0, 0]) * _WATT_PER_CANDELA if light.type == "SUN" else 1.0
 
 
-def profile_values(light: Any, images: Images, told: Told) -> dict[str, Any]:
+def profile_values(light: Any, images: Images, told: Told) -> Values:
     """Return the attributes of a lamp's profile; none of a sun, whose light has one direction."""
     emission = emission_node(light)
     node = None if emission is None else ies_node(emission)[0]
-    table = None if node is None else _table_of(node, partial(_tell, told, light))
+    table = None if node is None else _table_of(node, telling(told, light.name))
     spread = light.spread / 2 if light.type == "AREA" and light.spread < pi - 1e-4 else None
     if light.type == "SUN" or (table is None and spread is None):
         return {}
-    if node is not None and source_of(node.inputs["Vector"]) is not None:
+    if node is not None and node_behind(node.inputs["Vector"]) is not None:
         told(f"{light.name}: the coordinates of {node.name} are not rendered: it is turned as the lamp is")
     low, high = (0.0, 180.0) if table is None else (table.vertical[0], table.vertical[-1])
-    values: dict[str, Any] = {}
+    values: Values = {}
     if spread is not None:
         # The stage's table has steps of a quarter of a degree: the scale makes them as fine as the spread needs.
         half = max(spread, radians(0.05))
         low, high = 0.0, degrees(half)
-        values["inputs:shaping:ies:angleScale"] = ["float", high / 180]
+        values["inputs:shaping:ies:angleScale"] = high / 180
     theta = np.linspace(low, high, _ROWS)
     # Around the axis, a stage's angle is 90° less Cycles'.
     phi = np.linspace(0, 360, 1 if table is None or table.is_round else _COLUMNS)
@@ -88,18 +87,14 @@ def profile_values(light: Any, images: Images, told: Told) -> dict[str, Any]:
         found = found * np.maximum(tan(half) - np.tan(np.radians(theta)), 0) * _whole(half)
         theta = np.linspace(0, 180, _ROWS)
     if light.type == "POINT":
-        values["inputs:shaping:cone:angle"] = ["float", 180.0]  # the schema's own is a cone of 90
-    values["inputs:shaping:ies:file"] = ["asset", images.stored(_text(theta, phi, found), "profile", ".ies")]
+        values["inputs:shaping:cone:angle"] = 180.0  # the schema's own is a cone of 90
+    values["inputs:shaping:ies:file"] = images.stored(_text(theta, phi, found), "profile", ".ies")
     return values
 
 
 def _whole(half: float) -> float:
     """Return the factor with which tan `half` − tan x leaves an area light its power; of narrow ones, the series."""
     return 1 / (tan(half) - half) if half > 0.05 else 3 / half**3
-
-
-def _tell(told: Told, light: Any, text: str) -> None:
-    told(f"{light.name}: {text}")
 
 
 class _Table:

@@ -7,25 +7,21 @@ from typing import Any
 
 from ..images import Images
 from ..meshes import uv_name
-from ..nodes import Texture, Told, source_of
+from ..nodes import Texture, source_of
+from ..prims import Prim, Told, Values
 from .baking import baked
 
 
-def shader_prim(
-    path: str, identifier: str, output: tuple[str, str], values: dict[str, Any],
-    sources: dict[str, list[str]] | None = None,
-) -> dict[str, Any]:  # fmt: skip
-    """Return the prim of a shader with one output, of a type and a name; values and sources are those of its inputs."""
-    kind, name = output
-    values = {f"inputs:{each}": value for each, value in values.items()}
-    values |= {"info:id": ["token", identifier], f"outputs:{name}": [kind, None]}
-    linked = {f"inputs:{each}": source for each, source in (sources or {}).items()}
-    return {"path": path, "type": "Shader", "values": values, "sources": linked}
+def shader_prim(path: str, identifier: str, output: str, values: Values, sources: dict[str, str] | None = None) -> Prim:
+    """Return the prim of a shader with one output of a name; values and sources are those of its inputs."""
+    values = {f"inputs:{name}": value for name, value in values.items()}
+    values |= {"info:id": identifier, f"outputs:{output}": None}
+    return Prim(path, "Shader", values, sources={f"inputs:{name}": source for name, source in (sources or {}).items()})
 
 
 def texture_prims(
-    texture: Texture, kind: str, path: str, images: Images, told: Told, scaled: dict[str, list[float]] | None = None
-) -> tuple[list[dict[str, Any]], str]:  # fmt: skip
+    texture: Texture, path: str, images: Images, told: Told, scaled: Values | None = None, *, is_number: bool = False
+) -> tuple[list[Prim], str]:
     """Return the prims of a texture, and the path of the output that has its value.
 
     `scaled` are the factors, `scale`, and what is added, `bias`, of its four channels.
@@ -39,19 +35,17 @@ def texture_prims(
     else:
         file, space = images.written(baked(texture.output), "made"), "raw"
     values = {
-        "file": ["asset", file], "wrapS": ["token", repeat], "wrapT": ["token", repeat],
-        "sourceColorSpace": ["token", space],
-        **{name: ["float4", each] for name, each in (scaled or {}).items()},
+        "file": file, "wrapS": repeat, "wrapT": repeat,
+        "sourceColorSpace": space, **(scaled or {}),
     }  # fmt: skip
     moved, layer = _placement(node, told)
-    at = ("float2", "result")
-    prims = [shader_prim(f"{path}_st", "UsdPrimvarReader_float2", at, {"varname": ["string", uv_name(layer)]})]
+    prims = [shader_prim(f"{path}_st", "UsdPrimvarReader_float2", "result", {"varname": uv_name(layer)})]
     place = f"{path}_st.outputs:result"
     if moved is not None:
-        prims.append(shader_prim(f"{path}_placed", "UsdTransform2d", at, moved, {"in": ["float2", place]}))
+        prims.append(shader_prim(f"{path}_placed", "UsdTransform2d", "result", moved, {"in": place}))
         place = f"{path}_placed.outputs:result"
-    output = "rgb" if kind != "float" else "a" if texture.alpha else "r"
-    prims.append(shader_prim(path, "UsdUVTexture", (kind, output), values, {"st": ["float2", place]}))
+    output = "rgb" if not is_number else "a" if texture.alpha else "r"
+    prims.append(shader_prim(path, "UsdUVTexture", output, values, {"st": place}))
     return prims, f"{path}.outputs:{output}"
 
 
@@ -65,7 +59,7 @@ def _space_of(image: Any, told: Told) -> str:
     return "sRGB"
 
 
-def _placement(node: Any, told: Told) -> tuple[dict[str, Any] | None, str]:
+def _placement(node: Any, told: Told) -> tuple[Values | None, str]:
     """Return the values of a UsdTransform2d that moves UVs as a Mapping node does, or None; and the UVs' layer."""
     found, moved = source_of(node.inputs["Vector"]), None
     if found is not None and found.node.type == "MAPPING":
@@ -75,9 +69,9 @@ def _placement(node: Any, told: Told) -> tuple[dict[str, Any] | None, str]:
         if mapping.vector_type == "POINT" and not any(each.is_linked for each in inputs):
             location, rotation, scale = (tuple(each.default_value) for each in inputs)
             moved = {
-                "scale": ["float2", list(scale[:2])],
-                "rotation": ["float", degrees(rotation[2])],
-                "translation": ["float2", list(location[:2])],
+                "scale": list(scale[:2]),
+                "rotation": degrees(rotation[2]),
+                "translation": list(location[:2]),
             }
         else:
             told(f"{mapping.name} is not rendered: the UVs are used as they are")
