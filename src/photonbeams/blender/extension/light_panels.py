@@ -11,7 +11,7 @@ from .panels import PropertiesPanel, split
 from .thumbnails import THUMBNAILS
 
 #: The attribute that chooses the function of a factor of a look, and its choices that have further parameters.
-_CHOICES = {
+_CHOICES: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     "along": ("along:falloff", {"along:length": ("exponential", "power"), "along:exponent": ("power",),
                                 "along:coefficients": ("polynomial",)}),
     "across": ("across:profile", {"across:width": ("gaussian",), "across:hardness": ("smoothstep",),

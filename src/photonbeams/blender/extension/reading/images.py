@@ -42,9 +42,10 @@ class Images:
         if image.source in ("FILE", "TILED", "SEQUENCE", "MOVIE") and not image.is_dirty and packed is None:
             return path
         if image.name_full not in self._written:
-            suffix = (packed and Path(path).suffix) or (".exr" if image.is_float else ".png")
-            target = self.numbered(re.sub(r"\W", "_", image.name) + suffix)
-            if packed is not None and Path(path).suffix:
+            suffix = "" if packed is None else Path(path).suffix
+            written = suffix or (".exr" if image.is_float else ".png")
+            target = self.numbered(re.sub(r"\W", "_", image.name) + written)
+            if suffix:
                 Path(target).write_bytes(packed.data)
             else:
                 image.save(filepath=target, save_copy=True)

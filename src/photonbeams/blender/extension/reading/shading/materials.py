@@ -122,7 +122,8 @@ def _reflecting(node: Any, told: Told) -> Surface:
             surface = {name: value(theirs) for name, theirs in _PRINCIPLED.items()}
             _tell_ignored(node, told)
             surface |= _specular(surface, value("Specular IOR Level"), value("Specular Tint"), told)
-            return {**surface, "transmission_color": surface["base_color"]}
+            surface["transmission_color"] = surface["base_color"]
+            return {name: each for name, each in surface.items() if each is not None}
         case "EMISSION":
             glow = {"emission_color": value("Color"), "emission_luminance": value("Strength")}
             return {"base_color": _BLACK, "specular_weight": 0.0, **glow}
@@ -149,9 +150,9 @@ def _reflecting(node: Any, told: Told) -> Surface:
 
 def _specular(principled: Surface, level: Any, tint: Any, told: Told) -> Surface:
     """Return the specular inputs of a Principled BSDF: the level scales the reflectance at normal incidence by 2."""
-    surface: Surface = {} if tint == (1.0,) * 3 else {"specular_color": tint}
+    surface: Surface = {} if tint in (None, (1.0,) * 3) else {"specular_color": tint}
     ior = principled["specular_ior"]
-    if level == 0.5:
+    if level in (None, 0.5):
         return surface
     if not (isinstance(level, float) and isinstance(ior, float)) or principled["transmission_weight"] != 0.0:
         told("Specular IOR Level is not rendered where it is an image, or where light passes through")
@@ -165,7 +166,9 @@ def _specular(principled: Surface, level: Any, tint: Any, told: Told) -> Surface
 def _tell_ignored(node: Any, told: Told) -> None:
     """Say which inputs of a Principled BSDF are not rendered though they would make a difference."""
     for name, plain in _IGNORED.items():
-        socket = node.inputs[name]
+        socket = node.inputs.get(name)
+        if socket is None:  # in another version of Blender
+            continue
         if socket.is_linked or (plain is not None and abs(socket.default_value - plain) > 1e-6):
             told(f"{name} of {node.name} is not rendered")
 
