@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import isfinite
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 _Named = Mapping[str, Mapping[str, Any]]
@@ -66,23 +66,19 @@ class Setting:
 
         if self.choices:
             return choice(value, name, self.choices)
-        found = whole(value, name) if self.kind is int else plain(value)
-        if self.kind is float and isinstance(found, Real):
-            found = as_float(found)
-        if not (self._fits(found) and self._within(found)):
+        result = whole(value, name) if self.kind is int else plain(value)
+        if self.kind is bool and isinstance(result, Integral) and result in (0, 1):
+            result = bool(result)
+        if self.kind is float and isinstance(result, Real):
+            result = as_float(result)
+        if not (isinstance(result, self.kind) and self._within(result)):
             raise SceneError(f"{name} is {shown(value)}: expected {self.expected or self._expected()}")
-        return self.kind(found) if self.kind in (float, bool) else found
-
-    def _fits(self, value: Any) -> bool:
-        """Return whether a value is of the setting's kind."""
-        if self.kind is bool:
-            single = type(value).__module__ == "numpy" and value.ndim == 0
-            return isinstance(value, bool) or (single and value in (0, 1))
-        return isinstance(value, Real) and isfinite(value) if self.kind is float else isinstance(value, self.kind)
+        return result
 
     def _within(self, value: Any) -> bool:
         return (
-            (self.least is None or value >= self.least)
+            (self.kind is not float or isfinite(value))
+            and (self.least is None or value >= self.least)
             and (self.above is None or value > self.above)
             and (self.most is None or value <= self.most)
             and (self.below is None or value < self.below)

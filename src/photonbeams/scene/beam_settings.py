@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Annotated
 
 from ..constants import MOST_BEAMS
-from .checks import SceneError, number, shown, whole
+from .checks import Count, NotNegative, SceneError, choice, count, instance, shown
 from .filters import LightFilter
 from .shaping import Gobo
 from .surfaces import Mesh
@@ -70,14 +71,14 @@ class BeamSettings:
     group: str = ""
     look: Look | None = None
     emits_beams: bool = True
-    beam_count: int | None = None
-    beam_scale: float = 1.0
+    beam_count: Annotated[int, partial(count, maximum=MOST_BEAMS)] | None = None
+    beam_scale: NotNegative = 1.0
     seed: int = 0
     portal: Mesh | str | None = None
     gobo: Gobo | None = None
     portal_gobo: Gobo | tuple[Gobo, ...] | None = None
-    scattered: str = "physical"
-    bounces: int | None = None
+    scattered: Annotated[str, partial(choice, choices=SCATTERED)] = "physical"
+    bounces: Count | None = None
     filters: tuple[LightFilter, ...] = ()
 
     # Not fields, without annotations: what is so for emitters that are described elsewhere.
@@ -85,22 +86,10 @@ class BeamSettings:
     lights_media = False
 
     def __post_init__(self) -> None:
-        number(self.beam_scale, "beam_scale", 0.0)
-        if self.scattered not in SCATTERED:
-            raise SceneError(f"scattered is {self.scattered!r}: expected {', '.join(SCATTERED)}")
-        if self.bounces is not None:
-            number(whole(self.bounces, "bounces"), "bounces", 0)
-        if self.beam_count is not None:
-            number(whole(self.beam_count, "beam_count"), "beam_count", 0, MOST_BEAMS)
         if not (isinstance(self.filters, tuple) and all(isinstance(each, LightFilter) for each in self.filters)):
             raise SceneError(f"filters is {shown(self.filters)}: expected a tuple of filters")
-        kinds = {"portal": (Mesh, str), "gobo": (Gobo,), "portal_gobo": (Gobo,)}
-        for name, kind in kinds.items():
-            value = getattr(self, name)
-            for each in self.portal_gobos if name == "portal_gobo" else (value,):
-                if each is not None and not isinstance(each, kind):
-                    expected = "a Mesh or the id of a shape" if name == "portal" else "a Gobo"
-                    raise SceneError(f"{name} is of type {type(each).__name__}: expected {expected}")
+        for each in self.portal_gobos:
+            instance(each, "portal_gobo", Gobo)
 
     @property
     def portal_gobos(self) -> tuple[Gobo, ...]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Annotated, Any
 
 import numpy as np
 
-from .checks import Array, SceneError, choice, number, numbers, shown
+from .checks import Array, Finite, NotNegative, SceneError, Transform, array, choice, number, numbers, shown
 from .declared import arguments
 from .vectors import near_one, unit
 
@@ -29,18 +30,14 @@ EQUIRECTANGULAR = "equirectangular"
 #: All projections.
 PROJECTIONS = ("perspective", "orthographic", EQUIRECTANGULAR, *FISHEYES)
 
-_POSITIVE = 1e-37, np.inf
-# The least and the greatest value of a camera's numbers.
-_RANGES = {
-    "focal_length": _POSITIVE,
-    "horizontal_aperture": _POSITIVE,
-    "vertical_aperture": _POSITIVE,
-    "horizontal_offset": (-np.inf, np.inf),
-    "vertical_offset": (-np.inf, np.inf),
-    "lens_radius": (0.0, np.inf),
-    "exposure_scale": (0.0, np.inf),
-    "angle": (1e-6, 360.0),
-}
+_Length = Annotated[float, partial(number, minimum=1e-37)]
+
+
+def _clipping(value: object, name: str) -> tuple[float, float]:
+    near, far = array(value, name, "two finite numbers, the nearer one first", (2,)).tolist()
+    if not near < far:
+        raise SceneError(f"{name} is {shown(value)}: expected two finite numbers, the nearer one first")
+    return near, far
 
 
 @dataclass(frozen=True)
@@ -80,34 +77,21 @@ class Camera:
     1.778
     """
 
-    name: str
-    to_world: Array
-    focal_length: float = 5.0
-    horizontal_aperture: float = 2.0955
-    vertical_aperture: float = 1.52908
-    horizontal_offset: float = 0.0
-    vertical_offset: float = 0.0
-    projection: str = PROJECTIONS[0]
-    clipping: tuple[float, float] = (1e-3, 1e6)
-    lens_radius: float = 0.0
-    focus_distance: float = 0.0
-    exposure_scale: float = 1.0
-    angle: float = 180.0
+    called = "camera {name}: {field}"
 
-    def __post_init__(self) -> None:
-        matrix = numbers(self.to_world, f"camera {self.name}: to_world", "4 x 4 numbers")
-        if matrix.shape != (4, 4) or not np.all(np.isfinite(matrix)) or np.linalg.matrix_rank(matrix[:3, :3]) < 3:
-            text = "expected 4 x 4 finite numbers, a transform that can be inverted"
-            raise SceneError(f"camera {self.name}: to_world is {shown(matrix)}: {text}")
-        object.__setattr__(self, "to_world", matrix)
-        choice(self.projection, f"camera {self.name}: projection", PROJECTIONS)
-        for name, (least, most) in _RANGES.items():
-            object.__setattr__(self, name, number(getattr(self, name), f"camera {self.name}: {name}", least, most))
-        clipping = numbers(self.clipping, f"camera {self.name}: clipping", "two numbers").ravel()
-        if clipping.shape != (2,) or not clipping[0] < clipping[1] < np.inf:
-            text = "expected two finite numbers, the nearer one first"
-            raise SceneError(f"camera {self.name}: clipping is {shown(self.clipping)}: {text}")
-        object.__setattr__(self, "clipping", (float(clipping[0]), float(clipping[1])))
+    name: str
+    to_world: Transform
+    focal_length: _Length = 5.0
+    horizontal_aperture: _Length = 2.0955
+    vertical_aperture: _Length = 1.52908
+    horizontal_offset: Finite = 0.0
+    vertical_offset: Finite = 0.0
+    projection: Annotated[str, partial(choice, choices=PROJECTIONS)] = PROJECTIONS[0]
+    clipping: Annotated[tuple[float, float], _clipping] = (1e-3, 1e6)
+    lens_radius: NotNegative = 0.0
+    focus_distance: float = 0.0
+    exposure_scale: NotNegative = 1.0
+    angle: Annotated[float, partial(number, minimum=1e-6, maximum=360.0)] = 180.0
 
     @property
     def orthographic(self) -> bool:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterable, Sequence
+from functools import partial
 from numbers import Integral, Real
 from types import NoneType
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -218,6 +219,25 @@ def number(value: float, name: str, minimum: float = -np.inf, maximum: float = n
     return float(found[0])
 
 
+def array(
+    value: object, name: str, expected: str, shape: tuple[int, ...], least: float = -np.inf, inverse: bool = False
+) -> Array:
+    """Return `value` as finite float64 numbers of a shape; SceneError for others.
+
+    It is one too if a number is below `least`, or, with `inverse`, if a matrix has none.
+    """
+    found = numbers(value, name, expected).astype(np.float64)
+    fits = found.shape == shape and np.all(np.isfinite(found)) and np.all(found >= least)
+    if not fits or (inverse and np.linalg.matrix_rank(found[:3, :3]) < 3):
+        raise SceneError(f"{name} is {shown(value)}: expected {expected}")
+    return found
+
+
+def count(value: object, name: str, maximum: float = np.inf, minimum: float = 0) -> int:
+    """Return a whole number, 0 or more; SceneError for anything else."""
+    return int(number(whole(value, name), name, minimum, maximum))
+
+
 def plain(value: Any) -> Any:
     """Return the number in an array without axes, and NumPy's True and False as Python's; other values as they are."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
@@ -241,9 +261,21 @@ def as_float(value: Real) -> float:
         return np.inf
 
 
-def real(value: object, name: str) -> float:
-    """Return a finite number, also a NumPy one, as a float; SceneError for anything else."""
-    value = plain(value)
-    if isinstance(value, Real) and abs(as_float(value)) < np.inf:
-        return float(value)
-    raise SceneError(f"{name} is {value if isinstance(value, Real) else shown(value)}: expected a finite number")
+# Types of fields that hold what a check returns: see `declared.arguments`.
+Finite = Annotated[float, number]
+NotNegative = Annotated[float, partial(number, minimum=0.0)]
+Count = Annotated[int, count]
+#: A colour, given as one number or three.
+Tint = Annotated[Color, color]
+#: A point or a direction, (3,).
+Vector = Annotated[Array, partial(array, expected="3 finite numbers", shape=(3,))]
+#: A transform for column vectors, (4, 4).
+Frame = Annotated[Array, partial(array, expected="4 x 4 finite numbers", shape=(4, 4))]
+Transform = Annotated[
+    Array, partial(array, expected="4 x 4 finite numbers, a transform that can be inverted", shape=(4, 4), inverse=True)
+]
+
+# Defaults of such fields.
+ORIGIN: Any = (0.0, 0.0, 0.0)
+AHEAD: Any = (0.0, 0.0, -1.0)
+IDENTITY: Any = tuple(map(tuple, np.eye(4)))

@@ -8,10 +8,10 @@ import inspect
 import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import wraps
+from functools import partial, wraps
 from numbers import Integral
 from types import NoneType, UnionType
-from typing import Any, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
@@ -23,17 +23,23 @@ T = TypeVar("T")
 
 
 class Declared(NamedTuple):
-    """What a declared type takes: a test, and the words of a message for it."""
+    """What a declared type takes: a test, and the words of a message for it.
+
+    A type that is annotated with a check has that instead: it takes a value and its name, and returns the value as the
+    field holds it.
+    """
 
     fits: Callable[[Any], bool]
-    expected: str
+    expected: str = ""
+    check: Callable[[Any, str], Any] | None = None
 
 
 def arguments(function: Callable[P, R]) -> Callable[P, R]:
     """Decorate a function that users call, so that a wrong argument raises a SceneError that says what is right.
 
     The function's own checks say more, so values are held against the declared types where it raises another error
-    and, as fields of an object, where it raises none.
+    and, as fields of an object, where it raises none. Fields whose type is annotated with a check hold what that
+    returns; messages name them as the `called` of their class says.
 
     Examples
     --------
@@ -45,15 +51,26 @@ def arguments(function: Callable[P, R]) -> Callable[P, R]:
     """
     signature = inspect.signature(function)
     makes = function.__name__ == "__init__"
-    declared: dict[str, Declared | None] = {}
+    declared: dict[str, Declared] = {}
 
-    def check(bound: Mapping[str, object], owners: Iterable[Any]) -> None:
+    def learn(owners: Sequence[Any]) -> None:
+        """Evaluate the types, once what they name exists."""
+        if not declared:
+            kinds = {key: _declared(each, owners) for key, each in signature.parameters.items()}
+            declared.update({key: kind for key, kind in kinds.items() if kind is not None})
+
+    def convert(bound: dict[str, Any], called: str) -> None:
+        """Replace the fields that have a check by what it returns."""
+        for key, kind in declared.items():
+            if kind.check is not None:
+                value = bound.get(key, signature.parameters[key].default)
+                bound[key] = kind.check(value, called.format(field=key, **bound))
+
+    def check(bound: Mapping[str, object]) -> None:
         for key, value in bound.items():
-            if key not in declared:
-                declared[key] = _declared(signature.parameters[key], owners)
-            test = declared[key]
-            if test is not None and not test.fits(value):
-                raise SceneError(f"{key} is {shown(value)}: expected {test.expected}") from None
+            kind = declared.get(key)
+            if kind is not None and not kind.fits(value):
+                raise SceneError(f"{key} is {shown(value)}: expected {kind.expected}") from None
 
     @wraps(function)
     def checked(*given: P.args, **named: P.kwargs) -> R:
@@ -62,15 +79,18 @@ def arguments(function: Callable[P, R]) -> Callable[P, R]:
         except TypeError as error:
             name = type(given[0]).__name__ if makes else function.__name__
             raise SceneError(_misuse(name, signature, len(given), named, error)) from None
+        learn(type(given[0]).__mro__ if makes else (function,))
         try:
+            if makes:
+                convert(taken.arguments, getattr(given[0], "called", "{field}"))
             result = function(*taken.args, **taken.kwargs)
         except (SceneError, OSError):
             raise
         except Exception:
-            check(taken.arguments, type(given[0]).__mro__ if makes else (function,))
+            check(taken.arguments)
             raise
         if makes:
-            check(taken.arguments, type(given[0]).__mro__)
+            check(taken.arguments)
         return result
 
     return checked
@@ -126,10 +146,15 @@ def _declared(parameter: inspect.Parameter, owners: Iterable[Any]) -> Declared |
 def _of(kind: Any) -> Declared | None:
     """Return what a type takes; None: any value."""
     origin = get_origin(kind) or kind
+    if origin is Annotated:
+        return Declared(_anything, check=kind.__metadata__[0])
     if origin in (Union, UnionType):
         parts = [_of(each) for each in get_args(kind)]
         known = [each for each in parts if each is not None]
         words = " or ".join(dict.fromkeys(each.expected for each in known if each is not _NONE))
+        checks = [each.check for each in known if each.check is not None]
+        if checks:
+            return Declared(_anything, check=partial(_unless_none, checks[0]))
         return Declared(lambda value: any(each.fits(value) for each in known), words) if known == parts else None
     if origin is Callable and get_args(kind) and get_args(kind)[0] is not ...:
         return _function_of(len(get_args(kind)[0]))
@@ -141,6 +166,14 @@ def _of(kind: Any) -> Declared | None:
     if not isinstance(origin, type) or origin in _LOOSE or getattr(origin, "_is_protocol", False):
         return None
     return Declared(lambda value: isinstance(value, origin), f"a {origin.__name__}")
+
+
+def _anything(value: object) -> bool:
+    return True
+
+
+def _unless_none(check: Callable[[Any, str], Any], value: object, name: str) -> Any:
+    return None if value is None else check(value, name)
 
 
 def _function_of(count: int) -> Declared:

@@ -7,16 +7,20 @@ filtered any more.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from functools import partial
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from .checks import BLACK, Array, Color, SceneError, choice, color, number, numbers, shown
+from .checks import BLACK, IDENTITY, Array, NotNegative, SceneError, Tint, Transform, array, choice, numbers, shown
 
 #: Where a blocker filters light: behind the shape, in it, or all along the rays that meet it.
 WHERE = ("behind", "inside", "along")
 
 _MOST_KNOTS = 64  # of a ramp, since each costs every beam a piece
+
+_HALF: Any = (0.5, 0.5, 0.5)
+_Sides = Annotated[Array, partial(array, expected="3 finite numbers, 0 or more", shape=(3,), least=0.0)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +34,8 @@ class LightFilter:
     left_out
         Names of meshes and media on which the filter does not act. Default: none.
     """
+
+    called = "{name}: {field}"
 
     name: str
     left_out: frozenset[str] = field(default=frozenset(), kw_only=True)
@@ -82,32 +88,18 @@ class Blocker(LightFilter):
     'behind'
     """
 
-    half: Array = field(default_factory=lambda: np.full(3, 0.5))
-    radius: float = 0.0
-    edge: float = 0.0
-    color: Color = BLACK
-    where: str = "behind"
+    half: _Sides = _HALF
+    radius: NotNegative = 0.0
+    edge: NotNegative = 0.0
+    color: Tint = BLACK
+    where: Annotated[str, partial(choice, choices=WHERE)] = "behind"
     invert: bool = False
     flat: bool = False
-    frame: Array = field(default_factory=lambda: np.eye(4))
+    frame: Transform = IDENTITY
 
     def __post_init__(self) -> None:
-        expected = "3 finite numbers, 0 or more"
-        half = numbers(self.half, f"{self.name}: half", expected).astype(np.float64)
-        if half.shape != (3,) or not np.all(np.isfinite(half)) or np.any(half < 0):
-            raise SceneError(f"{self.name}: half is {shown(self.half)}: expected {expected}")
-        object.__setattr__(self, "half", half)
-        for name in ("radius", "edge"):
-            number(getattr(self, name), f"{self.name}: {name}", 0.0)
-        object.__setattr__(self, "color", color(self.color, f"{self.name}: color"))
-        choice(self.where, f"{self.name}: where", WHERE)
         if self.flat and self.where == "inside":
             raise SceneError(f"{self.name}: where is 'inside' of a flat shape: expected 'behind' or 'along'")
-        expected = "4 x 4 finite numbers with an inverse"
-        frame = numbers(self.frame, f"{self.name}: frame", expected).astype(np.float64)
-        if frame.shape != (4, 4) or not np.all(np.isfinite(frame)) or np.linalg.det(frame) == 0:
-            raise SceneError(f"{self.name}: frame is {shown(self.frame)}: expected {expected}")
-        object.__setattr__(self, "frame", frame)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Annotated
 
-import numpy as np
-
-from .checks import SceneError, choice, number, numbers, shown, whole
+from .checks import Finite, NotNegative, SceneError, array, choice, count, number
 from .places import ZERO, Point
 
 #: The most octaves of wisps, as in looks.
 MOST_OCTAVES = 8
 _AXES = ("X", "Y", "Z")
+
+_Length = Annotated[float, partial(number, minimum=1e-30)]
+
+
+def _drift(value: object, name: str) -> Point:
+    first, second, third = array(value, name, "three finite numbers", (3,)).tolist()
+    return first, second, third
 
 
 @dataclass(frozen=True)
@@ -46,23 +53,14 @@ class FogNoise:
     True
     """
 
-    amount: float = 1.0
-    scale: float = 1.0
-    octaves: int = 4
-    contrast: float = 2.0
-    drift: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    evolution: float = 0.0
+    called = "{field} of a fog's noise"
 
-    def __post_init__(self) -> None:
-        number(self.amount, "amount of a fog's noise", 0, 1)
-        number(self.scale, "scale of a fog's noise", 1e-30)
-        number(whole(self.octaves, "octaves of a fog's noise"), "octaves of a fog's noise", 1, MOST_OCTAVES)
-        number(self.contrast, "contrast of a fog's noise", 0)
-        number(self.evolution, "evolution of a fog's noise")
-        drift = numbers(self.drift, "drift of a fog's noise", "three finite numbers").ravel()
-        if drift.shape != (3,) or not np.all(np.isfinite(drift)):
-            raise SceneError(f"drift of a fog's noise is {shown(self.drift)}: expected three finite numbers")
-        object.__setattr__(self, "drift", tuple(map(float, drift)))
+    amount: Annotated[float, partial(number, minimum=0, maximum=1)] = 1.0
+    scale: _Length = 1.0
+    octaves: Annotated[int, partial(count, minimum=1, maximum=MOST_OCTAVES)] = 4
+    contrast: NotNegative = 2.0
+    drift: Annotated[Point, _drift] = ZERO
+    evolution: Finite = 0.0
 
     @property
     def moves(self) -> bool:
@@ -103,21 +101,16 @@ class FogDensity:
     True
     """
 
-    falloff: float | None = None
-    ground: float = 0.0
+    called = "{field} of fog"
+
+    falloff: _Length | None = None
+    ground: Finite = 0.0
     noise: FogNoise | None = None
-    up: str | None = None
-    seconds: float | None = None
+    up: Annotated[str, partial(choice, choices=_AXES)] | None = None
+    seconds: Finite | None = None
     zero: Point = ZERO
 
     def __post_init__(self) -> None:
-        if self.falloff is not None:
-            number(self.falloff, "falloff of fog", 1e-30)
-        number(self.ground, "ground of fog")
-        if self.up is not None:
-            choice(self.up, "up of fog", _AXES)
-        if self.seconds is not None:
-            number(self.seconds, "seconds of fog")
         if self.noise is not None and not isinstance(self.noise, FogNoise):
             raise SceneError(f"noise of fog is a {type(self.noise).__name__}: expected a FogNoise, or None")
 

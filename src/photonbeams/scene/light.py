@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .beam_settings import BeamSettings
-from .checks import BLACK, Array, Color, SceneError, color, number, numbers, shown
+from .checks import BLACK, IDENTITY, Array, Frame, NotNegative, SceneError, Tint, shown
 from .profiles import Profile
 from .shaping import Gobo, Shaping
 from .surfaces import Material, Mesh, UVTexture
@@ -74,15 +74,17 @@ class Light(BeamSettings):
     True
     """
 
+    called = "{name}: {field}"
+
     name: str
-    radiance: Color
+    radiance: Tint
     shaping: Shaping | None = None
     portal: Mesh | None = field(default=None, kw_only=True)
-    surface_scale: float = 1.0
+    surface_scale: NotNegative = 1.0
     shadow_distance: float = np.inf
-    shadow_color: Color = BLACK
+    shadow_color: Tint = BLACK
     seen: bool = True
-    frame: Array = field(default_factory=lambda: np.eye(4))
+    frame: Frame = IDENTITY
     unlit: frozenset[str] = frozenset()
     unshadowed: frozenset[str] = frozenset()
     unlit_media: frozenset[str] = frozenset()
@@ -173,23 +175,6 @@ class Light(BeamSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        number(self.surface_scale, f"{self.name}: surface_scale", 0.0)
         if not (isinstance(self.shadow_distance, Real) and self.shadow_distance > 0):
             text = f"shadow_distance is {shown(self.shadow_distance)}: expected a number above 0"
             raise SceneError(f"{self.name}: {text}")
-        object.__setattr__(self, "radiance", color(self.radiance, f"{self.name}: radiance"))
-        for name in ("center", "axis", "half", "half_x", "half_y"):
-            if hasattr(self, name):
-                value = numbers(getattr(self, name), f"{self.name}: {name}", "3 finite numbers").astype(np.float64)
-                if value.shape != (3,) or not np.all(np.isfinite(value)):
-                    raise SceneError(f"{self.name}: {name} is {shown(getattr(self, name))}: expected 3 finite numbers")
-                object.__setattr__(self, name, value)
-        frame = numbers(self.frame, f"{self.name}: frame", "4 x 4 finite numbers").astype(np.float64)
-        if frame.shape != (4, 4) or not np.all(np.isfinite(frame)):
-            raise SceneError(f"{self.name}: frame is {shown(self.frame)}: expected 4 x 4 finite numbers")
-        if (shape := getattr(self, "shape", None)) is not None:
-            place, expected = f"{self.name}: shape", "3 x 3 numbers with an inverse"
-            linear = numbers(shape, place, expected).astype(np.float64)
-            if linear.shape != (3, 3) or not np.all(np.isfinite(linear)) or np.linalg.det(linear) == 0:
-                raise SceneError(f"{place} is {shown(linear.tolist())}: expected {expected}")
-            object.__setattr__(self, "shape", linear)

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from functools import partial
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from .checks import Array, SceneError, number
+from .checks import AHEAD, ORIGIN, Array, SceneError, Vector, array, number
 from .light import Light, SlidePlace
 from .shaping import Gobo
 from .surfaces import Mesh, UVTexture
 
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _SIX = np.concatenate([np.eye(3), -np.eye(3)])
+
+# Half axes of flat and long lights, and the type of maps from a unit shape to the light.
+_X: Any = (0.5, 0.0, 0.0)
+_Y: Any = (0.0, 0.5, 0.0)
+_Linear = Annotated[Array, partial(array, expected="3 x 3 numbers with an inverse", shape=(3, 3), inverse=True)]
 
 
 @dataclass(frozen=True)
@@ -48,10 +54,10 @@ class SphereLight(Light):
     (50.0, 40.0, 30.0)
     """
 
-    center: Array = field(default_factory=lambda: np.zeros(3))
+    center: Vector = ORIGIN
     radius: float = 0.0
-    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
-    shape: Array | None = None
+    axis: Vector = AHEAD
+    shape: _Linear | None = None
 
     @property
     def points(self) -> Array:
@@ -95,10 +101,10 @@ class FlatLight(Light):
     2.0
     """
 
-    center: Array = field(default_factory=lambda: np.zeros(3))
-    half_x: Array = field(default_factory=lambda: np.array([0.5, 0.0, 0.0]))
-    half_y: Array = field(default_factory=lambda: np.array([0.0, 0.5, 0.0]))
-    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    center: Vector = ORIGIN
+    half_x: Vector = _X
+    half_y: Vector = _Y
+    axis: Vector = AHEAD
     disk: bool = False
 
     @property
@@ -159,11 +165,11 @@ class CylinderLight(Light):
     0.151
     """
 
-    center: Array = field(default_factory=lambda: np.zeros(3))
-    half: Array = field(default_factory=lambda: np.array([0.5, 0.0, 0.0]))
+    center: Vector = ORIGIN
+    half: Vector = _X
     radius: float = 0.5
-    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
-    shape: Array | None = None
+    axis: Vector = AHEAD
+    shape: _Linear | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -218,7 +224,7 @@ class MeshLight(Light):
 
     mesh: Mesh | None = field(default=None, kw_only=True)
     image: UVTexture | None = None
-    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    axis: Vector = AHEAD
     surface: bool = False
     both_sides: bool = False
 
@@ -259,7 +265,7 @@ class DistantLight(Light):
     array([ 0.6, -0.8,  0. ])
     """
 
-    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    axis: Vector = AHEAD
     angle: float = 0.53
     profile: ClassVar[None] = None  # type: ignore[assignment, misc]
 

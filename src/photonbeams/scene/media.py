@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from .checks import BLACK, Array, Color, ColorLike, SceneError, color, number, numbers, shown, whole
+from .checks import BLACK, IDENTITY, Array, Color, ColorLike, Count, SceneError, Tint, color, number, numbers, shown
 from .fog_density import FogDensity
 from .surfaces import Mesh
 
@@ -57,7 +57,7 @@ class DensityGrid:
     """
 
     values: Array
-    to_world: Array = field(default_factory=lambda: np.eye(4))
+    to_world: Array = IDENTITY
 
     def __post_init__(self) -> None:
         values = numbers(self.values, "grid", "finite numbers of 0 or more").astype(np.float32, copy=False)
@@ -132,14 +132,14 @@ class Medium:
     [0.05, 0.06, 0.08]
     """
 
-    scattering: Color
-    absorption: Color = BLACK
-    anisotropy: float = 0.0
+    scattering: Tint
+    absorption: Tint = BLACK
+    anisotropy: Annotated[float, partial(number, minimum=-0.99, maximum=0.99)] = 0.0
     mesh: Mesh | None = None
     surfaces: bool = True
     name: str = ""
     grid: DensityGrid | None = None
-    bounces: int | None = None
+    bounces: Count | None = None
     scattering_color: DensityGrid | None = None
     emission: Color | DensityGrid | None = None
     density: FogDensity | None = None
@@ -162,11 +162,6 @@ class Medium:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scattering", color(self.scattering, "scattering"))
-        object.__setattr__(self, "absorption", color(self.absorption, "absorption"))
-        object.__setattr__(self, "anisotropy", number(self.anisotropy, "anisotropy", -0.99, 0.99))
-        if self.bounces is not None:
-            number(whole(self.bounces, "bounces"), "bounces", 0)
         if self.mesh is not None and self.grid is not None:
             raise SceneError(f"medium {self.name}: has a mesh and a grid: expected one of them")
         if self.density is not None and not isinstance(self.density, FogDensity):

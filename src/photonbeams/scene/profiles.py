@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
-from .checks import Array, SceneError, number, numbers
+from .checks import Array, Finite, SceneError, numbers
 
 # Rows of a profile's table from 0 to 180 degrees, and columns around the axis: every 0.25 and 1 degrees, which includes
 # the angles of nearly all files.
 _ROWS, _COLUMNS = 721, 361
+
+
+def _table(value: object, name: str) -> Array:
+    return np.atleast_1d(numbers(value, name, "numbers").astype(np.float64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +51,14 @@ class Profile:
     >>> lamp = pb.scene.SphereLight("/Lamp", 1.0, shaping=pb.scene.Shaping(profile=downlight))
     """
 
-    vertical: Array
-    horizontal: Array
-    intensity: Array
-    angle_scale: float = 0.0
+    called = "{field} of a profile"
+
+    vertical: Annotated[Array, _table]
+    horizontal: Annotated[Array, _table]
+    intensity: Annotated[Array, _table]
+    angle_scale: Finite = 0.0
 
     def __post_init__(self) -> None:
-        number(self.angle_scale, "angle_scale")
-        for name in ("vertical", "horizontal", "intensity"):
-            value = numbers(getattr(self, name), f"{name} of a profile", "numbers").astype(np.float64)
-            object.__setattr__(self, name, np.atleast_1d(value))
         if self.intensity.shape != (len(self.horizontal), len(self.vertical)) or not self.intensity.size:
             raise SceneError(
                 f"a profile has {len(self.horizontal)} horizontal and {len(self.vertical)} vertical angles, and "

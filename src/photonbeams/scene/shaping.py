@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Any
 
-import numpy as np
-
-from .checks import BLACK, Array, Color, SceneError, color, number, numbers, rgb
+from .checks import BLACK, Array, Finite, NotNegative, SceneError, Tint, Vector, numbers, rgb
 from .profiles import Profile
 from .surfaces import Mesh
+
+_UP: Any = (0.0, 1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -39,19 +41,14 @@ class Shaping:
     >>> spot = pb.scene.Shaping(cone_angle=20, cone_softness=0.1)
     >>> lamp = pb.scene.SphereLight("/Lamp", 50.0, shaping=spot)
     >>> lamp.shaping.cone_angle
-    20
+    20.0
     """
 
-    cone_angle: float = 90.0
-    cone_softness: float = 0.0
-    focus: float = 0.0
-    focus_tint: Color = BLACK
+    cone_angle: NotNegative = 90.0
+    cone_softness: NotNegative = 0.0
+    focus: NotNegative = 0.0
+    focus_tint: Tint = BLACK
     profile: Profile | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("cone_angle", "cone_softness", "focus"):
-            number(getattr(self, name), name, 0.0)
-        object.__setattr__(self, "focus_tint", color(self.focus_tint, "focus_tint"))
 
 
 @dataclass(frozen=True)
@@ -94,22 +91,21 @@ class Gobo:
     ((1, 8, 3), 0.125)
     """
 
-    image: Array
-    angle: float | None = None
-    width: float = 1.0
+    image: Annotated[Array, partial(numbers, expected="rows, columns and channels")]
+    angle: Finite | None = None
+    width: Finite = 1.0
     repeat: bool = False
-    up: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    up: Vector = _UP
     over: Mesh | None = None
     seen: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "image", numbers(self.image, "an image", "rows, columns and channels"))
-        if np.ndim(self.image) != 3 or not np.size(self.image):
-            raise SceneError(f"an image has the shape {np.shape(self.image)}: expected rows, columns and channels")
-        if self.angle is not None and not 0 < number(self.angle, "angle") < 180:
-            raise SceneError(f"angle is {self.angle}: expected more than 0 and less than 180 degrees")
-        if not number(self.width, "width") > 0:
-            raise SceneError(f"width is {self.width}: expected a number above 0")
+        if self.image.ndim != 3 or not self.image.size:
+            raise SceneError(f"an image has the shape {self.image.shape}: expected rows, columns and channels")
+        if self.angle is not None and not 0 < self.angle < 180:
+            raise SceneError(f"angle is {self.angle:g}: expected more than 0 and less than 180 degrees")
+        if not self.width > 0:
+            raise SceneError(f"width is {self.width:g}: expected a number above 0")
 
     @property
     def aspect(self) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,14 +42,11 @@ class UVTexture:
     'repeat'
     """
 
-    pixels: Array
+    called = "{field} of a texture"
+
+    pixels: Annotated[Array, partial(numbers, expected="(H, W, 1) or (H, W, 3) numbers")]
     wrap: str = "repeat"  # repeat | clamp | mirror
     uv_transform: Array = field(default_factory=lambda: np.eye(3))  # (3, 3), applied to (u, v, 1)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "pixels", numbers(self.pixels, "pixels of a texture", "(H, W, 1) or (H, W, 3) numbers")
-        )
 
     def slopes(self) -> UVTexture:
         """Return a texture (H, W, 3) of the heights' derivatives by u and v, by central differences; the last is 0."""
@@ -83,10 +81,9 @@ class VertexValues:
     True
     """
 
-    values: Array
+    called = "{field} at vertices"
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", numbers(self.values, "values at vertices", "(V, 1) or (V, 3) numbers"))
+    values: Annotated[Array, partial(numbers, expected="(V, 1) or (V, 3) numbers")]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from ..render.films.mattes import MATERIAL, OBJECT, header_of
 from ..render.passes import PlannedPasses, Progress, RunOptions
 from ..render.settings import Settings
 from ..runtime.files import PathLike
-from ..scene import SceneError, choice, real
+from ..scene import SceneError, choice, number
 from ..scene.cameras import CONFORM_POLICIES
 from ..scene.declared import typed
 from ..usd.cameras.stereo import views_of
@@ -87,7 +87,7 @@ class FrameRequest:
         return cls(frame=frame, settings=chosen, **own)
 
     def __post_init__(self) -> None:
-        if not 1e-3 <= real(self.pixel_aspect, "pixel_aspect") <= 1e3:
+        if not 1e-3 <= number(self.pixel_aspect, "pixel_aspect") <= 1e3:
             raise SceneError(f"pixel_aspect is {self.pixel_aspect}: expected a number from 0.001 to 1000")
         choice(self.conform, "conform", CONFORM_POLICIES)
 

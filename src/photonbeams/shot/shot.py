@@ -241,7 +241,7 @@ class Shot:
             The frame whose shutter is open: velocities move things away from where they are at this frame. None:
             `frame`.
         """
-        return self.subject.read(self.viewpoint, frame, None if base is None else scene.real(base, "base"))
+        return self.subject.read(self.viewpoint, frame, None if base is None else scene.number(base, "base"))
 
     @kept_variant()
     def cameras(self, frame: float | None = None) -> tuple[scene.Camera, ...]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from ..images.color_spaces import USUAL_SPACES, ColorSpaces
 from ..looks import Look
 from ..runtime.files import PathLike, check_kept
-from ..scene import MOST_PIXELS, SceneError, instance, real, shown, whole
+from ..scene import MOST_PIXELS, SceneError, instance, number, shown, whole
 from ..usd.authoring.beams import write_beams
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ class Subject(ABC):
 
     def number(self, frame: float | None) -> float:
         """Return the number of a frame, as it appears in file names."""
-        return 0.0 if frame is None else real(frame, "frame")
+        return 0.0 if frame is None else number(frame, "frame")
 
     @abstractmethod
     def settings(self, viewpoint: Viewpoint, frame: float | None) -> Settings:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..images.color_spaces import working_space as working_space_of
 from ..runtime.digest import digest
-from ..scene import Array, Camera, Scene, SceneError, real, shown
+from ..scene import Array, Camera, Scene, SceneError, number, shown
 from .authoring.editing import override
 from .cameras.camera import list_cameras, read_camera
 from .common import blender
@@ -162,7 +162,7 @@ def enable_domes(stage: Usd.Stage) -> None:
 
 def time_code(frame: Usd.TimeCode | float) -> Usd.TimeCode:
     """Return a frame's number as a time code; SceneError if it is not a finite number."""
-    return frame if isinstance(frame, Usd.TimeCode) else Usd.TimeCode(real(frame, "frame"))
+    return frame if isinstance(frame, Usd.TimeCode) else Usd.TimeCode(number(frame, "frame"))
 
 
 def default_time(stage: Usd.Stage) -> Usd.TimeCode:
