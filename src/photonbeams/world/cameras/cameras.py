@@ -192,30 +192,32 @@ class View:
         [0, 1]. It is given where there is a lens or motion, of the camera or of anything else. The rays of a pinhole at
         rest are the same with and without it. What groups share is only told of all pixels.
         """
-        (column, row), view = self.pixels(some), self.projection
         x, y = self._on_film(places, some)
         square: Any = None
         time: Any = None
         own: Any = None
-        seen = self._seen(x, y)
+        seen, count = self._seen(x, y), lanes(self.projection)
         if self.camera.panoramic and sample is not None:
-            square, time = sample(self._whole(lane_of(column, row, view.counts.columns)))
+            square, time = sample(self._group(some))
             origin, direction, facing = self._film(x, y, square, time)
             dr.eval(origin, direction, facing, time)
             return CameraRays(origin, direction, facing, times=time, seen=seen)
         if sample is not None and some is None:
-            square, time = sample(self._whole(dr.arange(UInt32, lanes(view))))
+            square, time = sample(self._whole(dr.arange(UInt32, count)))
         if sample is None or not self.film:
             origin, direction = self._through(x, y)
             dr.eval(time)
             return CameraRays(origin, direction, self._facing(direction), times=time, seen=seen)
         if some is None:
             own, _, _ = self._film(Float(self._center[0]), Float(self._center[1]), square, time)
-            own, time = own + dr.zeros(Array3f, lanes(view)), time + dr.zeros(Float, lanes(view))
-        group = lane_of(column, row, view.counts.columns)
-        origin, direction, facing = self._film(x, y, *sample(self._whole(group)))
+            own, time = own + dr.zeros(Array3f, count), time + dr.zeros(Float, count)
+        origin, direction, facing = self._film(x, y, *sample(self._group(some)))
         dr.eval(own, time, origin, direction, facing)
         return CameraRays(origin, direction, facing, own, time)
+
+    def _group(self, some: UInt32 | None) -> UInt32:
+        """Return the numbers in the whole picture of the groups of each pixel of the window, or of `some`."""
+        return self._whole(lane_of(*self.pixels(some), self.projection.counts.columns))
 
     def _whole(self, group: UInt32) -> UInt32:
         """Return the numbers in the whole picture of groups of pixels, by which samples are drawn."""
@@ -262,8 +264,7 @@ class View:
         lens = self.projection.lens
         if lens is None or sample is None:
             return None
-        group = lane_of(*self.pixels(some), self.projection.counts.columns)
-        place = disk(Array2f(sample(self._whole(group))[0])) * lens[0]
+        place = disk(Array2f(sample(self._group(some))[0])) * lens[0]
         return place.x, place.y, lens[1]
 
     def pixels(self, some: UInt32 | None = None) -> tuple[UInt32, UInt32]:

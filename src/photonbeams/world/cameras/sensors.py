@@ -53,10 +53,7 @@ class PrimaryRays:
 
     def taken(self, index: UInt32) -> PrimaryRays:
         """Return the rays at an index."""
-        return PrimaryRays(
-            taken(self.origin, index), taken(self.direction, index), taken(self.near, index), taken(self.far, index),
-            taken(self.weight, index), taken(self.facing, index),
-        )  # fmt: skip
+        return PrimaryRays(**taken(self._of_each_ray(), index))
 
     def with_more(self, more: PrimaryRays) -> PrimaryRays:
         """Return these rays followed by more of them; if there is one origin for all, both must share it."""
@@ -125,56 +122,32 @@ def window_of(film: MiFilm) -> Window:
 
 
 def camera_of(plugin: MiSensor) -> scene.Camera | None:
-    """Return a sensor as a camera with its whole film; None if it is neither perspective nor orthographic.
-
-    The camera is measured by rays through the edges of the film.
-    """
+    """Return a sensor as a camera with its whole film; None if it is neither perspective nor orthographic."""
     window = window_of(plugin.film())
-    width, height = window.width, window.height
     kind = plugin.class_name()
     orthographic = kind == "OrthographicCamera"
     if kind not in _PINHOLES and not orthographic:
         return None
     parameters = mi.traverse(plugin)
-    near, far = (float(parameters[name]) for name in ("near_clip", "far_clip"))
     world = np.asarray(plugin.world_transform().matrix, dtype=np.float64).reshape(4, 4, -1)[..., 0]
-    forward, center = world[:3, 2] / np.linalg.norm(world[:3, 2]), world[:3, 3]
-    size = np.array([1, height / width])
+    lengths = np.maximum(np.linalg.norm(world[:3, :3], axis=0), 1e-300)
+    left, up, forward = (world[:3, :3] / lengths).T
+    shift = [float(np.ravel(parameters.get(f"principal_point_offset_{axis}", 0))[0]) for axis in "xy"]
+    across = 2 * lengths[0]
     if not orthographic:
-        size *= np.tan(np.radians(float(np.ravel(parameters["x_fov"])[0])) / 2)
-    shift = [parameters.get(f"principal_point_offset_{axis}", 0) for axis in "xy"]
-    places = np.array([[0, 0.5], [1, 0.5], [0.5, 0], [0.5, 1]]) + np.array([float(np.ravel(each)[0]) for each in shift])
-    across, down = np.split(_on_film(world, forward, (1 - 2 * places) * size, orthographic), 2)
-    if not np.all(np.isfinite([*across, *down, center])):
+        across *= np.tan(np.radians(float(np.ravel(parameters["x_fov"])[0])) / 2) / lengths[2]
+    down = across * window.height / window.width
+    if not np.all(np.isfinite([*world.ravel(), across])):
         name = plugin.id() or kind
         raise scene.SceneError(f"sensor {name}: its rays are not finite: expected another transform or field of view")
-    size_x, size_y = np.linalg.norm(across[1] - across[0]), np.linalg.norm(down[1] - down[0])
-    right, up = (across[1] - across[0]) / size_x, (down[0] - down[1]) / size_y
-    middle = across[0] + across[1]  # twice the place of the film's middle
     to_world = np.eye(4)
-    to_world[:3, 0], to_world[:3, 1], to_world[:3, 2], to_world[:3, 3] = right, up, -forward, center
-    if orthographic:
-        to_world[:3, 3] = 0.5 * (across[0] + across[1])
-        to_world[:3, 3] += forward * (forward @ (center - to_world[:3, 3]))
-        middle = np.zeros(3)
+    to_world[:3] = np.column_stack([-left, up, -forward, world[:3, 3]])
     lens = float(np.ravel(parameters["aperture_radius"])[0]) if kind == "ThinLensCamera" else 0.0
     focus = float(np.ravel(parameters["focus_distance"])[0]) if kind == "ThinLensCamera" else 0.0
     return scene.Camera(
         name=plugin.id() or kind, to_world=to_world, focal_length=1.0,
-        horizontal_aperture=float(size_x), vertical_aperture=float(size_x * height / width),
-        horizontal_offset=float(0.5 * middle @ right), vertical_offset=float(0.5 * middle @ up),
-        projection="orthographic" if orthographic else "perspective", clipping=(near, far), lens_radius=lens,
-        focus_distance=focus,
+        horizontal_aperture=across, vertical_aperture=down,
+        horizontal_offset=shift[0] * across, vertical_offset=-shift[1] * down,
+        projection="orthographic" if orthographic else "perspective",
+        clipping=(parameters["near_clip"], parameters["far_clip"]), lens_radius=lens, focus_distance=focus,
     )  # fmt: skip
-
-
-def _on_film(world: np.ndarray, forward: np.ndarray, points: np.ndarray, orthographic: bool) -> np.ndarray:
-    """Return points of the film, (N, 2), in the world: offsets at depth 1, or origins of an orthographic camera.
-
-    Mitsuba's `sample_ray` would give the same, but its kernels contain the size of the film.
-    """
-    if orthographic:
-        return points @ world[:3, :2].T + world[:3, 3]
-    direction = points @ world[:3, :2].T + world[:3, 2]
-    result: np.ndarray = direction / (direction @ forward)[:, None] - forward
-    return result

@@ -18,10 +18,9 @@ from ...runtime.device import Array3f, Bool, Float, UInt32, mitsuba
 from ...scene.media import check_depth
 from ..checks import check_phase
 from ..shadow_rays import leaving, size_of
-from ..spectra import rgb
 from .interfaces import medium_ahead, number, numbers, pointers
 from .parts import boxes, parts
-from .rendered import FAR, extinction_of, rendered, scattering_of
+from .rendered import FAR, coefficients_of, extinction_of, rendered, scattering_of
 from .tracking import SEGMENTS, MediumSegment, glow, scattering_point, walk
 
 if TYPE_CHECKING:
@@ -114,10 +113,8 @@ class Media:
         if not self.any_varying:
             return scattering, extinction
         varying, _ = self.varying(medium)
-        at = dr.zeros(mi.MediumInteraction3f, dr.width(place))
-        at.p = mi.Point3f(place)
-        here = pointers(dr.select(varying, medium, 0)).get_scattering_coefficients(at, varying)
-        return dr.select(varying, rgb(here[0]), scattering), dr.select(varying, rgb(here[2]), extinction)
+        here = coefficients_of(pointers(dr.select(varying, medium, 0)), place, varying)
+        return dr.select(varying, here[0], scattering), dr.select(varying, here[2], extinction)
 
     def extent(self, medium: UInt32, origin: Array3f, direction: Array3f, length: Float) -> tuple[Float, Float]:
         """Return where rays enter and leave the boxes of media that vary, up to a length; others have no box."""
@@ -168,7 +165,7 @@ class Media:
         varying = active & (dr.gather(Array3f, self._kinds, medium).z > 0)
         media = pointers(dr.select(varying, medium, 0))
         segment = self._segment(medium, origin, direction, distance, seed, 1 if coarse else 4)
-        return dr.select(varying, walk(segment, lambda point: extinction_of(media, point, varying), varying), plain)
+        return dr.select(varying, walk(segment, extinction_of(media, varying), varying), plain)
 
     def scattering_point(
         self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, *, seed: UInt32, sample: Float,
@@ -180,9 +177,8 @@ class Media:
         """
         media = pointers(dr.select(active, medium, 0))
         place, weight = scattering_point(
-            self._segment(medium, origin, direction, distance, seed, fine),
-            lambda point: extinction_of(media, point, active), lambda point: scattering_of(media, point, active),
-            sample, active,
+            self._segment(medium, origin, direction, distance, seed, fine), extinction_of(media, active),
+            scattering_of(media, active), sample, active,
         )  # fmt: skip
         return dr.select(active, place, 0), dr.select(active, weight, 0)
 
@@ -195,11 +191,8 @@ class Media:
         That is ∫ T(t) σs(t) S dt, with the `source` S, the phase function's mean of the radiance, at points.
         """
         media = pointers(dr.select(active, medium, 0))
-        segment = self._segment(medium, origin, direction, distance, seed)
-        return glow(
-            segment, lambda point: extinction_of(media, point, active),
-            lambda point: scattering_of(media, point, active) * source(point), active,
-        )  # fmt: skip
+        segment, scattering = self._segment(medium, origin, direction, distance, seed), scattering_of(media, active)
+        return glow(segment, extinction_of(media, active), lambda point: scattering(point) * source(point), active)
 
     def _segment(
         self, medium: UInt32, origin: Array3f, direction: Array3f, distance: Float, seed: UInt32, fine: int = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from ..checks import check_numbers
 from ..spectra import rgb
 from .interfaces import number, pointers
 from .parts import is_constant, parts, varies
-from .tracking import MediumSegment, Track, Tracked
+from .tracking import Extinction, MediumSegment, Track, Tracked
 
 if TYPE_CHECKING:
     from ...runtime.mitsuba_types import MediumPtr, MiMedium
@@ -142,7 +143,7 @@ class RenderedMedium:
 
     def extinction(self, point: Array3f) -> Array3f:
         """Return σt at points."""
-        return extinction_of(self.calls, point, Bool(True))
+        return extinction_of(self.calls, Bool(True))(point)
 
     def track(self, origin: Array3f, direction: Array3f, near: Float, far: Float, seed: UInt32, active: Bool) -> None:
         """Track rays from `near` to `far` for the factor toward the camera; without effect if σt does not vary."""
@@ -156,20 +157,21 @@ class RenderedMedium:
         return MediumSegment(origin, direction, dr.maximum(near, enter), dr.minimum(far, leave), majorant, seed)
 
 
-def extinction_of(media: MiMedium | MediumPtr, point: Array3f, active: Bool) -> Array3f:
-    """Return σt of a medium, or of media, at points."""
-    return rgb(_coefficients(media, point, active)[2])
-
-
-def scattering_of(media: MiMedium | MediumPtr, point: Array3f, active: Bool) -> Array3f:
-    """Return σs of a medium, or of media, at points."""
-    return rgb(_coefficients(media, point, active)[0])
-
-
-def _coefficients(media: MiMedium | MediumPtr, point: Array3f, active: Bool) -> Any:
+def coefficients_of(media: MediumPtr, point: Array3f, active: Bool) -> Sequence[Array3f]:
+    """Return σs, the null coefficient and σt of media at points."""
     place = dr.zeros(mi.MediumInteraction3f, dr.width(point))
     place.p = mi.Point3f(point)
-    return media.get_scattering_coefficients(place, active)
+    return [rgb(each) for each in media.get_scattering_coefficients(place, active)]
+
+
+def extinction_of(media: MediumPtr, active: Bool) -> Extinction:
+    """Return a function that returns σt of media at points."""
+    return lambda point: coefficients_of(media, point, active)[2]
+
+
+def scattering_of(media: MediumPtr, active: Bool) -> Extinction:
+    """Return a function that returns σs of media at points."""
+    return lambda point: coefficients_of(media, point, active)[0]
 
 
 def rendered(own: int, plugin: MiMedium) -> RenderedMedium:

@@ -236,22 +236,18 @@ def _warn(texts: set[str], warned: set[str]) -> None:
 
 def _around(part: Part, solids: list[tuple[Part, _Solid]], texts: set[str]) -> Part | None:
     """Return the smallest bounded part around a bounded one; add a text about each that overlaps it."""
-    own = next(solid for each, solid in solids if each is part)
-    found = []
-    for other, solid in solids:
-        if other is part or not len(own.points) or solid.volume < own.volume:
+    index, own = next((index, solid) for index, (each, solid) in enumerate(solids) if each is part)
+    around: list[tuple[float, int, Part]] = []
+    for number, (other, solid) in enumerate(solids):
+        if number == index or not len(own.points) or solid.volume < own.volume:
             continue
         inside = float(solid.contains(own.points).mean())
-        if inside > 0.5 and (solid.volume > own.volume or _index(solids, other) < _index(solids, part)):
-            found.append((solid.volume, -_index(solids, other), other))
+        if inside > 0.5 and (solid.volume, index) > (own.volume, number):
+            around.append((solid.volume, -number, other))
         if _OVERLAP < inside < 1 - _OVERLAP:
-            first, second = sorted((other, part), key=lambda each: _index(solids, each))
+            first, second = (other, part) if number < index else (part, other)
             text = f"media {first.name} and {second.name} overlap: expected one inside the other, or side by side"
             if isinstance(second, scene.Mesh):
                 text = f"glass {second.name} is partly in {first.name}: expected all of it inside, or outside"
             texts.add(text)
-    return min(found, key=lambda each: each[:2])[2] if found else None
-
-
-def _index(solids: list[tuple[Part, _Solid]], part: Part) -> int:
-    return next(index for index, (each, _) in enumerate(solids) if each is part)
+    return min(around, key=lambda each: each[:2])[2] if around else None

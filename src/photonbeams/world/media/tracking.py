@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 
@@ -23,9 +23,6 @@ from ...numerics.hashing import hash32, unit_float
 from ...numerics.syntax import syntax
 from ...runtime.device import Array3f, Array4f, Bool, Float, UInt32, mitsuba
 from ..spectra import rgb
-
-if TYPE_CHECKING:
-    pass
 
 mi = mitsuba()
 

@@ -39,23 +39,18 @@ def shape_of(
         has_vertex_texcoords=mesh.uvs is not None,
         props=properties,
     )
-    for name, values in _vertex_values(mesh.material).items():
-        shape.add_attribute(name, values.shape[1], np.ascontiguousarray(values, dtype=np.float32).ravel())
+    for name, value in vars(mesh.material).items():
+        if isinstance(value, scene.VertexValues):
+            values = np.ascontiguousarray(value.values, dtype=np.float32)
+            shape.add_attribute(f"vertex_{name}", values.shape[1], values.ravel())
     parameters = mi.traverse(shape)
-    parameters["vertex_positions"] = to_float(mesh.points)
     parameters["faces"] = to_uint(mesh.faces)
-    if mesh.normals is not None:
-        parameters["vertex_normals"] = to_float(mesh.normals)
-    if mesh.uvs is not None:
-        parameters["vertex_texcoords"] = to_float(mesh.uvs)
+    buffers = {"vertex_positions": mesh.points, "vertex_normals": mesh.normals, "vertex_texcoords": mesh.uvs}
+    for name, buffer in buffers.items():
+        if buffer is not None:
+            parameters[name] = to_float(buffer)
     parameters.update()
     return shape
-
-
-def _vertex_values(material: scene.Material) -> dict[str, scene.Array]:
-    """Return a material's values at vertices, by the names of Mitsuba's mesh attributes."""
-    fields = vars(material).items()
-    return {f"vertex_{name}": value.values for name, value in fields if isinstance(value, scene.VertexValues)}
 
 
 def scene_of(shapes: Sequence[MiShape], host: MiScene | None = None) -> MiScene:

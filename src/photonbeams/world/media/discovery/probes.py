@@ -11,6 +11,7 @@ import numpy as np
 from ....numerics.arrays import to_vectors
 from ....runtime.device import Array3f, Bool, Float, UInt32
 from ....scene import Array
+from ....scene.vectors import unit
 from ...shadow_rays import leaving
 from ..interfaces import UNKNOWN, meet, reflected
 
@@ -84,10 +85,4 @@ def walk(
 
 def random_directions(rng: np.random.Generator, count: int) -> Array:
     """Return random unit vectors, (count, 3), uniform over the sphere."""
-    return normalized(rng.normal(size=(count, 3)))
-
-
-def normalized(vectors: Array) -> Array:
-    """Return vectors, (N, 3), scaled to length 1."""
-    result: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30)
-    return result
+    return unit(rng.normal(size=(count, 3)))

@@ -145,22 +145,25 @@ class Surroundings:
         told = told if len(told) else onward.known(self.everywhere)
         if not len(told):
             return _Around(self.everywhere)
-        values, counts = np.unique(told, return_counts=True)
-        return _Around(int(values[counts.argmax()]), len(values) == 1)
+        return _Around(_most(told), len(set(told)) == 1)
 
     def _check(self, place: Place, walks: Probes, inside: set[int]) -> None:
         """Note a contradiction between what an emitter or a sensor names and what the shapes around it name."""
         own, told = number(place.named), walks.told[walks.told != UNKNOWN]
         if not len(told) or (told == own).mean() > RARE:
             return
-        values, counts = np.unique(told, return_counts=True)
-        other = int(values[counts.argmax()])
+        other = _most(told)
         if other or own in inside:  # `warnings` reports shapes that name no exterior
             there = f"name medium {self._names[other]}" if other else "name none"
             self.conflicts.append(
                 f"{place.name} names medium {self._names[own]}, but the shapes around it {there} on that side: "
                 "expected one medium"
             )
+
+
+def _most(media: Array) -> int:
+    """Return the medium that most walks find."""
+    return int(np.bincount(media).argmax())
 
 
 def _is_one_point(points: Array) -> bool:

@@ -10,10 +10,11 @@ import numpy as np
 
 from ....runtime.device import mitsuba
 from ....scene import Array
+from ....scene.vectors import unit
 from ...bounds import Box, box_around, box_of
 from ..interfaces import UNKNOWN, number
 from ..parts import boxes, parts
-from .probes import Probes, normalized, random_directions
+from .probes import Probes, random_directions
 
 if TYPE_CHECKING:
     from ....runtime.mitsuba_types import BoundingBox, MiMedium, MiScene, MiShape
@@ -43,7 +44,7 @@ def rays_from_outside(plugin: MiScene, rng: np.random.Generator) -> tuple[Array,
     aim = np.concatenate(aims)
     distance = 0.55 * float(np.linalg.norm(high - low)) + 1e-3
     origin = 0.5 * (low + high) + distance * random_directions(rng, len(aim))
-    return origin, normalized(aim - origin)
+    return origin, unit(aim - origin)
 
 
 def background(walks: Probes, named: Iterable[MiMedium | None], inside: set[int]) -> int:
