@@ -58,14 +58,14 @@ def interface(struct: type[msgspec.Struct]) -> str:
         lines.append(f'  {struct.__struct_config__.tag_field}: "{tag}";')
     kinds = get_type_hints(struct)
     for each in msgspec.structs.fields(struct):
-        lines.append(f"  {each.name}{'' if each.required else '?'}: {typescript(kinds[each.name])};")
+        lines.append(f"  {each.encode_name}{'' if each.required else '?'}: {typescript(kinds[each.name])};")
     return "\n".join([*lines, "}"])
 
 
 def written() -> str:
     """Return the file's text."""
     own = [each for each in vars(protocol).values() if isinstance(each, type) and issubclass(each, msgspec.Struct)]
-    structs = [each for each in own if each not in (protocol.Message, protocol.Answer)]
+    structs = [each for each in own if each not in (msgspec.Struct, protocol.Message, protocol.Answer)]
     parts = [HEAD.rstrip(), *(f"export type {name} = {typescript(kind, name)};" for name, kind in ALIASES.items())]
     values = "null | boolean | number | string | number[] | string[] | number[][] | Ramp"
     parts.append(f"/** A value that can be edited, as in JSON. */\nexport type Value = {values};")

@@ -116,12 +116,12 @@ def _misuse(name: str, signature: inspect.Signature, given: int, named: Mapping[
     wrong = [key for key in named if key not in parameters]
     if wrong:
         return unknown(name, wrong[0], parameters)
-    needed = [key for key, each in parameters.items() if each.default is each.empty]
     positional = [key for key, each in parameters.items() if each.kind is not each.KEYWORD_ONLY]
     given -= "self" in signature.parameters
     if given > len(positional):
         return f"{name} got {given} positional arguments: expected up to {len(positional)}, {', '.join(positional)}"
-    missing = [key for key in needed if key not in named and key not in positional[:given]]
+    taken = (*named, *positional[:given])
+    missing = [key for key, each in parameters.items() if each.default is each.empty and key not in taken]
     if missing:
         return f"{name} lacks {', '.join(missing)}: expected {', '.join(parameters)}"[:LONGEST]
     return f"{name}: {error}"

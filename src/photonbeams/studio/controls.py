@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any
 
-from ..usd.authoring.controls import Control, Controls
+import msgspec
+
+from ..usd.authoring.controls import Controls
 from . import protocol
 
 
 def described(found: Sequence[Controls]) -> list[protocol.ControlGroup]:
     """Return controls as pages get them."""
-    return [
-        protocol.ControlGroup(
-            group.path, cast(Any, group.kind), group.label, group.type, [_item(each) for each in group.controls],
-            group.uses,
-        )
-        for group in found
-    ]  # fmt: skip
-
-
-def _item(control: Control) -> protocol.ControlItem:
-    return protocol.ControlItem(
-        path=control.path, label=control.label, section=control.section, kind=cast(Any, control.kind),
-        value=control.value, default=control.default, authored=control.authored, min=control.least, max=control.most,
-        soft=control.slider, choices=control.choices, unit=control.unit, doc=control.doc, parts=dict(control.parts),
-        needs={path: list(wanted) for path, wanted in control.needs.items()},
-    )  # fmt: skip
+    return msgspec.convert(found, list[protocol.ControlGroup], from_attributes=True)
 
 
 def shape(groups: list[protocol.ControlGroup]) -> list[Any]:
@@ -34,22 +21,12 @@ def shape(groups: list[protocol.ControlGroup]) -> list[Any]:
     return [(group.path, group.uses, [(each.path, each.choices) for each in group.controls]) for group in groups]
 
 
-def flat(groups: list[protocol.ControlGroup]) -> dict[str, tuple[Any, bool]]:
+def states(groups: list[protocol.ControlGroup]) -> dict[str, tuple[Any, bool]]:
     """Return the values of controls by path, and whether they are authored; ramps have a path for each part."""
-    found: dict[str, tuple[Any, bool]] = {}
+    result: dict[str, tuple[Any, bool]] = {}
     for control in (each for group in groups for each in group.controls):
         if control.kind == "ramp":
-            found |= {path: (control.value[part], control.authored) for part, path in control.parts.items()}
+            result |= {path: (control.value[part], control.authored) for part, path in control.parts.items()}
         else:
-            found[control.path] = (control.value, control.authored)
-    return found
-
-
-def note(groups: list[protocol.ControlGroup], edited: dict[str, Any]) -> None:
-    """Change the values of controls to edited ones."""
-    for control in (each for group in groups for each in group.controls):
-        for part, path in control.parts.items():
-            if path in edited:
-                control.value, control.authored = {**control.value, part: edited[path]}, True
-        if control.path in edited:
-            control.value, control.authored = edited[control.path], True
+            result[control.path] = (control.value, control.authored)
+    return result

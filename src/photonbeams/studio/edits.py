@@ -41,20 +41,19 @@ class ChangedError(SceneError):
     """Another program has changed the file of the edits since it was read or written here."""
 
 
-def autosave_path(path: Path) -> Path:
+def _autosave_path(path: Path) -> Path:
     """Return the path of the autosave for a file of edits: .usda text, as long as some are unsaved."""
     return path.with_name(f"{path.name}.autosave")
 
 
-def _autosaves(path: Path) -> Iterator[Path]:
-    """Yield the paths of the autosaves for a file of edits: each studio that has the file open writes its own."""
-    first = autosave_path(path)
-    return (first.with_name(f"{first.name}{number if number > 1 else ''}") for number in count(1))
+def _numbered(path: Path, suffix: str = "") -> Iterator[Path]:
+    """Yield a path, and those with the numbers from 2 on behind its name, each with a suffix."""
+    return (path.with_name(f"{path.name}{number if number > 1 else ''}{suffix}") for number in count(1))
 
 
 def _existing(path: Path) -> list[Path]:
     """Return the autosaves that exist for a file of edits, in any order and with gaps."""
-    name = re.escape(autosave_path(path).name)
+    name = re.escape(_autosave_path(path).name)
     return [each for each in path.parent.glob("*") if re.fullmatch(rf"{name}\d*", each.name) and each.exists()]
 
 
@@ -79,7 +78,7 @@ def _reserved(path: Path) -> bool:
 def _newest(path: Path) -> tuple[Path, str | None]:
     """Return the newest autosave of a file, and its text, None if there is none or it is older than the file."""
     there = [each for each in _existing(path) if _text(each)]
-    newest, *others = sorted(there, key=lambda each: each.stat().st_mtime, reverse=True) or [autosave_path(path)]
+    newest, *others = sorted(there, key=lambda each: each.stat().st_mtime, reverse=True) or [_autosave_path(path)]
     text = _text(newest)
     if text is None:
         return newest, None
@@ -107,12 +106,6 @@ def _unquoted(text: str | None) -> str:
     with suppress(ValueError):
         return str(json.loads(text or ""))
     return EMPTY
-
-
-def _copy_of(path: Path) -> Path:
-    """Return the path of a file beside another one that does not exist yet."""
-    names = (f"{path.stem}.copy{number if number > 1 else ''}{path.suffix}" for number in count(1))
-    return next(each for each in map(path.with_name, names) if not each.exists())
 
 
 class _Base(NamedTuple):
@@ -158,7 +151,7 @@ class Autosave:
             if path is None or text is None:
                 self.remove(path)
                 return
-            free = filter(_reserved, _autosaves(path))
+            free = filter(_reserved, _numbered(_autosave_path(path)))  # each studio that has the file open has its own
             target = next(chain(self._own(path), free))
             if _text(target) == text:
                 return
@@ -391,7 +384,8 @@ class Edits:
                     text = "another program has changed it since: expected changed='merge' or 'copy', or another file"
                     raise ChangedError(f"{target}: {text}")
                 if changed == "copy":
-                    target = _copy_of(target)
+                    copies = _numbered(target.with_suffix(".copy"), target.suffix)
+                    target = next(copy for copy in copies if not copy.exists())
                 else:
                     self.change(lambda layer: layer.merge(base.text, target))
             self._layer.write(target)

@@ -9,7 +9,7 @@ from PIL import Image
 
 from ..images.display import OWN, anaglyph, viewed
 from ..images.swatches import thumbnail
-from ..scene import Array
+from ..scene import Array, rgb
 from ..usd.authoring.presets import Preset, look_of
 from ..usd.cameras.stereo import EYES
 from ..usd.looks.shading import build_look
@@ -34,10 +34,10 @@ def encoded(
     """
     layer = layer if layer in picture.layers else "rgba"
     if picture.views and eye in (ANAGLYPH, BESIDE):
-        both = [_viewed(picture.views[each][layer], display, exposure, picture.space) for each in EYES]
+        both = [_viewed(picture, picture.views[each][layer], exposure, display) for each in EYES]
         shown = anaglyph(*both) if eye == ANAGLYPH else beside(*both)
     else:
-        shown = _viewed(picture.views.get(eye, picture.layers)[layer], display, exposure, picture.space)
+        shown = _viewed(picture, picture.views.get(eye, picture.layers)[layer], exposure, display)
     data, kind = BytesIO(), "png" if picture.is_finished else "jpeg"  # what is replaced soon may have losses
     options: dict[str, int] = {"compress_level": 1} if picture.is_finished else {"quality": 92, "subsampling": 0}
     Image.fromarray(shown).save(data, kind, **options)
@@ -62,23 +62,17 @@ def beside(left: Array, right: Array) -> Array:
     return result
 
 
-def _viewed(pixels: Array, display: str, exposure: float, space: str) -> Array:
+def _viewed(picture: Picture, pixels: Array, exposure: float, display: str) -> Array:
     """Return a layer as a screen shows it, (H, W, 3) of 8 bits."""
-    if pixels.ndim == 2 or pixels.shape[2] == 1:
-        pixels = pixels.reshape(*pixels.shape[:2], 1).repeat(3, axis=2)
-    return viewed(pixels, display, exposure, space)
+    return viewed(rgb(np.atleast_3d(pixels)), display, exposure, picture.space)
 
 
 def thumbnail_of(preset: Preset) -> bytes:
     """Return a preset's thumbnail, made by the renderer, as a PNG; it is made once."""
     key = repr(preset)
     if key not in _THUMBNAILS:
-        _THUMBNAILS[key] = _painted(preset)
+        pixels = thumbnail(build_look(look_of(preset)), preset.factor, *_THUMBNAIL)
+        data = BytesIO()
+        Image.fromarray((255 * np.clip(pixels, 0, 1) + 0.5).astype(np.uint8)).save(data, "PNG")
+        _THUMBNAILS[key] = data.getvalue()
     return _THUMBNAILS[key]
-
-
-def _painted(preset: Preset) -> bytes:
-    pixels = thumbnail(build_look(look_of(preset)), preset.factor, *_THUMBNAIL)
-    data = BytesIO()
-    Image.fromarray((255 * np.clip(pixels, 0, 1) + 0.5).astype(np.uint8)).save(data, "PNG")
-    return data.getvalue()

@@ -5,6 +5,7 @@ The integrand is measured with the renderer's own frustum estimator, as the diff
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -111,27 +112,23 @@ def _integrated(each: BeamSet, ray: _Ray, media: dict[int, Any]) -> RayIntegral 
         float(_radiance(single, ray, media, estimator=kind).mean()) for kind in ("billboard", "frustum", "auto")
     )
     nearer = abs(chosen - flat) < abs(chosen - conical)
+
+    def curves(kind: Callable[[int], Any]) -> RuleCurves:
+        """Return the points, the integrand there, and the relative error of a rule for each number of points."""
+        result = RuleCurves([], [], [], [])
+        for order in _ORDERS:
+            rule = kind(order)
+            points = 0.5 * (low + high) + 0.5 * (high - low) * rule.points
+            result.n.append(order)
+            result.points.append(points.tolist())
+            result.values.append(np.interp(points, middle, integrand).tolist())
+            result.error.append(float(up_to(whole, rule).sum() / true - 1) if true > 0 else 0.0)
+        return result
+
     return RayIntegral(
         estimator="1D" if nearer else "2D", interval=(low, high), radius=radii, length=length,
-        s=middle.tolist(), integrand=integrand.tolist(),
-        gauss=_rules(gauss_legendre, low, high, middle, integrand, lambda rule: up_to(whole, rule), true),
-        riemann=_rules(riemann, low, high, middle, integrand, lambda rule: up_to(whole, rule), true),
+        s=middle.tolist(), integrand=integrand.tolist(), gauss=curves(gauss_legendre), riemann=curves(riemann),
     )  # fmt: skip
-
-
-def _rules(
-    kind: Any, low: float, high: float, middle: Array, integrand: Array, measured: Any, true: float
-) -> RuleCurves:  # fmt: skip
-    """Return the points, the integrand there, and the relative error of a rule for each number of points."""
-    result = RuleCurves([], [], [], [])
-    for order in _ORDERS:
-        rule = kind(order)
-        points = 0.5 * (low + high) + 0.5 * (high - low) * rule.points
-        result.n.append(order)
-        result.points.append(points.tolist())
-        result.values.append(np.interp(points, middle, integrand).tolist())
-        result.error.append(float(measured(rule).sum() / true - 1) if true > 0 else 0.0)
-    return result
 
 
 def _brightest(each: BeamSet, ray: _Ray) -> tuple[int, tuple[float, float]] | None:

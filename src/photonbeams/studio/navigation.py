@@ -6,6 +6,7 @@ Poses are transforms from the camera to the world, (4, 4), for column vectors; c
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..scene import Array
 from ..scene.vectors import unit
@@ -42,8 +43,9 @@ def _turned(pose: Array, world_up: Array, yaw: float, pitch: float) -> Array:
     elevation = float(np.arcsin(np.clip(-(back @ world_up), -1, 1)))
     # A camera that already looks steeper can only turn back.
     tilt = float(np.clip(elevation + pitch, min(-_STEEPEST, elevation), max(_STEEPEST, elevation))) - elevation
-    back = unit(_rotated(_rotated(back, right, tilt), world_up, yaw))
-    right = unit(_rotated(right, world_up, yaw))
+    turn = Rotation.from_rotvec(yaw * world_up)
+    back = unit(turn.apply(Rotation.from_rotvec(tilt * right).apply(back)))
+    right = unit(turn.apply(right))
     return _pose(right, np.cross(back, right), back, place)
 
 
@@ -58,9 +60,3 @@ def _pose(right: Array, up: Array, back: Array, place: Array) -> Array:
     result = np.eye(4)
     result[:3] = np.stack([right, up, back, place], axis=1)
     return result
-
-
-def _rotated(vector: Array, axis: Array, angle: float) -> Array:
-    """Return a vector rotated about an axis of unit length (Rodrigues' formula)."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return cosine * vector + sine * np.cross(axis, vector) + (1 - cosine) * (axis @ vector) * axis

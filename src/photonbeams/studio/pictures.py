@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..images.color_spaces import REC709
 from ..scene import Array, SceneError, whole
+from ..scene.declared import typed
 from ..usd.cameras.stereo import Stereo
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 _MOST_PIXELS, _MOST_PASSES, _MOST_BOUNCES = 1 << 23, 1 << 16, 1 << 16
 
 
+@typed
 @dataclass(frozen=True)
 class SessionView:
     """What a session shows; a page may set all of it.
@@ -67,10 +69,7 @@ class SessionView:
     bounces: int | None = None
 
     def check(self) -> None:
-        """Raise SceneError for numbers out of range and for what is no switch."""
-        for name in ("lens", "blur", "paused", "denoise"):
-            if not isinstance(getattr(self, name), bool):
-                raise SceneError(f"{name} is {getattr(self, name)!r}: expected True or False")
+        """Raise SceneError for numbers out of range."""
         if self.width * self.height > _MOST_PIXELS:
             raise SceneError(f"the size is {self.width} x {self.height}: expected {_MOST_PIXELS:,} pixels at most")
         if not 1 <= whole(self.passes, "passes") <= _MOST_PASSES:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import msgspec
+from msgspec import UNSET, Struct, UnsetType
 
 from ..scene import SceneError
 
@@ -22,7 +23,7 @@ Eyes = tuple[float | None, float | None]
 Area = tuple[float, float, float, float]
 
 
-class Message(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
+class Message(Struct, tag_field="type", forbid_unknown_fields=True):
     """A message from a page."""
 
 
@@ -76,23 +77,23 @@ class Show(Message, tag="show"):
     picture comes before that of `layer`, to be compared with it; None: none.
     """
 
-    size: tuple[int, int] | msgspec.UnsetType = msgspec.UNSET
-    camera: str | msgspec.UnsetType | None = msgspec.UNSET
-    pose: list[float] | msgspec.UnsetType | None = msgspec.UNSET
-    frame: float | msgspec.UnsetType | None = msgspec.UNSET
-    area: Area | msgspec.UnsetType | None = msgspec.UNSET
-    lens: bool | msgspec.UnsetType = msgspec.UNSET
-    blur: bool | msgspec.UnsetType = msgspec.UNSET
-    denoise: bool | msgspec.UnsetType = msgspec.UNSET
-    bounces: int | msgspec.UnsetType | None = msgspec.UNSET
-    stereo: Eyes | msgspec.UnsetType | None = msgspec.UNSET
-    solo: list[str] | msgspec.UnsetType = msgspec.UNSET
-    paused: bool | msgspec.UnsetType = msgspec.UNSET
-    eye: str | msgspec.UnsetType = msgspec.UNSET
-    layer: str | msgspec.UnsetType = msgspec.UNSET
-    other: str | msgspec.UnsetType | None = msgspec.UNSET
-    exposure: float | msgspec.UnsetType = msgspec.UNSET
-    display: str | msgspec.UnsetType = msgspec.UNSET
+    size: tuple[int, int] | UnsetType = UNSET
+    camera: str | UnsetType | None = UNSET
+    pose: list[float] | UnsetType | None = UNSET
+    frame: float | UnsetType | None = UNSET
+    area: Area | UnsetType | None = UNSET
+    lens: bool | UnsetType = UNSET
+    blur: bool | UnsetType = UNSET
+    denoise: bool | UnsetType = UNSET
+    bounces: int | UnsetType | None = UNSET
+    stereo: Eyes | UnsetType | None = UNSET
+    solo: list[str] | UnsetType = UNSET
+    paused: bool | UnsetType = UNSET
+    eye: str | UnsetType = UNSET
+    layer: str | UnsetType = UNSET
+    other: str | UnsetType | None = UNSET
+    exposure: float | UnsetType = UNSET
+    display: str | UnsetType = UNSET
 
 
 class Inspect(Message, tag="inspect"):
@@ -134,11 +135,11 @@ class Cancel(Message, tag="cancel"):
 Messages = Set | Apply | Keep | Undo | Redo | Revert | Discard | Save | Show | Inspect | Render | Estimate | Cancel
 
 
-class Answer(msgspec.Struct, tag_field="type"):
+class Answer(Struct, tag_field="type"):
     """A message to pages."""
 
 
-class Ramp(msgspec.Struct):
+class Ramp(Struct):
     """The value of a ramp; it is stored as three attributes, whose paths are the `parts` of its control."""
 
     knots: list[float]
@@ -146,7 +147,7 @@ class Ramp(msgspec.Struct):
     interpolation: str
 
 
-class ControlItem(msgspec.Struct):
+class ControlItem(Struct, rename={"least": "min", "most": "max", "slider": "soft"}):
     """A value that can be edited: see `usd.authoring.controls.Control`. Without what it `needs` it has no effect."""
 
     path: str
@@ -158,9 +159,9 @@ class ControlItem(msgspec.Struct):
     value: Any
     default: Any
     authored: bool
-    min: float | None
-    max: float | None
-    soft: tuple[float, float] | None
+    least: float | None
+    most: float | None
+    slider: tuple[float, float] | None
     choices: tuple[str, ...]
     unit: str
     doc: str
@@ -168,7 +169,7 @@ class ControlItem(msgspec.Struct):
     needs: dict[str, list[bool | str | None]]
 
 
-class ControlGroup(msgspec.Struct):
+class ControlGroup(Struct):
     """The controls of a prim, and the paths of the looks that it uses."""
 
     path: str
@@ -179,7 +180,7 @@ class ControlGroup(msgspec.Struct):
     uses: tuple[str, ...]
 
 
-class PresetItem(msgspec.Struct):
+class PresetItem(Struct):
     """A look to start from, or a factor of one: "look", or the section of its controls in small letters."""
 
     name: str
@@ -223,7 +224,7 @@ class ValuesMessage(Answer, tag="values"):
     restored: bool
 
 
-class ProblemText(msgspec.Struct):
+class ProblemText(Struct):
     """Why there is no picture: the attribute, and the column of its text, if they are known."""
 
     text: str
@@ -242,7 +243,7 @@ class StateMessage(Answer, tag="state"):
     problem: ProblemText | None
 
 
-class BeamPart(msgspec.Struct):
+class BeamPart(Struct):
     """The radiance of a light's beams in a pixel, and its fraction of that of all beams."""
 
     light: str
@@ -251,7 +252,7 @@ class BeamPart(msgspec.Struct):
     fraction: float
 
 
-class RuleCurves(msgspec.Struct):
+class RuleCurves(Struct):
     """What one kind of quadrature gives for each number of points in `n`."""
 
     n: list[int]
@@ -260,7 +261,7 @@ class RuleCurves(msgspec.Struct):
     error: list[float]
 
 
-class RayIntegral(msgspec.Struct):
+class RayIntegral(Struct):
     """How the light of the brightest beam is integrated along a pixel's ray."""
 
     estimator: Literal["1D", "2D"]
@@ -342,7 +343,7 @@ Answers = (
 )
 
 
-class PictureHeader(msgspec.Struct):
+class PictureHeader(Struct):
     """What precedes a picture; with a `scale` below 1 it is a preview, to be drawn as large as the full picture.
 
     A `compared` one is the other layer of the picture that comes next.

@@ -26,7 +26,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..images.display import OWN, view_transforms
-from ..scene import SceneError
+from ..scene import SceneError, choice, number
 from ..usd.authoring.presets import PRESETS
 from ..usd.cameras.stereo import Stereo, usual_interaxial
 from . import controls, protocol
@@ -56,7 +56,8 @@ class Studio:
         self._watchers: set[Watcher] = set()
         self._last: Picture | None = None
         self._problem: Problem | None = None
-        self._groups: list[protocol.ControlGroup] = []
+        self._shape: list[Any] = []
+        self._known: dict[str, tuple[Any, bool]] = {}
         # One thread runs everything that waits for the session, so that edits keep their order. Pictures have another,
         # and so have thumbnails, whose kernels are compiled on first use.
         self._commands, self._encoders, self._painters = self._threads = [ThreadPoolExecutor(1) for _ in range(3)]
@@ -131,7 +132,7 @@ class Studio:
         task.add_done_callback(lambda done: done.cancelled() or done.exception())
         return task
 
-    def _state(self) -> str:
+    def _state(self) -> protocol.StateMessage:
         last, problem = self._last, self._problem
         done = 0 if last is None or last.is_first else last.passes
         planned = self.session.view.passes
@@ -142,34 +143,39 @@ class Studio:
             told = protocol.ProblemText(text, problem.path, problem.column)
         version = self.session.version
         busy = problem is None and (last is None or last.version != version or done < planned)
-        return protocol.encoded(protocol.StateMessage(version, done, planned, round(seconds, 3), busy, told))
+        return protocol.StateMessage(version, done, planned, round(seconds, 3), busy, told)
 
     async def _command(self, work: Callable[..., Any], *given: Any, **named: Any) -> Any:
         """Run a method of the session, which may wait until the stage is read, and return its result."""
         return await asyncio.get_running_loop().run_in_executor(self._commands, lambda: work(*given, **named))
 
     async def _tell_scene(self, only: Watcher | None = None) -> None:
-        text = await self._command(self._scene)
+        message = await self._command(self._scene)
         for each in [only] if only is not None else self._watchers:
-            each.tell(text)
+            each.tell(message)
 
-    def _scene(self) -> str:
+    def _scene(self) -> protocol.SceneMessage:
         session, last = self.session, self._last
         known = (*PRESETS, *session.looks.looks())
         presets = [protocol.PresetItem(each.name, each.label, each.factor) for each in known]
-        self._groups = controls.described(session.controls())
         stereo, pose, focal = session.view.stereo, None, 1.0
         with suppress(SceneError):  # edits may have broken the camera; the state says so
             camera = session.camera()
             pose = np.asarray(camera.to_world).ravel().tolist()
             focal = 1.0 if camera.orthographic else camera.focal_length / camera.horizontal_aperture
-        return protocol.encoded(protocol.SceneMessage(
+        return protocol.SceneMessage(
             name=session.name, cameras=session.cameras(), frames=session.frames(), fps=session.rate(),
             layers=["rgba"] if last is None else list(last.layers), displays=view_transforms(),
-            controls=self._groups, pose=pose, up=session.up(), focal=focal,
+            controls=self._read_controls(), pose=pose, up=session.up(), focal=focal,
             stereo=None if stereo is None else (stereo.interaxial, stereo.convergence), pair=session.has_pair(),
             interaxial=usual_interaxial(session.shot.stage), bounces=session.bounces(), presets=presets,
-        ))  # fmt: skip
+        )  # fmt: skip
+
+    def _read_controls(self) -> list[protocol.ControlGroup]:
+        """Return the controls as the stage has them now."""
+        groups = controls.described(self.session.controls())
+        self._shape, self._known = controls.shape(groups), controls.states(groups)
+        return groups
 
     async def _watch(self, socket: WebSocket) -> None:
         await socket.accept()
@@ -206,7 +212,7 @@ class Studio:
         try:
             await self._do(watcher, protocol.decoded(text))
         except (SceneError, OSError) as error:
-            watcher.tell(protocol.encoded(protocol.Refused(str(error)[:300])))
+            watcher.tell(protocol.Refused(str(error)[:300]))
 
     async def _do(self, watcher: Watcher, asked: protocol.Messages) -> None:
         """Do what a page asks for."""
@@ -218,16 +224,12 @@ class Studio:
             case protocol.Apply(preset=preset, path=path):
                 look = await self._command(session.apply, preset, path)
                 await self._tell_edited(None)
-                watcher.tell(protocol.encoded(protocol.Applied(path, look)))
+                watcher.tell(protocol.Applied(path, look))
             case protocol.Keep(path=path):
-                watcher.tell(protocol.encoded(protocol.Kept(path, await self._command(session.keep_look, path))))
+                watcher.tell(protocol.Kept(path, await self._command(session.keep_look, path)))
                 await self._tell_scene()
             case protocol.Undo() | protocol.Redo() | protocol.Revert() | protocol.Discard():
-                moves: dict[type, Callable[[], object]] = {
-                    protocol.Undo: session.undo, protocol.Redo: session.redo, protocol.Revert: session.revert,
-                    protocol.Discard: session.discard,
-                }  # fmt: skip
-                await self._command(moves[type(asked)])
+                await self._command(getattr(session, type(asked).__name__.lower()))
                 await self._tell_edited(None)
             case protocol.Save(changed=changed):
                 await self._save(watcher, changed)
@@ -237,7 +239,7 @@ class Studio:
                 layers = _pixel(at, self._last)
                 depth = layers.get("depth", [None])[0]
                 beams, ray = await self._command(session.inspect, at, depth)
-                watcher.tell(protocol.encoded(protocol.PixelMessage(at, layers, beams, ray)))
+                watcher.tell(protocol.PixelMessage(at, layers, beams, ray))
             case protocol.Render(passes=passes, frames=frames, size=size, denoise=denoise, file=file):
                 wanted = await self._command(session.wanted, passes, frames, size, denoise, file)
                 self._later(self._render(wanted))
@@ -256,36 +258,29 @@ class Studio:
         try:
             written = await self._command(self.session.save, changed)
         except ChangedError:
-            watcher.tell(protocol.encoded(protocol.Changed(name, None)))
+            watcher.tell(protocol.Changed(name, None))
             return
         if written != before:
-            watcher.tell(protocol.encoded(protocol.Changed(name, written.name)))
+            watcher.tell(protocol.Changed(name, written.name))
         await self._tell_edited(None if changed == "merge" else {})
 
     async def _show(self, watcher: Watcher, asked: protocol.Show) -> None:
-        given = {
-            name: value for name in asked.__struct_fields__
-            if (value := getattr(asked, name)) is not msgspec.UNSET
-        }  # fmt: skip
-        own = {name: given.pop(name) for name in _OWN_CHOICES if name in given}
-        if own.get("display", OWN) not in view_transforms():
-            known = ", ".join(view_transforms())
-            raise SceneError(f"there is no view transform {own['display']!r}: expected one of {known}")
-        if own.get("eye", ANAGLYPH) not in SHOWN:
-            raise SceneError(f"there is no eye {own['eye']!r}: expected one of {', '.join(SHOWN)}")
-        if not -64 <= own.get("exposure", 0.0) <= 64:
-            raise SceneError(f"the exposure is {own['exposure']}: expected -64 to 64 stops")
-        for name, value in own.items():
+        changes = {name: value for name, value in msgspec.structs.asdict(asked).items() if value is not msgspec.UNSET}
+        choices = {name: changes.pop(name) for name in _OWN_CHOICES if name in changes}
+        choice(choices.get("display", OWN), "the view transform", view_transforms())
+        choice(choices.get("eye", ANAGLYPH), "the eye", SHOWN)
+        number(choices.get("exposure", 0.0), "the exposure", -64, 64)
+        for name, value in choices.items():
             setattr(watcher, name, value)
-        if own:
+        if choices:
             watcher.show(self._last)
-        if "size" in given:
-            given["width"], given["height"] = given.pop("size")
-        if given.get("stereo") is not None:
-            given["stereo"] = Stereo(*given["stereo"])
-        if given:
+        if "size" in changes:
+            changes["width"], changes["height"] = changes.pop("size")
+        if changes.get("stereo") is not None:
+            changes["stereo"] = Stereo(*changes["stereo"])
+        if changes:
             before = self.session.view
-            await self._command(self.session.show, **given)
+            await self._command(self.session.show, **changes)
             now = self.session.view
             if (now.camera, now.frame) != (before.camera, before.frame):  # then pose and values are others
                 self._later(self._tell_scene())
@@ -296,12 +291,12 @@ class Studio:
             own = wanted.file is None
             link = f"result/{quote(file.name)}?token={self.token}" if file is not None and own else None
             written = str(file) if file is not None and not own else None
-            self._tell_all(protocol.encoded(protocol.RenderMessage(done, 100, link, written, problem)))
+            self._tell_all(protocol.RenderMessage(done, 100, link, written, problem))
 
         try:
             await self._final.run(wanted, told)
         except (SceneError, OSError) as error:
-            self._tell_all(protocol.encoded(protocol.Refused(str(error)[:300])))
+            self._tell_all(protocol.Refused(str(error)[:300]))
 
     async def _estimate(self, watcher: Watcher, asked: protocol.Estimate) -> None:
         """Tell a page what a final render costs, or why that is not known."""
@@ -310,44 +305,41 @@ class Studio:
             answer = protocol.EstimateMessage(asked.number, *await self._estimates.of(wanted), None)
         except (SceneError, OSError) as error:
             answer = protocol.EstimateMessage(asked.number, None, None, str(error)[:300])
-        watcher.tell(protocol.encoded(answer))
+        watcher.tell(answer)
 
     async def _result(self, request: Request) -> Response:
         return _file_of(self._final.folder, request, download=True)
 
     async def _tell_edited(self, edited: dict[str, Any] | None) -> None:
         """Tell all pages about an edit: see `_values`; if there are other controls now, tell them the scene first."""
-        before = controls.shape(self._groups)
-        text = await self._command(self._values, edited)
-        if controls.shape(self._groups) != before:
+        before = self._shape
+        message = await self._command(self._values, edited)
+        if self._shape != before:
             await self._tell_scene()
-        self._tell_all(text)
+        self._tell_all(message)
 
-    def _values(self, edited: dict[str, Any] | None) -> str:
-        """Return the message about values: those that were edited, or with None all that changed.
+    def _values(self, edited: dict[str, Any] | None) -> protocol.ValuesMessage:
+        """Return the message about values that changed: the edited ones, or with None any.
 
         If an edit leaves a value to the stage, or changes the look of a light, the controls are read from the stage to
         know the new values.
         """
-        edits, values, authored = self.session.edits, {}, {}
+        edits, before = self.session.edits, self._known
         if edited is None or any(value is None or path.endswith(":look") for path, value in edited.items()):
-            before = controls.flat(self._groups)
-            self._groups = controls.described(self.session.controls())
-            now = controls.flat(self._groups)
-            values = {path: value for path, value in now.items() if before.get(path) != value}
-            authored = {path: each for path, (_, each) in values.items()}
-            values = {path: each for path, (each, _) in values.items()}
+            self._read_controls()
         else:
-            values, authored = dict(edited), dict.fromkeys(edited, True)
-            controls.note(self._groups, edited)
-        return protocol.encoded(protocol.ValuesMessage(
-            values=values, authored=authored, canUndo=edits.can_undo, canRedo=edits.can_redo,
+            self._known = before | {path: (value, True) for path, value in edited.items()}
+        changed = {path: state for path, state in self._known.items() if before.get(path) != state}
+        return protocol.ValuesMessage(
+            values={path: value for path, (value, _) in changed.items()},
+            authored={path: is_authored for path, (_, is_authored) in changed.items()},
+            canUndo=edits.can_undo, canRedo=edits.can_redo,
             saved=edits.is_saved, restored=edits.restored and not edits.is_saved,
-        ))  # fmt: skip
+        )  # fmt: skip
 
-    def _tell_all(self, text: str) -> None:
+    def _tell_all(self, message: protocol.Answers) -> None:
         for each in self._watchers:
-            each.tell(text)
+            each.tell(message)
 
     async def _send(self, watcher: Watcher) -> None:
         """Send a page its texts and only the newest of its pictures."""

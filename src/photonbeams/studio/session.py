@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from ..images.frame import pixels_of
 from ..runtime.files import PathLike
@@ -33,6 +33,8 @@ from .viewing import LivePictures, between, checked_pose
 
 #: A listener; it is called in the thread that renders.
 Told = Callable[[Picture | Problem], None]
+
+T = TypeVar("T")
 
 
 class Session:
@@ -157,11 +159,11 @@ class Session:
             No such preset; a prim that is neither a look nor a light, or that cannot have a look.
         """
         wanted = self.looks.preset(preset)
-        with self._lock:
-            unit = self._size() / BEAM
-            look = self.edits.change(lambda layer: apply_preset(self.shot.stage, layer, wanted, path, unit))
-            self._new()
-            return look
+
+        def apply_to(layer: EditLayer) -> str:
+            return apply_preset(self.shot.stage, layer, wanted, path, self._size() / BEAM)
+
+        return self._changed_by(lambda: self.edits.change(apply_to))
 
     def keep_look(self, path: str) -> str:
         """Write the look at `path` to the library as a new file, and return its name there; SceneError if it cannot."""
@@ -178,32 +180,25 @@ class Session:
 
     def undo(self) -> bool:
         """Undo the last step; return whether there was one."""
-        return self._moved(self.edits.undo)
+        return self._changed_by(self.edits.undo)
 
     def redo(self) -> bool:
         """Redo the step that was undone last; return whether there was one."""
-        return self._moved(self.edits.redo)
+        return self._changed_by(self.edits.redo)
 
     def revert(self) -> None:
         """Remove all edits, so that all values are the stage's own again."""
-        with self._lock:
-            self.edits.revert()
-            self._new()
+        self._changed_by(self.edits.revert)
 
     def discard(self) -> None:
         """Go back to the edits that were saved last."""
-        with self._lock:
-            self.edits.discard()
-            self._new()
+        self._changed_by(self.edits.discard)
 
     def save(self, changed: IfChanged = "ask") -> Path:
         """Write the edits to their file, and return it; `changed` is that of `Edits.save`."""
         if changed != "merge":
             return self.edits.save(changed=changed)
-        with self._lock:
-            target = self.edits.save(changed=changed)
-            self._new()
-            return target
+        return self._changed_by(lambda: self.edits.save(changed=changed))
 
     def show(self, **changes: Any) -> int:
         """Change the view, and return the version that will show it.
@@ -361,12 +356,13 @@ class Session:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _moved(self, move: Callable[[], bool]) -> bool:
+    def _changed_by(self, change: Callable[[], T]) -> T:
+        """Return what a change of the edits returns, and begin a version, unless that is False: nothing changed."""
         with self._lock:
-            done = move()
-            if done:
+            result = change()
+            if result is not False:
                 self._new()
-            return done
+            return result
 
     def _new(self) -> int:
         self.version += 1

@@ -34,9 +34,9 @@ class Watcher:
     times: deque[float] = field(default_factory=lambda: deque(maxlen=protocol.PER_SECOND))
     estimate: asyncio.Future[None] | None = None
 
-    def tell(self, text: str) -> None:
-        """Send a text after those that wait."""
-        self.texts.append(text)
+    def tell(self, message: protocol.Answers) -> None:
+        """Send a message after those that wait."""
+        self.texts.append(protocol.encoded(message))
         self.news.set()
 
     def show(self, picture: Picture | None) -> None:
