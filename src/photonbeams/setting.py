@@ -67,7 +67,8 @@ class Setting:
         if self.choices:
             return choice(value, name, self.choices)
         result = whole(value, name) if self.kind is int else plain(value)
-        if self.kind is bool and isinstance(result, Integral) and result in (0, 1):
+        of_numpy = isinstance(result, Integral) and type(result) is not int
+        if self.kind is bool and of_numpy and result in (0, 1):
             result = bool(result)
         if self.kind is float and isinstance(result, Real):
             result = as_float(result)
