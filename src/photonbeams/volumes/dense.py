@@ -34,27 +34,6 @@ class Voxels:
     to_file: Array  # (4, 4) from the unit cube, which the box fills, to the space of the file, for column vectors
     step: int = 1  # how many of the file's voxels make one cell, along each edge: more than 1 if it has too many
 
-    def at(self, points: Array) -> Array:
-        """Return values at points (N, 3) in the file's space, linear between the centres of cells, 0 outside."""
-        from scipy.ndimage import map_coordinates
-
-        shape = np.array(self.values.shape[2::-1])
-        inverse = np.linalg.inv(self.to_file)
-        places = (points @ inverse[:3, :3].T + inverse[:3, 3]) * shape - 0.5
-        channels = self.values.reshape(*self.values.shape[:3], -1)
-        found = [
-            map_coordinates(channels[..., each], places.T[::-1], order=1, mode="constant")
-            for each in range(channels.shape[3])
-        ]
-        return np.stack(found, axis=-1).astype(np.float32)
-
-    def centers(self) -> Array:
-        """Return the centres of cells in the file's space, (Z · Y · X, 3)."""
-        axes = [(np.arange(count) + 0.5) / count for count in self.values.shape[2::-1]]
-        z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
-        unit = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-        return unit @ self.to_file[:3, :3].T + self.to_file[:3, 3]
-
 
 def parts_of(grid: VDBGrid, most: int = MOST_VALUES) -> list[Voxels]:
     """Return boxes as `voxels_of`, which do not overlap: one of the grid, or of each of its parts if that is finer.
@@ -119,8 +98,7 @@ def _sums(tree: Tree, density: Callable[[Array], Array], box: tuple[Array, Array
         for origin, block in zip(origins - low, blocks, strict=True):
             _add(sums, origin, block, count, step)
     for tile in tree.tiles:
-        origin = np.array(tile.origin) - low
-        _fill(sums, origin, tile.size, density(tile.value) - background, count, step)
+        _fill(sums, tile.origin - low, tile.size, density(tile.value) - background, count, step)
     if background.any():
         sums += background
     return sums
@@ -153,11 +131,11 @@ def _boxes(tree: Tree) -> list[Box]:
     lows, highs = np.full((count, 3), 1 << 40), np.full((count, 3), -1 << 40)
     np.minimum.at(lows, label, origins)
     np.maximum.at(highs, label, origins + tree.size - 1)
-    tiles = [np.array(each.origin) for each in tree.tiles if each.active]
-    sizes = [each.size - 1 for each in tree.tiles if each.active]
+    tiles = [(tile.origin, tile.origin + tile.size - 1) for tile in tree.tiles if tile.active]
     low, high = tree.box
-    found = [*zip(lows, highs, strict=True), *((own, own + size) for own, size in zip(tiles, sizes, strict=True))]
-    return [(np.maximum(first, low), np.minimum(last, high)) for first, last in found]
+    return [
+        (np.maximum(first, low), np.minimum(last, high)) for first, last in (*zip(lows, highs, strict=True), *tiles)
+    ]
 
 
 def _merged(boxes: list[Box], gap: int) -> list[Box]:

@@ -30,7 +30,7 @@ _BACKGROUND, _NEGATIVE, _ONE, _MASK, _MASK_AND_ONE, _MASK_AND_TWO, _ALL = range(
 class Tile(NamedTuple):
     """A cube of one value: its least index, its size in voxels, the value, and whether it is active."""
 
-    origin: tuple[int, int, int]
+    origin: Array
     size: int
     value: Array
     active: bool
@@ -115,21 +115,19 @@ class Tree:
         else:
             self._encoding = _Encoding(type_, shorter, channels, compression, self.background)
         self.tiles: list[Tile] = []
-        self._found: list[tuple[Array, Array]] = []
+        self._leaves = [(np.empty((0, 3), np.int64), np.empty((0, self.size**3 // 8), "u1"))]
         self._root(topology)
         self._start = values.place
-        count = self.size**3 // 8
-        self.origins = np.concatenate([each for each, _ in self._found]) if self._found else np.empty((0, 3), np.int64)
-        self.masks = np.concatenate([each for _, each in self._found]) if self._found else np.empty((0, count), "u1")
+        self.origins, self.masks = (np.concatenate(each) for each in zip(*self._leaves, strict=True))
 
     def _root(self, cursor: Cursor) -> None:
         tiles, children = cursor.unpack(_COUNTS)
         for _ in range(tiles):
-            origin = cursor.unpack(_ORIGIN)
+            origin = _origin(cursor)
             value = np.frombuffer(cursor.take(self.background.nbytes), self.background.dtype)
             self._keep(Tile(origin, 1 << sum(self._levels), value, bool(cursor.take(1)[0])))
         for _ in range(children):
-            self._node(cursor, np.array(cursor.unpack(_ORIGIN), dtype=np.int64), 0)
+            self._node(cursor, _origin(cursor), 0)
 
     def _keep(self, tile: Tile) -> None:
         if tile.active or not np.array_equal(tile.value, self.background):
@@ -145,14 +143,13 @@ class Tree:
         values = self._encoding.values(cursor, active)
         differs = (values != self._encoding.background).any(axis=1)
         for index in np.flatnonzero(~children & (active | differs)):
-            place = origin + size * _offset(index, log)
             value = values[index].astype(self.background.dtype)
-            self._keep(Tile((int(place[0]), int(place[1]), int(place[2])), size, value, bool(active[index])))
+            self._keep(Tile(origin + size * _offset(index, log), size, value, bool(active[index])))
         inner = np.flatnonzero(children)
         places = origin + size * _offset(inner, log)
         if level + 2 == len(self._levels):
             masks = np.frombuffer(cursor.take(len(inner) * size**3 // 8), "u1").reshape(len(inner), -1)
-            self._found.append((places, masks))
+            self._leaves.append((places, masks))
             return
         for place in places:
             self._node(cursor, place, level + 1)
@@ -163,10 +160,14 @@ class Tree:
         The order of voxels in a leaf is that of the array [x, y, z].
         """
         self._cursor.place = self._start
+        for origins, masks in self._active():
+            yield origins, masks, np.stack([self._leaf(each) for each in masks])
+
+    def _active(self) -> Iterator[tuple[Array, Array]]:
+        """Yield origins (n, 3) and active voxels (n, size³) of some leaves at a time."""
         for first in range(0, len(self.origins), _AT_ONCE):
-            masks = bits(self.masks[first : first + _AT_ONCE].reshape(-1)).reshape(-1, self.size**3)
-            values = np.stack([self._leaf(each) for each in masks])
-            yield self.origins[first : first + _AT_ONCE], masks, values
+            some = slice(first, first + _AT_ONCE)
+            yield self.origins[some], bits(self.masks[some].reshape(-1)).reshape(-1, self.size**3)
 
     def _leaf(self, mask: Array) -> Array:
         """Return the next leaf's values."""
@@ -180,38 +181,31 @@ class Tree:
     @cached_property
     def active_voxels(self) -> int:
         """The number of active voxels, including those of active tiles."""
-        leaves = sum(
-            int(np.bitwise_count(self.masks[i : i + _AT_ONCE]).sum()) for i in range(0, len(self.masks), _AT_ONCE)
-        )
+        leaves = sum(int(np.count_nonzero(masks)) for _, masks in self._active())
         return leaves + sum(tile.size**3 for tile in self.tiles if tile.active)
 
     @cached_property
     def box(self) -> tuple[Array, Array] | None:
         """The least and the greatest index of active voxels; None if there are none."""
-        lows, highs = [], []
-        for first in range(0, len(self.origins), _AT_ONCE):
-            shape = (-1, self.size, self.size, self.size)
-            active = bits(self.masks[first : first + _AT_ONCE].reshape(-1)).reshape(shape)
-            some = active.any(axis=(1, 2, 3))
-            origins, active = self.origins[first : first + _AT_ONCE][some], active[some]
-            for axis in range(3) if some.any() else ():
-                line = active.any(axis=tuple(each + 1 for each in range(3) if each != axis))
-                lows.append((axis, int((origins[:, axis] + line.argmax(axis=1)).min())))
-                highs.append((axis, int((origins[:, axis] + self.size - 1 - line[:, ::-1].argmax(axis=1)).max())))
-        for tile in self.tiles:
-            if tile.active:
-                lows += [(axis, tile.origin[axis]) for axis in range(3)]
-                highs += [(axis, tile.origin[axis] + tile.size - 1) for axis in range(3)]
-        if not lows:
-            return None
-        low = [min(value for axis, value in lows if axis == each) for each in range(3)]
-        high = [max(value for axis, value in highs if axis == each) for each in range(3)]
-        return np.array(low, dtype=np.int64), np.array(high, dtype=np.int64)
+        lows = [tile.origin for tile in self.tiles if tile.active]
+        highs = [tile.origin + tile.size - 1 for tile in self.tiles if tile.active]
+        for origins, masks in self._active():
+            some = masks.any(axis=1)
+            if some.any():
+                active = masks[some].reshape(-1, self.size, self.size, self.size)
+                lines = np.stack([active.any(axis=axes) for axes in ((2, 3), (1, 3), (1, 2))], axis=1)  # (n, 3, size)
+                lows.append((origins[some] + lines.argmax(axis=2)).min(axis=0))
+                highs.append((origins[some] + self.size - 1 - lines[..., ::-1].argmax(axis=2)).max(axis=0))
+        return (np.min(lows, axis=0), np.max(highs, axis=0)) if lows else None
 
 
 def bits(data: Array | memoryview) -> Any:
     """Return a mask's bits."""
     return np.unpackbits(np.frombuffer(data, "u1"), bitorder="little").view(bool)
+
+
+def _origin(cursor: Cursor) -> Array:
+    return np.array(cursor.unpack(_ORIGIN), dtype=np.int64)
 
 
 def _offset(index: Any, log: int) -> Array:
