@@ -22,8 +22,6 @@ from .constants import MOST_POINTS
 if TYPE_CHECKING:
     from .numerics.types import Floats
 
-__all__ = ["MOST_POINTS", "Rule", "gauss_legendre", "riemann"]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rule:
@@ -139,10 +137,18 @@ class Rule:
         inner = _inner(breaks)
         if not inner:
             return self._piece(f, a, b)
-        low, high = _minimum(a, b), _maximum(a, b)
-        edges = [low, *_sorted([_maximum(low, _minimum(edge, high)) for edge in inner]), high]
-        total = sum(self._piece(f, *piece) for piece in pairwise(edges))
-        return total * _sign(a, b)
+        library: Any = sys.modules["drjit"] if any(map(_is_drjit, (a, b, *inner))) else np
+        low, high = library.minimum(a, b), library.maximum(a, b)
+        inside = [library.maximum(low, library.minimum(edge, high)) for edge in inner]
+        # Arrays have no single order, so this is a bubble sort of pairs, element by element.
+        for stop in range(len(inside) - 1, 0, -1):
+            for i in range(stop):
+                pair = inside[i : i + 2]
+                inside[i : i + 2] = library.minimum(*pair), library.maximum(*pair)
+        pieces = pairwise(map(_bound, (low, *inside, high)))
+        total = sum(self._piece(f, *piece) for piece in pieces)
+        swapped = b < a
+        return total * ((1.0 - 2.0 * swapped) if library is np else library.select(swapped, -1.0, 1.0))
 
     def _piece(self, f: Callable[..., Floats], a: Floats, b: Floats) -> Any:
         """Return the integral over [a, b], where `f` has no kink."""
@@ -245,45 +251,7 @@ def _inner(breaks: Iterable[Floats]) -> list[Floats]:
     return [_bound(edge) for edge in breaks]
 
 
-def _sorted(values: list[Floats]) -> list[Floats]:
-    """Return the values in ascending order, element by element.
-
-    Arrays have no single order, so this is a bubble sort of min/max pairs.
-    """
-    values = list(values)
-    for stop in range(len(values) - 1, 0, -1):
-        for i in range(stop):
-            values[i], values[i + 1] = _minimum(values[i], values[i + 1]), _maximum(values[i], values[i + 1])
-    return values
-
-
 def _is_drjit(value: object) -> bool:
     """Return whether `value` is a Dr.Jit array, without importing Dr.Jit where only NumPy is used."""
     drjit = sys.modules.get("drjit")
     return drjit is not None and bool(drjit.is_array_v(value))
-
-
-def _library(*values: Floats) -> Any:
-    """Return the module, NumPy or Dr.Jit, whose `minimum` and `maximum` accept these values."""
-    return sys.modules["drjit"] if any(map(_is_drjit, values)) else np
-
-
-def _minimum(a: Floats, b: Floats) -> Floats:
-    """Return the smaller of two values.
-
-    Two floats give a Python float: a NumPy scalar times a Dr.Jit array would be a NumPy array.
-    """
-    return min(a, b) if isinstance(a, float) and isinstance(b, float) else _library(a, b).minimum(a, b)
-
-
-def _maximum(a: Floats, b: Floats) -> Floats:
-    """Return the larger of two values; two floats give a Python float."""
-    return max(a, b) if isinstance(a, float) and isinstance(b, float) else _library(a, b).maximum(a, b)
-
-
-def _sign(a: Floats, b: Floats) -> Floats:
-    """Return −1 where the bounds are swapped, and 1 elsewhere."""
-    if isinstance(a, float) and isinstance(b, float):
-        return -1.0 if b < a else 1.0
-    library = _library(a, b)
-    return library.select(b < a, -1.0, 1.0) if library is not np else np.where(b < a, -1.0, 1.0)
