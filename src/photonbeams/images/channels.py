@@ -7,7 +7,6 @@ these names have in common. Parts, views and data windows are read as OpenEXR de
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,7 +21,7 @@ from ..scene import Array, SceneError
 from .color_spaces import COLOR_SPACE, named, primaries, space_of
 from .deep import read_deep
 from .exr import deep_sizes
-from .files import UnreadableImageError, check_decoded, check_image, opened, pixels_of, read_pixels
+from .files import UnreadableImageError, check_decoded, check_image, opened, pixels_of, read_pixels, specs_of
 from .numbering import numbered
 
 Warn = Callable[[str], None]
@@ -30,11 +29,13 @@ Size = tuple[int, int]  # width and height
 Box = tuple[int, int, int, int]  # left, top, right, bottom of a part of a picture; the last two are not included
 Layer = tuple[int, str]  # a part, and the name that its channels share
 
-# Names of layers that hold the picture, the likeliest first; a layer without a name is likelier still.
-_PICTURES = ("rgba", "combined", "beauty", "c", "color", "main")
+#: The places of colours, by the names of channels without their layers: other programs' too.
+COLORS = {"r": 0, "red": 0, "g": 1, "green": 1, "b": 2, "blue": 2, "a": 3, "alpha": 3}
+_ALPHA = COLORS["alpha"]
+# Names of layers that hold the picture, the likeliest first: a layer without a name.
+_PICTURES = ("", "rgba", "combined", "beauty", "c", "color", "main")
 # Memory that a deep holdout takes at most, in bytes a sample and a pixel's array of a channel: measured.
 _SAMPLE_BYTES, _ARRAY_BYTES = 180, 210
-_COLORS = (("r", "red"), ("g", "green"), ("b", "blue"))
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,22 @@ class Channel:
         """The channel's layer: the part, and the name without the last word."""
         return self.part, self.name.lower().rpartition(".")[0]
 
+    @property
+    def color(self) -> int | None:
+        """The place among red, green, blue and alpha; None for what is none of them."""
+        return COLORS.get(self.words[-1])
+
+    @property
+    def picture_rank(self) -> int:
+        """How much its layer is called like a picture, from 0, the most; the number of such names: not at all."""
+        word = self.layer[1].rpartition(".")[2]
+        return _PICTURES.index(word) if word in _PICTURES else len(_PICTURES)
+
+    @property
+    def in_picture(self) -> bool:
+        """Whether its layer has a name of pictures, or none."""
+        return self.picture_rank < len(_PICTURES)
+
 
 def channels_named(channels: Sequence[Channel], name: str) -> list[Channel]:
     """Return the channels with a name, then those whose names end with it, then those whose names begin with it."""
@@ -71,12 +88,17 @@ def channels_named(channels: Sequence[Channel], name: str) -> list[Channel]:
 
 def depth_channels(channels: Sequence[Channel]) -> list[Channel]:
     """Return the channels whose names are the most like that of a depth; if a file has only one channel, that."""
-    vectors = {each.layer for each in channels if each.words[-1] == "x"}
+    vectors = _vectors(channels)
     ranks = [(_depth_rank(each, vectors), each) for each in channels]
     least = min((found for found, _ in ranks if found is not None), default=None)
     if least is None and len(channels) == 1:
         return list(channels)  # the only channel of a file needs no particular name
     return [each for found, each in ranks if found is not None and found == least]
+
+
+def _vectors(channels: Sequence[Channel]) -> set[Layer]:
+    """Return the layers that hold vectors."""
+    return {each.layer for each in channels if each.words[-1] == "x"}
 
 
 def _depth_rank(channel: Channel, vectors: set[Layer]) -> int | None:
@@ -98,14 +120,10 @@ def _depth_rank(channel: Channel, vectors: set[Layer]) -> int | None:
 
 def coverage_channel(channels: Sequence[Channel], depth: Channel) -> Channel | None:
     """Return the alpha beside a depth: in its layer, or else in the picture of the same view layer, or without one."""
-    alphas = [each for each in channels if each.words[-1] in ("a", "alpha")]
+    alphas = [each for each in channels if each.color == _ALPHA]
     beside = [each for each in alphas if each.layer == depth.layer]
-    if beside:
-        return beside[0]
-    before = depth.words[:-2]
-    named = [(each.words[-2] if len(each.words) > 1 else "", each) for each in alphas]
-    pictures = [each for name, each in named if name in ("", *_PICTURES) and each.words[:-2] in (before, [])]
-    return pictures[0] if pictures else None
+    pictures = [each for each in alphas if each.in_picture and each.words[:-2] in (depth.words[:-2], [])]
+    return next(iter(beside + pictures), None)
 
 
 def _is_depth(word: str) -> bool:
@@ -119,27 +137,25 @@ def says_distance(channel: Channel) -> bool:
 
 def picture_channels(file: ImageFile | PathLike, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
     """Return red, green, blue, and alpha if it exists, of the layer that holds the picture; SceneError without one."""
-    layers: dict[Layer, dict[str, Channel]] = {}
-    for each in channels:
-        layers.setdefault(each.layer, {})[each.words[-1]] = each
-    found = {}
-    for layer, own in layers.items():
-        colors = [next((own[name] for name in names if name in own), None) for names in _COLORS]
-        if all(colors):
-            found[layer] = [each for each in (*colors, own.get("a", own.get("alpha"))) if each is not None]
-    if not found:
+    picture = _picture(file, channels, warn)
+    if not picture:
         raise SceneError(f"{file} has no red, green and blue: expected a picture")
+    return picture
 
-    def rank(layer: Layer) -> int:
-        word = layer[1].rpartition(".")[2]
-        return _PICTURES.index(word) + 1 if word in _PICTURES else len(_PICTURES) + 1 if word else 0
 
-    best = min(found, key=rank)
-    equal = [each for each in found if rank(each) == rank(best)]
-    if len(equal) > 1:
-        names = ", ".join(found[each][0].name.rpartition(".")[0] for each in equal)
-        warn(f"{file} has the pictures {names}: the first is used, expected one that is called {_PICTURES[0]}")
-    return found[best]
+def _picture(file: ImageFile | PathLike, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
+    """Return what `picture_channels` does, or nothing if no layer has red, green and blue."""
+    layers: dict[Layer, dict[int, Channel]] = {}
+    for each in channels:
+        if each.color is not None:
+            layers.setdefault(each.layer, {}).setdefault(each.color, each)
+    pictures = [[colors[place] for place in sorted(colors)] for colors in layers.values() if {0, 1, 2} <= colors.keys()]
+    least = min((colors[0].picture_rank for colors in pictures), default=0)
+    likeliest = [colors for colors in pictures if colors[0].picture_rank == least]
+    if len(likeliest) > 1:
+        names = ", ".join(colors[0].name.rpartition(".")[0] for colors in likeliest)
+        warn(f"{file} has the pictures {names}: the first is used, expected one that is called {_PICTURES[1]}")
+    return likeliest[0] if likeliest else []
 
 
 def color_channels(path: PathLike, file: OpenImageIO.ImageInput, warn: Warn) -> list[Channel]:
@@ -148,32 +164,26 @@ def color_channels(path: PathLike, file: OpenImageIO.ImageInput, warn: Warn) -> 
     An EXR may hold other layers, and more channels. If nothing in its first part is called a picture, that is all of
     it. Of other images, the first channels are red, green and blue.
     """
-    specs: list[Any] = []
-    while file.seek_subimage(len(specs), 0):
-        specs.append(file.spec())
-    flat = [part for part, spec in enumerate(specs) if not spec.deep]
-    if not flat:
+    specs = specs_of(file)
+    channels = [each for each in _channels_of(specs) if not specs[each.part].deep]
+    if not channels:
         raise UnreadableImageError(path, "it is a deep one")
-    channels = [each for part in flat for each in _channels_of(part, specs[part], len(specs) > 1)]
-    first, count = [each for each in channels if each.part == flat[0]], specs[flat[0]].nchannels
+    spec = specs[channels[0].part]
+    first = [each for each in channels if each.part == channels[0].part]
     if file.format_name() != "openexr":
-        return first[: 4 if count == 4 or specs[flat[0]].alpha_channel == 3 else 3]
-    view = next((each.view for each in channels if each.view), "")
-    channels = [each for each in channels if each.view in ("", view)]
-    named: list[list[Channel]] = []
-    with suppress(SceneError):
-        named.append(picture_channels(path, channels, warn))
-    vectors = {each.layer for each in channels if each.words[-1] == "x"}
-    greys = [each for each in channels if each.words[-1] == "y" and _is_picture(each) and each.layer not in vectors]
-    if greys and not (named and _is_picture(named[0][0])):
-        layer = greys[0].layer
-        return [greys[0], *(each for each in channels if each.layer == layer and each.words[-1] in ("a", "alpha"))]
-    return named[0] if named else [each for each in first if each.words[-1] not in ("a", "alpha")][:3] or first[:1]
+        return first[: 4 if spec.nchannels == 4 or spec.alpha_channel == 3 else 3]
+    channels = _of_view(channels)
+    picture, vectors = _picture(path, channels, warn), _vectors(channels)
+    greys = [each for each in channels if each.words[-1] == "y" and each.in_picture and each.layer not in vectors]
+    if greys and not (picture and picture[0].in_picture):
+        return [greys[0], *(each for each in channels if each.layer == greys[0].layer and each.color == _ALPHA)]
+    return picture or [each for each in first if each.color != _ALPHA][:3] or first[:1]
 
 
-def _is_picture(channel: Channel) -> bool:
-    """Return whether a channel's layer has a name of pictures, or none."""
-    return channel.layer[1].rpartition(".")[2] in ("", *_PICTURES)
+def _of_view(channels: Sequence[Channel], view: str = "") -> list[Channel]:
+    """Return the channels of a view, and those that belong to none; for "", those of the first view."""
+    chosen = view or next((each.view for each in channels if each.view), "")
+    return [each for each in channels if each.view in ("", chosen)]
 
 
 class ImageFile:
@@ -184,13 +194,12 @@ class ImageFile:
 
     def __init__(self, path: Path, apart: bool) -> None:
         self._path, self._apart = path, apart
-        self._specs: list[Any] = []
         if problem := why_unreadable(path):
             raise UnreadableImageError(path, problem)
         with opened(path) as file:
-            while file.seek_subimage(len(self._specs), 0):
-                self._specs.append(file.spec())
-                check_image(path, self._specs[-1])
+            self._specs: list[Any] = specs_of(file)
+            for spec in self._specs:
+                check_image(path, spec)
             is_exr = file.format_name() == "openexr"
         # Of an EXR whose end is missing, OpenImageIO tells only once pixels are read, which may be hours later.
         self._deep_sizes = deep_sizes(path) if is_exr else []
@@ -205,8 +214,7 @@ class ImageFile:
 
     @cached_property
     def _channels(self) -> list[Channel]:
-        several = len(self._specs) > 1
-        return [each for part, spec in enumerate(self._specs) for each in _channels_of(part, spec, several)]
+        return list(_channels_of(self._specs))
 
     def channels_of(self, view: str, views: Sequence[str]) -> list[Channel]:
         """Return the channels of `view`, one of the frame's `views`; for "", those of the file's first view."""
@@ -216,8 +224,7 @@ class ImageFile:
             raise SceneError(f"{self} has no views, and the frame has two: {wanted}")
         if view and own and view not in own:
             raise SceneError(f"{self} has no view '{view}': its views are {', '.join(own)}")
-        chosen = view or (own[0] if own else "")
-        return [each for each in self._channels if each.view in ("", chosen)]
+        return _of_view(self._channels, view)
 
     def is_deep(self, channel: Channel) -> bool:
         """Return whether a channel is one of a deep part."""
@@ -236,22 +243,18 @@ class ImageFile:
         memory = sum(sizes) + _SAMPLE_BYTES * samples + _ARRAY_BYTES * arrays
         check_decoded(self._path, memory / 4, "reading its deep samples")
         counts, values = read_deep(self._path, channels[0].part, [spec.channelnames[each.index] for each in channels])
-        numbers = np.arange(counts.size, dtype=np.float64).reshape(counts.shape)
-        corner = spec.x - spec.full_x, spec.y - spec.full_y
-        return counts, values, placed(numbers, corner, box, -1).astype(np.int64)
+        return counts, values, placed_indices(counts.shape, corner_of(spec), box)
 
     def pixels(self, channels: Sequence[Channel], outside: float, box: Box) -> Array:
         """Return channels of one part, (H, W, C) float32, in a box of pixels of the display window or beyond it.
 
         Outside of the data window they have the value `outside`.
         """
-        part = channels[0].part
-        spec = self._specs[part]
+        spec = self._specs[channels[0].part]
         check_decoded(self._path, pixels_of(spec) * spec.nchannels + self.size[0] * self.size[1] * len(channels))
         with opened(self._path) as file:
-            data = read_pixels(self._path, file, part)
-        corner = spec.x - spec.full_x, spec.y - spec.full_y
-        return placed(data[..., [each.index for each in channels]], corner, box, outside)
+            data = read_pixels(self._path, file, channels[0].part)
+        return placed(data[..., [each.index for each in channels]], corner_of(spec), box, outside)
 
     def color_space(self, part: int, untagged: str, warn: Warn) -> str:
         """Return the linear colour space of a part, by its chromaticities or its name; without one, `untagged`."""
@@ -284,21 +287,33 @@ def placed(pixels: Array, corner: Size, box: Box, outside: float) -> Array:
     return result
 
 
-def _channels_of(part: int, spec: OpenImageIO.ImageSpec, several: bool) -> Iterator[Channel]:
-    """Yield a part's channels, with views removed from their names; each of `several` parts is a layer."""
-    view = spec.get_string_attribute("view")
-    layer = spec.get_string_attribute("oiio:subimagename")
-    layer = layer.removesuffix(f".{view}") if view else layer
-    # OpenEXR's older form has one part for all views: Z and depth.Z are the first view's, right.Z and depth.right.Z the
-    # other's.
-    views = spec.getattribute("multiView") or ()
-    for index, name in enumerate(spec.channelnames):
-        words = name.split(".")
-        own = next((word for word in words[:-1] if word in views), "")
-        name = ".".join(word for word in words if not own or word != own)
-        if several and layer and not name.lower().startswith(f"{layer.lower()}."):
-            name = f"{layer}.{name}"
-        yield Channel(part, index, name, str(spec.channelformat(index)), view or own or (views[0] if views else ""))
+def placed_indices(shape: tuple[int, ...], corner: Size, box: Box) -> Array:
+    """Return which entry of an array, (H, W), flattened, each pixel of a box shows, as `placed`; -1 beyond it."""
+    return placed(np.arange(np.prod(shape)).reshape(shape), corner, box, -1).astype(np.int64)
+
+
+def corner_of(spec: OpenImageIO.ImageSpec) -> Size:
+    """Return where the left and top of a part's pixels are in the picture."""
+    return int(spec.x) - int(spec.full_x), int(spec.y) - int(spec.full_y)
+
+
+def _channels_of(specs: Sequence[OpenImageIO.ImageSpec]) -> Iterator[Channel]:
+    """Yield the channels of parts, with views removed from their names; each of several parts is a layer."""
+    for part, spec in enumerate(specs):
+        view = spec.get_string_attribute("view")
+        layer = spec.get_string_attribute("oiio:subimagename") if len(specs) > 1 else ""
+        layer = layer.removesuffix(f".{view}") if view else layer
+        # OpenEXR's older form has one part for all views: Z and depth.Z are the first view's, right.Z and depth.right.Z
+        # the other's.
+        views = spec.getattribute("multiView") or ()
+        for index, name in enumerate(spec.channelnames):
+            words = name.split(".")
+            own = next((word for word in words[:-1] if word in views), "")
+            name = ".".join(word for word in words if not own or word != own)
+            if layer and not name.lower().startswith(f"{layer.lower()}."):
+                name = f"{layer}.{name}"
+            kind, shown = str(spec.channelformat(index)), view or own or (views[0] if views else "")
+            yield Channel(part=part, index=index, name=name, kind=kind, view=shown)
 
 
 def image_paths(place: PathLike | Array, frame: float, views: Sequence[str]) -> Iterator[tuple[Path, str]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..render.seen.depth_layers import DepthLayers
 from ..scene import Array
-from .channels import Box, Size, placed
+from .channels import Box, Size, placed, placed_indices
 
 if TYPE_CHECKING:
     from ..render.holdouts import HoldoutDepth
@@ -60,6 +60,5 @@ class Depth:
         """Return the depths in a box, as `channels.placed`; beyond them there is no surface."""
         layers = self.layers
         if layers is not None:
-            numbers = np.arange(layers.counts.size, dtype=np.float64).reshape(layers.counts.shape)
-            layers = layers.taken(placed(numbers, corner, box, -1).astype(np.int64))
+            layers = layers.taken(placed_indices(layers.counts.shape, corner, box))
         return replace(self, values=placed(self.values, corner, box, np.inf), layers=layers)

@@ -62,23 +62,16 @@ class _Header:
 
     def fits(self, part: OpenEXR.Part) -> bool:
         """Return whether what OpenEXR has read of the part has all of its channels, with their types and rows."""
-        left = dict(self.channels)
-        for key, channel in part.channels.items():
-            pixels = channel.pixels
-            # Several channels in one array have the name of their layer; without a layer, RGB or RGBA.
-            layer = f"{key}." if f"{key}.R" in left else ""
-            letters = "RGBA"[: pixels.shape[2]] if np.ndim(pixels) == 3 else ""
-            for name in [layer + letter for letter in letters] or [key]:
-                stored = left.pop(name, None)
-                if stored is None or str(pixels.dtype) != ("object" if self.deep else stored.kind):
-                    return False
-                if pixels.shape[:2] != (-(-self.shape[0] // stored.down), -(-self.shape[1] // stored.across)):
-                    return False
-        return not left
+        found = {name: (str(each.pixels.dtype), each.pixels.shape) for name, each in part.channels.items()}
+        rows, columns = self.shape
+        return found == {
+            name: ("object" if self.deep else each.kind, (-(-rows // each.down), -(-columns // each.across)))
+            for name, each in self.channels.items()
+        }
 
 
 def exr_parts(path: PathLike, *, header_only: bool = False, deep: bool = False) -> list[OpenEXR.Part]:
-    """Return the parts of an EXR: RGB and RGBA are one array, unless parts may be `deep`.
+    """Return the parts of an EXR, with an array for each channel. Parts may be `deep` only where that is asked for.
 
     Raises
     ------
@@ -94,7 +87,7 @@ def exr_parts(path: PathLike, *, header_only: bool = False, deep: bool = False) 
         check_decoded(path, sum(each.shape[0] * each.shape[1] * len(each.channels) for each in headers))
     try:
         with redirect_stdout(told):  # it prints why a part cannot be decoded
-            parts = list(OpenEXR.File(str(path), separate_channels=deep, header_only=header_only).parts)
+            parts = list(OpenEXR.File(str(path), separate_channels=True, header_only=header_only).parts)
         repr([part.header for part in parts])  # of text that is not UTF-8, this raises an error here
     except UnicodeDecodeError:
         raise UnreadableImageError(path, "its header has a name that is not in UTF-8") from None

@@ -64,7 +64,7 @@ class Summary(PartHeader):
 def read_parts(path: PathLike) -> list[Part]:
     """Return all parts of an image file, in its order."""
     with opened(path) as file:
-        headers = list(_headers(path, file))
+        headers = _headers(path, file)
         check_decoded(path, sum(pixels_of(spec) * spec.nchannels for _, spec in headers))
         return [Part(**vars(header), pixels=read_pixels(path, file, i)) for i, (header, _) in enumerate(headers)]
 
@@ -74,7 +74,7 @@ def summaries(path: PathLike) -> list[Summary]:
     with opened(path) as file:
         return [
             Summary(**vars(header), width=spec.width, height=spec.height, **_statistics(path, file, index))
-            for index, (header, spec) in enumerate(list(_headers(path, file)))
+            for index, (header, spec) in enumerate(_headers(path, file))
         ]
 
 
@@ -85,10 +85,8 @@ def _statistics(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> dic
         return dict.fromkeys(("least", "mean", "greatest", "nans", "infinite"))
     channels = range(file.spec().nchannels)
     least, greatest, total, count, nans, infinite = np.inf, -np.inf, 0.0, 0, 0, 0
-    for _, strip in strips(file, index, 0, channels):
-        if strip is None or (message := complaint(file)):
-            raise unreadable(path, complaint(file) if strip is None else message)
-        pixels = decoded_rows(file, strip, channels).reshape(-1, len(channels))
+    for _, strip in strips(path, file, part=index, channels=channels):
+        pixels = strip.reshape(-1, len(channels))
         finite = pixels[np.isfinite(pixels)]
         if finite.size:
             least, greatest = min(least, float(finite.min())), max(greatest, float(finite.max()))
@@ -133,8 +131,8 @@ def opened(path: PathLike, config: OpenImageIO.ImageSpec | None = None) -> Itera
     """Open an image file as an OpenImageIO input, for a `with` statement; no part of it is too large to be decoded."""
     if problem := problem_of(path, _MOST_BYTES):
         raise UnreadableImageError(path, problem)
-    given = [] if config is None else [config]
-    file: Any = OpenImageIO.ImageInput.open(str(path), *given)
+    arguments = [] if config is None else [config]
+    file: Any = OpenImageIO.ImageInput.open(str(path), *arguments)
     if not file:
         raise unreadable(path, complaint(OpenImageIO))
     try:
@@ -142,6 +140,14 @@ def opened(path: PathLike, config: OpenImageIO.ImageSpec | None = None) -> Itera
         complaint(file)  # seeking past the last part is no error
     finally:
         file.close()
+
+
+def specs_of(file: OpenImageIO.ImageInput) -> list[OpenImageIO.ImageSpec]:
+    """Return OpenImageIO's descriptions of all parts of a file."""
+    specs: list[OpenImageIO.ImageSpec] = []
+    while file.seek_subimage(len(specs), 0):
+        specs.append(file.spec())
+    return specs
 
 
 def check_image(path: PathLike, spec: OpenImageIO.ImageSpec) -> None:
@@ -166,28 +172,32 @@ def pixels_of(spec: OpenImageIO.ImageSpec) -> int:
 
 
 def strips(
-    file: OpenImageIO.ImageInput, index: int, level: int, channels: range, factor: int = 1
-) -> Iterator[tuple[int, Array | None]]:
-    """Yield the first row and the pixels of strips, whose height is a multiple of `factor` and of the tiles' height."""
+    path: PathLike, file: OpenImageIO.ImageInput, *, part: int, channels: range, level: int = 0, factor: int = 1
+) -> Iterator[tuple[int, Array]]:
+    """Yield the first row and the pixels, (H, W, C) float32, of strips of a part's level, to which `file` is set.
+
+    Their height is a multiple of `factor` and of the tiles' height.
+    """
     spec, bounds = file.spec(), (channels.start, channels.stop)
     step = int(np.lcm(factor, spec.tile_height)) if spec.tile_width else factor
     step *= max(1, _STRIP // (4 * spec.width * len(channels) * step))
     for first in range(0, spec.height, step):
-        end = min(first + step, spec.height)
-        x, y = spec.x, spec.y
+        rows = spec.y + first, spec.y + min(first + step, spec.height)
         if spec.tile_width:
-            columns = (x, x + spec.width)
-            yield first, file.read_tiles(index, level, *columns, y + first, y + end, 0, 1, *bounds, "float")
+            stored = file.read_tiles(part, level, spec.x, spec.x + spec.width, *rows, 0, 1, *bounds, "float")
         else:
-            yield first, file.read_scanlines(index, level, y + first, y + end, 0, *bounds, "float")
+            stored = file.read_scanlines(part, level, *rows, 0, *bounds, "float")
+        yield first, _decoded(path, file, stored, channels)
 
 
-def decoded_rows(file: OpenImageIO.ImageInput, stored: Array, channels: range) -> Array:
-    """Return pixels of the channels that OpenImageIO has read, (H, W, C) float32.
+def _decoded(path: PathLike, file: OpenImageIO.ImageInput, stored: Array | None, channels: range) -> Array:
+    """Return pixels of the channels that OpenImageIO has read, (H, W, C) float32; SceneError if that failed.
 
     Whole numbers in an EXR count something, but OpenImageIO divides them by the largest one, as it does for colours.
     """
-    spec = file.spec()
+    message, spec = complaint(file), file.spec()
+    if stored is None or message:
+        raise unreadable(path, message)
     pixels = np.asarray(stored, dtype=np.float32).reshape(-1, spec.width, len(channels))
     if file.format_name() == "openexr":
         whole = [place for place, channel in enumerate(channels) if str(spec.channelformat(channel)) == "uint"]
@@ -195,16 +205,17 @@ def decoded_rows(file: OpenImageIO.ImageInput, stored: Array, channels: range) -
     return pixels
 
 
-def _headers(path: PathLike, file: OpenImageIO.ImageInput) -> Iterator[tuple[PartHeader, OpenImageIO.ImageSpec]]:
-    """Yield the header of each part, and OpenImageIO's description of it."""
+def _headers(path: PathLike, file: OpenImageIO.ImageInput) -> list[tuple[PartHeader, OpenImageIO.ImageSpec]]:
+    """Return the header of each part, and OpenImageIO's description of it."""
     names: list[str] = []
-    while file.seek_subimage(len(names), 0):
-        spec = file.spec()
+    result = []
+    for spec in specs_of(file):
         check_image(path, spec)
         name, view = spec.get_string_attribute("oiio:subimagename") or "rgba", spec.get_string_attribute("view")
         names.append(f"{name}.{view or len(names)}" if name in names else name)
         types = tuple(str(spec.channelformat(channel)) for channel in range(spec.nchannels))
-        yield PartHeader(names[-1], tuple(spec.channelnames), types, view), spec
+        result.append((PartHeader(names[-1], tuple(spec.channelnames), types, view), spec))
+    return result
 
 
 def read_pixels(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> Array:
@@ -215,10 +226,7 @@ def read_pixels(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> Arr
     if spec.deep:
         raise UnreadableImageError(path, "it is a deep one")
     pixels = file.read_image(index, 0, 0, spec.nchannels, "float")
-    message = complaint(file)
-    if pixels is None or message:
-        raise unreadable(path, message)
-    return decoded_rows(file, pixels, range(spec.nchannels))
+    return _decoded(path, file, pixels, range(spec.nchannels))
 
 
 class UnreadableImageError(SceneError):

@@ -45,6 +45,7 @@ class _Picture(ABC):
 
     file: PathLike | Array
     axes: ClassVar[int]  # of the pixels of one view
+    shape: ClassVar[str]  # of these pixels, in messages
 
     @classmethod
     def of(cls, given: Any) -> Self | None:
@@ -71,6 +72,16 @@ class _Picture(ABC):
         for file, view in image_files(self.file, frame, views):
             _factor(file, file.size, size)
             self._channels(file, file.channels_of(view, views), lambda _: None)
+
+    def _arrays(self, pixels: Array, views: Sequence[str], what: str) -> list[Array]:
+        """Return the pixels of each view."""
+        parts = list(pixels) if pixels.ndim == self.axes + 1 else []
+        if pixels.ndim == self.axes and len(views) == 1:
+            parts = [pixels]
+        if len(parts) != len(views) or (self.axes == 3 and pixels.shape[-1] not in (3, 4)):
+            expected = self.shape if len(views) == 1 else f"{len(views)} of {self.shape}"
+            raise SceneError(f"{what} is of shape {pixels.shape}: expected {expected}")
+        return parts
 
     @abstractmethod
     def _channels(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
@@ -117,7 +128,7 @@ class Holdout(_Picture):
     kind: str = "auto"
     scale: float = 1.0
     coverage: str | Array = "auto"
-    axes = 2
+    axes, shape = 2, "(H, W)"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -152,13 +163,13 @@ class Holdout(_Picture):
             that is neither the picture's nor a whole multiple of it.
         """
         if isinstance(self.file, np.ndarray):
-            depths = _arrays(self.file, 2, views, "the holdout", "(H, W)")
-            factor = _factor("the holdout", _size_of(depths[0]), size)
+            depths = self._arrays(self.file, views, "the holdout")
+            factor = _factor("the holdout", self.size(frame, views), size)
             depth = [self._depth(each, "float", self.kind == "distance") for each in depths]
             if not isinstance(self.coverage, str):
                 if self.coverage.shape != self.file.shape:
                     raise SceneError(f"the coverage is of shape {self.coverage.shape}: expected {self.file.shape}")
-                alphas = _arrays(self.coverage, 2, views, "the coverage", "(H, W)")
+                alphas = self._arrays(self.coverage, views, "the coverage")
                 depth = [each.covered(alpha) for each, alpha in zip(depth, alphas, strict=True)]
             return [each.placed((0, 0), _finer(box, size, factor)) for each in depth]
         return [
@@ -196,7 +207,7 @@ class Holdout(_Picture):
             return None
         if self.coverage != "auto":
             if not (found := channels_named(channels, self.coverage)):
-                names = ", ".join(each.name for each in channels[:_MOST_NAMES])
+                names = _names(channels)
                 raise SceneError(f"{file} has no channel '{self.coverage}': expected one of {names}, auto or none")
             return found[0]
         alpha = coverage_channel(channels, depth)
@@ -208,11 +219,11 @@ class Holdout(_Picture):
         self, file: ImageFile, channels: Sequence[Channel], front: Channel, alpha: Channel | None, box: Box
     ) -> Depth:
         """Return the layers of a deep part's pixels in a box, which may reach beyond the picture."""
-        own = [each for each in channels if each.part == front.part and each.words[-1] == "zback"]
+        backs = [each for each in channels if each.part == front.part and each.words[-1] == "zback"]
         if alpha is not None and alpha.part != front.part:
             raise SceneError(f"{file} has {alpha.name} in another part than {front.name}: expected one deep part")
-        counts, values, numbers = file.deep_samples([front, *own[:1], *([alpha] if alpha else [])], box)
-        begin, end = values[0], np.fmax(values[0], values[1] if own else values[0])
+        counts, values, numbers = file.deep_samples([front, *backs[:1], *([alpha] if alpha else [])], box)
+        begin, end = values[0], np.fmax(values[0], values[1] if backs else values[0])
         most = HALF_MAX if front.kind == "half" else NOTHING
         there = (begin >= 0) & (end > 0) & (end < most)
         covered = np.where(there, np.nan_to_num(values[-1]), 0.0) if alpha else there.astype(np.float64)
@@ -225,13 +236,10 @@ class Holdout(_Picture):
         found = channels_named(channels, self.channel) if self.channel is not None else depth_channels(channels)
         if not found:
             wanted = f"no channel '{self.channel}'" if self.channel is not None else "no channel that is called a depth"
-            names = ", ".join(each.name for each in channels[:_MOST_NAMES])
-            more = ", ..." if len(channels) > _MOST_NAMES else ""
             chosen = "" if self.channel is not None else ", chosen by --holdout-channel"
-            raise SceneError(f"{file} has {wanted}: expected one of {names}{more}{chosen}")
+            raise SceneError(f"{file} has {wanted}: expected one of {_names(channels)}{chosen}")
         if len(found) > 1 and self.channel is None:
-            names = ", ".join(each.name for each in found)
-            warn(f"{file} has the depths {names}: the first is used, --holdout-channel chooses another")
+            warn(f"{file} has the depths {_names(found)}: the first is used, --holdout-channel chooses another")
         if found[0].kind not in ("half", "float", "double"):
             text = f"{file} holds {found[0].name} as {found[0].kind}"
             raise SceneError(f"{text}: expected a depth of half or single precision")
@@ -270,7 +278,7 @@ class Plate(_Picture):
     """
 
     fog: bool = False
-    axes = 3
+    axes, shape = 3, "(H, W, 3) or (H, W, 4)"
 
     def _channels(self, file: ImageFile, channels: Sequence[Channel], warn: Warn) -> list[Channel]:
         found = picture_channels(file, channels, warn)
@@ -288,8 +296,8 @@ class Plate(_Picture):
         working space and that of files which name none. Given pixels are in the working space.
         """
         if isinstance(self.file, np.ndarray):
-            plates = _arrays(self.file, 3, views, "the plate", "(H, W, 3) or (H, W, 4)")
-            factor = _factor("the plate", _size_of(plates[0]), size)
+            plates = self._arrays(self.file, views, "the plate")
+            factor = _factor("the plate", self.size(frame, views), size)
             return [_shrunk(placed(each, (0, 0), _finer(box, size, factor), 0.0), factor) for each in plates]
         result = []
         for file, view in image_files(self.file, frame, views):
@@ -332,6 +340,10 @@ class Plate(_Picture):
         return np.concatenate([color + layers["beams"], pixels[..., 3:]], axis=2)
 
 
+def _names(channels: Sequence[Channel]) -> str:
+    return ", ".join([*(each.name for each in channels[:_MOST_NAMES]), *(["..."] if channels[_MOST_NAMES:] else [])])
+
+
 def _around(box: Box | None, size: Size) -> Box:
     """Return the whole picture, with a box that may reach beyond it."""
     left, top, right, bottom = box or (0, 0, *size)
@@ -344,10 +356,6 @@ def _finer(box: Box | None, size: Size, factor: int) -> Box:
     return factor * left, factor * top, factor * right, factor * bottom
 
 
-def _size_of(pixels: Array) -> Size:
-    return pixels.shape[1], pixels.shape[0]
-
-
 def _shrunk(pixels: Array, factor: int) -> Array:
     """Return colours with an alpha: means over the pixels that are merged, `factor` along each side."""
     pixels = np.asarray(pixels, dtype=np.float32)
@@ -356,15 +364,6 @@ def _shrunk(pixels: Array, factor: int) -> Array:
         pixels = pixels.reshape(height // factor, factor, width // factor, factor, -1).mean(axis=(1, 3))
     alpha = pixels[..., 3:] if pixels.shape[2] > 3 else np.ones_like(pixels[..., :1])
     return np.concatenate([pixels[..., :3], alpha], axis=2)
-
-
-def _arrays(pixels: Array, axes: int, views: Sequence[str], what: str, shape: str) -> list[Array]:
-    """Return the pixels of each view."""
-    each = [pixels] if pixels.ndim == axes and len(views) == 1 else list(pixels) if pixels.ndim == axes + 1 else []
-    if len(each) != len(views) or (axes == 3 and pixels.shape[-1] not in (3, 4)):
-        expected = shape if len(views) == 1 else f"{len(views)} of {shape}"
-        raise SceneError(f"{what} is of shape {pixels.shape}: expected {expected}")
-    return each
 
 
 def _factor(where: ImageFile | str, found: Size, size: Size) -> int:

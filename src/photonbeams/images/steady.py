@@ -16,7 +16,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -24,6 +23,7 @@ from scipy.ndimage import map_coordinates, uniform_filter
 
 from ..runtime.files import write_bytes
 from ..scene import Array, SceneError
+from .channels import COLORS
 from .color_spaces import COLOR_SPACE, REC709
 from .exr import exr_parts
 from .writing import EXACT, encoded_parts, png_of
@@ -38,8 +38,6 @@ _AROUND, _DARK = 7, 0.02
 _PLACES = (1.0, 0.7, 0.5, 0.35, 0.25)
 # Nothing is seen of beams that are farther than this, in medians of depths.
 _FARTHEST = 10.0
-# The places of colours, by the names of channels without their layers: other programs' too.
-_KINDS = {"r": 0, "red": 0, "g": 1, "green": 1, "b": 2, "blue": 2, "a": 3, "alpha": 3}
 _FAR = 1e6  # the depth of what is infinitely far, in medians of depths
 
 
@@ -264,11 +262,11 @@ class FilmFrame:
 
     def _part(self, part: OpenEXR.Part) -> OpenEXR.Part:
         """Return a part with the present pixels of its layer."""
-        layer, columns = self.views[_view(part)].layers[_layer(part)], _columns(part)
-        channels = {name: np.array(each.pixels) for name, each in part.channels.items()}
+        layer = self.views[_view(part)].layers[_layer(part)]
+        channels = {name: each.pixels for name, each in part.channels.items()}
         # A compositor may have added channels that nothing averages, such as an alpha: they stay as they are.
-        for (name, place), own in zip(columns, np.moveaxis(layer, 2, 0), strict=False):
-            channels[name][(..., *place)] = own
+        for name, pixels in zip(_names(part), np.moveaxis(layer, 2, 0), strict=False):
+            channels[name] = np.ascontiguousarray(pixels, channels[name].dtype)
         return OpenEXR.Part(part.header, channels, part.name())
 
 
@@ -311,19 +309,15 @@ def _film_view(path: Path, parts: Sequence[OpenEXR.Part]) -> FilmView:
     return FilmView(layers, world, film, place)
 
 
-def _columns(part: OpenEXR.Part) -> list[tuple[str, Any]]:
-    """Return the channels of a part, with where each is in the array of that name: red, green, blue, alpha, others."""
-    found = list[tuple[int, str, tuple[int, ...]]]()
-    for name, channel in part.channels.items():
-        if channel.pixels.ndim == 2:
-            found.append((_KINDS.get(name.lower().rpartition(".")[2], len(_KINDS)), name, ()))
-        else:  # OpenEXR has put them together
-            found += [(place, name, (place,)) for place in range(channel.pixels.shape[2])]
-    return [(name, place) for _, name, place in sorted(found)]
+def _names(part: OpenEXR.Part) -> list[str]:
+    """Return the names of a part's channels: red, green, blue, alpha, others."""
+
+    def place(name: str) -> tuple[int, str]:
+        return COLORS.get(name.lower().rpartition(".")[2], len(COLORS)), name
+
+    return sorted(part.channels, key=place)
 
 
 def _pixels(part: OpenEXR.Part) -> Array:
-    """Return the pixels of a part, (H, W, C) float32, its channels side by side as `_columns`."""
-    return np.stack(
-        [part.channels[name].pixels[(..., *place)] for name, place in _columns(part)], axis=2, dtype=np.float32
-    )
+    """Return the pixels of a part, (H, W, C) float32, its channels side by side as `_names`."""
+    return np.stack([part.channels[name].pixels for name in _names(part)], axis=2, dtype=np.float32)

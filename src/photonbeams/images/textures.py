@@ -9,9 +9,9 @@ import numpy as np
 import OpenImageIO
 
 from ..scene import Array, SceneError
-from .channels import Channel, color_channels, placed
+from .channels import Channel, color_channels, corner_of
 from .display import DECODED, srgb_decoded
-from .files import UnreadableImageError, check_image, complaint, decoded_rows, opened, reason, strips
+from .files import UnreadableImageError, check_image, complaint, opened, strips
 
 #: Textures with more pixels along a side are scaled down, unless a user sets another limit.
 TEXTURE_LIMIT = 4096
@@ -58,9 +58,9 @@ def decoded(path: str, linearize: Linearize, limit: int = TEXTURE_LIMIT) -> Deco
             complaint(file)
             file.seek_subimage(part, level)
             check_image(path, file.spec())
-            pixels = _read(file, level, channels, linearize=linearize, limit=limit)
-            error = "" if pixels is not None else reason(complaint(file))
-            return Decoded(pixels, width, height, error, warnings=tuple(warnings))
+            factor = max(1, max(file.spec().full_width, file.spec().full_height) // limit)
+            pixels = _limited(_read(path, file, level, channels, linearize=linearize, factor=factor), limit)
+            return Decoded(pixels, width, height, warnings=tuple(warnings))
     except MemoryError:
         return Decoded(None, width, height, f"its {width} x {height} pixels do not fit into memory")
     except UnreadableImageError as error:
@@ -91,45 +91,35 @@ def linear(pixels: Array, kind: str) -> Array:
 
 
 def _read(
-    file: OpenImageIO.ImageInput, level: int, channels: Sequence[Channel], *, linearize: Linearize, limit: int
-) -> Array | None:
-    """Return channels of a level over the whole picture, black where the file holds none of it; None if that fails.
+    path: str, file: OpenImageIO.ImageInput, level: int, channels: Sequence[Channel], *, linearize: Linearize,
+    factor: int,
+) -> Array:  # fmt: skip
+    """Return channels of a level over the whole picture, black where the file holds none of it.
 
-    If it is too large it is scaled down by a whole number: pixels are means over squares.
+    It is scaled down by a whole number, the `factor`: pixels are means over squares.
     """
-    spec, part = file.spec(), channels[0].part
-    (width, height), corner = (spec.full_width, spec.full_height), (spec.x - spec.full_x, spec.y - spec.full_y)
-    columns = [each.index for each in channels]
-    both, factor = range(min(columns), max(columns) + 1), max(1, max(width, height) // limit)
-    chosen = [each - both.start for each in columns]
-    if factor == 1:
-        stored = file.read_image(part, level, both.start, both.stop, "float")
-        if stored is None or not np.size(stored):
-            return None
-        pixels = linearize(decoded_rows(file, stored, both)[..., chosen], str(spec.format))
-        return _limited(placed(pixels, corner, (0, 0, width, height), 0.0), limit)
-    sums = np.zeros((-(-height // factor), -(-width // factor), len(columns)), np.float32)
-    for row, strip in strips(file, part, level, both, factor=factor):
-        if strip is None:
-            return None
-        pixels = linearize(decoded_rows(file, strip, both)[..., chosen], str(spec.format))
-        _add_squares(sums, pixels, (corner[0], corner[1] + row), factor)
-    rows, across = (np.minimum(factor, size - factor * np.arange(-(-size // factor))) for size in (height, width))
-    sums /= (rows[:, None] * across)[..., None].astype(np.float32)
-    return _limited(sums, limit)
+    spec, indices = file.spec(), [each.index for each in channels]
+    (width, height), (left, top) = (spec.full_width, spec.full_height), corner_of(spec)
+    both = range(min(indices), max(indices) + 1)
+    chosen = [index - both.start for index in indices]
+    sums = np.zeros((-(-height // factor), -(-width // factor), len(indices)), np.float32)
+    for row, strip in strips(path, file, part=channels[0].part, level=level, channels=both, factor=factor):
+        _add_squares(sums, linearize(strip[..., chosen], str(spec.format)), (left, top + row), factor)
+    if factor > 1:
+        rows, across = (np.minimum(factor, size - factor * np.arange(-(-size // factor))) for size in (height, width))
+        sums /= (rows[:, None] * across)[..., None].astype(np.float32)
+    return sums
 
 
 def _add_squares(sums: Array, pixels: Array, corner: tuple[int, int], factor: int) -> None:
     """Add pixels, whose first one has a place (x, y) in the picture, to the sums over squares in which they are."""
-    firsts, places = [], []
-    for place, size in zip(corner, pixels.shape[1::-1], strict=True):
-        firsts.append(place // factor)
-        places.append(np.concatenate([[0], np.arange(factor - place % factor, size, factor)]))
-    added = np.add.reduceat(np.add.reduceat(pixels, places[1], axis=0), places[0], axis=1)
-    (left, top), (height, width) = firsts, sums.shape[:2]
+    for axis, place in ((0, corner[1]), (1, corner[0])) if factor > 1 else ():
+        squares = np.append(0, np.arange(factor - place % factor, pixels.shape[axis], factor))
+        pixels = np.add.reduceat(pixels, squares, axis=axis)
+    (left, top), (height, width) = (place // factor for place in corner), sums.shape[:2]
     x0, y0 = max(left, 0), max(top, 0)
-    x1, y1 = max(min(left + added.shape[1], width), x0), max(min(top + added.shape[0], height), y0)
-    sums[y0:y1, x0:x1] += added[y0 - top : y1 - top, x0 - left : x1 - left]
+    x1, y1 = max(min(left + pixels.shape[1], width), x0), max(min(top + pixels.shape[0], height), y0)
+    sums[y0:y1, x0:x1] += pixels[y0 - top : y1 - top, x0 - left : x1 - left]
 
 
 def _limited(pixels: Array, limit: int) -> Array:

@@ -53,10 +53,10 @@ def join_tiles(paths: Sequence[Path], output: PathLike, *, partial: bool = False
         parts = exr_parts(path)  # one at a time, since all of them may not fit into memory
         if not joined:
             like = [part.channels.items() for part in parts]
-            joined = [{name: _black(each.pixels, covered.shape) for name, each in channels} for channels in like]
+            joined = [{name: np.zeros(covered.shape, each.pixels.dtype) for name, each in kinds} for kinds in like]
         for part, into in zip(parts, joined, strict=True):
             for name, channel in part.channels.items():
-                if channel.pixels.dtype != into[name].dtype or channel.pixels.shape[:2] != covered[place].shape:
+                if channel.pixels.dtype != into[name].dtype or channel.pixels.shape != covered[place].shape:
                     text = f"its layer {part.name()} is stored in another way than in {paths[0]}, or at another size"
                     raise SceneError(f"{path}: {text}: expected tiles of one picture")
                 into[name][place] = channel.pixels
@@ -106,7 +106,3 @@ def _kind(parts: Sequence[OpenEXR.Part]) -> Any:
         )
         for part in parts
     ]  # fmt: skip
-
-
-def _black(like: Array, shape: tuple[int, int]) -> Array:
-    return np.zeros((*shape, *like.shape[2:]), dtype=like.dtype)
