@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photonbeams.looks.expression import FUNCTIONS, NAMES
+from photonbeams.looks.vocabulary import FUNCTIONS, NAMES
 from photonbeams.usd import stage as stages
 from photonbeams.usd.looks.look import LookSpec
 

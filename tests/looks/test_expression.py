@@ -12,7 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photonbeams.looks import expression, guarded
-from photonbeams.looks.expression import FUNCTIONS, NAMES, ExpressionError, ParsedExpression, parse
+from photonbeams.looks.expression import ParsedExpression, parse
+from photonbeams.looks.syntax import ExpressionError
+from photonbeams.looks.vocabulary import CONSTANTS, FUNCTIONS, NAMES
 from photonbeams.numerics.arrays import to_float
 from photonbeams.runtime.device import Array3f, Float, UInt32
 from tests.helpers.kernels import compiled
@@ -359,7 +361,7 @@ def test_the_tables_tell_all_that_there_is():
     assert FUNCTIONS["fbm"].signature == "fbm(p, octaves=6, lacunarity=2, gain=0.5, [time])"
     assert FUNCTIONS["fbm"].arity == (1, 5) and FUNCTIONS["clamp"].arity == (3, 3)
     # No function has the name of an input or a constant: one word has one meaning.
-    assert not set(FUNCTIONS) & (set(NAMES) | set(expression.CONSTANTS))
+    assert not set(FUNCTIONS) & (set(NAMES) | set(CONSTANTS))
 
 
 # -- Invalid expressions -----------------------------------------------------------------------------------------------

@@ -13,15 +13,14 @@ from typing import Any, ClassVar
 
 import drjit as dr
 import numpy as np
-import numpy.typing as npt
 
-from ..numerics.arrays import joined, taken, to_uint
+from ..numerics.arrays import joined, opaque, taken, to_uint
 from ..numerics.given import Numbers
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Float, UInt32
 from ..runtime.files import PathLike, atomic_file
 from ..runtime.inputs import arrays
-from ..scene import SceneError, arguments, shown
+from ..scene import Array, SceneError, arguments, shown
 from ..scene.declared import unknown
 from .fields import NAMING, OPTIONAL, REQUIRED, UNIT, VECTORS, Index, beam_array, check_radii, count_of, positions
 
@@ -275,7 +274,7 @@ class Beams:
             "side_normal": dr.zeros(Array3f, count),
         }[name]  # fmt: skip
 
-    def arrays(self) -> dict[str, npt.NDArray[np.float32]]:
+    def arrays(self) -> dict[str, Array]:
         """Return all arrays that are set as NumPy arrays, (N, 3) or (N,), keyed by the constructor's names."""
         present = {name: getattr(self, name) for name in (*REQUIRED, *OPTIONAL)}
         return {
@@ -354,7 +353,7 @@ class Beams:
 
 def between(first: Beams, last: Beams, time: float) -> Beams:
     """Return beams at a `time` between two states of them, 0 and 1; all but what names them is interpolated."""
-    part, result = dr.opaque(Float, time), copy(first)
+    part, result = opaque(time), copy(first)
     for name in (*REQUIRED, *OPTIONAL):
         one, other = getattr(first, name), getattr(last, name)
         if name in NAMING or one is None or other is None:

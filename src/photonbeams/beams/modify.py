@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from .. import scene
 from ..numerics.arrays import indices, near_one, opaque
+from ..numerics.given import finite
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Float, UInt32
 from ..scene import SceneError
@@ -56,14 +57,14 @@ def aim(target: npt.ArrayLike, amount: float = 1.0) -> Modifier:
     >>> aimed.arrays()["end"].tolist()
     [[4.0, 0.0, 0.0]]
     """
-    place = _numbers(target, 3, "aim: target")
+    place = finite(target, "aim: target", "3 finite numbers", (3,))
     amount = scene.number(amount, "aim: amount", 0, 1)
 
     def aimed(beams: Beams, _: PassContext) -> Beams:
         paths = BeamPaths(beams, "aim")
         to = near_one(opaque(place) - paths.origin)
         to = to * dr.rsqrt(dr.maximum(dr.squared_norm(to), 1e-30))
-        mixed = dr.lerp(paths.direction, to, dr.opaque(Float, amount))
+        mixed = dr.lerp(paths.direction, to, opaque(amount))
         direction = dr.select(dr.squared_norm(mixed) > 1e-12, dr.normalize(mixed), paths.direction)
         result = copy(beams)
         result.start = paths.origin + paths.offset * direction
@@ -202,9 +203,9 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
     def thinned(beams: Beams, context: PassContext) -> Beams:
         seeds = (context.seed, context.pass_index, zlib.crc32(context.name.encode()))
         bits = hash32(beams.numbers(), *(dr.opaque(UInt32, each & 0xFFFFFFFF) for each in seeds))
-        index = indices(unit_float(bits) < dr.opaque(Float, fraction))
+        index = indices(unit_float(bits) < opaque(fraction))
         result = beams.take(index)
-        return _scaled(result, dr.opaque(Float, 1 / fraction)) if keep_light else result
+        return _scaled(result, opaque(1 / fraction)) if keep_light else result
 
     return _of_some(thinned)
 
@@ -230,7 +231,7 @@ def recolor(color: npt.ArrayLike | Callable[[Beams], Array3f]) -> Modifier:
     >>> warm.arrays()["power"].round(3).tolist()
     [[6.0, 3.0, 1.5]]
     """
-    fixed: Any = None if callable(color) else _numbers(color, 3, "recolor: color")
+    fixed: Any = None if callable(color) else finite(color, "recolor: color", "3 finite numbers", (3,))
 
     def recolored(beams: Beams, _: PassContext) -> Beams:
         tint = Array3f(color(beams)) if callable(color) else opaque(fixed)
@@ -285,10 +286,10 @@ def clamp(power: float | None = None, radiance: float | None = None) -> Modifier
     def clamped(beams: Beams, _: PassContext) -> Beams:
         last = beams.power if beams.power_end is None else beams.power_end
         peak = dr.maximum(dr.max(beams.power), dr.max(last))
-        limit = dr.full(Float, dr.inf, len(beams)) if most is None else Float(dr.opaque(Float, most))
+        limit = dr.full(Float, dr.inf, len(beams)) if most is None else opaque(most)
         if brightest is not None:
             middle = 0.5 * (beams.radius_start + beams.radius_end)
-            limit = dr.minimum(limit, dr.opaque(Float, brightest / _PEAK) * middle)
+            limit = dr.minimum(limit, opaque(brightest / _PEAK) * middle)
         return _scaled(beams, dr.minimum(1, limit * dr.rcp(dr.maximum(peak, 1e-30))))
 
     return _of_some(clamped)
@@ -300,11 +301,3 @@ def _scaled(beams: Beams, factor: Float) -> Beams:
     if beams.power_end is not None:
         result.power_end = beams.power_end * factor
     return result
-
-
-def _numbers(values: npt.ArrayLike, count: int, name: str) -> list[float]:
-    expected = f"{count} finite numbers"
-    found = scene.numbers(values, name, expected)
-    if found.shape != (count,) or not np.all(np.isfinite(found)):
-        raise SceneError(f"{name} is {scene.shown(values)}: expected {expected}")
-    return [float(each) for each in found]

@@ -113,7 +113,9 @@ def sensor_of(camera: scene.Camera, window: Window, reach: float) -> dict[str, A
     shift_x, shift_y = camera.horizontal_offset, camera.vertical_offset
     result: dict[str, Any] = {"near_clip": near, "far_clip": far}
     if camera.orthographic:
-        to_world = to_world @ _moved([-shift_x, shift_y, 0.0]) @ np.diag([width / 2, width / 2, 1.0, 1.0])
+        film_to_camera = np.diag([width / 2, width / 2, 1.0, 1.0])
+        film_to_camera[:2, 3] = -shift_x, shift_y
+        to_world = to_world @ film_to_camera
         result |= {"type": "orthographic"}
     else:
         field = float(np.degrees(2 * np.arctan(width / (2 * camera.focal_length))))
@@ -134,12 +136,6 @@ def sensor_of(camera: scene.Camera, window: Window, reach: float) -> dict[str, A
         raise scene.SceneError(f"{camera.name} is {camera.projection}, and Mitsuba has no such sensor: {kinds}")
     sampler = {"type": "independent", "sample_count": 16}
     return {**result, "to_world": matrix(to_world), "film": film, "sampler": sampler}
-
-
-def _moved(by: Sequence[float]) -> np.ndarray:
-    result = np.eye(4)
-    result[:3, 3] = by
-    return result
 
 
 def matrix(values: np.ndarray) -> ScalarTransform:

@@ -16,11 +16,11 @@ from functools import cached_property
 
 import drjit as dr
 import numpy as np
-import numpy.typing as npt
 
+from ..numerics.arrays import opaque
 from ..quadrature import Rule, gauss_legendre
 from ..runtime.device import Float
-from ..scene import SceneError, shown
+from ..scene import Array, SceneError, arguments
 from .described import Described, described
 from .factors import Factor, FactorLike, Value, factor
 from .table import Table
@@ -91,7 +91,7 @@ class Across(Described):
 
     __array_ufunc__ = None  # NumPy's arrays leave the product to the profile
 
-    def shape(self, rho: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def shape(self, rho: Array) -> Array:
         """Return the profile before it is normalised, at `rho` from 0 to 1 (a float64 NumPy array)."""
         raise SceneError(f"{type(self).__name__} has no method shape(self, rho): expected one that returns the profile")
 
@@ -119,7 +119,7 @@ class Across(Described):
     @cached_property
     def edge(self) -> Float | float:
         """The support in a kernel: an input of it, but for a profile that is lit everywhere."""
-        return 1.0 if self.support == 1 else dr.opaque(Float, self.support)
+        return 1.0 if self.support == 1 else opaque(self.support)
 
     @cached_property
     def rings(self) -> tuple[float, ...]:
@@ -141,13 +141,13 @@ class Across(Described):
             rings.append(low)
         return (*([0.0] if axis else []), *rings)
 
-    def _tolerated(self) -> npt.NDArray[np.float64]:
+    def _tolerated(self) -> Array:
         """Return the error that a piece of each of the chords may have."""
         ends = self._half(self.support)
         light = 2 * self._summed(_EIGHT, np.zeros_like(ends), ends)
         return np.clip(_ERROR * light, _ERROR * _DIM * light.max(), _ERROR_OF_BRIGHTEST * light.max())
 
-    def _error(self, low: float, high: float, axis: bool) -> npt.NDArray[np.float64]:
+    def _error(self, low: float, high: float, axis: bool) -> Array:
         """Return by how much six points err between two rings, for each of the chords."""
         inner, outer = self._half(low), self._half(high)
         whole = (inner == 0) & (not axis)  # from one side of the ring to the other
@@ -156,17 +156,15 @@ class Across(Described):
         points = self._summed(_SIX, begin, outer, panels=1)
         return np.abs(points - exact) * np.where(whole, 1, 2)
 
-    def _half(self, ring: float) -> npt.NDArray[np.float64]:
+    def _half(self, ring: float) -> Array:
         """Return half the length of the chords within a ring."""
         return np.sqrt(np.maximum(ring**2 - (_CHORDS * self.support) ** 2, 0))
 
-    def _summed(
-        self, rule: Rule, begin: npt.NDArray[np.float64], end: npt.NDArray[np.float64], panels: int = _PANELS
-    ) -> npt.NDArray[np.float64]:
+    def _summed(self, rule: Rule, begin: Array, end: Array, panels: int = _PANELS) -> Array:
         """Return the profile's integral over pieces of the chords, from `begin` to `end` after their middles."""
         square, breaks = (_CHORDS * self.support) ** 2, np.linspace(begin, end, panels + 1)[1:-1]
 
-        def shape(tau: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        def shape(tau: Array) -> Array:
             return self.shape(np.sqrt(np.minimum(square + tau * tau, 1)))
 
         return np.asarray(rule.integrate(shape, begin, end, breaks))
@@ -179,7 +177,7 @@ class Across(Described):
     def _line(self) -> Table:
         x = (RADII * self.support) ** 2
 
-        def integrand(v: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        def integrand(v: Array) -> Array:
             return self.shape(np.sqrt(x + (1 - x) * v * v))
 
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -189,7 +187,7 @@ class Across(Described):
         line = RULE.integrate(integrand, np.zeros_like(x), np.ones_like(x), pieces)
         return Table(self._within(2 * self.scale * line))
 
-    def _within(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _within(self, values: Array) -> Array:
         """Return values up to the support, dark from there on."""
         return values if self.support == 1 else np.append(values[:-1], 0.0)
 
@@ -244,11 +242,8 @@ class Modulated(Described):
     is_profile = True
     __array_ufunc__ = None
 
+    @arguments
     def __init__(self, profile: Across, factor: Factor) -> None:
-        if not isinstance(profile, Across) or not isinstance(factor, Factor):
-            raise SceneError(
-                f"a modulated profile is {shown(profile)} times {shown(factor)}: expected a profile and a factor"
-            )
         self.profile, self.factor = profile, factor
 
     def __mul__(self, other: FactorLike) -> Modulated:

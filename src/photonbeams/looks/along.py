@@ -10,12 +10,11 @@ from typing import Any, Literal, get_args
 
 import drjit as dr
 import numpy as np
-import numpy.typing as npt
 
 from ..numerics.given import LARGEST, SMALLEST, Given, derived, given, given_color, given_number, table
 from ..numerics.types import Floats
 from ..runtime.device import Float
-from ..scene import SceneError, choice, has_gradients, shown
+from ..scene import Array, SceneError, choice, has_gradients, shown
 from .context import ShadingContext
 from .described import constructor
 from .factors import Corner, Decay, Factor, Number, Numbers, Value
@@ -358,5 +357,5 @@ def _ends(begin: Floats, end: Floats, first: Any = None, last: Any = None) -> tu
     return begin + first * width, begin + last * width
 
 
-def _finite(numbers: npt.NDArray[np.float64]) -> bool:
+def _finite(numbers: Array) -> bool:
     return bool(np.all(np.abs(numbers) <= LARGEST))

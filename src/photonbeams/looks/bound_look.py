@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-from ..numerics.arrays import to_float, to_numpy, to_vectors
+from ..numerics.arrays import opaque, to_float, to_numpy, to_vectors
 from ..runtime.device import Array3f, Float
 from ..scene import SceneError, arguments, instance, number, shown
 from .context import OF_BEAMS, OF_PLACES, OF_RADII, Fog, LightContext, ShadingContext, inputs_of
-from .factors import Constant, Corner, Factor, Value
+from .factors import Constant, Corner, Factor, Product, Value
 from .functions import check_value
 from .table import Places
 
@@ -120,25 +121,27 @@ class BoundLook:
         self.places = {name: Places(at for each, at in self.corners if each == name) for name in inputs}
         if self.rings:
             self.places["radius"] = Places(self.rings)
-        self._wild = any(each.wild for each in self._factors().values())
+        self._factors: dict[str, Factor] = {
+            "along": look.along, "across": self._modulation, "eye": look.eye, "angle": look.angle,
+        }  # fmt: skip
+        whole = Product([*self._factors.values()])
+        self._wild = whole.wild
         probe = self._probe(1, box)
         with dr.resume_grad():
-            values = [each.evaluate(probe) for each in self._factors().values()]
+            values = [each.evaluate(probe) for each in whole.factors]
             self.attached = self.profile.attached or any(map(dr.grad_enabled, values))
-        for each, value in zip(self._factors().values(), values, strict=True):
+        for each, value in zip(whole.factors, values, strict=True):
             check_value(value, f"the look's factor {shown(each)}")
-        asked = {slot: inputs_of(each.evaluate, probe) for slot, each in self._factors().items()}
+        asked = {slot: inputs_of(each.evaluate, probe) for slot, each in self._factors.items()}
         self._turning = not asked["angle"] <= _OF_RAYS  # whether the angle's factor changes along a ray
         self.uses = frozenset().union(*asked.values())
         self.by_radius, self.of_beams = bool(self.uses & OF_RADII), bool(self.uses & OF_BEAMS)
         self.of_places = bool(self.uses & OF_PLACES)
-        rough = any(each.rough for each in self._factors().values())
-        known = any(each.of_rays for each in self._factors().values())
-        self.of_noise = dr.opaque(Float, 1.0 if self._wild or rough else _OF_NOISE)
-        self.smooth = not (self._wild or self.of_places or self.by_radius or rough or known)
-        winding = self.of_places or self.by_radius or rough
-        self.cuts = dr.opaque(Float, _CUTS_OF_PLACES if winding else _CUTS)
-        self.change = dr.opaque(Float, _CHANGE_OF_PLACES if winding else _CHANGE)
+        self.of_noise = opaque(1.0 if whole.wild or whole.rough else _OF_NOISE)
+        winding = self.of_places or self.by_radius or whole.rough
+        self.smooth = not (winding or whole.wild or whole.of_rays)
+        self.cuts = opaque(_CUTS_OF_PLACES if winding else _CUTS)
+        self.change = opaque(_CHANGE_OF_PLACES if winding else _CHANGE)
         self._measure(number(reach, "the length of a look's beams"), box)
 
     @property
@@ -146,10 +149,6 @@ class BoundLook:
         """Values of ρ below 1 at which a chord is cut because of the profile, or because a factor has a corner."""
         own = [place for name, place in self.corners if name == "radius" and 0 < place < self.profile.support]
         return (*self.profile.rings, *own)
-
-    def _factors(self) -> dict[str, Factor]:
-        look = self._look
-        return {"along": look.along, "across": self._modulation, "eye": look.eye, "angle": look.angle}
 
     def at(self, **where: Any) -> ShadingContext:
         """Return a shading context in this medium and light context; `where` are the other attributes."""
@@ -172,7 +171,7 @@ class BoundLook:
         light = self._light(at, reach_depth)
         return _tamed(light) if self._wild else light
 
-    def _light(self, at: ShadingContext, reach_depth: Float) -> Value:
+    def _light(self, at: ShadingContext, reach_depth: Number) -> Value:
         light, exponent = self._split(at, reach_depth)
         light = light * dr.exp(exponent)
         if self._context.zero is None:
@@ -180,7 +179,7 @@ class BoundLook:
         kind: Any = dr.float32_array_t(type(light))  # what is made of positions far from zero is double
         return kind(light)
 
-    def _split(self, at: ShadingContext, reach_depth: Float) -> tuple[Any, Any]:
+    def _split(self, at: ShadingContext, reach_depth: Number) -> tuple[Any, Any]:
         """Return (light, exponent), so that the product of the factors is light · exp(exponent)."""
         look = self._look
         light, fading = look.along.split(at)
@@ -216,7 +215,7 @@ class BoundLook:
         **where
             Attributes of the context to replace.
         """
-        return self._factors()[slot].evaluate(replace(at, **where))
+        return self._factors[slot].evaluate(replace(at, **where))
 
     def along(self, distance: Number, depth: Number, fraction: Number) -> Value:
         """Return the factor along the beam.
@@ -259,7 +258,7 @@ class BoundLook:
         numbers = each(rng.permutation(spread)), each(np.arange(_LINES)), each(np.zeros(_LINES))
         return self.at(
             fraction=each(spread), cosine=each(2 * rng.permutation(spread) - 1), rho2=each(rng.permutation(spread)),
-            place=lambda: place, beam=_Sample(Array3f(*numbers)),
+            place=lambda: place, beam=SimpleNamespace(identity=Array3f(*numbers)),
             **{name: each(np.zeros(_LINES)) for name in ("distance", "depth", "from_light", "to_camera")},
         )  # fmt: skip
 
@@ -268,22 +267,18 @@ class BoundLook:
         probe = self._probe(_SAMPLES, box)
         steps = np.tile(np.linspace(0, 1, _SAMPLES), _LINES)
         distances, unit = to_float(steps * reach), to_float(steps)
-        lines = {
-            "along": replace(probe, distance=distances, depth=distances, from_light=distances),
-            "fraction": replace(probe, fraction=unit),
-            "eye": replace(probe, to_camera=distances),
-            "radius": replace(probe, rho2=dr.square(unit)),
-        }
-        self.rate_along = dr.opaque(Float, self._rate(lines["along"], Float(0)) / reach)
-        self.rate_fraction = dr.opaque(Float, self._rate(lines["fraction"], Float(0)))
-        self.rate_eye = dr.opaque(Float, self._rate(lines["eye"], distances) / reach)
-        self.decay_along = dr.opaque(Float, self._decay(lines["along"], Float(0)) / reach)
-        self.decay_eye = dr.opaque(Float, self._decay(lines["eye"], distances) / reach)
-        self.rate_radius = dr.opaque(Float, self._rate(lines["radius"], Float(0)) if self.by_radius else 0.0)
-        self.rate_place = dr.opaque(Float, 0.0)
+        along = replace(probe, distance=distances, depth=distances, from_light=distances)
+        eye = replace(probe, to_camera=distances)
+        self.rate_along = opaque(self._rate(along) / reach)
+        self.rate_fraction = opaque(self._rate(replace(probe, fraction=unit)))
+        self.rate_eye = opaque(self._rate(eye, distances) / reach)
+        self.decay_along = opaque(self._decay(along) / reach)
+        self.decay_eye = opaque(self._decay(eye, distances) / reach)
+        self.rate_radius = opaque(self._rate(replace(probe, rho2=dr.square(unit))) if self.by_radius else 0.0)
+        self.rate_place = opaque(0.0)
         turned = replace(probe, cosine=2 * unit - 1)
-        if not bool(dr.all(dr.isfinite(dr.sum(self._look.angle.evaluate(turned) * Array3f(1))))):
-            self._complain(turned, Float(0))
+        if not _is_finite(self._look.angle, turned):
+            self._complain(turned)
         if self.of_places:
             low, high = np.asarray(box, dtype=np.float64)
             size = max(float(np.linalg.norm(high - low)), 1e-6)
@@ -294,9 +289,9 @@ class BoundLook:
             offset = to_vectors(axes * (steps[:, None] - 0.5) * size)
             start = probe.point
             moved = replace(probe, place=lambda: start + offset)
-            self.rate_place = dr.opaque(Float, self._rate(moved, Float(0)) / size)
+            self.rate_place = opaque(self._rate(moved) / size)
 
-    def _rate(self, at: ShadingContext, reach_depth: Float) -> float:
+    def _rate(self, at: ShadingContext, reach_depth: Number = 0.0) -> float:
         """Return the look's rate of change over the unit interval: its slope or the square root of its curvature.
 
         Both are relative to the largest value, and equal for an exponential. A faint wave has little slope, but the
@@ -317,29 +312,26 @@ class BoundLook:
         bends = np.quantile(np.abs(np.diff(lines, 2, axis=-1)), _BENT, axis=-1).max() * (_SAMPLES - 1) ** 2 / peak
         return float(max(slope, np.sqrt(bends) if bends > _ROUNDING else 0.0))
 
-    def _decay(self, at: ShadingContext, reach_depth: Float) -> float:
+    def _decay(self, at: ShadingContext, reach_depth: Number = 0.0) -> float:
         """Return how fast the look's exponent changes over the unit interval."""
         width = _LINES * _SAMPLES
         exponent = dr.zeros(Float, width) + self._split(at, reach_depth)[1] * Array3f(1)
         lines = to_numpy(exponent).reshape(3, _LINES, _SAMPLES)
         return float(np.abs(np.diff(lines, axis=-1)).max() * (_SAMPLES - 1))
 
-    def _complain(self, at: ShadingContext, reach_depth: Float) -> None:
+    def _complain(self, at: ShadingContext, reach_depth: Number = 0.0) -> None:
         """Raise SceneError with the name of the factor that is not finite, or say that their product is too large."""
-        for slot, each in self._factors().items():
+        for slot, each in self._factors.items():
             here = at.own(at.to_camera, reach_depth) if slot == "eye" else at
-            if not bool(dr.all(dr.isfinite(dr.sum(each.evaluate(here) * Array3f(1))))):
+            if not _is_finite(each, here):
                 raise SceneError(f"the look's factor {slot} is not finite everywhere: expected a number or a colour")
         raise SceneError(f"the look's factors reach more than {_MOST:g} together: expected smaller numbers")
+
+
+def _is_finite(factor: Factor, at: ShadingContext) -> bool:
+    return bool(dr.all(dr.isfinite(dr.sum(factor.evaluate(at) * Array3f(1)))))
 
 
 def _tamed(value: Value) -> Value:
     """Return a value, 0 where it is negative or not finite."""
     return dr.select(dr.isfinite(value), dr.maximum(value, 0), 0)
-
-
-class _Sample:
-    """Stands in for a beam while the rates are measured."""
-
-    def __init__(self, identity: Array3f) -> None:
-        self.identity = identity

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..numerics.arrays import opaque
-from ..numerics.given import Number, Numbers, derived, given_color, given_number
+from ..numerics.given import Number, Numbers, derived, finite, given_color, given_number
 from ..runtime.device import Array3f, Float
-from ..scene import Array, Medium, SceneError, arguments, color, number, numbers, shown
+from ..scene import Medium, SceneError, arguments, number, shown
 from ..scene.places import ZERO
 from .described import Described, constructor
 from .vocabulary import NAMES
@@ -72,11 +72,9 @@ class Fog(Described):
 
     @constructor
     def __init__(self, medium: Medium) -> None:
-        if not isinstance(medium, Medium):
-            raise SceneError(f"a fog's medium is {shown(medium)}: expected a Medium")
         self.extinction = opaque(medium.extinction)
         self.scattering = opaque(medium.scattering)
-        self.anisotropy = dr.opaque(Float, medium.anisotropy)
+        self.anisotropy = opaque(medium.anisotropy)
 
     @classmethod
     @arguments
@@ -106,7 +104,7 @@ class Fog(Described):
         scattered = given_color(scattering, "a fog's scattering", expected, 0.0)
         absorbed = given_color(absorption, "a fog's absorption", expected, 0.0)
         mean = given_number(anisotropy, "a fog's anisotropy", "a number from -0.99 to 0.99", -0.99, 0.99)
-        fog = cls(Medium(color(scattered.plain, "scattering"), color(absorbed.plain, "absorption"), float(mean.plain)))
+        fog = cls(Medium(scattered.plain, absorbed.plain, float(mean.plain)))
         fog.scattering = derived(lambda each: each, scattered, color=True)
         fog.extinction = derived(lambda each, more: each + more, scattered, absorbed, color=True)
         fog.anisotropy = mean.value
@@ -163,10 +161,10 @@ class LightContext(Described):
         zero: npt.ArrayLike = ZERO,
     ) -> None:  # fmt: skip
         self.frame, self.time, self.light = (
-            dr.opaque(Float, number(value, f"a context's {name}", -_MOST, _MOST))
+            opaque(number(value, f"a context's {name}", -_MOST, _MOST))
             for value, name in ((frame, "frame"), (time, "time"), (light, "light"))
         )
-        begin = _point(zero)
+        begin = finite(zero, "a context's zero", "three finite numbers", (3,))
         # Far from zero, places as looks see them need double precision; what looks give has single precision again.
         self.zero: Any = None  # nothing is added near zero: kernels, and so the rounding in them, stay as they are
         if np.any(begin):
@@ -176,7 +174,11 @@ class LightContext(Described):
         matrix = np.eye(4)
         matrix[:3, 3] = 0.0 - begin
         if to_world is not None:
-            matrix = _inverse(to_world)
+            expected = "a matrix (4, 4) of finite numbers, with an inverse"
+            turned = finite(to_world, "a context's to_world", expected, (4, 4))
+            if np.linalg.det(turned) == 0:
+                raise SceneError(f"a context's to_world is {shown(to_world)}: expected {expected}")
+            matrix = np.linalg.inv(turned)
         self.rows = [opaque(row) for row in matrix[:3, :3]]
         self.shift = opaque(matrix[:3, 3])
 
@@ -184,22 +186,6 @@ class LightContext(Described):
         """Return a `point` of world space in the light's space."""
         turned = [dr.dot(row, point) for row in self.rows]
         return type(point)(*turned) + self.shift
-
-
-def _point(zero: npt.ArrayLike) -> Array:
-    expected = "three finite numbers"
-    found = numbers(zero, "a context's zero", expected).astype(np.float64)
-    if found.shape == (3,) and np.all(np.isfinite(found)):
-        return found
-    raise SceneError(f"a context's zero is {shown(zero)}: expected {expected}")
-
-
-def _inverse(to_world: npt.ArrayLike) -> Array:
-    expected = "a matrix (4, 4) of finite numbers, with an inverse"
-    matrix = numbers(to_world, "a context's to_world", expected).astype(np.float64)
-    if matrix.shape == (4, 4) and np.all(np.isfinite(matrix)) and np.linalg.det(matrix) != 0:
-        return np.linalg.inv(matrix)
-    raise SceneError(f"a context's to_world is {shown(to_world)}: expected {expected}")
 
 
 @dataclass(frozen=True)
@@ -286,43 +272,51 @@ class ShadingContext:
     @property
     def position(self) -> Array3f:
         """Position in world space; far from zero it has double precision."""
-        zero = None if self.context is None else self.context.zero
+        zero = self._shared.zero
         return self.point if zero is None else self.point - zero
 
     @property
     def local(self) -> Array3f:
         """Position in the light's space, in which the light looks along −Z."""
-        return self.point if self.context is None else self.context.to_local(self.point)
+        return self._shared.to_local(self.point)
 
     @property
     def time(self) -> Float:
         """Time in seconds."""
-        return Float(0) if self.context is None else self.context.time
+        return self._shared.time
 
     @property
     def frame(self) -> Float:
         """Frame number."""
-        return Float(0) if self.context is None else self.context.frame
+        return self._shared.frame
 
     @property
     def light(self) -> Float:
         """Number of the light."""
-        return Float(0) if self.context is None else self.context.light
+        return self._shared.light
 
     @property
     def random(self) -> Float:
         """The beam's random number from 0 to 1, the same in every frame."""
-        return Float(0) if self.beam is None else self.beam.identity.x
+        return self._identity.x
 
     @property
     def id(self) -> Float:
         """The beam's number."""
-        return Float(0) if self.beam is None else self.beam.identity.y
+        return self._identity.y
 
     @property
     def generation(self) -> Float:
         """Number of times that the light was scattered before; 0 is straight from the light."""
-        return Float(0) if self.beam is None else self.beam.identity.z
+        return self._identity.z
+
+    @property
+    def _shared(self) -> LightContext:
+        return self.context or LightContext()
+
+    @property
+    def _identity(self) -> Array3f:
+        return Array3f(0) if self.beam is None else self.beam.identity
 
 
 class _Watched:

@@ -26,22 +26,11 @@ import drjit as dr
 from ..runtime.device import Float
 from . import guarded
 from .guarded import Operand, vector_type
-from .parser import MOST_PARTS, Node, Operands, Parser
-from .syntax import DEEPEST, LONGEST, ExpressionError, tree
-from .vocabulary import CONSTANTS, FUNCTIONS, NAMES, describe
+from .parser import Node, Operands, Parser
+from .syntax import tree
+from .vocabulary import NAMES, describe
 
-__all__ = [
-    "CONSTANTS",
-    "DEEPEST",
-    "FUNCTIONS",
-    "LONGEST",
-    "MOST_PARTS",
-    "NAMES",
-    "ExpressionError",
-    "ParsedExpression",
-    "describe",
-    "parse",
-]  # fmt: skip
+__all__ = ["ParsedExpression", "describe", "parse"]
 
 
 class ParsedExpression:

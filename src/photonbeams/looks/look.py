@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from types import NoneType
 from typing import Literal
 
 from ..runtime.digest import ByContent
-from ..scene import Medium, SceneError, arguments, choice, shown
+from ..scene import Medium, arguments, choice, instance
 from .across import Across, Modulated
 from .along import Attenuation
 from .angle import Scattering
 from .bound_look import BoundLook, Box
 from .context import Fog, LightContext
 from .factors import Factor, FactorLike, factor
-from .profiles import AcrossLike, Epanechnikov, across
+from .profiles import AcrossLike, Epanechnikov
+from .profiles import across as profile_of
 
 #: What a look may do to the surfaces that beams hit.
 SURFACES = ("off", "tint")
@@ -80,7 +82,7 @@ class Look(ByContent):
         surfaces: Literal["off", "tint"] = "off",
     ) -> None:
         self.along: Factor = Attenuation() if along is None else factor(along, name="along")
-        profile = _profile(across)
+        profile = Epanechnikov() if across is None else profile_of(across)
         self.across: Across = profile.profile if isinstance(profile, Modulated) else profile
         _ = self.across.scale  # raises the error of a profile without light now, not in a kernel
         self.modulation: Factor | None = profile.factor if isinstance(profile, Modulated) else None
@@ -126,13 +128,6 @@ class Look(ByContent):
         >>> round(bound.along(distance=1.0, depth=1.0, fraction=0.25)[0], 3)
         0.75
         """
-        if medium is not None and not isinstance(medium, Medium | Fog):
-            raise SceneError(f"medium is {shown(medium)}: expected a Medium, a looks.Fog or None")
-        if context is not None and not isinstance(context, LightContext):
-            raise SceneError(f"context is {shown(context)}: expected a looks.LightContext or None")
+        instance(medium, "medium", Medium, Fog, NoneType)
         fog = Fog(medium) if isinstance(medium, Medium) else medium
         return BoundLook(self, fog, reach, context, box)
-
-
-def _profile(value: AcrossLike | None) -> Across | Modulated:
-    return Epanechnikov() if value is None else across(value)

@@ -28,8 +28,6 @@ import numpy as np
 from ..runtime.device import UInt32
 from .guarded import Operand, times, vector_type
 
-__all__ = ["MOST_OCTAVES", "cellnoise", "fbm", "noise", "random", "snoise", "turbulence", "vnoise"]
-
 #: Octaves are unrolled into the kernel; the eighth is finer than a hundredth of the first.
 MOST_OCTAVES = 8
 

@@ -55,7 +55,10 @@ _STEPS = ("linearstep", "smoothstep", "gaussstep")
 
 
 class Parser:
-    """One walk over a syntax tree, which checks every node and returns a part for it."""
+    """One walk over a syntax tree, which checks every node and returns a part for it.
+
+    A node is read by the method with the name of its class, as by Python's `ast.NodeVisitor`.
+    """
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -68,22 +71,7 @@ class Parser:
         if depth > DEEPEST:
             self._refuse(node, too_deep())
         self._count(node, 1)
-        readers: dict[type[ast.expr], Callable[[Any, int], Node]] = {
-            ast.Constant: self._number,
-            ast.Name: self._name,
-            ast.UnaryOp: self._sign,
-            ast.BinOp: self._operation,
-            ast.Compare: self._comparison,
-            ast.BoolOp: self._logic,
-            ast.IfExp: self._choice,
-            ast.List: self._list,
-            ast.Attribute: self._component,
-            ast.Subscript: self._subscript,
-            ast.Call: self._call,
-        }
-        reader = readers.get(type(node))
-        if isinstance(node, ast.Tuple):
-            self._refuse(node, "a list in round brackets has no meaning here: expected [x, y, z] for a vector")
+        reader: Callable[[Any, int], Node] | None = getattr(self, f"_{type(node).__name__.lower()}", None)
         if reader is None:
             self._refuse(node, f"this has no meaning here: {EXPECTED}")
         return reader(node, depth)
@@ -106,7 +94,7 @@ class Parser:
             self._refuse(node, f"{what} is a vector: expected a scalar, such as one of its components .x, .y or .z")
         return part
 
-    def _number(self, node: ast.Constant, depth: int) -> Node:
+    def _constant(self, node: ast.Constant, depth: int) -> Node:
         if type(node.value) not in (int, float):
             self._refuse(node, f"{node.value!r} is not a number: {EXPECTED}")
         return self._literal(node, node.value)
@@ -130,7 +118,7 @@ class Parser:
         self.names.add(name)
         return Node(NAMES[name].kind, lambda values: values.inputs[name], varies=True)
 
-    def _sign(self, node: ast.UnaryOp, depth: int) -> Node:
+    def _unaryop(self, node: ast.UnaryOp, depth: int) -> Node:
         if isinstance(node.op, ast.Not):
             operand = self._scalar(node.operand, depth + 1, "the operand of not")
             return Node("scalar", lambda values: _not(operand.compute(values)), operand.varies)
@@ -141,14 +129,14 @@ class Parser:
             return operand
         return operand._replace(compute=lambda values: -operand.compute(values))
 
-    def _operation(self, node: ast.BinOp, depth: int) -> Node:
+    def _binop(self, node: ast.BinOp, depth: int) -> Node:
         function = _OPERATORS.get(type(node.op))
         if function is None:
             hint = "expected floor(a / b)" if isinstance(node.op, ast.FloorDiv) else "expected + - * / % or **"
             self._refuse(node, f"this operator has no meaning here: {hint}")
         return _applied(function, [self.part(node.left, depth + 1), self.part(node.right, depth + 1)])
 
-    def _comparison(self, node: ast.Compare, depth: int) -> Node:
+    def _compare(self, node: ast.Compare, depth: int) -> Node:
         if any(type(each) not in _COMPARISONS for each in node.ops):
             self._refuse(node, "this comparison has no meaning here: expected < <= > >= == or !=")
         functions = [_COMPARISONS[type(each)] for each in node.ops]
@@ -162,7 +150,7 @@ class Parser:
 
         return Node("scalar", compute, any(part.varies for part in parts))
 
-    def _logic(self, node: ast.BoolOp, depth: int) -> Node:
+    def _boolop(self, node: ast.BoolOp, depth: int) -> Node:
         word, join = ("and", operator.and_) if isinstance(node.op, ast.And) else ("or", operator.or_)
         parts = [self._scalar(each, depth + 1, f"one side of {word}") for each in node.values]
 
@@ -172,10 +160,13 @@ class Parser:
 
         return Node("scalar", compute, any(part.varies for part in parts))
 
-    def _choice(self, node: ast.IfExp, depth: int) -> Node:
+    def _ifexp(self, node: ast.IfExp, depth: int) -> Node:
         condition = self._scalar(node.test, depth + 1, "the condition")
         first, second = self.part(node.body, depth + 1), self.part(node.orelse, depth + 1)
         return _call(FUNCTIONS["select"], [condition, first, second])
+
+    def _tuple(self, node: ast.Tuple, _: int) -> NoReturn:
+        self._refuse(node, "a list in round brackets has no meaning here: expected [x, y, z] for a vector")
 
     def _list(self, node: ast.List, depth: int) -> Node:
         if len(node.elts) != 3:
@@ -184,7 +175,7 @@ class Parser:
         parts = [self._scalar(each, depth + 1, "a component of a vector") for each in node.elts]
         return _call(FUNCTIONS["vec"], parts)
 
-    def _component(self, node: ast.Attribute, depth: int) -> Node:
+    def _attribute(self, node: ast.Attribute, depth: int) -> Node:
         if node.attr not in _COMPONENTS:
             self._refuse(node, f".{node.attr} is not a component: expected .x, .y, .z, .r, .g or .b")
         return self._indexed(node.value, depth, _COMPONENTS[node.attr])

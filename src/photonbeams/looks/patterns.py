@@ -51,8 +51,6 @@ class Expression(Factor):
 
     @constructor
     def __init__(self, text: str) -> None:
-        if not isinstance(text, str):
-            raise SceneError(f"an expression is {shown(text)}: expected a text, such as '1 - s'")
         self.parsed = parse(text)
 
     def evaluate(self, at: ShadingContext) -> Value:

@@ -9,12 +9,11 @@ from typing import Any, TypeAlias
 
 import drjit as dr
 import numpy as np
-import numpy.typing as npt
 
 from ..numerics.arrays import to_float
 from ..numerics.given import Given, Number, Numbers, given, given_number, table
 from ..runtime.device import Float
-from ..scene import SceneError, has_gradients, shown
+from ..scene import Array, SceneError, has_gradients, shown
 from .across import RADII, RULE, SAMPLES, Across, Modulated
 from .context import ShadingContext, inputs_of
 from .described import constructor
@@ -28,7 +27,7 @@ class _Bump(Across):
 
     _power = 0
 
-    def shape(self, rho: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def shape(self, rho: Array) -> Array:
         """Return (1 − ρ²)^n."""
         return (1 - rho * rho) ** self._power
 
@@ -100,18 +99,18 @@ class _Shaped(Across):
         if self.attached:  # not later: estimates suspend gradients while they gather
             self._density = Table(table(self._scaled, *numbers))
 
-    def shape(self, rho: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def shape(self, rho: Array) -> Array:
         """Return the profile at ρ."""
         return self._shape(rho, *(each.plain for each in self._numbers))
 
-    def _shape(self, rho: npt.NDArray[np.float64], *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _shape(self, rho: Array, *numbers: Array) -> Array:
         """Return the profile at ρ for these numbers."""
         raise NotImplementedError
 
-    def _scaled(self, *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _scaled(self, *numbers: Array) -> Array:
         """Return the table of the normalised profile for these numbers."""
 
-        def weighed(rho: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        def weighed(rho: Array) -> Array:
             return self._shape(rho, *numbers) * 2 * np.pi * rho
 
         total = float(RULE.integrate(weighed, 0.0, 1.0, self.fine_breaks))
@@ -142,7 +141,7 @@ class Gaussian(_Shaped):
     def __init__(self, width: Number = 0.35) -> None:
         self._attach(given_number(width, "a Gaussian profile's width", "0.02 to 10 radii", 0.02, 10))
 
-    def _shape(self, rho: npt.NDArray[np.float64], *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _shape(self, rho: Array, *numbers: Array) -> Array:
         """Return the lowered Gaussian."""
         rate = 0.5 / numbers[0] ** 2
         return np.exp(-rate * rho * rho) - np.exp(-rate)
@@ -175,14 +174,14 @@ class Smoothstep(_Shaped):
         self.corners = (place,) if place > 0 else ()
         self._attach(inner)
 
-    def _shape(self, rho: npt.NDArray[np.float64], *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _shape(self, rho: Array, *numbers: Array) -> Array:
         """Return the eased step."""
         inner = _inner(numbers[0])
         t = np.clip((rho - inner) / (1 - inner), 0, 1)
         return 1 - t * t * (3 - 2 * t)
 
 
-def _inner(hardness: npt.NDArray[np.float64]) -> float:
+def _inner(hardness: Array) -> float:
     return min(float(hardness), 0.999)
 
 
@@ -218,7 +217,7 @@ class Hollow(_Shaped):
         self.corners = tuple(sorted({place, place + edge, 1 - edge} - {0.0}))
         self._attach(hole, soft)
 
-    def _shape(self, rho: npt.NDArray[np.float64], *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _shape(self, rho: Array, *numbers: Array) -> Array:
         """Return the wall's profile."""
         inner, softness = numbers
         t = np.clip((rho - inner) / (1 - inner), 0, 1)
@@ -257,7 +256,7 @@ class Tabulated(_Shaped):
         self.corners = tuple(np.linspace(0, 1, len(curve.plain))[:-1].tolist())
         self._attach(curve)
 
-    def _shape(self, rho: npt.NDArray[np.float64], *numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _shape(self, rho: Array, *numbers: Array) -> Array:
         """Return the curve."""
         (values,) = numbers
         return np.interp(rho, np.linspace(0, 1, len(values)), values)
@@ -286,7 +285,7 @@ class AcrossFunction(Across):
     def __repr__(self) -> str:
         return repr(self._written)
 
-    def shape(self, rho: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def shape(self, rho: Array) -> Array:
         """Return the function's values."""
         return np.interp(rho, self._grid, self._values)
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ..numerics.given import Given
 from ..runtime.device import Float
-from ..scene import SceneError, choice, shown
+from ..scene import Array, SceneError, choice, shown
 
 Interpolation = Literal["none", "linear", "smooth", "catmull-rom", "monotone"]
 
@@ -17,9 +17,7 @@ Interpolation = Literal["none", "linear", "smooth", "catmull-rom", "monotone"]
 RESOLUTION = 1024
 
 
-def interpolate(
-    knots: npt.NDArray[np.float64], colors: npt.NDArray[np.float64], interpolation: Interpolation, x: npt.ArrayLike
-) -> npt.NDArray[np.float64]:
+def interpolate(knots: Array, colors: Array, interpolation: Interpolation, x: npt.ArrayLike) -> Array:
     """Return the ramp's colours (K, 3) at x (K,); constant before the first and after the last knot.
 
     "smooth" eases by 3t² − 2t³ between neighbours; "catmull-rom" takes each knot's slope from its two neighbours;
@@ -47,7 +45,7 @@ def interpolate(
     return colors[index] + t[..., None] * (colors[index + 1] - colors[index])
 
 
-def check_ramp(knots: npt.NDArray[np.float64], colors: npt.NDArray[np.float64], interpolation: Interpolation) -> None:
+def check_ramp(knots: Array, colors: Array, interpolation: Interpolation) -> None:
     """Raise SceneError unless these arrays are a ramp."""
     choice(interpolation, "interpolation", get_args(Interpolation))
     if knots.ndim != 1 or not len(knots) or colors.shape != (len(knots), 3):
@@ -66,9 +64,7 @@ def ramp_ends(knots: Given) -> Given:
     return Given(knots.plain[0] + np.arange(2.0), None if only.attached is None else only.attached + Float([0.0, 1.0]))
 
 
-def ramp_table(
-    knots: npt.NDArray[np.float64], colors: npt.NDArray[np.float64], interpolation: Interpolation
-) -> npt.NDArray[np.float64]:
+def ramp_table(knots: Array, colors: Array, interpolation: Interpolation) -> Array:
     """Return a ramp's table, (RESOLUTION, 3), from its first knot to its last."""
     places = np.linspace(knots[0], knots[-1], RESOLUTION)
     # Catmull–Rom may undershoot, but light is not negative.

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..numerics.arrays import padded, to_float
 from ..numerics.given import SMALLEST
 from ..runtime.device import Array2f, Array3f, Array4f, Float, UInt32
-from ..scene import SceneError
+from ..scene import Array, SceneError
 from .factors import Value
 
 
@@ -102,7 +102,7 @@ class Table:
         return dr.lerp(pair.x, pair.y, weight)
 
 
-def _steps(places: npt.ArrayLike, count: int) -> npt.NDArray[np.float64]:
+def _steps(places: npt.ArrayLike, count: int) -> Array:
     """Return, for each of `count` entries, how far toward the next one the colour changes at once, or 0."""
     result = np.zeros(count)
     place = np.asarray(places, dtype=np.float64) * (count - 1)

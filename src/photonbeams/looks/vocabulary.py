@@ -16,18 +16,6 @@ import drjit as dr
 from . import guarded, noise
 from .guarded import Operand, divided, fraction, power, saturated, times, truth, vector_type
 
-__all__ = [
-    "CONSTANTS",
-    "FUNCTIONS",
-    "NAMES",
-    "NOISE_PARTS",
-    "ExpressionFunction",
-    "Input",
-    "Kind",
-    "Parameter",
-    "describe",
-]
-
 Kind = Literal["scalar", "vector"]
 
 #: Number of an expression's parts that an octave of noise counts as, by its cost.

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..runtime.device import Array3f, Array4f, Bool, Float, UInt32
+from ..scene import Array
 
 T = TypeVar("T")  # an array, or a struct of arrays
 
@@ -35,7 +36,7 @@ def to_vectors(numbers: npt.ArrayLike) -> Array3f:
     return Array3f(*(to_float(axis) for axis in np.asarray(numbers).T))
 
 
-def to_numpy(parts: Iterable[dr.ArrayBase]) -> npt.NDArray[Any]:
+def to_numpy(parts: Iterable[dr.ArrayBase]) -> Array:
     """Return the components of a vector, or several arrays, as rows (C, N); one entry stands for all.
 
     The vector's own `numpy()` is not used, because its kernel contains the number of entries, which differs from pass
@@ -56,7 +57,7 @@ def padded(entries: Any) -> Any:
     return [*entries, entries[-1]]
 
 
-def by_number(numbers: Sequence[int], values: npt.ArrayLike) -> npt.NDArray[Any]:
+def by_number(numbers: Sequence[int], values: npt.ArrayLike) -> Array:
     """Return a table with values at these numbers, and 0 elsewhere, for kernels that gather from it."""
     result = np.zeros(max(numbers, default=0) + 2)
     result[[*numbers]] = values
@@ -71,11 +72,11 @@ def opaque(value: npt.ArrayLike) -> Any:
     return Array3f(*(dr.opaque(Float, float(number)) for number in numbers))
 
 
-def _aligned(numbers: npt.ArrayLike, kind: type) -> npt.NDArray[Any]:
+def _aligned(numbers: npt.ArrayLike, kind: type) -> Array:
     given = np.ravel(numbers)
     memory = np.empty(given.size * np.dtype(kind).itemsize + _ALIGNMENT, dtype=np.uint8)
     first = -memory.ctypes.data % _ALIGNMENT
-    result: npt.NDArray[Any] = memory[first : first + given.size * np.dtype(kind).itemsize].view(kind)
+    result: Array = memory[first : first + given.size * np.dtype(kind).itemsize].view(kind)
     result[:] = given
     return result
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..runtime.device import Array3f, Float, UInt32
-from ..scene import SceneError, at_bounds, has_gradients, numbers, shown
+from ..scene import Array, SceneError, at_bounds, has_gradients, numbers, shown
 from .arrays import opaque, to_float, to_vectors
 
 #: A number; a Dr.Jit `Float` of one entry may have gradients enabled.
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 class Given(NamedTuple):
     """Numbers in NumPy and, if gradients are enabled, the same as one attached Float, row by row (else None)."""
 
-    plain: npt.NDArray[np.float64]
+    plain: Array
     attached: Any = None
 
     def at_least(self, axes: int) -> Given:
@@ -100,6 +100,14 @@ def given_color(value: object, name: str, expected: str, low: float = -LARGEST) 
     return Given(plain, found.attached)
 
 
+def finite(value: object, name: str, expected: str, shape: tuple[int, ...]) -> Array:
+    """Return finite numbers of a shape, in double precision; else SceneError says what was `expected` of `name`."""
+    found = numbers(value, name, expected).astype(np.float64)
+    if found.shape != shape or not np.all(np.isfinite(found)):
+        raise SceneError(f"{name} is {shown(value)}: expected {expected}")
+    return found
+
+
 def _index(entry: int) -> UInt32:
     """Return the index of an entry, as an input: kernels of derivatives would be others for each entry."""
     return dr.opaque(UInt32, entry)
@@ -128,7 +136,7 @@ def derived(function: Callable[..., Floats], *parts: Given, color: bool = False)
     return dr.replace_grad(value, type(value)(function(*(each.value for each in parts))))
 
 
-def table(function: Callable[..., npt.NDArray[np.float64]], *parts: Given) -> Any:
+def table(function: Callable[..., Array], *parts: Given) -> Any:
     """Return the result of a NumPy function of numbers, (K,) or (K, 3), or an attached Float or Array3f of it.
 
     Its derivatives by the numbers with gradients are central differences in double precision.
@@ -145,9 +153,7 @@ def table(function: Callable[..., npt.NDArray[np.float64]], *parts: Given) -> An
     return dr.replace_grad(_device(values), tangent)
 
 
-def _slope(
-    function: Callable[..., npt.NDArray[np.float64]], plain: Sequence[npt.NDArray[np.float64]], place: int, entry: int
-) -> npt.NDArray[np.float64]:
+def _slope(function: Callable[..., Array], plain: Sequence[Array], place: int, entry: int) -> Array:
     """Return the derivative of a function by one entry of one of its arguments."""
     step = _STEP * max(1.0, abs(plain[place].flat[entry]))
     ends = []
@@ -158,5 +164,5 @@ def _slope(
     return (ends[0] - ends[1]) / (2 * step)
 
 
-def _device(values: npt.NDArray[np.float64]) -> Any:
+def _device(values: Array) -> Any:
     return to_vectors(values) if np.ndim(values) == 2 else to_float(values)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import drjit as dr
 import numpy as np
-import numpy.typing as npt
 
 from ..runtime.device import Array2f, Float, UInt32
+from ..scene import Array
 from .arrays import to_float
 from .hashing import hash32, unit_float
 
@@ -19,7 +19,7 @@ _SOBOL = ((1, 0, (1,)), (2, 1, (1, 3)), (3, 1, (1, 3, 1)))
 _HASH = (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6)  # Burley 2020: each bit is flipped by the bits above it
 
 
-def _direction_numbers() -> npt.NDArray[np.uint32]:
+def _direction_numbers() -> Array:
     """Return the direction numbers of four dimensions, (4, 32), their bits reversed: the first digit is bit 0."""
     rows = [[1] * 32]
     for degree, polynomial, initial in _SOBOL:
@@ -38,7 +38,7 @@ def _direction_numbers() -> npt.NDArray[np.uint32]:
 _DIRECTIONS = _direction_numbers()
 
 
-def sobol_points(count: int, block: int, key: tuple[int, ...]) -> npt.NDArray[np.float32]:
+def sobol_points(count: int, block: int, key: tuple[int, ...]) -> Array:
     """Return points [block·count, (block + 1)·count) of the 4D Sobol sequence scrambled by `key`, (count, 4).
 
     Consecutive blocks continue one sequence, so passes stratify each other.
@@ -50,7 +50,7 @@ def sobol_points(count: int, block: int, key: tuple[int, ...]) -> npt.NDArray[np
     return (_reversed(points) >> 8).T * np.float32(2.0**-24)
 
 
-def sobol_digits(first: int, count: int) -> npt.NDArray[np.uint32]:
+def sobol_digits(first: int, count: int) -> Array:
     """Return points from number `first` on before they are scrambled, (4, count): binary digits, the first in bit 0.
 
     SciPy has this sequence, too, but takes longer to import than everything else that a render needs.
@@ -68,7 +68,7 @@ def sobol_digits(first: int, count: int) -> npt.NDArray[np.uint32]:
     return result
 
 
-def _reversed(bits: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
+def _reversed(bits: Array) -> Array:
     """Return 32 bits in reversed order."""
     for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F)):
         kept = np.uint32(mask)
@@ -81,7 +81,7 @@ def sobol_block(count: int, block: int, key: tuple[int, ...]) -> tuple[Array2f, 
     return pairs(sobol_points(count, block, key))
 
 
-def pairs(points: npt.NDArray[np.float32]) -> tuple[Array2f, Array2f]:
+def pairs(points: Array) -> tuple[Array2f, Array2f]:
     """Return points (N, 4) as two pairs."""
     columns = [to_float(column) for column in points.T]
     return Array2f(columns[0], columns[1]), Array2f(columns[2], columns[3])
