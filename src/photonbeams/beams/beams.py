@@ -113,7 +113,7 @@ class Beams:
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {
-        **{name: (Array3f if name in VECTORS else Float) for name in (*REQUIRED, *OPTIONAL)},
+        name: (Array3f if name in VECTORS else Float) for name in (*REQUIRED, *OPTIONAL)
     }
 
     start: Array3f
@@ -158,13 +158,7 @@ class Beams:
         side: Numbers | None = None,
         side_normal: Numbers | None = None,
     ) -> None:
-        given = {
-            "start": start, "end": end, "radius_start": radius_start, "radius_end": radius_end, "power": power,
-            "offset": offset, "total": total, "entry": entry, "end_normal": end_normal,
-            "random": random, "id": id, "generation": generation,
-            "start_tangent": start_tangent, "end_tangent": end_tangent, "power_end": power_end,
-            "start_normal": start_normal, "side": side, "side_normal": side_normal,
-        }  # fmt: skip
+        given = {name: value for name, value in locals().items() if name in self.DRJIT_STRUCT}
         fields: dict[str, Any] = self.__dict__
         if all(value is None for value in given.values()):  # Dr.Jit creates a struct before it fills it
             fields.update({name: kind() for name, kind in self.DRJIT_STRUCT.items()}, **dict.fromkeys(OPTIONAL))

@@ -34,8 +34,8 @@ Index: TypeAlias = Union[int, slice, npt.ArrayLike, "UInt32"]
 
 def count_of(start: Any) -> int:
     """Return the number of beams that begin at `start`."""
-    if start is None:
-        raise SceneError(f"Beams: start is not given: expected {_said('start')[1]}")
+    if start is None:  # `beam_array` says so
+        return 0
     if dr.is_jit_v(start) and not dr.is_tensor_v(start):
         return int(dr.width(start))
     found = dr.detach(start).numpy() if dr.is_jit_v(start) else numbers(start, *_said("start"))

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import scene
-from ..numerics.arrays import indices, near_one, opaque
+from ..numerics.arrays import channel_mean, indices, near_one, opaque
 from ..numerics.given import finite
 from ..numerics.hashing import hash32, unit_float
 from ..runtime.device import Array3f, Float, UInt32
@@ -205,7 +205,7 @@ def thin(fraction: float, keep_light: bool = True) -> Modifier:
         bits = hash32(beams.numbers(), *(dr.opaque(UInt32, each & 0xFFFFFFFF) for each in seeds))
         index = indices(unit_float(bits) < opaque(fraction))
         result = beams.take(index)
-        return _scaled(result, opaque(1 / fraction)) if keep_light else result
+        return _with_power(result, lambda power: power * opaque(1 / fraction)) if keep_light else result
 
     return _of_some(thinned)
 
@@ -235,18 +235,9 @@ def recolor(color: npt.ArrayLike | Callable[[Beams], Array3f]) -> Modifier:
 
     def recolored(beams: Beams, _: PassContext) -> Beams:
         tint = Array3f(color(beams)) if callable(color) else opaque(fixed)
-        result = copy(beams)
-        result.power = _mean(beams.power) * tint
-        if beams.power_end is not None:
-            result.power_end = _mean(beams.power_end) * tint
-        return result
+        return _with_power(beams, lambda power: channel_mean(power) * tint)
 
     return _of_some(recolored)
-
-
-def _mean(colour: Array3f) -> Float:
-    # dr.mean would make the number of beams a part of its kernel.
-    return (colour.x + colour.y + colour.z) * (1 / 3)
 
 
 @scene.arguments
@@ -290,14 +281,16 @@ def clamp(power: float | None = None, radiance: float | None = None) -> Modifier
         if brightest is not None:
             middle = 0.5 * (beams.radius_start + beams.radius_end)
             limit = dr.minimum(limit, opaque(brightest / _PEAK) * middle)
-        return _scaled(beams, dr.minimum(1, limit * dr.rcp(dr.maximum(peak, 1e-30))))
+        factor = dr.minimum(1, limit * dr.rcp(dr.maximum(peak, 1e-30)))
+        return _with_power(beams, lambda power: power * factor)
 
     return _of_some(clamped)
 
 
-def _scaled(beams: Beams, factor: Float) -> Beams:
+def _with_power(beams: Beams, change: Callable[[Array3f], Array3f]) -> Beams:
+    """Return beams whose power is changed, at both ends."""
     result = copy(beams)
-    result.power = beams.power * factor
+    result.power = change(beams.power)
     if beams.power_end is not None:
-        result.power_end = beams.power_end * factor
+        result.power_end = change(beams.power_end)
     return result
