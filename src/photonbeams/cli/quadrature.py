@@ -8,6 +8,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..constants import MOST_POINTS
 from ..scene.extras import needs
 from .progress import standard_output
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 _COLUMNS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 _WIDE = 150  # terminal columns for rows of one line
-_FLOOR = 1e-15  # of float64; an error of 0 has no logarithm
+_FLOOR = 1e-8  # of single precision; an error of 0 has no logarithm
 
 
 def quadrature(
@@ -46,11 +47,7 @@ def quadrature(
         console.print(table(curves, max_order, narrow=console.width < _WIDE))
         console.print()
     everything = [curve for curves in found.values() for curve in curves]
-    pieces = [curve.pieces for curve in everything]
-    console.print(
-        f"{rays:,} rays; n is the number of points on each smooth piece of a ray, "
-        f"of which it has {min(pieces):.2g} to {max(pieces):.2g} on average."
-    )
+    console.print(f"{rays:,} rays; n is the number of points on each smooth piece of a ray.")
     console.print(claim(everything))
     if plot is not None:
         from ..runtime.files import atomic_file
@@ -150,15 +147,12 @@ def _count(count: int | None, most: int) -> str:
 
 
 def _range(counts: Sequence[int | None]) -> str:
-    from ..quadrature import MOST_POINTS
-
     ordered = sorted(counts, key=_position)
     first, last = (_count(n, MOST_POINTS).replace(">", "over ") for n in (ordered[0], ordered[-1]))
     return first if first == last else f"{first} to {last}"
 
 
 def _ratio(count: int | None) -> str:
-    from ..quadrature import MOST_POINTS
     from ..studies.convergence import GAUSS_POINTS
 
     return f"over {MOST_POINTS / GAUSS_POINTS:.0f} times" if count is None else f"{count / GAUSS_POINTS:.2g} times"

@@ -1,24 +1,23 @@
-"""How many points the chord integral takes: error against n, for Gauss and Riemann rules and all built-in factors.
+"""How many points the light along a ray takes: error against n, for Gauss and Riemann rules and all built-in factors.
 
-The integral is the renderer's for a ray whose camera is inside the beam (estimators/frustum.py; Talk, section 3),
-
-    ∫_0^b across(r/R) / R² · along(s) · eye(t) dt,
-
-split at the same corners, so n is the number of points on each smooth piece. It is evaluated in float64, so that the
-quadrature's own error is visible: chords and profiles with NumPy, falloffs with the code from which kernels are made.
-Some falloffs read tables with linear interpolation; such a table is then the function that is integrated.
+Camera rays begin inside a beam, and the renderer's own integral (estimators/frustum.py; Talk, section 3) has n points
+on each smooth piece of a ray. Errors are those against many points. They end at the rounding of single precision.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
-from typing import Any
 
+import drjit as dr
 import numpy as np
-import numpy.typing as npt
 
+from ..beams import Beams
+from ..constants import MOST_POINTS
+from ..estimators.estimate import ENDLESS, bind, sum_over_all
+from ..estimators.geometry import Rays
+from ..estimators.points import Points
+from ..estimators.records import pack
 from ..looks import (
     Across,
     Attenuation,
@@ -27,21 +26,20 @@ from ..looks import (
     Epanechnikov,
     Exponential,
     Factor,
-    Fog,
     Gaussian,
+    Look,
     Polynomial,
     Power,
-    ShadingContext,
     Smoothstep,
     Tabulated,
     Texture,
     Uniform,
 )
-from ..quadrature import MOST_POINTS, Rule, gauss_legendre, riemann
-from ..runtime import device
-from ..scene import Medium
+from ..numerics.arrays import to_numpy, to_vectors
+from ..quadrature import Rule, gauss_legendre, riemann
+from ..runtime.device import Array3f, Float
+from ..scene import Array, Medium
 
-Array = npt.NDArray[np.float64]
 Case = tuple[str, Across, Factor]
 
 #: "A good estimate" (Talk, section 3) is taken as an error of 1 % on every ray.
@@ -51,91 +49,36 @@ GAUSS_POINTS = 6
 
 # A shaft that opens to three times its width, in a fog that takes 60 % (red) to 92 % (blue) of it over its length.
 _LENGTH = 4.0
-_RADIUS = 0.3  # where it begins
-_SLOPE = 0.15
+_RADII = 0.3, 0.9
 _MEDIUM = Medium(scattering=(0.2, 0.35, 0.6), absorption=(0.03, 0.03, 0.03))
 
-_BLOCK = 64  # rays at a time, so that memory does not grow with the number of rays
-_CONVERGED = gauss_legendre(16)  # accurate to 1e-9 or better on smooth pieces
-_PANELS = 64  # fine enough for the thousand small corners of a table
+_CONVERGED = gauss_legendre(64)
+# An error counts relative to the ray's light, but at least to this fraction of the brightest ray's.
+_DIM = 1e-3
 # Numbers of Riemann points that are tried: all of the small ones, then in steps of 6 %.
 _RIEMANN_COUNTS = sorted({*range(1, 33), *np.geomspace(33, MOST_POINTS, 36).astype(int).tolist()})
 
 
-@dataclass(frozen=True)
-class Chords:
-    """Camera rays from inside the beam, (N, 3) each, in float64; the beam's axis is +z from the origin."""
-
-    origin: Array
-    direction: Array
-
-    @classmethod
-    def random(cls, count: int, seed: int) -> Chords:
-        """Return rays from points uniform over length and cross-section, in directions uniform over the sphere."""
-        rng = np.random.default_rng(seed)
-        s, square, turn, z, heading = rng.random((5, count)) * [[_LENGTH], [1], [2 * np.pi], [2], [2 * np.pi]]
-        r, z = np.sqrt(square) * (_RADIUS + _SLOPE * s), z - 1
-        flat = np.sqrt(1 - z * z)
-        origin = np.stack([r * np.cos(turn), r * np.sin(turn), s], axis=1)
-        return cls(origin, np.stack([flat * np.cos(heading), flat * np.sin(heading), z], axis=1))
-
-    def blocks(self) -> Iterator[Chords]:
-        """Return the rays in blocks."""
-        for i in range(0, len(self.origin), _BLOCK):
-            yield Chords(self.origin[i : i + _BLOCK], self.direction[i : i + _BLOCK])
-
-    def s(self, t: Array | float) -> Array:
-        """Return the distance along the axis at t."""
-        return self.origin[:, 2] + self.direction[:, 2] * t
-
-    def radius(self, t: Array | float) -> Array:
-        """Return the beam's radius at t."""
-        return _RADIUS + _SLOPE * self.s(t)
-
-    def from_axis(self, t: Array) -> Array:
-        """Return the distance from the axis at t."""
-        x, y = (self.origin[:, i] + self.direction[:, i] * t for i in (0, 1))
-        return np.hypot(x, y)
-
-    def rings(self, rho: float) -> tuple[Array, Array]:
-        """Return the two t at which the ray crosses the cone r = ρ R; NaN where it does not cross it."""
-        o, d, taper = self.origin[:, :2], self.direction[:, :2], rho * _SLOPE * self.direction[:, 2]
-        radius = rho * self.radius(0.0)
-        A, B, C = (d * d).sum(1) - taper**2, (o * d).sum(1) - taper * radius, (o * o).sum(1) - radius**2
-        with np.errstate(invalid="ignore", divide="ignore"):
-            root = np.sqrt(B * B - A * C) if rho > 0 else np.zeros_like(A)
-            return (-B - root) / A, (-B + root) / A
-
-    def planes(self, s: float) -> Array:
-        """Return the t at which the ray is at s."""
-        with np.errstate(divide="ignore"):
-            return (s - self.origin[:, 2]) / self.direction[:, 2]
-
-    def exit(self) -> Array:
-        """Return where the ray leaves the beam: the first crossing ahead, through the wall or an end."""
-        crossings = np.stack([*self.rings(1.0), self.planes(0.0), self.planes(_LENGTH)])
-        return np.where(crossings > 0, crossings, np.inf).min(axis=0)
-
-    def edges(self, across: Across, along: Factor) -> Array:
-        """Return the bounds of the smooth pieces, (pieces + 1, N) ascending; pieces may be empty."""
-        breaks = [t for rho in across.rings for t in (self.rings(rho)[:1] if rho == 0 else self.rings(rho))]
-        breaks += [self.planes(s) for space, s in along.corners if space == "distance"]
-        breaks += [self.planes(fraction * _LENGTH) for space, fraction in along.corners if space == "fraction"]
-        end = self.exit()
-        inside = [np.clip(np.nan_to_num(t), 0, end) for t in breaks]
-        return np.sort(np.stack([np.zeros_like(end), *inside, end]), axis=0)
+def rays_inside(count: int, seed: int) -> Rays:
+    """Return rays from points uniform over length and cross-section, in directions uniform over the sphere."""
+    rng = np.random.default_rng(seed)
+    s, square, turn, z, heading = rng.random((5, count)) * [[_LENGTH], [1], [2 * np.pi], [2], [2 * np.pi]]
+    r, z = np.sqrt(square) * np.interp(s, (0, _LENGTH), _RADII), z - 1
+    flat = np.sqrt(1 - z * z)
+    origin = np.stack([r * np.cos(turn), r * np.sin(turn), s], axis=1)
+    direction = np.stack([flat * np.cos(heading), flat * np.sin(heading), z], axis=1)
+    ends = dr.full(Float, ENDLESS, count), dr.zeros(Float, count)
+    return Rays(to_vectors(origin), to_vectors(direction), *ends)
 
 
 @dataclass(frozen=True)
 class Curve:
     """Relative error against n for one profile or falloff: median and worst over the rays, by the number of points.
 
-    The error of a ray is that of its worst channel, relative to its brightest. `pieces` is the mean number of smooth
-    pieces of a chord.
+    The error of a ray is that of its worst channel, relative to its brightest.
     """
 
     name: str
-    pieces: float
     gauss: dict[int, tuple[float, float]]
     riemann: dict[int, tuple[float, float]]
 
@@ -199,72 +142,31 @@ def curves(
 
     `done` is called after each case.
     """
-    chords = Chords.random(rays, seed)
+    inside = rays_inside(rays, seed)
+    orders = range(1, max(max_order, GAUSS_POINTS) + 1)
     result = []
-    for case in cases:
-        result.append(_curve(case, chords, range(1, max(max_order, GAUSS_POINTS) + 1)))
+    for name, across, along in cases:
+        error = _errors(Look(along=along, across=across, angle=1.0), inside)
+        gauss = {n: error(gauss_legendre(n)) for n in orders}
+        result.append(Curve(name, gauss, {n: error(riemann(n)) for n in sorted({*_RIEMANN_COUNTS, *orders})}))
         done()
     return result
 
 
-def _curve(case: Case, chords: Chords, orders: range) -> Curve:
-    name, across, along = case
-    counts = sorted({*_RIEMANN_COUNTS, *orders})
-    rules = [*map(gauss_legendre, orders), *map(riemann, counts)]
-    blocks, pieces = [], []
-    for block in chords.blocks():
-        truth, *found = chord_integrals(block, across, along, [(_CONVERGED, _PANELS), *((rule, 1) for rule in rules)])
-        off = np.stack([np.abs(each - truth).max(axis=0) for each in found])
-        blocks.append(off / truth.max(axis=0))
-        edges = block.edges(across, along)
-        pieces.append((np.diff(edges, axis=0) > 0).sum(axis=0))
-    errors = np.concatenate(blocks, axis=1)  # (rules, rays)
-    pairs = list(zip(np.median(errors, axis=1).tolist(), errors.max(axis=1).tolist(), strict=True))
-    gauss, rest = pairs[: len(orders)], pairs[len(orders) :]
-    mean = float(np.concatenate(pieces).mean())
-    return Curve(name, mean, dict(zip(orders, gauss, strict=True)), dict(zip(counts, rest, strict=True)))
+def _errors(look: Look, rays: Rays) -> Callable[[Rule], tuple[float, float]]:
+    """Return a function that returns the median and the worst error of a rule over rays."""
+    beam = Beams([[0, 0, 0]], [[0, 0, _LENGTH]], *_RADII, power=[[1, 1, 1]])
+    bound, packed = bind(look, beam, None, _MEDIUM), pack(beam, Array3f(0), shared=False)
 
+    def light(rule: Rule) -> Array:
+        return to_numpy(sum_over_all(packed, rays, bound, "frustum", Points(rule))).astype(np.float64)
 
-def chord_integrals(chords: Chords, across: Across, along: Factor, rules: Sequence[tuple[Rule, int]]) -> list[Array]:
-    """Return the chord integrals, (3, N), by each rule, on its number of equal panels of each smooth piece.
+    exact = light(_CONVERGED)
+    brightest = exact.max(axis=0)
+    scale = np.maximum(brightest, _DIM * brightest.max())
 
-    This is `rule.integrate` (Talk, eq. 2) with the points of all rules in one array: one kernel, launched once.
-    """
-    edges = chords.edges(across, along)
-    placed = [_placed(edges, rule, panels) for rule, panels in rules]
-    along_axis = _values(along, np.concatenate([chords.s(t).ravel() for t, _ in placed]))
-    result, first = [], 0
-    for (rule, _), (t, half) in zip(rules, placed, strict=True):
-        values = along_axis[:, first : first + t.size].reshape(3, *t.shape)
-        first += t.size
-        # axes: 3 | n, pieces, N
-        integrand = _rest(chords, across, t) * values
-        result.append(np.einsum("cjpi,j,pi->ci", integrand, rule.weights, half))
-    return result
+    def error(rule: Rule) -> tuple[float, float]:
+        off = np.abs(light(rule) - exact).max(axis=0) / scale
+        return float(np.median(off)), float(off.max())
 
-
-def _placed(edges: Array, rule: Rule, panels: int) -> tuple[Array, Array]:
-    """Return the points of a rule on the pieces between edges, (n, pieces, N), and half of the pieces' lengths."""
-    if panels > 1:
-        steps = np.arange(panels)[:, None] / panels
-        fine = edges[:-1, None] + steps * np.diff(edges, axis=0)[:, None]  # (pieces, panels, N)
-        edges = np.concatenate([fine.reshape(-1, edges.shape[1]), edges[-1:]])
-    half, middle = np.diff(edges, axis=0) / 2, (edges[1:] + edges[:-1]) / 2
-    return middle + half * rule.points[:, None, None], half
-
-
-def _rest(chords: Chords, across: Across, t: Array) -> Array:
-    """Return k2 · eye, (3, *t.shape)."""
-    radius = chords.radius(t)
-    disc = across.scale * across.shape(np.minimum(chords.from_axis(t) / radius, 1)) / radius**2
-    eye: Array = np.exp(-np.multiply.outer(_MEDIUM.extinction, t))
-    return disc * eye
-
-
-def _values(along: Factor, s: Array) -> Array:
-    """Return a falloff's values, (3, N) float64, from the code from which kernels are made."""
-    float64 = import_module(f"drjit.{device.backend()}.ad").Float64
-    distance: Any = float64(s)
-    at = ShadingContext(distance=distance, depth=distance, fraction=distance * (1 / _LENGTH), fog=Fog(_MEDIUM))
-    values = np.asarray(along.evaluate(at), dtype=np.float64)
-    return np.broadcast_to(values, (3, s.size))
+    return error
