@@ -131,7 +131,8 @@ def _parts(data: mmap.mmap) -> Iterator[_Header]:
     while data[place]:
         attributes = {}
         while data[place]:
-            (name, _), place = _words(data, place, 2)
+            name, place = _word(data, place)
+            _, place = _word(data, place)
             (size,) = struct.unpack_from("<i", data, place)
             attributes[name] = data[place + 4 : place + 4 + size]
             if size < 0 or len(attributes[name]) < size:
@@ -152,8 +153,8 @@ def _parts(data: mmap.mmap) -> Iterator[_Header]:
         places = struct.unpack_from(f"<{count}Q", data, place)
         place += 8 * count
         begin = struct.pack("<i", number) if several else b""
-        own = [begin + struct.pack("<i", y0 + k * lines) if lines else begin for k in range(count)]
-        samples = sum(_decoded(data, kind, at, each) for at, each in zip(places, own, strict=True))
+        begins = [begin + struct.pack("<i", y0 + k * lines) if lines else begin for k in range(count)]
+        samples = sum(_decoded(data, kind, *chunk) for chunk in zip(places, begins, strict=True))
         yield _Header(kind, (rows, columns), dict(_channels(each[b"channels"])), samples)
 
 
@@ -190,19 +191,15 @@ def _channels(value: bytes) -> Iterator[tuple[str, _Stored]]:
     """Yield the name of each channel in the value of an attribute, and how it is stored."""
     place = 0
     while value[place]:
-        end = value.index(b"\0", place)
-        kind, across, down = struct.unpack_from("<i4x2i", value, end + 1)
-        yield value[place:end].decode("utf-8", "replace"), _Stored(_TYPES[kind], across, down)
-        place = end + 17
+        name, place = _word(value, place)
+        kind, across, down = struct.unpack_from("<i4x2i", value, place)
+        yield name.decode("utf-8", "replace"), _Stored(_TYPES[kind], across, down)
+        place += 16
 
 
-def _words(data: mmap.mmap, place: int, count: int) -> tuple[list[bytes], int]:
-    """Return words that end with a zero, and the place behind them."""
-    found = []
-    for _ in range(count):
-        end = data.find(b"\0", place)
-        if end < 0:
-            raise ValueError
-        found.append(data[place:end])
-        place = end + 1
-    return found, place
+def _word(data: mmap.mmap | bytes, place: int) -> tuple[bytes, int]:
+    """Return the word at a place, which ends with a zero, and the place behind it."""
+    end = data.find(b"\0", place)
+    if end < 0:
+        raise ValueError
+    return data[place:end], end + 1

@@ -54,11 +54,11 @@ class Summary(PartHeader):
 
     width: int  # in pixels
     height: int
-    least: float | None  # of the finite values in all channels; None if there is none, and for deep parts
-    mean: float | None
-    greatest: float | None
-    nans: int | None  # pixels that have one; None: not known, as for deep parts
-    infinite: int | None  # pixels that have an infinite value
+    least: float | None = None  # of the finite values in all channels; None if there is none, and for deep parts
+    mean: float | None = None
+    greatest: float | None = None
+    nans: int | None = None  # pixels that have one; None: not known, as for deep parts
+    infinite: int | None = None  # pixels that have an infinite value
 
 
 def read_parts(path: PathLike) -> list[Part]:
@@ -82,7 +82,7 @@ def _statistics(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> dic
     """Return the fields of a `Summary` that depend on pixels."""
     file.seek_subimage(index, 0)
     if file.spec().deep:
-        return dict.fromkeys(("least", "mean", "greatest", "nans", "infinite"))
+        return {}
     channels = range(file.spec().nchannels)
     least, greatest, total, count, nans, infinite = np.inf, -np.inf, 0.0, 0, 0, 0
     for _, strip in strips(path, file, part=index, channels=channels):
@@ -93,8 +93,8 @@ def _statistics(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> dic
         total, count = total + float(finite.sum(dtype=np.float64)), count + finite.size
         nans += int(np.isnan(pixels).any(axis=1).sum())
         infinite += int(np.isinf(pixels).any(axis=1).sum())
-    values = (least, total / count, greatest) if count else (None, None, None)
-    return {**dict(zip(("least", "mean", "greatest"), values, strict=True)), "nans": nans, "infinite": infinite}
+    ends = {"least": least, "mean": total / count, "greatest": greatest} if count else {}
+    return {**ends, "nans": nans, "infinite": infinite}
 
 
 def read_layers(path: PathLike, view: str | None = None) -> dict[str, Array]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -183,7 +184,7 @@ def curves(look: BoundLook, specimen: Specimen) -> list[tuple[str, np.ndarray, n
         distance = Float(x)
         return look.at(
             distance=distance, depth=distance, from_light=distance, fraction=distance * (1 / specimen.length),
-            place=lambda: Array3f(distance, 0, 0), beam=_Plain(),
+            place=lambda: Array3f(distance, 0, 0), beam=SimpleNamespace(identity=Array3f(0.5, 0, 0)),
         )  # fmt: skip
 
     rho = np.linspace(0, 1, _SAMPLES)
@@ -201,12 +202,6 @@ def curves(look: BoundLook, specimen: Specimen) -> list[tuple[str, np.ndarray, n
         ("eye, by distance", s, _colors(eye), None),
         ("angle, in degrees", degrees, _colors(angle), None),
     ]
-
-
-class _Plain:
-    """Stands in for a beam with the random number ½."""
-
-    identity = Array3f(0.5, 0.0, 0.0)
 
 
 def _colors(values: Value) -> np.ndarray:

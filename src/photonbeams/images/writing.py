@@ -103,19 +103,10 @@ def _single_part(views: Views) -> OpenEXR.Part:
     channels = dict[str, Array]()
     for view, (seen, _) in views.items():
         for layer, pixels in seen.items():
-            own = "" if layer in ("rgba", DEPTH_LAYER) else f"{layer}."
-            for name, each in _separate(_channels(layer, pixels)).items():
-                channels[f"{view}.{own}{name}" if view in others else f"{own}{name}"] = each
+            prefix = "" if layer in ("rgba", DEPTH_LAYER) else f"{layer}."
+            for name, each in _channels(layer, pixels).items():
+                channels[f"{view}.{prefix}{name}" if view in others else f"{prefix}{name}"] = each
     return OpenEXR.Part(attributes_of(part_metadata(about, "rgba")), channels, "rgba")
-
-
-def _separate(channels: Mapping[str, Array]) -> dict[str, Array]:
-    """Return interleaved channels one by one."""
-    return {
-        name: np.ascontiguousarray(each[..., k]) if each.ndim == 3 else each
-        for key, each in channels.items()
-        for k, name in enumerate(key if each.ndim == 3 else [key])
-    }
 
 
 def part_metadata(about: Metadata, layer: str) -> dict[str, Any]:
@@ -218,18 +209,18 @@ def _all_text(values: list[object]) -> bool:
 
 
 def _channels(name: str, pixels: Array) -> dict[str, Array]:
-    """Return the layer's channels by name; "RGB", "RGBA" and "Z" are OpenEXR's names for interleaved arrays."""
-    pixels = np.asarray(pixels)
-    if name in _AXES and pixels.ndim == 3 and pixels.shape[2] == len(_AXES[name]):
-        return {axis: np.ascontiguousarray(pixels[..., i], dtype=np.float32) for i, axis in enumerate(_AXES[name])}
-    if name.startswith(CRYPTO) and pixels.ndim == 3 and pixels.shape[2] == 4:
-        return {"RGBA": np.ascontiguousarray(pixels, dtype=np.float32)}
-    if _is_half(name, pixels.shape):
-        key = "RGBA" if pixels.shape[2] == 4 else "RGB"
-        return {key: np.ascontiguousarray(np.clip(pixels, -HALF_MAX, HALF_MAX), dtype=np.float16)}
-    if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):
-        return {"Z": np.ascontiguousarray(pixels.reshape(pixels.shape[:2]), dtype=np.float32)}
-    raise ValueError(f"while writing layer {name}, got shape {pixels.shape}: expected (H, W), (H, W, 3) or (H, W, 4)")
+    """Return the layer's channels by name, (H, W) each."""
+    planes = np.asarray(pixels) if np.ndim(pixels) == 3 else np.expand_dims(pixels, -1)
+    half = _is_half(name, planes.shape)
+    letters = _AXES.get(name, "RGBA"[: planes.shape[-1]] if half or name.startswith(CRYPTO) else "Z")
+    if planes.ndim != 3 or planes.shape[2] != len(letters):
+        shape = np.shape(pixels)
+        raise ValueError(f"while writing layer {name}, got shape {shape}: expected (H, W), (H, W, 3) or (H, W, 4)")
+    stored = np.clip(planes, -HALF_MAX, HALF_MAX) if half else planes
+    return {
+        letter: np.ascontiguousarray(stored[..., k], np.float16 if half else np.float32)
+        for k, letter in enumerate(letters)
+    }
 
 
 def write_png(path: PathLike, *eyes: Array, exposure: float = 0.0, pixel_aspect: float = 1.0) -> None:
