@@ -108,24 +108,15 @@ def _boxes(tree: Tree) -> list[Box]:
     """Return the boxes of connected leaves and tiles that are active; only the whole if there are very many."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
 
     assert tree.box is not None
-    some = np.flatnonzero(tree.masks.any(axis=1))
-    origins = tree.origins[some]
-    place = (origins - origins.min(axis=0, initial=0)) // tree.size
-    side = place.max(axis=0, initial=0) + 2
-    if float(np.prod(side.astype(float))) > 2**62 or sum(each.active for each in tree.tiles) > _MOST_PIECES:
+    if sum(tile.active for tile in tree.tiles) > _MOST_PIECES:
         return [tree.box]
-    strides = np.array([side[1] * side[2], side[2], 1])
-    key = place @ strides
-    order = np.argsort(key)
-    links = [(np.zeros(0, int), np.zeros(0, int))]
-    for offset in np.argwhere(np.ones((3, 3, 3))) - 1 if len(key) else ():
-        found = np.minimum(np.searchsorted(key, wanted := key + offset @ strides, sorter=order), len(key) - 1)
-        here = np.flatnonzero(key[order[found]] == wanted)
-        links.append((here, order[found[here]]))
-    rows, columns = (np.concatenate(each) for each in zip(*links, strict=True))
-    count, label = connected_components(coo_matrix((np.ones(len(rows)), (rows, columns)), (len(key), len(key))), False)
+    origins = tree.origins[tree.masks.any(axis=1)]
+    neighbors = cKDTree(origins // tree.size).query_pairs(1, p=np.inf, output_type="ndarray")
+    links = coo_matrix((np.ones(len(neighbors)), neighbors.T), (len(origins), len(origins)))
+    count, label = connected_components(links, directed=False)
     if count > _MOST_PIECES:
         return [tree.box]
     lows, highs = np.full((count, 3), 1 << 40), np.full((count, 3), -1 << 40)

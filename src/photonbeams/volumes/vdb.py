@@ -40,17 +40,15 @@ _MAPS = {
     "ScaleTranslateMap": 6 * _VECTOR, "UniformScaleTranslateMap": 6 * _VECTOR,
 }  # fmt: skip
 
-_METADATA = {
-    "int32": "<i", "int64": "<q", "float": "<f", "double": "<d", "bool": "<?", "vec3i": "<3i", "vec3s": "<3f",
-    "vec3d": "<3d",
-}  # fmt: skip
-
 #: The values of each type of grid: their NumPy type, and how many a voxel has.
 TYPES = {
     "float": ("<f4", 1), "double": ("<f8", 1), "half": ("<f2", 1), "int32": ("<i4", 1), "int64": ("<i8", 1),
     "uint8": ("<u1", 1), "uint32": ("<u4", 1), "bool": ("?", 1), "mask": ("?", 1),
     "vec3s": ("<f4", 3), "vec3d": ("<f8", 3), "vec3i": ("<i4", 3),
 }  # fmt: skip
+
+
+Places = tuple[int, int, int]  # offsets in the file of a grid, of the values of its leaves, and of its end
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class VDBGrid:
     compression: int  # flags
     # (4, 4) from indices of voxels to the file's space, for column vectors; None if not linear, as for a frustum.
     to_file: Array | None
-    metadata: dict[str, Any]
+    metadata: dict[str, str | bool]  # its texts and truth values
     data: bytes  # of its tree
     _topology: int  # this and the next are places in the data
     _values: int
@@ -111,22 +109,19 @@ def _grids(file: BinaryIO) -> Iterator[VDBGrid]:
     (count,) = cursor.unpack(_COUNT)
     if not 0 <= count <= _MOST_GRIDS:
         raise SceneError(f"it has {count} grids: expected up to {_MOST_GRIDS}")
-    place, found = cursor.place, dict[str, tuple[int, int, int]]()
+    place, found = cursor.place, dict[str, Places]()
     for _ in range(count):
         cursor = Cursor.of(file, place, _DESCRIPTOR)
         unique, kind, source = cursor.text(), cursor.text(), cursor.text()
-        start, values, end = cursor.unpack(_PLACES)
-        yield _grid(file, size, (unique, kind), (start, values, end), found.get(source) if source else None)
-        found[unique] = (start, values, end)
-        if end < place:
+        places: Any = cursor.unpack(_PLACES)
+        yield _grid(file, size, (unique, kind), places, shared=found.get(source) if source else None)
+        found[unique] = places
+        if places[2] < place:
             raise SceneError("its grids are not one after the other")
-        place = end
+        place = places[2]
 
 
-def _grid(
-    file: BinaryIO, size: int, names: tuple[str, str], places: tuple[int, int, int],
-    shared: tuple[int, int, int] | None,
-) -> VDBGrid:  # fmt: skip
+def _grid(file: BinaryIO, size: int, names: tuple[str, str], places: Places, *, shared: Places | None) -> VDBGrid:
     """Return a grid; an instance has its own metadata and transform, and the tree of another grid, `shared`."""
     name, kind = names[0].split("\x1e")[0], names[1].removesuffix("_HalfFloat")
     first, _, end = places
@@ -149,7 +144,7 @@ def _grid(
                    cursor.place, places[1] - places[0])  # fmt: skip
 
 
-def _body(file: BinaryIO, places: tuple[int, int, int], size: int) -> bytes:
+def _body(file: BinaryIO, places: Places, size: int) -> bytes:
     first, values, end = places
     if not 0 <= first <= values <= end <= size:
         raise SceneError("the values of a grid are not within it")
@@ -157,9 +152,9 @@ def _body(file: BinaryIO, places: tuple[int, int, int], size: int) -> bytes:
     return file.read(end - first)
 
 
-def _metadata(cursor: Cursor) -> dict[str, Any]:
-    """Return the next metadata; values of types that are not needed here are left out."""
-    result: dict[str, Any] = {}
+def _metadata(cursor: Cursor) -> dict[str, str | bool]:
+    """Return the next metadata that are texts or truth values; no others are needed here."""
+    result: dict[str, str | bool] = {}
     (count,) = cursor.unpack(_COUNT)
     for _ in range(count):
         name, kind = cursor.text(), cursor.text()
@@ -167,9 +162,8 @@ def _metadata(cursor: Cursor) -> dict[str, Any]:
         value = bytes(cursor.take(size))
         if kind == "string":
             result[name] = value.decode("utf-8", "replace")
-        elif kind in _METADATA and len(value) == struct.calcsize(_METADATA[kind]):
-            numbers = struct.unpack(_METADATA[kind], value)
-            result[name] = numbers if len(numbers) > 1 else numbers[0]
+        elif kind == "bool":
+            result[name] = any(value)
     return result
 
 
