@@ -277,14 +277,23 @@ def placed(pixels: Array, corner: Size, box: Box, outside: float) -> Array:
     Beyond the pixels it has the value `outside`.
     """
     left, top, right, bottom = box
-    x0, y0 = max(left, corner[0]), max(top, corner[1])
-    x1, y1 = max(min(right, corner[0] + pixels.shape[1]), x0), max(min(bottom, corner[1] + pixels.shape[0]), y0)
     shape = (bottom - top, right - left, *pixels.shape[2:])
     result = np.full(shape, outside, np.result_type(pixels, np.float32))
-    result[y0 - top : y1 - top, x0 - left : x1 - left] = pixels[
-        y0 - corner[1] : y1 - corner[1], x0 - corner[0] : x1 - corner[0]
-    ]
+    inside, shown = overlap(pixels, corner, box)
+    result[inside] = pixels[shown]
     return result
+
+
+def overlap(pixels: Array, corner: Size, box: Box) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return which pixels of a box a picture covers, and which of its pixels these are; `corner` is as for `placed`."""
+    left, top, right, bottom = box
+    x0, y0 = max(left, corner[0]), max(top, corner[1])
+    x1, y1 = max(min(right, corner[0] + pixels.shape[1]), x0), max(min(bottom, corner[1] + pixels.shape[0]), y0)
+
+    def slices(x: int, y: int) -> tuple[slice, slice]:
+        return np.s_[y0 - y : y1 - y, x0 - x : x1 - x]
+
+    return slices(left, top), slices(*corner)
 
 
 def placed_indices(shape: tuple[int, ...], corner: Size, box: Box) -> Array:

@@ -49,10 +49,10 @@ class Depth:
         part = (alpha > 0) & (alpha < 1)
         if not part.any() and not (np.isfinite(values) & (alpha == 0)).any():
             return self
-        height, width = values.shape
+        from scipy.ndimage import minimum_filter
+
         for _ in range(_ROUNDS):
-            wide = np.pad(values, 1, constant_values=np.inf)
-            nearest = np.minimum.reduce([wide[y : y + height, x : x + width] for y, x in np.ndindex(3, 3)])
+            nearest = minimum_filter(values, 3, mode="constant", cval=np.inf)
             values = np.where(part & ~np.isfinite(values), nearest, values)
         return replace(self, values=values, layers=DepthLayers.of_surfaces(values, alpha))
 

@@ -187,22 +187,15 @@ def strips(
             stored = file.read_tiles(part, level, spec.x, spec.x + spec.width, *rows, 0, 1, *bounds, "float")
         else:
             stored = file.read_scanlines(part, level, *rows, 0, *bounds, "float")
-        yield first, _decoded(path, file, stored, channels)
-
-
-def _decoded(path: PathLike, file: OpenImageIO.ImageInput, stored: Array | None, channels: range) -> Array:
-    """Return pixels of the channels that OpenImageIO has read, (H, W, C) float32; SceneError if that failed.
-
-    Whole numbers in an EXR count something, but OpenImageIO divides them by the largest one, as it does for colours.
-    """
-    message, spec = complaint(file), file.spec()
-    if stored is None or message:
-        raise unreadable(path, message)
-    pixels = np.asarray(stored, dtype=np.float32).reshape(-1, spec.width, len(channels))
-    if file.format_name() == "openexr":
-        whole = [place for place, channel in enumerate(channels) if str(spec.channelformat(channel)) == "uint"]
-        pixels[..., whole] *= np.float32(2**32 - 1)
-    return pixels
+        message = complaint(file)
+        if stored is None or message:
+            raise unreadable(path, message)
+        pixels = np.asarray(stored, dtype=np.float32).reshape(-1, spec.width, len(channels))
+        if file.format_name() == "openexr":
+            # Whole numbers count something, but OpenImageIO divides them by the largest one, as it does for colours.
+            whole = [place for place, channel in enumerate(channels) if str(spec.channelformat(channel)) == "uint"]
+            pixels[..., whole] *= np.float32(2**32 - 1)
+        yield first, pixels
 
 
 def _headers(path: PathLike, file: OpenImageIO.ImageInput) -> list[tuple[PartHeader, OpenImageIO.ImageSpec]]:
@@ -225,8 +218,10 @@ def read_pixels(path: PathLike, file: OpenImageIO.ImageInput, index: int) -> Arr
     check_image(path, spec)
     if spec.deep:
         raise UnreadableImageError(path, "it is a deep one")
-    pixels = file.read_image(index, 0, 0, spec.nchannels, "float")
-    return _decoded(path, file, pixels, range(spec.nchannels))
+    pixels = np.empty((spec.height, spec.width, spec.nchannels), np.float32)
+    for row, strip in strips(path, file, part=index, channels=range(spec.nchannels)):
+        pixels[row : row + len(strip)] = strip
+    return pixels
 
 
 class UnreadableImageError(SceneError):

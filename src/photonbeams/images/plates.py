@@ -40,7 +40,7 @@ _MOST_NAMES = 24
 
 
 @dataclass(frozen=True)
-class _Picture(ABC):
+class _ImageInput(ABC):
     """What holdouts and plates have in common: a file of another renderer, or pixels."""
 
     file: PathLike | Array
@@ -89,7 +89,7 @@ class _Picture(ABC):
 
 
 @dataclass(frozen=True)
-class Holdout(_Picture):
+class Holdout(_ImageInput):
     """Another renderer's depth, at which beams end.
 
     Attributes
@@ -255,7 +255,7 @@ class Holdout(_Picture):
 
 
 @dataclass(frozen=True)
-class Plate(_Picture):
+class Plate(_ImageInput):
     """A picture that beams are added to.
 
     Attributes

@@ -108,14 +108,10 @@ def side_by_side(
     At 90° a beam is upright, at smaller angles it points toward the camera, at larger ones away; lengths are such that
     all look equally tall. The picture is as many scene units wide as there are beams.
     """
-    count = len(depths)
-    starts, ends = [], []
-    for i, (depth, angle) in enumerate(zip(depths, np.radians(angles), strict=True)):
-        middle = np.array([i - (count - 1) / 2, 0.0, -depth])
-        half = 0.5 * np.array([0.0, 1.0, np.cos(angle) / np.sin(angle)])
-        starts.append(middle - half)
-        ends.append(middle + half)
-    beams = Beams(starts, ends, 0.16, 0.16, [[1, 1, 1]])
+    count, turn = len(depths), np.radians(angles)
+    middle = np.column_stack([np.arange(count) - (count - 1) / 2, np.zeros(count), np.negative(depths)])
+    half = np.column_stack([np.zeros(count), np.full(count, 0.5), 0.5 * np.cos(turn) / np.sin(turn)])
+    beams = Beams(middle - half, middle + half, 0.16, 0.16, [[1, 1, 1]])
     step = count / width
     x = (np.arange(width) + 0.5) * step - count / 2
     y = (np.arange(height) - height / 2 + 0.5) * -step

@@ -9,7 +9,7 @@ import numpy as np
 import OpenImageIO
 
 from ..scene import Array, SceneError
-from .channels import Channel, color_channels, corner_of
+from .channels import Channel, color_channels, corner_of, overlap
 from .display import DECODED, srgb_decoded
 from .files import UnreadableImageError, check_image, complaint, opened, strips
 
@@ -116,10 +116,8 @@ def _add_squares(sums: Array, pixels: Array, corner: tuple[int, int], factor: in
     for axis, place in ((0, corner[1]), (1, corner[0])) if factor > 1 else ():
         squares = np.append(0, np.arange(factor - place % factor, pixels.shape[axis], factor))
         pixels = np.add.reduceat(pixels, squares, axis=axis)
-    (left, top), (height, width) = (place // factor for place in corner), sums.shape[:2]
-    x0, y0 = max(left, 0), max(top, 0)
-    x1, y1 = max(min(left + pixels.shape[1], width), x0), max(min(top + pixels.shape[0], height), y0)
-    sums[y0:y1, x0:x1] += pixels[y0 - top : y1 - top, x0 - left : x1 - left]
+    inside, shown = overlap(pixels, (corner[0] // factor, corner[1] // factor), (0, 0, sums.shape[1], sums.shape[0]))
+    sums[inside] += pixels[shown]
 
 
 def _limited(pixels: Array, limit: int) -> Array:
