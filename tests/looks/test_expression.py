@@ -354,7 +354,7 @@ def test_python_numbers_as_inputs_compile_no_kernel():
 
 def test_the_tables_tell_all_that_there_is():
     text = expression.describe()
-    for name, (kind, _, doc) in NAMES.items():
+    for name, (_, doc, kind) in NAMES.items():
         assert f"{kind}: {doc}" in text and f"\n{name} " in f"\n{text}"
     for name, function in FUNCTIONS.items():
         assert function.name == name and function.signature in text and function.doc in text

@@ -242,7 +242,7 @@ class Beams:
         result: Beams = joined(filled)
         return result
 
-    def _filled(self, names: set[str], first: int) -> Beams:
+    def _filled(self, names: Iterable[str], first: int) -> Beams:
         """Return the beams with all optional arrays of these names; `first` is the first beam's index in the whole."""
         result = copy(self)
         for name in names:
@@ -286,12 +286,10 @@ class Beams:
 
     def identity(self) -> Array3f:
         """Return each beam's `random`, `id` and `generation`, or their defaults, as (N, 3)."""
-        nothing = dr.zeros(Float, len(self))
         if not len(self):
-            return Array3f(nothing)
-        number = Float(self.numbers()) if self.id is None else self.id
-        random = unit_float(hash32(self.numbers())) if self.random is None else self.random
-        return Array3f(random, number, nothing if self.generation is None else self.generation)
+            return dr.zeros(Array3f, 0)
+        whole = self._filled(NAMING, first=0)
+        return Array3f(whole.random, whole.id, whole.generation)
 
     def take(self, index: UInt32) -> Beams:
         """Return the beams at these indices; `index` is a Dr.Jit UInt32 array, which is not checked."""

@@ -95,7 +95,7 @@ def check_value(value: object, name: str) -> None:
 
 def _is_colour(value: object) -> bool:
     if dr.is_array_v(value):
-        return bool(dr.depth_v(value) == 1 and dr.size_v(value) != 3) or bool(dr.size_v(value) == 3)
+        return dr.depth_v(value) == 1 or dr.size_v(value) == 3
     return isinstance(value, int | float | np.number)
 
 

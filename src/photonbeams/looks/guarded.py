@@ -6,7 +6,7 @@ Values are Dr.Jit floats and vectors of three, of any precision. Where a result 
   for sums, squares and the factors of a beam. Nothing is ever infinite.
 - x / 0, x % 0 and the normalised zero vector are 0. So is the square root of a negative number.
   A divisor that a GPU flushes to 0 counts as 0 everywhere.
-- log(x) of x below `SMALLEST`, 10⁻¹⁸, is that of `SMALLEST`. asin and acos clamp their arguments to ±1.
+- log(x) of x below `SMALLEST`, 10⁻¹⁸, is that of `SMALLEST`. asin and acos, in `vocabulary`, clamp theirs to ±1.
 - x ** y for negative x is real for whole y, and 0 for other y; 0 ** 0 is 1, and 0 to a negative power is 0.
 """
 
@@ -79,24 +79,9 @@ def power(x: Operand, y: Operand) -> Operand:
     return dr.select(x == 0, dr.select(y == 0, type(size)(1), 0), signed)
 
 
-def exponential(x: Operand) -> Operand:
-    """Return e to the power x."""
-    return saturated(dr.exp(x))
-
-
 def logarithm(x: Operand) -> Operand:
     """Return the natural logarithm."""
     return dr.log(dr.maximum(x, SMALLEST))
-
-
-def root(x: Operand) -> Operand:
-    """Return the square root; 0 for negative x."""
-    return dr.sqrt(dr.maximum(x, 0))
-
-
-def sign(x: Operand) -> Operand:
-    """Return −1, 0 or 1."""
-    return truth(x > 0, x) - truth(x < 0, x)
 
 
 def fraction(x: Operand) -> Operand:
@@ -123,16 +108,6 @@ def _turned(x: Operand) -> Operand:
     """Return an angle, without its whole turns where it is large: there, the device's sine may be infinite."""
     rest = dr.clip(x - _TURN * dr.round(x / _TURN), -_TURN, _TURN)
     return dr.select(dr.abs(x) <= _EXACT_TURNS, x, rest)
-
-
-def arcsine(x: Operand) -> Operand:
-    """Return the angle in radians whose sine is x."""
-    return dr.asin(dr.clip(x, -1, 1))
-
-
-def arccosine(x: Operand) -> Operand:
-    """Return the angle in radians whose cosine is x."""
-    return dr.acos(dr.clip(x, -1, 1))
 
 
 def dot(a: Operand, b: Operand) -> Operand:

@@ -23,7 +23,6 @@ from math import sqrt
 from typing import Any
 
 import drjit as dr
-import numpy as np
 
 from ..runtime.device import UInt32
 from .guarded import Operand, times, vector_type
@@ -39,6 +38,12 @@ _BITS = {1: 24, 2: 16, 3: 10, 4: 8}  # of a hash, for each component of a gradie
 _VECTOR_SEEDS = (1, 2, 3)  # of the components of `vnoise`
 _OCTAVE_SEED = 4  # of the first octave
 _CELL_SEED = 100  # of `cellnoise` and `random`
+# A corner's weight is a product of (1 − fade) or fade, and its gradient's components have the variance ⅓. Corners are
+# independent, so the n-dimensional mean of the variance is n/3 · A · B^(n−1): A = 2 ∫ x² (1 − fade)² along the
+# component's own axis, B = 2 ∫ (1 − fade)² along the others.
+_ALONG, _ACROSS = 535 / 9009, 181 / 231
+# By number of dimensions, the factor that gives the noise its standard deviation.
+_SCALE = {n: DEVIATION / sqrt(n / 3 * _ALONG * _ACROSS ** (n - 1)) for n in (1, 2, 3, 4)}
 _OCTAVE_SHIFT = (0.37, 0.61, 0.17, 0.83)  # without it, all octaves would vanish together at the origin
 
 
@@ -97,7 +102,7 @@ def turbulence(
 def cellnoise(p: Operand, time: Operand | None = None) -> Operand:
     """Return a random number in [0, 1) that is constant in each cell of the integer lattice."""
     axes = _axes(p, time)
-    state = _start(axes[0], _CELL_SEED)
+    state = _start(_CELL_SEED)
     for axis in axes:
         state = _mixed(state + _cell(axis))
     return _fraction(state, type(axes[0]))
@@ -110,11 +115,11 @@ def random(x: Operand, seed: Operand | float = 0.0) -> Operand:
     """
     numbers: list[Any] = [*_axes(x, None), seed]
     single: Any = dr.float32_array_t(type(numbers[0]))
-    state = _start(numbers[0], _CELL_SEED)
+    state = _start(_CELL_SEED)
     for number in numbers:
         value = single(number)
         # 0 and −0 have different bits.
-        bits: Any = dr.reinterpret_array(type(state), dr.select(value == 0, single(0), value))
+        bits: Any = dr.reinterpret_array(UInt32, dr.select(value == 0, single(0), value))
         state = _mixed(state + bits)
     return _fraction(state, type(numbers[0]))
 
@@ -160,7 +165,7 @@ def _gradient_noise(axes: list[Operand], seed: int) -> Operand:
         high = blended(_mixed(state + cells[k] + 1), [*toward, offsets[k] - 1])
         return dr.lerp(low, high, fades[k])
 
-    return _kept_inside(blended(_start(axes[0], seed), []) * _SCALE[len(axes)])
+    return _kept_inside(blended(_start(seed), []) * _SCALE[len(axes)])
 
 
 def _plane(state: UInt32, offset: list[Operand]) -> Operand:
@@ -183,15 +188,15 @@ def _kept_inside(value: Operand) -> Any:
     return dr.copysign(dr.fma(above * above, -1 / (4 * room), size), value)
 
 
-def _start(like: Operand, seed: int) -> UInt32:
-    """Return the initial hash for a seed, as 32-bit integers that match the float type of `like`."""
-    return dr.uint32_array_t(type(like))((seed * 0x9E3779B9 + 0x7F4A7C15) & 0xFFFFFFFF)
+def _start(seed: int) -> UInt32:
+    """Return the initial hash for a seed."""
+    return UInt32((seed * 0x9E3779B9 + 0x7F4A7C15) & 0xFFFFFFFF)
 
 
 def _cell(x: Operand) -> UInt32:
     """Return floor(x) as 32 bits, clamped to the range of floats that fit into them."""
     whole = dr.clip(dr.floor(x), -(2.0**31), 2.0**31 - 128)
-    return dr.uint32_array_t(type(x))(dr.int32_array_t(type(x))(whole))
+    return UInt32(dr.int32_array_t(type(x))(whole))
 
 
 def _mixed(state: UInt32) -> UInt32:
@@ -204,24 +209,3 @@ def _mixed(state: UInt32) -> UInt32:
 def _fraction(state: UInt32, kind: type[Operand]) -> Operand:
     """Return the upper 24 bits, which fit into a float32, as a number in [0, 1)."""
     return kind(state >> 8) * 2.0**-24
-
-
-def _scales() -> dict[int, float]:
-    """Return for each number of dimensions the factor that gives the noise its standard deviation.
-
-    A corner's weight is a product of (1 − fade) or fade, and its gradient's components have the variance ⅓. Corners are
-    independent, so the n-dimensional mean of the variance is n/3 · A · B^(n−1): A = 2 ∫ x² (1 − fade)² along the
-    component's own axis, B = 2 ∫ (1 − fade)² along the others.
-    """
-    fade = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
-    x = np.polynomial.Polynomial([0, 1])
-
-    def both(shape: np.polynomial.Polynomial) -> float:
-        integral = (2 * shape).integ()
-        return float(integral(1) - integral(0))
-
-    own, other = both(x**2 * (1 - fade) ** 2), both((1 - fade) ** 2)
-    return {n: DEVIATION / sqrt(n / 3 * own * other ** (n - 1)) for n in (1, 2, 3, 4)}
-
-
-_SCALE = _scales()

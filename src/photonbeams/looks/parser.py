@@ -7,6 +7,7 @@ import difflib
 import operator
 from collections.abc import Callable, Iterable
 from functools import reduce
+from itertools import pairwise
 from typing import Any, NamedTuple, NoReturn
 
 import drjit as dr
@@ -121,7 +122,7 @@ class Parser:
     def _unaryop(self, node: ast.UnaryOp, depth: int) -> Node:
         if isinstance(node.op, ast.Not):
             operand = self._scalar(node.operand, depth + 1, "the operand of not")
-            return Node("scalar", lambda values: _not(operand.compute(values)), operand.varies)
+            return _computed(lambda value: truth(value == 0, value), [operand])
         if not isinstance(node.op, (ast.USub, ast.UAdd)):
             self._refuse(node, f"this operator has no meaning here: {EXPECTED}")
         operand = self.part(node.operand, depth + 1)
@@ -143,22 +144,20 @@ class Parser:
         nodes = [node.left, *node.comparators]
         parts = [self._scalar(each, depth + 1, "one side of a comparison") for each in nodes]
 
-        def compute(values: Operands) -> Operand:
-            computed = [part.compute(values) for part in parts]
-            masks = [function(*computed[k : k + 2]) for k, function in enumerate(functions)]
-            return truth(reduce(operator.and_, masks), computed[0])
+        def compared(*values: Operand) -> Operand:
+            masks = [function(*pair) for function, pair in zip(functions, pairwise(values), strict=True)]
+            return truth(reduce(operator.and_, masks), values[0])
 
-        return Node("scalar", compute, any(part.varies for part in parts))
+        return _computed(compared, parts)
 
     def _boolop(self, node: ast.BoolOp, depth: int) -> Node:
         word, join = ("and", operator.and_) if isinstance(node.op, ast.And) else ("or", operator.or_)
         parts = [self._scalar(each, depth + 1, f"one side of {word}") for each in node.values]
 
-        def compute(values: Operands) -> Operand:
-            computed = [part.compute(values) for part in parts]
-            return truth(reduce(join, [each != 0 for each in computed]), computed[0])
+        def joined(*values: Operand) -> Operand:
+            return truth(reduce(join, [each != 0 for each in values]), values[0])
 
-        return Node("scalar", compute, any(part.varies for part in parts))
+        return _computed(joined, parts)
 
     def _ifexp(self, node: ast.IfExp, depth: int) -> Node:
         condition = self._scalar(node.test, depth + 1, "the condition")
@@ -273,6 +272,13 @@ def _call(function: ExpressionFunction, arguments: list[Any]) -> Node:
     return Node(kind, compute, any(each.varies for each in arguments if isinstance(each, Node)))
 
 
+def _computed(function: Callable[..., Operand], parts: list[Node]) -> Node:
+    """Return the part of a scalar that is computed from scalar parts."""
+    return Node(
+        "scalar", lambda values: function(*(part.compute(values) for part in parts)), any(part.varies for part in parts)
+    )
+
+
 def _applied(function: Callable[..., Operand], parts: list[Node]) -> Node:
     """Return the part of an operator between parts, component by component if one of them is a vector."""
     parameters = tuple(Parameter(name) for name in "ab")
@@ -281,10 +287,6 @@ def _applied(function: Callable[..., Operand], parts: list[Node]) -> Node:
 
 def _as_vector(value: Operand) -> Operand:
     return value if dr.depth_v(value) > 1 else vector_type(value)(value, value, value)
-
-
-def _not(value: Operand) -> Operand:
-    return truth(value == 0, value)
 
 
 def _unknown(name: str, what: str, expected: list[str], others: Iterable[str]) -> str:

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 import drjit as dr
 
-from ..numerics.given import SMALLEST, derived, given_color, given_number
+from ..numerics.given import SMALLEST, derived, given_number
 from ..scene import SceneError, choice, shown, whole
 from .context import INPUTS, ShadingContext
 from .described import constructor
@@ -122,10 +122,7 @@ class Noise(Factor):
         self._octaves = whole(octaves, "a noise's octaves", f" from 1 to {MOST_OCTAVES}")
         if not 1 <= self._octaves <= MOST_OCTAVES:
             raise SceneError(f"a noise's octaves is {shown(octaves)}: expected a whole number from 1 to {MOST_OCTAVES}")
-        motion = given_color(drift, "a noise's drift", "three finite numbers")
-        if motion.plain.shape != (3,):
-            raise SceneError(f"a noise's drift is {shown(drift)}: expected three finite numbers")
-        self._drift = motion.value
+        self._drift = given_number(drift, "a noise's drift", "three finite numbers", shapes=((3,),)).value
         changes = given_number(evolution, "a noise's evolution", "a number")
         self._evolution, self._still = changes.value, changes.attached is None and not changes.plain
         self._space = choice(space, "a noise's space", get_args(NoiseSpace))

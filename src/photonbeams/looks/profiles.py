@@ -38,18 +38,11 @@ class _Bump(Across):
 
     def density(self, rho2: Float) -> Float:
         """Return (n + 1)/π (1 − ρ²)^n."""
-        return self._bump(rho2) * ((self._power + 1) / np.pi)
+        return dr.maximum(1 - rho2, 0) ** self._power * ((self._power + 1) / np.pi)
 
     def line(self, x: Float) -> Float:
         """Return the smooth part of the line projection."""
-        return self._bump(x) * self._line_scale
-
-    def _bump(self, x: Float) -> Float:
-        base = dr.maximum(1 - x, 0)
-        result = type(base)(1)
-        for _ in range(self._power):
-            result = result * base
-        return result
+        return dr.maximum(1 - x, 0) ** self._power * self._line_scale
 
 
 class Uniform(_Bump):

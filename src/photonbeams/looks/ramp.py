@@ -26,20 +26,17 @@ def interpolate(knots: Array, colors: Array, interpolation: Interpolation, x: np
     place = np.clip(np.asarray(x, dtype=np.float64), knots[0], knots[-1])
     if len(knots) == 1:
         return np.broadcast_to(colors[0], (*place.shape, 3))
-    if interpolation == "monotone":
-        from scipy.interpolate import PchipInterpolator  # takes long to import
+    if interpolation in ("catmull-rom", "monotone"):
+        from scipy.interpolate import CubicHermiteSpline, PchipInterpolator  # take long to import
 
-        return PchipInterpolator(knots, colors)(place)
+        monotone = interpolation == "monotone"
+        slopes = np.gradient(colors, knots, axis=0)
+        curve = PchipInterpolator(knots, colors) if monotone else CubicHermiteSpline(knots, colors, slopes)
+        return curve(place)
     index = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
-    length = knots[index + 1] - knots[index]
-    t = (place - knots[index]) / length
-    if interpolation == "catmull-rom":  # cubic Hermite interpolation
-        slope, t, length = np.gradient(colors, knots, axis=0), t[..., None], length[..., None]
-        ease = t * t * (3 - 2 * t)
-        bent = t * (1 - t) * ((1 - t) * slope[index] - t * slope[index + 1]) * length
-        return colors[index] * (1 - ease) + colors[index + 1] * ease + bent
+    t = (place - knots[index]) / (knots[index + 1] - knots[index])
     if interpolation == "none":
-        t = np.where(place >= knots[-1], 1.0, 0.0)
+        t = np.floor(t)  # which is 1 at the last knot
     elif interpolation == "smooth":
         t = t * t * (3 - 2 * t)
     return colors[index] + t[..., None] * (colors[index + 1] - colors[index])

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..runtime.device import Array3f, Array4f, Bool, Float, UInt32
-from ..scene import Array
 
+Array = npt.NDArray[Any]
 T = TypeVar("T")  # an array, or a struct of arrays
 
 _ALIGNMENT = 64  # bytes: a vector register

@@ -83,21 +83,24 @@ def given(value: object, name: str, expected: str, bounds: tuple[float, ...] = (
     return Given(at_bounds(plain, *bounds), _flat(value) if attached else None)
 
 
-def given_number(value: object, name: str, expected: str, low: float = -LARGEST, high: float = LARGEST) -> Given:
-    """Return one number from `low` to `high`; else SceneError says what was `expected` of `name`."""
+def given_number(
+    value: object, name: str, expected: str, low: float = -LARGEST, high: float = LARGEST,
+    shapes: tuple[tuple[int, ...], ...] = ((),),
+) -> Given:  # fmt: skip
+    """Return one number, or numbers of one of these shapes, from `low` to `high`.
+
+    Else SceneError says what was `expected` of `name`.
+    """
     found = given(value, name, expected, (low, high))
-    if found.plain.size != 1 or not low <= float(found.plain.ravel()[0]) <= high:
+    plain = found.plain.reshape(()) if found.plain.size == 1 else found.plain
+    if plain.shape not in shapes or not np.all((plain >= low) & (plain <= high)):
         raise SceneError(f"{name} is {shown(value)}: expected {expected}")
-    return Given(found.plain.reshape(()), found.attached)
+    return Given(plain, found.attached)
 
 
 def given_color(value: object, name: str, expected: str, low: float = -LARGEST) -> Given:
     """Return one number or three, none below `low`; else SceneError says what was `expected` of `name`."""
-    found = given(value, name, expected, (low,))
-    plain = found.plain.reshape(()) if found.plain.size == 1 else found.plain
-    if plain.shape not in ((), (3,)) or not np.all((plain >= low) & (plain <= LARGEST)):
-        raise SceneError(f"{name} is {shown(value)}: expected {expected}")
-    return Given(plain, found.attached)
+    return given_number(value, name, expected, low, shapes=((), (3,)))
 
 
 def finite(value: object, name: str, expected: str, shape: tuple[int, ...]) -> Array:

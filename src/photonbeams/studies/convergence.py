@@ -59,7 +59,7 @@ _DIM = 1e-3
 _RIEMANN_COUNTS = sorted({*range(1, 33), *np.geomspace(33, MOST_POINTS, 36).astype(int).tolist()})
 
 
-def rays_inside(count: int, seed: int) -> Rays:
+def _rays_inside(count: int, seed: int) -> Rays:
     """Return rays from points uniform over length and cross-section, in directions uniform over the sphere."""
     rng = np.random.default_rng(seed)
     s, square, turn, z, heading = rng.random((5, count)) * [[_LENGTH], [1], [2 * np.pi], [2], [2 * np.pi]]
@@ -142,7 +142,7 @@ def curves(
 
     `done` is called after each case.
     """
-    inside = rays_inside(rays, seed)
+    inside = _rays_inside(rays, seed)
     orders = range(1, max(max_order, GAUSS_POINTS) + 1)
     result = []
     for name, across, along in cases:
