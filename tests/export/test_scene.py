@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photonbeams import scene
-from photonbeams.export.scene import Twin, _closed, sensor_of, twin_of
+from photonbeams.export.scene import Twin, sensor_of, twin_of
 from photonbeams.runtime.device import mitsuba
 from photonbeams.world.cameras.cameras import View, Window
 from tests.helpers.comparison import box
@@ -60,8 +60,8 @@ def test_a_panorama_is_told():
 
 def test_a_box_is_closed_until_it_lacks_a_face():
     mesh = box("/box", (0, 0, 0), (1, 1, 1))
-    assert _closed(mesh)
-    assert not _closed(scene.Mesh("/box", mesh.points, mesh.faces[1:]))
+    assert mesh.closed
+    assert not scene.Mesh("/box", mesh.points, mesh.faces[1:]).closed
 
 
 def test_ids_differ_by_more_than_their_case():

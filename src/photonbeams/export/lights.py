@@ -60,7 +60,7 @@ def add_lights(twin: Twin, lights: Sequence[scene.Light], exposure: float, radiu
 
 def _sphere(twin: Twin, light: scene.SphereLight, name: str) -> tuple[float, dict[str, Any]]:
     """Return the size of a sphere or a point, and its description."""
-    cone = light.shaping.cone_angle if light.shaping is not None else 180.0
+    cone = _cone(light)
     if light.gobo is not None:
         cone = min(cone, float(np.degrees(light.spread)))
     if light.radius == 0:
@@ -76,7 +76,7 @@ def _sphere(twin: Twin, light: scene.SphereLight, name: str) -> tuple[float, dic
 
 def _face(twin: Twin, light: scene.FlatLight, name: str) -> tuple[float, dict[str, Any]]:
     """Return the size of a rectangle or an ellipse, and its description."""
-    spot = _as_spot(twin, light, light.shaping.cone_angle if light.shaping is not None else 180.0, name)
+    spot = _as_spot(twin, light, _cone(light), name)
     if spot is not None:
         return 0.0, spot
     size = float(max(np.linalg.norm(light.half_x), np.linalg.norm(light.half_y)))
@@ -98,7 +98,7 @@ def _as_spot(
 
 def _warn_of_shaping(twin: Twin, light: scene.Light, widest: float = 180.0) -> None:
     """Warn about a cone below `widest` degrees or a focus, which Mitsuba has only for points."""
-    if light.shaping is not None and (_varies(light) or light.shaping.cone_angle < widest):
+    if _varies(light) or _cone(light) < widest:
         twin.lost.append(f"{light.name}.inputs:shaping is left out: Mitsuba has none for an emitter with an extent")
 
 
@@ -219,6 +219,11 @@ def _aimed(light: scene.SphereLight | scene.FlatLight) -> np.ndarray:
     result = np.eye(4)
     result[:3] = np.column_stack([side, np.cross(axis, side), axis, _place(light)])
     return result
+
+
+def _cone(light: scene.Light) -> float:
+    """Return the angle of a light's cone from its axis, in degrees."""
+    return 180.0 if light.shaping is None else light.shaping.cone_angle
 
 
 def _varies(light: scene.Light) -> bool:

@@ -193,21 +193,12 @@ def _exposed(material: scene.Material, exposure: float) -> scene.Material:
 
 
 def _warn_of_glow(twin: Twin, mesh: scene.Mesh) -> None:
-    if not _closed(mesh):
+    if not mesh.closed:
         twin.lost.append(
             f"{mesh.name} glows on its front alone: it is not closed, and Mitsuba's emitters have one side"
         )
     if cut_out(mesh.material):
         twin.lost.append(f"{mesh.name} also glows where its opacity cuts it out: Mitsuba's emitters have no opacity")
-
-
-def _closed(mesh: scene.Mesh) -> bool:
-    """Return whether each edge of a mesh has a triangle on either side, with edges told apart by their ends' places."""
-    _, corner = np.unique(np.asarray(mesh.points, dtype=np.float32), axis=0, return_inverse=True)
-    faces = np.ravel(corner)[np.asarray(mesh.faces)]
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    there = {(a, b) for a, b in edges.tolist() if a != b}
-    return all((b, a) in there for a, b in there)
 
 
 def _write_image(bitmap: Bitmap, stream: Stream) -> None:
