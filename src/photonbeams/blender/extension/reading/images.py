@@ -38,7 +38,7 @@ class Images:
     def file_of(self, image: Any) -> str:
         """Return the path of an image's file."""
         path = str(bpy.path.abspath(image.filepath_raw, library=image.library))
-        packed = image.packed_file if not image.is_dirty else None
+        packed: Any = image.packed_file if not image.is_dirty else None
         if image.source in ("FILE", "TILED", "SEQUENCE", "MOVIE") and not image.is_dirty and packed is None:
             return path
         if image.name_full not in self._written:
