@@ -156,39 +156,110 @@ def _integrator(mi: Any, variant: str) -> type:
         __doc__ = _manual()
 
         def __init__(self, properties: Properties) -> None:
-            renderer = _Renderer(mi, _settings(properties), _value(properties, LAYERS))
+            settings, layers = _settings(properties), _value(properties, LAYERS)
             super().__init__(properties)
-            self.settings, self._renderer = renderer.settings, renderer
+            self.settings, self._layers = settings, layers
+            self._warned: set[str] = set()
+            self._last = _LastRender()
 
         def aov_names(self) -> list[str]:
             """Return the names of the layers' channels."""
-            return self._renderer.channels
+            names = [f"{layer}.{channel}" for layer in ("beams", "surface") for channel in "RGB"]
+            return names if self._layers else []
 
         def render(
             self, scene: MiScene, sensor: MiSensor | int = 0, seed: UInt32 | int = 0, spp: int = 0,
             develop: bool = True, evaluate: bool = True,
         ) -> Any:  # fmt: skip
-            """Render the scene; `spp` is the number of passes."""
-            return self._renderer.render(scene, sensor, seed, spp, develop=develop, evaluate=evaluate)
+            """Render the scene from a sensor, or from the sensor of that index; `spp` is the number of passes."""
+            device.check_recording()  # first, since garbage that is collected meanwhile would end the process, too
+            import drjit as dr
+
+            from .render.films.denoising import check_denoiser
+            from .scene import SceneError
+
+            count = len(scene.sensors())
+            if isinstance(sensor, int) and not 0 <= sensor < count:
+                raise SceneError(f"{NAME}: sensor is {sensor}: expected a sensor of the scene, which has {count}")
+            sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+            passes = spp or int(sensor.sampler().sample_count())
+            settings = replace(self.settings, passes=passes, seed=int(_number(seed)))
+            if settings.denoise:
+                check_denoiser()
+            with dr.suspend_grad():
+                picture = self._rendered(scene, sensor, settings)
+                film = sensor.film()
+                film.prepare(self.aov_names())
+                film.put_block(_block(mi, film, picture, self._layers))
+                if not develop:
+                    return mi.TensorXf()
+                image = film.develop()
+                if evaluate:
+                    dr.eval(image)
+                return image
+
+        def _rendered(self, scene: MiScene, sensor: MiSensor, settings: Settings) -> dict[str, Array]:
+            """Return the layers, with what the pilots found in the last render if the scene has not changed since."""
+            from .render.films.denoising import denoised
+            from .render.pilots.pilot import Findings
+            from .render.scene_frame import Extras, render
+            from .world.parameters import Parameters
+
+            last = self._last
+            if last.parameters != Parameters(scene, sensor):
+                # Kernels depend on how many plug-ins there are, so those that the last findings hold go first.
+                last.parameters, last.findings = None, Findings()
+            with _bar(settings) as run:
+                frame = render(
+                    scene,
+                    sensor,
+                    settings,
+                    run,
+                    warned=self._warned,
+                    extras=Extras(depth=False, findings=last.findings),
+                )
+            # Only now: a render turns parameters that were constants into variables.
+            last.parameters, last.findings = Parameters(scene, sensor), frame.findings
+            layers = frame.layers()
+            return denoised(layers, frame.sums().views[0], {}) if settings.denoise else layers
 
         def sample(
             self, mode: ADMode, scene: MiScene, sampler: Sampler, ray: RayDifferential, *_: object,
             active: Bool | bool = True, **__: object,
         ) -> Any:  # fmt: skip
-            """Return the radiance along rays, for integrators around this one, such as `aov`.
+            """Return the radiance along rays, whether they met something, and the layers' channels.
 
-            All rays are expected in one call. Each call traces light anew, with a seed from the sampler, in as many
-            passes as the sampler has samples per pixel.
+            It is called by integrators around this one, such as `aov`, and expects all rays in one call. Each call
+            traces light anew, with a seed from the sampler, in as many passes as that has samples per pixel.
             """
-            return self._renderer.sample(mode, scene, sampler, ray, active)
+            device.check_recording()
+            import drjit as dr
+
+            from .render.scene_rays import radiance
+
+            if mode != dr.ADMode.Primal:
+                raise NotOfferedError(_NO_DERIVATIVES)
+            if self.settings.denoise or self.settings.error:
+                raise NotOfferedError(
+                    f"{NAME}: denoise and error need the whole picture: expected neither within another integrator"
+                )
+            if dr.flag(dr.JitFlag.SymbolicScope):
+                text = "sample was called within a recorded loop: expected one call with all rays"
+                raise NotOfferedError(f"{NAME}: {text}")
+            with dr.suspend_grad():
+                seed = int(_number(sampler.next_1d().numpy()) * 2**24)
+                settings = replace(self.settings, passes=int(sampler.sample_count()), seed=seed)
+                light = radiance(scene, ray, active, settings, self._warned)
+                layers = [channel for layer in light[:2] for channel in layer] if self._layers else []
+                total = light.beams + light.surface
+                spectrum = mi.Spectrum(total if len(mi.Spectrum()) == 3 else total.x)  # or of one channel
+                return spectrum, light.alpha > 0, layers, None
 
         def render_forward(self, *_: object, **__: object) -> Any:
-            """Raise NotOfferedError, as `render_backward` does."""
-            return self.render_backward()
-
-        def render_backward(self, *_: object, **__: object) -> Any:
             """Raise NotOfferedError: `photonbeams.estimate` has derivatives, by beams, fog and looks."""
             raise NotOfferedError(_NO_DERIVATIVES)
+
+        render_backward = render_forward
 
         def to_string(self) -> str:
             return f"PhotonBeams[{self.settings}]"
@@ -196,97 +267,12 @@ def _integrator(mi: Any, variant: str) -> type:
     return PhotonBeams
 
 
-class _Renderer:
-    """The plug-in without Mitsuba's base class; `layers` says whether the picture has the layers as channels."""
+class _LastRender:
+    """The parameters of the scene, and what the pilots found, of a render; Dr.Jit looks into a tuple of them."""
 
-    def __init__(self, mi: ModuleType, settings: Settings, layers: bool) -> None:
-        self._mi, self.settings, self._layers = mi, settings, layers
-        self._warned: set[str] = set()
-        self._last: tuple[Any, Any] = (None, None)  # parameters of the scene, and the pilots' findings, of a render
-
-    @property
-    def channels(self) -> list[str]:
-        """The names of the layers' channels."""
-        return [f"{layer}.{channel}" for layer in ("beams", "surface") for channel in "RGB"] if self._layers else []
-
-    def render(
-        self, scene: MiScene, sensor: MiSensor | int, seed: UInt32 | int, spp: int, *, develop: bool, evaluate: bool
-    ) -> Any:
-        """Return the picture of a sensor, or of the sensor of that index."""
-        from .runtime import device
-
-        device.check_recording()  # first, since garbage that is collected meanwhile would end the process, too
-        import drjit as dr
-
-        from .render.films.denoising import check_denoiser
-        from .scene import SceneError
-
-        count = len(scene.sensors())
-        if isinstance(sensor, int) and not 0 <= sensor < count:
-            raise SceneError(f"{NAME}: sensor is {sensor}: expected a sensor of the scene, which has {count}")
-        sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        settings = replace(self.settings, passes=spp or int(sensor.sampler().sample_count()), seed=_number(seed))
-        if settings.denoise:
-            check_denoiser()
-        with dr.suspend_grad():
-            picture = self._rendered(scene, sensor, settings)
-            film = sensor.film()
-            film.prepare(self.channels)
-            film.put_block(_block(self._mi, film, picture, self._layers))
-            if not develop:
-                return self._mi.TensorXf()
-            image = film.develop()
-            if evaluate:
-                dr.eval(image)
-            return image
-
-    def _rendered(self, scene: MiScene, sensor: MiSensor, settings: Settings) -> dict[str, Array]:
-        """Return the layers, with what the pilots found in the last render if neither scene nor sensor has changed."""
-        from .render.films.denoising import denoised
-        from .render.pilots.pilot import Findings
-        from .render.scene_frame import Extras, render
-        from .world.parameters import Parameters
-
-        parameters, findings = self._last
-        if parameters != Parameters(scene, sensor):
-            # Kernels depend on how many plug-ins there are, so those that the last findings hold go first.
-            findings = Findings()
-            self._last, parameters = (None, None), None
-        with _bar(settings) as run:
-            frame = render(
-                scene, sensor, settings, run, warned=self._warned, extras=Extras(depth=False, findings=findings)
-            )
-        # Only now: a render turns parameters that were constants into variables.
-        self._last = Parameters(scene, sensor), frame.findings
-        layers = frame.layers()
-        return denoised(layers, frame.sums().views[0], {}) if settings.denoise else layers
-
-    def sample(self, mode: ADMode, scene: MiScene, sampler: Sampler, ray: RayDifferential, active: Bool | bool) -> Any:
-        """Return the radiance along rays, whether they met something, and the layers' channels."""
-        from .runtime import device
-
-        device.check_recording()
-        import drjit as dr
-        import numpy as np
-
-        from .render.scene_rays import radiance
-
-        if mode != dr.ADMode.Primal:
-            raise NotOfferedError(_NO_DERIVATIVES)
-        if self.settings.denoise or self.settings.error:
-            raise NotOfferedError(
-                f"{NAME}: denoise and error need the whole picture: expected neither within another integrator"
-            )
-        if dr.flag(dr.JitFlag.SymbolicScope):
-            raise NotOfferedError(f"{NAME}: sample was called within a recorded loop: expected one call with all rays")
-        with dr.suspend_grad():
-            seed = int(np.ravel(sampler.next_1d().numpy())[0] * 2**24)
-            settings = replace(self.settings, passes=int(sampler.sample_count()), seed=seed)
-            found = radiance(scene, ray, active, settings, self._warned)
-            layers = [channel for layer in found[:2] for channel in layer] if self._layers else []
-            light = found.beams + found.surface
-            spectrum = self._mi.Spectrum(light if len(self._mi.Spectrum()) == 3 else light.x)  # or of one channel
-            return spectrum, found.alpha > 0, layers, None
+    def __init__(self) -> None:
+        self.parameters: Any = None
+        self.findings: Any = None
 
 
 @contextmanager
@@ -304,10 +290,11 @@ def _bar(settings: Settings) -> Iterator[RunOptions]:
         yield RunOptions(progress=lambda done, _: update(done, total, f"{NAME}, passes"))
 
 
-def _number(seed: Any) -> int:
+def _number(values: Any) -> Any:
+    """Return the first of some numbers, or the only one."""
     import numpy as np
 
-    return int(np.ravel(seed)[0])
+    return np.ravel(values)[0]
 
 
 def _block(mi: ModuleType, film: MiFilm, layers: Mapping[str, Array], with_layers: bool) -> ImageBlock:

@@ -26,6 +26,8 @@ _CONNECT_SECONDS = 10
 class FarmError(Exception):
     """The farm failed, for the reason in the message; the same work may succeed if it is started again."""
 
+    exit_code = 75  # EX_TEMPFAIL of sysexits.h
+
 
 @contextmanager
 def connected(

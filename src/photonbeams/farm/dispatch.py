@@ -12,6 +12,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from statistics import median
 
 #: A part is begun a second time after SLOW times the median time of a part, and after LEAST seconds or more.
@@ -32,17 +33,9 @@ class FramePart:
 
 
 @dataclass
-class _Running:
-    """A part that a worker has, and the time since when."""
-
-    part: FramePart
-    since: float
-
-
-@dataclass
 class _Worker:
     frame: int | None = None
-    running: list[_Running] = field(default_factory=list)
+    running: dict[FramePart, float] = field(default_factory=dict)  # its parts, and since when it has each
 
 
 class LostError(Exception):
@@ -57,21 +50,19 @@ class Dispatcher:
     """The state of a farm's work: the parts of each frame that are to be rendered, each a range of passes."""
 
     def __init__(self, frames: Sequence[Sequence[range]]) -> None:
-        self._todo = [[FramePart(k, numbers) for numbers in parts] for k, parts in enumerate(frames)]
-        self._left = [{*parts} for parts in self._todo]
-        self._count = sum(map(len, self._left))
-        self._open = {frame for frame, parts in enumerate(self._todo) if parts}  # frames with parts that no worker has
-        self._fresh = deque(sorted(self._open))  # frames that no worker has begun
+        parts = [[FramePart(k, numbers) for numbers in each] for k, each in enumerate(frames)]
+        self._left = [{*each} for each in parts]
+        self._todo = {k: each for k, each in enumerate(parts) if each}  # parts that no worker has, by frame
+        self._begun: set[int] = set()  # frames of which a worker had parts
         self._workers: dict[str, _Worker] = {}
-        self._free: dict[str, None] = {}  # workers that may be given more
         self._times: deque[float] = deque(maxlen=50)  # seconds a pass
         self._looked = -math.inf
-        self._lost: dict[FramePart, int] = {}
+        self._lost: Counter[FramePart] = Counter()
 
     @property
     def done(self) -> bool:
         """Whether all parts have been rendered."""
-        return not self._count
+        return not any(self._left)
 
     @property
     def workers(self) -> list[str]:
@@ -80,94 +71,78 @@ class Dispatcher:
 
     def add_worker(self, name: str) -> None:
         """Add a worker."""
-        if name not in self._workers:
-            self._workers[name] = _Worker()
-            self._free[name] = None
+        self._workers.setdefault(name, _Worker())
 
     def lose_worker(self, name: str) -> None:
         """Remove a lost worker and put its parts back; raise LostError if MOST_LOST workers were lost at one part."""
         for part in self.exclude(name)[:1]:  # the others had not begun
-            self._lost[part] = self._lost.get(part, 0) + 1
+            self._lost[part] += 1
             if self._lost[part] >= MOST_LOST:
                 raise LostError(part, self._lost[part])
 
     def exclude(self, name: str) -> list[FramePart]:
         """Remove a worker, put its parts back for others, and return them, the one that it was rendering first."""
-        worker = self._workers.pop(name, _Worker())
-        self._free.pop(name, None)
-        for each in worker.running:
-            self._again(each.part)
-        return [each.part for each in worker.running]
+        parts = [*self._workers.pop(name, _Worker()).running]
+        for part in parts:
+            self._put_back(part)
+        return parts
 
     def next(self, now: float) -> tuple[str, FramePart] | None:
         """Return a worker and the part that it renders from `now` on; None if no worker is free or nothing is left."""
-        idle = next((name for name in self._free if not self._workers[name].running), None)
-        if not self._open:
-            part = None if idle is None or now - self._looked < LOOK else self._slow(now)
-            return None if part is None or idle is None else self._given(idle, part, now)
-        name = idle or next(iter(self._free), None)
-        return None if name is None else self._given(name, self._chosen(self._workers[name]), now)
-
-    def _given(self, name: str, part: FramePart, now: float) -> tuple[str, FramePart]:
-        worker = self._workers[name]
-        worker.frame = part.frame
-        worker.running.append(_Running(part, now))
-        if len(worker.running) >= _QUEUED:
-            del self._free[name]
+        name = min(self._workers, key=lambda each: len(self._workers[each].running), default="")
+        worker = self._workers.get(name)
+        if worker is None or len(worker.running) >= _QUEUED:
+            return None
+        if self._todo:
+            part: FramePart | None = self._chosen(worker)
+        else:
+            part = None if worker.running or now - self._looked < LOOK else self._slow(now)
+        if part is None:
+            return None
+        worker.frame, worker.running[part] = part.frame, now
         return name, part
 
     def finish(self, name: str, part: FramePart, now: float) -> bool:
         """Note that a worker has finished a part; return whether it is the first to do so."""
         worker = self._workers.get(name)
-        if worker is not None:
-            for each in [each for each in worker.running if each.part == part]:
-                self._times.append((now - each.since) / len(part.numbers))
-                worker.running.remove(each)
-            for each in worker.running:
-                each.since = now  # the worker begins it now
-            self._free[name] = None
+        if worker is not None and part in worker.running:
+            self._times.append((now - worker.running.pop(part)) / len(part.numbers))
+            worker.running = dict.fromkeys(worker.running, now)  # the worker begins the next one now
         if part not in self._left[part.frame]:
             return False
         self._left[part.frame].discard(part)
-        self._count -= 1
-        if part in self._todo[part.frame]:  # put back when its first worker seemed to be lost
-            self._todo[part.frame].remove(part)
-            if not self._todo[part.frame]:
-                self._open.discard(part.frame)
+        if part in self._todo.get(part.frame, ()):  # put back when its first worker seemed to be lost
+            self._take(part)
         return True
 
     def give_back(self, name: str, part: FramePart) -> None:
         """Note that a worker will not render a part."""
-        worker = self._workers.get(name)
-        if worker is not None:
-            worker.running = [each for each in worker.running if each.part != part]
-            self._free[name] = None
-        self._again(part)
+        self._workers.get(name, _Worker()).running.pop(part, None)
+        self._put_back(part)
 
     def frame_done(self, frame: int) -> bool:
         """Return whether all parts of a frame have been rendered."""
         return not self._left[frame]
 
-    def _again(self, part: FramePart) -> None:
-        elsewhere = any(each.part == part for worker in self._workers.values() for each in worker.running)
-        if part in self._left[part.frame] and not elsewhere and part not in self._todo[part.frame]:
-            self._todo[part.frame].insert(0, part)
-            self._open.add(part.frame)
+    def _put_back(self, part: FramePart) -> None:
+        elsewhere = any(part in worker.running for worker in self._workers.values())
+        if part in self._left[part.frame] and not elsewhere and part not in self._todo.get(part.frame, ()):
+            self._todo.setdefault(part.frame, []).insert(0, part)
+
+    def _take(self, part: FramePart) -> None:
+        self._todo[part.frame].remove(part)
+        if not self._todo[part.frame]:
+            del self._todo[part.frame]
 
     def _chosen(self, worker: _Worker) -> FramePart:
         """Return the next part for a worker: of its own frame, else of a new one, else of the one with most left."""
         frame = worker.frame
-        if frame is None or not self._todo[frame]:
-            while self._fresh and self._fresh[0] not in self._open:
-                self._fresh.popleft()
-            frame = (
-                self._fresh.popleft()
-                if self._fresh
-                else max(self._open, key=lambda each: (len(self._todo[each]), -each))
-            )
-        part = self._todo[frame].pop(0)
-        if not self._todo[frame]:
-            self._open.discard(frame)
+        if frame is None or frame not in self._todo:
+            most = max(self._todo, key=lambda each: len(self._todo[each]))
+            frame = next((each for each in self._todo if each not in self._begun), most)
+        self._begun.add(frame)
+        part = self._todo[frame][0]
+        self._take(part)
         return part
 
     def _slow(self, now: float) -> FramePart | None:
@@ -176,17 +151,16 @@ class Dispatcher:
         if not self._times:
             return None
         usual = median(self._times)
-        held = [worker.running for worker in self._workers.values() if worker.running]
-        counts = Counter(each.part for running in held for each in running)
-        late = [
-            running
-            for running in held
-            if now - running[0].since > max(LEAST, SLOW * usual * len(running[0].part.numbers))
-        ]
-        for running in sorted(late, key=lambda each: each[0].since):
-            for each in running:  # parts that wait behind a hung part are late, too
-                if counts[each.part] == 1 and each.part in self._left[each.part.frame]:
-                    return each.part
+        holders = Counter(part for worker in self._workers.values() for part in worker.running)
+        late: list[tuple[float, list[FramePart]]] = []
+        for worker in self._workers.values():
+            for first, since in [*worker.running.items()][:1]:
+                if now - since > max(LEAST, SLOW * usual * len(first.numbers)):
+                    late.append((since, [*worker.running]))
+        for _, parts in sorted(late, key=lambda each: each[0]):
+            for part in parts:  # those that wait behind a hung part are late, too
+                if holders[part] == 1 and part in self._left[part.frame]:
+                    return part
         return None
 
 
@@ -212,9 +186,6 @@ def parts_of(missing: Sequence[range], frames: int, workers: int, most: int) -> 
         size *= 2
     parts = []
     for each in missing:
-        begin = each.start
-        while begin < each.stop:
-            end = min((begin // size + 1) * size, each.stop)
-            parts.append(range(begin, end))
-            begin = end
+        bounds = [each.start, *range((each.start // size + 1) * size, each.stop, size), each.stop]
+        parts += [range(begin, end) for begin, end in pairwise(bounds)]
     return parts

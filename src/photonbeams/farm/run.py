@@ -44,10 +44,6 @@ class FarmFrame:
     file: Path | None = None
     sums: FrameSums | None = None  # so far, None before the frame begins
 
-    def missing(self) -> Sequence[range]:
-        """Return the passes that are still to be rendered."""
-        return [range(self.passes)] if self.left is None else self.left
-
     def begin(self) -> None:
         """Load the passes of the checkpoint, if there is one."""
         if self.sums is None and self.file is not None:
@@ -107,13 +103,11 @@ class Farm:
         """Render all frames; SceneError for one that nothing can render, FarmError if scheduler or workers are gone."""
         frames = self.frames
         workers = max(1, len(self._workers()))
-        parts = [parts_of(each.missing(), len(frames), workers, most_passes(workers)) for each in frames]
+        missing = [[range(each.passes)] if each.left is None else each.left for each in frames]
+        parts = [parts_of(each, len(frames), workers, most_passes(workers)) for each in missing]
         self._dispatcher = Dispatcher(parts)
-        there = [sum(map(len, each)) for each in parts]
-        self._state = FarmState(
-            sum(frame.passes - left for frame, left in zip(frames, there, strict=True)),
-            sum(frame.passes for frame in frames), 0, len(frames),
-        )  # fmt: skip
+        passes, left = sum(each.passes for each in frames), sum(len(numbers) for each in parts for numbers in each)
+        self._state = FarmState(passes - left, passes, 0, len(frames))
         for place, each in enumerate(parts):
             if not each:
                 self._finish(place)

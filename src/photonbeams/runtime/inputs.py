@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from errno import EACCES
 from io import BytesIO
-from typing import Any, BinaryIO
+from typing import BinaryIO
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 import numpy as np
@@ -142,22 +142,18 @@ def _arrays(archive: ZipFile) -> Iterator[tuple[str, Array]]:
 def _array(data: bytes, name: str) -> Array:
     """Return the array in the bytes of a .npy file."""
     stream = BytesIO(data)
-    read: Any = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Python's parser reads the header, and warns of odd literals
-            shape, by_columns, kind = read[np.lib.format.read_magic(stream)](stream)
-    except (KeyError, SyntaxError, TypeError, OverflowError, RecursionError, MemoryError):
-        raise SceneError(f"its member {name[:60]!r} has a header that cannot be read") from None
-    if kind.kind not in "biufU" or kind.names is not None or kind.subdtype is not None:
-        raise SceneError(f"its member {name[:60]!r} holds {str(kind)[:40]}: expected numbers or text")
-    count, rest = 1, memoryview(data)[stream.tell() :]
-    for length in shape:
-        count *= int(length)
-    if min(shape, default=0) < 0 or count * kind.itemsize != len(rest):
+            values: Array = np.lib.format.read_array(stream)  # without pickles
+    except (ValueError, KeyError, SyntaxError, TypeError, OverflowError, RecursionError, MemoryError):
+        raise SceneError(f"its member {name[:60]!r} cannot be read") from None
+    if values.dtype.kind not in "biufU":
+        raise SceneError(f"its member {name[:60]!r} holds {str(values.dtype)[:40]}: expected numbers or text")
+    if stream.read(1):
         raise SceneError(f"its member {name[:60]!r} is not as long as it says")
-    values = np.frombuffer(rest, kind, count) if rest else np.empty(count, kind)
-    return values.reshape(shape, order="F" if by_columns else "C")
+    values.flags.writeable = False
+    return values
 
 
 def _cause(error: OSError | ValueError) -> str:

@@ -13,6 +13,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
 # Bytes of addresses that the libraries take, mostly for code and for the stacks of threads; measured: 2.0 GiB.
 _LIBRARIES = 9 << 28
 #: The same for commands that render nothing: NumPy and OpenImageIO; measured: 0.24 GiB.
@@ -72,7 +77,7 @@ def bounded(more: int) -> Iterator[None]:
     with _DataLimit.lock:
         _DataLimit.entered += 1
         if _DataLimit.entered == 1:
-            _DataLimit.before = _data_limit()
+            _DataLimit.before = resource.getrlimit(resource.RLIMIT_DATA) if resource else None
         used = _data()
         if used is not None and _DataLimit.before is not None:
             _set_data_limit(min(used + more, _DataLimit.before[0]) if _DataLimit.before[0] >= 0 else used + more)
@@ -93,17 +98,7 @@ class _DataLimit:
     before: tuple[int, int] | None = None
 
 
-def _data_limit() -> tuple[int, int] | None:
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    return resource.getrlimit(resource.RLIMIT_DATA)
-
-
 def _set_data_limit(limit: int) -> None:
-    import resource
-
     assert _DataLimit.before is not None
     with suppress(ValueError, OSError):  # of systems that let no process set it
         resource.setrlimit(resource.RLIMIT_DATA, (limit, _DataLimit.before[1]))
@@ -117,11 +112,7 @@ def _data() -> int | None:
 
 def _limits() -> Iterator[int | None]:
     """Yield the limits of addresses and of data in bytes, None where there is none."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA):
+    for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA) if resource else ():
         limit, _ = resource.getrlimit(kind)
         yield None if limit == resource.RLIM_INFINITY else limit
 
