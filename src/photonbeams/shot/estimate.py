@@ -9,18 +9,13 @@ with a fourth of its pixels, and P is taken to grow with the pixels as between t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
 
 from ..images.frame import Frame
 from ..render.passes import Statistics
-from .request import FrameRequest, prepare
-from .subject import Subject, Viewpoint
-
-if TYPE_CHECKING:
-    from ..render.settings import Settings
+from .request import RenderCall, prepare
 
 #: A frame takes this many times as long as estimated, or the inverse, at most: measured, see docs/performance.md. The
 #: second is for estimates from smaller pictures.
@@ -81,24 +76,21 @@ class _Begun:
     developing: float
 
 
-def estimate(
-    subject: Subject, viewpoint: Viewpoint, frame: float | None, passes: int | None, settings: Settings | None,
-    given: Mapping[str, Any],
-) -> Estimate:  # fmt: skip
-    """Return the estimate for arguments of `Shot.render`; raises what that does before its first pass."""
+def estimate(call: RenderCall) -> Estimate:
+    """Return the estimate for a call of `Shot.render`; raises what that does before its first pass."""
     start = time.perf_counter()
-    ready = prepare(subject, viewpoint, frame, passes, settings, given)
+    ready = prepare(call)
     window, memory, chosen = ready.window, ready.content.memory(ready.window, ready.settings), ready.settings
-    shown, _ = subject.windows(viewpoint, FrameRequest.of(subject, viewpoint, frame, passes, settings, given))
-    size, (left, top, right, bottom) = (window.width, window.height), shown.crop
+    size, (left, top, right, bottom) = (window.width, window.height), ready.shown.crop
     crop = (left / size[0], top / size[1], right / size[0], bottom / size[1])
     whole = (right - left) * (bottom - top)
-    plates = any(given.get(name) is not None for name in ("holdout", "over"))
+    plates = any(call.given.get(name) is not None for name in ("holdout", "over"))
 
     def begun(scale: float) -> _Begun:
         width, height = (max(1, round(scale * each)) for each in size)
-        more = dict(given) if scale == 1 else {**given, "width": width, "height": height, "crop": crop}
-        return _begun(subject, viewpoint, frame, chosen, more, round(scale * scale * whole))
+        smaller = {} if scale == 1 else {"width": width, "height": height, "crop": crop}
+        same = call._replace(passes=None, settings=chosen, given={**call.given, **smaller})
+        return _begun(same, round(scale * scale * whole))
 
     def total(found: Sequence[_Begun]) -> float:
         return found[0].before + found[-1].first + chosen.passes * _pass_of(found, whole)
@@ -135,10 +127,7 @@ def _pass_of(found: Sequence[_Begun], pixels: float) -> float:
     return min(last.each + slope * (pixels - last.pixels), most)
 
 
-def _begun(
-    subject: Subject, viewpoint: Viewpoint, frame: float | None, settings: Settings, given: Mapping[str, Any],
-    pixels: int,
-) -> _Begun:  # fmt: skip
+def _begun(call: RenderCall, pixels: int) -> _Begun:
     """Render the first passes of a picture, and return what they took."""
     marks: list[tuple[float, int]] = []
     developing = 0.0
@@ -156,10 +145,10 @@ def _begun(
 
     start = time.perf_counter()
     # In order, so that the shutter and the samples are planned as for the frame.
-    more = {**given, "progress": progress, "snapshot": snapshot, "checkpoint": None}
+    given = {**call.given, "progress": progress, "snapshot": snapshot, "checkpoint": None}
     try:
         begin = time.perf_counter()
-        prepare(subject, viewpoint, frame, None, settings, more).frame()
+        prepare(call._replace(given=given)).frame()
         developing = time.perf_counter() - max(begin, marks[-1][0])
     except _Enough:
         pass

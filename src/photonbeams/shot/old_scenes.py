@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+from ..runtime.device import mitsuba
+
 _VERSION = re.compile(rb"<\w+[^<>]*\sversion\s*=\s*[\"'](0\.[\d.]*)")
 _BEGINNING = 1 << 16  # bytes in which the root element begins
 _DEEPEST = 15  # files that include each other, as in Mitsuba
@@ -66,8 +68,6 @@ class Parsed(NamedTuple):
 
 def parse(path: Path, parameters: Mapping[str, str]) -> Parsed:
     """Return a file as Mitsuba has parsed it; RuntimeError if Mitsuba cannot."""
-    from ..runtime.device import mitsuba
-
     parser, variant = mitsuba().parser, mitsuba().variant()
     text = converted(path)
     config = parser.ParserConfig(variant)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..images.channels import image_paths
 from ..images.frame import Frame
@@ -16,7 +16,7 @@ from ..render.films.mattes import MATERIAL, OBJECT, header_of
 from ..render.passes import PlannedPasses, Progress, RunOptions
 from ..render.settings import Settings
 from ..runtime.files import PathLike
-from ..scene import SceneError, choice, number
+from ..scene import SceneError, choice
 from ..scene.cameras import CONFORM_POLICIES
 from ..scene.declared import typed
 from ..usd.cameras.stereo import views_of
@@ -35,6 +35,17 @@ _ASKED, _THUMBNAIL = "asked for doubts", 64
 
 #: Called after each pass with a function that returns the frame so far.
 Snapshot = Callable[[Callable[[], Frame]], None]
+
+
+class RenderCall(NamedTuple):
+    """A call of `Shot.render`: of which subject and viewpoint, and its arguments, of which `given` are the rest."""
+
+    subject: Subject
+    viewpoint: Viewpoint
+    frame: float | None
+    passes: int | None
+    settings: Settings | None
+    given: Mapping[str, Any]
 
 
 @typed
@@ -66,17 +77,15 @@ class FrameRequest:
     film: FilmMemory | None = None
 
     @classmethod
-    def of(
-        cls, subject: Subject, viewpoint: Viewpoint, frame: float | None, passes: int | None,
-        settings: Settings | None, given: Mapping[str, Any],
-    ) -> FrameRequest:  # fmt: skip
-        """Return the request for arguments of `Shot.render`; `given` are the rest of them, and fields of `Settings`."""
-        names = {each.name for each in fields(cls)}
-        own = {name: value for name, value in given.items() if name in names}
-        by_name = {name: value for name, value in given.items() if name not in names}
-        if passes is not None:
-            by_name["passes"] = passes
-        chosen = Settings.of(subject.settings(viewpoint, frame) if settings is None else settings, by_name)
+    def of(cls, call: RenderCall) -> FrameRequest:
+        """Return the request of a call, whose `given` has fields of this class and of `Settings`."""
+        subject, names = call.subject, {each.name for each in fields(cls)}
+        own = {name: value for name, value in call.given.items() if name in names}
+        by_name = {name: value for name, value in call.given.items() if name not in names}
+        if call.passes is not None:
+            by_name["passes"] = call.passes
+        settings = subject.settings(call.viewpoint, call.frame) if call.settings is None else call.settings
+        chosen = Settings.of(settings, by_name)
         if chosen.denoise:  # checked before hours of rendering
             check_denoiser()
             if chosen.filter_name != "box":
@@ -84,11 +93,9 @@ class FrameRequest:
                 subject.warnings.give(f"denoise: {text}: expected box")
         own["checkpoint"] = Checkpoint.of(own.get("checkpoint"))
         own["holdout"], own["over"] = Holdout.of(own.get("holdout")), Plate.of(own.get("over"))
-        return cls(frame=frame, settings=chosen, **own)
+        return cls(frame=call.frame, settings=chosen, **own)
 
     def __post_init__(self) -> None:
-        if not 1e-3 <= number(self.pixel_aspect, "pixel_aspect") <= 1e3:
-            raise SceneError(f"pixel_aspect is {self.pixel_aspect}: expected a number from 0.001 to 1000")
         choice(self.conform, "conform", CONFORM_POLICIES)
 
 
@@ -97,6 +104,7 @@ class Prepared:
     """What the passes of a frame need."""
 
     content: FrameContent
+    shown: Window
     window: Window  # what is rendered, more than is shown
     settings: Settings
     holdouts: Sequence[HoldoutDepth]  # the depth at which beams end, for each view
@@ -114,13 +122,10 @@ class Prepared:
         return self.development.frame(rendered.sums(), rendered.statistics)
 
 
-def prepare(
-    subject: Subject, viewpoint: Viewpoint, frame: float | None, passes: int | None, settings: Settings | None,
-    given: Mapping[str, Any],
-) -> Prepared:  # fmt: skip
-    """Return everything that the passes of a frame need, for arguments of `Shot.render`; raises what that does."""
-    request = FrameRequest.of(subject, viewpoint, frame, passes, settings, given)
-    names, number, warn = views_of(viewpoint.stereo, request.view), subject.number(frame), subject.warnings.give
+def prepare(call: RenderCall) -> Prepared:
+    """Return everything that the passes of a frame need; raises what `Shot.render` does."""
+    request, subject, viewpoint = FrameRequest.of(call), call.subject, call.viewpoint
+    names, number, warn = views_of(viewpoint.stereo, request.view), subject.number(call.frame), subject.warnings.give
     window, grown = subject.windows(viewpoint, request)
     size, holdout, over = (window.width, window.height), request.holdout, request.over
     depths = [] if holdout is None else holdout.read(number, names, size, warn, grown.crop)
@@ -142,8 +147,8 @@ def prepare(
     )  # fmt: skip
     run = replace(_run_options(request, development), warn=_warns(subject, grown))
     holdouts = [depth.seen_by(_camera(view)) for depth, view in zip(depths, content.views, strict=False)]
-    digest = subject.digest(viewpoint, frame) if run.named else ""
-    return Prepared(content, grown, chosen, holdouts, run, digest, development)
+    digest = subject.digest(viewpoint, call.frame) if run.named else ""
+    return Prepared(content, window, grown, chosen, holdouts, run, digest, development)
 
 
 def _sources(subject: Subject, request: FrameRequest, views: Sequence[str]) -> Iterator[PathLike]:

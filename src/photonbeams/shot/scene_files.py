@@ -11,11 +11,11 @@ import re
 import struct
 import zlib
 from codecs import BOM_UTF8
-from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, TypeVar
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -29,8 +29,6 @@ from .old_scenes import parse
 
 #: What messages about a scene that is a dictionary begin with.
 OF_DICTIONARIES = "a scene's dictionary"
-
-_Key = TypeVar("_Key", bound=Hashable)
 
 _ATTRIBUTE = re.compile(r"""([\w:.-]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 _ELEMENT = re.compile(r"<\s*(/?\w+)((?:[^<>\"']|\"[^\"]*\"|'[^']*')*)>")
@@ -178,7 +176,6 @@ def named_files(path: Path, parameters: Mapping[str, str]) -> NamedFiles:
     A pipe or device is refused wherever it is named. Other text may have the name of a folder by chance.
     """
     folders: list[Path] = []
-    within: dict[str, list[str]] = {}  # the ids that objects refer to, by their own ids
     todo, files = [path], {path: None}
     for file in todo:  # which grows meanwhile
         named = "" if file == path else f" includes {file}:"
@@ -186,14 +183,12 @@ def named_files(path: Path, parameters: Mapping[str, str]) -> NamedFiles:
             text = _COMMENT.sub("", content(file, MOST_TEXT).decode("utf-8", "replace"))
         except SceneError as error:
             raise SceneError(f"{path}:{named} expected a Mitsuba scene that can be read, but {error}") from None
-        values, outer = dict(parameters), list[str]()  # the ids of the elements around one
+        values, depth = dict(parameters), 0  # elements around one
         for kind, rest in _ELEMENT.findall(text):
             own = {name: _filled(first or second, values) for name, first, second in _ATTRIBUTE.findall(rest)}
-            if kind == "ref":
-                for each in outer:
-                    within.setdefault(each, []).append(own.get("id", ""))
-            outer = outer[:-1] if kind[0] == "/" else outer if rest.endswith("/") else [*outer, own.get("id", "")]
-            if len(outer) > _DEEPEST:
+            if not rest.endswith("/"):
+                depth += -1 if kind[0] == "/" else 1
+            if depth > _DEEPEST:
                 raise SceneError(f"{path}:{named} nests elements more than {_DEEPEST} deep: expected fewer")
             if kind == "default":
                 values.setdefault(own.get("name", ""), own.get("value", ""))
@@ -211,7 +206,6 @@ def named_files(path: Path, parameters: Mapping[str, str]) -> NamedFiles:
                     raise SceneError(
                         f"{path}: includes more than {_MOST_FILES:,} files, such as {file}: expected fewer"
                     )
-    _check_depth(path, within)
     return NamedFiles(files.keys(), folders)
 
 
@@ -222,30 +216,18 @@ def _check_nesting(path: Path | str, state: Any) -> None:
     """
     nodes, bsdf = state.nodes, mitsuba().ObjectType.BSDF
     within = {number: [*_children(node, state.id_to_index)] for number, node in enumerate(nodes)}
-    lobes = [0] * len(nodes)
-    for number in _check_depth(path, within):
-        if nodes[number].type == bsdf:
-            sides = 1 + (nodes[number].props.plugin_name() == "twosided")
-            lobes[number] = sides * max(sum(lobes[each] for each in within[number]), 1)
+    depths, lobes = [1] * len(nodes), [0] * len(nodes)
+    with suppress(CycleError):  # an object that holds itself, which Mitsuba reports
+        for number in TopologicalSorter(within).static_order():  # each after those that it holds
+            inner = within[number]
+            depths[number] += max((depths[each] for each in inner), default=0)
+            if nodes[number].type == bsdf:
+                sides = 1 + (nodes[number].props.plugin_name() == "twosided")
+                lobes[number] = sides * max(sum(lobes[each] for each in inner), 1)
+    if max(depths) > _DEEPEST:
+        raise SceneError(f"{path}: holds objects in objects, more than {_DEEPEST} deep: expected fewer")
     if max(lobes) > _MOST_LOBES:
         raise SceneError(f"{path}: a bsdf holds others, {max(lobes):.3g} in all: expected up to {_MOST_LOBES:,}")
-
-
-def _check_depth(path: Path | str, within: Mapping[_Key, Sequence[_Key]]) -> list[_Key]:
-    """Return objects, each after those that it holds; SceneError if these are too deep in each other.
-
-    There are none if an object holds itself, which Mitsuba reports.
-    """
-    try:
-        order = [*TopologicalSorter(within).static_order()]
-    except CycleError:
-        return []
-    depths: dict[_Key, int] = {}
-    for each in order:
-        depths[each] = 1 + max((depths[inner] for inner in within.get(each, ())), default=0)
-    if max(depths.values(), default=0) > _DEEPEST:
-        raise SceneError(f"{path}: holds objects in objects, more than {_DEEPEST} deep: expected fewer")
-    return order
 
 
 def _children(node: Any, numbers: Mapping[str, int]) -> Iterator[int]:

@@ -10,10 +10,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ..runtime.device import helping_thread, mitsuba, scene_variants
 from ..scene import SceneError
 from ..scene.checks import shortened
 from .old_scenes import parse, version_of
 from .scene_files import OF_DICTIONARIES, check_files, checked_dictionary
+
+LOG = logging.getLogger("photonbeams")
 
 # What replaces plugins that Mitsuba lacks, and the properties that remain. A render uses nothing else of these two.
 _REPLACED = {
@@ -32,8 +35,6 @@ def load(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
 
     With `merge`, equal plugins become one, and meshes are merged, which then lose their ids.
     """
-    from ..runtime.device import helping_thread, mitsuba
-
     mi = mitsuba()
     if not os.path.lexists(path):
         raise SceneError(f"{path}: no such file")
@@ -54,15 +55,13 @@ def load(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
 @contextmanager
 def _logged(path: Path) -> Iterator[None]:
     """Give what Mitsuba says of a scene to our log within the context, instead of colours and times to the terminal."""
-    from ..runtime.device import mitsuba
-
     mi = mitsuba()
 
     class Forwarding(mi.Appender):  # type: ignore[misc, name-defined]
         def append(self, level: Any, text: str) -> None:
             if level >= mi.LogLevel.Warn:
                 text = " ".join(_STAMP.sub("", text).split())
-                logging.getLogger("photonbeams").warning("%s: %s", path, text)
+                LOG.warning("%s: %s", path, text)
 
         def log_progress(self, *_: object) -> None:
             pass
@@ -81,8 +80,6 @@ def _logged(path: Path) -> Iterator[None]:
 
 def check_scene(source: Any) -> Any:
     """Return a scene of Mitsuba's, made from a dictionary if it is one; SceneError for anything else."""
-    from ..runtime.device import helping_thread, mitsuba, scene_variants
-
     mi = mitsuba()
     if isinstance(source, Mapping):
         try:
@@ -101,8 +98,6 @@ def check_scene(source: Any) -> Any:
 
 def _load_file(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
     """Return what Mitsuba makes of a file, as `mi.load_file` does; RuntimeError from Mitsuba."""
-    from ..runtime.device import mitsuba
-
     mi = mitsuba()
     config: Any = mi.parser.ParserConfig(mi.variant())
     config.merge_meshes = config.merge_equivalent = merge
@@ -125,7 +120,7 @@ def _load_file(path: Path, parameters: Mapping[str, str], merge: bool) -> Any:
                     text = (
                         "%s: there is no integrator '%s', such as photon_beams: only the depths of its paths are used"
                     )
-                    logging.getLogger("photonbeams").warning(text, path, found[2])
+                    LOG.warning(text, path, found[2])
 
 
 def _replace(node: Any) -> None:
@@ -167,8 +162,6 @@ def reason(text: str, path: Path | None = None) -> str:
 @contextmanager
 def _folder(folder: Path) -> Iterator[None]:
     """Let Mitsuba find files in a folder within the context."""
-    from ..runtime.device import mitsuba
-
     mi = mitsuba()
     before = mi.file_resolver()
     own = mi.FileResolver(before)

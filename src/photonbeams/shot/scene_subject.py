@@ -17,6 +17,13 @@ from .. import scene
 from ..images.frame import pixels_of
 from ..images.numbering import PLACEHOLDER, numbered
 from ..images.plates import Holdout, Plate
+from ..looks.tint import tinted
+from ..render import scene_frame
+from ..render.films.layers import layer_names
+from ..render.films.pixel_filters import margin_of, reconstruction_filter
+from ..render.seen.surfaces import names_of, wholes
+from ..render.settings import Settings
+from ..runtime.device import mitsuba
 from ..runtime.digest import digest
 from ..runtime.files import PathLike
 from ..scene import SceneError
@@ -25,8 +32,14 @@ from ..usd.cameras.stereo import EYES, split
 from ..usd.common.reading import LOG
 from ..usd.common.warnings import Warnings
 from ..usd.layers.header import origin
+from ..usd.looks.shading import build_look
 from ..usd.scene_layers import SceneLayers
 from ..usd.stage import files_of
+from ..world.bounds import box_around
+from ..world.cameras.cameras import Window
+from ..world.cameras.sensors import Sensor, camera_of, window_of
+from ..world.emitters import mitsuba_scene
+from ..world.shutter import Shutter
 from .lent import lent_view
 from .scene_files import named_files
 from .scene_loading import check_scene, load
@@ -36,8 +49,6 @@ if TYPE_CHECKING:
     from ..beams.sets import BeamSet
     from ..looks import Look
     from ..render.frame import FrameRenderer
-    from ..render.settings import Settings
-    from ..world.cameras.cameras import Window
     from .request import FrameRequest, Prepared
 
 # The max_depth of Mitsuba's integrators that do not limit the length of paths.
@@ -85,8 +96,6 @@ class SceneSubject(Subject):
 
     def load(self, frame: float | None = None) -> Any:
         """Return Mitsuba's scene of a frame, and set the variant in which it was loaded."""
-        from ..runtime.device import mitsuba
-
         path = self.path and numbered(self.path, self.number(frame))
         if self._open[1] is None or self._open[0] != path:
             assert path is not None
@@ -105,10 +114,7 @@ class SceneSubject(Subject):
         self, plugin: Any, layers: SceneLayers, frame: float | None
     ) -> dict[str, scene.BeamSettings]:  # fmt: skip
         """Return the beam settings of layers by the ids of emitters; equal looks are built once, and share kernels."""
-        from ..usd.looks.shading import build_look
-        from ..world.emitters.mitsuba_scene import names_of
-
-        names = [name for each in plugin.emitters() for name in names_of(each)]
+        names = [name for each in plugin.emitters() for name in mitsuba_scene.names_of(each)]
         result = {}
         for name, fields in layers.read(frame, names, [each.id() for each in plugin.shapes()]).items():
             spec = fields.pop("look")
@@ -127,9 +133,6 @@ class SceneSubject(Subject):
         """Return the sensor that is lent to a scene without one, which sees all of it."""
         plugin = self.load(frame)
         if self._lent[0] is not plugin:
-            from ..runtime.device import mitsuba
-            from ..world.bounds import box_around
-
             mi, box = mitsuba(), box_around(plugin)
             corners = [np.array(each, dtype=float) for each in (box.min, box.max)]
             view = lent_view(self, "sensor", corners if box.valid() else None)
@@ -170,8 +173,6 @@ class SceneSubject(Subject):
 
         If it is not `photon_beams`, or is nested in `aov` or `moment`, only the depths are taken, from its text form.
         """
-        from ..render.settings import Settings
-
         _, sensor = self.sensor(viewpoint, frame)
         integrator = self.load(frame).integrator()
         own = getattr(integrator, "settings", None)
@@ -184,8 +185,6 @@ class SceneSubject(Subject):
 
     def cameras(self, viewpoint: Viewpoint, frame: float | None) -> tuple[scene.Camera, ...]:
         """Return the sensor as a camera, or the cameras of two eyes; SceneError for a sensor that is no camera."""
-        from ..world.cameras.sensors import camera_of
-
         name, sensor = self.sensor(viewpoint, frame)
         camera = camera_of(sensor)
         if camera is None:
@@ -208,17 +207,10 @@ class SceneSubject(Subject):
 
     def layers(self, viewpoint: Viewpoint, frame: float | None) -> list[str]:
         """Return the names of a frame's layers."""
-        from ..render.films.layers import layer_names
-        from ..render.scene_frame import groups_of
-
-        return layer_names(groups_of(self.load(frame), self._beams))
+        return layer_names(scene_frame.groups_of(self.load(frame), self._beams))
 
     def windows(self, viewpoint: Viewpoint, request: FrameRequest) -> tuple[Window, Window]:
         """Return the film's own crop window, unless a size or a crop is asked for, and what is rendered for that."""
-        from ..render.films.pixel_filters import margin_of, reconstruction_filter
-        from ..world.cameras.cameras import Window
-        from ..world.cameras.sensors import window_of
-
         if (request.pixel_aspect, request.conform) != (1.0, CONFORM_POLICIES[0]):
             raise SceneError("pixel_aspect and conform are for stages: a Mitsuba scene (.xml) has square pixels")
         _, sensor = self.sensor(viewpoint, request.frame)
@@ -236,12 +228,6 @@ class SceneSubject(Subject):
         self, viewpoint: Viewpoint, request: FrameRequest, window: Window, views: Sequence[str]
     ) -> FrameContent:  # fmt: skip
         """Return what a frame shows in the rendered window."""
-        from ..render.scene_frame import Extras, groups_of, memory_of, render
-        from ..render.seen.surfaces import names_of, wholes
-        from ..world.cameras.cameras import Window
-        from ..world.cameras.sensors import Sensor, camera_of
-        from ..world.shutter import Shutter
-
         if request.settings.motion:
             raise SceneError("motion is a layer of stages: a Mitsuba scene (.xml) does not say how things move")
         plugin, (name, sensor) = self.load(request.frame), self.sensor(viewpoint, request.frame)
@@ -257,16 +243,16 @@ class SceneSubject(Subject):
         beams, warned = self._beams, self.warnings.given
 
         def rendered(ready: Prepared) -> FrameRenderer:
-            extras = Extras(beams, cameras, ready.holdouts)
+            extras = scene_frame.Extras(beams, cameras, ready.holdouts)
             with _resized(sensor, ready.window):
-                return render(plugin, sensor, ready.settings, ready.run, ready.digest, warned, extras)
+                return scene_frame.render(plugin, sensor, ready.settings, ready.run, ready.digest, warned, extras)
 
         header = {**origin(self.path.name if self.path else "", request.frame), "camera": name}
         still = Shutter.still(scene.Scene(), *cameras)
         return FrameContent(
-            groups_of(plugin, beams), seen, [header] * len(views), rendered, still, lambda: cameras,
+            scene_frame.groups_of(plugin, beams), seen, [header] * len(views), rendered, still, lambda: cameras,
             lambda: names_of(wholes(plugin)),
-            lambda window, chosen: memory_of(plugin, window, chosen, beams),
+            lambda window, chosen: scene_frame.memory_of(plugin, window, chosen, beams),
         )  # fmt: skip
 
     def beams(
@@ -274,8 +260,6 @@ class SceneSubject(Subject):
         given: Mapping[str, Any],
     ) -> list[BeamSet]:  # fmt: skip
         """Return the beams of a frame's first pass. The light of all emitters is traced, unless `method` says else."""
-        from ..render.settings import Settings
-
         own = self.settings(viewpoint, frame) if settings is None else settings
         eyes = [self.cameras(viewpoint, frame)[EYES.index(view)] for view in views if view]
         begun = self._begun(viewpoint, frame, Settings.of(own, {"method": "beams", **given}), eyes)
@@ -290,10 +274,9 @@ class SceneSubject(Subject):
         self, viewpoint: Viewpoint, frame: float | None, settings: Settings, eyes: Sequence[scene.Camera] = ()
     ) -> FrameRenderer:  # fmt: skip
         """Return a frame without passes."""
-        from ..render.scene_frame import Extras, begin
-
         _, sensor = self.sensor(viewpoint, frame)
-        return begin(self.load(frame), sensor, settings, self.warnings.given, Extras(self._beams, eyes))
+        extras = scene_frame.Extras(self._beams, eyes)
+        return scene_frame.begin(self.load(frame), sensor, settings, self.warnings.given, extras)
 
     def digest(self, viewpoint: Viewpoint, frame: float | None) -> str:
         """Return a hash of the file of a frame, its parameters, and the files that they name; "" without a file."""
@@ -314,8 +297,6 @@ class SceneSubject(Subject):
 @contextmanager
 def _resized(sensor: Any, window: Window) -> Iterator[None]:
     """Change the size of a sensor's film in pixels, and which part of it is rendered, within the context."""
-    from ..runtime.device import mitsuba
-
     parameters = mitsuba().traverse(sensor)
     names = "film.size", "film.crop_size", "film.crop_offset"
     own = [list(map(int, parameters[name])) for name in names]
@@ -354,18 +335,18 @@ def _beams(
         chosen = by_name.get(name) or own.look or by_name.get("")
         result[name] = replace(own, look=chosen, group=groups.get(name, own.group))
         if chosen is not None:
-            from ..looks.tint import tinted
-
             result[name] = tinted(result[name], name or "every emitter", warn)
     return result
 
 
-def overridden(overrides: Iterable[str]) -> dict[str, str]:
-    """Return the parameters of an .xml file by name."""
-    parameters = {}
-    for text in overrides:
+def values_by_name(
+    texts: Iterable[str], before: str, expected: str = "NAME=VALUE, a parameter of the .xml"
+) -> dict[str, str]:
+    """Return the values of texts NAME=VALUE, by name; SceneError, which begins with `before`, for another text."""
+    result = {}
+    for text in texts:
         name, equals, value = text.partition("=")
         if not name or not equals:
-            raise SceneError(f"cannot set '{text}': expected NAME=VALUE, a parameter of the .xml")
-        parameters[name] = value
-    return parameters
+            raise SceneError(f"{before} {text}: expected {expected}")
+        result[name] = value
+    return result

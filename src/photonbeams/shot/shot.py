@@ -18,6 +18,7 @@ from ..images.plates import Holdout, Plate
 from ..runtime.device import kept_variant
 from ..runtime.files import PathLike
 from ..scene.places import moved
+from ..setting import Setting
 from ..usd import stage as stages
 from ..usd.cameras.stereo import Stereo, check_stereo, views_of
 from ..usd.common.warnings import Strictness, Warnings
@@ -39,6 +40,9 @@ if TYPE_CHECKING:
     from ..usd.common.motion import Exposure
     from .estimate import Estimate
     from .request import Prepared, Snapshot
+
+
+_TEXTURE_LIMIT = Setting(kind=int, least=1, most=scene.MOST_PIXELS)
 
 
 class Shot:
@@ -191,14 +195,14 @@ class Shot:
                 FOR_STAGES, medium=medium, simulate=simulate, emit=emit, strict=strict, variants=variants, mask=mask,
                 purposes=purposes, complexity=complexity, working_space=working_space, color_space=color_space,
             )  # fmt: skip
-            from .scene_subject import SceneSubject, overridden
+            from .scene_subject import SceneSubject, values_by_name
 
-            subject = SceneSubject(path, looks, groups, beams, overridden(several(overrides)), session_layers)
+            parameters = values_by_name(several(overrides), "cannot set")
+            subject = SceneSubject(path, looks, groups, beams, parameters, session_layers)
             return cls(subject, camera, stereo=stereo)
         refuse(FOR_SCENES, groups=groups, beams=beams)
-        texture_limit = None if texture_limit is None else scene.whole(texture_limit, "texture_limit", " of pixels")
-        if texture_limit is not None and not 1 <= texture_limit <= scene.MOST_PIXELS:
-            raise scene.SceneError(f"texture_limit is {texture_limit}: expected 1 to {scene.MOST_PIXELS} pixels")
+        if texture_limit is not None:
+            texture_limit = _TEXTURE_LIMIT.checked(texture_limit, "texture_limit")
         selection = stages.Selection.of(mask, purposes, variants, complexity)
         layers = several(session_layers), several(overrides)
         warnings = Warnings.of(strict)
@@ -359,8 +363,9 @@ class Shot:
         ((64, 47), 16, True)
         """
         from .estimate import estimate
+        from .request import RenderCall
 
-        return estimate(self.subject, self.viewpoint, frame, passes, settings, given)
+        return estimate(RenderCall(self.subject, self.viewpoint, frame, passes, settings, given))
 
     @contextmanager
     def film(self) -> Iterator[None]:
@@ -388,9 +393,9 @@ class Shot:
         self, frame: float | None, passes: int | None, settings: Settings | None, **given: Any
     ) -> Prepared:  # fmt: skip
         """Return what the passes of a frame need."""
-        from .request import prepare
+        from .request import RenderCall, prepare
 
-        return prepare(self.subject, self.viewpoint, frame, passes, settings, given)
+        return prepare(RenderCall(self.subject, self.viewpoint, frame, passes, settings, given))
 
     @kept_variant()
     def render_part(

@@ -18,7 +18,7 @@ from ..render.settings import depth_of
 from ..scene import BLACK, Array, Camera, Scene, SceneError
 from ..scene.changes import followed, same, sharing
 from ..shot.development import Development
-from ..shot.request import Prepared, prepare
+from ..shot.request import Prepared, RenderCall, prepare
 from ..shot.shot import Shot
 from ..shot.subject import Viewpoint
 from ..world.cameras.cameras import Window
@@ -207,10 +207,8 @@ class LivePictures:
         if bounces is not None:
             settings["max_depth"] = depth_of(bounces)
         picture = {"width": width, "height": height, "crop": view.area, "blur": view.blur and not first}
-        ready = prepare(
-            self._shot.subject, self._viewpoint(view), view.frame, 1 if first else view.passes, None,
-            {**settings, **picture, "lens": view.lens},
-        )  # fmt: skip
+        passes, given = 1 if first else view.passes, {**settings, **picture, "lens": view.lens}
+        ready = prepare(RenderCall(self._shot.subject, self._viewpoint(view), view.frame, passes, None, given))
         self._check_edits()
         shutter, viewers = ready.content.shutter, ready.content.viewers
         moment = shutter.at(0.0)
