@@ -1,6 +1,6 @@
 """Options of commands in groups, and the flags that are made from settings."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -14,12 +14,10 @@ from photonbeams.render.settings import Settings, flags
 VALUES = {int: 3, float: 0.25, bool: True}
 
 
-@dataclass(frozen=True, kw_only=True)
 class Inner(Flags):
     loud: bool = option(False, "Be loud.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Outer(Flags):
     count: int | None = option(None, "A number.", "--number", "-n", kind=int, least=1, most=9)
     inner: Inner

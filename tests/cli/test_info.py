@@ -10,7 +10,7 @@ import pytest
 
 from examples.vdb import write_vdb
 from photonbeams.cli import main
-from photonbeams.cli.info import show as info
+from photonbeams.cli.info import info
 from photonbeams.scene import SceneError
 from tests.helpers.frames import write_frame
 

@@ -114,8 +114,7 @@ def run(words, dry=False, bounces=False):
     assert words[0] == "photonbeams", f"{words[0]} is neither run nor among those that are skipped: {' '.join(words)}"
     plain = "".join(word for word in words if " " not in word)  # words with spaces were quoted, safe from the shell
     assert not set("|<>;&$*") & set(plain), f"only plain commands are run here: {' '.join(words)}"
-    kind = "render" if "--estimate" in words else words[1]
-    cheap = [] if "--list-cameras" in words else CHEAP.get(kind, [])
+    cheap = [] if "--list-cameras" in words else CHEAP.get(words[1], [])
     if cheap and not bounces and words[1] == "render" and (words[2].endswith(".xml") or "--bounces" in words):
         cheap = [*cheap, "--bounces", "0"]
     if "--pass-range" in words:

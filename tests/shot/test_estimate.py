@@ -70,7 +70,7 @@ def test_a_time_limit_bounds_the_estimate_and_a_crop_is_of_the_frame(stage):
 
 
 def test_the_command_tells_a_frame_all_frames_and_memory_and_takes_the_flags_of_render(stage, tmp_path, capsys):
-    code, out, err = told("info", "--estimate", stage, "--res", 64, 0, "--passes", 2, "--beams", 64, capsys=capsys)
+    code, out, err = told("render", "--estimate", stage, "--res", 64, 0, "--passes", 2, "--beams", 64, capsys=capsys)
     assert (code, err) == (0, "")
     assert "seen by /Camera, 64 x 36 pixels" in out
     assert re.search(r"a frame +about [\d.]+ s, from [\d.]+ s to [\d.]+ s: [\d.]+ s, and 2 passes of [\d.e-]+ s", out)
@@ -78,13 +78,12 @@ def test_the_command_tells_a_frame_all_frames_and_memory_and_takes_the_flags_of_
     assert re.search(r"memory +[\d.e-]+ GiB a pass", out)
     assert [path.name for path in tmp_path.iterdir()] == ["shot.usda"]
     many = ("--passes", 8, "--pass-range", "1/4", "-o", tmp_path / "a.checkpoint", "--res", 64, 0, "--beams", 64)
-    found = json.loads(told("info", "--estimate", "--json", stage, *many, capsys=capsys)[1])
+    found = json.loads(told("render", "--estimate", "--json", stage, *many, capsys=capsys)[1])
     assert (found["size"], found["frames"], found["passes"]) == ([64, 36], 3, 2)
     assert found["seconds"] == pytest.approx(found["once"] + 2 * found["each"])
     assert found["memory"] == PROGRAM_BYTES + memory.PIXEL_BYTES * 64 * 36 + memory.BEAM_BYTES * 64
-    for flags, name in ((("--passes", 2), "--passes"), (("--json",), "--json")):
-        code, out, err = told("info", stage, *flags, capsys=capsys)
-        assert (code, err) == (2, f"Error: {name} is for estimates: expected --estimate, too\n")
+    code, out, err = told("render", stage, "--json", capsys=capsys)
+    assert (code, err) == (2, "Error: --json is for estimates: expected --estimate, too\n")
 
 
 def test_lines_of_progress_tell_how_much_time_is_left_from_a_minute_on(monkeypatch, capsys):

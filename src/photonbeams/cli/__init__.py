@@ -31,7 +31,6 @@ _COMMANDS = (
 )  # fmt: skip
 _INTERRUPTED = 128 + signal.SIGINT
 _LONGEST = 300  # characters of a message
-_TEMPORARY = 75  # EX_TEMPFAIL of sysexits.h
 
 
 class _Commands(TyperGroup):
@@ -115,7 +114,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sentence = _sentence(error)
         if sentence is None or os.environ.get("PHOTONBEAMS_TRACEBACK", "0") not in ("", "0"):
             raise
-        _fail(f"Error: {sentence}", _TEMPORARY if _of_farm(error) else 1, given)
+        code = max(getattr(each, "exit_code", 1) for each in (error, error.__cause__))
+        _fail(f"Error: {sentence}", code, given)
     if code == _INTERRUPTED:  # before the command was called
         _end(signal.SIGINT, None, given)
     raise SystemExit(code or (0 if given else 2))  # without a command, the help is a usage error
@@ -180,15 +180,6 @@ def _end(number: int, done: str | None, given: Sequence[str]) -> NoReturn:
     from .progress import NOTHING, ending
 
     _fail(f"{ending(number)}; {done or NOTHING}", 128 + number, given)
-
-
-def _of_farm(error: BaseException) -> bool:
-    """Return whether a farm is to blame, so that the same command may succeed later."""
-    if isinstance(error, OSError) and error.__cause__ is None:
-        return False
-    from ..farm.cluster import FarmError
-
-    return isinstance(error, FarmError) or isinstance(error.__cause__, FarmError)
 
 
 def _usage(error: TyperException) -> str:

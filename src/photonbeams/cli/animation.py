@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from .flags import ContentFlags
+from .groups import usage_errors
 from .outputs import Output, check_different, check_placeholders, check_product, snapshots_of
 from .progress import bar, counted, frame_line, report_line, summary_lines
 
@@ -58,15 +58,12 @@ class Task:
 
 def frame_numbers(text: str | None, outputs: Sequence[Output]) -> list[float | None]:
     """Return the frames that `--frames` asks for, None for the stage's start; check that their outputs differ."""
-    from ..scene import SceneError
     from ..usd.layers.frames import decimals, parse_frames
 
     if text is None:
         return [None]
-    try:
+    with usage_errors(f"--frames is {text}: "):
         numbers = parse_frames(text)
-    except SceneError as error:
-        raise typer.BadParameter(f"--frames is {text}: {error}") from None
     check_placeholders(outputs, len(numbers), max(map(decimals, numbers)))
     return [*numbers]
 
@@ -143,46 +140,40 @@ def render_frames(
     begin, several, shown = time.perf_counter(), len(tasks) > 1, request.shown
     done: list[tuple[Task, Statistics]] = []
 
-    def say(text: str) -> None:
-        if not shown.quiet:
-            print(text, file=sys.stderr)
-
     with bar(shown.progress, shown.quiet, len(tasks), passes) as show:
+
+        def advance(index: int, name: str, passes: int, note: str = "") -> None:
+            check()
+            show(index, name, passes, note)
+
         for index, task in enumerate(tasks):
             try:
                 check()
                 # Ask again for each frame: another machine may have rendered it by now.
                 if request.files.skip_existing and task.exists():
-                    say(f"frame {task.name}: skipped, all its files exist")
+                    shown.say(f"frame {task.name}: skipped, all its files exist")
                     continue
                 begun = time.perf_counter()
-                statistics = finish(task, _advancing(partial(show, index, task.name), check))
+                statistics = finish(task, partial(advance, index, task.name))
                 done.append((task, statistics))
                 if several:
-                    say(frame_line(task.name, statistics, task.files, time.perf_counter() - begun))
+                    shown.say(frame_line(task.name, statistics, task.files, time.perf_counter() - begun))
             except (Exception, KeyboardInterrupt) as error:
                 kept = getattr(error, "done", None)
                 raise FrameError(f"frame {task.name}: " if several else "", len(done), kept) from error
     seconds = time.perf_counter() - begin
     if several or not done:
         files = sum(len(task.outputs) for task, _ in done)
-        say(report_line([each for _, each in done], len(tasks) - len(done), files, seconds))
+        shown.say(report_line([each for _, each in done], len(tasks) - len(done), files, seconds))
     else:
-        say("\n".join(summary_lines(done[0][1], tasks[0].files, seconds, passes)))
+        shown.say("\n".join(summary_lines(done[0][1], tasks[0].files, seconds, passes)))
 
 
-def print_plan(what: str, tasks: Sequence[Task], todo: Sequence[Task], layers: Sequence[str]) -> None:
-    """Print what a render would do."""
-    files = " to ".join(", ".join(map(str, task.files)) for task in dict.fromkeys([*todo[:1], *todo[-1:]]))
-    print(f"Ready to render: {what}", file=sys.stderr)
+def plan(what: str, tasks: Sequence[Task], todo: Sequence[Task], layers: Sequence[str]) -> str:
+    """Return lines about what a render would do."""
+    lines = [f"Ready to render: {what}"]
     if len(tasks) > 1 or not todo:
-        print(f"would render {len(todo):,} of {counted(len(tasks), 'frame')}", file=sys.stderr)
-    print(f"would write {files or 'nothing'}, with the layers {', '.join(layers)}", file=sys.stderr)
-
-
-def _advancing(show: Callable[[int, str], None], check: Callable[[], None]) -> Callable[..., None]:
-    def advance(passes: int, note: str = "") -> None:
-        check()
-        show(passes, note)
-
-    return advance
+        lines.append(f"would render {len(todo):,} of {counted(len(tasks), 'frame')}")
+    files = " to ".join(", ".join(map(str, task.files)) for task in dict.fromkeys([*todo[:1], *todo[-1:]]))
+    lines.append(f"would write {files or 'nothing'}, with the layers {', '.join(layers)}")
+    return "\n".join(lines)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -49,7 +48,7 @@ def beams(
     """
     target = Output(checked_path("--output", output, (".usd", ".usda", ".usdc")))
     shown = content.shown
-    with messages(shown.quiet, shown.verbose), held_signals() as check:
+    with messages(shown), held_signals() as check:
         device.start()
         from ..usd.authoring.beams import check_path
 
@@ -62,5 +61,4 @@ def beams(
             check()
             with check.forced():
                 written = shot.write_beams(task.files[0], task.number, beams=beams, seed=seed)
-            if not shown.quiet:
-                print(f"wrote {counted(written, 'beam')} to {task.files[0]}", file=sys.stderr)
+            shown.say(f"wrote {counted(written, 'beam')} to {task.files[0]}")

@@ -12,6 +12,8 @@ from importlib.metadata import PackageNotFoundError, version
 
 import typer
 
+from .progress import standard_output, table_of
+
 _PACKAGES = ("photonbeams", "mitsuba", "drjit", "usd-core", "OpenEXR", "OpenImageIO", "mitsuba-oidn", "numpy", "scipy")
 
 # Traces one ray against a sphere, 2 away, and ends in the maximum that LLVM 15 cannot compile for AVX-512.
@@ -38,9 +40,6 @@ def doctor() -> None:
 
     A small kernel is compiled and run as a test. The exit code is 1 if the machine cannot render.
     """
-    from rich.console import Console
-    from rich.table import Table
-
     from ..runtime import device
 
     problem, crashed = trial()
@@ -49,13 +48,8 @@ def doctor() -> None:
             device.select()
     except device.DeviceError as error:
         problem = str(error)
-    table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column(overflow="fold")
-    for name, value in rows():
-        table.add_row(name, value)
-    console = Console(highlight=False, markup=False)
-    console.print(table)
+    console = standard_output()
+    console.print(table_of(None, rows()))
     console.print()
     if problem is None:
         console.print(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -31,16 +30,12 @@ def dress(
     photonbeams dress export.usdc -o shot.usda
     """
     target = checked_path("--output", output, (".usda",))
-    with messages(shown.quiet, shown.verbose), held_signals() as check:
+    with messages(shown), held_signals() as check:
         DeviceFlags().start()
         from ..shot import Shot
-        from ..shot.dressing import check_path
         from ..shot.dressing import dress as written
 
         shot = Shot.open(scene, camera, session_layers=session_layer or ())
-        target.parent.mkdir(parents=True, exist_ok=True)
-        check_path(shot, target)
         check()
         said = written(shot, target)
-        if not shown.quiet:
-            print(f"wrote {target}, over {scene}:", *said, sep="\n  ", file=sys.stderr)
+        shown.say("\n  ".join([f"wrote {target}, over {scene}:", *said]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -35,7 +34,7 @@ def export(
     check_crop(crop, overscan=False)
     target = Output(checked_path("--output", output, (".xml",)))
     shown = content.shown
-    with messages(shown.quiet, shown.verbose), held_signals() as check:
+    with messages(shown), held_signals() as check:
         DeviceFlags().start()
         from ..export.shot import check_path
         from ..export.shot import export as written
@@ -46,6 +45,5 @@ def export(
         for task in tasks:
             check()
             files = written(shot, task.files[0], task.number, width=res[0] or None, height=res[1] or None, crop=crop)
-            if not shown.quiet:
-                beside = f", and {counted(len(files) - 1, 'file')} beside it" if files[1:] else ""
-                print(f"wrote {files[0]}{beside}", file=sys.stderr)
+            beside = f", and {counted(len(files) - 1, 'file')} beside it" if files[1:] else ""
+            shown.say(f"wrote {files[0]}{beside}")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
+import os
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, chdir
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from ..runtime.limits import processors
 from ..scene import SceneError
 from .animation import FrameError, Task, report_line
 from .outputs import checkpoint_of, finish_frame, snapshots_of, write_frame
-from .progress import counted, farm_bar, frame_line
+from .progress import bar, counted, frame_line
 from .request import RenderRequest
 
 if TYPE_CHECKING:
@@ -31,9 +31,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """What a worker receives: the flags, the index of the first frame to render, and its number of threads."""
+    """What a worker receives: the flags and the folder of the command, the first frame's index, and threads."""
 
     render: RenderRequest
+    folder: str
     first: int
     threads: int | None
 
@@ -44,19 +45,21 @@ def open_scene(request: Request) -> Opened:
     from ..render.reuse import FilmMemory
     from .render import Job
 
-    wanted = request.render
+    wanted, folder = request.render, chdir(request.folder if os.path.isdir(request.folder) else os.curdir)
     if not wanted.is_mitsuba:  # the command has checked where render products go; this worker may run in another folder
         wanted = replace(wanted, stage=replace(wanted.stage, allow_paths=True))
     try:
         replace(wanted.device, threads=request.threads or threads_here()).start()
-        job = Job.open(wanted, lambda: None)
-        job = job.ready(job.tasks[request.first], [])
+        with folder:
+            job = Job.open(wanted, lambda: None)
+            job = job.ready(job.tasks[request.first], [])
     except typer.BadParameter as error:
         raise SceneError(error.message) from None
     film = FilmMemory() if len(job.tasks) > 1 else None
 
     def render(frame: int, numbers: range, planned: int | None) -> dict[str, Any]:
-        return job.part(job.tasks[frame], PlannedPasses(numbers, planned), film=film).state()
+        with folder:
+            return job.part(job.tasks[frame], PlannedPasses(numbers, planned), film=film).state()
 
     return render
 
@@ -72,11 +75,13 @@ class FarmAnimation:
     due: Callable[[], bool]
     _begun: float = field(default_factory=time.perf_counter)
     _written: list[Statistics] = field(default_factory=list)
+    _frames: Sequence[FarmFrame] = ()
     _files: int = 0
 
     def render(self) -> None:
         """Render the frames of `todo`; raise FrameError from the error that ends it."""
-        self._saved = dict.fromkeys(range(len(self.todo)), time.perf_counter())
+        every = self.job.request.passes.checkpoint
+        self._checkpoints = [Checkpoint(checkpoint_of(task.outputs), every) for task in self.todo]
         try:
             todo = {*self.todo}
             self._frames = [self._begin(place, task) for place, task in enumerate(self.job.tasks) if task in todo]
@@ -84,10 +89,8 @@ class FarmAnimation:
                 self._run()
         except (Exception, KeyboardInterrupt) as error:
             raise FrameError("", len(self._written), self._keep()) from error
-        if not self.job.request.shown.quiet:
-            skipped = len(self.job.tasks) - len(self.todo)
-            seconds = time.perf_counter() - self._begun
-            print(report_line(self._written, skipped, self._files, seconds), file=sys.stderr)
+        skipped, seconds = len(self.job.tasks) - len(self.todo), time.perf_counter() - self._begun
+        self.job.request.shown.say(report_line(self._written, skipped, self._files, seconds))
 
     def _begin(self, place: int, task: Task) -> FarmFrame:
         """Return a frame, with the passes of its checkpoint if it resumes one."""
@@ -108,14 +111,16 @@ class FarmAnimation:
             threads = threads or max(1, processors() // (farm.workers or 1))
         with ExitStack() as stack:
             client = stack.enter_context(connected(farm.workers, farm.scheduler, farm.files))
-            if not shown.quiet and (address := dashboard(client)) is not None:
-                print(f"Dask's dashboard: {address}", file=sys.stderr)
-            show = stack.enter_context(farm_bar(shown.progress, shown.quiet))
-            request = Request(self.job.request.anywhere(), self._frames[0].place, threads)
+            if (address := dashboard(client)) is not None:
+                shown.say(f"Dask's dashboard: {address}")
+            passes = self.job.settings.passes * len(self._frames)
+            show = stack.enter_context(bar(shown.progress, shown.quiet, 1, passes))
+            request = Request(self.job.request, os.getcwd(), self._frames[0].place, threads)
 
             def tick(state: FarmState) -> None:
                 self.check()
-                show(state)
+                frames = f"{state.frames:,} of {counted(state.all_frames, 'frame')}"
+                show(0, "", state.passes, f"{frames}, {counted(state.workers, 'worker')}")
                 if self.due():
                     self._snapshot()
 
@@ -124,22 +129,13 @@ class FarmAnimation:
 
     def _joined(self, place: int) -> None:
         """Write a checkpoint of the passes that have come in, if one is due."""
-        now, every, sums = time.perf_counter(), self.job.request.passes.checkpoint, self._frames[place].sums
-        if every is not None and sums is not None and now - self._saved[place] >= every:
-            self._save(place, sums)
-            self._saved[place] = now
-
-    def _save(self, place: int, sums: FrameSums) -> bool:
-        """Write a checkpoint; return whether it could be written."""
-        checkpoint = Checkpoint(checkpoint_of(self.todo[place].outputs))
-        checkpoint.save(sums)
-        return checkpoint.passes > 0
+        checkpoint, sums = self._checkpoints[place], self._frames[place].sums
+        if sums is not None and checkpoint.due:
+            checkpoint.save(sums)
 
     def _finished(self, place: int) -> None:
         """Write a frame, unless another machine has written it meanwhile and `--skip-existing` is given."""
-        from ..shot.development import (
-            developed,
-        )  # imported late: it starts Dr.Jit, and workers choose their device first
+        from ..shot.development import developed  # late: it starts Dr.Jit, and workers choose their device first
 
         task, sums = self.todo[place], self._frames[place].sums
         if sums is None:
@@ -150,9 +146,8 @@ class FarmAnimation:
         finish_frame(frame, task.outputs, self.job.request, self.layers)
         self._written.append(frame.statistics)
         self._files += len(task.outputs)
-        if not self.job.request.shown.quiet:
-            line = frame_line(task.name, frame.statistics, task.files, time.perf_counter() - self._begun)
-            print(line, file=sys.stderr)
+        seconds = time.perf_counter() - self._begun
+        self.job.request.shown.say(frame_line(task.name, frame.statistics, task.files, seconds))
 
     def _snapshot(self) -> None:
         """Write snapshots of all unfinished frames."""
@@ -166,11 +161,11 @@ class FarmAnimation:
         """Write checkpoints of unfinished frames, if `--checkpoint` is given; return a message about what is left."""
         shown = sum(each.path.exists() for task in self.todo for each in snapshots_of(task.outputs))
         told = f"wrote {counted(shown, 'snapshot')}" if shown else ""
-        if self.job.request.passes.checkpoint is None:
-            return told
         kept = 0
-        for place, frame in enumerate(getattr(self, "_frames", ())):
-            kept += frame.file is not None or (frame.sums is not None and self._save(place, frame.sums))
+        for frame, checkpoint in zip(self._frames, self._checkpoints, strict=False):
+            if frame.sums is not None:
+                checkpoint.save(frame.sums)
+            kept += frame.file is not None or (frame.sums is not None and checkpoint.passes > 0)
         if not kept:
             return told
         text = "unfinished frame has a checkpoint" if kept == 1 else "unfinished frames have checkpoints"

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from inspect import Parameter
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import typer
 
 from ..constants import MOST_PIXELS
 from ..render.settings import depth_of, flags
 from ..setting import Setting
-from .groups import Flags, checked, option
+from .groups import Flags, checked, option, usage_errors
 from .options.fog import FogFlags
 from .programs import load_function
 
@@ -78,7 +79,6 @@ _FRAMES = "Frames, such as 101, 101:105, 105:101, 101:109x2, or several with com
 # -- groups ----------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True)
 class PictureFlags(Flags):
     """The frames, and the pictures and layers that are written of them."""
 
@@ -105,7 +105,6 @@ class PictureFlags(Flags):
     )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class ProgramFlags(Flags):
     """Functions in Python that change or make beams."""
 
@@ -119,15 +118,18 @@ class ProgramFlags(Flags):
         return {name: load_function(f"--{name}", getattr(self, name)) for name in ("simulate", "emit")}
 
 
-@dataclass(frozen=True, kw_only=True)
 class MessageFlags(Flags):
     """Which messages are printed."""
 
     quiet: Quiet = False
     verbose: bool = option(False, "Print more, such as OpenUSD's own messages.", "--verbose", "-v")
 
+    def say(self, text: str) -> None:
+        """Print lines about what was done."""
+        if not self.quiet:
+            print(text, file=sys.stderr)
 
-@dataclass(frozen=True, kw_only=True)
+
 class DeviceFlags(Flags):
     """The processor, and how many of its threads."""
 
@@ -146,7 +148,6 @@ class DeviceFlags(Flags):
             device.set_threads(self.threads)
 
 
-@dataclass(frozen=True, kw_only=True)
 class EyeFlags(Flags):
     """Whether there are two eyes, and how far apart."""
 
@@ -166,16 +167,12 @@ class EyeFlags(Flags):
                 raise typer.BadParameter(f"--{name} is for two eyes: expected --stereo, too")
         if not self.stereo:
             return None
-        from ..scene import SceneError
         from ..usd.cameras.stereo import Stereo
 
-        try:
+        with usage_errors("--"):
             return Stereo(self.interaxial, self.convergence)
-        except SceneError as error:
-            raise typer.BadParameter(f"--{error}") from None
 
 
-@dataclass(frozen=True, kw_only=True)
 class LayerFlags(Flags):
     """What is changed of a stage."""
 
@@ -185,7 +182,6 @@ class LayerFlags(Flags):
     session_layer: SessionLayers = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class SelectionFlags(Flags):
     """What of a stage is read."""
 
@@ -208,7 +204,6 @@ class SelectionFlags(Flags):
         return Selection.of(self.mask, self.purposes, self.variant or (), self.complexity)
 
 
-@dataclass(frozen=True, kw_only=True)
 class ContentFlags(Flags):
     """What is read of a stage for a file of another kind, and what is printed."""
 
@@ -219,43 +214,37 @@ class ContentFlags(Flags):
     shown: MessageFlags
 
 
-@dataclass(frozen=True)
-class PassRange:
-    """Some passes of a frame: `first` to `last` or, with `parts`, part number `first` of that many equal parts."""
+class PassRange(NamedTuple):
+    """Some passes of a frame: FIRST:LAST or, with the mark /, part FIRST of LAST equal parts of all."""
 
     first: int
-    last: int = 0
-    parts: int = 0
+    mark: str
+    last: int
+
+    def __str__(self) -> str:
+        return f"{self.first}{self.mark}{self.last}"
 
     @classmethod
-    def parse(cls, text: str | None) -> PassRange | None:
-        """Return the range that `--pass-range` names, or None without one."""
-        if text is None:
-            return None
-        for mark in ":/":
-            first, found, last = text.partition(mark)
-            if found and first.isdecimal() and last.isdecimal() and int(first) <= int(last) < 2**31:
-                if mark == ":":
-                    return cls(int(first), int(last))
-                if int(first) > 0:
-                    return cls(int(first), parts=int(last))
-        raise typer.BadParameter(
-            f"--pass-range is {text}: expected FIRST:LAST, such as 0:15, or PART/PARTS, such as 1/4"
-        )
+    def parse(cls, text: str) -> PassRange:
+        """Return the range that `--pass-range` names."""
+        match = re.fullmatch(r"([0-9]{1,9})([:/])([0-9]{1,9})", text)
+        least = 1 if "/" in text else 0
+        if match is None or not least <= int(match[1]) <= int(match[3]):
+            expected = "expected FIRST:LAST, such as 0:15, or PART/PARTS, such as 1/4"
+            raise typer.BadParameter(f"--pass-range is {text}: {expected}")
+        return cls(int(match[1]), match[2], int(match[3]))
 
     def of(self, passes: int) -> range:
         """Return this range of a frame with a number of passes."""
-        if self.parts:
-            found = range((self.first - 1) * passes // self.parts, self.first * passes // self.parts)
+        if self.mark == ":":
+            numbers = range(self.first, self.last + 1)
         else:
-            found = range(self.first, self.last + 1)
-        if not found or found.stop > passes:
-            text = f"{self.first}/{self.parts}" if self.parts else f"{self.first}:{self.last}"
-            raise typer.BadParameter(f"--pass-range is {text}: expected some of the passes from 0 to {passes - 1}")
-        return found
+            numbers = range((self.first - 1) * passes // self.last, self.first * passes // self.last)
+        if not numbers or numbers.stop > passes:
+            raise typer.BadParameter(f"--pass-range is {self}: expected some of the passes from 0 to {passes - 1}")
+        return numbers
 
 
-@dataclass(frozen=True, kw_only=True)
 class PassFlags(Flags):
     """Which passes are rendered, and what is kept of them on the way."""
 
@@ -275,10 +264,9 @@ class PassFlags(Flags):
     @cached_property
     def part(self) -> PassRange | None:
         """The range of passes, or None for all."""
-        return PassRange.parse(self.pass_range)
+        return None if self.pass_range is None else PassRange.parse(self.pass_range)
 
 
-@dataclass(frozen=True)
 class SettingsFlags(Flags):
     """The flags of `Settings`; their options are made from what its fields say of themselves."""
 
@@ -300,7 +288,7 @@ class SettingsFlags(Flags):
     def of(cls, values: dict[str, Any]) -> SettingsFlags:
         """Return the flags that are given among the `values` of a command line."""
         names = [_name(flag) for _, flag in flags()]
-        return cls({name: values[name] for name in names if values[name] not in (None, False)})
+        return cls(values={name: values[name] for name in names if values[name] not in (None, False)})
 
     def given(self) -> Iterator[str]:
         """Yield the flags that are given."""

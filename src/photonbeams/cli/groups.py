@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import MISSING, Field, field, fields
+from contextlib import contextmanager
+from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 
 import typer
 
@@ -17,8 +18,12 @@ _F = TypeVar("_F", bound="Flags")
 _MAY_BE_EMPTY = "camera"  # a template of Open Job Description cannot leave out a flag
 
 
+@dataclass_transform(kw_only_default=True, frozen_default=True)
 class Flags:
-    """A group of flags, made from the values of a command line. Subclasses are dataclasses, and may hold groups."""
+    """A group of flags, made from the values of a command line. Subclasses become dataclasses, and may hold groups."""
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, kw_only=True)(cls)
 
     @classmethod
     def options(cls) -> Iterator[Parameter]:
@@ -83,18 +88,23 @@ def option(default: Any, help: str, *names: str, metavar: str | None = None, **v
     )
 
 
+@contextmanager
+def usage_errors(before: str = "") -> Iterator[None]:
+    """Raise SceneError as BadParameter, with a text before its message, within the context."""
+    from ..scene import SceneError
+
+    try:
+        yield
+    except SceneError as error:
+        raise typer.BadParameter(f"{before}{error}") from None
+
+
 def checked(own: Setting) -> Callable[[typer.CallbackParam, Any], Any]:
     """Return a callback for an option, which refuses values that the setting may not have."""
 
     def check(parameter: typer.CallbackParam, value: Any) -> Any:
-        if value is None:
-            return None
-        from ..scene import SceneError
-
-        try:
-            return own.checked(value, parameter.opts[0])
-        except SceneError as error:
-            raise typer.BadParameter(str(error)) from None
+        with usage_errors():
+            return value if value is None else own.checked(value, parameter.opts[0])
 
     return check
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass
-from inspect import Parameter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -15,17 +12,14 @@ import typer
 from ..runtime.inputs import opened
 from ..runtime.limits import check_address_space
 from ..scene import Array, SceneError
-from ..scene.checks import printable
 from ..volumes.vdb import VDBGrid, read_grids
 from ..volumes.vol import read_vol
 from .facts.words import triple
-from .groups import option
-from .progress import messages, standard_output
-from .request import RenderRequest
+from .flags import MessageFlags, SessionLayers
+from .progress import messages, standard_output, table_of
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
 STAGES = (".usd", ".usda", ".usdc", ".usdz")
 VOLUMES = (".vdb", ".vol")
@@ -34,65 +28,32 @@ _MOST_TEXT = 300
 _NO_NEWS = ("channels", "chunkCount", "lineOrder", "name", "type", "view", "screenWindowCenter", "screenWindowWidth")
 
 
-@dataclass(frozen=True, kw_only=True)
-class InfoFlags(RenderRequest):
-    """What is shown; with `estimate`, all that decides how long a render takes; `json` is for programs that read it."""
-
-    scene: Annotated[Path, typer.Argument(help="A stage, an image, or a volume file; a Mitsuba .xml for --estimate.")]
-    estimate: bool = option(
-        False, "Tell how long a render of a stage or a Mitsuba scene would take, and how much memory, instead; takes "
-        "all flags of `photonbeams render`.",
-    )  # fmt: skip
-    json: bool = option(False, "With --estimate: as JSON, with seconds of a frame, frames, and bytes of memory.")
-
-    @classmethod
-    def options(cls) -> Iterator[Parameter]:
-        """Yield the options; those of `render` are not in the help."""
-        for each in super().options():
-            if each.name not in ("scene", "estimate", "json", "session_layer"):
-                kind, option, *_ = get_args(each.annotation)
-                option = copy(option)
-                option.hidden = True
-                each = each.replace(annotation=Annotated[kind, option])
-            yield each
-
-
-def info(flags: InfoFlags) -> None:
-    """Show what a USD stage, an image or a volume file holds, or with --estimate what a render costs.
+def info(
+    scene: Annotated[Path, typer.Argument(help="A stage, an image, or a volume file.")],
+    session_layer: SessionLayers = None,
+) -> None:
+    """Show what a USD stage, an image or a volume file holds.
 
     For a stage: units, frames, fog, cameras, lights, what their light does, looks, meshes, and why the picture would be
     dark or blurred, with what to type against it. For an image: its parts with their views, channels, sizes, ranges and
     NaNs, and its headers. For a .vdb or .vol file: its grids with their types, boxes of active voxels, ranges of
     values, and the memory of the box.
 
-    photonbeams info --estimate shot.usda --res 1920 0 --passes 64
+    What a render would cost is told by photonbeams render --estimate.
     """
-    if flags.estimate:
-        from .facts.costs import show_estimate
-
-        show_estimate(flags, flags.json)
-        return
-    if flags.is_mitsuba:
-        raise typer.BadParameter(f"{flags.scene} is a Mitsuba scene: expected --estimate, which tells what it costs")
-    for flag in flags.given():
-        if flag != "--session-layer":
-            raise typer.BadParameter(f"{flag} is for estimates: expected --estimate, too")
-    show(flags.scene, flags.looks.session_layer)
-
-
-def show(path: Path, session_layer: Sequence[Path] | None = None) -> None:
-    """Show what a file holds."""
     console = standard_output()
-    if path.suffix.lower() in STAGES:
+    if scene.suffix.lower() in STAGES:
         check_address_space()
-        with messages(quiet=False, verbose=False):
-            _show_stage(console, path, session_layer or ())
+        with messages(MessageFlags()):
+            _show_stage(console, scene, session_layer or ())
     elif session_layer:
-        raise typer.BadParameter(f"--session-layer is for stages, but {path} is not one: expected {', '.join(STAGES)}")
-    elif path.suffix.lower() in VOLUMES:
-        console.print(_table(VOLUME_COLUMNS, volume_rows(path)))
+        raise typer.BadParameter(f"--session-layer is for stages, but {scene} is not one: expected {', '.join(STAGES)}")
+    elif scene.suffix.lower() == ".xml":
+        raise typer.BadParameter(f"{scene} is a Mitsuba scene: expected a stage, an image or a volume file")
+    elif scene.suffix.lower() in VOLUMES:
+        console.print(table_of(VOLUME_COLUMNS, volume_rows(scene)))
     else:
-        _show_image(console, path)
+        _show_image(console, scene)
 
 
 # -- images ----------------------------------------------------------------------------------------------------------
@@ -116,11 +77,11 @@ def _show_image(console: Console, path: Path) -> None:
         counts = ("-" if count is None else f"{count:,}" for count in (part.nans, part.infinite))
         rows.append((*names, channels, types, f"{part.width} x {part.height}", *ranges, *counts))
     columns = ("layer", *(["view"] if stereo else []), "channels", "type", "size", "min", "mean", "max")
-    console.print(_table((*columns, "NaN", "infinite"), rows, right=5))
+    console.print(table_of((*columns, "NaN", "infinite"), rows, right=5))
     header = _header_rows(path) if path.suffix.lower() == ".exr" else []
     if header:
         console.print()
-        console.print(_table(None, header))
+        console.print(table_of(None, header))
 
 
 def _header_rows(path: Path) -> list[tuple[str, str]]:
@@ -173,7 +134,7 @@ def _show_stage(console: Console, path: Path, layers: Sequence[Path]) -> None:
         if rows:
             if index:
                 console.print()
-            console.print(_table(columns, rows))
+            console.print(table_of(columns, rows))
 
 
 # -- volumes --------------------------------------------------------------------------------------------------------
@@ -201,19 +162,20 @@ def _grid_row(grid: VDBGrid) -> tuple[str, ...]:
     kind = grid.type + (", half" if grid.half else "")
     word = str(grid.metadata.get("class", ""))
     size = "frustum" if grid.to_file is None else triple(np.linalg.norm(grid.to_file[:3, :3], axis=0))
+    row = [grid.name, kind, word, "none", "", "", size, "", "", grid.codec]
     try:
         tree = grid.tree
     except SceneError:  # points and text have no voxels
-        return (grid.name, kind, word, "not read", "", "", size, "", "", grid.codec)
-    if tree.box is None:
-        return (grid.name, kind, word, "none", "", "", size, "", "", grid.codec)
-    low, high = tree.box
-    parts = [values[masks] for _, masks, values in tree.leaves()]
-    parts += [tile.value for tile in tree.tiles if tile.active]
-    count = high - low + 1
-    dense = 4 * tree.channels * float(np.prod(count.astype(np.float64)))
-    return (grid.name, kind, word, f"{tree.active_voxels:,}", _times(count), " ".join(str(each) for each in low), size,
-            _range(parts), _memory(dense), grid.codec)  # fmt: skip
+        row[3] = "not read"
+        return tuple(row)
+    if tree.box is not None:
+        low, high = tree.box
+        count = high - low + 1
+        row[3:6] = f"{tree.active_voxels:,}", _times(count), " ".join(str(each) for each in low)
+        parts = [values[masks] for _, masks, values in tree.leaves()]
+        parts += [tile.value for tile in tree.tiles if tile.active]
+        row[7:9] = _range(parts), _memory(4 * tree.channels * float(np.prod(count.astype(np.float64))))
+    return tuple(row)
 
 
 def _range(parts: list[Array]) -> str:
@@ -228,22 +190,3 @@ def _times(counts: Array) -> str:
 
 def _memory(size: float) -> str:
     return f"{size / 1e6:,.1f} MB" if size >= 1e5 else f"{size / 1e3:,.1f} kB"
-
-
-# -- text ------------------------------------------------------------------------------------------------------------
-
-
-def _table(columns: tuple[str, ...] | None, rows: Iterable[tuple[str, ...]], right: int = 0) -> Table:
-    """Return a plain table, its last `right` columns aligned right; without `columns`, its first column is bold."""
-    from rich.table import Table
-
-    rows = list(rows)
-    table = Table(show_header=columns is not None, box=None, pad_edge=False, header_style="bold")
-    width = len(columns) if columns is not None else 2
-    for index in range(width):
-        options: Mapping[str, Any] = {"justify": "right"} if index >= width - right else {}
-        style = "bold" if columns is None and index == 0 else ""
-        table.add_column(columns[index] if columns else "", style=style, overflow="fold", **options)
-    for row in rows:
-        table.add_row(*map(printable, row))
-    return table

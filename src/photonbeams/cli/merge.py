@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import sys
 from collections.abc import Sequence
 from glob import glob
 from itertools import chain
@@ -13,14 +12,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..images.numbering import numbered
+from ..runtime.files import check_kept
 from ..runtime.limits import check_address_space
+from ..scene import SceneError
 from .animation import frame_numbers
-from .flags import PictureFlags, Quiet
+from .flags import MessageFlags, PictureFlags, Quiet
 from .outputs import Output, check_different, chosen_layers, parse_outputs, prepare_outputs, write_outputs
 from .progress import counted, messages
 
 if TYPE_CHECKING:
     from ..render.films.frame_sums import FrameSums
+
+
+LOG = logging.getLogger("photonbeams")
 
 
 def merge(
@@ -53,13 +57,12 @@ def merge(
     photonbeams merge a.checkpoint b.checkpoint -o frame.exr
     """
     check_address_space()
-    from ..runtime.files import check_kept
-    from ..scene import SceneError
     from ..shot.development import developed
 
+    shown = MessageFlags(quiet=quiet)
     outputs = parse_outputs(output, pictures.picture or (), pictures.deep, single_part=pictures.single_part)
     layers = pictures.layers
-    with messages(quiet, verbose=False):
+    with messages(shown):
         numbers = frame_numbers(pictures.frames, outputs)
         written = [[each if number is None else each.numbered(number) for each in outputs] for number in numbers]
         targets = [each.path for files in written for each in files]
@@ -74,7 +77,7 @@ def merge(
                 if layers is not None or remove or pictures.single_part or pictures.exposure:
                     text = "tiles are joined as they are: expected no --layers, --single-part, --exposure or --remove"
                     raise typer.BadParameter(text)
-                _join_tiles(paths, files, partial=partial, quiet=quiet)
+                _join_tiles(paths, files, shown, partial=partial)
                 continue
             sums = joined(paths)
             _check_gaps(sums, files[0].path, partial=partial)
@@ -86,12 +89,11 @@ def merge(
                 raise SceneError(f"{paths[0]}: {error}") from None
             for path in paths if remove else ():
                 path.unlink(missing_ok=True)
-            if not quiet:
-                text = ", ".join(str(each.path) for each in files)
-                print(f"{counted(len(sums), 'pass', 'passes')} of {len(paths)} files, wrote {text}", file=sys.stderr)
+            text = ", ".join(str(each.path) for each in files)
+            shown.say(f"{counted(len(sums), 'pass', 'passes')} of {len(paths)} files, wrote {text}")
 
 
-def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, partial: bool, quiet: bool) -> None:
+def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], shown: MessageFlags, *, partial: bool) -> None:
     """Write the picture that the tiles make up."""
     from ..images.exr import exr_parts
     from ..images.tiles import join_tiles
@@ -100,19 +102,18 @@ def _join_tiles(paths: Sequence[Path], outputs: Sequence[Output], *, partial: bo
         raise typer.BadParameter("tiles are joined into one file: expected only -o FILE.exr")
     covered, pixels = join_tiles(paths, outputs[0].path, partial=partial)
     if covered < pixels:
-        logging.getLogger("photonbeams").warning(
+        LOG.warning(
             "%s: %s of %s pixels are in no tile and stay black", outputs[0].path, f"{pixels - covered:,}", f"{pixels:,}"
         )
     header = exr_parts(outputs[0].path, header_only=True)[0].header
     (left, top), (right, bottom) = (map(int, corner) for corner in header["displayWindow"])  # NumPy's would overflow
     whole = (right + 1 - left) * (bottom + 1 - top)
     if pixels < whole:
-        logging.getLogger("photonbeams").warning(
+        LOG.warning(
             "%s: %s of %s pixels of the picture are beyond these tiles: expected all tiles, unless it is a crop",
             outputs[0].path, f"{whole - pixels:,}", f"{whole:,}",
         )  # fmt: skip
-    if not quiet:
-        print(f"{counted(len(paths), 'tile')} joined, wrote {outputs[0].path}", file=sys.stderr)
+    shown.say(f"{counted(len(paths), 'tile')} joined, wrote {outputs[0].path}")
 
 
 def _named(given: Sequence[Path], number: float | None) -> dict[Path, list[Path]]:
@@ -123,8 +124,6 @@ def _named(given: Sequence[Path], number: float | None) -> dict[Path, list[Path]
 
 def _found(given: Sequence[Path], number: float | None) -> list[Path]:
     """Return the checkpoints of a frame, without repetitions."""
-    from ..scene import SceneError
-
     named = _named(given, number)
     for path, found in named.items():
         if not found:
@@ -135,7 +134,6 @@ def _found(given: Sequence[Path], number: float | None) -> list[Path]:
 def joined(paths: Sequence[Path]) -> FrameSums:
     """Return the sums of all passes in some checkpoints; raise SceneError if they are not of one picture."""
     from ..render.films.frame_sums import FrameSums
-    from ..scene import SceneError
 
     result = FrameSums.load(paths[0])
     for path in paths[1:]:
@@ -151,11 +149,9 @@ def joined(paths: Sequence[Path]) -> FrameSums:
 
 def _check_gaps(sums: FrameSums, path: Path, *, partial: bool) -> None:
     """Refuse a frame that lacks planned passes, or warn about it with `partial`."""
-    from ..scene import SceneError
-
     missing = " and ".join(f"{each.start} to {each.stop - 1}" for each in sums.missing(sums.planned or 0))
     if not missing:
         return
     if not partial:
         raise SceneError(f"{path}: passes {missing} are missing; expected all, or --partial")
-    logging.getLogger("photonbeams").warning("%s: passes %s are missing", path, missing)
+    LOG.warning("%s: passes %s are missing", path, missing)

@@ -20,7 +20,7 @@ from ..images.numbering import PLACEHOLDER, numbered, numbering_problem
 if TYPE_CHECKING:
     from ..scene import Array
     from ..shot.shot import Frame
-    from .flags import PassFlags
+    from .flags import MessageFlags, PassFlags
     from .request import RenderRequest
 
 
@@ -58,14 +58,13 @@ class PictureExposure:
 
     stops: float | None
 
-    def of(self, pixels: Array, *, quiet: bool = False) -> float:
+    def of(self, pixels: Array, shown: MessageFlags) -> float:
         """Return the exposure; if there is none yet, choose it for this picture and print it."""
         if self.stops is None:
             from ..images.display import exposure_of
 
             self.stops = exposure_of(pixels)
-            if not quiet:
-                print(f"chose an exposure of {self.stops:g} stops, as with --exposure {self.stops:g}", file=sys.stderr)
+            shown.say(f"chose an exposure of {self.stops:g} stops, as with --exposure {self.stops:g}")
         return self.stops
 
 
@@ -129,10 +128,8 @@ def check_product(path: Path, where: str, *, anywhere: bool = False) -> None:
     expected = "expected another name, or -o FILE"
     if target.exists() and not target.is_file():
         raise SceneError(f"{where} is '{path}', which is not a regular file: {expected}")
-    if target.is_file() and target.stat().st_size:
-        with target.open("rb") as file:
-            if not file.read(8).startswith(_PICTURES):
-                raise SceneError(f"{where} is '{path}', which exists and is not a picture: {expected}")
+    if (head := _beginning(target)) and not head.startswith(_PICTURES):
+        raise SceneError(f"{where} is '{path}', which exists and is not a picture: {expected}")
 
 
 def check_outputs(outputs: Collection[object]) -> None:
@@ -247,7 +244,7 @@ def _holding(frame: Frame, names: Sequence[str]) -> Frame:
 
 def write_frame(frame: Frame, outputs: Sequence[Output], request: RenderRequest, kept: Sequence[str]) -> None:
     """Write the files of a frame, as the flags ask."""
-    exposure = request.files.exposures.of(frame.layers["rgba"], quiet=request.shown.quiet)
+    exposure = request.files.exposures.of(frame.layers["rgba"], request.shown)
     write_outputs(frame, outputs, kept, exposure, chosen=request.files.layers is not None)
 
 
@@ -263,12 +260,18 @@ def check_beside(outputs: Sequence[Output], passes: PassFlags) -> None:
     from ..scene import SceneError
 
     for path in _beside(outputs, passes):
-        if path.is_file() and path.stat().st_size:
-            with path.open("rb") as file:
-                head = file.read(1 << 16)
-            if not (head.startswith(_PICTURES[1]) or b"photonbeams" in head or b"about.npy" in head[:64]):
-                kind = "checkpoint" if path.suffix == ".checkpoint" else "snapshot"
-                raise SceneError(f"{path} would be removed: expected a {kind} of photonbeams, or another --output")
+        head = _beginning(path)
+        if head and not (head.startswith(_PICTURES[1]) or b"photonbeams" in head or b"about.npy" in head[:64]):
+            kind = "checkpoint" if path.suffix == ".checkpoint" else "snapshot"
+            raise SceneError(f"{path} would be removed: expected a {kind} of photonbeams, or another --output")
+
+
+def _beginning(path: Path) -> bytes:
+    """Return the first bytes of a file; none if there is no such file."""
+    if not path.is_file():
+        return b""
+    with path.open("rb") as file:
+        return file.read(1 << 16)
 
 
 def _beside(outputs: Sequence[Output], passes: PassFlags) -> list[Path]:

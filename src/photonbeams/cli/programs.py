@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 import traceback
 from collections.abc import Callable, Sequence
 from functools import wraps
-from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -56,28 +54,14 @@ def _loaded(flag: str, text: str, fits: Callable[[object], bool], kind: str) -> 
     return found, path
 
 
-class _Uncached(SourceFileLoader):
-    """Loads a file as it is now: Python's cache misses changes that are less than a second apart."""
-
-    def get_code(self, fullname: str) -> CodeType:
-        """Return the code of the source."""
-        try:
-            code: CodeType = self.source_to_code(self.get_data(self.path), self.path)
-        except ValueError as error:  # of a binary file, in some versions of Python
-            raise SyntaxError(str(error)) from None
-        return code
-
-
 def _module(path: Path) -> ModuleType:
-    """Run a file as a module of its own, which may import its neighbours."""
-    name = f"photonbeams_program_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path, loader=_Uncached(name, str(path)))
-    assert spec is not None and spec.loader is not None  # because the name ends in .py
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
+    """Run a file, as it is now, as a module of its own, which may import its neighbours."""
+    module = ModuleType(f"photonbeams_program_{path.stem}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module
     sys.path.insert(0, str(path.parent.absolute()))
     try:
-        spec.loader.exec_module(module)
+        exec(compile(path.read_bytes(), path, "exec"), vars(module))
     finally:
         sys.path.remove(str(path.parent.absolute()))
     return module

@@ -12,15 +12,16 @@ import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..runtime.bars import Update, drawn, terminal
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
-    from ..farm.run import FarmState
     from ..render.passes import Statistics
+    from .flags import MessageFlags
 
 
 GRACE = 8.0  # seconds after a signal in which a pass may end: many schedulers kill after ten
@@ -33,14 +34,14 @@ _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if 
 
 
 @contextmanager
-def messages(quiet: bool, verbose: bool) -> Iterator[None]:
+def messages(shown: MessageFlags) -> Iterator[None]:
     """Print the package's warnings within the context: only errors with `quiet`, information too with `verbose`."""
     logger = logging.getLogger("photonbeams")
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_Lines())
     level = logger.level
     logger.addHandler(handler)
-    logger.setLevel(logging.ERROR if quiet else logging.DEBUG if verbose else logging.WARNING)
+    logger.setLevel(logging.ERROR if shown.quiet else logging.DEBUG if shown.verbose else logging.WARNING)
     try:
         yield
     finally:
@@ -161,24 +162,21 @@ def held_signals() -> Iterator[HeldSignals]:
 @contextmanager
 def snapshots(every: float | None) -> Iterator[Callable[[], bool]]:
     """Yield a function that returns whether a snapshot is due: every `every` seconds, and on SIGUSR1."""
-    signalled, written = False, time.perf_counter()
-
-    def note(*_: object) -> None:
-        nonlocal signalled
-        signalled = True
+    signalled, written = threading.Event(), time.perf_counter()
 
     def due() -> bool:
-        nonlocal signalled, written
-        found = signalled or (every is not None and time.perf_counter() - written >= every)
-        if found:
-            signalled, written = False, time.perf_counter()
-        return found
+        nonlocal written
+        if not (signalled.is_set() or (every is not None and time.perf_counter() - written >= every)):
+            return False
+        signalled.clear()
+        written = time.perf_counter()
+        return True
 
     number = getattr(signal, "SIGUSR1", None)  # Windows has none
     if number is None or threading.current_thread() is not threading.main_thread():
         yield due
         return
-    before = signal.signal(number, note)
+    before = signal.signal(number, lambda *_: signalled.set())
     try:
         yield due
     finally:
@@ -195,48 +193,23 @@ def bar(kind: str | None, quiet: bool, frames: int, passes: int | None) -> Itera
     Its arguments are the index of the frame, its name, the number of its passes that are done, and a note. `passes` is
     the number of passes of a frame, None if it is not known yet.
     """
+    several, total = frames > 1, passes and frames * passes
     with _drawn(kind, quiet) as update:
         lines, left = _ProgressLines(kind == "openjd"), _TimeLeft()
 
         def show(index: int, name: str, done: int, note: str) -> None:
-            several = frames > 1
+            overall = index * (passes or 0) + done
             if update is not None:
-                text = f"{note} frame {name} ({index + 1} of {frames}), passes" if several else f"{note} passes"
-                before, total = (0, None) if passes is None else (index * passes, frames * passes)
-                update(before + done, total, text.strip())
+                frame = f"frame {name} ({index + 1} of {frames})" if several else ""
+                update(overall, total, ", ".join(filter(None, (note, frame, "passes"))))
                 return
-            frame, tail = f"frame {name}: " if several else "", note and f", {note}"
-            if passes is None:
-                text = f"{frame}pass {done}{tail}"
-                lines.show((index, done.bit_length()), index / frames, text, text)
-                return
-            total, overall = frames * passes, index * passes + done
-            # Many passes may be done at once, and a frame begins where the one before it ended.
-            part = overall // max(1, total // 20) + (overall == total)
-            text = f"{frame}pass {done} of {passes}"
-            tail += left(overall, total)
-            lines.show(part, overall / total, text + tail, text)
-
-        yield show
-
-
-@contextmanager
-def farm_bar(kind: str | None, quiet: bool) -> Iterator[Callable[[FarmState], None]]:
-    """Yield a function that updates the progress bar of a farm."""
-    with _drawn(kind, quiet) as update:
-        lines = _ProgressLines(kind == "openjd")
-
-        def show(state: FarmState) -> None:
-            workers = counted(state.workers, "worker")
-            if update is not None:
-                text = f"frame {state.frames} of {state.all_frames}, {workers}, passes"
-                update(state.passes, state.all_passes, text)
-                return
-            total = max(state.all_passes, 1)
-            frames = f"{state.frames:,} of {counted(state.all_frames, 'frame')}, {workers}"
-            text = f"pass {state.passes:,} of {state.all_passes:,}, {frames}"
-            status = f"{state.frames} of {state.all_frames} frames"
-            lines.show(20 * state.passes // total, state.passes / total, text, status)
+            text = f"{f'frame {name}: ' if several else ''}pass {done:,}"
+            tail = note and f", {note}"
+            if passes is None or total is None:
+                lines.show(index, frames, text + tail, text + tail, part=(index, done.bit_length()))
+            else:
+                text += f" of {passes:,}"
+                lines.show(overall, total, text + tail + left(overall, total), text)
 
         yield show
 
@@ -279,17 +252,19 @@ class _ProgressLines:
     """
 
     def __init__(self, openjd: bool) -> None:
-        self._openjd, self._last = openjd, None
+        self._openjd = openjd
+        self._last: object = None
 
-    def show(self, part: Any, fraction: float, line: str, status: str) -> None:
-        """Print a line, unless the last one was about the same part."""
+    def show(self, done: int, total: int, line: str, status: str, part: object = None) -> None:
+        """Print a line, unless the last one was about the same `part`, by default a twentieth of the total."""
+        part = part or 20 * done // total
         if part == self._last:
             return
         self._last = part
         from ..scene.checks import printable
 
         if self._openjd:
-            print(f"openjd_progress: {100 * fraction:.1f}\nopenjd_status: {printable(status)}", flush=True)
+            print(f"openjd_progress: {100 * done / total:.1f}\nopenjd_status: {printable(status)}", flush=True)
         else:
             print(printable(line), file=sys.stderr, flush=True)
 
@@ -361,3 +336,21 @@ def standard_output() -> Console:
     if not console.is_terminal:
         console.width = 240  # in a pipe or a file, lines stay whole
     return console
+
+
+def table_of(columns: Sequence[str] | None, rows: Iterable[Sequence[str]], right: int = 0) -> Table:
+    """Return a plain table, its last `right` columns aligned right; without `columns`, the first of two is bold."""
+    from rich.table import Table
+
+    from ..scene.checks import printable
+
+    names = columns or ("", "")
+    table = Table(*names, show_header=columns is not None, box=None, pad_edge=False, header_style="bold")
+    for index, column in enumerate(table.columns):
+        column.overflow = "fold"
+        column.justify = "right" if index >= len(names) - right else "left"
+    if columns is None:
+        table.columns[0].style = "bold"
+    for row in rows:
+        table.add_row(*map(printable, row))
+    return table

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from ..studies.convergence import Curve
 
 _COLUMNS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
-_WIDE = 150  # terminal columns for rows of one line
 _FLOOR = 1e-8  # of single precision; an error of 0 has no logarithm
 
 
@@ -44,7 +43,7 @@ def quadrature(
     console = standard_output()
     for title, curves in found.items():
         console.print(f"{title}: median and worst error", style="bold")
-        console.print(table(curves, max_order, narrow=console.width < _WIDE))
+        console.print(table(curves, max_order))
         console.print()
     everything = [curve for curves in found.values() for curve in curves]
     console.print(f"{rays:,} rays; n is the number of points on each smooth piece of a ray.")
@@ -88,35 +87,27 @@ def _study(rays: int, max_order: int, seed: int) -> dict[str, list[Curve]]:
 # -- words -----------------------------------------------------------------------------------------------------------
 
 
-def table(curves: Sequence[Curve], max_order: int, narrow: bool = False) -> Table:
-    """Return a table with two rows for each curve, Gauss and Riemann: the errors, and how many points are enough.
-
-    A narrow table puts the name above the rule and the median above the worst error, and fits into 80 columns.
-    """
+def table(curves: Sequence[Curve], max_order: int) -> Table:
+    """Return a table with two rows for each curve, Gauss and Riemann: the errors, and how many points are enough."""
     from rich.table import Table
 
     from ..studies.convergence import GAUSS_POINTS
 
-    result = Table(box=None, pad_edge=False, padding=(0, 1 if narrow else 2, 0, 0), header_style="bold")
-    for _ in range(1 if narrow else 2):
-        result.add_column("", no_wrap=True)
+    result = Table("", "", box=None, pad_edge=False, header_style="bold")
     orders = [n for n in _COLUMNS if n <= max_order]
     for header in (*(f"n={n}" for n in orders), "n for 1 %", f"n as {GAUSS_POINTS} Gauss"):
         result.add_column(header, justify="right")
     for curve in curves:
-        gauss = _row(curve.gauss, orders, narrow, curve.gauss_needed(), GAUSS_POINTS)
-        riemann = _row(curve.riemann, orders, narrow, curve.riemann_needed(), curve.riemann_equal())
-        result.add_row(*([f"{curve.name}\nGauss"] if narrow else [curve.name, "Gauss"]), *gauss)
-        result.add_row(*(["\nRiemann"] if narrow else ["", "Riemann"]), *riemann)
+        result.add_row(curve.name, "Gauss", *_row(curve.gauss, orders, curve.gauss_needed(), GAUSS_POINTS))
+        result.add_row("", "Riemann", *_row(curve.riemann, orders, curve.riemann_needed(), curve.riemann_equal()))
     return result
 
 
 def _row(
-    errors: dict[int, tuple[float, float]], orders: Sequence[int], narrow: bool, enough: int | None, equal: int | None
+    errors: dict[int, tuple[float, float]], orders: Sequence[int], enough: int | None, equal: int | None
 ) -> list[str]:
     counts = [_count(count, max(errors)) for count in (enough, equal)]
-    between = "\n" if narrow else " "
-    return [between.join(_error(each) for each in errors[n]) for n in orders] + counts
+    return [" ".join(_error(each) for each in errors[n]) for n in orders] + counts
 
 
 def claim(curves: Sequence[Curve]) -> str:
@@ -127,14 +118,12 @@ def claim(curves: Sequence[Curve]) -> str:
     riemann = _range([curve.riemann_needed() for curve in curves])
     late = [curve.name for curve, n in zip(curves, needed, strict=True) if _position(n) > GAUSS_POINTS]
     but = f" (all but {', '.join(late)})" if late else ""
-    equal = sorted((curve.riemann_equal() for curve in curves), key=_position)
-    twice = sum(_position(n) > 2 * GAUSS_POINTS for n in equal)
+    twice = sum(_position(curve.riemann_equal()) > 2 * GAUSS_POINTS for curve in curves)
     return (
         "Talk: six Gauss points are enough, and a Riemann sum needs more than twice as many.\n"
         f"Here 1 % on every ray takes {_range(needed)} Gauss points and {riemann} Riemann points; six Gauss points are "
         f"enough for {len(curves) - len(late)} of {len(curves)}{but}.\n"
-        f"As good as six Gauss points are {_range(equal)} Riemann points, {_ratio(equal[0])} to {_ratio(equal[-1])} as "
-        f"many, in the median {_ratio(equal[len(equal) // 2])}; more than twice as many for {twice} of {len(equal)}."
+        f"A Riemann sum that is as good as six Gauss points has more than twice as many for {twice} of {len(curves)}."
     )
 
 
@@ -152,12 +141,6 @@ def _range(counts: Sequence[int | None]) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def _ratio(count: int | None) -> str:
-    from ..studies.convergence import GAUSS_POINTS
-
-    return f"over {MOST_POINTS / GAUSS_POINTS:.0f} times" if count is None else f"{count / GAUSS_POINTS:.2g} times"
-
-
 def _error(error: float) -> str:
     return f"{max(error, _FLOOR):.0e}".replace("e-0", "e-").replace("e+00", "")
 
@@ -172,40 +155,30 @@ def draw(found: dict[str, list[Curve]], max_order: int, file: IO[bytes]) -> None
 
     mpl.use("Agg")
     import matplotlib.pyplot as plt
-    from matplotlib.lines import Line2D
 
     figure, axes = plt.subplots(len(found), 2, figsize=(13, 9), dpi=110, sharex=True, sharey="row", squeeze=False)
     palette: Callable[[int], Any] = plt.get_cmap("tab20")
-
-    def colour(number: int) -> Any:
-        return palette(
-            number % 10 * 2 + number // 10
-        )  # the palette pairs strong colours with pale ones; take the strong ones first
-
     for row, (title, curves) in zip(axes, found.items(), strict=True):
         for number, curve in enumerate(curves):
             for errors, style in ((curve.gauss, "-"), (curve.riemann, "--")):
                 shown = [n for n in errors if n <= max_order]
                 for which, panel in enumerate(row):
                     values = [max(errors[n][which], _FLOOR) for n in shown]
-                    dot = "." if style == "-" else ""
-                    panel.loglog(shown, values, style, color=colour(number), lw=1.4, ms=3, marker=dot)
+                    label = curve.name if style == "-" else None
+                    panel.loglog(shown, values, style, color=palette(number), lw=1.4, label=label)
         for panel, name in zip(row, ("median ray", "worst ray"), strict=True):
             panel.set_title(f"{title}: {name}", fontsize=10)
             panel.axhline(0.01, color="0.4", lw=0.8, ls=":")
             panel.axvline(6, color="0.4", lw=0.8, ls=":")
             panel.grid(alpha=0.25)
-        lines = [Line2D([], [], color=colour(i), label=each.name) for i, each in enumerate(curves)]
-        row[1].legend(handles=lines, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=9)
+        row[1].legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=9)
         row[0].set_ylabel("relative error")
     ticks = [n for n in _COLUMNS if n <= max_order]
     for panel in axes[-1]:
         panel.set_xlabel("points on each smooth piece, n")
         panel.set_xticks(ticks, [str(n) for n in ticks])
         panel.minorticks_off()
-    rules = [Line2D([], [], color="0.2", ls=style, label=name) for name, style in (("Gauss", "-"), ("Riemann", "--"))]
-    axes[0, 0].legend(handles=rules, loc="lower left", frameon=False)
-    figure.suptitle("Light along rays inside a beam: Gauss-Legendre beside the Riemann sum (dotted: 1 %, six points)")
+    figure.suptitle("Light along rays inside a beam, by Gauss (solid) and Riemann (dashed); dotted: 1 %, six points")
     figure.tight_layout()
     figure.savefig(file)
     plt.close(figure)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..constants import REQUESTED
 from ..runtime.limits import check_address_space
-from .animation import Task, frame_numbers, print_plan, render_frames, tasks_of
+from .animation import Task, frame_numbers, plan, render_frames, tasks_of
 from .outputs import (
     check_beside,
     check_outputs,
@@ -23,7 +23,6 @@ from .outputs import (
 )  # fmt: skip
 from .progress import HeldSignals, counted, error_note, held_signals, messages, snapshots
 from .request import RenderRequest
-from .scenes import camera_names, opened
 
 if TYPE_CHECKING:
     from ..images.frame import Frame
@@ -56,9 +55,11 @@ class Job:
     @classmethod
     def open(cls, request: RenderRequest, check: Callable[[], None]) -> Job:
         """Open the scene of a request; `check` raises KeyboardInterrupt for a delayed Ctrl-C."""
+        from .scenes import opened
+
         numbers = frame_numbers(request.files.frames, request.outputs)
         shot, own = opened(request, numbers, check)
-        if not request.shown.dry_run:
+        if request.shown.renders:
             check_outputs(request.outputs or own.products)
         first = shot.settings(numbers[0])
         asked: dict[str, Any] = {name: request.wants(layers[0], own.products) for name, layers in REQUESTED.items()}
@@ -104,7 +105,7 @@ class Job:
         for task in todo:
             for plate in plates:
                 plate.check(subject.number(task.number), views_of(self.shot.stereo, request.eyes.eye), size)
-        if request.shown.dry_run:
+        if not request.shown.renders:
             subject.check(self.shot.viewpoint, first.number, self.settings)
         return replace(self, size=size)
 
@@ -183,21 +184,28 @@ def render(request: RenderRequest) -> None:
     photonbeams render cornell.xml -o cornell.exr --passes 64 --checkpoint 60
     """
     shown, passes = request.shown, request.passes
-    with messages(shown.quiet, shown.verbose), held_signals() as check, snapshots(passes.snapshot) as due:
+    with messages(shown), held_signals() as check, snapshots(passes.snapshot) as due:
         request.device.start()
         if request.views.list_cameras:
+            from .scenes import camera_names
+
             with check.forced():
                 print("\n".join(camera_names(request)))
             return
         with check.forced():
             job = Job.open(request, check)
+            if shown.estimate:
+                from .facts.costs import show_estimate
+
+                show_estimate(job)
+                check()
+                return
         part = None if passes.part is None else passes.part.of(job.settings.passes)
         count = len(part) if part is not None else None if job.settings.error else job.settings.passes
         todo = [task for task in job.tasks if not (request.files.skip_existing and task.exists())]
         job, kept = _ready(job, todo, check)
         if shown.dry_run:
-            if not shown.quiet:
-                print_plan(job.seen((todo or job.tasks)[0]), job.tasks, todo, kept)
+            shown.say(plan(job.seen((todo or job.tasks)[0]), job.tasks, todo, kept))
             return
         if request.farm.renders:
             from .farm import FarmAnimation

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from ..usd.settings import RenderProduct
 
 
-@dataclass(frozen=True, kw_only=True)
 class FileFlags(PictureFlags):
     """The frames, and what is written of them."""
 
@@ -50,7 +48,6 @@ class FileFlags(PictureFlags):
         return PictureExposure(None if self.auto_exposure else self.exposure)
 
 
-@dataclass(frozen=True, kw_only=True)
 class ViewFlags(Flags):
     """The camera, and what part of its picture is rendered."""
 
@@ -85,7 +82,6 @@ class ViewFlags(Flags):
         return crop if tile is None else tile_of(crop, width, height, tile)
 
 
-@dataclass(frozen=True, kw_only=True)
 class FarmFlags(Flags):
     """The processes or machines that render, if not this process."""
 
@@ -123,7 +119,6 @@ class FarmFlags(Flags):
         return self.workers is not None or self.scheduler is not None
 
 
-@dataclass(frozen=True, kw_only=True)
 class RenderFogFlags(FogFlags):
     """The fog, and whether it affects only beams."""
 
@@ -133,7 +128,6 @@ class RenderFogFlags(FogFlags):
         return {**super()._given(), **({"surfaces": False} if self.beams_only_fog else {})}
 
 
-@dataclass(frozen=True, kw_only=True)
 class StageFlags(Flags):
     """Flags that are only for stages."""
 
@@ -165,7 +159,6 @@ class StageFlags(Flags):
     strict: bool = option(False, "Treat warnings about the stage as errors; otherwise what cannot be read is left out.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class LookFlags(LayerFlags):
     """What is changed of a scene: looks, light groups, values, layers."""
 
@@ -182,7 +175,6 @@ class LookFlags(LayerFlags):
     )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class RenderEyeFlags(EyeFlags):
     """Whether there are two eyes, and which of them is rendered."""
 
@@ -194,7 +186,6 @@ class RenderEyeFlags(EyeFlags):
         return None if self.view == "both" else self.view
 
 
-@dataclass(frozen=True, kw_only=True)
 class PlateFlags(Flags):
     """Pictures of another renderer: its depth, at which beams end, and a plate that they are added to."""
 
@@ -253,7 +244,6 @@ class PlateFlags(Flags):
             yield from (path for path, _ in image_paths(place, frame, views))
 
 
-@dataclass(frozen=True, kw_only=True)
 class ProgressFlags(MessageFlags):
     """What the command prints, and whether it renders at all."""
 
@@ -261,9 +251,19 @@ class ProgressFlags(MessageFlags):
         None, "How progress is shown; default: rich on a terminal, plain elsewhere."
     )
     dry_run: bool = option(False, "Read and check everything, but render nothing.")
+    estimate: bool = option(False, "Tell how long the render would take, and how much memory, instead of rendering.")
+    json: bool = option(False, "With --estimate: as JSON, with seconds of a frame, frames, and bytes of memory.")
+
+    def __post_init__(self) -> None:
+        if self.json and not self.estimate:
+            raise typer.BadParameter("--json is for estimates: expected --estimate, too")
+
+    @property
+    def renders(self) -> bool:
+        """Whether anything is rendered into files."""
+        return not (self.dry_run or self.estimate)
 
 
-@dataclass(frozen=True, kw_only=True)
 class RenderRequest(Flags):
     """What a user asks to be rendered."""
 
@@ -349,27 +349,3 @@ class RenderRequest(Flags):
     def wants_deep(self, products: Iterable[RenderProduct] = ()) -> bool:
         """Return whether the flags ask for a deep file or, if they name no files, a render product does."""
         return self.files.deep is not None or (not self.outputs and any(each.deep for each in products))
-
-    def anywhere(self) -> RenderRequest:
-        """Return the request with absolute paths, for a process that runs in another folder."""
-
-        def absolute(text: str | None) -> str | None:
-            """Return FILE or PRIM=FILE.py:NAME with an absolute path."""
-            if text is None:
-                return None
-            prim, equals, file = text.rpartition("=")
-            return f"{prim}{equals}{Path(file).absolute()}"
-
-        stage, looks, plates = self.stage, self.looks, self.plates
-        return replace(
-            self, scene=self.scene.absolute(),
-            stage=replace(
-                stage,
-                programs=ProgramFlags(simulate=absolute(stage.programs.simulate), emit=absolute(stage.programs.emit)),
-            ),
-            looks=replace(
-                looks, look=[absolute(each) or "" for each in looks.look or ()],
-                session_layer=[Path(each).absolute() for each in looks.session_layer or ()],
-            ),
-            plates=replace(plates, holdout=absolute(plates.holdout), over=absolute(plates.over)),
-        )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Open what `photonbeams render` renders: a stage or a Mitsuba scene, as the flags ask."""
+"""Open what `photonbeams render` renders, as the flags ask; imported once the device has started."""
 
 from __future__ import annotations
 
@@ -8,24 +8,26 @@ from typing import TYPE_CHECKING
 import typer
 
 from ..images.numbering import PLACEHOLDER
+from ..shot import Shot
+from ..usd.common.selection import keep
+from ..usd.common.warnings import Warnings
+from ..usd.layers.frames import check_frames
+from ..usd.render_passes import apply_pass
+from ..usd.settings import PIXEL_FILTER, RenderSettings, read_settings
+from ..usd.stage import enable_domes, list_cameras, open_stage
 from .animation import frame_numbers
+from .groups import usage_errors
 from .programs import load_looks
 from .request import RenderRequest
 
 if TYPE_CHECKING:
     from pxr import Usd
 
-    from ..shot import Shot
     from ..shot.scene_subject import SceneSubject
-    from ..usd.common.warnings import Warnings
-    from ..usd.settings import RenderSettings
 
 
 def camera_names(request: RenderRequest) -> list[str]:
     """Return the names of all cameras, or of all sensors of a Mitsuba scene."""
-    from ..usd.common.warnings import Warnings
-    from ..usd.stage import list_cameras
-
     if request.is_mitsuba:
         return [*_scene(request).sensors(frame_numbers(request.files.frames, request.outputs)[0])]
     return list_cameras(_stage(request, Warnings(request.strict))[0])
@@ -38,11 +40,6 @@ def opened(
 
     `check` raises KeyboardInterrupt for a delayed Ctrl-C.
     """
-    from ..shot import Shot
-    from ..usd.common.warnings import Warnings
-    from ..usd.layers.frames import check_frames
-    from ..usd.settings import RenderSettings
-
     camera, stereo = request.views.camera or None, request.eyes.eyes()
     if request.is_mitsuba:
         if len(numbers) > 1 and not PLACEHOLDER.search(request.scene.name):
@@ -64,21 +61,20 @@ def opened(
 
 
 def _scene(request: RenderRequest) -> SceneSubject:
-    from ..shot.scene_subject import SceneSubject
+    from ..shot.scene_subject import SceneSubject, values_by_name
 
     looks = request.looks
+    with usage_errors():
+        groups = values_by_name(looks.group or (), "--group is", "EMITTER=NAME, such as lamp=key")
+        parameters = values_by_name(looks.overrides or (), "--set is")
     return SceneSubject(
-        request.scene, load_looks("--look", looks.look or ()), _pairs("--group", looks.group or ()),
-        parameters=_pairs("--set", looks.overrides or ()), session_layers=looks.session_layer or (),
+        request.scene, load_looks("--look", looks.look or ()), groups, parameters=parameters,
+        session_layers=looks.session_layer or (),
     )  # fmt: skip
 
 
 def _stage(request: RenderRequest, warnings: Warnings) -> tuple[Usd.Stage, str | None]:
     """Return the stage, and the path of its render settings, if one is named."""
-    from ..usd.common.selection import keep
-    from ..usd.render_passes import apply_pass
-    from ..usd.stage import enable_domes, open_stage
-
     own, looks = request.stage, request.looks
     layers = looks.session_layer or (), looks.overrides or ()
     stage = open_stage(
@@ -94,23 +90,9 @@ def _stage(request: RenderRequest, warnings: Warnings) -> tuple[Usd.Stage, str |
 
 def _render_settings(request: RenderRequest, stage: Usd.Stage, path: str | None, warnings: Warnings) -> RenderSettings:
     """Return the stage's render settings, without warnings about values that flags replace."""
-    from ..usd.settings import PIXEL_FILTER, read_settings
-
     views = request.views
     flags = {
         "camera": views.camera, "resolution": any(views.res), "dataWindowNDC": views.crop,
         "products": request.outputs, PIXEL_FILTER: "filter" in request.settings.values,
     }  # fmt: skip
     return read_settings(stage, path, [name for name, value in flags.items() if value], warnings)
-
-
-def _pairs(flag: str, texts: Sequence[str]) -> dict[str, str]:
-    """Return the values that a flag gives, by name."""
-    result = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not name or not equals:
-            expected = "NAME=VALUE, a parameter of the .xml" if flag == "--set" else "EMITTER=NAME, such as lamp=key"
-            raise typer.BadParameter(f"{flag} is {text}: expected {expected}")
-        result[name] = value
-    return result

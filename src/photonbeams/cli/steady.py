@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +10,7 @@ import typer
 from ..images.numbering import numbered
 from ..runtime.limits import check_address_space
 from .animation import frame_numbers
-from .flags import Quiet
+from .flags import MessageFlags, Quiet
 from .outputs import check_different, parse_outputs, prepare_outputs
 from .progress import messages
 
@@ -46,10 +45,11 @@ def steady(
     from ..runtime.files import check_kept
     from ..scene import SceneError
 
+    shown = MessageFlags(quiet=quiet)
     outputs = parse_outputs(output, ())
     numbers = [number for number in frame_numbers(frames, outputs) if number is not None]
     known: dict[float, FilmFrame] = {}
-    with messages(quiet, verbose=False):
+    with messages(shown):
         for path in (numbered(film, each) for each in numbers):
             if not path.exists():
                 raise SceneError(f"{path}: no such file: expected all frames of the film")
@@ -61,9 +61,8 @@ def steady(
             known = {each: known.get(each) or FilmFrame.read(numbered(film, each)) for each in window}
             files = [each.numbered(number) for each in outputs]
             prepare_outputs(files)
-            shown = known[number].averaged([known[each] for each in window if each < number],
-                                           [known[each] for each in window if each > number])  # fmt: skip
+            picture = known[number].averaged([known[each] for each in window if each < number],
+                                             [known[each] for each in window if each > number])  # fmt: skip
             for each in files:
-                shown.write(each.path, exposure)
-            if not quiet:
-                print(f"frame {number:.10g}: wrote {', '.join(str(each.path) for each in files)}", file=sys.stderr)
+                picture.write(each.path, exposure)
+            shown.say(f"frame {number:.10g}: wrote {', '.join(str(each.path) for each in files)}")

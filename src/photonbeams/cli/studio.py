@@ -61,7 +61,7 @@ def studio(
 
     photonbeams studio shot.usda --layer look.usda
     """
-    with messages(shown.quiet, shown.verbose):
+    with messages(shown):
         device.start()
         with needs("studio", "the studio", "a web server"):
             from ..studio.server import Studio

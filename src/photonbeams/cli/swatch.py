@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .flags import LayerFlags
+from .flags import LayerFlags, MessageFlags
 from .progress import messages
 
 
@@ -51,7 +51,7 @@ def swatch(
         )
     try_path(output)
     check_address_space()
-    with messages(quiet=False, verbose=False):
+    with messages(MessageFlags()):
         from ..images.color_spaces import REC709
         from ..usd.look_library import find_looks
         from ..usd.stage import files_of, open_stage

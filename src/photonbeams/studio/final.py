@@ -163,7 +163,7 @@ class Cost(NamedTuple):
 
 
 class Estimates:
-    """Estimates final renders, one after another, by `photonbeams info --estimate`; the last one is remembered.
+    """Estimates final renders, one after another, by `photonbeams render --estimate`; the last one is remembered.
 
     Pictures are `resting` meanwhile: the command is quick, and measures what the render takes when it has the machine.
     """
@@ -185,7 +185,7 @@ class Estimates:
 
     async def _measured(self, wanted: Wanted) -> Cost:
         with self._resting(), tempfile.TemporaryDirectory(dir=self._folder) as folder:
-            process = await wanted.started(["info", "--estimate", "--json"], Path(folder))
+            process = await wanted.started(["render", "--estimate", "--json"], Path(folder))
             try:
                 output, messages = await process.communicate()
             finally:

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...scene import Light
+from ...shot.lent import LIGHTS, VIEW
+from ...shot.survey import Survey
+from ...usd.groups import hidden_lights
 from .words import percent
 
 if TYPE_CHECKING:
     from pxr import Usd
-
-    from ...scene import Light
-    from ...shot.survey import Survey
 
 # Less than this fraction of the picture lit is dark without bounces; and from so many stops on, an exposure is advised.
 _LIT, _STOPS = 0.5, 2.0
@@ -28,8 +29,6 @@ Reason = tuple[str, str]
 
 def advice(stage: Usd.Stage, time: Usd.TimeCode, survey: Survey) -> Iterator[Reason]:
     """Yield the reasons why the picture would be dark, without shafts or blurred, each with what to type."""
-    from ...shot.lent import VIEW
-
     if not survey.cameras or VIEW in survey.cameras:
         instead = f": {VIEW} shows all of it" if survey.cameras else ""
         yield f"the stage has no camera{instead}", "add one where the stage comes from, then export again"
@@ -45,9 +44,6 @@ def advice(stage: Usd.Stage, time: Usd.TimeCode, survey: Survey) -> Iterator[Rea
 
 
 def _of_lights(stage: Usd.Stage, time: Usd.TimeCode, survey: Survey) -> Iterator[Reason]:
-    from ...shot.lent import LIGHTS
-    from ...usd.groups import hidden_lights
-
     scene = survey.scene
     lent = [each.name for each in scene.lights if each.name in LIGHTS]
     if lent or not (scene.lights or scene.drawn):

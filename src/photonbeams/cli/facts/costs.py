@@ -1,14 +1,12 @@
-"""What `photonbeams info --estimate` tells: seconds and memory of a render, before it is paid for."""
+"""What `photonbeams render --estimate` tells: seconds and memory of a render, before it is paid for."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..progress import counted, held_signals, messages, spoken, standard_output
+from ..progress import counted, spoken, standard_output
 from ..render import PROGRAM_BYTES, Job
-from ..request import RenderRequest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -16,23 +14,17 @@ if TYPE_CHECKING:
     from ...shot.estimate import Estimate
 
 
-def show_estimate(request: RenderRequest, as_json: bool = False) -> None:
-    """Print how long the render of a request would take, and how much memory; raises what that would raise."""
-    request = replace(request, shown=replace(request.shown, dry_run=True))
-    with messages(request.shown.quiet, request.shown.verbose), held_signals() as check:
-        request.device.start()
-        with check.forced():
-            job = Job.open(request, check)
-            job = job.ready(job.tasks[0], job.tasks)
-            found = job.estimate(job.tasks[0])
-        check()
-        if as_json:
-            print(json.dumps(_fields(job, found)))
-            return
-        console = standard_output()
-        console.print(job.seen(job.tasks[0]))
-        for name, text in _rows(job, found):
-            console.print(f"  {name:<10}{text}")
+def show_estimate(job: Job) -> None:
+    """Print how long a render would take, and how much memory; raises what that would raise."""
+    job = job.ready(job.tasks[0], job.tasks)
+    cost = job.estimate(job.tasks[0])
+    if job.request.shown.json:
+        print(json.dumps(_fields(job, cost)))
+        return
+    console = standard_output()
+    console.print(job.seen(job.tasks[0]))
+    for name, text in _rows(job, cost):
+        console.print(f"  {name:<10}{text}")
 
 
 def _fields(job: Job, found: Estimate) -> dict[str, Any]:

@@ -10,15 +10,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...constants import DEFAULT_BEAMS
-from ...scene import SceneError
+from ...scene import Camera, FogDensity, Light, Medium, Mesh, Scene, SceneError
+from ...shot.lent import VIEW, lit, view_of
+from ...shot.survey import Survey
+from ...usd import stage as stages
+from ...usd.cameras.camera import read_shutter
+from ...usd.common.openusd import UsdGeom
+from ...usd.common.reading import Reading
+from ...usd.common.warnings import Warnings
+from ...usd.groups import hidden_lights
+from ...usd.layers.frames import time_range
+from ...usd.unread import warn_of_unread
+from ...world.bounds import box_of_states
 from .advice import advice
 from .words import percent, triple, units
 
 if TYPE_CHECKING:
     from pxr import Usd
-
-    from ...scene import Camera, FogDensity, Light, Medium, Mesh, Scene
-    from ...shot.survey import Survey
 
 #: Columns, or None without a header; and rows.
 Table = tuple[tuple[str, ...] | None, list[tuple[str, ...]]]
@@ -30,13 +38,6 @@ _FEWEST = 3  # rows of meshes: of fewer, those of the next level are shown, or t
 
 def tables(path: Path, layers: Sequence[Path]) -> Iterator[Table]:
     """Yield the tables about a stage; SceneError if it cannot be read."""
-    from ...shot.lent import lit
-    from ...shot.survey import Survey
-    from ...usd import stage as stages
-    from ...usd.common.reading import Reading
-    from ...usd.common.warnings import Warnings
-    from ...usd.unread import warn_of_unread
-
     stage = stages.open_stage(path, layers)
     warn_of_unread(stage, Warnings())
     time = stages.default_time(stage)
@@ -61,10 +62,6 @@ def tables(path: Path, layers: Sequence[Path]) -> Iterator[Table]:
 
 def watching(stage: Usd.Stage, time: Usd.TimeCode, scene: Scene) -> dict[str, Camera]:
     """Return the first few valid cameras, by name, or the view of all; the one that a render takes comes first."""
-    from ...shot.lent import VIEW, view_of
-    from ...usd import stage as stages
-    from ...world.bounds import box_of_states
-
     names = stages.list_cameras(stage)
     if not names:
         box = box_of_states([scene])
@@ -81,8 +78,6 @@ def watching(stage: Usd.Stage, time: Usd.TimeCode, scene: Scene) -> dict[str, Ca
 
 
 def _meters(stage: Usd.Stage) -> float:
-    from pxr import UsdGeom
-
     return float(UsdGeom.GetStageMetersPerUnit(stage))
 
 
@@ -90,10 +85,6 @@ def _meters(stage: Usd.Stage) -> float:
 
 
 def _stage_rows(stage: Usd.Stage, survey: Survey) -> Iterator[tuple[str, str]]:
-    from pxr import UsdGeom
-
-    from ...usd.layers.frames import time_range
-
     scene = survey.scene
     yield "up axis", str(UsdGeom.GetStageUpAxis(stage))
     yield "unit", f"{_meters(stage):g} m"
@@ -147,9 +138,6 @@ def _lengths(values: Iterable[float], meters: float) -> str:
 
 
 def _camera_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
-    from ...usd import stage as stages
-    from ...usd.cameras.camera import read_shutter
-
     rows: list[tuple[str, ...]] = []
     to_mm = 1000 * _meters(stage)
     for name in stages.list_cameras(stage):
@@ -193,8 +181,6 @@ def _light_row(light: Light) -> tuple[str, ...]:
 
 def _hidden_rows(stage: Usd.Stage, time: Usd.TimeCode) -> list[tuple[str, ...]]:
     """Return a row for each light that is hidden when the stage starts: a film may show it later."""
-    from ...usd.groups import hidden_lights
-
     return [(path, "hidden at first", "", "", "none yet", "", "") for path in hidden_lights(stage, time)]
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ..groups import Flags, option
+from ..groups import Flags, option, usage_errors
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 _POSITIVE: dict[str, Any] = {"above": 0.0, "expected": "a positive number of scene units"}
 
 
-@dataclass(frozen=True, kw_only=True)
 class FogFlags(Flags):
     """The fog that the flags describe; None where they leave a value to the stage's fog."""
 
@@ -64,16 +63,13 @@ class FogFlags(Flags):
 
     def on(self, stage: Usd.Stage) -> Callable[[Medium | None], Medium | None]:
         """Return a function that changes a stage's fog as these flags say; raise BadParameter for a box without one."""
-        from ...scene import SceneError
         from ...usd.media.boxes import box_around
         from ...usd.stage import default_time
 
         if self.fog_box is None or not self.fog_box.startswith("/"):
             return partial(self._over, None if self.fog_box is None else self._corners(self.fog_box))
-        try:
+        with usage_errors("--fog-box: "):
             return partial(self._over, box_around(stage, [self.fog_box], "", default_time(stage)))
-        except SceneError as error:
-            raise typer.BadParameter(f"--fog-box: {error}") from None
 
     def _over(self, box: Mesh | None, own: Medium | None) -> Medium | None:
         """Return this fog, with missing values taken from the stage's `own`."""
@@ -113,15 +109,12 @@ class FogFlags(Flags):
 
     def _corners(self, text: str) -> Mesh:
         """Return the box between the corners that a text gives."""
-        from ...scene import SceneError
         from ...usd.media.boxes import checked_box
 
         values = _numbers("--fog-box", text, 6, ", or the path of a prim")
         assert values is not None
-        try:
+        with usage_errors(f"--fog-box is {text}: "):
             return checked_box("", values[:3], values[3:], "the box")
-        except SceneError as error:
-            raise typer.BadParameter(f"--fog-box is {text}: {error}") from None
 
 
 def _without_none(**values: Any) -> dict[str, Any]:
