@@ -94,7 +94,7 @@ def test_all_outputs_are_written_and_summed_up(render, scene, out):
 def test_a_worker_of_a_farm_opens_it(scene, out):
     usual = {each.name: each.default for each in RenderRequest.options()}
     request = RenderRequest.of({**usual, "scene": scene(), "output": [out / "a.exr"], "passes": 1, "quiet": True})
-    sums = FrameSums.of(open_scene(Request(request, ".", 0, None))(0, range(1), 1))
+    sums = FrameSums.of(open_scene(Request(request, 0, None))(0, range(1), 1))
     assert sums.ranges() == [range(1)] and sums.beams > 0
 
 

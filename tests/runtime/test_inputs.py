@@ -45,6 +45,14 @@ def test_every_kind_of_path_is_called_what_it_is(kinds):
     assert special >= {"pipe", "to pipe", "s", "zero"} and not special & {"folder", "empty", "huge", "gone"}
 
 
+def test_a_pointer_of_git_lfs_says_how_to_get_the_file(tmp_path):
+    path = tmp_path / "stage.usd"
+    path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n")
+    assert "git lfs pull" in why_unreadable(path)
+    path.write_text("version 2")
+    assert not why_unreadable(path)
+
+
 def test_a_file_that_becomes_a_pipe_is_not_waited_for(tmp_path, monkeypatch):
     os.mkfifo(tmp_path / "a")
     monkeypatch.setattr(inputs, "why_unreadable", lambda *_: "")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, chdir
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -31,10 +30,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """What a worker receives: the flags and the folder of the command, the first frame's index, and threads."""
+    """What a worker receives: the flags, the index of the first frame to render, and its number of threads."""
 
     render: RenderRequest
-    folder: str
     first: int
     threads: int | None
 
@@ -45,21 +43,19 @@ def open_scene(request: Request) -> Opened:
     from ..render.reuse import FilmMemory
     from .render import Job
 
-    wanted, folder = request.render, chdir(request.folder if os.path.isdir(request.folder) else os.curdir)
+    wanted = request.render
     if not wanted.is_mitsuba:  # the command has checked where render products go; this worker may run in another folder
         wanted = replace(wanted, stage=replace(wanted.stage, allow_paths=True))
     try:
         replace(wanted.device, threads=request.threads or threads_here()).start()
-        with folder:
-            job = Job.open(wanted, lambda: None)
-            job = job.ready(job.tasks[request.first], [])
+        job = Job.open(wanted, lambda: None)
+        job = job.ready(job.tasks[request.first], [])
     except typer.BadParameter as error:
         raise SceneError(error.message) from None
     film = FilmMemory() if len(job.tasks) > 1 else None
 
     def render(frame: int, numbers: range, planned: int | None) -> dict[str, Any]:
-        with folder:
-            return job.part(job.tasks[frame], PlannedPasses(numbers, planned), film=film).state()
+        return job.part(job.tasks[frame], PlannedPasses(numbers, planned), film=film).state()
 
     return render
 
@@ -115,7 +111,7 @@ class FarmAnimation:
                 shown.say(f"Dask's dashboard: {address}")
             passes = self.job.settings.passes * len(self._frames)
             show = stack.enter_context(bar(shown.progress, shown.quiet, 1, passes))
-            request = Request(self.job.request, os.getcwd(), self._frames[0].place, threads)
+            request = Request(self.job.request.anywhere(), self._frames[0].place, threads)
 
             def tick(state: FarmState) -> None:
                 self.check()

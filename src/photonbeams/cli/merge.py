@@ -73,7 +73,10 @@ def merge(
                 continue
             prepare_outputs(files)
             paths = _found(checkpoints, number)
-            if paths[0].suffix.lower() == ".exr":
+            tiles = [each for each in paths if each.suffix.lower() == ".exr"]
+            if tiles and len(tiles) < len(paths):
+                raise typer.BadParameter(f"{tiles[0]} is a tile: expected tiles or checkpoints, not both")
+            if tiles:
                 if layers is not None or remove or pictures.single_part or pictures.exposure:
                     text = "tiles are joined as they are: expected no --layers, --single-part, --exposure or --remove"
                     raise typer.BadParameter(text)

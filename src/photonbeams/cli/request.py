@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -349,3 +350,26 @@ class RenderRequest(Flags):
     def wants_deep(self, products: Iterable[RenderProduct] = ()) -> bool:
         """Return whether the flags ask for a deep file or, if they name no files, a render product does."""
         return self.files.deep is not None or (not self.outputs and any(each.deep for each in products))
+
+    def anywhere(self) -> RenderRequest:
+        """Return the request with absolute paths, for a process that runs in another folder."""
+
+        def absolute(text: str | None) -> str | None:
+            """Return FILE or PRIM=FILE.py:NAME with an absolute path."""
+            if text is None:
+                return None
+            prim, equals, file = text.rpartition("=")
+            return f"{prim}{equals}{Path(file).absolute()}"
+
+        stage, looks, plates = self.stage, self.looks, self.plates
+        programs = replace(
+            stage.programs, simulate=absolute(stage.programs.simulate), emit=absolute(stage.programs.emit)
+        )
+        return replace(
+            self, scene=self.scene.absolute(), stage=replace(stage, programs=programs),
+            looks=replace(
+                looks, look=[absolute(each) or "" for each in looks.look or ()],
+                session_layer=[Path(each).absolute() for each in looks.session_layer or ()],
+            ),
+            plates=replace(plates, holdout=absolute(plates.holdout), over=absolute(plates.over)),
+        )  # fmt: skip

@@ -35,6 +35,9 @@ _KINDS = (
     (stat.S_ISSOCK, "a socket"),
 )
 _UNITS = ((1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"), (1, "bytes"))
+# How a file begins that stands for another one in a repository, and its most bytes.
+_POINTER = b"version https://git-lfs.github.com/spec/"
+_MOST_POINTER = 1024
 # Archives of arrays may be compressed, and regular numbers by much; what is small may be so by any factor.
 _SMALL, _MOST_COMPRESSED = 1 << 28, 64
 
@@ -49,7 +52,14 @@ def why_unreadable(path: PathLike, most: int | None = None) -> str:
         status = os.stat(path)
     except (OSError, ValueError) as error:
         return _cause(error)
-    return _wrong(status, most) or ("" if os.access(path, os.R_OK) else os.strerror(EACCES))
+    if problem := _wrong(status, most) or ("" if os.access(path, os.R_OK) else os.strerror(EACCES)):
+        return problem
+    if status.st_size > _MOST_POINTER:
+        return ""
+    with suppress(OSError), open(path, "rb") as file:
+        if file.read(len(_POINTER)) == _POINTER:
+            return "it is a pointer of Git LFS: expected the file itself, which `git lfs pull` brings"
+    return ""
 
 
 def problem_of(path: PathLike, most: int | None = None) -> str:

@@ -283,6 +283,8 @@ def _file_digest(name: str) -> str:
 
 
 def _layer(path: str) -> Sdf.Layer:
+    if not path:
+        raise SceneError("a layer's name is empty: expected a path")
     try:
         resolved = str(Ar.GetResolver().Resolve(path))
     except UnicodeEncodeError:
