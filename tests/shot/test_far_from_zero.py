@@ -151,7 +151,9 @@ def test_every_place_of_a_scene_moves():
     kinds = [scene.Scene, scene.Mesh, scene.Camera, scene.DrawnBeams, scene.Medium, scene.DensityGrid, scene.FogDensity,
              scene.Blocker, scene.DistanceRamp, scene.SphereLight, scene.FlatLight, scene.CylinderLight,
              scene.MeshLight, scene.DistantLight, scene.DomeLight]  # fmt: skip
-    names = {each.name for each in chain.from_iterable(map(fields, kinds)) if "Array" in str(each.type)}
+    numbers = ("Array", "Vector", "Transform")
+    every = chain.from_iterable(map(fields, kinds))
+    names = {each.name for each in every if any(kind in str(each.type) for kind in numbers)}
     assert names - others == (places._POINTS | places._TRANSFORMS) - {"zero"}
 
 

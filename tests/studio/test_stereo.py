@@ -160,7 +160,7 @@ def test_a_page_is_shown_both_eyes_or_one_of_them(stage):
                     if np.array_equal(pixels, wanted):
                         break
             page.send("show", eye="third")
-            assert "no eye 'third'" in page.told("refused")["text"]
+            assert "the eye is 'third': expected one of" in page.told("refused")["text"]
             page.send("show", stereo=[-1.0, None])
             assert "interaxial" in page.told("refused")["text"]
             page.send("show", stereo=[None, None], camera="/World/Left")

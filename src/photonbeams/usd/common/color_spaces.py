@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from ...images.color_spaces import REC709, ColorSpaces, converted, named, plain, working_space
-from ...scene import SceneError
-from .openusd import Usd
+from ...scene import Array, SceneError
+from .openusd import Gf, Usd
 from .selection import kept, settings_at
 
 AUTO, RAW = "auto", "raw"
@@ -54,11 +56,29 @@ def source_space(attribute: Usd.Attribute) -> str:
 
 
 def color_space(name: str) -> str | None:
-    """Return OpenColorIO's name of a colour space, or AUTO, RAW or LINEAR; None if it is not known."""
-    return _WORDS.get(plain(name)) or named(name)
+    """Return OpenUSD's or OpenColorIO's name of a colour space, or AUTO, RAW or LINEAR; None if it is not known."""
+    return _WORDS.get(plain(name)) or named(name) or (name if Gf.ColorSpace.IsValid(name) else None)
 
 
 def to_working(colors: Any, space: str, spaces: ColorSpaces) -> Any:
     """Convert colours (…, 3) from a space that `color_space` returned to the working space."""
     space = spaces.untagged if space in (AUTO, LINEAR) else space
-    return colors if space == RAW else converted(colors, space, spaces.working)
+    if space in (RAW, spaces.working):
+        return colors
+    if not (Gf.ColorSpace.IsValid(space) and Gf.ColorSpace.IsValid(spaces.working)):
+        return converted(colors, space, spaces.working)
+    known, working = Gf.ColorSpace(space), Gf.ColorSpace(spaces.working)
+    light = _decoded(np.asarray(colors, dtype=np.float64), known)
+    # Every transfer function keeps black and white, so the converted primaries are the columns of the matrix.
+    columns = [working.Convert(known, Gf.Vec3f(*axis)).GetRGB() for axis in np.eye(3).tolist()]
+    return light @ np.array(columns, dtype=np.float64)
+
+
+def _decoded(colors: Array, space: Gf.ColorSpace) -> Array:
+    """Return colours without the curve of their space."""
+    threshold, slope = space.GetTransferFunctionParams()
+    gamma, bias = space.GetGamma(), space.GetLinearBias()
+    if gamma == 1:
+        return colors
+    curved = ((np.maximum(colors, 0) + bias) / (1 + bias)) ** gamma
+    return np.where(colors <= threshold, colors / slope, curved)

@@ -110,8 +110,9 @@ def _other_node(node: ShaderNode) -> Value | None:
 def _within(node: ShaderNode, name: str, values: Array, least: float = 0.0, most: float = np.inf) -> Array:
     """Return numbers that an input gives, or the nearest in a range, with a warning."""
     if np.any(values < least) or np.any(values > most + 1e-5):
-        expected = f"{least:g} or more" if most == np.inf else f"{least:g} to {most:g}"
-        node.lose(f"makes {tuple(np.round(values, 6).tolist())}: expected {expected}; the nearest is used", name)
+        expected = f"at least {least:g}" if most == np.inf else f"{least:g} to {most:g}"
+        given = f"is {values[0]:g}" if len(values) == 1 else f"makes {tuple(np.round(values, 6).tolist())}"
+        node.lose(f"{given}: expected {expected}; the nearest is used", name)
     return np.clip(values, least, most)
 
 
