@@ -645,7 +645,7 @@ def test_a_texture_that_is_cut_off_is_named(render, stage, out, tmp_path):
         (["mine.py:words"], 1, "the look's function words returns a str: expected a Float, an Array3f or a number"),
         (["mine.py:nothing"], 1, "the look's factor along is not finite everywhere"),
         (["broken.py:green"], 1, "broken.py, line 1: "),
-        (["binary.py:green"], 1, "binary.py: source code "),
+        (["binary.py:green"], 1, "source code string cannot contain null bytes"),
     ],
 )
 def test_a_look_in_python_is_taken_or_told_in_a_sentence(render, stage, out, monkeypatch, flags, code, message):
