@@ -38,8 +38,25 @@ _ORDERS = (0, 1), (2, 3), (2, 3, 0, 1)
 #: outside the picture cost little. Most strata of a portal are in the picture.
 ENOUGH, ENOUGH_STRAIGHT, ENOUGH_PORTAL = 0.9, 0.4, 0.1
 
-#: The axes, first children and probabilities of a tree's boxes, level by level.
-Levels = tuple[list[Array], list[Array], list[Array]]
+
+@dataclass(frozen=True)
+class _Boxes:
+    """A tree of boxes as in `GuidingMap`, with the part of the weights, the volume and the number of samples of each.
+
+    A tree with a greater least number is the same, but for boxes with fewer samples, which it does not halve.
+    """
+
+    axis: Array
+    child: Array
+    part: Array
+    volume: Array
+    held: Array
+
+    def fraction(self, uniform: float, least: int = 0) -> Array:
+        """Return `GuidingMap.fraction` if a fraction of the samples stays uniform, and ½ in boxes with too few."""
+        part = (1 - uniform) * self.part + uniform * self.volume
+        lower = part[self.child] / np.where(self.axis < 0, 1, part)
+        return lower if least == 0 else np.where(self.held < least, 0.5, lower)
 
 
 @dataclass(frozen=True)
@@ -49,7 +66,7 @@ class GuidingMap:
     Attributes
     ----------
     axis
-        The axis along which each box is halved; −1 if it is not. The first box is the cube.
+        The axis along which each box is halved, one for all of a level; −1 if it is not. The first box is the cube.
     child
         The number of each box's lower half; the upper half is the next one.
     fraction
@@ -67,22 +84,22 @@ class GuidingMap:
 
     def __call__(self, points: Array) -> tuple[Array, Array]:
         """Return the images of `points`, (N, 4), and the derivative of the map along each axis there, (N, 4)."""
-        inside = points.astype(np.float64)
+        inside = points.astype(np.float64).T.copy()
         low, size, stretch = np.zeros_like(inside), np.ones_like(inside), np.ones_like(inside)
         node, rows = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
-        while len(rows := rows[self.axis[node[rows]] >= 0]):
-            box = node[rows]
-            axis, fraction = self.axis[box], self.fraction[box]
-            place = inside[rows, axis]
+        while len(kept := np.flatnonzero(self.axis[node] >= 0)):
+            node, rows = node[kept], rows[kept]
+            at, fraction = (self.axis[node[0]], rows), self.fraction[node]  # a level is halved along one axis
+            place = inside[at]
             upper = place >= fraction
             own = np.where(upper, 1 - fraction, fraction)
-            inside[rows, axis] = np.clip((place - np.where(upper, fraction, 0)) / own, 0, 1)
-            size[rows, axis] *= 0.5
-            low[rows, axis] += size[rows, axis] * upper
-            stretch[rows, axis] *= 0.5 / own
-            node[rows] = self.child[box] + upper
+            inside[at] = np.clip((place - np.where(upper, fraction, 0)) / own, 0, 1)
+            size[at] *= 0.5
+            low[at] += size[at] * upper
+            stretch[at] *= 0.5 / own
+            node = self.child[node] + upper
         place = np.minimum(low + size * inside, np.nextafter(np.float32(1), np.float32(0)))
-        return place.astype(np.float32), stretch
+        return np.ascontiguousarray(place.T, np.float32), np.ascontiguousarray(stretch.T)
 
     def evened(self, uniform: float) -> GuidingMap:
         """Return a map with the mean of this one's density and 1, which has the weight `uniform`."""
@@ -102,17 +119,24 @@ class GuidingMap:
 
     def stretches(self, points: Array) -> Array:
         """Return the derivatives of the map along each axis, (N, 4), where its images are `points`, (N, 4)."""
-        inside, result = points.astype(np.float64), np.ones(points.shape)
-        node, rows = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
-        while len(rows := rows[self.axis[node[rows]] >= 0]):
-            box = node[rows]
-            axis, fraction = self.axis[box], self.fraction[box]
-            place = 2 * inside[rows, axis]
-            upper = place >= 1
-            inside[rows, axis] = place - upper
-            result[rows, axis] *= 0.5 / np.where(upper, 1 - fraction, fraction)
-            node[rows] = self.child[box] + upper
-        return result
+        return _stretches(self.axis, self.child, [self.fraction], points)[0]
+
+
+def _stretches(axis: Array, child: Array, fractions: Sequence[Array], points: Array) -> list[Array]:
+    """Return `GuidingMap.stretches` of maps whose boxes are the same, but for their `fractions`."""
+    inside, result = points.astype(np.float64).T.copy(), [np.ones((4, len(points))) for _ in fractions]
+    node, rows = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
+    while len(kept := np.flatnonzero(axis[node] >= 0)):
+        node, rows = node[kept], rows[kept]
+        at = axis[node[0]], rows
+        place = 2 * inside[at]
+        upper = place >= 1
+        inside[at] = place - upper
+        for stretch, lower in zip(result, fractions, strict=True):
+            part = lower[node]
+            stretch[at] *= 0.5 / np.where(upper, 1 - part, part)
+        node = child[node] + upper
+    return [np.ascontiguousarray(each.T) for each in result]
 
 
 def learn(points: Array, weights: Array, stopped: Array | None = None, enough: float = ENOUGH) -> GuidingMap | None:
@@ -139,18 +163,18 @@ def learn(points: Array, weights: Array, stopped: Array | None = None, enough: f
     judge, own = points[1::2], weights[1::2] / weights[1::2].sum()
     cells = {}
     uniform = _UNIFORM if enough >= ENOUGH else _UNIFORM[:1]
-    for way in product(_ORDERS, _LEAST):
-        tree = _grown(*_with(points[::2], weights[::2], stopped), *way)
-        for fraction in uniform:
-            stretches = _mapped(tree, fraction).stretches(judge)
-            cells[way, fraction] = stretches[:, 0::2] * stretches[:, 1::2]
+    for order in _ORDERS:
+        tree, ways = _grown(*_with(points[::2], weights[::2], stopped), order, _LEAST[0]), [*product(uniform, _LEAST)]
+        stretches = _stretches(tree.axis, tree.child, [tree.fraction(*way) for way in ways], judge)
+        for way, each in zip(ways, stretches, strict=True):
+            cells[order, way] = each[:, 0::2] * each[:, 1::2]
     rooms = {each: float(own @ cell.prod(axis=1)) for each, cell in cells.items()}
     best = min(rooms, key=rooms.__getitem__)
     if not rooms[best] < enough:
         return None
-    way, fraction = best
-    tree = _grown(*_with(points, weights, stopped), *way)
-    return replace(_mapped(tree, fraction), widths=np.sqrt(own @ cells[best]))
+    order, (fraction, least) = best
+    tree = _grown(*_with(points, weights, stopped), order, least)
+    return GuidingMap(tree.axis, tree.child, tree.fraction(fraction), np.sqrt(own @ cells[best]))
 
 
 def _with(points: Array, weights: Array, stopped: Array | None) -> tuple[Array, Array]:
@@ -161,18 +185,18 @@ def _with(points: Array, weights: Array, stopped: Array | None) -> tuple[Array, 
     return np.concatenate([points, stopped]), np.concatenate([weights, more])
 
 
-def _grown(points: Array, weights: Array, order: Sequence[int], least: int) -> Levels:
-    """Return a tree of boxes, halved along axes in this order while they have `least` samples, by levels.
+def _grown(points: Array, weights: Array, order: Sequence[int], least: int) -> _Boxes:
+    """Return a tree of boxes, halved along axes in this order while they have `least` samples.
 
     The probabilities of halves are those of a Pólya tree (Lavine 1992), as if each half had a few samples more.
     """
     more = _PRIOR * weights.mean()
     inside, node, own = points.astype(np.float64), np.zeros(len(points), dtype=np.int64), weights
-    axes, lower, sums = [np.full(1, -1)], [np.full(1, 0.5)], [np.full(1, 1.0)]
+    axes, parts, counts = [np.full(1, -1)], [np.full(1, 1.0)], [np.full(1, len(points))]
     children, first = [np.zeros(1, dtype=np.int64)], 1
     for depth in range(_DEEPEST):
         axis = order[depth % len(order)]
-        split = np.bincount(node, minlength=len(axes[-1])) >= least
+        split = counts[-1] >= least
         if not split.any():
             break
         kept = split[node]
@@ -185,19 +209,10 @@ def _grown(points: Array, weights: Array, order: Sequence[int], least: int) -> L
         found = np.bincount(node, own, minlength=2 * len(parents)) + more
         axes[-1][parents], children[-1][parents] = axis, first + 2 * np.arange(len(parents))
         part = found / np.repeat(found[::2] + found[1::2], 2)
-        sums.append(part * np.repeat(sums[-1][parents], 2))
+        parts.append(part * np.repeat(parts[-1][parents], 2))
+        counts.append(np.bincount(node, minlength=2 * len(parents)))
         first += 2 * len(parents)
         axes.append(np.full(2 * len(parents), -1))
-        lower.append(np.full(2 * len(parents), 0.5))
         children.append(np.zeros(2 * len(parents), dtype=np.int64))
-    return axes, children, sums
-
-
-def _mapped(tree: Levels, uniform: float) -> GuidingMap:
-    """Return the map of a tree, of which a fraction stays uniform."""
-    axes, children, sums = tree
-    child = np.concatenate(children)
-    part = np.concatenate(
-        [(1 - uniform) * own + uniform * 0.5**level for level, own in enumerate(sums)]
-    )  # a box of level k has the volume 2^-k
-    return GuidingMap(np.concatenate(axes), child, part[child] / np.where(np.concatenate(axes) < 0, 1, part))
+    volumes = [np.full(len(own), 0.5**level) for level, own in enumerate(axes)]
+    return _Boxes(*map(np.concatenate, (axes, children, parts, volumes, counts)))
