@@ -52,12 +52,13 @@ def arguments(function: Callable[P, R]) -> Callable[P, R]:
     signature = inspect.signature(function)
     makes = function.__name__ == "__init__"
     declared: dict[str, Declared] = {}
+    unknown = {**signature.parameters}
 
     def learn(owners: Sequence[Any]) -> None:
         """Evaluate the types, once what they name exists."""
-        if not declared:
-            kinds = {key: _declared(each, owners) for key, each in signature.parameters.items()}
-            declared.update({key: kind for key, kind in kinds.items() if kind is not None})
+        kinds = {key: _declared(each, owners) for key, each in unknown.items()}
+        declared.update({key: kind for key, kind in kinds.items() if kind is not None})
+        unknown.clear()
 
     def convert(bound: dict[str, Any], called: str) -> None:
         """Replace the fields that have a check by what it returns."""

@@ -60,7 +60,8 @@ class DensityGrid:
     to_world: Array = IDENTITY
 
     def __post_init__(self) -> None:
-        values = numbers(self.values, "grid", "finite numbers of 0 or more").astype(np.float32, copy=False)
+        with np.errstate(over="ignore"):  # what is too large for single precision is infinite, and refused below
+            values = numbers(self.values, "grid", "finite numbers of 0 or more").astype(np.float32, copy=False)
         if not (values.ndim == 3 or (values.ndim == 4 and values.shape[3] == 3)) or not values.size:
             raise SceneError(f"grid has the shape {values.shape}: expected (Z, Y, X) or (Z, Y, X, 3), none of them 0")
         if not np.all(np.isfinite(values)) or values.min() < 0:
