@@ -15,6 +15,7 @@ from ...runtime.device import Array2f, Array3f, Bool, Float, UInt32, mitsuba
 from ...world.emitters.build import KINDS
 from ...world.emitters.emitter import Links
 from ...world.emitters.groups import LightGroups, gathered_group
+from ...world.emitters.lamp_boxes import LampBoxes
 from ...world.emitters.packed import LinkedSurfaces
 from ...world.emitters.portal_lamps import behind
 from ...world.shadow_rays import ShadowRay, rounding, to_lamp
@@ -48,6 +49,8 @@ class LampGroup:
         self.first, self.stop = (dr.opaque(UInt32, each) for each in (first, first + len(emitters)))
         self._groups = groups.table([each.beams.group for each in emitters])
         self._sources = to_uint(padded([each.source for each in emitters]))
+        near = linked and self._looped and not own.lamp.infinite
+        self._boxes = LampBoxes([each.beams for each in emitters], world.bounds) if near else None
         self.seen = own.lamp.seen and own.links.seen
 
     def holds(self, number: UInt32) -> Bool:
@@ -65,26 +68,39 @@ class LampGroup:
         """Return the number of the light group of a lamp."""
         return gathered_group(self._groups, self._index(number))
 
-    def each(self, state: tuple[Any, ...], body: Callable[..., tuple[Any, ...]]) -> tuple[Any, ...]:
-        """Return the `state` after body(number, *state) for each lamp, as a loop in the kernel."""
+    def each(
+        self, state: tuple[Any, ...], body: Callable[..., tuple[Any, ...]], place: Array3f | None = None,
+        active: Bool | bool = True,
+    ) -> tuple[Any, ...]:  # fmt: skip
+        """Return the `state` after body(number, *state) for each lamp, as a loop in the kernel.
+
+        With active places, it is for each of those lamps that can light them.
+        """
         if not self._looped:
             return body(self.first, *state)
-
-        def step(number: UInt32, *state: Any) -> tuple[Any, ...]:
-            return (number + 1, *body(number, *state))
-
         # The counter is as wide as the other variables, because a loop has one width.
-        start = dr.zeros(UInt32, dr.width(state)) + self.first
-        label = type(self.bare).__name__
-        return dr.while_loop((start, *state), lambda number, *_: number < self.stop, step, label=label)[1:]
+        entry, stop, boxes = dr.zeros(UInt32, dr.width(state)), self.stop - self.first, self._boxes
+        if boxes is not None and place is not None:
+            first, stop = boxes.lists(place, Bool(active))
+            entry += first
 
-    def added(self, total: GroupedLight, light: Callable[[UInt32], Array3f]) -> GroupedLight:
-        """Return the `total` and the light of all lamps, light(number), by light groups."""
+        def step(entry: UInt32, *state: Any) -> tuple[Any, ...]:
+            lamp = entry if boxes is None or place is None else boxes.lamp(entry)
+            return (entry + 1, *body(self.first + lamp, *state))
+
+        label = type(self.bare).__name__
+        return dr.while_loop((entry, *state), lambda entry, *_: entry < stop, step, label=label)[1:]
+
+    def added(
+        self, total: GroupedLight, light: Callable[[UInt32], Array3f], place: Array3f | None = None,
+        active: Bool | bool = True,
+    ) -> GroupedLight:  # fmt: skip
+        """Return the `total` and the light of all lamps, light(number), by light groups; see `each`."""
 
         def add(number: UInt32, total: GroupedLight) -> tuple[GroupedLight]:
             return (total + GroupedLight.of(light(number), self.group(number), len(total.parts)),)
 
-        result: GroupedLight = self.each((total,), add)[0]
+        result: GroupedLight = self.each((total,), add, place, active)[0]
         return result
 
     def lighting(

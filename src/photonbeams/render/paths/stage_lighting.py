@@ -41,9 +41,9 @@ class StageLighting:
         shining = [each.beams.lights_surfaces and each.beams.shines for each in world.emitters]
         lighting = [number for number, shines in enumerate(shining) if shines]
         sampled = [each for each in lighting if each not in unsampled]
-        self._all, self._sampled = (
-            lamp_groups(world, numbers, world.groups, linked=True) for numbers in (lighting, sampled)
-        )
+        self._all = lamp_groups(world, lighting, world.groups, linked=True)
+        same = sampled == lighting
+        self._sampled = self._all if same else lamp_groups(world, sampled, world.groups, linked=True)
         glow = {name: world.groups.number(world.glow.get(name, "")) for name, _ in world.shapes}
         self._glowing = by_shape(world, glow) if len(world.groups) > 1 else None
 
@@ -104,7 +104,8 @@ class StageLighting:
         lit = LitVertex(point, vertex, active, Stream.REFLECTION, Stream.REFLECTION)
         for kind, lamps in enumerate(self._sampled):
             names = UInt32(Stream.LAMP), UInt32(kind)
-            total = lamps.added(total, partial(lit.scattered, lamps, lit.open(lamps), names))
+            light = partial(lit.scattered, lamps, lit.open(lamps), names)
+            total = lamps.added(total, light, vertex.position, active)
         return total
 
 
