@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..numerics.arrays import opaque
+from ..numerics.arrays import joined, opaque
 from ..runtime.device import Array3f
 from ..scene.places import ZERO, Point
 from .beams import Beams, between
@@ -47,6 +48,25 @@ class BeamSet(NamedTuple):
             to_world[:3, 3] += by
         close = None if self.close is None else shifted(self.close, opaque(by))
         return self._replace(beams=shifted(self.beams, opaque(by)), close=close, to_world=to_world, zero=ZERO)
+
+
+def merged(sets: Sequence[BeamSet]) -> list[BeamSet]:
+    """Return sets of which those that look alike are one: with the physical look, in a medium and of a light group."""
+    alike: dict[object, list[BeamSet]] = {}
+    for number, each in enumerate(sets):
+        parts = [each.close is None, each.depth is None, *_present(each.beams)]
+        alike.setdefault(number if each.look else (each.group, each.medium, each.tallied, *parts), []).append(each)
+    result = []
+    for first, *more in alike.values():
+        pieces = [(each.beams, each.close, each.depth) for each in (first, *more)]
+        beams, close, depth = joined(pieces)
+        result.append(first._replace(beams=beams, close=close, depth=depth))
+    return result
+
+
+def _present(beams: Beams) -> list[bool]:
+    """Return which of their data beams have."""
+    return [getattr(beams, name) is not None for name in Beams.DRJIT_STRUCT]
 
 
 def shifted(beams: Beams, by: Array3f) -> Beams:

@@ -11,7 +11,7 @@ import drjit as dr
 import numpy as np
 
 from ..beams import Beams
-from ..beams.sets import BeamSet
+from ..beams.sets import BeamSet, merged
 from ..estimators.coarse import on_film
 from ..estimators.coarse_rays import RayImages
 from ..estimators.estimate import ENDLESS, bind, estimate_rays
@@ -106,6 +106,7 @@ class Gathering:
         lattice: Lattice | None = None, tallied: Sequence[TalliedView] = (),
     ) -> None:  # fmt: skip
         self._view, self._primary, self._options, self._statistics = view, primary, options, statistics
+        sets = merged(sets)
         self._media = [
             (medium, own) for medium in media.all if (own := [each for each in sets if each.medium == medium.number])
         ]
