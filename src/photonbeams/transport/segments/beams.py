@@ -269,12 +269,15 @@ def sets_of(world: World, cuttings: Iterable[Cutting], steps: Sequence[Segments]
     result: list[BeamSet] = []
     if not steps:
         return result
-    segments = joined(list(steps))
+    segments, fitted = joined(list(steps)), dict[int, list[Segments]]()
     for cutting in cuttings:
+        number = cutting.medium.number
+        if number not in fitted:  # those of all emitters at once: so many kernels do not depend on their number
+            inside = compressed(segments.medium == dr.opaque(UInt32, number), segments)
+            fitted[number] = [cutting.fitted(world, each) for each in inside]
         pieces: list[Piece] = []
-        for mine in compressed(cutting.own(segments), segments):
-            fitted = cutting.fitted(world, mine)
-            for piece in cutting.pieces(fitted, dr.max(fitted.flux) > 0, cutting.filters(cutting.source)):
+        for mine in (part for each in fitted[number] for part in compressed(cutting.own(each), each)):
+            for piece in cutting.pieces(mine, dr.max(mine.flux) > 0, cutting.filters(cutting.source)):
                 pieces += compressed(piece.there, piece)
         if not pieces:
             continue
