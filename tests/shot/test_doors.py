@@ -6,6 +6,7 @@ import pickle
 from dataclasses import fields
 from fractions import Fraction
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -306,6 +307,19 @@ def test_an_old_fog_is_thick_and_light_passes_its_boundary(written, medium):
     )
     assert second.layers["beams"].any()
     np.testing.assert_allclose(first.layers["beams"], second.layers["beams"], rtol=1e-4, atol=1e-6)
+
+
+def test_an_old_fog_may_have_spectra(written):
+    """A spectrum that is v at all wavelengths of sight has the luminance v."""
+    medium = '<spectrum name="sigmaS" value="0.2"/><spectrum name="sigmaA" value="360:0.1, 600:0.1 830:0.1"/>'
+    text = FOG.format(version="0.6.0", to_world="toWorld", film="", bsdf="", medium=medium)
+    found = {
+        each.get("name"): [float(number) for number in each.get("value").split(",")]
+        for each in ElementTree.fromstring(converted(written(text))).iter("rgb")
+    }
+    luminance = [0.2126, 0.7152, 0.0722]
+    assert np.dot(luminance, found["sigmaT"]) == pytest.approx(0.3, rel=0.01)
+    assert np.dot(luminance, np.multiply(found["sigmaT"], found["albedo"])) == pytest.approx(0.2, rel=0.01)
 
 
 def test_old_scenes_include_old_scenes(written, expected):

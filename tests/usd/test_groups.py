@@ -35,6 +35,12 @@ def test_a_group_counts_if_its_light_is_ever_on(usd, body, found):
     assert groups_at_all_times(usd(light("") + light("key", body))) == ({"", "key"} if found else {""})
 
 
+@pytest.mark.parametrize("group", ["a/b", "a b", "\\x1b[1m"])
+def test_a_name_that_no_layer_can_have_is_no_group(usd, group):
+    text = light("key") + LIGHT % ("SphereLight", "Other", group, "")
+    assert groups_at_all_times(usd(text)) == {"", "key"}
+
+
 def test_what_hides_a_light_and_what_switches_it_off_are_seen_together(usd):
     never = "bool photonbeams:enabled.timeSamples = { \n 1: 1, \n 3: 0 }\n"
     hidden = samples("token", "visibility", '"invisible"', '"inherited"')

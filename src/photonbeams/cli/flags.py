@@ -126,8 +126,10 @@ class MessageFlags(Flags):
 
     def say(self, text: str) -> None:
         """Print lines about what was done."""
+        from ..scene.checks import printable
+
         if not self.quiet:
-            print(text, file=sys.stderr)
+            print(printable(text), file=sys.stderr)
 
 
 class DeviceFlags(Flags):

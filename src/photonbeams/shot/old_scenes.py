@@ -27,6 +27,7 @@ _KEPT = {
     "integrator": ("maxDepth", "rrDepth", "hideEmitters"),
 }
 _EMITTED = ("radiance", "intensity", "irradiance")  # the names of what emitters emit
+_COEFFICIENTS = ("sigmaA", "sigmaS", "sigmaT")  # of media
 _TYPES = {"film": "hdrfilm", "sampler": "independent", "integrator": "volpath"}
 
 
@@ -139,8 +140,8 @@ def _convert_medium(element: Element) -> None:
             named[old].set("name", new)
             named[new] = named[old]
     _remove(element, lambda child: child.get("name") in ("method", "stepSize", "stepSizeMultiplier"))
-    colors = {name: _color(named[name]) for name in ("sigmaA", "sigmaS", "sigmaT") if name in named}
-    absorption, scattering, total = (colors.get(name) for name in ("sigmaA", "sigmaS", "sigmaT"))
+    colors = {name: _color(named[name]) or _sampled(named[name]) for name in _COEFFICIENTS if name in named}
+    absorption, scattering, total = map(colors.get, _COEFFICIENTS)
     if absorption and scattering:
         pairs = [*zip(*(each * (3 // len(each)) for each in (absorption, scattering)), strict=True)]
         total, own = [a + s for a, s in pairs], named["sigmaA"]
@@ -201,6 +202,16 @@ def _color(element: Element) -> list[float] | None:
     except ValueError:
         return None
     return numbers if len(numbers) in (1, 3) else None
+
+
+def _sampled(element: Element) -> list[float] | None:
+    """Return the colour of a spectrum that is given at wavelengths, as Mitsuba converts it; None for others."""
+    try:
+        pairs = [tuple(map(float, each.split(":"))) for each in re.split(r"[\s,]+", element.get("value", "").strip())]
+        wavelengths, values = zip(*pairs, strict=True)
+    except ValueError:
+        return None
+    return [*map(float, mitsuba().spectrum_list_to_srgb([*wavelengths], [*values], False))]
 
 
 def _make_color(element: Element, color: list[float], name: str = "") -> None:

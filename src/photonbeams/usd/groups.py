@@ -6,10 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 
+from ..scene import SceneError
 from .common.openusd import Usd, UsdGeom
 from .common.reading import PROTOTYPE_PRIMS, Reading, prims_under, target_paths, visible
 from .common.warnings import Warnings
 from .geometry.instancers import shown_in_prototype
+from .lights.beam_settings import read_group
 from .lights.curves import is_drawn
 from .lights.light import is_light, is_sky, makes_beams
 from .lights.links import lights_media
@@ -29,10 +31,18 @@ def groups_at_all_times(stage: Usd.Stage) -> frozenset[str]:
     for maker in _makers(stage.GetPseudoRoot()):
         for code in maker.times():
             reading = at(code)
-            group = str(reading.value(maker.prim, "photonbeams:lightGroup", ""))
+            group = _group_of(reading, maker.prim)
             if group not in found and maker.seen(reading) and _makes_beams(reading, maker.prim, media):
                 found.add(group)
     return frozenset(found)
+
+
+def _group_of(reading: Reading, prim: Usd.Prim) -> str:
+    """Return the light group of a prim; none if its name cannot be that of a layer, which its reader says."""
+    try:
+        return read_group(reading, prim)
+    except SceneError:
+        return ""
 
 
 def makers_at_all_times(stage: Usd.Stage) -> set[str]:
