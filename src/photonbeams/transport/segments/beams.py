@@ -276,7 +276,11 @@ def sets_of(world: World, cuttings: Iterable[Cutting], steps: Sequence[Segments]
             inside = compressed(segments.medium == dr.opaque(UInt32, number), segments)
             fitted[number] = [cutting.fitted(world, each) for each in inside]
         pieces: list[Piece] = []
-        for mine in (part for each in fitted[number] for part in compressed(cutting.own(each), each)):
+        for every in fitted[number]:
+            kept = compressed(cutting.own(every), every, every.sides)
+            if not kept:
+                continue
+            mine, mine.sides = kept  # the sides are no field of the struct
             for piece in cutting.pieces(mine, dr.max(mine.flux) > 0, cutting.filters(cutting.source)):
                 pieces += compressed(piece.there, piece)
         if not pieces:
