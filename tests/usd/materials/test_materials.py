@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from photonbeams.scene import Material, SceneError, UVTexture
+from photonbeams.usd.common.reading import Reading
 from photonbeams.usd.common.warnings import Warnings
 from photonbeams.usd.geometry.on_mesh import _missing_tiles
+from photonbeams.usd.materials.bound import bound_to
 from photonbeams.usd.materials.values import Tiles
 from photonbeams.usd.stage import open_stage, read_scene
 
@@ -456,3 +458,14 @@ def test_pixels_that_are_not_finite_are_an_error(scene, image):
     path = image("sky.exr", [[[np.nan, 3, 4]]], "float")
     with pytest.raises(SceneError, match=r"/D\.inputs:texture:file names .*sky\.exr"):
         scene(f'def DomeLight "D" {{\nasset inputs:texture:file = @{path}@\n}}')
+
+
+def test_a_binding_without_its_api_prints_no_line_of_openusd(usd, capfd):
+    """OpenUSD warns of it on standard error, with a line of its source: -v shows that."""
+    text = material("color3f inputs:diffuseColor = (1, 0, 0)").replace(
+        ' (prepend apiSchemas = ["MaterialBindingAPI"])', ""
+    )
+    stage = usd(text)
+    bound = bound_to(Reading(stage), stage.GetPrimAtPath("/M"))
+    assert bound is not None
+    assert "BindingsAtPrim" not in capfd.readouterr().err

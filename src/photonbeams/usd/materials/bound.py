@@ -12,7 +12,7 @@ import numpy as np
 from ...scene import Array, Material, UVTexture
 from ..common.blender import wrote_prim
 from ..common.openusd import Tf, Usd, UsdShade
-from ..common.reading import Reading, is_relationship, target_paths
+from ..common.reading import Reading, is_relationship, quiet, target_paths
 from .bumps import BUMPS
 from .images import IMAGES
 from .kept import kept
@@ -82,7 +82,8 @@ def _bound_for(reading: Reading, prim: Usd.Prim, purpose: str) -> UsdShade.Mater
     key = ("bound", prim.GetPath(), purpose)
     if key not in reading.cache:
         try:
-            material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(purpose)
+            with quiet():  # it warns of bindings without their API
+                material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(purpose)
         except Tf.ErrorException:  # the binding is an attribute
             material = None
         reading.cache[key] = material or None
