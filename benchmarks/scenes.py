@@ -12,7 +12,7 @@ import numpy.typing as npt
 import photonbeams as pb
 from photonbeams import scene
 from photonbeams.estimators.estimate import ENDLESS
-from photonbeams.estimators.image import Estimate, estimate_image
+from photonbeams.estimators.image import ImageRadiance, estimate_image
 from photonbeams.estimators.lanes import PixelRays
 from photonbeams.estimators.points import Points
 from photonbeams.runtime.device import Float
@@ -59,7 +59,7 @@ class Picture:
         self.rays = PixelRays(*view.rays((0.5, 0.5))[:3], dr.full(Float, ENDLESS, count), dr.zeros(Float, count))
         dr.eval(self.rays.t_max, self.rays.t_min)
 
-    def of(self, beams: pb.Beams, look: pb.Look, estimator: str, points: Points) -> Estimate:
+    def of(self, beams: pb.Beams, look: pb.Look, estimator: str, points: Points) -> ImageRadiance:
         """Return the beams' picture."""
         return estimate_image(
             beams, self.projection, self.rays, look=look, medium=MEDIUM, estimator=estimator, points=points

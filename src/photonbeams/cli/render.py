@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from ..render.settings import Settings
     from ..runtime.files import PathLike
     from ..shot import Shot
-    from ..shot.estimate import Estimate
+    from ..shot.estimate import RenderEstimate
     from ..usd.settings import RenderSettings
 
 
@@ -155,7 +155,7 @@ class Job:
         """Return the sums of some passes of a frame, which has a `film` in common with others."""
         return self.shot.render_part(part, task.number, progress=progress, film=film, **self._given)
 
-    def estimate(self, task: Task) -> Estimate:
+    def estimate(self, task: Task) -> RenderEstimate:
         """Return how long a frame takes, and how much memory."""
         return self.shot.estimate(task.number, **self._given)
 
@@ -324,7 +324,7 @@ def _show_estimate(job: Job) -> None:
         console.print(f"  {name:<10}{text}")
 
 
-def _fields(job: Job, found: Estimate) -> dict[str, Any]:
+def _fields(job: Job, found: RenderEstimate) -> dict[str, Any]:
     """Return what is told as JSON: seconds of a frame, and bytes of all that the render needs."""
     passes, seconds = _part(job, found)
     return {
@@ -333,7 +333,7 @@ def _fields(job: Job, found: Estimate) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _part(job: Job, found: Estimate) -> tuple[int, float]:
+def _part(job: Job, found: RenderEstimate) -> tuple[int, float]:
     """Return the number of passes that are rendered, of all or of a part of them, and their seconds."""
     if job.request.passes.part is None:
         return found.passes, found.seconds
@@ -341,7 +341,7 @@ def _part(job: Job, found: Estimate) -> tuple[int, float]:
     return passes, found.once + passes * found.each
 
 
-def _rows(job: Job, found: Estimate) -> Iterator[tuple[str, str]]:
+def _rows(job: Job, found: RenderEstimate) -> Iterator[tuple[str, str]]:
     """Yield what is told, with its names."""
     (passes, seconds), within = _part(job, found), found.within
     each = f"{spoken(found.once)}, and {counted(passes, 'pass', 'passes')} of {found.each:.2g} s"

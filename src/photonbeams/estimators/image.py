@@ -37,7 +37,7 @@ _MOST_TESTS, _ALIGNED = 1e7, 64
 
 
 @dataclass
-class Estimate:
+class ImageRadiance:
     """Radiance of all rays, (N, 3), and the numbers of ray–beam tests in the two kernels."""
 
     radiance: Any
@@ -58,7 +58,7 @@ def estimate_image(
     context: LightContext | None = None,
     tolerance: float = 0.0,
     step: Callable[[], None] | None = None,
-) -> Estimate:
+) -> ImageRadiance:
     """Return the radiance of beams along the rays: the same as `estimate`, to float32 rounding.
 
     With a `tolerance`, beams with smooth looks are gathered along fewer rays, so few that the relative error is about
@@ -68,7 +68,7 @@ def estimate_image(
     check_estimator(estimator)
     check_motion(beams, close, rays.times)
     if len(beams) == 0:
-        return Estimate(dr.zeros(Array3f, dr.width(rays.direction)))
+        return ImageRadiance(dr.zeros(Array3f, dr.width(rays.direction)))
     bound, levels = bind(look, beams, close, medium, context), [Level(0, view, rays)]
     bound.lenient = tolerance > 0
     if tolerance > 0 and rays.lattice is not None and rays.shared_origin and close is None and bound.smooth:
@@ -117,7 +117,7 @@ class _ImageGather:
         self._estimator, self._tolerance = estimator, tolerance
         self._depth = depths(levels, tile_depth(first.view, first.rays))
         self._marks = [footprints(beams, level.view, close) for level in levels]
-        self.result = Estimate(dr.zeros(Array3f, dr.width(first.rays.direction)))
+        self.result = ImageRadiance(dr.zeros(Array3f, dr.width(first.rays.direction)))
 
     def binned(self, begin: int, stop: int) -> _Binned:
         """Return a range of the beams, counted in the tiles of all levels."""

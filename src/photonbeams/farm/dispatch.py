@@ -33,7 +33,7 @@ class FramePart:
 
 
 @dataclass
-class _Worker:
+class _FarmWorker:
     frame: int | None = None
     running: dict[FramePart, float] = field(default_factory=dict)  # its parts, and since when it has each
 
@@ -54,7 +54,7 @@ class Dispatcher:
         self._left = [{*each} for each in parts]
         self._todo = {k: each for k, each in enumerate(parts) if each}  # parts that no worker has, by frame
         self._begun: set[int] = set()  # frames of which a worker had parts
-        self._workers: dict[str, _Worker] = {}
+        self._workers: dict[str, _FarmWorker] = {}
         self._times: deque[float] = deque(maxlen=50)  # seconds a pass
         self._looked = -math.inf
         self._lost: Counter[FramePart] = Counter()
@@ -71,7 +71,7 @@ class Dispatcher:
 
     def add_worker(self, name: str) -> None:
         """Add a worker."""
-        self._workers.setdefault(name, _Worker())
+        self._workers.setdefault(name, _FarmWorker())
 
     def lose_worker(self, name: str) -> None:
         """Remove a lost worker and put its parts back; raise LostError if MOST_LOST workers were lost at one part."""
@@ -82,7 +82,7 @@ class Dispatcher:
 
     def exclude(self, name: str) -> list[FramePart]:
         """Remove a worker, put its parts back for others, and return them, the one that it was rendering first."""
-        parts = [*self._workers.pop(name, _Worker()).running]
+        parts = [*self._workers.pop(name, _FarmWorker()).running]
         for part in parts:
             self._put_back(part)
         return parts
@@ -117,7 +117,7 @@ class Dispatcher:
 
     def give_back(self, name: str, part: FramePart) -> None:
         """Note that a worker will not render a part."""
-        self._workers.get(name, _Worker()).running.pop(part, None)
+        self._workers.get(name, _FarmWorker()).running.pop(part, None)
         self._put_back(part)
 
     def frame_done(self, frame: int) -> bool:
@@ -134,7 +134,7 @@ class Dispatcher:
         if not self._todo[part.frame]:
             del self._todo[part.frame]
 
-    def _chosen(self, worker: _Worker) -> FramePart:
+    def _chosen(self, worker: _FarmWorker) -> FramePart:
         """Return the next part for a worker: of its own frame, else of a new one, else of the one with most left."""
         frame = worker.frame
         if frame is None or frame not in self._todo:

@@ -29,7 +29,7 @@ _SECONDS, _PART, _LONGEST = 6.0, 0.25, 60.0
 
 
 @dataclass(frozen=True)
-class Estimate:
+class RenderEstimate:
     """How long a frame takes, and how much memory.
 
     Attributes
@@ -62,7 +62,7 @@ class _Enough(Exception):  # noqa: N818 (no error)
 
 
 @dataclass(frozen=True)
-class _Begun:
+class _FirstPasses:
     """What the first passes of a picture took, in seconds.
 
     That is what is done before the first pass, by how much that is longer than the others, each other one, and
@@ -76,7 +76,7 @@ class _Begun:
     developing: float
 
 
-def estimate(call: RenderCall) -> Estimate:
+def estimate(call: RenderCall) -> RenderEstimate:
     """Return the estimate for a call of `Shot.render`; raises what that does before its first pass."""
     start = time.perf_counter()
     ready = prepare(call)
@@ -86,13 +86,13 @@ def estimate(call: RenderCall) -> Estimate:
     whole = (right - left) * (bottom - top)
     plates = any(call.given.get(name) is not None for name in ("holdout", "over"))
 
-    def begun(scale: float) -> _Begun:
+    def begun(scale: float) -> _FirstPasses:
         width, height = (max(1, round(scale * each)) for each in size)
         smaller = {} if scale == 1 else {"width": width, "height": height, "crop": crop}
         same = call._replace(passes=None, settings=chosen, given={**call.given, **smaller})
         return _begun(same, round(scale * scale * whole))
 
-    def total(found: Sequence[_Begun]) -> float:
+    def total(found: Sequence[_FirstPasses]) -> float:
         return found[0].before + found[-1].first + chosen.passes * _pass_of(found, whole)
 
     scales = [1.0 if plates else min(1.0, max(_SCALE, _LEAST / max(size)))]
@@ -111,13 +111,13 @@ def estimate(call: RenderCall) -> Estimate:
     if chosen.time_limit is not None:
         seconds = min(seconds, chosen.time_limit + once + each)
     scale = scales[-1]
-    return Estimate(
+    return RenderEstimate(
         size, chosen.passes, seconds, once, each, WITHIN if scale == 1 else WITHIN_SMALLER, memory,
         (max(1, round(scale * size[0])), max(1, round(scale * size[1]))), time.perf_counter() - start,
     )  # fmt: skip
 
 
-def _pass_of(found: Sequence[_Begun], pixels: float) -> float:
+def _pass_of(found: Sequence[_FirstPasses], pixels: float) -> float:
     """Return about how long a pass with more pixels takes: by the line through the last two, or in proportion."""
     last = found[-1]
     most = last.each * max(pixels / last.pixels, 1.0)
@@ -127,7 +127,7 @@ def _pass_of(found: Sequence[_Begun], pixels: float) -> float:
     return min(last.each + slope * (pixels - last.pixels), most)
 
 
-def _begun(call: RenderCall, pixels: int) -> _Begun:
+def _begun(call: RenderCall, pixels: int) -> _FirstPasses:
     """Render the first passes of a picture, and return what they took."""
     marks: list[tuple[float, int]] = []
     developing = 0.0
@@ -155,4 +155,4 @@ def _begun(call: RenderCall, pixels: int) -> _Begun:
     times = [(then - before) / (later - earlier) for (before, earlier), (then, later) in pairwise(marks)]
     steady = min(times[1:] or times)  # radii shrink: further passes take no longer
     first = marks[1][0] - marks[0][0] - steady * marks[1][1]
-    return _Begun(pixels, marks[0][0] - start, max(first, 0.0), steady, developing)
+    return _FirstPasses(pixels, marks[0][0] - start, max(first, 0.0), steady, developing)

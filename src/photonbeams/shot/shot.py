@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ..render.settings import Settings, SettingsArguments
     from ..scene import Array
     from ..usd.common.motion import Exposure
-    from .estimate import Estimate
+    from .estimate import RenderEstimate
     from .request import Prepared, Snapshot
 
 
@@ -343,8 +343,8 @@ class Shot:
     @kept_variant()
     def estimate(
         self, frame: float | None = None, passes: int | None = None, *, settings: Settings | None = None, **given: Any
-    ) -> Estimate:  # fmt: skip
-        """Return how long a frame takes and how much memory, from a few passes: see `shot.estimate.Estimate`.
+    ) -> RenderEstimate:  # fmt: skip
+        """Return how long a frame takes and how much memory, from a few passes: see `shot.estimate.RenderEstimate`.
 
         Parameters
         ----------

@@ -109,11 +109,11 @@ class _LightAlong:
         self, renderer: FrameRenderer, film: Film, light: TracedLight, tallied: Sequence[TalliedView], number: int,
         seen: Callable[[Samples, Array2f], ViewRays],
     ) -> None:  # fmt: skip
-        self.count, self._rays = dr.width(film.order), list[_Rays]()
+        self.count, self._rays = dr.width(film.order), list[_DeepRays]()
         for sample in range(_SAMPLES):
             samples = Samples(renderer.settings.seed ^ _SEED, _SAMPLES * number + sample)
             rays = seen(samples, film.places(samples))
-            self._rays.append(_Rays(renderer, film.order, light, tallied, rays, renderer.options(number), samples))
+            self._rays.append(_DeepRays(renderer, film.order, light, tallied, rays, renderer.options(number), samples))
         self.far = np.maximum.reduce([each.far for each in self._rays])
         self.near = np.minimum(np.minimum.reduce([each.near for each in self._rays]), self.far)
 
@@ -131,7 +131,7 @@ class _LightAlong:
         return np.sum(found, axis=0) / len(self._rays) if found else None
 
 
-class _Rays:
+class _DeepRays:
     """A ray of each pixel; methods and attributes are those of `_LightAlong`."""
 
     def __init__(
