@@ -141,7 +141,16 @@ class Program:
         result = []
         for each in sets:
             contexts = [
-                PassContext(each.name, each.group, pass_index, seed, self.frame, self.code(time), medium, bounds)
+                PassContext(
+                    name=each.name,
+                    group=each.group,
+                    pass_index=pass_index,
+                    seed=seed,
+                    frame=self.frame,
+                    time=self.code(time),
+                    medium=medium,
+                    bounds=bounds,
+                )
                 for time in times
             ]
             beams = self._changed(each.beams, contexts[0], zero)

@@ -121,7 +121,16 @@ class FarmAnimation:
                     self._snapshot()
 
             memory = self.job.memory()
-            Farm(client, open_scene, request, memory, self._frames, self._joined, self._finished, tick).run()
+            Farm(
+                client=client,
+                open_scene=open_scene,
+                request=request,
+                memory=memory,
+                frames=self._frames,
+                joined=self._joined,
+                finished=self._finished,
+                tick=tick,
+            ).run()
 
     def _joined(self, place: int) -> None:
         """Write a checkpoint of the passes that have come in, if one is due."""

@@ -113,7 +113,7 @@ def billboard(
             foot = dr.fma(passage.cosine, at.s, passage.along)
             here = inside & (foot >= span[0]) & (foot < span[1])
         if dr.hint(blended, mode="scalar"):
-            boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
+            boundary, change = need(beam, at, radius, look, ray)
             weight = 1 - frustum_weight(boundary, change)
             if here & (radius > 0) & (weight > 0):
                 # A distance that equals R where the ray leaves the cone. At u = R itself the chord of a tapered beam is

@@ -12,7 +12,7 @@ import drjit as dr
 
 from ..looks import BoundLook
 from ..looks.factors import Value
-from ..runtime.device import Array3f, Bool, Float
+from ..runtime.device import Bool, Float
 from .geometry import ClosestApproach, Course, Rays
 from .records import Record
 
@@ -26,10 +26,7 @@ NARROW = 0.0025
 _BEGIN = 0.7
 
 
-def need(
-    beam: Record, at: ClosestApproach, radius: Float, look: BoundLook, t_min: Float, t_max: Float,
-    origin: Array3f | None, direction: Array3f,
-) -> tuple[Float, Float]:  # fmt: skip
+def need(beam: Record, at: ClosestApproach, radius: Float, look: BoundLook, ray: Rays) -> tuple[Float, Float]:
     """Return how much a ray needs the frustum for this beam (1: entirely), because of boundaries and of the factors."""
     sine = at.sin2 * at.inv_sine
     taper = dr.abs(at.taper(beam))
@@ -39,13 +36,13 @@ def need(
     reach = dr.abs(radius) if beam.bend is None else beam.widest
     half = look.profile.edge * reach * (taper + sine) * dr.rcp(dr.maximum(opening, 1e-6))
     c = dr.abs(at.cosine)
-    margin = dr.minimum(dr.abs(at.t - t_min), dr.abs(t_max - at.t))
+    margin = dr.minimum(dr.abs(at.t - ray.t_min), dr.abs(ray.t_max - at.t))
     to_end = dr.minimum(dr.abs(at.s - beam.begin), dr.abs(beam.stop - at.s)) * dr.rcp(dr.maximum(c, 1e-6))
     margin = dr.minimum(margin, to_end)
     if at.course is not None:
         margin = dr.minimum(margin, _to_joints(at.course, beam.cap is None))
-    for normal, height in beam.planes(origin):
-        facing = dr.dot(direction, normal)
+    for normal, height in beam.planes(ray.origin):
+        facing = dr.dot(ray.direction, normal)
         margin = dr.minimum(margin, dr.abs(dr.fma(facing, at.t, -height)) * dr.rcp(dr.maximum(dr.abs(facing), 1e-6)))
     boundary = _CLEARANCE * half * dr.rcp(dr.maximum(margin, 1e-20))
     rate = change_rate(beam, c, look)

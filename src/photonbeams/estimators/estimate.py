@@ -152,7 +152,16 @@ def estimate_rays(
         packed = pack(beams, Array3f(0), shared=False, close=close, identity=bound.of_beams)
         if len(beams) * count > MOST_PAIRS:
             images = images if bound.smooth and close is None else None
-            result = sum_over_grid(beams, close, packed, rays, bound, estimator, points, images)
+            result = sum_over_grid(
+                beams=beams,
+                close=close,
+                packed=packed,
+                rays=rays,
+                look=bound,
+                estimator=estimator,
+                points=points,
+                images=images,
+            )
         else:
             result = sum_over_all(packed, rays, bound, estimator, points)
     if not (bound.attached or dr.grad_enabled(beams, close, rays.origin, rays.direction, rays.t_min, rays.t_max)):
@@ -183,7 +192,16 @@ def sum_over_all(packed: Packed, rays: Rays, look: BoundLook, estimator: str, po
 
     radiance = Array3f(0)
     if estimator != "frustum":
-        radiance += billboard_sum([rays], first, stop, number, packed, look, points, estimator == "auto")[0]
+        radiance += billboard_sum(
+            rays=[rays],
+            first=first,
+            stop=stop,
+            number=number,
+            packed=packed,
+            look=look,
+            points=points,
+            blended=estimator == "auto",
+        )[0]
     if estimator != "billboard":
         radiance += frustum_sum(rays, first, stop, number, packed, look, points, blended=estimator == "auto")
     dr.eval(radiance)

@@ -121,7 +121,7 @@ def frustum(
     if dr.hint(blended, mode="scalar"):
         at = closest_approach(beam, ray.origin, ray.direction)
         radius = dr.fma(beam.slope, at.along, beam.radius)
-        boundary, change = need(beam, at, radius, look, ray.t_min, ray.t_max, ray.origin, ray.direction)
+        boundary, change = need(beam, at, radius, look, ray)
         weight *= frustum_weight(boundary, change)
     if weight > 0:
         light = chord_integral(beam, part, look, points, ray, weight > 0)

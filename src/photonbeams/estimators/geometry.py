@@ -175,7 +175,16 @@ def course(beam: Record, point: Array3f, direction: Array3f) -> Course:
     first, last = dr.dot(direction, bend.first), dr.dot(direction, bend.last)
     a = dr.dot(point, bend.first) * bend.first_inv
     b = dr.fma(-dr.dot(point, bend.last), bend.last_inv, beam.length)
-    return Course(a, first * bend.first_inv, b, -last * bend.last_inv, beam.length, first, last, bend.twist)
+    return Course(
+        a=a,
+        a_rate=first * bend.first_inv,
+        b=b,
+        b_rate=-last * bend.last_inv,
+        length=beam.length,
+        first=first,
+        last=last,
+        twist=bend.twist,
+    )
 
 
 # The least sin² between lines: along the axis, rounding may take the cosine beyond 1.
@@ -272,7 +281,20 @@ def chord(beam: Record, origin: Array3f | None, direction: Array3f, t_min: Float
             a, b = inside(radius, slope_c)
     # A slanted surface may cut a cone beyond its tip; what lies there between the walls is no light.
     valid = (a < b) & (low < high) & (dr.fma(slope_c, 0.5 * (a + b), radius) > 0)
-    return Chord(valid, a, b, t, s, c, sin2, offset2, drift, radius, slope_c, bend)
+    return Chord(
+        valid=valid,
+        a=a,
+        b=b,
+        t=t,
+        s=s,
+        cosine=c,
+        sin2=sin2,
+        offset2=offset2,
+        drift=drift,
+        radius=radius,
+        growth=slope_c,
+        course=bend,
+    )
 
 
 # Along a ray, the radius of a tapered piece of a curve is not linear, and its wall is not a cone. The chord is that of

@@ -73,7 +73,16 @@ def estimate_image(
     bound.lenient = tolerance > 0
     if tolerance > 0 and rays.lattice is not None and rays.shared_origin and close is None and bound.smooth:
         levels = levels_of(view, rays)
-    gather = _ImageGather(levels, beams, close, bound, points, estimator, tolerance, step)
+    gather = _ImageGather(
+        levels=levels,
+        beams=beams,
+        close=close,
+        look=bound,
+        points=points,
+        estimator=estimator,
+        tolerance=tolerance,
+        step=step,
+    )
     for each in batches(gather.binned, len(beams)):
         if each.entries:
             gather.add(each)
@@ -239,12 +248,12 @@ def _lane_rays(level: Level, ray: LaneRay, group: UInt32) -> Rays:
         origin = dr.gather(Array3f, rays.origin, pixel, inside)
     # Outside of the picture t_max is 0: such a ray meets nothing.
     return Rays(
-        None if rays.shared_origin else origin - view.origin,
-        dr.gather(Array3f, rays.direction, pixel, inside),
-        dr.gather(Float, rays.t_max, pixel, inside),
-        dr.gather(Float, rays.t_min, pixel, inside),
-        rays.shared_origin,
-        time,
-        rays.origin if rays.shared_origin else view.origin,
-        dr.select(inside, pixel, 0),  # factors look up data by this number, and beside the picture there is none
+        origin=None if rays.shared_origin else origin - view.origin,
+        direction=dr.gather(Array3f, rays.direction, pixel, inside),
+        t_max=dr.gather(Float, rays.t_max, pixel, inside),
+        t_min=dr.gather(Float, rays.t_min, pixel, inside),
+        shared_origin=rays.shared_origin,
+        time=time,
+        base=rays.origin if rays.shared_origin else view.origin,
+        index=dr.select(inside, pixel, 0),  # factors look up data by this number, and beside the picture there is none
     )

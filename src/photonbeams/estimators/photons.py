@@ -94,7 +94,18 @@ class PhotonMap:
         first, stop = self._lists.of(self._grid.number(*cell), active)
         limit = Float(dr.inf) if most is None else Float(most)
         dark = GroupedLight.dark(self._groups, count)
-        return _sum(first, stop, self._lists.items, self._data, self._profile, position, normal, reflect, limit, dark)
+        return _sum(
+            first=first,
+            stop=stop,
+            items=self._lists.items,
+            data=self._data,
+            profile=self._profile,
+            position=position,
+            normal=normal,
+            reflect=reflect,
+            most=limit,
+            radiance=dark,
+        )
 
 
 def _grid(photons: Photons) -> CellGrid:

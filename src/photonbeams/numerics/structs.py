@@ -17,7 +17,7 @@ T = TypeVar("T")
 class Struct:
     """Base of structs: annotated attributes of a subclass whose type is a Dr.Jit type or a struct are its fields.
 
-    The constructor takes values in the order of the fields; Dr.Jit calls it without values.
+    The constructor takes values in the order of the fields, or by their names; Dr.Jit calls it without values.
     """
 
     DRJIT_STRUCT: ClassVar[dict[str, Any]] = {}
@@ -26,8 +26,8 @@ class Struct:
         super().__init_subclass__()
         cls.DRJIT_STRUCT = {name: kind for name, kind in get_type_hints(cls).items() if _is_field(kind)}
 
-    def __init__(self, *values: object) -> None:
-        for name, value in zip(self.DRJIT_STRUCT, values, strict=False):
+    def __init__(self, *values: object, **named: object) -> None:
+        for name, value in (*zip(self.DRJIT_STRUCT, values, strict=False), *named.items()):
             setattr(self, name, value)
 
 

@@ -249,12 +249,29 @@ class FrameRenderer(PassRenderer):
                             rays = replace(rays, inside=inside)
                     edge = _edges(own, film.order) if shared else ()
                     beams = self._beams(
-                        number, view, film, there, rays, places, edge, min(own.typical, _AT_EDGES), tallied
+                        number=number,
+                        view=view,
+                        film=film,
+                        light=there,
+                        rays=rays,
+                        places=places,
+                        edge=edge,
+                        each=min(own.typical, _AT_EDGES),
+                        tallied=tallied,
                     )
                     release_memory(self._size)
                 first = first_hits(self, eye, film, partial(self._later, view)) if number == 0 and self._depth else {}
                 if self.settings.deep and number == deep_pass(self.planned):
-                    first |= deep_pictures(self, eye, film, there, tallied, number, moving, pinhole)
+                    first |= deep_pictures(
+                        renderer=self,
+                        eye=eye,
+                        film=film,
+                        light=there,
+                        tallied=tallied,
+                        number=number,
+                        moving=moving,
+                        pinhole=pinhole,
+                    )
                 with self.statistics.phase("surfaces"):
                     film.add(number, own, beams, own.exposure, first)
                 release_memory(self._size)

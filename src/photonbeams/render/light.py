@@ -206,10 +206,19 @@ class ShotLight:
 def tuning_of(settings: Settings, max_depth: int | None, all_beams: bool = False) -> Tuning:
     """Return how light paths are traced; with `all_beams`, also beams that no medium and no look shows."""
     return Tuning(
-        settings.seed, max_bounces(max_depth), settings.rr_depth, settings.overlap, settings.alpha, settings.radius,
-        settings.min_radius, settings.max_radius, settings.short, settings.surfaces, settings.max_depth is None,
+        seed=settings.seed,
+        max_bounces=max_bounces(max_depth),
+        rr_depth=settings.rr_depth,
+        overlap=settings.overlap,
+        alpha=settings.alpha,
+        radius=settings.radius,
+        min_radius=settings.min_radius,
+        max_radius=settings.max_radius,
+        short=settings.short,
+        surfaces=settings.surfaces,
+        own_bounces=settings.max_depth is None,
         visible=settings.program is None and not all_beams,
-    )  # fmt: skip
+    )
 
 
 def max_bounces(max_depth: int | None) -> int | None:

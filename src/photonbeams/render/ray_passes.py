@@ -167,14 +167,30 @@ class PassRenderer:
         if not light.sets and not tallied:
             return {}
         if rays.inside is not None:
-            return self._gathered_apart(number, light, rays, rays.inside, order, samples, more, tallied)
+            return self._gathered_apart(
+                number=number,
+                light=light,
+                rays=rays,
+                inside=rays.inside,
+                order=order,
+                samples=samples,
+                more=more,
+                tallied=tallied,
+            )
         statistics, options = self.statistics, self.options(number)
         tracing = unshaded(self.camera_tracing(light.world, rays))
         with statistics.phase("beams"):
             gathering = Gathering(
-                rays.view, rays.primary, light.world.media, light.sets, options, statistics, more, rays.lattice,
-                tallied,
-            )  # fmt: skip
+                view=rays.view,
+                primary=rays.primary,
+                media=light.world.media,
+                sets=light.sets,
+                options=options,
+                statistics=statistics,
+                more=more,
+                lattice=rays.lattice,
+                tallied=tallied,
+            )
             begun = camera_paths.begin(tracing, rays.primary, order)
             for step in camera_paths.follow(tracing, begun, samples, NO_LIGHT):
                 gathering.add(*step)

@@ -58,9 +58,15 @@ def begin(
     cameras = [each.view for each in sensors if each.view is not None]
     reconstruction = reconstruction_filter(settings.filter_name, sensor.film().rfilter())
     light = light_of(
-        plugin, sensors[0].start(), settings, extras.beams, cameras if len(cameras) == len(sensors) else (),
-        warned, statistics, extras.findings,
-    )  # fmt: skip
+        plugin=plugin,
+        eye=sensors[0].start(),
+        settings=settings,
+        beams=extras.beams,
+        cameras=cameras if len(cameras) == len(sensors) else (),
+        warned=warned,
+        statistics=statistics,
+        findings=extras.findings,
+    )
     films = [Film(window.shape, window.crop[:2], reconstruction, layers, settings.denoise) for _ in sensors]
     views = [view_of(each, holdout) for each, holdout in zip(sensors, holdouts, strict=True)]
     return FrameRenderer(settings, light, views, films, settings.depth(), statistics, depth=extras.depth)

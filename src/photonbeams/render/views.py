@@ -228,7 +228,16 @@ class FrameView:
             near, far = (dr.select(rays.seen, each, 0) for each in (near, far))
             ones = dr.select(rays.seen, ones, 0)
             dr.eval(near, far, ones)
-        return PrimaryRays(rays.origin, rays.direction, near, far, ones, rays.facing, rays.origins, rays.times)
+        return PrimaryRays(
+            origin=rays.origin,
+            direction=rays.direction,
+            near=near,
+            far=far,
+            weight=ones,
+            facing=rays.facing,
+            origins=rays.origins,
+            times=rays.times,
+        )
 
 
 def _sharp_part(each: BeamSet, motion: CameraMotion, own: View) -> tuple[float, float]:

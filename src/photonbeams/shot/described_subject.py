@@ -286,10 +286,16 @@ class DescribedSubject(Subject):
             return render(shutter, ready.window, ready.settings, ready.run, ready.holdouts, ready.digest, viewers)
 
         return FrameContent(
-            groups_of(content), [View(cameras[eye], window) for eye in eyes],
-            [{**time, "camera": cameras[eye].name} for eye in eyes], rendered, shutter, viewers,
-            lambda: names_of(content.meshes), partial(memory_of, content), self._program(frame, exposure),
-        )  # fmt: skip
+            groups=groups_of(content),
+            views=[View(cameras[eye], window) for eye in eyes],
+            headers=[{**time, "camera": cameras[eye].name} for eye in eyes],
+            render=rendered,
+            shutter=shutter,
+            viewers=viewers,
+            names=lambda: names_of(content.meshes),
+            memory=partial(memory_of, content),
+            program=self._program(frame, exposure),
+        )
 
     def _program(self, frame: float | None, exposure: Exposure) -> Program | None:
         from ..beams.programs import Program
@@ -297,9 +303,13 @@ class DescribedSubject(Subject):
         return None if self.simulate is None else Program(self.simulate, frame, exposure.code)
 
     def beams(
-        self, viewpoint: Viewpoint, frame: float | None, views: Sequence[str], settings: Settings | None,
+        self,
+        viewpoint: Viewpoint,
+        frame: float | None,
+        views: Sequence[str],
+        settings: Settings | None,
         given: Mapping[str, Any],
-    ) -> list[BeamSet]:  # fmt: skip
+    ) -> list[BeamSet]:
         """Return the beams of a frame's first pass: a set for each light, and for each set of drawn beams."""
         from ..render.settings import Settings
         from ..render.stage_frame import simulate

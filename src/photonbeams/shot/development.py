@@ -113,7 +113,16 @@ class Development:
         wanted = (len(views), (rows, columns, 4))
         if plates and {(len(plates), each.shape) for each in plates} != {wanted}:
             raise SceneError(f"has {len(plates)} plates of {plates[0].shape}: expected {wanted[0]} of {wanted[1]}")
-        return cls((height, width), groups, views, Settings(**settings), plates, fog, shown, lambda: missing)  # type: ignore[arg-type]
+        return cls(
+            shape=(height, width),
+            groups=groups,
+            views=views,
+            settings=Settings(**settings),
+            plates=plates,
+            plate_fog=fog,
+            shown=shown,  # type: ignore[arg-type]
+            missing=lambda: missing,
+        )
 
     def check(self, sums: FrameSums) -> None:
         """Raise SceneError if these sums are not of as many views and pixels as this is."""

@@ -112,9 +112,16 @@ def estimate(call: RenderCall) -> RenderEstimate:
         seconds = min(seconds, chosen.time_limit + once + each)
     scale = scales[-1]
     return RenderEstimate(
-        size, chosen.passes, seconds, once, each, WITHIN if scale == 1 else WITHIN_SMALLER, memory,
-        (max(1, round(scale * size[0])), max(1, round(scale * size[1]))), time.perf_counter() - start,
-    )  # fmt: skip
+        size=size,
+        passes=chosen.passes,
+        seconds=seconds,
+        once=once,
+        each=each,
+        within=WITHIN if scale == 1 else WITHIN_SMALLER,
+        memory=memory,
+        measured=(max(1, round(scale * size[0])), max(1, round(scale * size[1]))),
+        took=time.perf_counter() - start,
+    )
 
 
 def _pass_of(found: Sequence[_FirstPasses], pixels: float) -> float:

@@ -148,7 +148,16 @@ def prepare(call: RenderCall) -> Prepared:
     run = replace(_run_options(request, development), warn=_warns(subject, grown))
     holdouts = [depth.seen_by(_camera(view)) for depth, view in zip(depths, content.views, strict=False)]
     digest = subject.digest(viewpoint, call.frame) if run.named else ""
-    return Prepared(content, window, grown, chosen, holdouts, run, digest, development)
+    return Prepared(
+        content=content,
+        shown=window,
+        window=grown,
+        settings=chosen,
+        holdouts=holdouts,
+        run=run,
+        digest=digest,
+        development=development,
+    )
 
 
 def _sources(subject: Subject, request: FrameRequest, views: Sequence[str]) -> Iterator[PathLike]:

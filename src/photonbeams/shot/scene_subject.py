@@ -250,10 +250,15 @@ class SceneSubject(Subject):
         header = {**origin(self.path.name if self.path else "", request.frame), "camera": name}
         still = Shutter.still(scene.Scene(), *cameras)
         return FrameContent(
-            scene_frame.groups_of(plugin, beams), seen, [header] * len(views), rendered, still, lambda: cameras,
-            lambda: names_of(wholes(plugin)),
-            lambda window, chosen: scene_frame.memory_of(plugin, window, chosen, beams),
-        )  # fmt: skip
+            groups=scene_frame.groups_of(plugin, beams),
+            views=seen,
+            headers=[header] * len(views),
+            render=rendered,
+            shutter=still,
+            viewers=lambda: cameras,
+            names=lambda: names_of(wholes(plugin)),
+            memory=lambda window, chosen: scene_frame.memory_of(plugin, window, chosen, beams),
+        )
 
     def beams(
         self, viewpoint: Viewpoint, frame: float | None, views: Sequence[str], settings: Settings | None,

@@ -207,7 +207,16 @@ class Shot:
         layers = several(session_layers), several(overrides)
         warnings = Warnings.of(strict)
         stage = stages.open_stage(path, *layers, warnings, texture_limit, selection, working_space, color_space)
-        shot = cls(stage, camera, medium, stereo, simulate, emit, looks, warnings)
+        shot = cls(
+            stage=stage,
+            camera=camera,
+            medium=medium,
+            stereo=stereo,
+            simulate=simulate,
+            emit=emit,
+            looks=looks,
+            strict=warnings,
+        )
         shot.cameras()  # so that a wrong name is an error now, not after a long read
         return shot
 

@@ -43,9 +43,16 @@ def encoded(
     Image.fromarray(shown).save(data, kind, **options)
     height, width = shown.shape[:2]
     header = PictureHeader(
-        picture.version, picture.passes, picture.planned, layer, width, height, picture.scale, f"image/{kind}",
-        picture.frame,
-    )  # fmt: skip
+        version=picture.version,
+        passes=picture.passes,
+        planned=picture.planned,
+        layer=layer,
+        width=width,
+        height=height,
+        scale=picture.scale,
+        mime=f"image/{kind}",
+        frame=picture.frame,
+    )
     return header, data.getvalue()
 
 

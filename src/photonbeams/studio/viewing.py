@@ -170,7 +170,16 @@ class LivePictures:
             whole = chain.whole_of({"": made.layers, **views}, ready.window, view.area)
             layers, statistics = whole.pop(""), frame.statistics
             yield Picture(
-                version, layers, done, view.passes, scale, statistics, whole, first, view.frame, made.color_space
+                version=version,
+                layers=layers,
+                passes=done,
+                planned=view.passes,
+                scale=scale,
+                statistics=statistics,
+                views=whole,
+                is_first=first,
+                frame=view.frame,
+                space=made.color_space,
             )
 
     def _development(self, ready: Prepared, chain: _Chain, number: int, view: SessionView) -> Development:

@@ -95,7 +95,16 @@ def fringe(
     beside = paths.initial > 0
     for segments, there in steps:
         beside &= ~(there & (segments.medium == medium))
-    shifted, found, grazing = _shifted(tracing.world, paths, steps, beside, medium, box, radius, reentrant)
+    shifted, found, grazing = _shifted(
+        world=tracing.world,
+        paths=paths,
+        steps=steps,
+        beside=beside,
+        medium=medium,
+        box=box,
+        radius=radius,
+        reentrant=reentrant,
+    )
     if not bool(dr.any(found | grazing)):
         return
     if reentrant:

@@ -121,9 +121,15 @@ def flown(
     varying, colored = media.varying(rays.medium)
     varying &= active
     other, collided, scattered, color = free_flight(
-        pointers(dr.select(varying, rays.medium, 0)), rays.origin, rays.direction, length, fractions, seed, varying,
-        colored & Bool(stops),
-    )  # fmt: skip
+        media=pointers(dr.select(varying, rays.medium, 0)),
+        origin=rays.origin,
+        direction=rays.direction,
+        length=length,
+        fractions=fractions,
+        seed=seed,
+        active=varying,
+        stops=colored & Bool(stops),
+    )
     return Flown(
         dr.select(varying, other, distance), dr.select(varying, color, weight),
         dr.select(varying, scattered, scatters), tinted=varying & collided & ~scattered, varying=varying,
@@ -234,7 +240,16 @@ def reflect(
     probability = dr.select(good & (delta | null), dr.clip(sample.pdf, 1e-4, 1), 1)
     entered = world.media.beyond(hit, direction, medium, good)
     value = dr.select(good, value, 0)
-    return Scatter(origin, Array3f(direction), value, delta | null, null, entered, probability, ratio)
+    return Scatter(
+        origin=origin,
+        direction=Array3f(direction),
+        weight=value,
+        delta=delta | null,
+        null=null,
+        medium=entered,
+        probability=probability,
+        ratio=ratio,
+    )
 
 
 def _mixed(

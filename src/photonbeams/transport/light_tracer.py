@@ -217,11 +217,19 @@ class LightTracer:
         bounces = own_bounces(self.sources, tuning)
         region = max((self.world.radius_of(each) for each in self.world.media.all), default=self.world.radius)
         return paths.Tracing(
-            self.world, tuning.max_bounces, tuning.rr_depth, tuning.overlap, region,
-            self.emission.counts(count), self.emission.powers(count) if tuning.scatters else [0.0] * count,
-            tuning.short, radius_scale(tuning.alpha, number),
-            None if bounces is None else to_uint([*bounces, 0]), endless=self._endless_by_source(), walks=self.walks,
-        )  # fmt: skip
+            world=self.world,
+            max_bounces=tuning.max_bounces,
+            rr_depth=tuning.rr_depth,
+            overlap=tuning.overlap,
+            region=region,
+            paths=self.emission.counts(count),
+            power=self.emission.powers(count) if tuning.scatters else [0.0] * count,
+            short=tuning.short,
+            scale=radius_scale(tuning.alpha, number),
+            bounces_by_source=None if bounces is None else to_uint([*bounces, 0]),
+            endless=self._endless_by_source(),
+            walks=self.walks,
+        )
 
     def _pairs(
         self, tracing: Sequence[paths.Tracing], begun: Sequence[LightPaths], number: int, media: Mapping[int, int]
@@ -310,19 +318,21 @@ class LightTracer:
         fixed = bool(self.tuning.radius or self.tuning.max_radius)
         free_paths = np.inf if fixed else FREE_PATHS
         longest = None if fixed else dr.opaque(Float, scene.ESCAPE * self.world.extent)
+        limits = {each.number: self._both_limits(number, each) for each in self.world.media.all}
         return [
             Cutting(
-                medium,
-                source,
-                *self._both_limits(number, medium),
-                self.named,
-                self.tuning.short,
-                free_paths,
-                self.world.fringed.get(medium.number),
-                medium.number in self.world.reentrant,
-                longest,
-                self.tuning.scatters and bool(self.world.surfaces.shapes()),
-                self.world.linking.chain,
+                medium=medium,
+                source=source,
+                limits=limits[medium.number][0],
+                straight=limits[medium.number][1],
+                named=self.named,
+                short=self.tuning.short,
+                free_paths=free_paths,
+                box=self.world.fringed.get(medium.number),
+                reentrant=medium.number in self.world.reentrant,
+                longest=longest,
+                walls=self.tuning.scatters and bool(self.world.surfaces.shapes()),
+                chain=self.world.linking.chain,
             )
             for source in self.sources
             for medium in self.world.media.all

@@ -222,7 +222,16 @@ def _stepped(tracing: Tracing, paths: LightPaths, stream: UInt32) -> tuple[Any, 
     passes = interaction.tinted | (interaction.on_surface & scatter.null)
     unfiltered = interaction.weight  # also of light that goes straight on, for what comes next
     interaction.weight = unfiltered * tracing.filtered(paths, interaction, stream)  # `*=` would change both
-    following = _following(tracing, paths, interaction, scatter, stream, aimed, passes, unfiltered)
+    following = _following(
+        tracing=tracing,
+        paths=paths,
+        interaction=interaction,
+        scatter=scatter,
+        stream=stream,
+        aimed=aimed,
+        passes=passes,
+        unfiltered=unfiltered,
+    )
     hits = _photon_hits(paths, interaction, segments.width)
     # Of a path and the parts into which it splits, only one contributes the segment.
     whole = (paths.branch != SCATTERED) & (paths.branch != REFLECTED)

@@ -140,8 +140,18 @@ def _grid(file: BinaryIO, size: int, names: tuple[str, str], places: Places, *, 
         (compression,) = cursor.unpack(_FLAGS)
         _metadata(cursor)
         _transform(cursor)
-    return VDBGrid(name, value, levels, half, compression, to_file, metadata, _body(file, places, size),
-                   cursor.place, places[1] - places[0])  # fmt: skip
+    return VDBGrid(
+        name=name,
+        type=value,
+        levels=levels,
+        half=half,
+        compression=compression,
+        to_file=to_file,
+        metadata=metadata,
+        data=_body(file, places, size),
+        _topology=cursor.place,
+        _values=places[1] - places[0],
+    )
 
 
 def _body(file: BinaryIO, places: Places, size: int) -> bytes:

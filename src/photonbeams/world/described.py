@@ -110,8 +110,9 @@ def world_of_scene(
     numbers = {each.name: own.number for each, own in zip(description.media, content.media.all, strict=True)}
     endless = [each for each in content.media.all if each.number not in content.boxes]
     world = World(
-        plugin, surfaces, content.around, host, content.media, emitters, _sources(description, emitters, numbers),
-        Bounds(center, radius), radius, extent=radius, endless=endless_length(radius, endless),
+        plugin=plugin, surfaces=surfaces, around=content.around, host=host, media=content.media, emitters=emitters,
+        sources=_sources(description, emitters, numbers), bounds=Bounds(center, radius), radius=radius, extent=radius,
+        endless=endless_length(radius, endless),
         parts=KeptParts(given, description, groups, shapes, content, glass, sharp),
         nested=bool(content.boundaries or content.outside),
         touching=like.touching if like and kept
@@ -204,17 +205,30 @@ def _source(
     number: int, light: scene.Light, lamp: Lamp, bounces: int | None, media: Mapping[str, int]
 ) -> Source:  # fmt: skip
     return Source(
-        number, light.name, light.group, light.look, light.emits_beams, light.beam_scale, light.scattered,
-        light.lights_surfaces, bounces if light.bounces is None else light.bounces, light.frame, light.guides,
-        light.lights_media, frozenset(own for name, own in media.items() if name in light.unlit_media),
-        endless=not (light.guides or lamp.infinite), filters=lamp.filters,
-    )  # fmt: skip
+        number=number,
+        name=light.name,
+        group=light.group,
+        look=light.look,
+        beams=light.emits_beams,
+        beam_scale=light.beam_scale,
+        scattered=light.scattered,
+        surfaces=light.lights_surfaces,
+        bounces=bounces if light.bounces is None else light.bounces,
+        to_world=light.frame,
+        guides=light.guides,
+        scattered_beams=light.lights_media,
+        unlit=frozenset(own for name, own in media.items() if name in light.unlit_media),
+        endless=not (light.guides or lamp.infinite),
+        filters=lamp.filters,
+    )
 
 
 def _blockers(
-    emitters: Sequence[Emitter], host: MiScene, shapes: Sequence[tuple[str, MiShape]],
+    emitters: Sequence[Emitter],
+    host: MiScene,
+    shapes: Sequence[tuple[str, MiShape]],
     known: Mapping[frozenset[str], MiScene],
-) -> dict[frozenset[str], MiScene]:  # fmt: skip
+) -> dict[frozenset[str], MiScene]:
     """Return Mitsuba scenes of the surfaces that block lights with shadow links, by the names of those that do not."""
     absent = {each.links.unshadowed for each in emitters} - {frozenset()}
     return {

@@ -65,14 +65,28 @@ def world_of_plugin(
         media.all = tuple(each.for_short_beams() for each in media.all)
     boundaries = [each for each in plugin.shapes() if each.is_medium_transition() and is_null(each)]
     return World(
-        plugin, plugin, scene_of(boundaries, plugin), plugin, media, emitters, tuple(sources), bounds, radius,
-        extent, endless_length(extent, open_), surroundings=surroundings, emits=True, nested=True,
+        plugin=plugin,
+        surfaces=plugin,
+        around=scene_of(boundaries, plugin),
+        host=plugin,
+        media=media,
+        emitters=emitters,
+        sources=tuple(sources),
+        bounds=bounds,
+        radius=radius,
+        extent=extent,
+        endless=endless_length(extent, open_),
+        surroundings=surroundings,
+        emits=True,
+        nested=True,
         fog_beyond=bool(open_) and (extent > radius or not plugin.shapes()),
-        reach_from_infinity=scene.ESCAPE * extent / radius, perturbed=perturbs(plugin),
-        translucent=translucent(plugin), mirrors=mirrors(plugin),
+        reach_from_infinity=scene.ESCAPE * extent / radius,
+        perturbed=perturbs(plugin),
+        translucent=translucent(plugin),
+        mirrors=mirrors(plugin),
         boundaries=[each for each in plugin.shapes() if _goes_on(each)],
         boxes=surroundings.boxes,
-    )  # fmt: skip
+    )
 
 
 def _goes_on(shape: MiShape) -> bool:

@@ -101,9 +101,15 @@ class MitsubaEmitters:
         lit &= dr.isfinite(distance)
         connected = _has(self._connected, light.emitter, lit)
         return EmitterSample(
-            lit, connected, direction, distance, distance, brought, dr.select(alone, 0, light.pdf),
-            self._grouped.group(light.emitter),
-        )  # fmt: skip
+            lit=lit,
+            connected=connected,
+            direction=direction,
+            distance=distance,
+            over=distance,
+            radiance=brought,
+            pdf=dr.select(alone, 0, light.pdf),
+            group=self._grouped.group(light.emitter),
+        )
 
     def _colors(
         self, emitter: EmitterPtr, place: Array3f, direction: Array3f, distance: Float, site: UInt32

@@ -128,8 +128,15 @@ class LampGroup:
         over = self.dimmed_over(vertex.position, vertex.scattered, light.direction, light.distance)
         radiance = light.weight if self._links is None else light.weight * self.scale(vertex)
         return EmitterSample(
-            lit, Bool(False), light.direction, light.distance, over, radiance, light.pdf, self.group(number)
-        )  # fmt: skip
+            lit=lit,
+            connected=Bool(False),
+            direction=light.direction,
+            distance=light.distance,
+            over=over,
+            radiance=radiance,
+            pdf=light.pdf,
+            group=self.group(number),
+        )
 
     def scale(self, vertex: Vertex) -> Any:
         """Return the factor on the light that surfaces reflect."""

@@ -100,10 +100,28 @@ class Walking:
             inside &= reduce(or_, (paths.medium == dr.opaque(UInt32, each) for each in self.media))
         start = paths.origin + paths.near * paths.direction
         scattered = Walk(
-            start, paths.direction, paths.medium, inside, dr.minimum(vertex.end, ENDLESS) - paths.near,
-            paths.throughput, zeros, paths.depth, paths.depth, inside, start, zeros, inside, none, lamp, zeros, zeros,
-            paths.order, paths.pixel, paths.branch, vertex.name,
-        )  # fmt: skip
+            origin=start,
+            direction=paths.direction,
+            medium=paths.medium,
+            first=inside,
+            length=dr.minimum(vertex.end, ENDLESS) - paths.near,
+            throughput=paths.throughput,
+            initial=zeros,
+            depth=paths.depth,
+            before=paths.depth,
+            counts=inside,
+            place=start,
+            pdf=zeros,
+            inside=inside,
+            site=none,
+            lamp=lamp,
+            value=zeros,
+            bright=zeros,
+            order=paths.order,
+            pixel=paths.pixel,
+            branch=paths.branch,
+            name=vertex.name,
+        )
         return next(iter(compressed(inside, scattered)), None)
 
     def _from_surfaces(self, paths: CameraPaths, vertex: CameraVertex, bounce: Bounce) -> Walk | None:
@@ -112,10 +130,28 @@ class Walking:
         zeros, none = dr.zeros(Float, width), dr.zeros(UInt32, width)
         going = (dr.max(bounce.throughput) > 0) & self.within(paths.depth, 3)
         reflected = Walk(
-            bounce.origin, bounce.direction, bounce.medium, ~going, zeros, bounce.throughput,
-            dr.max(bounce.throughput), paths.depth + 1, paths.depth, ~going, bounce.place, zeros, ~going, none,
-            bounce.lamp, bounce.value, zeros, paths.order, paths.pixel, paths.branch, vertex.name,
-        )  # fmt: skip
+            origin=bounce.origin,
+            direction=bounce.direction,
+            medium=bounce.medium,
+            first=~going,
+            length=zeros,
+            throughput=bounce.throughput,
+            initial=dr.max(bounce.throughput),
+            depth=paths.depth + 1,
+            before=paths.depth,
+            counts=~going,
+            place=bounce.place,
+            pdf=zeros,
+            inside=~going,
+            site=none,
+            lamp=bounce.lamp,
+            value=bounce.value,
+            bright=zeros,
+            order=paths.order,
+            pixel=paths.pixel,
+            branch=paths.branch,
+            name=vertex.name,
+        )
         return next(iter(compressed(going, reflected)), None)
 
     def within(self, depth: UInt32, more: int) -> Any:

@@ -105,9 +105,17 @@ class Pilot:
         fitted = self._fitted if self.known.guides is None else self.known.portal
         findings = replace(self.known, seen=self._seen, guides=guided, portal=fitted)
         return ShotLight(
-            self.worlds, simulation, self.settings, self.max_depth, paths, paths > 0 or self.worlds.varies, rows,
-            fitted if self._placed is None else self._placed, findings, self.cameras,
-        )  # fmt: skip
+            worlds=self.worlds,
+            simulation=simulation,
+            settings=self.settings,
+            max_depth=self.max_depth,
+            paths=paths,
+            varies=paths > 0 or self.worlds.varies,
+            rows=rows,
+            portal=fitted if self._placed is None else self._placed,
+            findings=findings,
+            cameras=self.cameras,
+        )
 
     @property
     def _walks(self) -> int:

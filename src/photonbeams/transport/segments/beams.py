@@ -353,7 +353,15 @@ def _set(
     source = cutting.source
     dr.eval(beams, close, depth)
     return BeamSet(
-        source.group, look, beams, close, source.name, source.number, source.to_world, cutting.medium.number, depth
+        group=source.group,
+        look=look,
+        beams=beams,
+        close=close,
+        name=source.name,
+        light=source.number,
+        to_world=source.to_world,
+        medium=cutting.medium.number,
+        depth=depth,
     )
 
 

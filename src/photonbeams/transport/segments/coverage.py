@@ -74,7 +74,19 @@ def surface_coverage(world: World, position: Array3f, normal: Array3f, radius: F
         dr.eval(own)
 
     def covered(factor: Float, tried: Bool) -> Float:
-        return _on_surface(meet, opacity, position, normal, factor * radius, gap, disc, tried) / own
+        return (
+            _on_surface(
+                meet=meet,
+                opacity=opacity,
+                position=position,
+                normal=normal,
+                radius=factor * radius,
+                gap=gap,
+                disc=disc,
+                active=tried,
+            )
+            / own
+        )
 
     factor, result = _enough(covered, dr.width(position), _ENOUGH_OF_DISC, 1 / _POINTS)
     return factor * radius, result * own

@@ -111,7 +111,17 @@ def glow(segment: MediumSegment, extinction: Extinction, emission: Extinction, a
         control, rate = _control(segment, extinction, begin, step)
         place = dr.fma(unit_float(hash32(segment.seed, piece, UInt32(1))), step, begin)
         passed = Array3f(product)
-        before, product, drawn = _passed(segment, extinction, begin, begin + step, place, control, rate, passed, drawn)
+        before, product, drawn = _passed(
+            segment=segment,
+            extinction=extinction,
+            begin=begin,
+            stop=begin + step,
+            place=place,
+            control=control,
+            rate=rate,
+            product=passed,
+            drawn=drawn,
+        )
         left = passed * before * dr.exp(-depth - control * (place - begin))
         result += step * left * emission(dr.fma(segment.direction, place, segment.origin))
         depth += control * step
@@ -151,7 +161,17 @@ def scattering_point(
         within = -dr.log(1 - unit_float(hash32(segment.seed, piece, UInt32(1))) * ending) * dr.rcp(even)
         place = begin + dr.minimum(within, step)
         passed = Array3f(product)
-        before, product, drawn = _passed(segment, extinction, begin, begin + step, place, control, rate, passed, drawn)
+        before, product, drawn = _passed(
+            segment=segment,
+            extinction=extinction,
+            begin=begin,
+            stop=begin + step,
+            place=place,
+            control=control,
+            rate=rate,
+            product=passed,
+            drawn=drawn,
+        )
         here = passed * before * dr.exp(-depth - control * within + even * within)
         here *= scattering(dr.fma(segment.direction, place, segment.origin)) * ending * dr.rcp(even)
         own = dr.abs(channel_mean(here))
